@@ -1,0 +1,31 @@
+# Each target does everything on a fresh machine with Python 3.11 or newer.
+PYTHON ?= python3
+BIN := .venv/bin
+SNAKEMAKE := $(BIN)/snakemake --cores 2
+
+.PHONY: env quick study test docs
+
+env: .venv/installed
+
+.venv/installed: envs/requirements.lock
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	|| { echo "Python 3.11 or newer is needed: make env PYTHON=/path/to/python3.11"; exit 1; }
+	$(PYTHON) -m venv --clear .venv
+	$(BIN)/pip install --quiet --requirement envs/requirements.lock
+	touch $@
+
+quick: env
+	$(SNAKEMAKE) --configfile config/quick.yaml
+
+study: env
+	$(SNAKEMAKE)
+
+docs: env
+	$(BIN)/python scripts/document_config.py
+
+test: env
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/snakefmt --check Snakefile rules workflow/common.smk
+	$(BIN)/snakemake --lint
+	$(BIN)/pytest

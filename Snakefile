@@ -1,0 +1,31 @@
+configfile: "config/config.yaml"
+
+
+pathvars:
+    logs="<results>/logs",
+    benchmarks="<results>/benchmarks",
+
+
+include: "workflow/common.smk"
+include: "rules/virtual.smk"
+include: "rules/patient.smk"
+include: "rules/fem.smk"
+include: "rules/training.smk"
+include: "rules/prediction.smk"
+include: "rules/tables.smk"
+
+
+wildcard_constraints:
+    case="|".join(CASES),
+    fold="|".join(HELD_OUT) or "none",
+    method="|".join(config["methods"]),
+
+
+rule all:
+    default_target: True
+    input:
+        rules.tables.input if SCANNED else [],
+        rules.unscanned.input,
+        "<results>/provenance.json",
+    message:
+        "The study is done: see {config[pathvars][results]}/tables"

@@ -1,0 +1,69 @@
+rule simulate_fem:
+    input:
+        model="<results>/cases/{case}/model.h5",
+        plan="<results>/cases/{case}/plan.json",
+    output:
+        teaching="<results>/cases/{case}/teaching.h5",
+    log:
+        "<logs>/simulate_fem/{case}.log",
+    benchmark:
+        "<benchmarks>/simulate_fem/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    params:
+        plans=config["teaching"]["plans"],
+        fem=config["fem"],
+        seed=SEED,
+        code=code_of("anatomy", "mechanics"),
+    message:
+        "Simulate {params.plans} plans of {wildcards.case} for pretraining"
+    script:
+        "../scripts/simulate_fem.py"
+
+
+# A patient's own plan by finite elements, with fields to look at; needs no scan and no training.
+rule solve_plan:
+    input:
+        model="<results>/cases/{case}/model.h5",
+        plan="<results>/cases/{case}/plan.json",
+    output:
+        field="<results>/cases/{case}/fem/{arm}.vtu",
+        summary="<results>/cases/{case}/fem/{arm}.json",
+        picture="<results>/cases/{case}/fem/{arm}.png",
+    log:
+        "<logs>/solve_plan/{case}_{arm}.log",
+    benchmark:
+        "<benchmarks>/solve_plan/{case}_{arm}.tsv"
+    wildcard_constraints:
+        arm="bonded|mucosa",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        fem=config["fem"],
+        code=code_of("anatomy", "mechanics"),
+    message:
+        "Solve the plan of {wildcards.case} by finite elements ({wildcards.arm})"
+    script:
+        "../scripts/solve_plan.py"
+
+
+rule fem:
+    input:
+        expand("<results>/cases/{case}/fem/mucosa.json", case=CASES),
+    message:
+        "Every patient's plan is solved by finite elements"
+
+
+rule unscanned:
+    input:
+        expand("<results>/cases/{case}/fem/mucosa.json", case=UNSCANNED),
+    message:
+        "The patients without a scan are solved by finite elements"

@@ -1,0 +1,143 @@
+rule import_segmentation:
+    input:
+        segmentation=segmentation_of,
+        plan=plan_of,
+    output:
+        labels="<results>/cases/{case}/labels.nii.gz",
+        bone="<results>/cases/{case}/bone.vtp",
+        skin="<results>/cases/{case}/skin.vtp",
+        plan="<results>/cases/{case}/plan.json",
+        report="<results>/cases/{case}/import.json",
+    log:
+        "<logs>/import_segmentation/{case}.log",
+    benchmark:
+        "<benchmarks>/import_segmentation/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=10,
+    params:
+        labels=config["labels"],
+        segments=config["segments"],
+        bone_edge=config["interfaces"]["bone_edge"],
+        code=code_of("anatomy"),
+    message:
+        "Import the segmentation and the plan of {wildcards.case}"
+    script:
+        "../scripts/import_segmentation.py"
+
+
+rule register_postop:
+    input:
+        postop=postop_of,
+        skin="<results>/cases/{case}/skin.vtp",
+        bone="<results>/cases/{case}/bone.vtp",
+    output:
+        postop="<results>/cases/{case}/postop.h5",
+    log:
+        "<logs>/register_postop/{case}.log",
+    benchmark:
+        "<benchmarks>/register_postop/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=10,
+    params:
+        segments=config["segments"],
+        nasion_above_lefort=config["interfaces"]["nasion_above_lefort"],
+        limit=config["registration"]["limit"],
+        code=code_of("anatomy"),
+    message:
+        "Register the post-operative skin of {wildcards.case} on the upper face"
+    script:
+        "../scripts/register_postop.py"
+
+
+# Every file that a user gave has been read and checked before any heavy work starts.
+rule check_cohort:
+    input:
+        imports=expand("<results>/cases/{case}/import.json", case=CASES),
+        postops=(
+            [] if VIRTUAL else expand("<results>/cases/{case}/postop.h5", case=SCANNED)
+        ),
+    output:
+        table=ensure("<results>/cohort.csv", non_empty=True),
+    log:
+        "<logs>/check_cohort.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        cases=list(CASES),
+        code=code_of("anatomy"),
+    message:
+        "All {input.imports} are read and checked"
+    script:
+        "../scripts/check_cohort.py"
+
+
+rule tetrahedralize:
+    input:
+        labels="<results>/cases/{case}/labels.nii.gz",
+        checked=ancient("<results>/cohort.csv"),
+    output:
+        mesh="<results>/cases/{case}/mesh.vtu",
+    log:
+        "<logs>/tetrahedralize/{case}.log",
+    benchmark:
+        "<benchmarks>/tetrahedralize/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=20,
+    params:
+        nodes=config["mesh"]["nodes"],
+        minimum_dihedral=config["mesh"]["minimum_dihedral"],
+        code=code_of("anatomy", "meshing"),
+    message:
+        "Mesh muscle and superficial tissue of {wildcards.case}"
+    script:
+        "../scripts/tetrahedralize.py"
+
+
+rule label_interfaces:
+    input:
+        mesh="<results>/cases/{case}/mesh.vtu",
+        labels="<results>/cases/{case}/labels.nii.gz",
+        bone="<results>/cases/{case}/bone.vtp",
+    output:
+        model="<results>/cases/{case}/model.h5",
+    log:
+        "<logs>/label_interfaces/{case}.log",
+    benchmark:
+        "<benchmarks>/label_interfaces/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        segments=config["segments"],
+        interfaces=config["interfaces"],
+        code=code_of("anatomy", "meshing"),
+    message:
+        "Label the interfaces of {wildcards.case}"
+    script:
+        "../scripts/label_interfaces.py"
+
+
+rule meshes:
+    input:
+        expand("<results>/cases/{case}/model.h5", case=CASES),
+    message:
+        "All patients are meshed and labelled"

@@ -1,0 +1,156 @@
+rule evaluate:
+    input:
+        predictions="<results>/folds/{fold}/{method}/predictions.h5",
+        models=of_held_out("<results>/cases/{case}/model.h5"),
+        plans=of_held_out("<results>/cases/{case}/plan.json"),
+        postops=of_held_out("<results>/cases/{case}/postop.h5"),
+        truths=of_held_out("<results>/virtual/{case}/truth.h5") if VIRTUAL else [],
+    output:
+        metrics=ensure("<results>/folds/{fold}/{method}/metrics.csv", non_empty=True),
+    log:
+        "<logs>/evaluate/{fold}_{method}.log",
+    benchmark:
+        "<benchmarks>/evaluate/{fold}_{method}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        cases=held_out,
+        samples=config["evaluation"]["samples"],
+        fem=config["fem"],
+        seed=SEED,
+        code=code_of(
+            "anatomy", "mechanics", "meshing", "networks", "training", "evaluation"
+        ),
+    message:
+        "Measure {wildcards.method} on fold {wildcards.fold}"
+    script:
+        "../scripts/evaluate.py"
+
+
+rule collect_cases:
+    input:
+        metrics=expand(
+            "<results>/folds/{fold}/{method}/metrics.csv",
+            fold=HELD_OUT,
+            method=config["methods"],
+        ),
+    output:
+        table=ensure("<results>/tables/cases.csv", non_empty=True),
+        markdown="<results>/tables/cases.md",
+        latex="<results>/tables/cases.tex",
+        html="<results>/tables/cases.html",
+    log:
+        "<logs>/collect_cases.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        cohort=COHORT,
+        code=code_of("evaluation"),
+    message:
+        "Collect one row per case and method"
+    script:
+        "../scripts/collect_cases.py"
+
+
+rule compare_methods:
+    input:
+        cases="<results>/tables/cases.csv",
+    output:
+        table=ensure("<results>/tables/accuracy.csv", non_empty=True),
+        markdown="<results>/tables/accuracy.md",
+        latex="<results>/tables/accuracy.tex",
+        html="<results>/tables/accuracy.html",
+    log:
+        "<logs>/compare_methods.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        cohort=COHORT,
+        reference=config["reference"],
+        methods=config["methods"],
+        seed=SEED,
+        code=code_of("evaluation"),
+    message:
+        "Test every method against {params.reference}"
+    script:
+        "../scripts/compare_methods.py"
+
+
+rule provenance:
+    input:
+        "<results>/tables/accuracy.csv" if SCANNED else rules.unscanned.input,
+    output:
+        "<results>/provenance.json",
+    log:
+        "<logs>/provenance.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        config=config,
+        code=code_of(
+            "anatomy",
+            "virtual",
+            "meshing",
+            "mechanics",
+            "networks",
+            "training",
+            "evaluation",
+        ),
+    message:
+        "Record configuration, versions, code and machine"
+    script:
+        "../scripts/provenance.py"
+
+
+# A picture of one patient: before, outcome and every method with its error; asked for by name.
+rule render_case:
+    input:
+        model="<results>/cases/{case}/model.h5",
+        plan="<results>/cases/{case}/plan.json",
+        postop="<results>/cases/{case}/postop.h5",
+        predictions=expand(
+            "<results>/folds/{fold}/{method}/predictions.h5",
+            fold=HELD_OUT,
+            method=config["methods"],
+        ),
+    output:
+        picture="<results>/figures/{case}.png",
+    log:
+        "<logs>/render_case/{case}.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        methods=config["methods"],
+        code=code_of("anatomy", "evaluation"),
+    message:
+        "Draw {wildcards.case}: before, outcome and every method"
+    script:
+        "../scripts/render_case.py"
+
+
+rule tables:
+    input:
+        rules.collect_cases.output,
+        rules.compare_methods.output,
+    message:
+        "The tables are made"

@@ -1,0 +1,74 @@
+rule pretrain:
+    input:
+        models=of_training("<results>/cases/{case}/model.h5"),
+        teaching=of_training("<results>/cases/{case}/teaching.h5"),
+    output:
+        network="<results>/folds/{fold}/{method}/pretrained.pt",
+        history="<results>/folds/{fold}/{method}/pretraining.csv",
+    log:
+        "<logs>/pretrain/{fold}_{method}.log",
+    benchmark:
+        "<benchmarks>/pretrain/{fold}_{method}.tsv"
+    wildcard_constraints:
+        method="|".join(LEARNED) or "none",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=6000,
+        runtime=240,
+        gpu=1,
+    params:
+        cases=training_cases,
+        network=config["network"],
+        training=config["pretraining"],
+        fem=config["fem"],
+        seed=SEED,
+        code=code_of("anatomy", "mechanics", "networks", "training"),
+    message:
+        "Pretrain {wildcards.method} on the finite-element fields of fold {wildcards.fold}"
+    script:
+        "../scripts/pretrain.py"
+
+
+rule finetune:
+    input:
+        network="<results>/folds/{fold}/{method}/pretrained.pt",
+        models=of_training("<results>/cases/{case}/model.h5"),
+        plans=of_training("<results>/cases/{case}/plan.json"),
+        postops=of_training("<results>/cases/{case}/postop.h5"),
+    output:
+        network="<results>/folds/{fold}/{method}/network.pt",
+        history="<results>/folds/{fold}/{method}/finetuning.csv",
+    log:
+        "<logs>/finetune/{fold}_{method}.log",
+    benchmark:
+        "<benchmarks>/finetune/{fold}_{method}.tsv"
+    wildcard_constraints:
+        method="|".join(LEARNED) or "none",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=6000,
+        runtime=240,
+        gpu=1,
+    params:
+        cases=training_cases,
+        training=config["finetuning"],
+        fem=config["fem"],
+        seed=SEED,
+        code=code_of("anatomy", "mechanics", "networks", "training"),
+    message:
+        "Adapt {wildcards.method} to the post-operative skins of fold {wildcards.fold}"
+    script:
+        "../scripts/finetune.py"
+
+
+rule networks:
+    input:
+        expand(
+            "<results>/folds/{fold}/{method}/network.pt", fold=HELD_OUT, method=LEARNED
+        ),
+    message:
+        "All networks are trained"

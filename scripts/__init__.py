@@ -1,0 +1,1 @@
+"""Stage scripts: one per rule, one public function each."""

@@ -1,0 +1,47 @@
+"""Makes the patient model (interfaces, what each boundary node is attached to) of mesh, labels and bone."""
+
+import logging
+
+import numpy as np
+
+from pinnochio.anatomy.model import FIXED, MOVING, SLIDING
+from pinnochio.anatomy.segmentation import read_labels
+from pinnochio.anatomy.surfaces import BoneSurface
+from pinnochio.logs import attach_log
+from pinnochio.meshing.interfaces import label_interfaces
+from pinnochio.meshing.mesh import TetMesh
+
+
+def label_case(
+    mesh: str, labels: str, bone: str, segments: tuple[str, ...], interfaces: dict[str, float], model: str
+) -> None:
+    """Write the patient model; `interfaces` holds the thresholds in mm (config section of the same name)."""
+    head = read_labels(labels)
+    patient = label_interfaces(
+        TetMesh.read(mesh),
+        head.labels,
+        head.spacing,
+        head.origin,
+        segments,
+        BoneSurface.read(bone),
+        sliding_band_mm=interfaces["sliding_band"],
+        nasion_above_lefort_mm=interfaces["nasion_above_lefort"],
+        tragus_before_condyle_mm=interfaces["tragus_before_condyle"],
+        cut_margin_mm=interfaces["cut_margin"],
+    )
+    counts = {name: int(np.sum(patient.node_type == kind)) for name, kind in
+              (("fixed", FIXED), ("moving", MOVING), ("sliding", SLIDING))}  # fmt: skip
+    logging.info("nodes: %s of %d", counts, len(patient.points))
+    patient.write(model)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    label_case(
+        snakemake.input.mesh,
+        snakemake.input.labels,
+        snakemake.input.bone,
+        tuple(snakemake.params.segments),
+        snakemake.params.interfaces,
+        snakemake.output.model,
+    )

@@ -1,0 +1,54 @@
+"""Makes the finite-element predictions of a fold's held-out patients."""
+
+import logging
+from collections.abc import Sequence
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.predictions import Prediction, write_predictions
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.simulation import FemSettings, simulate
+
+
+def predict_fem(
+    cases: Sequence[str],
+    models: Sequence[str],
+    plans: Sequence[str],
+    arm: str,
+    settings: FemSettings,
+    threads: int,
+    predictions: str,
+) -> None:
+    """Solve each case's plan; a solve that stops early is written as such, with the last good state.
+
+    The first case is solved once more beforehand, so that no timing holds the loading of compiled code.
+    """
+    patients = [PatientModel.read(model) for model in models]
+    motions = [Plan.read(plan, case) for plan, case in zip(plans, cases, strict=True)]
+    simulate(patients[0], motions[0], arm, settings)
+    found = {}
+    for case, patient, plan in zip(cases, patients, motions, strict=True):
+        result = simulate(patient, plan, arm, settings)
+        logging.info("%s: %s, %.1f s", case, result.reason, result.seconds)
+        found[case] = Prediction(
+            result.displacement,
+            seconds=result.seconds,
+            threads=threads,
+            converged=result.converged,
+            reason=result.reason,
+            iterations=result.iterations,
+        )
+    write_predictions(predictions, found)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    predict_fem(
+        snakemake.params.cases,
+        snakemake.input.models,
+        snakemake.input.plans,
+        snakemake.params.arm,
+        FemSettings(**snakemake.params.fem),
+        snakemake.threads,
+        snakemake.output.predictions,
+    )

@@ -1,0 +1,25 @@
+"""Makes the floor prediction: the face stays as it was."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.predictions import Prediction, write_predictions
+from pinnochio.logs import attach_log
+
+
+def predict_no_change(cases: Sequence[str], models: Sequence[str], predictions: str) -> None:
+    """Write a zero displacement for each case."""
+    write_predictions(
+        predictions,
+        {
+            case: Prediction(np.zeros_like(PatientModel.read(model).points))
+            for case, model in zip(cases, models, strict=True)
+        },
+    )
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    predict_no_change(snakemake.params.cases, snakemake.input.models, snakemake.output.predictions)

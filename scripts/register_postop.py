@@ -1,0 +1,52 @@
+"""Makes the post-operative skin in the patient's own frame of the scan in any frame."""
+
+import logging
+
+import h5py
+import numpy as np
+
+from pinnochio.anatomy.registration import register, upper_face_plane
+from pinnochio.anatomy.segmentation import read_postop
+from pinnochio.anatomy.surfaces import BoneSurface, read_surface
+from pinnochio.files import replacing
+from pinnochio.logs import attach_log
+
+
+def register_postop(
+    case: str,
+    postop: str,
+    skin: str,
+    bone: str,
+    segments: tuple[str, ...],
+    nasion_above_lefort: float,
+    limit: float,
+    registered: str,
+) -> None:
+    """Register the scan rigidly on the skin above the nasion plane, which surgery does not move.
+
+    nasion_above_lefort (mm) places that plane above the first segment; limit (mm) is the median residual above which
+    the registration is refused (InputError). Writes points (k, 3) mm LPS, faces (l, 3) and the residual.
+    """
+    skin_points, skin_faces = read_surface(skin)
+    points, faces = read_postop(postop, case, skin_points)
+    plane = upper_face_plane(BoneSurface.read(bone), segments, nasion_above_lefort)
+    found = register(points, faces, skin_points, skin_faces, plane, case=case, file=postop, limit=limit)
+    logging.info("residual: median %.3f mm, p95 %.3f mm", found.median, found.p95)
+    with replacing(registered) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+        file.create_dataset("points", data=found.apply(points), track_times=False)
+        file.create_dataset("faces", data=np.asarray(faces, np.int32), track_times=False)
+        file.attrs["registration_residual"] = found.median
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    register_postop(
+        snakemake.wildcards.case,
+        snakemake.input.postop,
+        snakemake.input.skin,
+        snakemake.input.bone,
+        tuple(snakemake.params.segments),
+        snakemake.params.nasion_above_lefort,
+        snakemake.params.limit,
+        snakemake.output.postop,
+    )

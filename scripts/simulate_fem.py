@@ -1,0 +1,57 @@
+"""Makes the finite-element fields that the networks are pretrained on: the patient's own plan and sampled ones."""
+
+import logging
+
+import h5py
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.plan_sampling import sample_plan
+from pinnochio.files import replacing
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.simulation import FemSettings, simulate
+from pinnochio.seeds import generator
+
+
+def simulate_fem(case: str, model: str, plan: str, plans: int, settings: FemSettings, seed: int, teaching: str) -> None:
+    """Solve `plans` plans with sliding interfaces; write the fields in groups plan_0, plan_1, ...
+
+    plan_0 is the patient's own plan if it converges; the others are sampled from (seed, stage, case). A plan that
+    does not converge is replaced by a newly sampled one, at most `plans` times; RuntimeError if too few converge.
+    """
+    patient = PatientModel.read(model)
+    rng = generator(seed, "simulate_fem", case)
+    fields = []
+    for attempt in range(2 * plans):
+        if len(fields) == plans:
+            break
+        current = (
+            sample_plan(rng, case, patient.segments, patient.bone_points, patient.bone_segment)
+            if attempt
+            else Plan.read(plan, case)
+        )
+        result = simulate(patient, current, "mucosa", settings)
+        logging.info("plan %d: %s, %.1f s", attempt, result.reason, result.seconds)
+        if result.converged:
+            fields.append((current, result))
+    if len(fields) < plans:
+        raise RuntimeError(f"case {case!r}: only {len(fields)} of {2 * plans} plans converged; see the log")
+    with replacing(teaching) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+        for number, (current, result) in enumerate(fields):
+            group = file.create_group(f"plan_{number}")
+            group.create_dataset("displacement", data=result.displacement, track_times=False)
+            group.attrs["plan"] = current.to_json()
+            group.attrs["min_jacobian"] = result.min_jacobian
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    simulate_fem(
+        snakemake.wildcards.case,
+        snakemake.input.model,
+        snakemake.input.plan,
+        snakemake.params.plans,
+        FemSettings(**snakemake.params.fem),
+        snakemake.params.seed,
+        snakemake.output.teaching,
+    )

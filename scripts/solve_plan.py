@@ -1,0 +1,67 @@
+"""Makes the finite-element field of a patient's own plan, its summary and a picture."""
+
+import json
+
+import meshio
+import numpy as np
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.evaluation.pictures import field_picture
+from pinnochio.files import replacing
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.kinematics import jacobians
+from pinnochio.mechanics.simulation import FemSettings, simulate
+from pinnochio.mechanics.sliding import sliding_errors
+
+
+def solve_plan(
+    case: str, model: str, plan: str, arm: str, settings: FemSettings, field: str, summary: str, picture: str
+) -> None:
+    """Solve and write the deformed field (VTU, mm), what the solver says (JSON) and before/after views (PNG).
+
+    Raises RuntimeError with the solver's reason if it does not converge.
+    """
+    patient, motions = PatientModel.read(model), Plan.read(plan, case)
+    result = simulate(patient, motions, arm, settings)
+    if not result.converged:
+        raise RuntimeError(f"case {case!r}: the solver stopped: {result.reason}")
+    ratios = jacobians(patient.points, patient.cells, result.displacement)
+    with replacing(field) as temporary:
+        meshio.Mesh(
+            patient.points,
+            [("tetra", patient.cells)],
+            point_data={"displacement": result.displacement, "node_type": patient.node_type},
+            cell_data={"tissue": [patient.tissue], "jacobian": [ratios]},
+        ).write(temporary)
+    field_picture(patient, motions, result.displacement, picture)
+    said = {
+        "case": case,
+        "arm": arm,
+        "nodes": len(patient.points),
+        "converged": result.converged,
+        "reason": result.reason,
+        "relative_residual": result.history[-1]["residual"],
+        "min_jacobian": float(ratios.min()),
+        "inverted": int(np.sum(ratios <= 0)),
+        "sliding_error_mm": sliding_errors(patient, motions, result.displacement),
+        "largest_displacement_mm": float(np.linalg.norm(result.displacement, axis=1).max()),
+        "increments": result.increments,
+        "iterations": result.iterations,
+    }
+    with replacing(summary) as temporary:
+        temporary.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    solve_plan(
+        snakemake.wildcards.case,
+        snakemake.input.model,
+        snakemake.input.plan,
+        snakemake.wildcards.arm,
+        FemSettings(**snakemake.params.fem),
+        snakemake.output.field,
+        snakemake.output.summary,
+        snakemake.output.picture,
+    )

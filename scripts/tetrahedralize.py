@@ -1,0 +1,25 @@
+"""Makes the tetrahedral mesh of muscle and superficial tissue of a label map."""
+
+import logging
+
+from pinnochio.anatomy.segmentation import read_labels
+from pinnochio.logs import attach_log
+from pinnochio.meshing.lattice import tetrahedralize
+
+
+def mesh_case(labels: str, nodes: int, minimum_dihedral: float, mesh: str) -> None:
+    """Mesh an imported label map with `nodes` nodes (within 10 %) and dihedral angles of at least minimum_dihedral."""
+    head = read_labels(labels)
+    result = tetrahedralize(head.labels, head.spacing, head.origin, nodes, minimum_dihedral=minimum_dihedral)
+    logging.info("%d nodes, %d tetrahedra", len(result.points), len(result.cells))
+    result.write(mesh)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    mesh_case(
+        snakemake.input.labels,
+        snakemake.params.nodes,
+        snakemake.params.minimum_dihedral,
+        snakemake.output.mesh,
+    )

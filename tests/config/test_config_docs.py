@@ -1,0 +1,46 @@
+"""The generated page of the configuration and the overlays."""
+
+from pathlib import Path
+
+import jsonschema
+import pytest
+import yaml
+
+from scripts.document_config import ROOT, config_page
+
+SCHEMA = yaml.safe_load((ROOT / "workflow/schemas/config.schema.yaml").read_text())
+
+
+def merged(overlay: Path) -> dict:
+    def merge(base, top):
+        return {
+            k: merge(base[k], top[k]) if isinstance(top.get(k), dict) else top.get(k, base.get(k)) for k in base | top
+        }
+
+    return merge(yaml.safe_load((ROOT / "config/config.yaml").read_text()), yaml.safe_load(overlay.read_text()))
+
+
+def test_page_is_what_the_schema_says():
+    assert (ROOT / "config/README.md").read_text() == config_page(), "run `make docs`"
+
+
+@pytest.mark.parametrize("name", ["config", "quick", "paper"])
+def test_overlay_gives_a_valid_configuration(name):
+    jsonschema.Draft202012Validator(SCHEMA).validate(merged(ROOT / f"config/{name}.yaml"))
+
+
+def test_unknown_key_is_refused():
+    config = merged(ROOT / "config/quick.yaml")
+    config["mesh"]["nodez"] = 1
+    with pytest.raises(jsonschema.ValidationError, match="nodez"):
+        jsonschema.Draft202012Validator(SCHEMA).validate(config)
+
+
+def test_every_key_is_explained():
+    def keys(node):
+        for key, entry in node.get("properties", {}).items():
+            assert entry.get("description"), key
+            keys(entry)
+
+    keys(SCHEMA)
+    keys(SCHEMA["$defs"]["phase"])

@@ -1,0 +1,116 @@
+"""Cohort tables, folds, seeds and the configuration's cross-checks."""
+
+import copy
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pinnochio.errors import InputError
+from pinnochio.files import replacing
+from pinnochio.seeds import derive_seed
+from pinnochio.study import assign_folds, check_config, code_hash, read_cases, virtual_cases
+
+ROOT = Path(__file__).resolve().parents[2]
+DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+HEADER = "case\tsegmentation\tplan\tpostop\n"
+
+
+def write_table(folder: Path, text: str) -> Path:
+    for name in ("a.nii.gz", "plan.json", "post.ply"):
+        (folder / name).touch()
+    table = folder / "cases.tsv"
+    table.write_text(text)
+    return table
+
+
+def test_table_paths_are_relative_to_the_table(tmp_path):
+    cases = read_cases(write_table(tmp_path, HEADER + "P1\ta.nii.gz\tplan.json\tpost.ply\nP2\ta.nii.gz\tplan.json\t\n"))
+    assert [case.name for case in cases] == ["P1", "P2"]
+    assert cases[0].postop == str(tmp_path / "post.ply") and cases[1].postop == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("case\tplan\n", "columns"),
+        (HEADER, "no case"),
+        (HEADER + "P1\tb.nii.gz\tplan.json\t\n", "b.nii.gz"),
+        (HEADER + "P1\ta.nii.gz\t\t\n", "column plan is empty"),
+        (HEADER + "P1\ta.nii.gz\tplan.json\tpast.ply\n", "past.ply"),
+        (HEADER + "P1\ta.nii.gz\tplan.json\t\nP1\ta.nii.gz\tplan.json\t\n", "two rows carry this name"),
+        (HEADER + "P/1\ta.nii.gz\tplan.json\t\n", "letters"),
+    ],
+)
+def test_bad_table_is_refused(tmp_path, text, problem):
+    with pytest.raises(InputError) as caught:
+        read_cases(write_table(tmp_path, text))
+    assert problem in str(caught.value) and "Remedy: " in str(caught.value)
+
+
+def test_missing_table_is_refused(tmp_path):
+    with pytest.raises(InputError, match="does not exist"):
+        read_cases(tmp_path / "none.tsv")
+
+
+def test_folds_hold_every_case_out_once_and_evenly():
+    names = [case.name for case in virtual_cases(40, "x")]
+    folds = assign_folds(names, 5, seed=1)
+    assert sorted(name for fold in folds.values() for name in fold) == names
+    assert {len(fold) for fold in folds.values()} == {8}
+    assert folds == assign_folds(names, 5, seed=1) != assign_folds(names, 5, seed=2)
+
+
+def test_seed_depends_on_base_stage_and_key():
+    assert derive_seed(1, "a", "b") == 7298789200918546523
+    assert (
+        len(
+            {
+                derive_seed(1, "a", "b"),
+                derive_seed(2, "a", "b"),
+                derive_seed(1, "b", "b"),
+                derive_seed(1, "a", "c"),
+            }
+        )
+        == 4
+    )
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "problem"),
+    [
+        (("segments",), ["lefort1", "chin"], "chin"),
+        (("labels", "muscle"), 1, "share one value"),
+        (("reference",), "acmt", "not among 'methods'"),
+        (("network", "heads"), 7, "multiple"),
+        (("virtual", "patients"), 3, "fewer virtual patients"),
+    ],
+)
+def test_contradictions_in_the_configuration_are_refused(keys, value, problem):
+    config = copy.deepcopy(DEFAULTS)
+    check_config(config)
+    node = config
+    for key in keys[:-1]:
+        node = node[key]
+    node[keys[-1]] = value
+    with pytest.raises(InputError, match=problem):
+        check_config(config)
+
+
+def test_code_hash_sees_content_and_survives_a_move(tmp_path):
+    def tree(name, text):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "a.py").write_text(text)
+        return code_hash([folder / "a.py"], folder)
+
+    assert tree("one", "x = 1") == tree("two", "x = 1") != tree("three", "x = 2")
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
+    target = tmp_path / "table.csv"
+    target.write_text("old")
+    with pytest.raises(RuntimeError), replacing(target) as temporary:
+        temporary.write_text("half")
+        raise RuntimeError
+    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"] and target.read_text() == "old"

@@ -1,0 +1,1 @@
+"""Facial soft-tissue prediction for orthognathic surgery: mechanics, networks, studies."""

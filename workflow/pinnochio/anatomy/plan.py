@@ -1,0 +1,127 @@
+"""Surgical plans: one rigid motion per bone segment, in LPS millimetres."""
+
+import json
+import os
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pinnochio.errors import InputError
+from pinnochio.files import replacing
+
+CONVENTION = "x_post = R (x_pre - pivot) + pivot + translation"
+
+
+@dataclass(frozen=True)
+class RigidMotion:
+    """x_post = R (x_pre - pivot) + pivot + translation; rotation (3, 3), translation and pivot (3,) in mm."""
+
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    pivot: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Moved points, (n, 3) mm."""
+        return (points - self.pivot) @ self.rotation.T + self.pivot + self.translation
+
+    def inverse(self, points: np.ndarray) -> np.ndarray:
+        """Points before the motion, (n, 3) mm."""
+        return (points - self.pivot - self.translation) @ self.rotation + self.pivot
+
+    def displacement(self, points: np.ndarray) -> np.ndarray:
+        """apply(points) - points, (n, 3) mm."""
+        return self.apply(points) - points
+
+    def fraction(self, share: float) -> "RigidMotion":
+        """The motion carried out to `share` in [0, 1]: rotation by its angle, translation linearly."""
+        turned = Rotation.from_rotvec(share * Rotation.from_matrix(self.rotation).as_rotvec())
+        return RigidMotion(turned.as_matrix(), share * self.translation, self.pivot)
+
+    @classmethod
+    def from_degrees(cls, angles, translation, pivot) -> "RigidMotion":
+        """From rotation-vector components in degrees about the x (pitch), y (roll) and z (yaw) axes."""
+        rotation = Rotation.from_rotvec(np.asarray(angles, float), degrees=True).as_matrix()
+        return cls(rotation, np.asarray(translation, float), np.asarray(pivot, float))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Motions by segment name; a segment that the plan does not name stays where it is."""
+
+    case: str
+    motions: dict[str, RigidMotion]
+
+    def motion(self, segment: str) -> RigidMotion:
+        """The segment's motion, the identity if the plan does not name it."""
+        return self.motions.get(segment, RigidMotion())
+
+    def to_json(self) -> str:
+        """The plan as the JSON text that :meth:`from_json` reads."""
+        segments = {
+            name: {
+                "rotation": motion.rotation.tolist(),
+                "translation": motion.translation.tolist(),
+                "pivot": motion.pivot.tolist(),
+            }
+            for name, motion in sorted(self.motions.items())
+        }
+        head = {"case": self.case, "frame": "LPS", "units": "mm", "convention": CONVENTION}
+        return json.dumps(head | {"segments": segments}, indent=1)
+
+    @classmethod
+    def from_json(cls, text: str, file: object = "plan", case: str | None = None) -> "Plan":
+        """Read and check a plan; raises InputError that names what is wrong."""
+        name = case or "?"
+
+        def refuse(problem: str, remedy: str):
+            raise InputError(name, file, problem, remedy)
+
+        try:
+            data = json.loads(text)
+        except json.JSONDecodeError as error:
+            refuse(f"is not JSON ({error})", "write the plan as README.md shows")
+        if not isinstance(data, dict) or not isinstance(data.get("segments"), dict):
+            refuse("has no 'segments' object", "write the plan as README.md shows")
+        for key, expected in (("frame", "LPS"), ("units", "mm"), ("convention", CONVENTION)):
+            if data.get(key, expected) != expected:
+                refuse(f"{key} is {data[key]!r}", f"convert the plan to {key} {expected!r}")
+        if case is not None and data.get("case", case) != case:
+            refuse(f"belongs to case {data['case']!r}", "give each case its own plan")
+        motions = {}
+        for segment, entry in data["segments"].items():
+            try:
+                motion = RigidMotion(
+                    np.array(entry["rotation"], float).reshape(3, 3),
+                    np.array(entry["translation"], float).reshape(3),
+                    np.array(entry.get("pivot", [0, 0, 0]), float).reshape(3),
+                )
+            except (KeyError, TypeError, ValueError):
+                refuse(
+                    f"segment {segment!r} needs rotation (3x3), translation (3) and, if wanted, pivot (3)",
+                    "write all numbers of the motion",
+                )
+            numbers = np.concatenate([motion.rotation.ravel(), motion.translation, motion.pivot])
+            if not np.isfinite(numbers).all():
+                refuse(f"segment {segment!r} holds a number that is not finite", "write finite numbers")
+            rotation = motion.rotation
+            if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+                refuse(f"rotation of segment {segment!r} is not a rotation", "store R with R'R = I, det R = 1")
+            if np.linalg.norm(motion.translation) > 50:
+                refuse(
+                    f"translation of segment {segment!r} is {np.linalg.norm(motion.translation):.0f} mm",
+                    "write translations in millimetres (50 at most)",
+                )
+            motions[segment] = motion
+        return cls(data.get("case", name), motions)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike, case: str) -> "Plan":
+        """Read the plan of `case` from a JSON file."""
+        with open(path, encoding="utf-8") as file:
+            return cls.from_json(file.read(), path, case)
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write the plan as JSON."""
+        with replacing(path) as temporary:
+            temporary.write_text(self.to_json() + "\n", encoding="utf-8")

@@ -1,0 +1,30 @@
+"""Sends what a stage script says, warns or raises to its log file."""
+
+import logging
+import sys
+import warnings
+
+
+def attach_log(path: str) -> None:
+    """Log to `path`: records, warnings, standard error (progress bars) and an uncaught exception.
+
+    Snakemake does not redirect a `script:` to its `log:`, hence this. The exception is also left on the
+    terminal, because that is where the user looks first.
+    """
+    stream = open(path, "w", buffering=1)  # noqa: SIM115 (lives as long as the process)
+    terminal = sys.stderr
+    logging.basicConfig(
+        stream=stream,
+        level=logging.INFO,
+        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
+        force=True,
+    )
+    logging.captureWarnings(True)
+    warnings.simplefilter("default")
+    sys.stderr = stream
+
+    def hook(kind, error, traceback):
+        logging.getLogger("stage").critical("failed", exc_info=(kind, error, traceback))
+        print(f"{kind.__name__}: {error}\n(log: {path})", file=terminal)
+
+    sys.excepthook = hook

@@ -1,0 +1,1 @@
+"""Nearly incompressible hyperelasticity on tetrahedra: energy, residual, solver, sliding."""

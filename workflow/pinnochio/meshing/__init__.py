@@ -1,0 +1,1 @@
+"""From label maps to conforming tetrahedra and labelled interfaces."""

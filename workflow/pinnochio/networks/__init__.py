@@ -1,0 +1,1 @@
+"""The two-step graph network: interface displacement, then the volume."""

@@ -1,0 +1,1 @@
+"""The virtual cohort: sampled heads, deformities and scans."""
