@@ -21,7 +21,7 @@ rule import_segmentation:
     params:
         labels=config["labels"],
         segments=config["segments"],
-        bone_edge=config["interfaces"]["bone_edge"],
+        bone_edge=config["mesh"]["bone_edge"],
         code=code_of("anatomy"),
     message:
         "Import the segmentation and the plan of {wildcards.case}"
@@ -48,7 +48,7 @@ rule register_postop:
         runtime=10,
     params:
         segments=config["segments"],
-        nasion_above_lefort=config["interfaces"]["nasion_above_lefort"],
+        nasion_above_maxilla=config["interfaces"]["nasion_above_maxilla"],
         limit=config["registration"]["limit"],
         code=code_of("anatomy"),
     message:

@@ -124,9 +124,9 @@ rule render_case:
         model="<results>/cases/{case}/model.h5",
         plan="<results>/cases/{case}/plan.json",
         postop="<results>/cases/{case}/postop.h5",
-        predictions=expand(
+        predictions=lambda wildcards: expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=HELD_OUT,
+            fold=fold_of(wildcards.case),
             method=config["methods"],
         ),
     output:

@@ -14,8 +14,8 @@ rule virtual_patient:
         mem_mb=4000,
         runtime=10,
     params:
+        number=lambda wildcards: list(CASES).index(wildcards.case),
         spacing=config["virtual"]["spacing"],
-        segments=config["segments"],
         labels=config["labels"],
         seed=SEED,
         code=code_of("anatomy", "virtual"),
@@ -45,7 +45,8 @@ rule virtual_outcome:
         runtime=30,
     params:
         reality=config["virtual"]["reality"],
-        scan=config["virtual"]["scan"],
+        noise=config["virtual"]["scan"]["noise"],
+        bone_edge=config["mesh"]["bone_edge"],
         interfaces=config["interfaces"],
         fem=config["fem"],
         segments=config["segments"],

@@ -24,10 +24,7 @@ def label_case(
         head.origin,
         segments,
         BoneSurface.read(bone),
-        sliding_band_mm=interfaces["sliding_band"],
-        nasion_above_lefort_mm=interfaces["nasion_above_lefort"],
-        tragus_before_condyle_mm=interfaces["tragus_before_condyle"],
-        cut_margin_mm=interfaces["cut_margin"],
+        **{f"{name}_mm": value for name, value in interfaces.items()},
     )
     counts = {name: int(np.sum(patient.node_type == kind)) for name, kind in
               (("fixed", FIXED), ("moving", MOVING), ("sliding", SLIDING))}  # fmt: skip

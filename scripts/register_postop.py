@@ -18,18 +18,18 @@ def register_postop(
     skin: str,
     bone: str,
     segments: tuple[str, ...],
-    nasion_above_lefort: float,
+    nasion_above_maxilla: float,
     limit: float,
     registered: str,
 ) -> None:
     """Register the scan rigidly on the skin above the nasion plane, which surgery does not move.
 
-    nasion_above_lefort (mm) places that plane above the first segment; limit (mm) is the median residual above which
+    nasion_above_maxilla (mm) places that plane above the first segment; limit (mm) is the median residual above which
     the registration is refused (InputError). Writes points (k, 3) mm LPS, faces (l, 3) and the residual.
     """
     skin_points, skin_faces = read_surface(skin)
     points, faces = read_postop(postop, case, skin_points)
-    plane = upper_face_plane(BoneSurface.read(bone), segments, nasion_above_lefort)
+    plane = upper_face_plane(BoneSurface.read(bone), segments, nasion_above_maxilla)
     found = register(points, faces, skin_points, skin_faces, plane, case=case, file=postop, limit=limit)
     logging.info("residual: median %.3f mm, p95 %.3f mm", found.median, found.p95)
     with replacing(registered) as temporary, h5py.File(temporary, "w", track_order=True) as file:
@@ -46,7 +46,7 @@ if __name__ == "__main__":
         snakemake.input.skin,
         snakemake.input.bone,
         tuple(snakemake.params.segments),
-        snakemake.params.nasion_above_lefort,
+        snakemake.params.nasion_above_maxilla,
         snakemake.params.limit,
         snakemake.output.postop,
     )

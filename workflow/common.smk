@@ -58,9 +58,12 @@ def of_held_out(pattern):
 
 def of_training(pattern):
     """Input function: `pattern` for each training case of the fold, which no held-out case is."""
-    return lambda wildcards: expand(
-        pattern, case=[name for name in SCANNED if name not in HELD_OUT[wildcards.fold]]
-    )
+    return lambda wildcards: expand(pattern, case=training_cases(wildcards))
+
+
+def fold_of(case):
+    """Fold that holds the case out."""
+    return next(fold for fold, cases in HELD_OUT.items() if case in cases)
 
 
 def held_out(wildcards):

@@ -77,8 +77,8 @@ def test_a_plate_of_one_voxel_survives():
     volume = np.zeros((30, 30, 30), np.uint8)
     volume[5:25, 5:25, 15] = 11
     plate = bone_surface(volume, (1, 1, 1), (0, 0, 0), ("plate",))
-    assert face_normals(plate.points, plate.faces)[1].sum() > 0.8 * 2 * 400
-    assert np.ptp(plate.points[:, 0]) > 18
+    assert face_normals(plate.points, plate.faces)[1].sum() > 0.75 * 2 * 400
+    assert np.ptp(plate.points[:, 0]) > 17
 
 
 def test_unlabelled_marrow_is_no_surface_but_a_tooth_socket_is():

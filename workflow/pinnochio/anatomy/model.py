@@ -29,7 +29,8 @@ class PatientModel:
     node_normal (n, 3) unit normal out of the tissue on boundary nodes, zero inside.
     interface_kind (n,) int8 NO_INTERFACE | BONE_MUSCLE | BONE_SUPERFICIAL | MUSCLE_SUPERFICIAL.
     skin_faces (f, 3) int32 outer skin triangles, outward; face_roi (f,) bool the part that accuracy is judged on.
-    bone_points (b, 3), bone_normals (b, 3) out of the bone, bone_faces (g, 3) int32, bone_segment (b,) int8, -1 cranium.
+    bone_points (b, 3), bone_normals (b, 3) out of the bone, bone_faces (g, 3) int32.
+    bone_segment (b,) int8 segment index, -1 cranium.
     segments: names, in the order of the indices.
     """
 

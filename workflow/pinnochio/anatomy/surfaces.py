@@ -49,17 +49,15 @@ class BoneSurface:
         """Read what :meth:`write` wrote."""
         mesh = pv.read(path)
         faces = mesh.regular_faces.astype(np.int32)
-        return cls(
-            np.asarray(mesh.points, float), np.asarray(mesh["normal"]), faces, np.asarray(mesh["segment"])
-        )
+        return cls(np.asarray(mesh.points, float), np.asarray(mesh["normal"]), faces, np.asarray(mesh["segment"]))
 
 
 def bone_surface(labels, spacing, origin, segments: tuple[str, ...], edge_mm: float = 2.5) -> BoneSurface:
     """Smoothed closed surface of the cranium and of every segment, with edges of about `edge_mm`.
 
-    labels (nx, ny, nz) internal codes [ix, iy, iz]; spacing, origin (3,) mm. An absent label gives no points.
-    Air-filled cavities inside a bone (marrow that was not labelled) are left out. The same labels give the same
-    bytes.
+    labels (nx, ny, nz) internal codes [ix, iy, iz]; spacing, origin (3,) mm. A label that is absent gives
+    no points. Air-filled cavities inside a bone (marrow that was not labelled) are left out. The same labels
+    give the same bytes.
     """
     parts = []
     for index in range(-1, len(segments)):
@@ -74,16 +72,12 @@ def bone_surface(labels, spacing, origin, segments: tuple[str, ...], edge_mm: fl
         segment = np.full(len(points), index, np.int8)
         parts.append(BoneSurface(points, vertex_normals(points, faces), faces, segment))
     if not parts:
-        return BoneSurface(
-            np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int8)
-        )
+        return BoneSurface(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int8))
     offsets = np.cumsum([0] + [len(part.points) for part in parts[:-1]])
     return BoneSurface(
         np.vstack([part.points for part in parts]),
         np.vstack([part.normals for part in parts]),
-        np.vstack([part.faces + offset for part, offset in zip(parts, offsets, strict=True)]).astype(
-            np.int32
-        ),
+        np.vstack([part.faces + offset for part, offset in zip(parts, offsets, strict=True)]).astype(np.int32),
         np.concatenate([part.segment for part in parts]),
     )
 
@@ -100,7 +94,7 @@ def skin_surface(labels, spacing, origin, edge_mm: float = 2.5) -> tuple[np.ndar
     # The head goes on beyond the cut, so that the contour does not round the rim off.
     head = np.pad(ndimage.binary_fill_holes(pieces == largest), 4, mode="edge")
     spacing, low = np.asarray(spacing, float), np.asarray(origin, float)
-    points, faces = contour(head, spacing, low - 4 * spacing, edge_mm)
+    points, faces = contour(head, spacing, low - 4 * spacing, edge_mm, smoothing=(1.0,))
     high = low + spacing * (np.array(np.shape(labels)) - 1)
     beyond = ((points < low - spacing / 2) | (points > high + spacing / 2)).any(axis=1)
     faces = faces[~beyond[faces].any(axis=1)]
@@ -108,15 +102,17 @@ def skin_surface(labels, spacing, origin, edge_mm: float = 2.5) -> tuple[np.ndar
     return points[used], faces.reshape(-1, 3).astype(np.int32)
 
 
-def contour(inside, spacing, origin, edge_mm: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+def contour(
+    inside, spacing, origin, edge_mm: float | None = None, smoothing=SMOOTHING_VOXELS
+) -> tuple[np.ndarray, np.ndarray]:
     """Closed surface of a voxel set: points (p, 3) mm, outward faces (f, 3) int32.
 
-    Contoured at the resolution of the volume, so that plates of one voxel survive; quadric decimation then brings
-    the edges to about `edge_mm` (None: no decimation). Decimation can tear ragged plates; then more smoothing is
-    tried, and the attempt with the fewest open edges is kept.
+    Contoured at the resolution of the volume, so that plates of one voxel survive; quadric decimation then
+    brings the edges to about `edge_mm` (None: no decimation). Decimation can tear ragged plates; then the next
+    Gaussian of `smoothing` (in voxels) is tried, and the attempt with the fewest open edges is kept.
     """
     attempts = []
-    for sigma in SMOOTHING_VOXELS:
+    for sigma in smoothing:
         surface = _reduced(_isosurface(inside, spacing, origin, sigma), edge_mm)
         if surface.n_cells:
             attempts.append(surface)
@@ -125,7 +121,7 @@ def contour(inside, spacing, origin, edge_mm: float | None = None) -> tuple[np.n
     if not attempts:
         return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
     best = min(attempts, key=lambda surface: surface.n_open_edges)
-    if best.n_open_edges:
+    if best.n_open_edges and len(attempts) > 1:
         LOG.warning("surface of a ragged label keeps %d open edges", best.n_open_edges)
     points, faces = np.asarray(best.points, float), best.regular_faces.astype(np.int32)
     if enclosed_volume(points, faces) < 0:
@@ -153,9 +149,7 @@ def _isosurface(inside, spacing, origin, sigma: float) -> pv.PolyData:
 
 def _reduced(surface: pv.PolyData, edge_mm: float | None) -> pv.PolyData:
     """Quadric decimation to the face count of equilateral triangles of `edge_mm`."""
-    wanted = (
-        surface.n_cells if edge_mm is None else max(20, int(surface.area / (np.sqrt(3) / 4 * edge_mm**2)))
-    )
+    wanted = surface.n_cells if edge_mm is None else max(20, int(surface.area / (np.sqrt(3) / 4 * edge_mm**2)))
     if wanted >= surface.n_cells:
         return surface
     decimate = vtkQuadricDecimation()
@@ -164,6 +158,18 @@ def _reduced(surface: pv.PolyData, edge_mm: float | None) -> pv.PolyData:
     decimate.SetRegularize(True)  # evens out the edge lengths
     decimate.Update()
     return pv.wrap(decimate.GetOutput())
+
+
+def write_surface(points, faces, path: str | os.PathLike) -> None:
+    """Write points (p, 3) mm and faces (f, 3) in the format that the suffix names (VTP, PLY, STL)."""
+    with replacing(path) as temporary:
+        pv.PolyData.from_regular_faces(np.asarray(points, float), np.asarray(faces)).save(temporary)
+
+
+def read_surface(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
+    """Points (p, 3) float64 mm and faces (f, 3) int32 of a triangle surface."""
+    mesh = pv.read(path).extract_surface(algorithm="dataset_surface").triangulate()
+    return np.asarray(mesh.points, float), mesh.regular_faces.astype(np.int32)
 
 
 def face_normals(points, faces) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,23 @@
+"""Makes the accuracy table: each method's mean and spread, tested against the reference method."""
+
+from collections.abc import Sequence
+
+from pinnochio.evaluation.tables import CASES, read_table, summarise, write_accuracy
+from pinnochio.logs import attach_log
+
+
+def compare_methods(cases: str, methods: Sequence[str], reference: str, cohort: str, seed: int, table: str) -> None:
+    """Summarise cases.csv by method (paired Wilcoxon tests, Holm-corrected) and write the table with its twins."""
+    write_accuracy(summarise(read_table(cases, CASES), reference, methods, seed), table, cohort)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    compare_methods(
+        snakemake.input.cases,
+        snakemake.params.methods,
+        snakemake.params.reference,
+        snakemake.params.cohort,
+        snakemake.params.seed,
+        snakemake.output.table,
+    )

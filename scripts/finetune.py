@@ -1,0 +1,48 @@
+"""Makes a fold's final network: the pretrained one adapted to the training patients' post-operative skins."""
+
+from collections.abc import Sequence
+
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.seeds import derive_seed
+from pinnochio.training.device import choose_device
+from pinnochio.training.settings import TrainingSettings
+from pinnochio.training.stages import CaseFiles, finetune_fold
+
+
+def finetune(
+    cases: Sequence[str],
+    models: Sequence[str],
+    plans: Sequence[str],
+    postops: Sequence[str],
+    pretrained: str,
+    training: TrainingSettings,
+    fem: FemSettings,
+    seed: int,
+    device: str,
+    outputs: dict[str, str],
+) -> None:
+    """Adapt the network at `pretrained` to the given cases; outputs names the files network and history."""
+    files = [
+        CaseFiles(case, model, plan=plan, postop=postop)
+        for case, model, plan, postop in zip(cases, models, plans, postops, strict=True)
+    ]
+    finetune_fold(
+        files, pretrained, training, fem, seed=seed, device=device, out=outputs["network"], history=outputs["history"]
+    )
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    finetune(
+        snakemake.params.cases,
+        snakemake.input.models,
+        snakemake.input.plans,
+        snakemake.input.postops,
+        snakemake.input.network,
+        TrainingSettings(**snakemake.params.training),
+        FemSettings(**snakemake.params.fem),
+        derive_seed(snakemake.params.seed, "finetune", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
+        choose_device(snakemake.resources.gpu, snakemake.threads),
+        dict(snakemake.output.items()),
+    )

@@ -1,0 +1,44 @@
+"""Makes a fold's pretrained network of the training patients' finite-element fields."""
+
+from collections.abc import Sequence
+
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.seeds import derive_seed
+from pinnochio.training.device import choose_device
+from pinnochio.training.settings import TrainingSettings
+from pinnochio.training.stages import CaseFiles, pretrain_fold
+
+
+def pretrain(
+    cases: Sequence[str],
+    models: Sequence[str],
+    teaching: Sequence[str],
+    network: NetworkSettings,
+    training: TrainingSettings,
+    fem: FemSettings,
+    seed: int,
+    device: str,
+    outputs: dict[str, str],
+) -> None:
+    """Train on the given cases and nothing else; outputs names the files network and history."""
+    files = [CaseFiles(*paths) for paths in zip(cases, models, teaching, strict=True)]
+    pretrain_fold(
+        files, network, training, fem, seed=seed, device=device, out=outputs["network"], history=outputs["history"]
+    )
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    pretrain(
+        snakemake.params.cases,
+        snakemake.input.models,
+        snakemake.input.teaching,
+        NetworkSettings(**snakemake.params.network),
+        TrainingSettings(**snakemake.params.training),
+        FemSettings(**snakemake.params.fem),
+        derive_seed(snakemake.params.seed, "pretrain", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
+        choose_device(snakemake.resources.gpu, snakemake.threads),
+        dict(snakemake.output.items()),
+    )

@@ -1,0 +1,54 @@
+"""The real workflow, run in a temporary copy of the project."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PARTS = ("Snakefile", "rules", "scripts", "workflow", "config", "profiles", "envs", "examples")
+
+
+class Project:
+    """A copy of the project in which Snakemake can be run."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        for part in PARTS:
+            source = ROOT / part
+            if source.is_dir():
+                shutil.copytree(source, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
+            elif source.exists():
+                shutil.copy(source, folder / part)
+
+    def snakemake(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
+        """Run Snakemake with the arguments; its output is in `stdout` (both streams)."""
+        return subprocess.run(
+            [sys.executable, "-m", "snakemake", "--cores", str(cores), *arguments],
+            cwd=self.folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            check=False,
+        )
+
+    def quick(self, *arguments: str) -> str:
+        """Run the quick study; returns the output, fails if Snakemake does."""
+        done = self.snakemake("--configfile", "config/quick.yaml", *arguments)
+        assert done.returncode == 0, done.stdout[-4000:]
+        return done.stdout
+
+
+@pytest.fixture
+def project(tmp_path) -> Project:
+    return Project(tmp_path)
+
+
+@pytest.fixture(scope="session")
+def studied(tmp_path_factory) -> Project:
+    """A project whose quick study has been run once."""
+    project = Project(tmp_path_factory.mktemp("study"))
+    project.quick()
+    return project

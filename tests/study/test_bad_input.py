@@ -1,0 +1,93 @@
+"""Bad input stops the study before any heavy work: one clear error, nothing half-written."""
+
+import json
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+import trimesh
+
+CODES = {"superficial": 1, "muscle": 2, "cranium": 10, "lefort1": 11, "mandible_distal": 12}
+CODES |= {"proximal_left": 13, "proximal_right": 14}
+
+
+def write_case(folder, name="P1", *, labels=None, plan=None, scale=1.0):
+    """A small head: nested boxes with every structure, its plan and its post-operative skin."""
+    if labels is None:
+        labels = good_labels()
+    image = sitk.GetImageFromArray(labels.transpose(2, 1, 0))
+    image.SetSpacing((3.0, 3.0, 3.0))
+    sitk.WriteImage(image, str(folder / f"{name}.nii.gz"))
+    motion = {"rotation": np.eye(3).tolist(), "translation": [0, -5, 0], "pivot": [0, 0, 0]}
+    (folder / f"{name}.json").write_text(json.dumps(plan or {"case": name, "segments": {"lefort1": motion}}))
+    sphere = trimesh.creation.box(extents=(100, 100, 100))
+    sphere.apply_translation((60, 60, 60))
+    sphere.apply_scale(scale)
+    sphere.export(folder / f"{name}.ply")
+    return f"{name}\t{name}.nii.gz\t{name}.json\t{name}.ply\n"
+
+
+def good_labels():
+    labels = np.zeros((40, 40, 40), np.uint8)
+    labels[4:36, 4:36, 4:36] = 1
+    labels[7:33, 7:33, 7:33] = 2
+    for code, low in ((10, 28), (11, 22), (12, 10)):
+        labels[10:30, 10:30, low : low + 5] = code
+    labels[30:32, 10:30, 12:20], labels[8:10, 10:30, 12:20] = 13, 14
+    return labels
+
+
+def without(code):
+    labels = good_labels()
+    labels[labels == code] = 2
+    return labels
+
+
+def not_a_number():
+    labels = good_labels().astype(np.float32)
+    labels[0, 0, 0] = np.nan
+    return labels
+
+
+def moving(segment, rotation=None):
+    motion = {"rotation": rotation or np.eye(3).tolist(), "translation": [0, -5, 0], "pivot": [0, 0, 0]}
+    return {"case": "P1", "segments": {segment: motion}}
+
+
+def check(project, rows, *said):
+    table = project.folder / "cases.tsv"
+    table.write_text("case\tsegmentation\tplan\tpostop\n" + "".join(rows))
+    done = project.snakemake("--config", "cohort=cases.tsv", "folds=2", "--", "meshes", cores=1)
+    assert done.returncode != 0
+    for words in (*said, "Remedy: "):
+        assert words in done.stdout, done.stdout[-3000:]
+    cases = project.folder / "results/cases"
+    left = {path.name for path in cases.rglob("*") if path.is_file()} if cases.exists() else set()
+    assert not left & {"mesh.vtu", "model.h5"} and not any(name.startswith(".") for name in left), left
+
+
+@pytest.mark.parametrize(
+    ("defect", "said"),
+    [
+        ({"labels": without(12)}, ("'P1'", "P1.nii.gz", "mandible_distal")),
+        ({"labels": without(2) * 0}, ("'P1'", "P1.nii.gz")),
+        ({"labels": not_a_number()}, ("'P1'", "P1.nii.gz", "NaN")),
+        ({"plan": moving("chin")}, ("'P1'", "P1.json", "chin")),
+        ({"plan": moving("lefort1", (2 * np.eye(3)).tolist())}, ("'P1'", "P1.json", "not a rotation")),
+        ({"scale": 0.001}, ("'P1'", "P1.ply", "metres")),
+    ],
+    ids=["missing label", "empty", "NaN", "no such segment", "no rotation", "metres"],
+)
+def test_a_bad_case_is_refused_by_name(project, defect, said):
+    check(project, [write_case(project.folder, **defect), write_case(project.folder, "P2")], *said)
+
+
+def test_a_missing_file_is_refused(project):
+    row = write_case(project.folder)
+    (project.folder / "P1.ply").unlink()
+    check(project, [row], "'P1'", "P1.ply", "does not exist")
+
+
+def test_a_duplicate_case_is_refused(project):
+    row = write_case(project.folder)
+    check(project, [row, row], "'P1'", "cases.tsv", "two rows carry this name")

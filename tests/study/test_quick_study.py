@@ -1,0 +1,111 @@
+"""The quick study, end to end: what it leaves, that it settles, reruns by fold and repeats itself."""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+METHODS = ["no_change", "fem_bonded", "fem_sliding", "pinnochio"]
+TIMINGS = re.compile(r"seconds|threads|iterations")
+
+
+def tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+    return pd.read_csv(folder / "tables/cases.csv"), pd.read_csv(folder / "tables/accuracy.csv")
+
+
+def without_timings(table: pd.DataFrame) -> pd.DataFrame:
+    return table[[column for column in table if not TIMINGS.search(column)]]
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Content hash of every result, log and benchmark files aside."""
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.relative_to(folder).parts[0] not in ("logs", "benchmarks")
+    }
+
+
+def test_tables_have_one_row_per_case_and_method(studied):
+    results = studied.folder / "results/quick"
+    cases, accuracy = tables(results)
+    assert sorted(accuracy["method"]) == sorted(METHODS)
+    assert len(cases) == 6 * len(METHODS) and not cases.duplicated(["case", "method"]).any()
+    numbers = cases.select_dtypes("number")
+    assert np.isfinite(numbers.drop(columns=[c for c in numbers if "error" in c and numbers[c].isna().all()])).all(None)
+    assert cases["converged"].all()
+    for name in ("cases", "accuracy"):
+        for suffix in ("md", "tex", "html"):
+            assert (results / f"tables/{name}.{suffix}").stat().st_size > 100
+
+
+def test_physics_of_the_tables(studied):
+    """Finite elements are in equilibrium and valid; the floor is the worst; doing nothing deforms nothing."""
+    cases, _ = tables(studied.folder / "results/quick")
+    by_method = cases.groupby("method")
+    assert by_method["eqres_rel"].max()[["fem_bonded", "fem_sliding"]].max() < 1e-4
+    assert by_method["inverted"].max()[["fem_bonded", "fem_sliding", "no_change"]].max() == 0
+    assert by_method["cd"].mean()["fem_sliding"] < by_method["cd"].mean()["no_change"]
+    assert by_method["skin_error_mean"].mean()["pinnochio"] < by_method["skin_error_mean"].mean()["no_change"]
+    assert np.allclose(cases.loc[cases["method"] == "no_change", "min_jacobian"], 1)
+
+
+def test_provenance_names_what_made_the_results(studied):
+    record = json.loads((studied.folder / "results/quick/provenance.json").read_text())
+    assert record["config"]["virtual"]["patients"] == 6 and record["packages"]["torch"].startswith("2.13.0")
+    assert len(record["code"]) == 12 and record["machine"]["cores"] >= 1
+
+
+def test_a_second_run_has_nothing_to_do(studied):
+    assert "Nothing to be done" in studied.quick()
+
+
+def test_no_file_of_a_held_out_patient_reaches_training(studied):
+    """Change every file of one held-out patient: its own fold must not train again, the other fold must."""
+    results = studied.folder / "results/quick"
+    cases, _ = tables(results)
+    case, fold = cases.loc[0, ["case", "fold"]]
+    other = {"1": "2", "2": "1"}[str(fold)]
+    files = [path for key in ("cases", "virtual") for path in (results / key / case).iterdir()]
+    before = {path: path.read_bytes() for path in files}
+    try:
+        for path in files:
+            path.write_bytes(before[path] + b"\n")
+        plan = studied.quick("--dry-run", "--rerun-triggers", "mtime")
+    finally:
+        for path, content in before.items():
+            path.write_bytes(content)
+        studied.quick("--touch")
+    trained = set(re.findall(r"rule (?:pretrain|finetune):.*?fold=(\d)", plan, re.DOTALL))
+    assert other in trained and str(fold) not in trained
+
+
+def test_rerunning_one_fold_changes_that_fold_and_the_aggregates_alone(studied):
+    results = studied.folder / "results/quick"
+    before, times = contents(results), {p: p.stat().st_mtime_ns for p in results.rglob("*") if p.is_file()}
+    old = tables(results)
+    studied.quick("--forcerun", "results/quick/folds/1/pinnochio/pretrained.pt")
+    after = contents(results)
+    written = {
+        path.relative_to(results).as_posix()
+        for path, time in times.items()
+        if path.stat().st_mtime_ns != time and path.relative_to(results).parts[0] not in ("logs", "benchmarks")
+    }
+    assert before.keys() == after.keys()
+    assert {name for name in before if before[name] != after[name]} <= written
+    assert "folds/1/pinnochio/network.pt" in written
+    assert all(name.startswith(("folds/1/pinnochio/", "tables/", "provenance")) for name in written), written
+    assert before["folds/1/pinnochio/network.pt"] == after["folds/1/pinnochio/network.pt"]
+    for one, two in zip(old, tables(results), strict=True):
+        pd.testing.assert_frame_equal(without_timings(one), without_timings(two))
+
+
+def test_two_runs_give_the_same_tables(studied):
+    studied.quick("--config", "pathvars={results: results/again}")
+    for one, two in zip(
+        tables(studied.folder / "results/quick"), tables(studied.folder / "results/again"), strict=True
+    ):
+        pd.testing.assert_frame_equal(without_timings(one), without_timings(two))

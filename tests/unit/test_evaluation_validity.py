@@ -1,0 +1,225 @@
+"""Volume, equilibrium, boundary and truth errors against closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from pinnochio.anatomy.model import BONE_MUSCLE, FIXED, FREE, MOVING, SLIDING, PatientModel
+from pinnochio.anatomy.plan import Plan, RigidMotion
+from pinnochio.anatomy.predictions import Prediction
+from pinnochio.evaluation.case import evaluate_case
+from pinnochio.evaluation.tables import CASES, check
+from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, jacobians, volume_metrics
+from pinnochio.evaluation.volume_error import interpolate, volume_errors
+
+SIX = np.array([[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]])
+
+
+def block(n=4, size=40.0):
+    """Cube of n^3 cells, six tetrahedra each, positive volume."""
+    line = np.linspace(0, size, n + 1)
+    points = np.stack(np.meshgrid(line, line, line, indexing="ij"), -1).reshape(-1, 3)
+    index = np.arange((n + 1) ** 3).reshape((n + 1,) * 3)
+    cubes = np.stack(
+        [index[i : n + i, j : n + j, k : n + k].ravel() for k in (0, 1) for j in (0, 1) for i in (0, 1)], 1
+    )
+    cells = cubes[:, SIX].reshape(-1, 4)
+    edges = points[cells[:, 1:]] - points[cells[:, :1]]
+    flipped = np.linalg.det(edges) < 0
+    cells[flipped] = cells[flipped][:, [0, 2, 1, 3]]
+    return points, cells.astype(np.int32)
+
+
+def test_a_uniform_stretch_has_the_determinant_of_its_gradient():
+    points, cells = block()
+    stretch = np.array([[1.1, 0.2, 0], [0, 0.9, 0.1], [0, 0, 1.05]])
+    ratio, rest = jacobians(points, cells, points @ stretch.T - points)
+    np.testing.assert_allclose(ratio, np.linalg.det(stretch), rtol=1e-12)
+    assert rest.sum() == pytest.approx(40.0**3)
+
+
+def test_volume_change_is_by_tissue_and_inverted_elements_are_counted():
+    points, cells = block()
+    upper = points[cells].mean(axis=1)[:, 2] > 20
+    tissue = np.where(upper, 1, 2).astype(np.int8)
+    u = np.zeros_like(points)
+    above = points[:, 2] >= 20
+    u[above, 2] = 0.1 * (points[above, 2] - 20)  # upper half 10% taller
+    found = volume_metrics(points, cells, tissue, u)
+    assert found["volume_change_superficial"] == pytest.approx(10)
+    assert found["volume_change_muscle"] == pytest.approx(0, abs=1e-9)
+    assert found["min_jacobian"] == pytest.approx(1) and found["inverted"] == 0
+    u[62] += [0, 0, 25]  # the middle node through its upper neighbours
+    ratio = jacobians(points, cells, u)[0]
+    found = volume_metrics(points, cells, tissue, u)
+    assert found["inverted"] == (ratio <= 0).sum() > 0 and found["min_jacobian"] == ratio.min() < 0
+    assert found["p1_jacobian"] == pytest.approx(np.percentile(ratio, 1))
+    assert np.isnan(volume_metrics(points, cells, np.ones_like(tissue), u)["volume_change_muscle"])
+
+
+class Springs:
+    """Every node on its own springs: force k u."""
+
+    def __init__(self, stiffness):
+        self.k = torch.tensor(stiffness)
+
+    def force(self, u):
+        return self.k * u
+
+    def diagonal_blocks(self, u):
+        return torch.diag_embed(self.k)
+
+
+def test_the_four_forms_of_eqres_by_hand():
+    stiffness = np.array([[1.0, 1, 1], [2, 2, 2], [1, 4, 1], [5, 5, 5]])
+    u = np.array([[3.0, 4, 0], [0, 0, 1], [0, 2, 0], [0, 0, 2]])  # forces 5, 2, 8 | 10
+    kinds = np.array([FREE, FREE, FREE, FIXED])
+    found = equilibrium_metrics(Springs(stiffness), u, kinds, "p1")
+    assert found["eqres_paper"] == pytest.approx((25 + 4 + 64) / 3)
+    assert found["eqres_rms"] == pytest.approx(np.sqrt(31))
+    assert found["eqres_rel"] == pytest.approx(np.sqrt(93) / 10)
+    assert found["eqres_disp"] == pytest.approx((5 + 1 + 2) / 3)
+    assert found["eqres_element"] == "p1"
+    sliding = equilibrium_metrics(Springs(stiffness), u, np.array([FREE, FREE, SLIDING, MOVING]), "p1")
+    assert sliding["eqres_rel"] == pytest.approx(np.sqrt(29 / 164))
+
+
+def test_eqres_of_rest_and_of_reactions_alone():
+    stiffness, kinds = np.ones((3, 3)), np.array([FREE, FREE, FIXED])
+    rest = equilibrium_metrics(Springs(stiffness), np.full((3, 3), 1e-13), kinds, "p1")
+    assert rest["eqres_rel"] == 0 and rest["eqres_paper"] < 1e-20
+    u = np.zeros((3, 3))
+    u[2] = 1
+    assert equilibrium_metrics(Springs(stiffness), u, kinds, "p1")["eqres_rel"] == 0
+    assert equilibrium_metrics(Springs(stiffness), u[::-1], kinds, "p1")["eqres_rel"] == np.inf
+
+
+@pytest.fixture(scope="module")
+def patient():
+    """Cube of tissue on a plate of bone (segment "jaw", z = 0 on top): the bottom moves or slides."""
+    points, cells = block()
+    kind = np.full(len(points), FREE, np.int8)
+    bottom = points[:, 2] == 0
+    kind[bottom & (points[:, 0] < 20)] = MOVING
+    kind[bottom & (points[:, 0] >= 20)] = SLIDING
+    kind[points[:, 1] == 40] = FIXED
+    attached = np.isin(kind, (MOVING, SLIDING))
+    bone = np.array([[-9, -9, 0.0], [59, -9, 0], [59, 59, 0], [-9, 59, 0]])
+    bone = np.vstack([bone, bone - [0, 0, 5]])
+    faces = [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6], [0, 4, 5], [0, 5, 1]]
+    faces += [[1, 5, 6], [1, 6, 2], [2, 6, 7], [2, 7, 3], [3, 7, 4], [3, 4, 0]]
+    top = np.flatnonzero(points[:, 2] == 40).reshape(5, 5)
+    a, b, c, d = top[:-1, :-1].ravel(), top[1:, :-1].ravel(), top[1:, 1:].ravel(), top[:-1, 1:].ravel()
+    return PatientModel(
+        points=points,
+        cells=cells,
+        tissue=np.where(points[cells].mean(axis=1)[:, 2] > 20, 1, 2).astype(np.int8),
+        node_type=kind,
+        node_segment=np.where(attached, 0, -1).astype(np.int8),
+        node_beyond=np.where(attached, 11, -1).astype(np.int16),
+        node_normal=np.zeros_like(points),
+        interface_kind=np.where(attached, BONE_MUSCLE, 0).astype(np.int8),
+        skin_faces=np.vstack([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32),
+        face_roi=np.ones(32, bool),
+        bone_points=bone,
+        bone_normals=np.zeros_like(bone),
+        bone_faces=np.array(faces, np.int32),
+        bone_segment=np.zeros(8, np.int8),
+        segments=("jaw",),
+    )
+
+
+def test_boundary_errors_are_zero_for_the_rigid_motion_and_count_gap_and_penetration(patient):
+    motion = RigidMotion.from_degrees([4, 0, 0], [3, 0, -2], [10, 10, 0])
+    plan = Plan("P1", {"jaw": motion})
+    rigid = motion.displacement(patient.points)
+    found = boundary_metrics(patient, plan, rigid)
+    assert found["moving_error"] < 1e-12 and found["sliding_error"] < 1e-4
+    normal = motion.rotation @ [0, 0, 1.0]
+    slid = rigid + motion.rotation @ [5.0, 0, 0]  # along the bone: free for sliding nodes, wrong for moving ones
+    found = boundary_metrics(patient, plan, slid)
+    assert found["moving_error"] == pytest.approx(5) and found["sliding_error"] < 1e-4
+    side = np.where(np.arange(len(rigid)) % 2, 0.5, -0.7)[:, None]
+    found = boundary_metrics(patient, plan, rigid + side * normal)
+    expected = np.abs(side[patient.node_type == SLIDING]).mean()
+    assert found["sliding_error"] == pytest.approx(expected, abs=1e-3)
+    deeper = replace(patient, bone_points=patient.bone_points - [0, 0, 2])  # tissue rests 2 mm off the bone
+    found = boundary_metrics(deeper, plan, rigid + 0.4 * normal)
+    assert found["sliding_error"] == pytest.approx(0.4, abs=1e-3)
+    assert boundary_metrics(patient, Plan("P1", {}), np.zeros_like(rigid))["moving_error"] == 0
+
+
+def test_a_linear_field_is_interpolated_exactly_and_outside_by_the_closest_point():
+    points, cells = block(3)
+    gradient, shift = np.array([[0.1, 0.02, 0], [0, -0.1, 0.3], [0.2, 0, 0.05]]), [1.0, 2, 3]
+    queries = np.random.default_rng(0).uniform(0, 40, (200, 3))
+    found = interpolate(queries, points, cells, points @ gradient.T + shift)
+    np.testing.assert_allclose(found, queries @ gradient.T + shift, atol=1e-8)
+    outside = np.array([[50.0, 20, 10], [-3, -4, 45]])
+    found = interpolate(outside, points, cells, points @ gradient.T + shift)
+    np.testing.assert_allclose(found, np.clip(outside, 0, 40) @ gradient.T + shift, atol=1e-8)
+
+
+def test_volume_errors_are_between_fields_on_two_meshes():
+    points, cells = block(4)
+    other, other_cells = block(5)
+    truth = other * [0.1, 0, 0]
+    u = points * [0.1, 0, 0]
+    skin = np.flatnonzero(points[:, 2] == 40)
+    zero = volume_errors(points, u, skin, other, other_cells, truth)
+    assert max(zero.values()) < 1e-8
+    u = u + points[:, 2:] * [0, 0.05, 0]  # error z / 20
+    found = volume_errors(points, u, skin, other, other_cells, truth)
+    assert found["volume_error_mean"] == pytest.approx(1) and found["volume_error_max"] == pytest.approx(2)
+    assert found["skin_error_mean"] == pytest.approx(2) and found["skin_error_p95"] == pytest.approx(2)
+    assert found["volume_error_p95"] == pytest.approx(2)
+
+
+def real_operator(patient, superficial=4.0):
+    from pinnochio.mechanics.materials import neo_hookean
+    from pinnochio.mechanics.residual import Operator
+
+    material = neo_hookean(patient.tissue, {1: superficial, 2: 6.0}, 0.49, 0)
+    return Operator.build(patient.points, patient.cells, material.mu, material.lam, material.stiffening, "anp")
+
+
+LABELS = {"fold": "1", "method": "m", "code": "c", "registration_residual": 0.2}
+
+
+def test_one_case_gives_one_complete_row(patient):
+    operator = real_operator(patient)
+    top = patient.skin_faces
+    target = patient.points + [0, 0, 1.5], top
+    plan = Plan("P1", {"jaw": RigidMotion()})
+    options = {"operator": operator, "element": "anp", "samples": 500, "seed": 1, "labels": LABELS}
+    row = evaluate_case(
+        patient,
+        plan,
+        Prediction(np.zeros_like(patient.points)),
+        target=target,
+        truth=(patient.points, patient.cells, np.full_like(patient.points, 2.0)),
+        **options,
+    )
+    assert row["cd"] == pytest.approx(1.5) and row["pwr1"] == 0 and row["pwr2"] == 100
+    assert row["min_jacobian"] == pytest.approx(1) and row["eqres_rel"] == 0 and row["moving_error"] == 0
+    assert row["volume_error_mean"] == pytest.approx(2 * np.sqrt(3)) and row["nodes"] == 125
+    assert list(check(pd.DataFrame([row]), CASES)) == [column.name for column in CASES]
+    bare = evaluate_case(patient, plan, Prediction(np.zeros_like(patient.points)), **options)
+    assert np.isnan(bare["cd"]) and np.isnan(bare["volume_error_mean"]) and bare["converged"]
+    lost = evaluate_case(patient, plan, Prediction(np.full_like(patient.points, np.nan)), target=target, **options)
+    assert not lost["converged"] and np.isnan(lost["cd"]) and "not finite" in lost["reason"]
+
+
+def test_eqres_of_a_uniform_stretch_is_zero_inside_and_of_a_kicked_node_is_not(patient):
+    operator = real_operator(patient, superficial=6.0)
+    kinds = np.where(((patient.points > 0) & (patient.points < 40)).all(axis=1), FREE, FIXED)
+    stretch = patient.points * [0.05, -0.02, 0.01]
+    found = equilibrium_metrics(operator, stretch, kinds, "anp")
+    assert found["eqres_rel"] < 1e-9 and found["eqres_disp"] < 1e-9
+    kicked = stretch.copy()
+    kicked[62] += [0, 0, 0.3]
+    found = equilibrium_metrics(operator, kicked, kinds, "anp")
+    assert found["eqres_rel"] > 1e-2

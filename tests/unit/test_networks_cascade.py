@@ -1,0 +1,144 @@
+"""The cascade: what it sees, where it starts, and what it must not depend on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from tiny_patient import renumbered, tiny_patient, tiny_plan
+
+from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
+from pinnochio.anatomy.model import FIXED, NO_INTERFACE, SLIDING
+from pinnochio.mechanics.materials import neo_hookean
+from pinnochio.networks.cascade import build
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.training.patient import PatientTensors
+
+SMALL = NetworkSettings(boundary_layers=2, volume_layers=2, rest_layers=1, channels=16, heads=2, decoder_width=16)
+
+
+def tensors(model, neighbours=8):
+    material = neo_hookean(model.tissue, {MUSCLE: 6.0, SUPERFICIAL: 4.0}, 0.49, 0)
+    return PatientTensors.build(model, material, "anp", neighbours)
+
+
+def shaken(settings=SMALL, seed=0):
+    """A network whose zero-initialised last layers are filled, so that it does something."""
+    torch.manual_seed(seed)
+    network = build(settings)
+    for name, weight in network.named_parameters():
+        if weight.abs().max() == 0:
+            torch.nn.init.normal_(weight, std=0.3)
+        assert weight.abs().max() > 0, name
+    return network
+
+
+@pytest.mark.parametrize("decomposition", [True, False])
+def test_untrained_network_moves_nothing_and_returns_the_cue(decomposition):
+    patient, plan = tensors(tiny_patient()), tiny_plan()
+    network = build(replace(SMALL, decomposition=decomposition))
+    prediction = network(patient.anatomy, patient.signal(plan))
+    assert prediction.displacement.abs().max() == 0
+    cue, reliable = patient.model.reference_cue(plan)
+    assert np.allclose(prediction.boundary.detach().numpy(), cue, atol=1e-5)
+    assert np.abs(cue[reliable]).max() > 1
+    assert (patient.operator.jacobians(prediction.displacement) - 1).abs().max() < 1e-6
+
+
+@pytest.mark.parametrize("decomposition", [True, False])
+def test_prediction_follows_a_renumbering_of_the_nodes(decomposition):
+    model, plan = tiny_patient(), tiny_plan()
+    order = np.random.default_rng(0).permutation(len(model.points))
+    network = shaken(replace(SMALL, decomposition=decomposition))
+    results = []
+    for each in (model, renumbered(model, order)):
+        patient = tensors(each)
+        results.append(network(patient.anatomy, patient.signal(plan)).displacement.detach().numpy())
+    assert np.abs(results[0]).max() > 0.1
+    assert np.allclose(results[0][order], results[1], atol=1e-4)
+
+
+def test_mirrored_pass_equals_mirrored_patient():
+    model, plan = tiny_patient(), tiny_plan()
+    flip = np.array([-1.0, 1.0, 1.0])
+    patient = tensors(model)
+    signal = patient.signal(plan)
+    twin = replace(
+        tensors(
+            replace(
+                model,
+                points=model.points * flip,
+                bone_points=model.bone_points * flip,
+                cells=model.cells[:, [0, 2, 1, 3]],
+            )
+        )
+    )
+    mirrored = torch.tensor(flip, dtype=torch.float32)
+    twin_signal = replace(signal, bone=signal.bone * mirrored, cue=signal.cue * mirrored)
+    network = shaken()
+    direct = network(patient.anatomy, signal, mirror=True).displacement
+    assert torch.allclose(direct, network(twin.anatomy, twin_signal).displacement * mirrored, atol=1e-4)
+    assert not torch.allclose(direct, network(patient.anatomy, signal).displacement, atol=1e-2)
+
+
+def test_neighbours_are_the_nearest_source_nodes():
+    model = tiny_patient()
+    anatomy = tensors(model, neighbours=5).anatomy
+    sources = {name: model.bone_points for name in ("bone_muscle", "bone_superficial")}
+    sources["muscle_superficial"] = model.points[anatomy.muscle_nodes.numpy()]
+    for name, source in sources.items():
+        link = getattr(anatomy, name)
+        assert len(link.nodes)
+        for node, near in zip(link.nodes.tolist(), link.neighbours.tolist(), strict=True):
+            distance = np.linalg.norm(source - model.points[node], axis=1)
+            assert set(near) == set(np.argsort(distance)[:5])
+
+
+def test_volume_networks_see_zero_on_free_nodes_and_the_mask_on_interfaces(monkeypatch):
+    patient, plan = tensors(tiny_patient()), tiny_plan()
+    network, seen = shaken(), {}
+    for name in ("muscle", "superficial"):
+        network.get_submodule(name).register_forward_pre_hook(lambda _, inputs, name=name: seen.update({name: inputs}))
+    prediction = network(patient.anatomy, patient.signal(plan))
+    model = patient.model
+    given = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
+    bone = np.isin(model.interface_kind, (1, 2))
+    known = {"muscle": given | bone, "superficial": given | (model.interface_kind > 0)}
+    for name, (_, sparse, mask) in seen.items():
+        expected = known[name][getattr(patient.anatomy, f"{name}_nodes").numpy()]
+        assert np.array_equal(mask[:, 0].numpy() > 0, expected)
+        sparse = sparse.detach().abs().sum(1).numpy()
+        assert (sparse[~expected] == 0).all() and (sparse[expected] > 0).any()
+    assert np.array_equal(prediction.known[:, 0].numpy() > 0, known["superficial"])
+    assert prediction.boundary.detach().numpy()[given].any() == 0
+    assert (model.node_type == SLIDING).any()
+    assert np.abs(prediction.boundary.detach().numpy()[model.node_type == SLIDING]).min() > 0
+
+
+def test_shared_nodes_take_the_mean_of_both_tissues():
+    patient, plan = tensors(tiny_patient()), tiny_plan()
+    network, found = shaken(), {}
+    for name in ("muscle", "superficial"):
+        network.get_submodule(name).register_forward_hook(lambda *a, name=name: found.update({name: a[2]}))
+    whole = network(patient.anatomy, patient.signal(plan)).displacement
+    fields = torch.full((2, *whole.shape), torch.nan)
+    fields[0, patient.anatomy.muscle_nodes] = found["muscle"]
+    fields[1, patient.anatomy.superficial_nodes] = found["superficial"]
+    assert torch.isfinite(fields).all(0).all(1).sum() > 5
+    assert torch.allclose(whole, fields.nanmean(0), atol=1e-6)
+
+
+def test_patient_without_muscle_is_solved():
+    model = tiny_patient()
+    kind = np.array([0, 2, 2, 0], np.int8)[model.interface_kind]
+    model = replace(model, tissue=np.full_like(model.tissue, SUPERFICIAL), interface_kind=kind)
+    patient = tensors(model)
+    displacement = shaken()(patient.anatomy, patient.signal(tiny_plan())).displacement
+    assert torch.isfinite(displacement).all() and displacement.abs().min() > 0
+
+
+def test_settings_refuse_what_cannot_be_built():
+    with pytest.raises(ValueError, match="multiple of heads"):
+        NetworkSettings(channels=10, heads=4)
+    with pytest.raises(ValueError, match="lift"):
+        NetworkSettings(lift="sideways")

@@ -1,0 +1,151 @@
+"""Sampled plans: limits, the bond between both jaws, rami about their condyles, any set of segments."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pinnochio.anatomy.plan import Plan, RigidMotion
+from pinnochio.anatomy.plan_sampling import (
+    DEFORMITIES,
+    EXECUTION,
+    LIMITS,
+    JawAnatomy,
+    execution_error,
+    role,
+    sample_plan,
+)
+from pinnochio.errors import InputError
+
+SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right")
+
+
+def bones(segments=SEGMENTS):
+    """Boxes of points where the segments are."""
+    rng = np.random.default_rng(0)
+    boxes = {
+        "lefort1": ([-30, -95, -55], [30, -45, -25]),
+        "mandible_distal": ([-30, -92, -92], [30, -40, -57]),
+        "proximal_left": ([44, -48, -60], [52, -8, 0]),
+        "proximal_right": ([-52, -48, -60], [-44, -8, 0]),
+        "chin": ([-15, -90, -95], [15, -75, -80]),
+    }
+    points = [rng.uniform(*boxes[name], (400, 3)) for name in segments]
+    return np.concatenate(points), np.repeat(np.arange(len(segments)), 400)
+
+
+def angles(move):
+    return Rotation.from_matrix(move.rotation).as_rotvec(degrees=True)
+
+
+@pytest.fixture(scope="module")
+def plans():
+    points, segment = bones()
+    return {
+        d: [sample_plan(np.random.default_rng(s), "P", SEGMENTS, points, segment, d) for s in range(60)]
+        for d in DEFORMITIES
+    }
+
+
+def test_motions_stay_within_practice(plans):
+    points, segment = bones()
+    anatomy = JawAnatomy.from_points(points, segment, SEGMENTS)
+    for plan in (plan for group in plans.values() for plan in group):
+        for name, what in (("lefort1", "maxilla"), ("mandible_distal", "distal")):
+            shift, turn = LIMITS[what]
+            move = plan.motion(name).translation * [1, -1, 1]
+            assert (move >= shift[:, 0] - 1e-6).all() and (move <= shift[:, 1] + 1e-6).all()
+            assert (np.abs(angles(plan.motion(name))) <= turn + 1e-6).all()
+        for name in SEGMENTS[2:]:
+            move = plan.motion(name)
+            assert np.linalg.norm(angles(move)) <= 5 + 1e-6
+            assert np.linalg.norm(move.displacement(anatomy.centre[name][None])) <= 3 + 1e-6
+            assert np.allclose(move.pivot, anatomy.hinge[name])
+            assert np.linalg.norm(move.translation) < 1.4  # the condyle stays in its socket
+
+
+def test_deformities_move_the_right_way(plans):
+    """Lower jaw against upper, at the bite: forward in Class II, back in Class III; up at the front in open bite."""
+    bite = np.array([[0.0, -94, -56]])
+
+    def relative(plan):
+        return (plan.motion("mandible_distal").displacement(bite) - plan.motion("lefort1").displacement(bite))[0]
+
+    mean = {d: np.mean([relative(plan) for plan in group], 0) for d, group in plans.items()}
+    assert mean["class_ii"][1] < -3 and mean["class_iii"][1] > 4.5
+    assert mean["open_bite"][2] > 2.5
+    sideways = {d: np.mean([abs(relative(plan)[0]) for plan in group]) for d, group in plans.items()}
+    assert sideways["asymmetry"] > 2.5 * sideways["class_ii"]
+
+
+def test_jaws_are_correlated(plans):
+    """The lower jaw travels with the upper: their vertical and sideways motions correlate over plans."""
+    group = plans["class_ii"]
+    upper, lower = (np.array([plan.motion(name).translation for plan in group]) for name in SEGMENTS[:2])
+    assert np.corrcoef(upper[:, 0], lower[:, 0])[0, 1] > 0.6
+    assert np.corrcoef(upper[:, 2], lower[:, 2])[0, 1] > 0.5
+
+
+def test_rami_follow_the_distal_segment():
+    """A purely sideways distal motion turns both rami to that side, a vertical one tips them up."""
+    from pinnochio.anatomy.plan_sampling import proximal_motion
+
+    points, segment = bones()
+    anatomy = JawAnatomy.from_points(points, segment, SEGMENTS)
+    for axis in (0, 2):
+        shift = np.zeros(3)
+        shift[axis] = 5.0
+        moved = [
+            proximal_motion(np.random.default_rng(s), anatomy, name, RigidMotion(translation=shift)).displacement(
+                anatomy.front[name][None]
+            )[0, axis]
+            for s in range(20)
+            for name in SEGMENTS[2:]
+        ]
+        assert 0.5 < np.mean(moved) < 3.0
+
+
+@pytest.mark.parametrize(
+    "segments", [("lefort1", "mandible_distal"), ("mandible_distal",), ("lefort1",), (*SEGMENTS, "chin")]
+)
+def test_any_set_of_segments(segments):
+    points, segment = bones(segments)
+    plan = sample_plan(np.random.default_rng(1), "P", segments, points, segment)
+    assert set(plan.motions) == set(segments)
+    assert all(np.linalg.norm(move.translation) > 0 for move in plan.motions.values())
+    assert Plan.from_json(plan.to_json(), case="P").motions.keys() == plan.motions.keys()
+
+
+def test_chin_travels_with_the_jaw_and_further_forward():
+    segments = (*SEGMENTS, "chin")
+    points, segment = bones(segments)
+    plan = sample_plan(np.random.default_rng(1), "P", segments, points, segment)
+    chin = points[segment == 4]
+    extra = plan.motion("chin").displacement(chin) - plan.motion("mandible_distal").displacement(chin)
+    assert np.allclose(extra, [0, extra[0, 1], 0], atol=1e-9) and -10 <= extra[0, 1] < 0
+
+
+def test_same_seed_same_plan():
+    points, segment = bones()
+    texts = [sample_plan(np.random.default_rng(s), "P", SEGMENTS, points, segment).to_json() for s in (5, 5, 6)]
+    assert texts[0] == texts[1] != texts[2]
+
+
+def test_execution_error_has_the_published_size():
+    """Mean and SD of the absolute error of 4,000 executions, within 6%; proximal segments half; scale 0 the plan."""
+    still = Plan("P", {"lefort1": RigidMotion(), "proximal_left": RigidMotion()})
+    rng = np.random.default_rng(0)
+    done = [execution_error(still, rng) for _ in range(4000)]
+    size = np.abs([[*p.motion("lefort1").translation, *angles(p.motion("lefort1"))] for p in done])
+    assert np.allclose(size.mean(0), EXECUTION[:, 0], rtol=0.06)
+    assert np.allclose(size.std(0), EXECUTION[:, 1], rtol=0.08)
+    half = np.abs([p.motion("proximal_left").translation for p in done])
+    assert np.allclose(half.mean(0), EXECUTION[:3, 0] / 2, rtol=0.06)
+    assert np.allclose(execution_error(still, rng, scale=0.0).motion("lefort1").translation, 0)
+
+
+def test_bad_segments_are_refused():
+    with pytest.raises(InputError, match="no known role"):
+        role("hyoid")
+    points, segment = bones(("lefort1",))
+    with pytest.raises(InputError, match="no points"):
+        sample_plan(np.random.default_rng(0), "P", ("lefort1", "mandible_distal"), points, segment)

@@ -1,0 +1,96 @@
+"""Registration of a synthetic scan whose motion is known."""
+
+import numpy as np
+import pytest
+import pyvista as pv
+from scipy.spatial.transform import Rotation
+
+from pinnochio.anatomy.registration import register, upper_face_plane
+from pinnochio.anatomy.surfaces import BoneSurface
+from pinnochio.errors import InputError
+
+PLANE = 10.0
+
+
+def head(resolution=150):
+    """Head of 150 x 190 x 220 mm with brow, nose and chin; looks to -y."""
+    sphere = pv.Sphere(theta_resolution=resolution, phi_resolution=resolution)
+    d = np.asarray(sphere.points, float) * 2
+    points = d * [75, 95, 110]
+
+    def bump(place, width, height):
+        place = np.asarray(place, float) / np.linalg.norm(place)
+        return height * np.exp(-((d - place) ** 2).sum(axis=1) / width**2)
+
+    out = bump((0, -1, 0.05), 0.2, 22) + bump((0, -0.9, -0.7), 0.35, 12)
+    out += bump((0.3, -0.9, 0.35), 0.2, 7) + bump((-0.3, -0.9, 0.35), 0.2, 7) - bump((0, -0.95, 0.3), 0.1, 4)
+    out += bump((0.8, -0.6, 0.1), 0.25, 6) + bump((-0.8, -0.6, 0.05), 0.25, 5)
+    return points + out[:, None] * d, sphere.regular_faces.astype(np.int32)
+
+
+def scan(resolution=240, noise=0.3):
+    """The face alone (front third), its jaws moved by up to 9 mm, with noise."""
+    points, faces = head(resolution)
+    points = points.copy()
+    weight = np.clip((PLANE - points[:, 2]) / 40, 0, 1)
+    points += weight[:, None] * [2.0, -9.0, 3.0]
+    points += np.random.default_rng(3).normal(scale=noise, size=points.shape)
+    keep = ((points[:, 1] < -15) & (points[:, 2] > -95) & (points[:, 2] < 75))[faces].all(axis=1)
+    used, faces = np.unique(faces[keep], return_inverse=True)
+    return points[used], faces.reshape(-1, 3)
+
+
+@pytest.mark.parametrize(
+    ("angles", "shift"),
+    [((2, -3, 4), (5, -6, 3)), ((90, 0, 0), (300, -50, 900)), ((20, 165, -70), (-400, 100, 20))],
+)
+def test_the_motion_of_a_noisy_partial_scan_with_moved_jaws_is_found(angles, shift):
+    skin, faces = head()
+    points, scan_faces = scan()
+    rotation = Rotation.from_rotvec(angles, degrees=True).as_matrix()
+    found = register(
+        points @ rotation.T + shift, scan_faces, skin, faces, PLANE, case="P1", file="postop.ply", limit=1.5
+    )
+    error = np.rad2deg(np.linalg.norm(Rotation.from_matrix(found.motion.rotation @ rotation).as_rotvec()))
+    upper = points[:, 2] > PLANE
+    back = found.apply(points[upper] @ rotation.T + shift)
+    assert error < 0.1
+    assert np.abs((back - points[upper]).mean(axis=0)).max() < 0.1
+    assert 0.1 < found.median < 0.35 and found.median < found.p95 < 1.2
+    assert found.count > 500
+
+
+def test_moved_jaws_would_spoil_a_registration_of_the_whole_face():
+    """The plane is what makes the result right: without it the jaws pull the scan away."""
+    skin, faces = head()
+    points, scan_faces = scan(noise=0.0)
+    whole = register(points, scan_faces, skin, faces, -200.0, case="P1", file="f", limit=5)
+    upper = register(points, scan_faces, skin, faces, PLANE, case="P1", file="f", limit=5)
+    sample = points[points[:, 2] > PLANE]
+    assert np.abs(whole.apply(sample) - sample).max() > 3 * np.abs(upper.apply(sample) - sample).max()
+
+
+def test_another_surface_and_a_face_without_forehead_are_refused():
+    skin, faces = head()
+    box = pv.Cube(x_length=150, y_length=40, z_length=170).triangulate().subdivide(4)
+    with pytest.raises(InputError, match=r"case 'P1': postop.ply: .*median residual .*limit 0.5 mm.*Remedy: .+"):
+        register(
+            np.asarray(box.points, float),
+            box.regular_faces,
+            skin,
+            faces,
+            PLANE,
+            case="P1",
+            file="postop.ply",
+            limit=0.5,
+        )
+    with pytest.raises(InputError, match=r"case 'P1': postop.ply: .*nasion plane.*Remedy: segment the head"):
+        register(*scan(), skin, faces, 500.0, case="P1", file="postop.ply", limit=1)
+
+
+def test_the_nasion_plane_lies_above_the_upper_jaw():
+    points = np.array([[0, 0, -5.0], [0, 0, 12.0], [0, 0, 40.0]])
+    bone = BoneSurface(points, points, np.zeros((0, 3), np.int32), np.array([0, 0, 1], np.int8))
+    assert upper_face_plane(bone, ("lefort1", "other"), 20.0) == 32.0
+    assert upper_face_plane(bone, ("chin", "maxilla"), 20.0) == 60.0
+    assert upper_face_plane(bone, ("chin", "other"), 20.0) == 60.0

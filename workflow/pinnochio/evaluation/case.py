@@ -1,0 +1,50 @@
+"""Everything that is measured of one prediction: one row of cases.csv."""
+
+import numpy as np
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.predictions import Prediction
+from pinnochio.evaluation.surface_metrics import surface_metrics
+from pinnochio.evaluation.tables import CASES
+from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, volume_metrics
+from pinnochio.evaluation.volume_error import volume_errors
+
+
+def evaluate_case(
+    patient: PatientModel,
+    plan: Plan,
+    prediction: Prediction,
+    *,
+    operator,
+    element: str,
+    samples: int,
+    seed: int,
+    target: tuple[np.ndarray, np.ndarray] | None = None,
+    truth: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    labels: dict | None = None,
+) -> dict:
+    """One row of cases.csv.
+
+    target: points and faces of the registered post-operative skin; truth: points, cells, displacement; either may be
+    absent, and its columns are then empty. labels: what the caller knows (fold, method, code, registration_residual).
+    A field that is not finite gives a row without metrics, marked as not converged.
+    """
+    u = prediction.displacement
+    row = dict.fromkeys((column.name for column in CASES if column.optional), np.nan)
+    row |= {"reason": prediction.reason, "eqres_element": element, "case": plan.case, "seed": seed}
+    row |= {key: getattr(prediction, key) for key in ("device", "seconds", "setup_seconds", "threads", "converged")}
+    row |= {"nodes": len(patient.points)} | (labels or {})
+    if not np.isfinite(u).all():
+        return row | {"converged": False, "reason": f"the field is not finite ({prediction.reason})"}
+    row |= volume_metrics(patient.points, patient.cells, patient.tissue, u)
+    row |= equilibrium_metrics(operator, u, patient.node_type, element)
+    row |= boundary_metrics(patient, plan, u)
+    if target is not None:
+        row |= surface_metrics(
+            patient.points + u, patient.skin_faces, patient.face_roi, *target, samples, seed, plan.case
+        )
+    if truth is not None:
+        errors = volume_errors(patient.points, u, np.unique(patient.skin_faces), *truth)
+        row |= {key: value for key, value in errors.items() if key in row}
+    return row

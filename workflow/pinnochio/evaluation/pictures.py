@@ -1,0 +1,118 @@
+"""Pictures of a patient: before, outcome, predictions and their errors, rendered without a screen."""
+
+import os
+from collections.abc import Mapping
+
+import numpy as np
+import pyvista as pv
+
+from pinnochio.anatomy.model import FIXED, MOVING, SLIDING, PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.files import replacing
+
+SKIN, BONE = "#e8beac", "#efe9d9"
+SEGMENTS = ("#d95f02", "#7570b3", "#1b9e77", "#66a61e", "#e7298a")
+NODE_TYPES = {FIXED: "#444444", MOVING: "#d95f02", SLIDING: "#1f78b4"}
+# Directions of view in LPS: the face looks to -y, the patient's left is +x.
+FRONT, OBLIQUE, SIDE = (0, -1, 0.05), (0.75, -1, 0.15), (1, -0.05, 0.05)
+
+
+def skin_of(patient: PatientModel, displacement: np.ndarray | float = 0.0) -> pv.PolyData:
+    """The outer skin moved by a displacement (n, 3) mm, with smooth normals."""
+    mesh = pv.PolyData.from_regular_faces(patient.points + displacement, patient.skin_faces)
+    return mesh.compute_normals(auto_orient_normals=False, split_vertices=False)
+
+
+def field_picture(patient: PatientModel, plan: Plan, displacement: np.ndarray, path: str | os.PathLike) -> None:
+    """Two rows of one solved plan: skin before and after, displacement in mm; bone, interfaces, skin over bone."""
+    plotter = pv.Plotter(off_screen=True, shape=(2, 3), window_size=(1500, 1100))
+    magnitude = np.linalg.norm(displacement, axis=1)
+    after = skin_of(patient, displacement)
+    for column, (title, skin) in enumerate((("before", skin_of(patient)), ("after", after))):
+        plotter.subplot(0, column)
+        plotter.add_mesh(skin, color=SKIN)
+        finish(plotter, title, OBLIQUE)
+    plotter.subplot(0, 2)
+    add_field(plotter, after, magnitude, "displacement [mm]", (0, float(magnitude.max()) or 1.0), "viridis")
+    finish(plotter, "displacement", OBLIQUE)
+    plotter.subplot(1, 0)
+    add_bone(plotter, patient, plan)
+    finish(plotter, "planned bone", OBLIQUE)
+    plotter.subplot(1, 1)
+    for kind, colour in NODE_TYPES.items():
+        nodes = patient.node_type == kind
+        if nodes.any():
+            plotter.add_points(patient.points[nodes], color=colour, point_size=7, render_points_as_spheres=True)
+    finish(plotter, "fixed grey, moving orange, sliding blue", OBLIQUE)
+    plotter.subplot(1, 2)
+    plotter.add_mesh(after, color=SKIN)
+    finish(plotter, "after, side", SIDE)
+    save(plotter, path)
+
+
+def case_picture(
+    patient: PatientModel,
+    plan: Plan,
+    target: tuple[np.ndarray, np.ndarray],
+    predictions: Mapping[str, np.ndarray],
+    errors: Mapping[str, np.ndarray],
+    path: str | os.PathLike,
+) -> None:
+    """First row: before, planned bone, scan of the outcome (points, faces); then each method's face and error.
+
+    predictions: displacement (n, 3) mm by method; errors: signed distance (n,) mm of every node to the target.
+    """
+    columns = max(3, len(predictions))
+    plotter = pv.Plotter(off_screen=True, shape=(3, columns), window_size=(420 * columns, 1250), border=False)
+    plotter.subplot(0, 0)
+    plotter.add_mesh(skin_of(patient), color=SKIN)
+    finish(plotter, "before", OBLIQUE)
+    plotter.subplot(0, 1)
+    add_bone(plotter, patient, plan)
+    finish(plotter, "planned bone", OBLIQUE)
+    plotter.subplot(0, 2)
+    scan = pv.PolyData.from_regular_faces(*target).compute_normals(auto_orient_normals=False, split_vertices=False)
+    plotter.add_mesh(scan, color=SKIN)
+    finish(plotter, "outcome (scan)", OBLIQUE)
+    for column, (method, displacement) in enumerate(predictions.items()):
+        skin = skin_of(patient, displacement)
+        plotter.subplot(1, column)
+        plotter.add_mesh(skin, color=SKIN)
+        finish(plotter, method, OBLIQUE)
+        plotter.subplot(2, column)
+        add_field(plotter, skin, errors[method], "signed distance [mm]", (-4, 4), "coolwarm")
+        finish(plotter, "distance to outcome", FRONT)
+    save(plotter, path)
+
+
+def add_bone(plotter: pv.Plotter, patient: PatientModel, plan: Plan) -> None:
+    """Bone after the plan, each segment in its colour."""
+    moved = patient.bone_points + patient.bone_displacement(plan)
+    owner = patient.bone_segment[patient.bone_faces[:, 0]]
+    for index in range(-1, len(patient.segments)):
+        faces = patient.bone_faces[owner == index]
+        if len(faces):
+            colour = BONE if index < 0 else SEGMENTS[index % len(SEGMENTS)]
+            plotter.add_mesh(pv.PolyData.from_regular_faces(moved, faces), color=colour, smooth_shading=True)
+
+
+def add_field(plotter, skin: pv.PolyData, values: np.ndarray, title: str, limits, colours: str) -> None:
+    """Skin coloured by a value per node, with its bar."""
+    bar = {"title": title, "vertical": False, "color": "black", "label_font_size": 16, "title_font_size": 16}
+    plotter.add_mesh(skin, scalars=values, cmap=colours, clim=limits, scalar_bar_args=bar, copy_mesh=True)
+
+
+def finish(plotter: pv.Plotter, title: str, direction) -> None:
+    """Title and camera of the current panel."""
+    plotter.set_background("white")
+    plotter.add_text(title, font_size=11, color="black")
+    plotter.view_vector(direction, viewup=(0, 0, 1))
+    plotter.camera.parallel_projection = True
+    plotter.camera.zoom(1.25)
+
+
+def save(plotter: pv.Plotter, path: str | os.PathLike) -> None:
+    """Write the picture and close the plotter."""
+    with replacing(path) as temporary:
+        plotter.screenshot(temporary)
+    plotter.close()

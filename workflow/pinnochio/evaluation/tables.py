@@ -1,0 +1,340 @@
+"""The tables of a study: column schemas, the comparison of methods, and files in four formats."""
+
+import html
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pinnochio.errors import InputError
+from pinnochio.evaluation.significance import compare, holm
+from pinnochio.files import replacing
+from pinnochio.seeds import derive_seed
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: kind str | int | float | bool; `format` as in format(); optional ones may be empty."""
+
+    name: str
+    kind: type
+    unit: str
+    description: str
+    format: str = ""
+    optional: bool = False
+
+    def text(self, value) -> str:
+        """A value as every file shows it; empty for NaN."""
+        return "" if pd.isna(value) else format(self.kind(value), self.format)
+
+
+def _number(name: str, unit: str, description: str, form: str = ".4f") -> Column:
+    return Column(name, float, unit, description, form, optional=True)
+
+
+CASES = (
+    Column("case", str, "", "patient"),
+    Column("fold", str, "", "fold in which the patient was held out"),
+    Column("method", str, "", "method that predicted"),
+    Column("seed", int, "", "seed of the study"),
+    Column("device", str, "", "device that predicted"),
+    Column("code", str, "", "content hash of the code"),
+    _number("cd", "mm", "half the sum of the two directed mean point-to-triangle distances"),
+    _number("cd_sum", "mm", "sum of the two directed means"),
+    _number("cd_sq", "mm2", "mean squared distance, both directions averaged"),
+    _number("cd_vertex", "mm", "as cd, from vertex to nearest vertex"),
+    _number("hd95", "mm", "larger of the two directed 95th percentiles"),
+    _number("hdmax", "mm", "larger of the two directed maxima"),
+    _number("hd_mean_oneway", "mm", "mean distance of the target's vertices from the prediction"),
+    _number("pwr1", "%", "predicted area within 1 mm of the target", ".3f"),
+    _number("pwr2", "%", "predicted area within 2 mm of the target", ".3f"),
+    _number("pwr1_target", "%", "target area within 1 mm of the prediction", ".3f"),
+    _number("pwr2_target", "%", "target area within 2 mm of the prediction", ".3f"),
+    _number("min_jacobian", "", "smallest det F of an element"),
+    _number("p1_jacobian", "", "1st percentile of det F"),
+    _number("inverted", "", "elements with det F <= 0", ".0f"),
+    _number("volume_change_muscle", "%", "change of the muscle's volume"),
+    _number("volume_change_superficial", "%", "change of the superficial tissue's volume"),
+    _number("eqres_paper", "mN2", "mean squared residual force of the free nodes", ".5e"),
+    _number("eqres_rms", "mN", "root of the mean squared residual force of the free nodes", ".5e"),
+    _number("eqres_rel", "", "residual force of the free nodes over the force of all others", ".5e"),
+    _number("eqres_disp", "mm", "mean displacement that a free node still wants", ".5e"),
+    Column("eqres_element", str, "", "element of the residual", optional=True),
+    _number("moving_error", "mm", "mean error of the moving nodes against the plan"),
+    _number("sliding_error", "mm", "mean change of the sliding nodes' distance from the moved bone"),
+    _number("volume_error_mean", "mm", "mean error of all nodes against the virtual truth"),
+    _number("volume_error_p95", "mm", "95th percentile of it"),
+    _number("skin_error_mean", "mm", "mean error of the skin nodes against the virtual truth"),
+    _number("skin_error_p95", "mm", "95th percentile of it"),
+    Column("seconds", float, "s", "one plan, warm, without reading files", ".3f"),
+    Column("setup_seconds", float, "s", "what belongs to the patient and serves every plan", ".3f"),
+    Column("threads", int, "", "CPU threads"),
+    Column("nodes", int, "", "nodes of the mesh"),
+    Column("converged", bool, "", "whether the solver converged; true where there is none"),
+    Column("reason", str, "", "why the solver stopped", optional=True),
+    _number("registration_residual", "mm", "median residual of the scan's registration"),
+)
+
+# What the accuracy table averages over patients: column of cases -> also its standard deviation.
+SUMMARISED = {
+    "cd": True,
+    "hd95": True,
+    "pwr1": True,
+    "pwr2": True,
+    "seconds": True,
+    "setup_seconds": False,
+    "min_jacobian": True,
+    "eqres_rel": False,
+    "eqres_disp": False,
+    "volume_error_mean": True,
+    "skin_error_mean": True,
+}
+_CASE = {column.name: column for column in CASES}
+
+
+def _summaries() -> list[Column]:
+    columns = []
+    for name, spread in SUMMARISED.items():
+        source = _CASE[name]
+        columns.append(_number(f"{name}_mean", source.unit, f"mean of {name}", source.format))
+        if spread:
+            columns.append(_number(f"{name}_sd", source.unit, f"standard deviation of {name}", source.format))
+    return columns
+
+
+ACCURACY = (
+    Column("method", str, "", "method"),
+    Column("reference", bool, "", "whether the others are tested against this method"),
+    Column("n", int, "", "patients with a metric"),
+    Column("failed", int, "", "patients without one, or whose solver did not converge"),
+    *_summaries(),
+    _number("inverted", "", "inverted elements over all patients", ".0f"),
+    _number("pairs", "", "patients that the test compares", ".0f"),
+    _number("cd_median_difference", "mm", "median of cd minus the reference's"),
+    _number("cd_mean_difference", "mm", "mean of cd minus the reference's"),
+    _number("cd_low", "mm", "lower end of the bootstrap 95% interval of that mean"),
+    _number("cd_high", "mm", "upper end of it"),
+    _number("p", "", "two-sided Wilcoxon signed-rank test of cd", ".6g"),
+    _number("p_holm", "", "p after Holm's correction over the methods", ".6g"),
+    Column("test", str, "", "how p came about, or why there is none"),
+)
+
+
+def check(frame: pd.DataFrame, schema: Sequence[Column], file: object = "table") -> pd.DataFrame:
+    """The frame with the schema's columns in order and kind; InputError names the column that does not fit."""
+
+    def refuse(problem: str):
+        raise InputError("-", file, problem, "make the table again with the code that reads it")
+
+    names = [column.name for column in schema]
+    if missing := [name for name in names if name not in frame]:
+        refuse(f"column {missing[0]!r} is missing")
+    if extra := [name for name in frame if name not in names]:
+        refuse(f"column {extra[0]!r} is not in the schema")
+    if frame.empty:
+        refuse("it has no row")
+    checked = {}
+    for column in schema:
+        values = frame[column.name]
+        empty = values.isna() | (values.astype(object) == "")
+        if empty.any() and not column.optional:
+            refuse(f"column {column.name!r} has an empty cell")
+        if column.kind is str:
+            checked[column.name] = values.astype(object).where(~empty, "").map(str)
+            continue
+        plain = values.astype(object).where(~empty, np.nan)
+        numbers = pd.to_numeric(plain.replace({"True": True, "False": False}), errors="coerce").astype(float)
+        if (numbers.isna() & ~empty).any():
+            refuse(f"column {column.name!r} holds something that is not a number")
+        if column.kind is not float and (numbers % 1 != 0).any():
+            refuse(f"column {column.name!r} holds a number that is not whole")
+        if column.kind is bool and not numbers.isin([0, 1]).all():
+            refuse(f"column {column.name!r} holds something that is neither True nor False")
+        checked[column.name] = numbers.astype(column.kind)
+    return pd.DataFrame(checked).reset_index(drop=True)
+
+
+def read_table(path: str | os.PathLike, schema: Sequence[Column]) -> pd.DataFrame:
+    """Read and check a CSV table."""
+    return check(pd.read_csv(path, dtype=str, keep_default_na=False), schema, path)
+
+
+def write_csv(frame: pd.DataFrame, path: str | os.PathLike, schema: Sequence[Column]) -> pd.DataFrame:
+    """Check and write a table as CSV, floats in the schema's format; returns the checked frame."""
+    frame = check(frame, schema, path)
+    text = pd.DataFrame({column.name: frame[column.name].map(column.text) for column in schema})
+    with replacing(path) as temporary:
+        text.to_csv(temporary, index=False, lineterminator="\n")
+    return frame
+
+
+def write_cases(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
+    """Write cases.csv, sorted by case and method, and its twins beside it."""
+    frame = write_csv(frame.sort_values(["case", "method"], kind="stable"), path, CASES)
+    view = [View(f"{c.name} [{c.unit}]" if c.unit else c.name, lambda row, c=c: c.text(row[c.name])) for c in CASES]
+    caption = f"One row per case and method; {cohort}, {frame['case'].nunique()} patients."
+    write_twins(frame, path, view, caption, CASES)
+
+
+def summarise(
+    cases: pd.DataFrame, reference: str = "pinnochio", methods: Sequence[str] | None = None, seed: int = 0
+) -> pd.DataFrame:
+    """One row per method (in the order of `methods`, else by name): the ACCURACY columns, tested on cd.
+
+    A patient without cd (failed prediction, no scan) counts as failed and is left out of that method's means; the
+    test takes the patients that both methods have.
+    """
+    cases = check(cases, CASES)
+    if cases.duplicated(["case", "method"]).any():
+        raise InputError("-", "cases", "a case appears twice for one method", "keep one row per case and method")
+    methods = list(methods) if methods is not None else sorted(cases["method"].unique())
+    if unknown := [method for method in [*methods, reference] if method not in set(cases["method"])]:
+        raise InputError("-", "cases", f"method {unknown[0]!r} has no row", "predict and evaluate it first")
+    errors = cases.pivot(index="case", columns="method", values="cd")
+    rows = []
+    for method in methods:
+        own = cases[cases["method"] == method]
+        row = {"method": method, "reference": method == reference, "n": int(own["cd"].notna().sum())}
+        row["failed"] = int((own["cd"].isna() | ~own["converged"]).sum())
+        for name, spread in SUMMARISED.items():
+            row[f"{name}_mean"] = own[name].mean()
+            if spread:
+                row[f"{name}_sd"] = own[name].std()
+        row["inverted"] = own["inverted"].sum()
+        if method == reference:
+            row |= dict.fromkeys(
+                ("pairs", "cd_median_difference", "cd_mean_difference", "cd_low", "cd_high", "p"), np.nan
+            )
+            row["test"] = "reference"
+        else:
+            both = errors[[method, reference]].dropna()
+            found = compare(both[method], both[reference], derive_seed(seed, "bootstrap", method))
+            row |= {"pairs": found.n, "cd_median_difference": found.median, "cd_mean_difference": found.mean}
+            row |= {"cd_low": found.low, "cd_high": found.high, "p": found.p, "test": found.statement}
+        rows.append(row)
+    frame = pd.DataFrame(rows)
+    frame["p_holm"] = holm(frame["p"])
+    return check(frame, ACCURACY)
+
+
+def write_accuracy(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
+    """Write accuracy.csv and its twins in the form of the paper's Table 1; bold: best; *: Holm p < 0.05."""
+    frame = write_csv(frame, path, ACCURACY)
+    column = {c.name: c for c in ACCURACY}
+
+    def spread(name):
+        def text(row):
+            mean, sd = column[f"{name}_mean"].text(row[f"{name}_mean"]), column[f"{name}_sd"].text(row[f"{name}_sd"])
+            return f"{mean} ± {sd}" if sd else mean
+
+        return text
+
+    def difference(row):
+        star = "*" if row["p_holm"] < 0.05 else ""
+        return column["p_holm"].text(row["p_holm"]) + star if not np.isnan(row["p_holm"]) else row["test"]
+
+    view = [
+        View("Method", lambda row: row["method"]),
+        View("CD mm", spread("cd"), -1),
+        View("HD95 mm", spread("hd95"), -1),
+        View("PWR@1 %", spread("pwr1"), 1),
+        View("PWR@2 %", spread("pwr2"), 1),
+        View("Seconds", lambda row: column["seconds_mean"].text(row["seconds_mean"]), -1),
+        View("p vs reference", difference),
+    ]
+    reference = ", ".join(frame.loc[frame["reference"], "method"])
+    n = f"n = {frame['n'].min()}" if frame["n"].nunique() == 1 else f"n = {frame['n'].min()} to {frame['n'].max()}"
+    caption = (
+        f"Accuracy on the {cohort}, {n} patients: mean ± standard deviation. Bold: best mean. p: two-sided Wilcoxon "
+        f"signed-rank test of CD against {reference or 'the reference'}, Holm-corrected; * p < 0.05."
+    )
+    write_twins(frame, path, view, caption, ACCURACY)
+
+
+@dataclass(frozen=True)
+class View:
+    """A column of the readable twins: header, text of a row, and whether large (+1) or small (-1) is best (0: none)."""
+
+    header: str
+    text: Callable
+    sign: int = 0
+
+    def bold(self, texts: Sequence[str]) -> np.ndarray:
+        """Rows (n,) bool that are best as shown, all of them in a tie; none in a table of one row."""
+        if not self.sign or len(texts) < 2:
+            return np.zeros(len(texts), bool)
+        values = self.sign * np.array([float(text.split()[0]) if text else np.nan for text in texts])
+        return values == np.nanmax(values) if np.isfinite(values).any() else np.zeros(len(texts), bool)
+
+
+def write_twins(frame, path, view: Sequence[View], caption: str, schema: Sequence[Column]) -> None:
+    """Write Markdown, LaTeX and HTML beside the CSV `path`, with the same numbers as the CSV."""
+    rows = frame.to_dict("records")
+    texts = [[str(column.text(row)) for column in view] for row in rows]
+    bold = np.stack([column.bold([row[i] for row in texts]) for i, column in enumerate(view)], axis=1)
+    headers = [column.header for column in view]
+    for suffix, render in ((".md", _markdown), (".tex", _latex), (".html", _html)):
+        with replacing(Path(path).with_suffix(suffix)) as temporary:
+            temporary.write_text(render(headers, texts, bold, caption, schema), encoding="utf-8")
+
+
+def _markdown(headers, texts, bold, caption, schema) -> str:
+    def cell(text, strong):
+        text = text.replace("|", "\\|").replace("*", "\\*")
+        return f"**{text}**" if strong and text else text
+
+    lines = [headers, ["---"] * len(headers)]
+    lines += [[cell(*pair) for pair in zip(*row, strict=True)] for row in zip(texts, bold, strict=True)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + f"\n\n{caption}\n"
+
+
+def _latex(headers, texts, bold, caption, schema) -> str:
+    special = {c: f"\\{c}" for c in "&%$#_{}"} | {"\\": r"\textbackslash{}", "±": r"$\pm$"}
+    special |= {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": "$<$", ">": "$>$"}
+
+    def escape(text):
+        return "".join(special.get(character, character) for character in text)
+
+    def cell(text, strong):
+        return f"\\textbf{{{escape(text)}}}" if strong and text else escape(text)
+
+    body = [[cell(*pair) for pair in zip(*row, strict=True)] for row in zip(texts, bold, strict=True)]
+    lines = [" & ".join(row) + r" \\" for row in [[escape(header) for header in headers], *body]]
+    return "\n".join(
+        [r"\begin{table}", r"\centering", f"\\caption{{{escape(caption)}}}"]
+        + [f"\\begin{{tabular}}{{l{'r' * (len(headers) - 1)}}}", r"\hline", lines[0], r"\hline", *lines[1:]]
+        + [r"\hline", r"\end{tabular}", r"\end{table}", ""]
+    )
+
+
+STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem;color:#222;background:#fff}
+.scroll{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums}
+caption{text-align:left;padding-bottom:.8rem;max-width:60rem}th{border-bottom:2px solid #444;text-align:left}
+th,td{padding:.3rem .8rem;white-space:nowrap}td:not(:first-child){text-align:right}
+tbody tr:nth-child(even){background:#f4f4f2}details{margin-top:1.5rem}dt{font-weight:600;margin-top:.4rem}"""
+
+
+def _html(headers, texts, bold, caption, schema) -> str:
+    def cell(text, strong):
+        text = html.escape(text)
+        return f"<td><b>{text}</b></td>" if strong and text else f"<td>{text}</td>"
+
+    head = "".join(f"<th>{html.escape(header)}</th>" for header in headers)
+    body = "\n".join(
+        "<tr>" + "".join(cell(*pair) for pair in zip(*row, strict=True)) + "</tr>"
+        for row in zip(texts, bold, strict=True)
+    )
+    legend = "".join(
+        f"<dt>{html.escape(c.name)}</dt><dd>{html.escape(c.description)}{f' [{c.unit}]' if c.unit else ''}</dd>"
+        for c in schema
+    )
+    title = html.escape(caption.split(":")[0].split(";")[0])
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>\n'
+        f"<style>{STYLE}</style></head><body>\n<div class='scroll'><table><caption>{html.escape(caption)}</caption>\n"
+        f"<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>\n"
+        f"<details><summary>Columns of the CSV file</summary><dl>{legend}</dl></details>\n</body></html>\n"
+    )

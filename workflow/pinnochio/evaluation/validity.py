@@ -1,0 +1,86 @@
+"""Whether a displacement field is one that tissue could have: volume, equilibrium, boundary."""
+
+import numpy as np
+import torch
+
+from pinnochio.anatomy.labels import TISSUES
+from pinnochio.anatomy.model import FREE, MOVING, SLIDING, PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.evaluation.distances import signed_distances
+
+
+def jacobians(points, cells, displacement) -> tuple[np.ndarray, np.ndarray]:
+    """det F (m,) and rest volume (m,) mm3 of linear tetrahedra."""
+    rest = _volumes(points, cells)
+    return _volumes(points + displacement, cells) / rest, rest
+
+
+def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
+    """min J, its 1st percentile, the count of inverted elements, and the change of volume of each tissue in %."""
+    ratio, rest = jacobians(points, cells, displacement)
+    metrics = {
+        "min_jacobian": float(ratio.min()),
+        "p1_jacobian": float(np.percentile(ratio, 1)),
+        "inverted": int((ratio <= 0).sum()),
+    }
+    for name, code in TISSUES.items():
+        own = tissue == code
+        change = 100 * (np.average(ratio[own], weights=rest[own]) - 1) if own.any() else np.nan
+        metrics[f"volume_change_{name}"] = float(change)
+    return metrics
+
+
+def equilibrium_metrics(operator, displacement, node_type, element: str) -> dict[str, float | str]:
+    """EqRes in four forms over V_free, the nodes without any boundary condition (node_type FREE).
+
+    eqres_paper: mean |f|^2, mN2; eqres_rms: its root, mN; eqres_rel: |f_free| / |f of all other nodes|, the
+    headline, 0 where no force acts at all; eqres_disp: mean |K_ii^-1 f_i|, mm, the way that a node still wants to go.
+    A sliding node counts among the others with its whole force: its tangential part, zero at equilibrium, is
+    neither free force nor reaction alone. Values of different elements are not comparable; hence `eqres_element`.
+    operator: pinnochio.mechanics.residual.Operator.
+    """
+    free = np.asarray(node_type) == FREE
+    field = torch.as_tensor(np.array(displacement, float))
+    force, stiffness = _array(operator.force(field)), _array(operator.diagonal_blocks(field))
+    inside, total, reaction = force[free], np.linalg.norm(force[free]), np.linalg.norm(force[~free])
+    # Rounding: the force that moving one node by 1e-9 mm makes is no force.
+    total, reaction = (0.0 if size < 1e-9 * np.abs(stiffness).max() else size for size in (total, reaction))
+    square = np.mean((inside**2).sum(axis=1)) if len(inside) else 0.0
+    wanted = np.linalg.norm((np.linalg.pinv(stiffness[free]) @ inside[..., None])[..., 0], axis=1)
+    return {
+        "eqres_paper": float(square),
+        "eqres_rms": float(np.sqrt(square)),
+        "eqres_rel": float(total / reaction if reaction > 0 else np.inf if total > 0 else 0.0),
+        "eqres_disp": float(wanted.mean()) if len(wanted) else 0.0,
+        "eqres_element": element,
+    }
+
+
+def boundary_metrics(patient: PatientModel, plan: Plan, displacement) -> dict[str, float]:
+    """Mean error in mm of the moving nodes against the rigid plan, of the sliding nodes against the moved bone.
+
+    A sliding node should keep its signed distance to the surface of its segment; the error is the change of that
+    distance, gap and penetration alike. NaN where the patient has no such node.
+    """
+    cue, _ = patient.reference_cue(plan)
+    moving = patient.node_type == MOVING
+    slid, moved_bone = [], patient.bone_points + patient.bone_displacement(plan)
+    for index in range(len(patient.segments)):
+        nodes = (patient.node_type == SLIDING) & (patient.node_segment == index)
+        faces = patient.bone_faces[patient.bone_segment[patient.bone_faces[:, 0]] == index]
+        if nodes.any() and len(faces):
+            rest = signed_distances(patient.points[nodes], patient.bone_points, faces)
+            slid.append(signed_distances((patient.points + displacement)[nodes], moved_bone, faces) - rest)
+    return {
+        "moving_error": float(np.linalg.norm(displacement - cue, axis=1)[moving].mean()) if moving.any() else np.nan,
+        "sliding_error": float(np.abs(np.concatenate(slid)).mean()) if slid else np.nan,
+    }
+
+
+def _volumes(points, cells) -> np.ndarray:
+    a, b, c, d = np.moveaxis(points[cells], 1, 0)
+    return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6
+
+
+def _array(tensor) -> np.ndarray:
+    return tensor.detach().cpu().numpy().astype(float)

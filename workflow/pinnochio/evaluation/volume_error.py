@@ -1,0 +1,29 @@
+"""Error of a displacement field against a truth that is known on another mesh."""
+
+import numpy as np
+import pyvista as pv
+
+
+def interpolate(queries, points, cells, displacement) -> np.ndarray:
+    """Displacement (k, 3) mm at queries (k, 3) of a field on tetrahedra points (n, 3), cells (m, 4).
+
+    A query outside the mesh takes the value at the closest point of the mesh.
+    """
+    grid = pv.UnstructuredGrid({pv.CellType.TETRA: np.asarray(cells)}, np.asarray(points, float))
+    cell, found = grid.find_closest_cell(np.asarray(queries, float), return_closest_point=True)
+    cell, found = np.atleast_1d(cell), np.atleast_2d(found)
+    corners = points[cells[cell]]
+    edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2)
+    inner = np.linalg.solve(edges, (found - corners[:, 0])[..., None])[..., 0]
+    weights = np.concatenate([1 - inner.sum(axis=1, keepdims=True), inner], axis=1)
+    return np.einsum("kc,kcd->kd", weights, displacement[cells[cell]])
+
+
+def volume_errors(points, displacement, skin_nodes, truth_points, truth_cells, truth) -> dict[str, float]:
+    """Mean, 95th percentile and maximum of |u - truth| in mm, over all nodes (volume) and over the skin nodes."""
+    error = np.linalg.norm(displacement - interpolate(points, truth_points, truth_cells, truth), axis=1)
+    return {
+        f"{name}_error_{key}": float(value)
+        for name, part in (("volume", error), ("skin", error[skin_nodes]))
+        for key, value in (("mean", part.mean()), ("p95", np.percentile(part, 95)), ("max", part.max()))
+    }

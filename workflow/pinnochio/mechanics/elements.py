@@ -1,0 +1,198 @@
+"""Linear tetrahedra: energy, internal force and tangent of a mesh, compiled, summed in a fixed order.
+
+Two volumetric options. "p1": every term per element. "anp", averaged nodal volume: the bulk term alone is nodal,
+
+    W = sum_e V_e [mu/2 (I1 - 3) + stiffening/2 (I1 - 3)^2 - mu ln J_e] + sum_a V_a lam_a/2 (ln J_a)^2,
+    J_a = sum_{e in star a} V_e J_e / sum V_e,    V_a = sum V_e / 4,    lam_a = sum V_e lam_e / sum V_e.
+
+Only the bulk term locks, so only it is averaged. -mu ln J stays with the element: it holds up every element's own J
+where averaging would let one collapse beside another, and it cancels mu/2 (I1 - 3) at rest element by element, so that
+the rest state is free of stress where tissues meet. A uniform J gives the energy of "p1", so the patch test holds and
+the linearisation is isotropic elasticity. Force and tangent are the exact gradient and Hessian of W.
+
+The tangent of "anp" is T + sum_a (U_a''/V_a) b_a b_a', b_a = V_a dJ_a/du, which couples second neighbours. It is kept
+unassembled as the quasi-definite matrix [T C; C' -D] with one extra unknown per node: same solution, the sparsity of
+the element graph, and by its inertia the proof that the condensed tangent is positive definite.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from pinnochio.errors import InputError
+from pinnochio.mechanics.materials import Material
+
+VOLUMETRIC = ("anp", "p1")
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Geometry and constants of a mesh at rest.
+
+    cells (m, 4) int32; gradients (m, 4, 3) of the shape functions, 1/mm; volumes (m,) and node_volumes (n,) mm3;
+    node_lam (n,) kPa; edge: mean edge length in mm; modulus: mean mu in kPa.
+    """
+
+    cells: np.ndarray
+    gradients: np.ndarray
+    volumes: np.ndarray
+    node_volumes: np.ndarray
+    node_lam: np.ndarray
+    material: Material
+    averaged: bool
+    edge: float
+    modulus: float
+
+    @classmethod
+    def build(cls, points, cells, material: Material, volumetric: str = "anp") -> "Elements":
+        """Check a mesh, points (n, 3) mm and cells (m, 4) of positive volume, and measure it."""
+        points, cells = check_mesh(points, cells)
+        if volumetric not in VOLUMETRIC:
+            raise InputError("-", "options", f"volumetric is {volumetric!r}", f"choose one of {VOLUMETRIC}")
+        if len(material.mu) != len(cells):
+            raise InputError(
+                "-", "material", f"{len(material.mu)} constants for {len(cells)} cells", "give one per cell"
+            )
+        gradients, volumes = shape_gradients(points, cells)
+        corner = np.repeat(volumes / 4, 4)
+        node_volumes = np.bincount(cells.ravel(), corner, len(points))
+        node_lam = np.bincount(cells.ravel(), corner * np.repeat(material.lam, 4), len(points))
+        node_lam /= np.where(node_volumes > 0, node_volumes, 1)
+        mean_mu = float(np.average(material.mu, weights=volumes))
+        averaged = volumetric == "anp"
+        edge = mean_edge(points, cells)
+        return cls(cells, gradients, volumes, node_volumes, node_lam, material, averaged, edge, mean_mu)
+
+    @property
+    def _mesh(self):
+        law = self.material
+        return (
+            *(self.cells, self.gradients, self.volumes, self.node_volumes),
+            *(law.mu, law.lam, law.stiffening, self.node_lam, law.extension, self.averaged),
+        )
+
+    def evaluate(self, displacement) -> tuple[float, np.ndarray, float]:
+        """Energy in mN mm, internal force (n, 3) in mN and least J of a displacement (n, 3) mm."""
+        force = np.zeros((len(self.node_volumes), 3))
+        energy, least = _evaluate(np.ascontiguousarray(displacement, float), *self._mesh, force)
+        return energy, force, least
+
+
+def check_mesh(points, cells) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) float and cells (m, 4) int32, or InputError that says what is wrong with them."""
+    points, cells = np.ascontiguousarray(points, float), np.ascontiguousarray(cells, np.int32)
+    if points.ndim != 2 or points.shape[1] != 3 or cells.ndim != 2 or cells.shape[1:] != (4,) or not len(cells):
+        raise InputError("-", "mesh", f"shapes {points.shape} and {cells.shape}", "give (n, 3) and (m, 4)")
+    if not np.isfinite(points).all():
+        raise InputError("-", "mesh", "a point is not finite", "mend the points")
+    if cells.min() < 0 or cells.max() >= len(points):
+        raise InputError("-", "mesh", "a cell names a point that does not exist", "mend the cells")
+    x = points[cells]
+    edges = x[:, 1:] - x[:, :1]
+    # 1e-12: below it the gradients of a sliver have no correct digit left.
+    flat = np.linalg.det(edges) <= 1e-12 * np.linalg.norm(edges, axis=2).max(axis=1) ** 3
+    if flat.any():
+        raise InputError("-", "mesh", f"{flat.sum()} cells have no positive volume", "orient or drop them")
+    return points, cells
+
+
+def shape_gradients(points, cells) -> tuple[np.ndarray, np.ndarray]:
+    """Gradients (m, 4, 3) 1/mm of the linear shape functions and volumes (m,) mm3."""
+    x = np.asarray(points, float)[cells]
+    edges = x[:, 1:] - x[:, :1]
+    rest = np.linalg.inv(edges).transpose(0, 2, 1)
+    gradients = np.concatenate([-rest.sum(axis=1, keepdims=True), rest], axis=1)
+    return np.ascontiguousarray(gradients), np.linalg.det(edges) / 6
+
+
+def mean_edge(points, cells) -> float:
+    """Mean length in mm of the edges of the cells."""
+    pairs = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
+    ends = np.unique(np.sort(np.asarray(cells)[:, pairs].reshape(-1, 2), axis=1), axis=0)
+    return float(np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1).mean())
+
+
+def jacobians(points, cells, displacement) -> np.ndarray:
+    """det F (m,) of every cell under a displacement (n, 3) mm."""
+    moved, rest = np.asarray(points, float) + displacement, np.asarray(points, float)
+    before, after = rest[cells[:, 1:]] - rest[cells[:, :1]], moved[cells[:, 1:]] - moved[cells[:, :1]]
+    return np.linalg.det(after) / np.linalg.det(before)
+
+
+@njit(cache=True)
+def _log(j, extension):
+    """ln J and its first two derivatives, extended below `extension` by the Taylor polynomial there."""
+    if j >= extension:
+        return np.log(j), 1 / j, -1 / (j * j)
+    d = (j - extension) / extension
+    return np.log(extension) + d - 0.5 * d * d, (1 - d) / extension, -1 / (extension * extension)
+
+
+@njit(cache=True)
+def _strain(u, cell, gradient, f, cof):
+    """F into `f`, its cofactor into `cof`; returns J and I1 - 3 (free of cancellation near rest)."""
+    excess = 0.0
+    for i in range(3):
+        for j in range(3):
+            h = 0.0
+            for a in range(4):
+                h += u[cell[a], i] * gradient[a, j]
+            excess += h * h + (2 * h if i == j else 0.0)
+            f[i, j] = h + (1.0 if i == j else 0.0)
+    for i in range(3):
+        p, q = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            r, s = (j + 1) % 3, (j + 2) % 3
+            cof[i, j] = f[p, r] * f[q, s] - f[p, s] * f[q, r]
+    return f[0, 0] * cof[0, 0] + f[0, 1] * cof[0, 1] + f[0, 2] * cof[0, 2], excess
+
+
+@njit(cache=True)
+def _nodal(u, cells, gradients, volumes, node_volumes, node_lam, extension, first, second):
+    """dU/dJ_a and d2U/dJ_a2 per node of U = lam_a/2 (ln J_a)^2; returns the nodal energy."""
+    f, cof = np.empty((3, 3)), np.empty((3, 3))
+    ratio = np.zeros(len(node_volumes))
+    for e in range(len(cells)):
+        j, _ = _strain(u, cells[e], gradients[e], f, cof)
+        for a in range(4):
+            ratio[cells[e, a]] += 0.25 * volumes[e] * j
+    energy = 0.0
+    for a in range(len(node_volumes)):
+        if node_volumes[a] > 0:
+            log, d, dd = _log(ratio[a] / node_volumes[a], extension)
+            energy += 0.5 * node_volumes[a] * node_lam[a] * log * log
+            first[a] = node_lam[a] * log * d
+            second[a] = node_lam[a] * (d * d + log * dd)
+    return energy
+
+
+@njit(cache=True)
+def _evaluate(u, cells, gradients, volumes, node_volumes, mu, lam, stiffening, node_lam, extension, averaged, force):
+    f, cof = np.empty((3, 3)), np.empty((3, 3))
+    first, second = np.zeros(len(node_volumes)), np.zeros(len(node_volumes))
+    energy, least = 0.0, np.inf
+    if averaged:
+        energy = _nodal(u, cells, gradients, volumes, node_volumes, node_lam, extension, first, second)
+    for e in range(len(cells)):
+        j, excess = _strain(u, cells[e], gradients[e], f, cof)
+        least = min(least, j)
+        log, d, _ = _log(j, extension)
+        energy += volumes[e] * (0.5 * mu[e] * excess + 0.5 * stiffening[e] * excess**2 - mu[e] * log)
+        if averaged:
+            pressure = 0.0
+            for a in range(4):
+                pressure += 0.25 * first[cells[e, a]]
+        else:
+            energy += volumes[e] * 0.5 * lam[e] * log * log
+            pressure = lam[e] * log * d
+        shear = volumes[e] * (mu[e] + 2 * stiffening[e] * excess)
+        bulk = volumes[e] * (pressure - mu[e] * d)
+        for i in range(3):
+            p0 = shear * f[i, 0] + bulk * cof[i, 0]
+            p1 = shear * f[i, 1] + bulk * cof[i, 1]
+            p2 = shear * f[i, 2] + bulk * cof[i, 2]
+            for a in range(4):
+                g = gradients[e, a]
+                force[cells[e, a], i] += p0 * g[0] + p1 * g[1] + p2 * g[2]
+    return energy, least

@@ -1,0 +1,229 @@
+"""Boundary conditions: nodes that move as told, and nodes that slide along a moving surface."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pinnochio.anatomy.labels import CRANIUM, segment_name
+from pinnochio.anatomy.model import FIXED, MOVING, SLIDING, PatientModel
+from pinnochio.anatomy.plan import Plan, RigidMotion
+from pinnochio.errors import InputError
+
+ARMS = ("bonded", "mucosa")
+# Bone further than this from every tissue node of its segment cannot be slid upon. Above the largest motion, mm [I].
+REACH = 25.0
+
+
+class PointSurface:
+    """Implicit surface of oriented points (b, 3) and unit normals (b, 3): a signed distance, positive outside.
+
+    Moving averages, Gaussian with the points' own spacing: of the distances to the points' tangent planes (IMLS),
+    which a sphere of radius R misses by -spacing^2/2R, and of the distances to the points along the mean normal, which
+    misses by as much on the other side. Half of each is exact on planes and right to third order on curved surfaces.
+    The field is smooth, as Newton's method needs it: the nearest points left out weigh less than 1e-5.
+    """
+
+    NEIGHBOURS = 48
+
+    def __init__(self, points, normals):
+        self._points, self._normals = np.asarray(points, float), np.asarray(normals, float)
+        if len(self._points) < 8:
+            raise InputError("-", "sliding", f"a surface of {len(self._points)} points", "give at least 8 points")
+        length = np.linalg.norm(self._normals, axis=1)
+        if not (np.isfinite(self._points).all() and np.isfinite(length).all() and (length > 0).all()):
+            raise InputError("-", "sliding", "a surface point or normal is not finite", "mend the surface")
+        self._normals = self._normals / length[:, None]
+        self._tree = cKDTree(self._points)
+        spacing = self._tree.query(self._points, 7)[0][:, 1:].mean()
+        self._width = max(float(spacing), 1e-6) ** 2
+        self._count = min(self.NEIGHBOURS, len(self._points))
+
+    def distance(self, x) -> tuple[np.ndarray, np.ndarray]:
+        """Signed distance (s,) in mm and its gradient (s, 3) at x (s, 3)."""
+        _, near = self._tree.query(x, self._count)
+        offset, normals = x[:, None] - self._points[near], self._normals[near]
+        square = (offset**2).sum(axis=2)
+        weight = np.exp((square[:, :1] - square) / self._width)
+        weight /= weight.sum(axis=1, keepdims=True)
+        plane = (offset * normals).sum(axis=2)
+        first = (weight * plane).sum(axis=1)
+        sum_normal, mean_offset = (np.einsum("sk,ski->si", weight, v) for v in (normals, offset))
+        # d weight/dx = -2/width weight (offset - mean offset): derivatives of averages are covariances.
+        centred = (-2 / self._width) * weight[:, :, None] * (offset - mean_offset[:, None])
+        grad_first = sum_normal + np.einsum("sk,skj->sj", plane, centred)
+        turn, drift = (np.einsum("ski,skj->sij", v, centred) for v in (normals, offset))
+        length = np.maximum(np.linalg.norm(sum_normal, axis=1), 1e-3)[:, None]
+        normal = sum_normal / length
+        second = (normal * mean_offset).sum(axis=1)
+        across = (mean_offset - second[:, None] * normal) / length
+        grad_second = normal + np.einsum("sij,si->sj", turn, across) + np.einsum("sij,si->sj", drift, normal)
+        return (first + second) / 2, (grad_first + grad_second) / 2
+
+    def project(self, x, level, iterations: int = 20) -> np.ndarray:
+        """x (s, 3) moved along the gradient to where the signed distance is `level` (s,), to 1e-9 mm if it can."""
+        x = np.array(x, float)
+        active = np.arange(len(x))
+        for _ in range(iterations):
+            value, gradient = self.distance(x[active])
+            gap = level[active] - value
+            left = np.abs(gap) > 1e-9
+            active, gap, gradient = active[left], gap[left], gradient[left]
+            if not len(active):
+                break
+            step = gradient * (gap / np.maximum((gradient**2).sum(axis=1), 0.25))[:, None]
+            # A step is never longer than 2 mm: across a sharp edge the gradient says little about what lies beyond.
+            x[active] += step * np.minimum(1, 2 / np.maximum(np.linalg.norm(step, axis=1), 1e-30))[:, None]
+        return x
+
+
+@dataclass(frozen=True)
+class SlidingSet:
+    """Nodes (s,) that keep their signed distance to a rigidly moving surface and are free along it.
+
+    points, normals (b, 3): the surface at rest, normals outward; motion(fraction) is where it has moved to.
+    """
+
+    nodes: np.ndarray
+    points: np.ndarray
+    normals: np.ndarray
+    motion: Callable[[float], RigidMotion]
+
+
+@dataclass(frozen=True)
+class BoundaryConditions:
+    """What a solution is asked for: prescribed nodes and sliding sets; a node is in one of them at most.
+
+    prescribed: displacement (p, 3) in mm at the end, applied in proportion, or a function of the fraction in [0, 1].
+    """
+
+    prescribed_nodes: np.ndarray
+    prescribed: np.ndarray | Callable[[float], np.ndarray]
+    sliding: list[SlidingSet] = field(default_factory=list)
+
+    def displacement(self, fraction: float) -> np.ndarray:
+        """Displacement (p, 3) in mm of the prescribed nodes at a fraction of the load."""
+        moved = self.prescribed(fraction) if callable(self.prescribed) else fraction * np.asarray(self.prescribed)
+        return np.asarray(moved, float)
+
+
+class SlidingContact:
+    """The sliding sets of one mesh: holds their nodes on the level sets of their surfaces where they started."""
+
+    def __init__(self, points, sets):
+        self.points = np.asarray(points, float)
+        self.sets = [item for item in sets if len(item.nodes)]
+        self.nodes = np.concatenate([np.zeros(0, int)] + [np.asarray(item.nodes, int) for item in self.sets])
+        self._surfaces = [PointSurface(item.points, item.normals) for item in self.sets]
+        self._levels = [
+            surface.distance(self.points[item.nodes])[0]
+            for surface, item in zip(self._surfaces, self.sets, strict=True)
+        ]
+
+    def carry(self, displacement, start: float, end: float) -> np.ndarray:
+        """Displacement (n, 3) with the sliding nodes carried by their surfaces from fraction `start` to `end`."""
+        moved = np.array(displacement, float)
+        for item in self.sets:
+            rest, here = self.points[item.nodes], item.motion(start).inverse(self._place(item, moved))
+            moved[item.nodes] = item.motion(end).apply(here) - rest
+        return moved
+
+    def project(self, displacement, fraction: float) -> np.ndarray:
+        """Displacement (n, 3) with the sliding nodes put back on their level sets at `fraction`."""
+        moved = np.array(displacement, float)
+        for item, surface, level in zip(self.sets, self._surfaces, self._levels, strict=True):
+            motion = item.motion(fraction)
+            here = surface.project(motion.inverse(self._place(item, moved)), level)
+            moved[item.nodes] = motion.apply(here) - self.points[item.nodes]
+        return moved
+
+    def frames(self, displacement, fraction: float) -> np.ndarray:
+        """Local axes (s, 3, 3) of the sliding nodes, in rows: normal of the moved surface and two tangents."""
+        normals = [np.zeros((0, 3))]
+        for item, surface in zip(self.sets, self._surfaces, strict=True):
+            motion = item.motion(fraction)
+            _, gradient = surface.distance(motion.inverse(self._place(item, displacement)))
+            normals.append(gradient @ motion.rotation.T)
+        return _frames(np.vstack(normals))
+
+    def violation(self, displacement, fraction: float = 1.0) -> np.ndarray:
+        """Signed gap (s,) in mm that opened (positive) or closed (penetration, negative) at the sliding nodes."""
+        gaps = [np.zeros(0)]
+        for item, surface, level in zip(self.sets, self._surfaces, self._levels, strict=True):
+            here = item.motion(fraction).inverse(self._place(item, displacement))
+            gaps.append(surface.distance(here)[0] - level)
+        return np.concatenate(gaps)
+
+    def _place(self, item: SlidingSet, displacement) -> np.ndarray:
+        return self.points[item.nodes] + displacement[item.nodes]
+
+
+def _frames(normals) -> np.ndarray:
+    """Right-handed orthonormal axes (s, 3, 3), the first along each normal (s, 3)."""
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.where(length > 1e-12, normals / np.maximum(length, 1e-12), [1.0, 0, 0])
+    other = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    tangent = np.cross(normals, other)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    return np.stack([normals, tangent, np.cross(normals, tangent)], axis=1)
+
+
+def boundary_conditions(model: PatientModel, plan: Plan, arm: str) -> BoundaryConditions:
+    """Boundary conditions of a plan. Fixed nodes stay, moving nodes follow their segment; sliding nodes follow it in
+    the arm "bonded" (free where a mesh edge ties them to the other jaw, because no element can follow both) and slide
+    along the moved bone, their distance to it kept, in the arm "mucosa" [S: KIM16/17]."""
+    if arm not in ARMS:
+        raise InputError(plan.case, "options", f"arm is {arm!r}", f"choose one of {ARMS}")
+    unknown = sorted(set(plan.motions) - set(model.segments))
+    if unknown:
+        raise InputError(plan.case, "plan", f"the patient has no segment {unknown}", f"name one of {model.segments}")
+    told = np.isin(model.node_type, (FIXED, MOVING))
+    if arm == "bonded":
+        told |= (model.node_type == SLIDING) & ~_bridging(model)
+    nodes = np.flatnonzero(told)
+    rest, segment = model.points[nodes], np.where(model.node_type == FIXED, -1, model.node_segment)[nodes]
+    motions = {index: plan.motion(segment_name(index, model.segments)) for index in np.unique(segment) if index >= 0}
+
+    def prescribed(fraction: float) -> np.ndarray:
+        moved = np.zeros_like(rest)
+        for index, motion in motions.items():
+            own = segment == index
+            moved[own] = motion.fraction(fraction).displacement(rest[own])
+        return moved
+
+    sliding = []
+    if arm == "mucosa":
+        slides = model.node_type == SLIDING
+        for index in np.unique(model.node_segment[slides]):
+            motion = RigidMotion() if index < 0 else plan.motion(model.segments[index])
+            points, normals = _facing_bone(model, index)
+            own = np.flatnonzero(slides & (model.node_segment == index))
+            sliding.append(SlidingSet(own, points, normals, motion.fraction))
+    return BoundaryConditions(nodes, prescribed, sliding)
+
+
+def _bridging(model: PatientModel) -> np.ndarray:
+    """Nodes (n,) bool at an end of a mesh edge from one bone to another: bonded, they could not follow both."""
+    body = np.where(np.isin(model.node_type, (MOVING, SLIDING)), model.node_segment, -2)
+    body = np.where((model.node_type == FIXED) & (model.node_beyond == CRANIUM), -1, body)
+    edges = model.cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
+    one, two = body[edges].T
+    bridging = np.zeros(len(body), bool)
+    bridging[edges[(one != two) & (one > -2) & (two > -2)]] = True
+    return bridging
+
+
+def _facing_bone(model: PatientModel, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Bone of a segment that faces its tissue: without the far side of thin plates, whose normals would cancel."""
+    tissue = np.flatnonzero((model.node_segment == index) & np.isin(model.node_type, (MOVING, SLIDING)))
+    own = model.bone_segment == index
+    points, normals = model.bone_points[own], model.bone_normals[own]
+    if len(points) < 4:
+        name = segment_name(index, model.segments)
+        raise InputError("-", "model", f"sliding nodes on segment {name!r}, which has no surface", "rebuild the model")
+    away, nearest = cKDTree(model.points[tissue]).query(points)
+    outward = model.node_normal[tissue[nearest]]
+    keep = (away < REACH) & (np.einsum("bi,bi->b", normals, outward) < 0.3)
+    keep &= np.linalg.norm(normals, axis=1) > 0.5
+    return points[keep], normals[keep]

@@ -1,0 +1,297 @@
+"""What each node of the mesh touches, and so which boundary condition and which interface it belongs to."""
+
+import logging
+from itertools import combinations
+
+import numpy as np
+from scipy import ndimage, sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from pinnochio.anatomy import model as m
+from pinnochio.anatomy.labels import AIR, CRANIUM, FIRST_SEGMENT, MUSCLE, SUPERFICIAL, segment_code
+from pinnochio.anatomy.surfaces import BoneSurface, face_normals
+from pinnochio.errors import InputError
+from pinnochio.meshing.fields import is_tissue, signed_distance
+from pinnochio.meshing.mesh import TetMesh
+from pinnochio.meshing.splitting import simplex_points
+
+LOG = logging.getLogger(__name__)
+NO_BODY = -9
+UPPER, LOWER, RAMUS = ("lefort", "maxilla"), ("mandible", "proximal", "ramus"), ("proximal", "ramus")
+
+
+def label_interfaces(
+    mesh: TetMesh,
+    labels,
+    spacing,
+    origin,
+    segments: tuple[str, ...],
+    bone: BoneSurface,
+    *,
+    sliding_band_mm: float = 18.0,
+    release_mm: float = 5.0,
+    opposing: list[tuple[str, str]] | None = None,
+    reach_mm: float = 5.0,
+    contact_gap_mm: float = 1.0,
+    contact_share: float = 1 / 3,
+    opening_mm: float = 5.0,
+    nasion_above_maxilla_mm: float = 20.0,
+    tragus_before_mandible_mm: float = 10.0,
+    cut_margin_mm: float = 8.0,
+) -> m.PatientModel:
+    """The patient model of a mesh: node types, interface kinds, normals, skin and judged face.
+
+    labels (nx, ny, nz) internal codes [ix, iy, iz], spacing and origin (3,) mm: the map that was meshed.
+
+    Beyond. From points on every boundary triangle a ray goes outward, up to `reach_mm`, to the first label that is not
+    tissue; air up to `contact_gap_mm` thick in front of bone counts as bone. Faces on the border of the volume are cut
+    planes. A node on a cut plane is CUT_PLANE; else, if bone makes up more than `contact_share` of the area around it,
+    the bone with the largest part; else air.
+
+    Types. Cut planes and cranium contact are FIXED, contact with a segment MOVING, but SLIDING where a segment that
+    opposes it is nearer than `sliding_band_mm` (teeth and vestibule). Two segments oppose each other if
+    `opposing` names them, or, without it, if air lies between them on a tenth of the places where they come that near
+    (mouth) and neither is a proximal segment; pieces of one bone meet at an osteotomy, without air. There the surgeon
+    lifts the tissue off: contact nearer than `release_mm` to the other bone is FREE [I], and so are both ends of a mesh
+    edge from one bone to the other, which could not follow both. All else is FREE, skin and oral surface too.
+
+    Kinds. A bone contact node belongs to muscle if muscle owns at least half of its area against bone, else to
+    superficial tissue; any other node between both tissues is MUSCLE_SUPERFICIAL.
+
+    Skin. Triangles against the air in front of the head that a ball of diameter `opening_mm` reaches, the largest
+    connected piece: neither the mouth nor the nasal cavity. The judged part lies below the nasion, taken as
+    `nasion_above_maxilla_mm` above the top of the maxillary segment, in front of the tragi, taken as
+    `tragus_before_mandible_mm` in front of the hindmost mandible, and `cut_margin_mm` away from cut planes [I].
+    """
+    labels, spacing, origin = np.asarray(labels), np.asarray(spacing, float), np.asarray(origin, float)
+    segments = tuple(segments)
+    unknown = set(np.unique(bone.segment)) - set(range(-1, len(segments)))
+    if unknown:
+        raise InputError("-", "bone surface", f"has segments {sorted(unknown)}", "make it with the same segments")
+
+    points, faces = mesh.points, mesh.boundary_faces()[0]
+    owner_tissue = mesh.tissue[mesh.boundary_faces()[1]]
+    normals, areas = face_normals(points, faces)
+    beyond, ends = _beyond(points, faces, normals, labels, spacing, origin, reach_mm, contact_gap_mm)
+
+    codes = np.array([AIR, CRANIUM, *(segment_code(i) for i in range(len(segments))), m.CUT_PLANE])
+    # Area (n, codes) around each node, by what lies beyond.
+    share = np.stack([_to_nodes(faces, areas * (beyond == code).mean(axis=1), len(points)) for code in codes], 1)
+    surface = share.sum(axis=1) > 0
+    bones = share[:, 1:-1]
+    node_beyond = np.full(len(points), m.INTERIOR, np.int16)
+    contact = surface & (bones.sum(axis=1) > contact_share * share.sum(axis=1))
+    node_beyond[surface] = AIR
+    node_beyond[contact] = codes[1:-1][bones[contact].argmax(axis=1)]
+    node_beyond[share[:, -1] > 0] = m.CUT_PLANE
+    contact = surface & (node_beyond >= CRANIUM) & (node_beyond != m.CUT_PLANE)
+
+    node_segment = np.where(contact & (node_beyond >= FIRST_SEGMENT), node_beyond - FIRST_SEGMENT, -1).astype(np.int8)
+    node_type = np.full(len(points), m.FREE, np.int8)
+    node_type[node_segment >= 0] = m.MOVING
+    node_type[(node_beyond == m.CUT_PLANE) | (node_beyond == CRANIUM)] = m.FIXED
+    if opposing is None:
+        pairs = _opposing_pairs(bone, labels, spacing, origin, segments, sliding_band_mm)
+    else:
+        pairs = [_named_pair(pair, segments) for pair in opposing]
+    LOG.info("opposing segments: %s", [tuple(segments[i] for i in pair) for pair in pairs])
+    for i, j in pairs:
+        for own, other in ((i, j), (j, i)):
+            nodes, target = np.flatnonzero(node_segment == own), bone.points[bone.segment == other]
+            if len(nodes) and len(target):
+                near = cKDTree(target).query(points[nodes])[0] < sliding_band_mm
+                node_type[nodes[near]] = m.SLIDING
+    body = np.where(contact, node_beyond - FIRST_SEGMENT, NO_BODY)
+    body[contact & (node_beyond == CRANIUM)] = -1
+    released = _released(points, mesh.cells, body, bone, pairs, release_mm)
+    node_type[released], node_segment[released] = m.FREE, -1
+
+    bony = np.isin(beyond, codes[1:-1]).mean(axis=1) * areas
+    muscle_part = _to_nodes(faces, bony * (owner_tissue == MUSCLE), len(points))
+    to_muscle = muscle_part >= _to_nodes(faces, bony, len(points)) / 2
+    both = _touches(mesh, MUSCLE) & _touches(mesh, SUPERFICIAL)
+    kind = np.where(both, m.MUSCLE_SUPERFICIAL, m.NO_INTERFACE)
+    kind = np.where(contact, np.where(to_muscle, m.BONE_MUSCLE, m.BONE_SUPERFICIAL), kind).astype(np.int8)
+
+    skin = _skin(faces, beyond, ends, areas, labels, spacing, origin, opening_mm)
+    centre = points[faces[skin]].mean(axis=1)
+    top = _bone_extent(bone, segments, UPPER, 2) + nasion_above_maxilla_mm
+    back = _bone_extent(bone, segments, LOWER, 1) - tragus_before_mandible_mm
+    roi = (centre[:, 2] < top) & (centre[:, 1] < back)
+    cut = faces[(beyond == m.CUT_PLANE).all(axis=1)]
+    if len(cut):
+        roi &= cKDTree(points[cut].mean(axis=1)).query(centre)[0] > cut_margin_mm
+        roi &= cKDTree(points[np.unique(cut)]).query(centre)[0] > cut_margin_mm
+    return m.PatientModel(
+        points=points,
+        cells=mesh.cells,
+        tissue=mesh.tissue,
+        node_type=node_type,
+        node_segment=node_segment,
+        node_beyond=node_beyond,
+        node_normal=_node_normals(faces, beyond, node_beyond, normals, areas),
+        interface_kind=kind,
+        skin_faces=faces[skin],
+        face_roi=roi,
+        bone_points=bone.points,
+        bone_normals=bone.normals,
+        bone_faces=bone.faces,
+        bone_segment=bone.segment,
+        segments=segments,
+    )
+
+
+def _beyond(points, faces, normals, labels, spacing, origin, reach_mm, gap_mm) -> tuple[np.ndarray, np.ndarray]:
+    """Code beyond k points of every triangle (f, k), and the voxel (f, k, 3) where it was found."""
+    weights = simplex_points(3, 2)
+    starts = np.einsum("kc,fcx->fkx", weights, points[faces])
+    shape = np.array(labels.shape)
+    step = 0.5 * spacing.min()
+    code = np.full(starts.shape[:2], -1, np.int16)
+    voxel = np.zeros((*code.shape, 3), np.int64)
+    air_since = np.full(code.shape, np.inf)
+    for distance in np.arange(0.5 * step, reach_mm + gap_mm, step):
+        index = np.rint((starts + distance * normals[:, None] - origin) / spacing).astype(int)
+        outside = ((index < 0) | (index >= shape)).any(axis=2)
+        index = np.clip(index, 0, shape - 1)
+        here = np.where(outside, AIR, labels[tuple(np.moveaxis(index, 2, 0))])
+        undecided = code < 0
+        in_gap = np.isfinite(air_since)
+        found = undecided & (here >= CRANIUM) & (in_gap | (distance <= reach_mm))
+        code[found], voxel[found] = here[found], index[found]
+        entered = undecided & ~found & ~in_gap & (here == AIR) & (distance <= reach_mm)
+        air_since[entered], voxel[entered] = distance, index[entered]
+        # Past the gap, or in tissue on its far side (the other lip), it was air.
+        ended = undecided & ~found & in_gap & ((distance - air_since > gap_mm) | (here != AIR))
+        code[ended] = AIR
+    lost = code < 0
+    code[lost & np.isfinite(air_since)] = AIR
+    lost &= ~np.isfinite(air_since)
+    if lost.any():
+        # Tissue all the way: the mesh leaves out something thin there. Take what is nearest.
+        nearest = ndimage.distance_transform_edt(
+            is_tissue(labels), sampling=spacing, return_distances=False, return_indices=True
+        )
+        index = np.clip(np.rint((starts[lost] - origin) / spacing).astype(int), 0, shape - 1)
+        index = nearest[:, *index.T].T
+        code[lost], voxel[lost] = labels[tuple(index.T)], index
+    low, high = origin - spacing / 2, origin + spacing * (shape - 0.5)
+    tolerance = 1e-6 * spacing
+    corners = points[faces]
+    flat = (np.abs(corners - low) < tolerance).all(axis=1) | (np.abs(corners - high) < tolerance).all(axis=1)
+    code[flat.any(axis=1)] = m.CUT_PLANE
+    return code, voxel
+
+
+def _to_nodes(faces, values, count: int) -> np.ndarray:
+    """Sum (n,) over the triangles around each node of a third of their value."""
+    return np.bincount(faces.ravel(), np.repeat(values / 3, 3), count)
+
+
+def _touches(mesh, tissue) -> np.ndarray:
+    nodes = np.zeros(len(mesh.points), bool)
+    nodes[mesh.cells[mesh.tissue == tissue]] = True
+    return nodes
+
+
+def _named_pair(pair, segments) -> tuple[int, int]:
+    try:
+        return segments.index(pair[0]), segments.index(pair[1])
+    except ValueError:
+        raise InputError("-", "opposing", f"{tuple(pair)} is not a pair of {segments}", "name two segments") from None
+
+
+def _named(segments, words) -> list[int]:
+    """Indices of the segments whose name has one of the words."""
+    return [i for i, name in enumerate(segments) if any(word in name.lower() for word in words)]
+
+
+def _opposing_pairs(bone, labels, spacing, origin, segments, band: float) -> list[tuple[int, int]]:
+    """Pairs of segments with air between them on a tenth of the surface points where they come within the band."""
+    pairs = []
+    jaws = [i for i in np.unique(bone.segment[bone.segment >= 0]).tolist() if i not in _named(segments, RAMUS)]
+    trees = {i: cKDTree(bone.points[bone.segment == i]) for i in jaws}
+    along = np.linspace(0.2, 0.8, 7)[:, None]
+    for i, j in combinations(jaws, 2):
+        one = trees[i].data
+        distance, nearest = trees[j].query(one)
+        close = distance < band
+        if not close.any():
+            continue
+        start, end = one[close][:, None], trees[j].data[nearest[close]][:, None]
+        index = np.rint((start + along * (end - start) - origin) / spacing).astype(int)
+        index = np.clip(index, 0, np.array(labels.shape) - 1)
+        through = labels[tuple(np.moveaxis(index, 2, 0))]
+        airy = (distance[close] > 2 * spacing.max()) & ((through == AIR).mean(axis=1) > 0.4)
+        LOG.debug("segments %d and %d: air between %.0f %% of %d points", i, j, 100 * airy.mean(), len(airy))
+        if airy.mean() > 0.1:
+            pairs.append((i, j))
+    return pairs
+
+
+def _released(points, cells, body, bone, opposing, release_mm: float) -> np.ndarray:
+    """Nodes (n,) bool at an osteotomy: too near to a bone that is neither their own nor opposes it.
+
+    body (n,) segment index of the bone that a node touches, -1 cranium, NO_BODY none.
+    """
+    released = np.zeros(len(points), bool)
+    edges = cells[:, list(combinations(range(4), 2))].reshape(-1, 2)
+    opposed = {frozenset(pair) for pair in opposing}
+    present = [own for own in np.unique(body) if own != NO_BODY]
+    for own, other in combinations(present, 2):
+        if frozenset((own, other)) in opposed:
+            continue
+        for one, two in ((own, other), (other, own)):
+            nodes, target = np.flatnonzero(body == one), bone.points[bone.segment == two]
+            if len(target):
+                released[nodes[cKDTree(target).query(points[nodes])[0] < release_mm]] = True
+        bridge = (np.sort(body[edges], axis=1) == sorted((own, other))).all(axis=1)
+        released[edges[bridge].ravel()] = True
+    return released
+
+
+def _skin(faces, beyond, ends, areas, labels, spacing, origin, opening_mm) -> np.ndarray:
+    """Triangles (f,) of the outer skin."""
+    # One layer of air in front, because a tightly cropped volume may end at the nose.
+    air = np.pad(labels == AIR, ((1, 1), (1, 0), (0, 0)), constant_values=True)
+    roomy = signed_distance(air, spacing) > opening_mm / 2
+    roomy[:, 0] = True
+    region, _ = ndimage.label(roomy)
+    front = region == region[0, 0, 0]
+    reached = signed_distance(front, spacing) > -(opening_mm / 2 + spacing.max())
+    reached = reached[1:-1, 1:]
+    outer = ((beyond == AIR) & reached[tuple(np.moveaxis(ends, 2, 0))]).mean(axis=1) >= 0.5
+    index = np.flatnonzero(outer)
+    if len(index) == 0:
+        return outer
+    # Largest piece by area, over shared edges.
+    edges = np.sort(faces[index][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, edge = np.unique(edges, axis=0, return_inverse=True)
+    graph = sparse.csr_array((np.ones(len(edge)), (np.repeat(np.arange(len(index)), 3), edge.ravel())))
+    _, piece = connected_components(graph @ graph.T, directed=False)
+    largest = np.bincount(piece, areas[index]).argmax()
+    outer[index[piece != largest]] = False
+    return outer
+
+
+def _bone_extent(bone, segments, names, axis: int) -> float:
+    """Largest coordinate of the segments whose name has one of these words; of all segments if none has."""
+    wanted = _named(segments, names)
+    own = np.isin(bone.segment, wanted) if wanted else bone.segment >= 0
+    return float(bone.points[own, axis].max()) if own.any() else np.inf
+
+
+def _node_normals(faces, beyond, node_beyond, normals, areas) -> np.ndarray:
+    """Outward unit normal (n, 3): area-weighted over the triangles that see what the node was given; zero inside."""
+    count = len(node_beyond)
+    total, every = np.zeros((count, 3)), np.zeros((count, 3))
+    for corner in range(3):
+        nodes = faces[:, corner]
+        same = (beyond == node_beyond[nodes][:, None]).mean(axis=1) * areas
+        np.add.at(total, nodes, normals * same[:, None])
+        np.add.at(every, nodes, normals * areas[:, None])
+    weak = np.linalg.norm(total, axis=1) < 1e-9
+    total[weak] = every[weak]
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return total / np.where(length > 0, length, 1)

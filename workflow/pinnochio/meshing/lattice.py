@@ -1,0 +1,342 @@
+"""Tetrahedra of the soft tissue from a label map: a body-centred cubic lattice, fitted to the label boundaries.
+
+The idea follows isosurface stuffing (Labelle and Shewchuk 2007): well-shaped lattice cells, their nodes moved onto
+the boundaries as far as the shape of every cell allows.
+"""
+
+import logging
+from itertools import product
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
+from pinnochio.errors import InputError
+from pinnochio.meshing.fields import Fields, is_tissue, without_specks
+from pinnochio.meshing.mesh import EDGES, TetMesh, adjacency, faces_of, volumes
+from pinnochio.meshing.quality import guarded_move, neighbour_mean
+from pinnochio.meshing.splitting import crowded_cells, cut_nodes, joined_pairs, pieces, simplex_points, split_nodes
+
+LOG = logging.getLogger(__name__)
+NODE_TOLERANCE = 0.07  # the search stops here; the promise is 10 %
+GUARD_MARGIN = 2.0  # degrees kept above the promised dihedral angle
+NEAR_SLIT = 0.3  # of the lattice constant: so near, a lattice node goes to the middle of a thin void
+THIN_SHARE = 0.6  # of the lattice constant: narrower voids are opened by splitting, wider ones are left out
+
+
+def tetrahedralize(
+    labels, spacing, origin, target_nodes: int, *, shift=(0.0, 0.0, 0.0), minimum_dihedral: float = 12.0
+) -> TetMesh:
+    """Conforming mesh of muscle and superficial tissue with about `target_nodes` nodes.
+
+    labels (nx, ny, nz) internal codes [ix, iy, iz]; spacing, origin (3,) mm; shift (3,) mm moves the lattice inside the
+    volume, for a second mesh that shares no node with the first; minimum_dihedral degrees (at most 30).
+    Voids thinner than the lattice are opened: their two sides share no node. Faces on the border of the volume stay
+    exactly flat. Pieces that do not hang on the largest one are dropped, and so are features thinner than about half
+    a lattice cell. The same input gives the same bytes. Raises InputError for a map without tissue or a bad argument.
+    """
+    labels, spacing, origin = np.asarray(labels), np.asarray(spacing, float), np.asarray(origin, float)
+    _check(labels, spacing, origin, target_nodes, minimum_dihedral)
+    inside = is_tissue(labels)
+    if not inside.any():
+        raise InputError("-", "labels", "holds no soft tissue", "label muscle or superficial tissue")
+    constant = (2 * inside.sum() * np.prod(spacing) / target_nodes) ** (1 / 3)
+    labels, origin = _cropped(labels, inside, spacing, origin, margin=1.5 * constant)
+    fields = Fields(without_specks(labels), spacing, origin, thin=THIN_SHARE * constant)
+
+    shift = np.asarray(shift, float)
+
+    best, factor = None, 1.04  # factor: nodes of the finished mesh per node of the raw lattice
+    for _ in range(4):
+        divisions, raw = _divisions_for(fields, shift, target_nodes / factor, constant)
+        mesh = _mesh(fields, divisions, shift, minimum_dihedral + GUARD_MARGIN)
+        count = len(mesh.points)
+        LOG.info("lattice of %d x %d x %d cells: %d nodes", *divisions, count)
+        if best is None or abs(count - target_nodes) < abs(len(best.points) - target_nodes):
+            best = mesh
+        if abs(count - target_nodes) <= NODE_TOLERANCE * target_nodes:
+            break
+        factor = max(count, 1) / raw
+    if len(best.cells) == 0:
+        raise InputError("-", "labels", "no lattice cell fits into the tissue", "ask for more nodes")
+    return best
+
+
+def _check(labels, spacing, origin, target_nodes, minimum_dihedral) -> None:
+    if labels.ndim != 3:
+        raise InputError("-", "labels", f"has {labels.ndim} axes, not 3", "give one label volume")
+    if spacing.shape != (3,) or origin.shape != (3,) or not np.isfinite([spacing, origin]).all():
+        raise InputError("-", "labels", "spacing and origin are not three finite numbers", "give them in mm")
+    if (spacing <= 0).any():
+        raise InputError("-", "labels", f"spacing {spacing} is not positive", "give it in mm")
+    if target_nodes < 50:
+        raise InputError("-", "mesh", f"{target_nodes} nodes cannot carry a face", "ask for 50 nodes at least")
+    if not 0 <= minimum_dihedral <= 30:
+        raise InputError("-", "mesh", f"minimum dihedral angle {minimum_dihedral}", "choose 0 to 30 degrees")
+
+
+def _cropped(labels, inside, spacing, origin, margin: float):
+    """The part of the volume around the tissue, with a margin in mm where the volume has it."""
+    box = []
+    for axis in range(3):
+        filled = np.flatnonzero(inside.any(axis=tuple({0, 1, 2} - {axis})))
+        extra = int(np.ceil(margin / spacing[axis])) + 1
+        box.append(slice(max(filled[0] - extra, 0), filled[-1] + extra + 1))
+    return np.ascontiguousarray(labels[tuple(box)]), origin + spacing * [s.start for s in box]
+
+
+def _divisions_for(fields, shift, wanted: float, constant: float) -> tuple[tuple[int, int, int], int]:
+    """Cells per axis whose raw lattice has about `wanted` tissue nodes, and that number."""
+    best = None
+    for _ in range(4):
+        ideal = (fields.high - fields.low) / constant
+        choices = product(*({max(1, int(np.floor(n))), int(np.ceil(n))} for n in ideal))
+        divisions = min(sorted(choices), key=lambda n: abs(np.log(np.prod(n) / np.prod(ideal))))
+        points, cells, _ = _lattice(fields, divisions, shift)
+        count = max(len(np.unique(cells[_classified(points, cells, fields) > 0])), 1)
+        if best is None or abs(count - wanted) < abs(best[1] - wanted):
+            best = divisions, count
+        if abs(count - wanted) <= 0.02 * wanted:
+            break
+        constant *= (count / wanted) ** (1 / 3)
+    return best
+
+
+def _lattice(fields, divisions, shift) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Body-centred cubic tetrahedra near the tissue: points (n, 3), cells (m, 4), free (n, 3).
+
+    The lattice fills the volume exactly; free tells in which directions a node may move without leaving a border
+    plane. The shift fades towards the borders, which keep their planes.
+    """
+    divisions = np.array(divisions)
+    extent = fields.high - fields.low
+    size = extent / divisions
+    shift = (shift + size / 2) % size - size / 2  # the lattice repeats
+
+    def place(fraction):
+        return fields.low + extent * fraction + shift * np.sin(np.pi * fraction)
+
+    cell = np.stack(np.indices(divisions), axis=-1).reshape(-1, 3)
+    near = fields.sample(fields.body, place((cell + 0.5) / divisions)) > -1.2 * size.max()
+    near = near.reshape(divisions)
+    corners = np.prod(divisions + 1)
+
+    def corner_id(index):
+        return np.ravel_multi_index(tuple(index.T), divisions + 1)
+
+    def centre_id(index):
+        return corners + np.ravel_multi_index(tuple(index.T), divisions)
+
+    cells = []
+    unit = np.eye(3, dtype=int)
+    own = np.argwhere(near)
+    for axis in range(3):
+        one, two = unit[(axis + 1) % 3], unit[(axis + 2) % 3]
+        around = [np.zeros(3, int), one, one + two, two]
+        # Four cells around the line between two neighbouring centres.
+        pair = own[own[:, axis] + 1 < divisions[axis]]
+        pair = pair[near[tuple((pair + unit[axis]).T)]]
+        square = [corner_id(pair + unit[axis] + q) for q in around]
+        ends = centre_id(pair), centre_id(pair + unit[axis])
+        cells += [np.stack([*ends, square[i], square[(i + 1) % 4]], axis=1) for i in range(4)]
+        # Half pyramids under the two border planes, the diagonal in turn one way and the other.
+        for layer, offset in ((0, 0), (divisions[axis] - 1, 1)):
+            base = own[own[:, axis] == layer]
+            square = np.stack([corner_id(base + offset * unit[axis] + q) for q in around], axis=1)
+            turned = base.sum(axis=1) % 2 == 1
+            square[turned] = np.roll(square[turned], 1, axis=1)
+            centre = centre_id(base)[:, None]
+            cells += [np.hstack([centre, square[:, [0, 1, 2]]]), np.hstack([centre, square[:, [0, 2, 3]]])]
+    used, cells = np.unique(np.concatenate(cells), return_inverse=True)
+    cells = cells.reshape(-1, 4)
+    is_corner = used < corners
+    index = np.empty((len(used), 3))
+    index[is_corner] = np.stack(np.unravel_index(used[is_corner], divisions + 1), axis=1)
+    index[~is_corner] = np.stack(np.unravel_index(used[~is_corner] - corners, divisions), axis=1) + 0.5
+    points = place(index / divisions)
+    inverted = volumes(points, cells) < 0
+    cells[inverted] = cells[inverted][:, [0, 1, 3, 2]]
+    points = np.where(index == 0, fields.low, np.where(index == divisions, fields.high, points))
+    return points, cells, (index > 0) & (index < divisions)
+
+
+def _classified(points, cells, fields) -> np.ndarray:
+    """Label (m,) of every cell: 0 void or the tissue that fills most of it."""
+    inside = points[cells]
+    centre = inside.mean(axis=1)
+    reach = np.linalg.norm(inside - centre[:, None], axis=2).max(axis=1)
+    tissue = _filled(fields, fields.body, inside, centre, reach, True)
+    return np.where(
+        tissue, np.where(_filled(fields, fields.muscle, inside, centre, reach, tissue), MUSCLE, SUPERFICIAL), 0
+    )
+
+
+def _filled(fields, field, inside, centre, reach, wanted) -> np.ndarray:
+    """Whether a field is positive in most of each cell; cells farther from its zero than their reach need no look."""
+    value = fields.sample(field, centre)
+    filled = value > 0
+    close = np.flatnonzero((np.abs(value) < reach) & wanted)
+    samples = np.einsum("kc,mcx->mkx", simplex_points(4, 3), inside[close])
+    filled[close] = (fields.sample(field, samples) > 0).mean(axis=1) > 0.5
+    return filled
+
+
+def _mesh(fields, divisions, shift, minimum) -> TetMesh:
+    points, cells, free = _lattice(fields, divisions, shift)
+    size = float(((fields.high - fields.low) / divisions).min())
+    # Fit the lattice, with the void cells that touch tissue, to the boundaries and to the middle of thin voids.
+    for fraction in (0.5, 0.0):
+        label = _without_pinches(points, cells, _classified(points, cells, fields), fields)
+        touched = np.isin(cells, np.unique(cells[label > 0])).any(axis=1)
+        points, cells, free, label = _compact(points, cells, free, label, touched)
+        target = _targets(points, cells, label, free, fields, size, fraction)
+        middle, _, _ = _slit(points, free, np.arange(len(points)), fields, NEAR_SLIT * size)
+        points = guarded_move(points, np.where(np.isnan(middle), target, middle), cells, minimum)
+    label = _without_pinches(points, cells, _classified(points, cells, fields), fields)
+    points, cells, free, label = _compact(points, cells, free, label, label > 0)
+    # Draw the cuts onto the middle of the thin voids, then open them.
+    for last in (False, False, True):
+        pairs = joined_pairs(points, cells, fields)
+        middle, normal, half = _slit(points, free, cut_nodes(cells, *pairs), fields, 0.7 * size)
+        if not last:
+            points = guarded_move(points, np.where(np.isnan(middle), points, middle), cells, minimum)
+    keep, split, old = _opened(points, cells, pairs)
+    LOG.info("dropped %d of %d cells that hang on nothing or pinch an edge", (~keep).sum(), len(keep))
+    points, middle, normal, half, free = (array[old] for array in (points, middle, normal, half, free))
+    cells, label = split, label[keep]
+    lips = _lips(points, cells, middle, normal, half) * free + points * ~free
+    for fraction in (0.5, 0.3, 0.0):
+        target = _targets(points, cells, label, free, fields, size, fraction)
+        target = np.where(np.isnan(lips), target, lips)
+        points = guarded_move(points, target, cells, minimum)
+    return TetMesh(points, cells.astype(np.int32), label.astype(np.int8))
+
+
+def _without_pinches(points, cells, label, fields) -> np.ndarray:
+    """Labels with void cells filled so that no tissue node touches void on two sides (skin and bone, say).
+
+    Such a node would be a hinge in a sheet one cell thick. The side with fewer void cells is filled.
+    """
+    label = label.copy()
+    for _ in range(4):
+        void = np.flatnonzero(label == 0)
+        first, second = adjacency(cells[void])
+        split, old = split_nodes(cells[void], first, second)
+        tissue_node = np.zeros(len(points), bool)
+        tissue_node[cells[label > 0]] = True
+        size = np.bincount(split.ravel())
+        # Groups in the order of their node, the largest first: all but the first are filled.
+        order = np.lexsort((-size, old))
+        extra = np.zeros(len(old), bool)
+        extra[order[1:]] = old[order[1:]] == old[order[:-1]]
+        extra &= tissue_node[old]
+        fill = void[extra[split].any(axis=1)]
+        if len(fill) == 0:
+            break
+        muscle = fields.sample(fields.muscle, points[cells[fill]].mean(axis=1)) > 0
+        label[fill] = np.where(muscle, MUSCLE, SUPERFICIAL)
+    return label
+
+
+def _compact(points, cells, free, label, keep):
+    """Only the kept cells and their nodes."""
+    used, cells = np.unique(cells[keep], return_inverse=True)
+    return points[used], cells.reshape(-1, 4), free[used], label[keep]
+
+
+def _targets(points, cells, label, free, fields, size, smoothing: float) -> np.ndarray:
+    """Where nodes should go: on boundaries, after some smoothing along them; others between their neighbours."""
+    faces, key = faces_of(cells)
+    order = np.argsort(key, kind="stable")
+    twin = np.flatnonzero(key[order[1:]] == key[order[:-1]])
+    a, b = order[twin], order[twin + 1]
+    between = a[label[a // 4] != label[b // 4]]
+    alone = np.ones(len(faces), bool)
+    alone[a] = alone[b] = False
+    # Faces within a border plane of the volume are cut planes, not boundaries of tissue.
+    flat = (~free[faces]).all(axis=1).any(axis=1)
+    surface = np.concatenate([faces[between], faces[alone & ~flat]])
+    kinds = np.zeros((len(points), 3), bool)
+    for code in (0, SUPERFICIAL, MUSCLE):
+        kinds[cells[label == code], code] = True
+    kinds[faces[alone & ~flat], 0] = True
+    tissue_nodes = kinds[:, 1] | kinds[:, 2]
+    outer, inner = kinds[:, 0] & tissue_nodes, kinds[:, 1] & kinds[:, 2]
+
+    pairs = np.sort(cells[:, EDGES].reshape(-1, 2), axis=1)
+    rim = surface[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    mean = neighbour_mean(points, pairs)
+    along = neighbour_mean(points, rim)
+    bound = outer | inner
+    mean[bound] = along[bound]
+    mean[outer & inner] = points[outer & inner]
+    start = points + smoothing * (mean - points) * free
+    target = start.copy()
+    for _ in range(3):
+        target[bound] = _newton(target[bound], outer[bound], inner[bound], free[bound], fields)
+    step = target - start
+    length = np.linalg.norm(step, axis=1, keepdims=True)
+    return start + step * np.minimum(1, 0.7 * size / np.maximum(length, 1e-12))
+
+
+def _newton(points, outer, inner, free, fields) -> np.ndarray:
+    """One least-norm Newton step to the zero of the tissue field (outer), of the muscle field (inner), or of both."""
+    value = np.stack([fields.sample(field, points) for field in (fields.tissue, fields.muscle)], axis=1)
+    slope = np.stack([fields.gradient(field, points) for field in (fields.tissue, fields.muscle)], axis=1)
+    active = np.stack([outer, inner], axis=1)
+    slope *= free[:, None, :] * active[:, :, None]
+    value = value * active
+    gram = np.einsum("nax,nbx->nab", slope, slope) + 0.02 * np.eye(2)
+    return points - np.einsum("nax,na->nx", slope, np.linalg.solve(gram, value[..., None])[..., 0])
+
+
+def _slit(points, free, nodes, fields, limit: float):
+    """For the given nodes, if a thin void is within the limit: the place (n, 3) on its middle, its normal (n, 3) and
+    its half width (n,). NaN for all other nodes."""
+    middle, normal, half = (np.full(shape, np.nan) for shape in (points.shape, points.shape, len(points)))
+    centres, width = fields.thin_void
+    if len(nodes) == 0 or len(centres) < 8:
+        return middle, normal, half
+    tree = cKDTree(centres)
+    distance, nearest = tree.query(points[nodes], distance_upper_bound=limit)
+    cut, nearest = nodes[distance < limit], nearest[distance < limit]
+    _, group = tree.query(centres[nearest], k=min(25, len(centres)))
+    cloud = centres[group]
+    weight = width[group][..., None]
+    mean = (cloud * weight).sum(axis=1) / weight.sum(axis=1)
+    spread = np.einsum("nki,nkj->nij", (cloud - mean[:, None]) * weight, cloud - mean[:, None])
+    across = np.linalg.eigh(spread)[1][:, :, 0]
+    step = np.einsum("ni,ni->n", mean - points[cut], across)
+    middle[cut] = points[cut] + step[:, None] * across * free[cut]
+    normal[cut], half[cut] = across, width[group].max(axis=1)
+    return middle, normal, half
+
+
+def _opened(points, cells, pairs):
+    """Cells to keep (m,), the kept cells with nodes split where they hang apart, and the old index of each node."""
+    keep = np.ones(len(cells), bool)
+    first, second = pairs
+    while True:
+        renumber = np.cumsum(keep) - 1
+        alive = keep[first // 4] & keep[second // 4]
+        a, b = (4 * renumber[side[alive] // 4] + side[alive] % 4 for side in pairs)
+        kept = np.flatnonzero(keep)
+        loose = pieces(len(kept), a, b) > 0
+        if not loose.any():
+            split, old = split_nodes(cells[kept], a, b)
+            loose = np.zeros(len(kept), bool)
+            loose[crowded_cells(points[old], split)] = True
+            if not loose.any():
+                return keep, split, old
+        keep[kept[loose]] = False
+
+
+def _lips(points, cells, middle, normal, half) -> np.ndarray:
+    """Where the copies of a slit node belong: half the width off the middle, on the side of their own cells."""
+    centre = points[cells].mean(axis=1)
+    count = np.bincount(cells.ravel(), minlength=len(points))
+    own = (
+        np.stack([np.bincount(cells.ravel(), np.repeat(c, 4), len(points)) for c in centre.T], axis=1) / count[:, None]
+    )
+    side = np.sign(np.einsum("ni,ni->n", own - points, normal))
+    return middle + (side * half)[:, None] * normal

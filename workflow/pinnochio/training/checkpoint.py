@@ -1,0 +1,39 @@
+"""Trained networks and half-trained states on disk."""
+
+import os
+from dataclasses import asdict
+
+import torch
+from torch import nn
+
+from pinnochio.files import replacing
+from pinnochio.networks.cascade import build
+from pinnochio.networks.settings import NetworkSettings
+
+
+def save_network(path: str | os.PathLike, network: nn.Module, settings: NetworkSettings, **about) -> None:
+    """Write the weights with the settings that rebuild the network, and plain values `about` the training."""
+    save_state(path, {"network": asdict(settings), "state": network.state_dict(), **about})
+
+
+def load_network(path: str | os.PathLike, device: torch.device | str = "cpu") -> tuple[nn.Module, NetworkSettings]:
+    """Network on `device` and its settings; nothing but tensors and plain values is unpickled."""
+    stored = torch.load(path, map_location=device, weights_only=True)
+    settings = NetworkSettings(**stored["network"])
+    network = build(settings).to(device)
+    network.load_state_dict(stored["state"])
+    return network, settings
+
+
+def save_state(path: str | os.PathLike, state: dict) -> None:
+    """Write a dictionary of tensors and plain values, all or nothing."""
+    with replacing(path) as temporary:
+        torch.save(state, temporary)
+
+
+def load_state(path: str | os.PathLike, signature: str, device: torch.device | str) -> dict | None:
+    """The state at `path` if it is there and was written under the same `signature`."""
+    if not os.path.exists(path):
+        return None
+    state = torch.load(path, map_location=device, weights_only=True)
+    return state if state["signature"] == signature else None

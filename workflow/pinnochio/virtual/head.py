@@ -1,0 +1,162 @@
+"""A virtual head as a label volume: bone segments, muscle, superficial tissue and the landmarks of the patient."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from pinnochio.anatomy.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
+from pinnochio.virtual.implicit import Field
+from pinnochio.virtual.muscles import muscles
+from pinnochio.virtual.parameters import HeadParameters
+from pinnochio.virtual.skeleton import SIDES, Skeleton, mandible, split_sides, upper_skull
+from pinnochio.virtual.skin import mouth_line, skin
+
+SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right")
+LEFORT, DISTAL, LEFT, RIGHT, CHIN = (segment_code(i) for i in range(5))
+SKIN_LAYER = 3.5  # mm of superficial tissue over muscle at least [I]
+SLIT = 1.4  # mm between the lips [I]
+
+
+@dataclass(frozen=True)
+class Head:
+    """labels (nx, ny, nz) uint8 internal codes; spacing, origin (3,) mm; landmarks name -> (3,) mm; its parameters."""
+
+    labels: np.ndarray
+    spacing: np.ndarray
+    origin: np.ndarray
+    landmarks: dict[str, np.ndarray]
+    parameters: HeadParameters
+    segments: tuple[str, ...] = SEGMENTS
+
+
+def grid(s: Skeleton, spacing: float) -> list[np.ndarray]:
+    """Axes of the volume: cut at the tragi, 25 mm above nasion, 20 mm below the chin; air in front and beside."""
+    p = s.p
+    side = 0.5 * p.face_width + 14
+    front = s.spine[1] - p.subnasale - p.nose_length - 9
+    low, high = s.menton[2] - p.menton - 20, s.nasion[2] + 26
+    half = np.ceil(side / spacing) * spacing
+    ends = ((-half, half), (front, 1.0), (low, high))
+    return [np.arange(np.floor(a / spacing), np.floor(b / spacing) + 1) * spacing for a, b in ends]
+
+
+def build_head(parameters: HeadParameters, spacing: float = 1.0, genioplasty: bool = False) -> Head:
+    """Label volume of one virtual patient on cubes of `spacing` mm; `genioplasty` cuts the chin as fifth segment."""
+    s = Skeleton(parameters)
+    axes = grid(s, spacing)
+    upper, cheeks = upper_skull(s, axes, reach=12)
+    jaw = mandible(s, axes, reach=12)
+    face, points = skin(s, upper, cheeks, jaw)
+    x, y, z = (axis.astype(np.float32) for axis in axes)
+    x, y, z = x[:, None, None], y[None, :, None], z[None, None, :]
+
+    bone = _bones(s, upper.values < 0, jaw.values < 0, (x, y, z), genioplasty)
+    inside = (face.values < 0) & ~_oral(s, x, y, z) & ~_slit(s, points, x, y, z, spacing)
+    labels = np.where(bone > 0, bone, np.where(inside, SUPERFICIAL, AIR)).astype(np.uint8)
+    deep = (labels == SUPERFICIAL) & _deep(face, labels, spacing)
+    labels[deep & muscles(s, points, axes)] = MUSCLE
+    _clean(labels)
+    origin = np.array([axis[0] for axis in axes])
+    marks = landmarks(s, points, labels, axes)
+    return Head(labels, np.full(3, spacing), origin, marks, parameters, SEGMENTS + ("chin",) * genioplasty)
+
+
+def _bones(s: Skeleton, skull: np.ndarray, jaw: np.ndarray, grid_xyz, genioplasty: bool) -> np.ndarray:
+    """Codes of the bones after the osteotomies, 0 elsewhere."""
+    x, y, z = grid_xyz
+    bone = np.where(skull, CRANIUM, 0).astype(np.uint8)
+    bone[skull & (z < s.cut_height(y)) & (np.abs(x) < 38 * s.wide) & (y < s.molar_y + 7)] = LEFORT
+    bone[jaw] = DISTAL
+    for side, code in zip(SIDES, (LEFT, RIGHT), strict=True):
+        bone[jaw & split_sides(s, x, y, z, side)] = code
+    if genioplasty:
+        bone[(z < s.menton[2] + 13) & (np.abs(x - s.menton[0]) < 20 * s.wide) & (bone == DISTAL)] = CHIN
+    return bone
+
+
+def _interior(line: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Inside of an arch, open to the back, in the axial plane."""
+    order = np.argsort(line[:, 0])
+    front = np.interp(x[:, :, 0], line[order, 0], line[order, 1], left=np.inf, right=np.inf)
+    return (y[:, :, 0] > front)[:, :, None]
+
+
+def _oral(s: Skeleton, x, y, z) -> np.ndarray:
+    """Mouth and throat: air behind the dental arches and between the rami."""
+    scale = 1 + 3.0 / np.abs(s.arch_upper[:, 0]).max()
+    between = 0.5 * (s.upper_edge(y) + s.lower_edge(y))
+    rear = (y > s.molar_y) & (np.abs(x) < np.where(z > between, 37, 27) * s.wide) & (z < -8) & (z > between - 24)
+    top = _interior(s.arch_upper * [scale, 1] - [0, 1.0], x, y) & (z > between) & (z < s.spine[2] + 1)
+    low = _interior(s.arch_lower * [scale, 1] - [0, 1.0], x, y) & (z <= between) & (z > between - 20)
+    front = (top | low) & (y <= s.molar_y)
+    throat = ((x / (38 * s.wide)) ** 2 + ((y - 2) / 35) ** 2 < 1) & (z < -8)
+    return front | rear | throat
+
+
+def _slit(s: Skeleton, points, x, y, z, spacing: float) -> np.ndarray:
+    """Gap between the lips, from the skin to the teeth."""
+    line = mouth_line(s, points, 41)
+    height = np.interp(x, line[:, 0], line[:, 2]).astype(np.float32)
+    teeth = np.maximum(
+        *(np.interp(x, a[:, 0], a[:, 1], left=np.inf, right=np.inf) for a in (s.arch_upper, s.arch_lower))
+    )
+    span = (x > line[0, 0]) & (x < line[-1, 0])
+    return span & (np.abs(z - height) < max(SLIT, 1.3 * spacing) / 2) & (y < teeth + 4)
+
+
+def _deep(face: Field, labels: np.ndarray, spacing: float) -> np.ndarray:
+    """Deep enough below the skin, and away from the surfaces of the lips and the mouth, to be muscle."""
+    skin_steps, mouth_steps = max(int(np.ceil(3 / spacing)), 1), max(round(2 / spacing), 1)
+    below_skin = ndimage.binary_erosion(face.values < 0, iterations=skin_steps, border_value=1)
+    off_air = ndimage.binary_erosion(labels != AIR, iterations=mouth_steps, border_value=1)
+    return (face.values < -SKIN_LAYER) & below_skin & off_air
+
+
+def _absorb(labels: np.ndarray, codes: tuple[int, ...]) -> int:
+    """Give every part but the largest of the structure `codes` the label that most of its neighbours have."""
+    parts, count = ndimage.label(np.isin(labels, codes))
+    if count < 2:
+        return 0
+    largest = np.bincount(parts.ravel())[1:].argmax() + 1
+    for number, box in enumerate(ndimage.find_objects(parts), 1):
+        if number != largest:
+            wide = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in box)
+            own = parts[wide] == number
+            rim = labels[wide][ndimage.binary_dilation(own) & ~own]
+            labels[wide][own] = np.bincount(rim).argmax()
+    return count - 1
+
+
+def _clean(labels: np.ndarray) -> None:
+    """One connected component per label, and one of all soft tissue: no crumbs, no enclosed air."""
+    structures = [(code,) for code in np.unique(labels)] + [(SUPERFICIAL, MUSCLE)]
+    for _ in range(5):
+        if not sum(_absorb(labels, codes) for codes in structures):
+            break
+
+
+def landmarks(s: Skeleton, points, labels: np.ndarray, axes) -> dict[str, np.ndarray]:
+    """Landmarks (3,) mm; those of the skin lie on the labelled surface."""
+    solid = labels != AIR
+
+    def on_skin(point):
+        """First tissue from the front at the point's x and z."""
+        i, k = (int(np.argmin(np.abs(axis - value))) for axis, value in ((axes[0], point[0]), (axes[2], point[2])))
+        hit = np.flatnonzero(solid[i, :, k])
+        return np.array(
+            [point[0], axes[1][hit[0]] - 0.5 * (axes[1][1] - axes[1][0]) if len(hit) else point[1], point[2]]
+        )
+
+    names = ("nasion", "pronasale", "subnasale", "labrale_superius", "labrale_inferius", "pogonion_soft")
+    marks = {name: on_skin(points[name]) for name in names}
+    marks["menton_soft"] = points["menton_soft"]
+    line = mouth_line(s, points)
+    marks["cheilion_left"], marks["cheilion_right"] = on_skin(line[-1] + [2, 0, 0]), on_skin(line[0] - [2, 0, 0])
+    for name, side in (("left", 1.0), ("right", -1.0)):
+        column = np.flatnonzero(solid[:, -1, int(np.argmin(np.abs(axes[2])))])
+        marks[f"tragus_{name}"] = np.array([axes[0][column[-1 if side > 0 else 0]], 0.0, 0.0])
+        marks[f"condyle_{name}"] = s.condyle_of(side)
+    marks["upper_incisor"], marks["lower_incisor"] = s.upper_incisor, s.lower_incisor
+    marks["pogonion_bone"] = s.pogonion
+    return marks

@@ -1,0 +1,177 @@
+"""The numbers that make one virtual patient, and the distributions from which they are drawn.
+
+Means and spreads are adult figures recalled from anthropometry and cephalometry [R], soft-tissue thicknesses those of
+the thickness literature [R], the effect of the bite on lip thickness [S: KJO 42:23]; entries marked [I] are choices.
+"""
+
+from dataclasses import asdict, dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import truncnorm
+
+DEFORMITIES = ("class_ii", "class_iii", "asymmetry", "open_bite")
+NORMAL_OVERJET = 2.5  # mm [R]
+REST_GAP = 2.0  # mm between the incisor edges of a normal bite, jaw at rest [R]
+
+
+class Distribution(NamedTuple):
+    """Truncated normal; `male` is what a man's mean has more than a woman's."""
+
+    mean: float
+    sd: float
+    low: float
+    high: float
+    male: float
+    unit: str
+    source: str
+    meaning: str
+
+
+TABLE = {
+    # bone
+    "face_height": Distribution(115.0, 5.0, 100, 140, 8.0, "mm", "[R]", "bony nasion to menton"),
+    "lower_share": Distribution(0.55, 0.015, 0.50, 0.60, 0.0, "1", "[R]", "part of face_height below the nasal spine"),
+    "face_width": Distribution(130.0, 4.5, 115, 152, 7.0, "mm", "[R]", "soft-tissue bizygomatic width"),
+    "face_depth": Distribution(87.0, 3.0, 78, 101, 5.0, "mm", "[R]", "tragus to bony nasion, sagittal"),
+    "maxilla_position": Distribution(0.0, 2.0, -7, 6, 0.0, "mm", "[R]", "A point ahead of the nasion vertical"),
+    "overjet": Distribution(NORMAL_OVERJET, 0.7, -9, 12, 0.0, "mm", "[R]", "upper incisor edge ahead of the lower"),
+    "open_bite": Distribution(0.0, 0.3, -0.5, 7, 0.0, "mm", "[R]", "incisor gap beyond the rest gap"),
+    "mandible_length": Distribution(73.0, 3.0, 60, 92, 4.5, "mm", "[R]", "gonion to pogonion, sagittal"),
+    "ramus_height": Distribution(55.0, 3.0, 44, 70, 5.0, "mm", "[R]", "condyle top to gonion, vertical"),
+    "gonial_width": Distribution(91.0, 4.0, 78, 110, 7.0, "mm", "[R]", "bony gonion to gonion"),
+    "chin_prominence": Distribution(
+        0.0, 2.0, -5, 5, 0.5, "mm", "[R]", "pogonion ahead of its mean place below the incisor"
+    ),
+    "chin_deviation": Distribution(0.0, 0.5, -9, 9, 0.0, "mm", "[R]", "chin off the midline, to the patient's left"),
+    "occlusal_cant": Distribution(0.0, 0.4, -4, 4, 0.0, "mm", "[R]", "left jaw angle lower than right by twice this"),
+    "brow_prominence": Distribution(0.5, 0.6, -1, 3, 1.5, "mm", "[I]", "brow ridge"),
+    # soft tissue
+    "nose_length": Distribution(16.0, 1.5, 11, 23, 1.5, "mm", "[R]", "subnasale to tip, sagittal"),
+    "nose_width": Distribution(32.0, 2.0, 26, 42, 3.0, "mm", "[R]", "between the wings"),
+    "nose_rotation": Distribution(1.0, 1.8, -4, 6, -1.0, "mm", "[I]", "tip raised above its mean height"),
+    "dorsal_hump": Distribution(0.4, 0.8, -1.5, 3, 0.4, "mm", "[I]", "mid-dorsum above the line nasion to tip"),
+    "mouth_width": Distribution(49.0, 2.5, 41, 58, 3.0, "mm", "[R]", "commissure to commissure"),
+    "lip_fullness": Distribution(1.0, 0.15, 0.6, 1.5, -0.05, "1", "[I]", "vermilion size relative to the mean"),
+    "cheek_fullness": Distribution(0.0, 1.4, -3.5, 4, 0.0, "mm", "[I]", "buccal cheek beyond the mean thickness"),
+    "eye_spacing": Distribution(62.0, 2.0, 55, 70, 2.0, "mm", "[R]", "between the pupils"),
+    "skin_asymmetry": Distribution(0.5, 0.15, 0.2, 1.2, 0.0, "mm", "[I]", "size of the irregular relief of the skin"),
+    # thickness over bone, methods of 7.5
+    "glabella": Distribution(5.5, 0.6, 4, 8, 0.3, "mm", "[R]", "skin over the glabella"),
+    "nasion": Distribution(6.5, 0.7, 4.5, 9, 0.3, "mm", "[R]", "skin over nasion"),
+    "subnasale": Distribution(12.5, 1.2, 9, 17, 1.0, "mm", "[R]", "subnasale over bone"),
+    "labrale_superius": Distribution(11.0, 1.0, 8, 15, 1.0, "mm", "[R]", "upper lip over the incisors"),
+    "labrale_inferius": Distribution(12.5, 1.0, 9, 16.5, 1.0, "mm", "[R]", "lower lip over the incisors"),
+    "mentolabial": Distribution(10.7, 0.9, 8, 14, 0.6, "mm", "[R]", "fold over B point"),
+    "pogonion": Distribution(10.7, 1.0, 7.5, 15, 0.6, "mm", "[R]", "chin pad"),
+    "menton": Distribution(7.0, 0.8, 5, 10, 0.3, "mm", "[R]", "under the chin"),
+    "zygoma": Distribution(8.0, 0.9, 5.5, 11, 0.0, "mm", "[R]", "over the cheek bone"),
+    "masseter": Distribution(17.5, 1.5, 13, 22, 1.0, "mm", "[R]", "over the middle of the ramus"),
+}
+
+# What a deformity changes: new means (and spreads), or a shift of the mean marked by "+".
+SHIFTS: dict[str, dict[str, tuple]] = {
+    "class_ii": {
+        "overjet": (7.5, 1.6, 5.0, 12.0),
+        "mandible_length": ("+", -5.0),
+        "maxilla_position": ("+", 1.0),
+        "labrale_inferius": ("+", 1.0),  # [S: KJO 42:23] thickest in Class II
+    },
+    "class_iii": {
+        "overjet": (-4.5, 1.8, -9.0, -1.5),
+        "mandible_length": ("+", 5.0),
+        "maxilla_position": ("+", -2.5),
+        "labrale_superius": ("+", 1.0),  # [S: KJO 42:23] thickest in Class III
+        "labrale_inferius": ("+", -1.0),  # [S: KJO 42:23] thinnest in Class III
+    },
+    "asymmetry": {
+        "chin_deviation": (6.0, 1.2, 4.0, 9.0),
+        "occlusal_cant": (2.0, 0.5, 1.0, 4.0),
+        "overjet": (0.0, 2.0, -4.0, 4.0),
+    },
+    "open_bite": {
+        "open_bite": (4.0, 1.0, 2.5, 7.0),
+        "face_height": ("+", 5.0),
+        "ramus_height": ("+", -5.0),
+        "overjet": (3.0, 1.5, 0.0, 6.0),
+    },
+}
+
+
+@dataclass(frozen=True)
+class HeadParameters:
+    """One virtual patient; the meaning and unit of every number stand in :data:`TABLE`."""
+
+    deformity: str
+    male: bool
+    relief_seed: int
+    face_height: float
+    lower_share: float
+    face_width: float
+    face_depth: float
+    maxilla_position: float
+    overjet: float
+    open_bite: float
+    mandible_length: float
+    ramus_height: float
+    gonial_width: float
+    chin_prominence: float
+    chin_deviation: float
+    occlusal_cant: float
+    brow_prominence: float
+    nose_length: float
+    nose_width: float
+    nose_rotation: float
+    dorsal_hump: float
+    mouth_width: float
+    lip_fullness: float
+    cheek_fullness: float
+    eye_spacing: float
+    skin_asymmetry: float
+    glabella: float
+    nasion: float
+    subnasale: float
+    labrale_superius: float
+    labrale_inferius: float
+    mentolabial: float
+    pogonion: float
+    menton: float
+    zygoma: float
+    masseter: float
+
+    def to_dict(self) -> dict:
+        """Plain values by name, for JSON and tables."""
+        return asdict(self)
+
+
+def draw(rng: np.random.Generator, mean: float, sd: float, low: float, high: float) -> float:
+    """One value of the normal (mean, sd) truncated to [low, high]; exactly one draw of `rng`."""
+    return float(truncnorm.ppf(rng.random(), (low - mean) / sd, (high - mean) / sd, loc=mean, scale=sd))
+
+
+def distribution(name: str, male: bool, deformity: str) -> tuple[float, float, float, float]:
+    """Mean, standard deviation and bounds of a number for this sex and deformity."""
+    entry = TABLE[name]
+    mean, sd, low, high = entry.mean + male * entry.male, entry.sd, entry.low, entry.high
+    shift = SHIFTS[deformity].get(name)
+    if shift is None:
+        return mean, sd, low, high
+    return (mean + shift[1], sd, low, high) if shift[0] == "+" else shift
+
+
+def sample_parameters(rng: np.random.Generator, deformity: str) -> HeadParameters:
+    """Draw one patient of a deformity class (one of :data:`DEFORMITIES`)."""
+    if deformity not in DEFORMITIES:
+        raise ValueError(f"unknown deformity {deformity!r}; choose one of {', '.join(DEFORMITIES)}")
+    male = bool(rng.random() < 0.5)
+    side = 1.0 if rng.random() < 0.5 else -1.0
+    relief_seed = int(rng.integers(2**31))
+    values = {name: draw(rng, *distribution(name, male, deformity)) for name in TABLE}
+    if deformity == "asymmetry":
+        # The chin deviates away from the longer, lower side.
+        values["chin_deviation"] *= side
+        values["occlusal_cant"] *= -side
+    return HeadParameters(deformity=deformity, male=male, relief_seed=relief_seed, **values)
+
+
+assert [field.name for field in fields(HeadParameters)][3:] == list(TABLE)
