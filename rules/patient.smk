@@ -21,6 +21,7 @@ rule import_segmentation:
     params:
         labels=config["labels"],
         segments=config["segments"],
+        orientation=config["orientation"],
         bone_edge=config["mesh"]["bone_edge"],
         code=code_of("anatomy"),
     message:
@@ -114,6 +115,7 @@ rule label_interfaces:
         mesh="<results>/cases/{case}/mesh.vtu",
         labels="<results>/cases/{case}/labels.nii.gz",
         bone="<results>/cases/{case}/bone.vtp",
+        skin="<results>/cases/{case}/skin.vtp",
     output:
         model="<results>/cases/{case}/model.h5",
     log:

@@ -18,17 +18,19 @@ def import_segmentation(
     plan: str,
     label_values: dict[str, int],
     segments: tuple[str, ...],
+    orientation: str,
     bone_edge: float,
     outputs: dict[str, str],
 ) -> None:
     """Read and check one patient; write labels, bone, skin, plan and a report of the volumes.
 
-    label_values maps each structure's name to its voxel value; bone_edge is the edge length of the surfaces in mm;
+    label_values maps each structure's name to its voxel value; orientation: "header", or where the voxel axes point if the
+    header is wrong; bone_edge is the edge length of the surfaces in mm;
     outputs names the files labels, bone, skin, plan and report. Raises InputError for what the user must mend.
     """
     checked = Plan.read(plan, case)
     check_plan(checked, segments, plan)
-    head = read_segmentation(segmentation, case, label_values, segments)
+    head = read_segmentation(segmentation, case, label_values, segments, orientation)
     bone = bone_surface(head.labels, head.spacing, head.origin, segments, bone_edge)
     skin = skin_surface(head.labels, head.spacing, head.origin)
     voxel = float(np.prod(head.spacing)) / 1000
@@ -56,6 +58,7 @@ if __name__ == "__main__":
         snakemake.input.plan,
         snakemake.params.labels,
         tuple(snakemake.params.segments),
+        snakemake.params.orientation,
         snakemake.params.bone_edge,
         dict(snakemake.output.items()),
     )

@@ -6,14 +6,14 @@ import numpy as np
 
 from pinnochio.anatomy.model import FIXED, MOVING, SLIDING
 from pinnochio.anatomy.segmentation import read_labels
-from pinnochio.anatomy.surfaces import BoneSurface
+from pinnochio.anatomy.surfaces import BoneSurface, read_surface
 from pinnochio.logs import attach_log
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.mesh import TetMesh
 
 
 def label_case(
-    mesh: str, labels: str, bone: str, segments: tuple[str, ...], interfaces: dict[str, float], model: str
+    mesh: str, labels: str, bone: str, skin: str, segments: tuple[str, ...], interfaces: dict[str, float], model: str
 ) -> None:
     """Write the patient model; `interfaces` holds the thresholds in mm (config section of the same name)."""
     head = read_labels(labels)
@@ -24,6 +24,7 @@ def label_case(
         head.origin,
         segments,
         BoneSurface.read(bone),
+        read_surface(skin),
         **{f"{name}_mm": value for name, value in interfaces.items()},
     )
     counts = {name: int(np.sum(patient.node_type == kind)) for name, kind in
@@ -38,6 +39,7 @@ if __name__ == "__main__":
         snakemake.input.mesh,
         snakemake.input.labels,
         snakemake.input.bone,
+        snakemake.input.skin,
         tuple(snakemake.params.segments),
         snakemake.params.interfaces,
         snakemake.output.model,

@@ -18,7 +18,7 @@ def render_case(case: str, model: str, plan: str, postop: str, predictions: Mapp
     with h5py.File(postop, "r") as file:
         target = file["points"][()], file["faces"][()]
     fields = {method: read_prediction(path, case).displacement for method, path in predictions.items()}
-    errors = {method: signed_distances(patient.points + field, *target) for method, field in fields.items()}
+    errors = {method: signed_distances(patient.moved_skin(field), *target) for method, field in fields.items()}
     case_picture(patient, Plan.read(plan, case), target, fields, errors, picture)
 
 

@@ -10,9 +10,8 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.evaluation.pictures import field_picture
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.kinematics import jacobians
+from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.simulation import FemSettings, simulate
-from pinnochio.mechanics.sliding import sliding_errors
 
 
 def solve_plan(
@@ -41,10 +40,10 @@ def solve_plan(
         "nodes": len(patient.points),
         "converged": result.converged,
         "reason": result.reason,
-        "relative_residual": result.history[-1]["residual"],
+        "relative_residual": result.residual,
         "min_jacobian": float(ratios.min()),
         "inverted": int(np.sum(ratios <= 0)),
-        "sliding_error_mm": sliding_errors(patient, motions, result.displacement),
+        "sliding_violation_mm": result.violation,
         "largest_displacement_mm": float(np.linalg.norm(result.displacement, axis=1).max()),
         "increments": result.increments,
         "iterations": result.iterations,

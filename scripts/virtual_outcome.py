@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.plan_sampling import execution_error
 from pinnochio.anatomy.segmentation import read_segmentation
-from pinnochio.anatomy.surfaces import bone_surface
+from pinnochio.anatomy.surfaces import bone_surface, skin_surface
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.simulation import FemSettings, simulate
@@ -57,6 +57,7 @@ def virtual_outcome(
         head.origin,
         segments,
         bone_surface(head.labels, head.spacing, head.origin, segments, bone_edge),
+        skin_surface(head.labels, head.spacing, head.origin),
         **{f"{name}_mm": value for name, value in thresholds.items()},
     )
     moduli = {
@@ -74,7 +75,7 @@ def virtual_outcome(
     loose = np.clip(cKDTree(patient.bone_points).query(patient.points)[0] / LIP_THICKNESS, 0, 1)
     change = reality["lip_change"] * lip_change(patient.points, landmarks, weight=loose)
     displacement = result.displacement + change
-    seen = scan(patient.points + displacement, patient.skin_faces, rng, noise_mm=noise)
+    seen = scan(patient.moved_skin(displacement), patient.skin_faces, rng, noise_mm=noise)
     with replacing(outputs["postop"]) as temporary:
         trimesh.Trimesh(seen.points, seen.faces, process=False).export(temporary)
     with replacing(outputs["truth"]) as temporary, h5py.File(temporary, "w", track_order=True) as file:

@@ -28,7 +28,9 @@ class PatientModel:
     node_beyond (n,) int16 INTERIOR, 0 air, 10 cranium, 11 + segment, CUT_PLANE.
     node_normal (n, 3) unit normal out of the tissue on boundary nodes, zero inside.
     interface_kind (n,) int8 NO_INTERFACE | BONE_MUSCLE | BONE_SUPERFICIAL | MUSCLE_SUPERFICIAL.
-    skin_faces (f, 3) int32 outer skin triangles, outward; face_roi (f,) bool the part that accuracy is judged on.
+    skin_faces (f, 3) int32 outer skin triangles over skin_points (s, 3), outward; face_roi (f,) bool the part that
+    accuracy is judged on. The skin is finer than the mesh and carried by it: skin_nodes (s, 3) int32 and
+    skin_weights (s, 3) give the displacement of each of its points. By default it is the mesh's own boundary.
     bone_points (b, 3), bone_normals (b, 3) out of the bone, bone_faces (g, 3) int32.
     bone_segment (b,) int8 segment index, -1 cranium.
     segments: names, in the order of the indices.
@@ -49,6 +51,21 @@ class PatientModel:
     bone_faces: np.ndarray
     bone_segment: np.ndarray
     segments: tuple[str, ...]
+    skin_points: np.ndarray | None = None
+    skin_nodes: np.ndarray | None = None
+    skin_weights: np.ndarray | None = None
+
+    def __post_init__(self):
+        if self.skin_points is None:
+            count = len(self.points)
+            nodes = np.repeat(np.arange(count, dtype=np.int32)[:, None], 3, axis=1)
+            own = {"skin_points": self.points, "skin_nodes": nodes, "skin_weights": np.tile([1.0, 0, 0], (count, 1))}
+            for name, value in own.items():
+                object.__setattr__(self, name, value)
+
+    def moved_skin(self, displacement: np.ndarray) -> np.ndarray:
+        """Points of the outer skin (s, 3) mm under a displacement (n, 3) mm of the mesh."""
+        return self.skin_points + np.einsum("sc,scx->sx", self.skin_weights, displacement[self.skin_nodes])
 
     def reference_cue(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
         """Cue c_ref (n, 3) mm and reliability mask (n,) bool of the nodes whose motion the plan fixes.

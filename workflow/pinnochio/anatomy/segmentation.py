@@ -19,6 +19,7 @@ from pinnochio.files import replacing
 LOG = logging.getLogger(__name__)
 IMAGE_FORMATS = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd")
 SURFACE_FORMATS = (".ply", ".stl", ".obj", ".vtp")
+HEADER = "header"
 HEAD_EXTENT = (50.0, 600.0)  # mm; the longest side of what is labelled lies between
 
 
@@ -32,12 +33,17 @@ class Segmentation:
 
 
 def read_segmentation(
-    path: str | os.PathLike, case: str, label_values: Mapping[str, int], segments: Sequence[str]
+    path: str | os.PathLike,
+    case: str,
+    label_values: Mapping[str, int],
+    segments: Sequence[str],
+    orientation: str = HEADER,
 ) -> Segmentation:
     """Read a label map (NIfTI, NRRD, MHA; any orientation) into internal codes on an axis-aligned LPS grid.
 
     label_values: voxel value of "superficial", "muscle", "cranium" and of every segment; values that it does not name
-    count as air, with a warning. An oblique grid is resampled by nearest neighbour on an axis-aligned one of the same
+    count as air, with a warning. orientation: where the voxel axes of a file with a wrong header point, as a code such
+    as "RAS" (first axis to the patient's right, second anterior, third superior). An oblique grid is resampled by nearest neighbour on an axis-aligned one of the same
     spacing. Raises InputError for everything that the user must mend.
     """
 
@@ -45,6 +51,10 @@ def read_segmentation(
         raise InputError(case, path, problem, remedy)
 
     image = _read_image(path, refuse)
+    if orientation != HEADER:
+        direction = np.reshape(sitk.DICOMOrientImageFilter.GetDirectionCosinesFromOrientation(orientation), (3, 3))
+        image.SetOrigin(tuple(direction @ np.linalg.inv(np.reshape(image.GetDirection(), (3, 3))) @ image.GetOrigin()))
+        image.SetDirection(direction.ravel().tolist())
     values = sitk.GetArrayViewFromImage(image)
     if values.dtype.kind == "f":
         if not np.isfinite(values).all():

@@ -42,9 +42,9 @@ def evaluate_case(
     row |= boundary_metrics(patient, plan, u)
     if target is not None:
         row |= surface_metrics(
-            patient.points + u, patient.skin_faces, patient.face_roi, *target, samples, seed, plan.case
+            patient.moved_skin(u), patient.skin_faces, patient.face_roi, *target, samples, seed, plan.case
         )
     if truth is not None:
-        errors = volume_errors(patient.points, u, np.unique(patient.skin_faces), *truth)
+        errors = volume_errors(patient.points, u, np.unique(patient.skin_nodes), *truth)
         row |= {key: value for key, value in errors.items() if key in row}
     return row

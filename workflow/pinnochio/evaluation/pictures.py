@@ -17,18 +17,18 @@ NODE_TYPES = {FIXED: "#444444", MOVING: "#d95f02", SLIDING: "#1f78b4"}
 FRONT, OBLIQUE, SIDE = (0, -1, 0.05), (0.75, -1, 0.15), (1, -0.05, 0.05)
 
 
-def skin_of(patient: PatientModel, displacement: np.ndarray | float = 0.0) -> pv.PolyData:
+def skin_of(patient: PatientModel, displacement: np.ndarray) -> pv.PolyData:
     """The outer skin moved by a displacement (n, 3) mm, with smooth normals."""
-    mesh = pv.PolyData.from_regular_faces(patient.points + displacement, patient.skin_faces)
+    mesh = pv.PolyData.from_regular_faces(patient.moved_skin(displacement), patient.skin_faces)
     return mesh.compute_normals(auto_orient_normals=False, split_vertices=False)
 
 
 def field_picture(patient: PatientModel, plan: Plan, displacement: np.ndarray, path: str | os.PathLike) -> None:
     """Two rows of one solved plan: skin before and after, displacement in mm; bone, interfaces, skin over bone."""
     plotter = pv.Plotter(off_screen=True, shape=(2, 3), window_size=(1500, 1100))
-    magnitude = np.linalg.norm(displacement, axis=1)
-    after = skin_of(patient, displacement)
-    for column, (title, skin) in enumerate((("before", skin_of(patient)), ("after", after))):
+    before, after = skin_of(patient, 0 * displacement), skin_of(patient, displacement)
+    magnitude = np.linalg.norm(after.points - before.points, axis=1)
+    for column, (title, skin) in enumerate((("before", before), ("after", after))):
         plotter.subplot(0, column)
         plotter.add_mesh(skin, color=SKIN)
         finish(plotter, title, OBLIQUE)
@@ -60,12 +60,12 @@ def case_picture(
 ) -> None:
     """First row: before, planned bone, scan of the outcome (points, faces); then each method's face and error.
 
-    predictions: displacement (n, 3) mm by method; errors: signed distance (n,) mm of every node to the target.
+    predictions: displacement (n, 3) mm by method; errors: signed distance (s,) mm of every skin point to the target.
     """
     columns = max(3, len(predictions))
     plotter = pv.Plotter(off_screen=True, shape=(3, columns), window_size=(420 * columns, 1250), border=False)
     plotter.subplot(0, 0)
-    plotter.add_mesh(skin_of(patient), color=SKIN)
+    plotter.add_mesh(skin_of(patient, np.zeros_like(patient.points)), color=SKIN)
     finish(plotter, "before", OBLIQUE)
     plotter.subplot(0, 1)
     add_bone(plotter, patient, plan)

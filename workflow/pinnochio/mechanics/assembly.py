@@ -61,6 +61,14 @@ class Assembler:
         padded[self.free] = unknowns
         return padded[:, :3]
 
+    def add_tangential(self, data: np.ndarray, blocks: np.ndarray) -> None:
+        """Add blocks (s, 2, 2) to `data` at the second and third unknowns of the framed nodes, if these are free."""
+        for i, j in ((1, 1), (1, 2), (2, 2)):
+            row, column = self._rank[self.framed, i], self._rank[self.framed, j]
+            both = (row >= 0) & (column >= 0)
+            place = self.indptr[self._first[self.framed[both]] + row[both]] + column[both] - row[both]
+            data[place] += blocks[both, i - 1, j - 1]
+
     def tangent(self, displacement, frames, step=None, definite=False) -> tuple[np.ndarray, np.ndarray]:
         """Values of the pattern at a displacement (n, 3) and the product of the tangent with `step`.
 

@@ -8,7 +8,7 @@ import numpy as np
 from pinnochio.errors import InputError
 
 # Below this volume ratio ln J is replaced by its Taylor polynomial, so that nothing is singular (methods.md 4.3 [I]).
-EXTENSION = 0.2
+EXTENSION = 0.1
 
 
 @dataclass(frozen=True)

@@ -147,6 +147,28 @@ class SlidingContact:
             normals.append(gradient @ motion.rotation.T)
         return _frames(np.vstack(normals))
 
+    def curvature(self, displacement, fraction: float, frames, force) -> np.ndarray:
+        """What the bend of the surfaces adds to the tangent along them, (s, 2, 2) in mN/mm.
+
+        The Hessian of the energy on a level set of g is K - (force . grad g / |grad g|^2) d2g along it; force (n, 3) in
+        mN is the gradient of the energy. d2g is taken by central differences of the gradient.
+        """
+        step, blocks, done = 1e-3, [np.zeros((0, 2, 2))], 0
+        for item, surface in zip(self.sets, self._surfaces, strict=True):
+            motion, axes = item.motion(fraction), frames[done : done + len(item.nodes)]
+            done += len(item.nodes)
+            here = motion.inverse(self._place(item, displacement))
+            pull, local = force[item.nodes] @ motion.rotation, axes @ motion.rotation
+            gradient = surface.distance(here)[1]
+            reaction = (pull * gradient).sum(axis=1) / np.maximum((gradient**2).sum(axis=1), 1e-12)
+            columns = []
+            for tangent in (local[:, 1], local[:, 2]):
+                change = surface.distance(here + step * tangent)[1] - surface.distance(here - step * tangent)[1]
+                columns.append(np.einsum("sij,sj->si", local[:, 1:], change / (2 * step)))
+            bend = np.stack(columns, axis=2)
+            blocks.append(-reaction[:, None, None] * (bend + bend.transpose(0, 2, 1)) / 2)
+        return np.concatenate(blocks)
+
     def violation(self, displacement, fraction: float = 1.0) -> np.ndarray:
         """Signed gap (s,) in mm that opened (positive) or closed (penetration, negative) at the sliding nodes."""
         gaps = [np.zeros(0)]

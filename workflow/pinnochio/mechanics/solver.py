@@ -21,8 +21,6 @@ class SolverOptions:
     tolerance: residual on the free nodes over the reaction on the constrained ones, at the end of the load;
     loose: the same at intermediate loads, which only have to be good starts.
     max_iterations: Newton iterations per increment. time_limit in s. min_increment: share of the load.
-    contact_tolerance, projections: sliding nodes slide in tangent planes that stay within an increment; at the end they
-    are put back on their surfaces until they are this near (mm), so many times at most.
     restart: begin again from rest if a given start leads nowhere; else its last iterate is the result.
     """
 
@@ -32,8 +30,6 @@ class SolverOptions:
     loose: float = 1e-2
     max_iterations: int = 25
     min_increment: float = 1 / 256
-    contact_tolerance: float = 0.01
-    projections: int = 5
     time_limit: float = 600.0
     restart: bool = True
     linear_solver: str = "auto"
@@ -130,13 +126,10 @@ class _Newton:
         u[self.told] = self.boundary.displacement(fraction)
         return self.measured(u, fraction)
 
-    def measured(self, u, fraction: float, frames=None) -> _State:
-        """The state `u` with its residual: forces on the free unknowns over the reactions on the constrained ones.
-
-        frames: local axes of the sliding nodes to keep; by default those of the surfaces at `u`.
-        """
+    def measured(self, u, fraction: float) -> _State:
+        """The state `u` with its residual: forces on the free unknowns over the reactions on the constrained ones."""
         energy, force, least = self.elements.evaluate(u)
-        frames = self.contact.frames(u, fraction) if frames is None else frames
+        frames = self.contact.frames(u, fraction)
         local = self.local(force, frames)
         free_force = self.assembler.gather(local)
         reaction = np.linalg.norm(local[self.constrained])
@@ -177,6 +170,9 @@ class _Newton:
             if time.perf_counter() - self.began > self.options.time_limit:
                 raise _Stop(f"time limit of {self.options.time_limit:g} s reached")
             data, product = self.assembler.tangent(state.u, state.frames, step, definite)
+            if not definite:
+                bend = self.contact.curvature(state.u, state.fraction, state.frames, state.force)
+                self.assembler.add_tangential(data, bend)
             self.factorizations += 1
             if self.linear.factorize(data):
                 self.frames = state.frames
@@ -205,7 +201,7 @@ class _Newton:
         noise = 1e-14 * self.elements.modulus * self.elements.volumes.sum() + 1e-13 * abs(state.energy)
         for halvings in range(30):
             step = 0.5**halvings
-            new = self.measured(state.u + step * direction, state.fraction, state.frames)
+            new = self.state(state.u + step * direction, state.fraction)
             if new.energy <= state.energy + 1e-4 * step * slope + noise and new.least > _floor(state):
                 self.record(new, "newton", step)
                 return new
@@ -216,12 +212,12 @@ class _Newton:
         count = 0
         while state.residual > tolerance:
             # The factors at hand cost nothing: they are used as long as they serve.
-            if self.frames is state.frames or not len(state.frames):
-                new = self.measured(state.u + self.correction(state.free_force), state.fraction, state.frames)
-                if new.residual < 0.3 * state.residual and new.least > _floor(state):
-                    self.record(new, "reuse")
-                    state = new
-                    continue
+            force = self.assembler.gather(self.local(state.force, self.frames))
+            new = self.state(state.u + self.correction(force), state.fraction)
+            if new.residual < 0.3 * state.residual and new.least > _floor(state):
+                self.record(new, "reuse")
+                state = new
+                continue
             if count == self.options.max_iterations:
                 return state, f"{count} Newton iterations left a residual of {state.residual:.1e}"
             new, count = self.descend(state), count + 1
@@ -279,23 +275,6 @@ class _Newton:
                     return state, f"load increment below {options.min_increment:g}: {reason}"
             state, share = new, share * scale * (2 if scale == 1 else 1)
             self.increments += 1
-        return self.settle(state)
-
-    def settle(self, state: _State) -> tuple[_State, str]:
-        """Put the sliding nodes, which left their curved surfaces along the tangent planes, back on them.
-
-        Equilibrium is kept: where a surface is too sharp for that, the gap stays and is reported.
-        """
-        for _ in range(self.options.projections):
-            if np.abs(self.contact.violation(state.u, state.fraction)).max(initial=0) <= self.options.contact_tolerance:
-                break
-            new = self.state(state.u + self.predict(state, state.fraction), state.fraction)
-            if new.least <= 0:
-                break
-            new, reason = self.equilibrium(new, self.options.tolerance)
-            if reason:
-                break
-            state = new
         return state, ""
 
     def result(self, state: _State, reason: str) -> SolveResult:

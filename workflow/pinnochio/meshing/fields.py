@@ -105,8 +105,8 @@ class Fields:
 
     def sample(self, field, points) -> np.ndarray:
         """Trilinear value of a field at points (..., 3) mm; constant beyond the outermost voxel centres."""
-        index = (np.asarray(points) - self.origin) / self.spacing
-        return _trilinear(field, index.reshape(-1, 3)).reshape(index.shape[:-1])
+        points = np.ascontiguousarray(points, float)
+        return _trilinear(field, points.reshape(-1, 3), self.origin, self.spacing).reshape(points.shape[:-1])
 
     def gradient(self, field, points) -> np.ndarray:
         """Gradient (n, 3) of a field by central differences over one voxel."""
@@ -116,15 +116,15 @@ class Fields:
 
 
 @numba.njit(cache=True)
-def _trilinear(field, index):
-    values = np.empty(len(index))
+def _trilinear(field, points, origin, spacing):
+    values = np.empty(len(points))
     lower = np.empty(3, np.int64)
     upper = np.empty(3, np.int64)
     part = np.empty(3)
-    for row in range(len(index)):
+    for row in range(len(points)):
         for axis in range(3):
             last = field.shape[axis] - 1
-            place = min(max(index[row, axis], 0.0), float(last))
+            place = min(max((points[row, axis] - origin[axis]) / spacing[axis], 0.0), float(last))
             lower[axis] = min(int(place), max(last - 1, 0))
             upper[axis] = min(lower[axis] + 1, last)
             part[axis] = place - lower[axis]

@@ -12,6 +12,7 @@ from pinnochio.anatomy import model as m
 from pinnochio.anatomy.labels import AIR, CRANIUM, FIRST_SEGMENT, MUSCLE, SUPERFICIAL, segment_code
 from pinnochio.anatomy.surfaces import BoneSurface, face_normals
 from pinnochio.errors import InputError
+from pinnochio.meshing.embedding import embed
 from pinnochio.meshing.fields import is_tissue, signed_distance
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.splitting import simplex_points
@@ -28,6 +29,7 @@ def label_interfaces(
     origin,
     segments: tuple[str, ...],
     bone: BoneSurface,
+    skin: tuple[np.ndarray, np.ndarray] | None = None,
     *,
     sliding_band_mm: float = 18.0,
     release_mm: float = 5.0,
@@ -42,7 +44,8 @@ def label_interfaces(
 ) -> m.PatientModel:
     """The patient model of a mesh: node types, interface kinds, normals, skin and judged face.
 
-    labels (nx, ny, nz) internal codes [ix, iy, iz], spacing and origin (3,) mm: the map that was meshed.
+    labels (nx, ny, nz) internal codes [ix, iy, iz], spacing and origin (3,) mm: the map that was meshed. skin: points
+    (s, 3) and faces (f, 3) of a finer outer skin for the mesh to carry; without it the skin is the mesh's own.
 
     Beyond. From points on every boundary triangle a ray goes outward, up to `reach_mm`, to the first label that is not
     tissue; air up to `contact_gap_mm` thick in front of bone counts as bone. Faces on the border of the volume are cut
@@ -114,8 +117,10 @@ def label_interfaces(
     kind = np.where(both, m.MUSCLE_SUPERFICIAL, m.NO_INTERFACE)
     kind = np.where(contact, np.where(to_muscle, m.BONE_MUSCLE, m.BONE_SUPERFICIAL), kind).astype(np.int8)
 
-    skin = _skin(faces, beyond, ends, areas, labels, spacing, origin, opening_mm)
-    centre = points[faces[skin]].mean(axis=1)
+    outer = faces[_skin(faces, beyond, ends, areas, labels, spacing, origin, opening_mm)]
+    carried = {} if skin is None or not len(outer) else _carried(skin, points, outer)
+    skin_points, skin_faces = carried.get("skin_points", points), carried.pop("skin_faces", outer)
+    centre = skin_points[skin_faces].mean(axis=1)
     top = _bone_extent(bone, segments, UPPER, 2) + nasion_above_maxilla_mm
     back = _bone_extent(bone, segments, LOWER, 1) - tragus_before_mandible_mm
     roi = (centre[:, 2] < top) & (centre[:, 1] < back)
@@ -132,13 +137,14 @@ def label_interfaces(
         node_beyond=node_beyond,
         node_normal=_node_normals(faces, beyond, node_beyond, normals, areas),
         interface_kind=kind,
-        skin_faces=faces[skin],
+        skin_faces=skin_faces,
         face_roi=roi,
         bone_points=bone.points,
         bone_normals=bone.normals,
         bone_faces=bone.faces,
         bone_segment=bone.segment,
         segments=segments,
+        **carried,
     )
 
 
@@ -182,6 +188,21 @@ def _beyond(points, faces, normals, labels, spacing, origin, reach_mm, gap_mm) -
     flat = (np.abs(corners - low) < tolerance).all(axis=1) | (np.abs(corners - high) < tolerance).all(axis=1)
     code[flat.any(axis=1)] = m.CUT_PLANE
     return code, voxel
+
+
+def _carried(skin, points, outer) -> dict[str, np.ndarray]:
+    """The part of a fine skin (points, faces) that lies on the mesh's outer skin triangles, with its carriers."""
+    skin_points, skin_faces = skin
+    nodes, weights, distance = embed(skin_points, skin_faces, points, outer)
+    edge = np.linalg.norm(points[outer[:, 0]] - points[outer[:, 1]], axis=1).mean()
+    faces = skin_faces[(distance[skin_faces] < edge).all(axis=1)]
+    used, faces = np.unique(faces, return_inverse=True)
+    return {
+        "skin_points": skin_points[used],
+        "skin_faces": faces.reshape(-1, 3).astype(np.int32),
+        "skin_nodes": nodes[used].astype(np.int32),
+        "skin_weights": weights[used],
+    }
 
 
 def _to_nodes(faces, values, count: int) -> np.ndarray:

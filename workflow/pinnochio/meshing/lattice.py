@@ -20,7 +20,7 @@ from pinnochio.meshing.splitting import crowded_cells, cut_nodes, joined_pairs, 
 LOG = logging.getLogger(__name__)
 NODE_TOLERANCE = 0.07  # the search stops here; the promise is 10 %
 GUARD_MARGIN = 2.0  # degrees kept above the promised dihedral angle
-NEAR_SLIT = 0.3  # of the lattice constant: so near, a lattice node goes to the middle of a thin void
+NEAR_SLIT = 0.5  # of the lattice constant: so near, a lattice node goes to the middle of a thin void
 THIN_SHARE = 0.6  # of the lattice constant: narrower voids are opened by splitting, wider ones are left out
 
 

@@ -97,9 +97,11 @@ class SurfaceLoss:
     ):
         """Target mesh: points (k, 3) mm and faces (l, 3) of the registered post-operative skin."""
         model = patient.model
-        self.own = FaceSamples.build(model.points, model.skin_faces[model.face_roi])
+        self.own = FaceSamples.build(model.skin_points, model.skin_faces[model.face_roi])
         self.other = FaceSamples.build(points, faces)
-        self.rest = patient.points
+        self.rest = torch.as_tensor(model.skin_points - patient.centre, dtype=patient.points.dtype).to(patient.points)
+        self.carriers = torch.as_tensor(model.skin_nodes, dtype=torch.long, device=self.rest.device)
+        self.carry = torch.as_tensor(model.skin_weights, dtype=self.rest.dtype, device=self.rest.device)
         self.faces = torch.as_tensor(self.own.faces, device=self.rest.device)
         self.weights = torch.as_tensor(self.own.weights, dtype=self.rest.dtype, device=self.rest.device)
         corners = (np.asarray(points, float) - patient.centre)[self.other.faces]
@@ -109,7 +111,8 @@ class SurfaceLoss:
 
     def __call__(self, displacement: Tensor, rng: np.random.Generator) -> Tensor:
         """Chamfer distance of the displaced face; `rng` draws the samples of both surfaces."""
-        points = torch.einsum("sc,fcx->fsx", self.weights, (self.rest + displacement)[self.faces]).flatten(0, 1)
+        skin = self.rest + torch.einsum("sc,scx->sx", self.carry, displacement[self.carriers])
+        points = torch.einsum("sc,fcx->fsx", self.weights, skin[self.faces]).flatten(0, 1)
         here = points.detach().cpu().numpy()
         if not np.isfinite(here).all():
             return points.sum() * float("nan")

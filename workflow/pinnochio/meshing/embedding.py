@@ -1,0 +1,46 @@
+"""A fine surface carried by the coarser boundary of a mesh."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pinnochio.anatomy.closest import barycentric
+from pinnochio.anatomy.surfaces import face_normals, vertex_normals
+
+CANDIDATES = 24  # nearest triangles, by their centroids, among which the carrier is sought
+
+
+def embed(points, faces, mesh_points, mesh_faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Triangle of the mesh boundary that carries each point of a surface.
+
+    points (s, 3), faces (f, 3) outward: the fine surface; mesh_points (n, 3), mesh_faces (g, 3) outward: the boundary.
+    Returns the carrier's nodes (s, 3), barycentric weights (s, 3) of its closest point, and the distance (s,) in mm,
+    infinite where every candidate faces the other way (the other lip).
+    """
+    normals, own = face_normals(mesh_points, mesh_faces)[0], vertex_normals(points, faces)
+    near = cKDTree(mesh_points[mesh_faces].mean(axis=1)).query(points, min(CANDIDATES, len(mesh_faces)))[1]
+    corners = mesh_points[mesh_faces[near]]
+    closest, weights = closest_on_triangles(points[:, None], corners)
+    distance = np.linalg.norm(closest - points[:, None], axis=2)
+    distance[np.einsum("skx,sx->sk", normals[near], own) < 0.2] = np.inf
+    best = np.argmin(distance, axis=1)
+    row = np.arange(len(points))
+    return mesh_faces[near[row, best]], weights[row, best], distance[row, best]
+
+
+def closest_on_triangles(points, corners) -> tuple[np.ndarray, np.ndarray]:
+    """Closest point (..., 3) of each triangle (..., 3, 3) to a point (..., 3), and its barycentric weights (..., 3)."""
+    points = np.broadcast_to(points, corners.shape[:-2] + (3,))
+    flat = barycentric(points.reshape(-1, 3), corners.reshape(-1, 3, 3)).reshape(corners.shape[:-1])
+    inside = (flat >= 0).all(axis=-1)
+    best = np.where(inside[..., None], flat, 0)
+    least = np.where(inside, 0, np.inf)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        start, along = corners[..., i, :], corners[..., j, :] - corners[..., i, :]
+        share = np.einsum("...x,...x->...", points - start, along) / np.einsum("...x,...x->...", along, along)
+        share = np.clip(share, 0, 1)
+        away = np.linalg.norm(start + share[..., None] * along - points, axis=-1)
+        nearer = ~inside & (away < least)
+        weights = np.zeros_like(best)
+        weights[..., i], weights[..., j] = 1 - share, share
+        best, least = np.where(nearer[..., None], weights, best), np.where(nearer, away, least)
+    return np.einsum("...c,...cx->...x", best, corners), best
