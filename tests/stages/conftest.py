@@ -1,0 +1,88 @@
+"""One coarse virtual patient, carried through the stages once per test session."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pinnochio.mechanics.simulation import FemSettings
+from scripts.import_segmentation import import_segmentation
+from scripts.label_interfaces import label_case
+from scripts.register_postop import register_postop
+from scripts.simulate_fem import simulate_fem
+from scripts.tetrahedralize import mesh_case
+from scripts.virtual_outcome import virtual_outcome
+from scripts.virtual_patient import virtual_patient
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+SEGMENTS = tuple(CONFIG["segments"])
+SEED = 7
+
+
+@dataclass(frozen=True)
+class Patient:
+    """A case name, the folder of its files and the settings they were made with."""
+
+    case: str
+    folder: Path
+    fem: FemSettings
+
+    def __getattr__(self, name: str) -> str:
+        """Path of a file by its stem, e.g. `patient.model`."""
+        found = [path for path in self.folder.iterdir() if path.name.split(".")[0] == name]
+        if not found:
+            raise AttributeError(name)
+        return str(found[0])
+
+
+def make_patient(case: str, number: int, folder: Path) -> Patient:
+    """A 2 mm head on 700 nodes with its outcome, registered scan and two teaching plans."""
+
+    def file(name: str) -> str:
+        return str(folder / name)
+
+    fem = FemSettings(**CONFIG["fem"])
+    given = {
+        "segmentation": file("segmentation.nii.gz"),
+        "plan": file("given.json"),
+        "landmarks": file("landmarks.json"),
+    }
+    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], given)
+    reality = CONFIG["virtual"]["reality"] | {"nodes": 1000}
+    made = {"postop": file("scan.ply"), "truth": file("truth.h5")}
+    virtual_outcome(
+        case, given, reality, 0.3, CONFIG["interfaces"], 6.0, fem, CONFIG["labels"], SEGMENTS, SEED, made
+    )  # fmt: skip
+    names = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "plan": "plan.json"}
+    imported = {key: file(name) for key, name in names.items()} | {"report": file("report.json")}
+    import_segmentation(
+        case, given["segmentation"], given["plan"], CONFIG["labels"], SEGMENTS, "header", 6.0, imported
+    )  # fmt: skip
+    mesh_case(imported["labels"], 700, 12.0, file("mesh.vtu"))
+    label_case(
+        file("mesh.vtu"),
+        imported["labels"],
+        imported["bone"],
+        imported["skin"],
+        SEGMENTS,
+        CONFIG["interfaces"],
+        file("model.h5"),
+    )
+    register_postop(
+        case, made["postop"], imported["skin"], imported["bone"], SEGMENTS, 20.0, 1.5, file("postop.h5")
+    )  # fmt: skip
+    simulate_fem(case, file("model.h5"), imported["plan"], 2, fem, SEED, file("teaching.h5"))
+    return Patient(case, folder, fem)
+
+
+@pytest.fixture(scope="session")
+def patients(tmp_path_factory) -> list[Patient]:
+    """Two patients: a Class II and a Class III."""
+    return [make_patient(f"T{n}", n, tmp_path_factory.mktemp(f"T{n}")) for n in (0, 1)]
+
+
+@pytest.fixture(scope="session")
+def patient(patients) -> Patient:
+    return patients[0]

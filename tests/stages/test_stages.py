@@ -1,0 +1,215 @@
+"""Each stage's function, on the files of one coarse virtual patient."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from pinnochio.anatomy.model import FIXED, MOVING, SLIDING, PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.predictions import Prediction, read_prediction, write_predictions
+from pinnochio.anatomy.segmentation import read_labels
+from pinnochio.errors import InputError
+from pinnochio.mechanics.elements import jacobians
+from pinnochio.meshing.mesh import TetMesh
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.training.settings import TrainingSettings
+from scripts.check_cohort import check_cohort
+from scripts.collect_cases import collect_cases
+from scripts.compare_methods import compare_methods
+from scripts.evaluate import evaluate
+from scripts.finetune import finetune
+from scripts.predict_fem import predict_fem
+from scripts.predict_network import predict_network
+from scripts.predict_no_change import predict_no_change
+from scripts.pretrain import pretrain
+from scripts.provenance import provenance
+from scripts.register_postop import register_postop
+from scripts.render_case import render_case
+from scripts.solve_plan import solve_plan
+from scripts.virtual_patient import virtual_patient
+from tests.stages.conftest import CONFIG, SEED, SEGMENTS
+
+NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
+
+
+def test_virtual_patient_is_its_seed(patient, tmp_path):
+    names = {"segmentation": "segmentation.nii.gz", "plan": "given.json", "landmarks": "landmarks.json"}
+    again = {key: str(tmp_path / name) for key, name in names.items()}
+    virtual_patient(patient.case, 0, SEED, 2.0, CONFIG["labels"], again)
+    for name in names.values():
+        assert (tmp_path / name).read_bytes() == (patient.folder / name).read_bytes()
+    virtual_patient(patient.case, 0, SEED + 1, 2.0, CONFIG["labels"], again)
+    assert (tmp_path / "given.json").read_bytes() != (patient.folder / "given.json").read_bytes()
+
+
+def test_the_outcome_is_not_what_the_methods_compute(patient):
+    """Other mesh, other motion: executed with error, then the scan lies in a frame of its own."""
+    model = PatientModel.read(patient.model)
+    with h5py.File(patient.truth) as truth, h5py.File(patient.postop) as postop:
+        assert len(truth["points"]) > 1.2 * len(model.points)
+        ratio = jacobians(truth["points"][()], truth["cells"][()], truth["displacement"][()])
+        assert ratio.min() > 0
+        assert postop.attrs["registration_residual"] < 0.6
+        assert len(postop["points"]) > 500
+
+
+def test_import_reports_every_structure(patient, tmp_path):
+    table = tmp_path / "cohort.csv"
+    check_cohort([patient.case], [patient.report], str(table))
+    row = pd.read_csv(table).iloc[0]
+    assert row["case"] == patient.case and row["muscle_cm3"] > 30 and row["superficial_cm3"] > row["muscle_cm3"]
+    assert (row[[f"{segment}_cm3" for segment in SEGMENTS]] > 3).all()
+
+
+def test_mesh_fills_the_tissue(patient):
+    mesh, head = TetMesh.read(patient.mesh), read_labels(patient.labels)
+    voxels = np.isin(head.labels, (1, 2)).sum() * np.prod(head.spacing)
+    assert abs(len(mesh.points) - 700) <= 70 and mesh.dihedral_angles().min() >= 12
+    assert abs(mesh.volumes().sum() / voxels - 1) < 0.2
+
+
+def test_interfaces_know_their_bone(patient):
+    model = PatientModel.read(patient.model)
+    assert all((model.node_type == kind).sum() > 5 for kind in (FIXED, MOVING, SLIDING))
+    cue, reliable = model.reference_cue(Plan.read(patient.plan, patient.case))
+    assert (cue[model.node_type == FIXED] == 0).all() and not reliable[model.node_type == SLIDING].any()
+    assert np.linalg.norm(cue[model.node_type == MOVING], axis=1).max() > 1
+    assert len(model.skin_points) > 3 * len(np.unique(model.skin_nodes)) and model.face_roi.mean() > 0.2
+
+
+def test_teaching_fields_follow_their_plans(patient):
+    model = PatientModel.read(patient.model)
+    with h5py.File(patient.teaching) as file:
+        assert sorted(file) == ["plan_0", "plan_1"]
+        for group in file.values():
+            plan = Plan.from_json(group.attrs["plan"])
+            cue, reliable = model.reference_cue(plan)
+            np.testing.assert_allclose(group["displacement"][()][reliable], cue[reliable], atol=1e-9)
+            assert group.attrs["min_jacobian"] > 0
+
+
+def test_solve_plan_leaves_field_summary_and_picture(patient, tmp_path):
+    outputs = [str(tmp_path / name) for name in ("field.vtu", "summary.json", "picture.png")]
+    solve_plan(patient.case, patient.model, patient.plan, "bonded", patient.fem, *outputs)
+    said = json.loads(Path(outputs[1]).read_text())
+    assert said["converged"] and said["inverted"] == 0 and said["relative_residual"] <= patient.fem.tolerance
+    assert Path(outputs[2]).stat().st_size > 10_000
+    with pytest.raises(RuntimeError, match="time limit"):
+        solve_plan(patient.case, patient.model, patient.plan, "bonded", replace(patient.fem, time_limit=1e-9), *outputs)
+
+
+def test_a_scan_that_does_not_fit_is_refused(patient, tmp_path):
+    with pytest.raises(InputError, match=f"'{patient.case}'.*scan.ply.*Remedy"):
+        register_postop(
+            patient.case, patient.scan, patient.skin, patient.bone, SEGMENTS, 20.0, 0.01, str(tmp_path / "postop.h5")
+        )  # fmt: skip
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="session")
+def predicted(patients, tmp_path_factory) -> dict[str, str]:
+    """A network trained on the second patient, and every method's prediction of the first."""
+    folder = tmp_path_factory.mktemp("fold")
+    one, two = patients
+    training = TrainingSettings(steps=15, learning_rate=2e-3)
+    files = {"network": str(folder / "pretrained.pt"), "history": str(folder / "pretraining.csv")}
+    pretrain([two.case], [two.model], [two.teaching], NETWORK, training, two.fem, SEED, "cpu", files)
+    tuned = {"network": str(folder / "network.pt"), "history": str(folder / "finetuning.csv")}
+    finetune(
+        [two.case], [two.model], [two.plan], [two.postop], files["network"], training, two.fem, SEED, "cpu", tuned
+    )  # fmt: skip
+    found = {method: str(folder / f"{method}.h5") for method in ("no_change", "fem_sliding", "pinnochio")}
+    predict_no_change([one.case], [one.model], found["no_change"])
+    predict_fem([one.case], [one.model], [one.plan], "mucosa", one.fem, 1, found["fem_sliding"])
+    predict_network(
+        [one.case], [one.model], [one.plan], tuned["network"], one.fem, "cpu", 1, found["pinnochio"]
+    )  # fmt: skip
+    return found
+
+
+def test_training_logs_its_losses(predicted):
+    folder = Path(predicted["pinnochio"]).parent
+    for name, terms in (("pretraining.csv", 15), ("finetuning.csv", 15)):
+        history = pd.read_csv(folder / name)
+        assert len(history) == terms and np.isfinite(history.select_dtypes("number")).all(axis=None)
+
+
+def test_predictions_are_finite_and_timed(predicted, patient):
+    still = read_prediction(predicted["no_change"], patient.case)
+    solved = read_prediction(predicted["fem_sliding"], patient.case)
+    learned = read_prediction(predicted["pinnochio"], patient.case)
+    assert not still.displacement.any() and solved.converged and solved.seconds > 0
+    assert np.isfinite(learned.displacement).all() and 0 < learned.seconds < solved.seconds + learned.setup_seconds + 60
+
+
+def test_a_failed_write_leaves_no_predictions(tmp_path):
+    with pytest.raises(TypeError):
+        write_predictions(tmp_path / "predictions.h5", {"T0": Prediction(np.zeros((3, 3)), device=object())})
+    assert not list(tmp_path.iterdir())
+
+
+def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
+    metrics = []
+    for method, path in predicted.items():
+        metrics.append(str(tmp_path / f"{method}.csv"))
+        labels = {"fold": "1", "method": method, "code": "0" * 12}
+        evaluate(
+            [patient.case],
+            path,
+            [patient.model],
+            [patient.plan],
+            [patient.postop],
+            [patient.truth],
+            3000,
+            patient.fem,
+            labels,
+            SEED,
+            metrics[-1],
+        )
+    collect_cases(metrics, "virtual cohort", str(tmp_path / "cases.csv"))
+    compare_methods(
+        str(tmp_path / "cases.csv"), list(predicted), "pinnochio", "virtual cohort", SEED, str(tmp_path / "accuracy.csv")
+    )  # fmt: skip
+    cases = pd.read_csv(tmp_path / "cases.csv").set_index("method")
+    assert cases.loc["fem_sliding", "cd"] < cases.loc["no_change", "cd"]
+    assert cases.loc["fem_sliding", "eqres_rel"] < 1e-5 < cases.loc["pinnochio", "eqres_rel"]
+    assert cases.loc["fem_sliding", "moving_error"] < 1e-6 < cases.loc["no_change", "moving_error"]
+    accuracy = pd.read_csv(tmp_path / "accuracy.csv", keep_default_na=False)
+    assert list(accuracy["method"]) == list(predicted) and (accuracy["p"] == "").all()
+    assert "virtual cohort" in (tmp_path / "accuracy.md").read_text()
+
+
+def test_case_picture_is_drawn(predicted, patient, tmp_path):
+    picture = tmp_path / "case.png"
+    render_case(patient.case, patient.model, patient.plan, patient.postop, predicted, str(picture))
+    assert picture.stat().st_size > 50_000
+
+
+def test_provenance_is_json(tmp_path):
+    provenance({"seed": 1}, "abc", str(tmp_path / "provenance.json"))
+    record = json.loads((tmp_path / "provenance.json").read_text())
+    assert record["config"] == {"seed": 1} and "numpy" in record["packages"]
+
+
+def test_log_holds_what_was_said_and_raised(tmp_path):
+    import subprocess
+    import sys
+
+    log = tmp_path / "stage.log"
+    code = f"from pinnochio.logs import attach_log; attach_log({str(log)!r})\nimport logging, warnings\n"
+    code += "logging.info('began'); warnings.warn('odd'); raise ValueError('the end')"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        env={"PYTHONPATH": ":".join(sys.path)},
+        check=False,
+    )
+    text = log.read_text()
+    assert done.returncode == 1 and "ValueError: the end" in done.stderr
+    assert "began" in text and "odd" in text and "the end" in text
