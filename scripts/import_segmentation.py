@@ -24,9 +24,9 @@ def import_segmentation(
 ) -> None:
     """Read and check one patient; write labels, bone, skin, plan and a report of the volumes.
 
-    label_values maps each structure's name to its voxel value; orientation: "header", or where the voxel axes point if the
-    header is wrong; bone_edge is the edge length of the surfaces in mm;
-    outputs names the files labels, bone, skin, plan and report. Raises InputError for what the user must mend.
+    label_values maps each structure's name to its voxel value; orientation is "header", or where the voxel axes point
+    if the header is wrong; bone_edge is the edge length of the bone surface in mm; outputs names the files labels,
+    bone, skin, plan and report. Raises InputError for what the user must mend.
     """
     checked = Plan.read(plan, case)
     check_plan(checked, segments, plan)

@@ -21,6 +21,7 @@ from pinnochio.seeds import generator
 from pinnochio.virtual.scan import lip_change, scan
 
 LIP_THICKNESS = 10.0  # mm
+ATTEMPTS = 4  # an executed plan that tissue cannot follow is drawn again
 
 
 def virtual_outcome(
@@ -41,13 +42,13 @@ def virtual_outcome(
     inputs: segmentation, plan, landmarks. The executed plan differs from the planned one; the mesh is finer and lies
     elsewhere; the tissue stiffens with strain, is less incompressible and its modulus is the patient's own; more of the
     mucosa slides; the lips change (`reality` and `noise`: config section `virtual`). outputs: postop (PLY, mm, in the
-    scanner's frame), truth (HDF5: points, cells, displacement). RuntimeError if the solver does not converge.
+    scanner's frame), truth (HDF5: points, cells, displacement). RuntimeError if none of a few has a solution.
     """
     rng = generator(seed, "virtual_outcome", case)
     head = read_segmentation(inputs["segmentation"], case, label_values, segments)
     with open(inputs["landmarks"], encoding="utf-8") as file:
         landmarks = {name: np.array(place) for name, place in json.load(file).items()}
-    executed = execution_error(Plan.read(inputs["plan"], case), rng, reality["execution_error"])
+    plan = Plan.read(inputs["plan"], case)
     mesh = tetrahedralize(head.labels, head.spacing, head.origin, reality["nodes"], shift=rng.uniform(0, 3, 3))
     thresholds = interfaces | {"sliding_band": interfaces["sliding_band"] * reality["sliding_band_factor"]}
     patient = label_interfaces(
@@ -67,9 +68,13 @@ def virtual_outcome(
     own = FemSettings(
         moduli, reality["poisson"], "anp", time_limit=fem.time_limit, stiffening=reality["stiffening"]
     )  # fmt: skip
-    result = simulate(patient, executed, "mucosa", own)
-    logging.info("%s; moduli %s kPa; %.1f s", result.reason, moduli, result.seconds)
-    if not result.converged:
+    for _ in range(ATTEMPTS):
+        executed = execution_error(plan, rng, reality["execution_error"])
+        result = simulate(patient, executed, "mucosa", own)
+        logging.info("%s; moduli %s kPa; %.1f s", result.reason, moduli, result.seconds)
+        if result.converged:
+            break
+    else:
         raise RuntimeError(f"case {case!r}: the simulated outcome did not converge: {result.reason}")
     # The lips change, the bone does not: nothing at the bone, everything at the thickness of a lip [I].
     loose = np.clip(cKDTree(patient.bone_points).query(patient.points)[0] / LIP_THICKNESS, 0, 1)

@@ -1,6 +1,8 @@
 """Each stage's function, on the files of one coarse virtual patient."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -172,9 +174,8 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
             metrics[-1],
         )
     collect_cases(metrics, "virtual cohort", str(tmp_path / "cases.csv"))
-    compare_methods(
-        str(tmp_path / "cases.csv"), list(predicted), "pinnochio", "virtual cohort", SEED, str(tmp_path / "accuracy.csv")
-    )  # fmt: skip
+    tables = [str(tmp_path / name) for name in ("cases.csv", "accuracy.csv")]
+    compare_methods(tables[0], list(predicted), "pinnochio", "virtual cohort", SEED, tables[1])
     cases = pd.read_csv(tmp_path / "cases.csv").set_index("method")
     assert cases.loc["fem_sliding", "cd"] < cases.loc["no_change", "cd"]
     assert cases.loc["fem_sliding", "eqres_rel"] < 1e-5 < cases.loc["pinnochio", "eqres_rel"]
@@ -197,9 +198,6 @@ def test_provenance_is_json(tmp_path):
 
 
 def test_log_holds_what_was_said_and_raised(tmp_path):
-    import subprocess
-    import sys
-
     log = tmp_path / "stage.log"
     code = f"from pinnochio.logs import attach_log; attach_log({str(log)!r})\nimport logging, warnings\n"
     code += "logging.info('began'); warnings.warn('odd'); raise ValueError('the end')"

@@ -43,8 +43,8 @@ def read_segmentation(
 
     label_values: voxel value of "superficial", "muscle", "cranium" and of every segment; values that it does not name
     count as air, with a warning. orientation: where the voxel axes of a file with a wrong header point, as a code such
-    as "RAS" (first axis to the patient's right, second anterior, third superior). An oblique grid is resampled by nearest neighbour on an axis-aligned one of the same
-    spacing. Raises InputError for everything that the user must mend.
+    as "RAS" (first axis to the patient's right, second anterior, third superior). An oblique grid is resampled by
+    nearest neighbour on an axis-aligned one of the same spacing. Raises InputError for what the user must mend.
     """
 
     def refuse(problem: str, remedy: str):

@@ -7,8 +7,9 @@ import numpy as np
 
 from pinnochio.errors import InputError
 
-# Below this volume ratio ln J is replaced by its Taylor polynomial, so that nothing is singular (methods.md 4.3 [I]).
-EXTENSION = 0.1
+# Below this volume ratio ln J is replaced by its Taylor polynomial, so that nothing is singular. Small, because above
+# it -mu ln J is the barrier that keeps elements at the bone from turning inside out; at 0.1 one head in 17 failed [X].
+EXTENSION = 0.05
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,10 @@ from pinnochio.mechanics.residual import Operator
 from pinnochio.networks.cascade import Anatomy, Interface, PlanSignal
 from pinnochio.networks.graph import Graph
 
+# Volume ratio below which the loss extends the energy: a raw network inverts elements, and a steeper extension would
+# let these few outweigh all others. Above it the residual is the solver's own [I].
+LOSS_EXTENSION = 0.1
+
 
 @dataclass(frozen=True)
 class PatientTensors:
@@ -91,7 +95,7 @@ class PatientTensors:
         )
         operator = Operator.build(
             points, model.cells, material.mu, material.lam, material.stiffening, volumetric, torch.float32,
-            device, material.extension,
+            device, LOSS_EXTENSION,
         )  # fmt: skip
         free = tensor(np.flatnonzero(model.node_type == FREE))
         return cls(model, centre, tensor(points, torch.float32), anatomy, operator, free)
