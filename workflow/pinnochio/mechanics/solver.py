@@ -229,13 +229,16 @@ class _Newton:
     # ---- the whole load
 
     def run(self, start) -> SolveResult:
-        state = self.measured(np.zeros_like(self.points), 0.0)
+        if start is not None:
+            result = self.tried(self.improve, start)
+            if result.converged or not self.options.restart:
+                return result
+        return self.tried(self.advance, self.measured(np.zeros_like(self.points), 0.0))
+
+    def tried(self, way, begin) -> SolveResult:
+        """Result of a way to equilibrium, the last state it reached if it was stopped."""
         try:
-            if start is not None:
-                guess, reason = self.improve(start)
-                if not reason or not self.options.restart:
-                    return self.result(guess, reason)
-            return self.result(*self.advance(state))
+            return self.result(*way(begin))
         except _Stop as stop:
             return self.result(self.reached, str(stop))
 
