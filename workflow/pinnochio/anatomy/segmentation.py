@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import nibabel
 import numpy as np
 import pyvista as pv
 import SimpleITK as sitk
@@ -57,7 +58,9 @@ def read_segmentation(
         image.SetDirection(direction.ravel().tolist())
     values = sitk.GetArrayViewFromImage(image)
     if values.dtype.kind == "f":
-        if not np.isfinite(values).all():
+        # ITK's NIfTI reader silently turns NaN into 0, so the file is looked at with another one.
+        nifti = str(path).lower().endswith((".nii", ".nii.gz"))
+        if not np.isfinite(np.asanyarray(nibabel.load(path).dataobj) if nifti else values).all():
             refuse("it holds NaN or infinite voxels", "replace them by 0 (air)")
         if (values != np.rint(values)).any():
             refuse("it holds values that are not whole numbers", "save the label map, not the scan, as integers")

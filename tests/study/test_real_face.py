@@ -1,0 +1,33 @@
+"""The ArtiSynth face, a real head that is not part of the project: import, mesh, interfaces, finite elements."""
+
+import json
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+LABELS = Path(__file__).resolve().parents[3] / "shared/data/artisynth_face/labels_1mm.nii.gz"
+
+
+@pytest.mark.skipif(not LABELS.is_file(), reason=f"the ArtiSynth label map is not at {LABELS}")
+def test_setback_of_the_artisynth_mandible(project):
+    folder = project.folder / "examples/artisynth_face"
+    (folder / "cases.tsv").write_text(
+        f"case\tsegmentation\tplan\tpostop\nartisynth\t{LABELS}\t{folder}/setback_5mm.json\t\n"
+    )
+    done = project.snakemake("fem", "--configfile", "examples/artisynth_face/config.yaml")
+    assert done.returncode == 0, done.stdout[-4000:]
+    case = project.folder / "results/artisynth_face/cases/artisynth"
+    said = json.loads((case / "fem/mucosa.json").read_text())
+    assert said["converged"] and said["relative_residual"] <= 1e-6
+    assert said["inverted"] == 0 and said["min_jacobian"] > 0.1
+    field = meshio.read(case / "fem/mucosa.vtu")
+    displacement = field.point_data["displacement"]
+    moving = field.point_data["node_type"] == 2
+    # The mandible goes 5 mm back (+y), the maxilla stays; the chin follows, the brow does not.
+    back = displacement[moving]
+    assert np.allclose(back[np.linalg.norm(back, axis=1) > 1e-9], [0, 5, 0], atol=1e-9)
+    low, high = np.quantile(field.points[:, 2], [0.05, 0.95])
+    assert displacement[field.points[:, 2] < low, 1].mean() > 3
+    assert np.abs(displacement[field.points[:, 2] > high]).mean() < 0.2
