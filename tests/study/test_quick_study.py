@@ -79,7 +79,7 @@ def test_no_file_of_a_held_out_patient_reaches_training(studied):
         for path, content in before.items():
             path.write_bytes(content)
         studied.quick("--touch")
-    trained = set(re.findall(r"rule (?:pretrain|finetune):.*?fold=(\d)", plan, re.DOTALL))
+    trained = set(re.findall(r"(?:Pretrain|Adapt) pinnochio .* fold (\d)", plan))
     assert other in trained and str(fold) not in trained
 
 

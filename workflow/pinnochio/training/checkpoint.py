@@ -26,9 +26,12 @@ def load_network(path: str | os.PathLike, device: torch.device | str = "cpu") ->
 
 
 def save_state(path: str | os.PathLike, state: dict) -> None:
-    """Write a dictionary of tensors and plain values, all or nothing."""
-    with replacing(path) as temporary:
-        torch.save(state, temporary)
+    """Write a dictionary of tensors and plain values, all or nothing; the same state gives the same bytes.
+
+    Through an open file, because torch stores the name of a path that it opens itself.
+    """
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        torch.save(state, file)
 
 
 def load_state(path: str | os.PathLike, signature: str, device: torch.device | str) -> dict | None:
