@@ -1,6 +1,7 @@
 """Direct solution of symmetric systems with a fixed pattern and a known inertia: PARDISO, or SciPy without it."""
 
 import copy
+import logging
 from functools import cache
 
 import numpy as np
@@ -15,6 +16,8 @@ try:
 except ImportError:  # no MKL on this platform
     PyPardisoSolver = None
 
+LOG = logging.getLogger(__name__)
+MKL_CBWR_AUTO = 2  # of mkl_cbwr.h: the fastest code path that is reproducible on one machine
 LINEAR_SOLVERS = ("auto", "pardiso", "scipy")
 
 
@@ -35,7 +38,11 @@ def linear_solver(indptr, indices, negative: int, kind: str = "auto"):
 @cache
 def _library() -> "PyPardisoSolver":
     """The wrapper, made once: it searches the whole installation for MKL, which takes a second."""
-    return PyPardisoSolver()
+    solver = PyPardisoSolver()
+    # Conditional numerical reproducibility: with several threads MKL else sums in another order from run to run.
+    if solver.libmkl.MKL_CBWR_Set(MKL_CBWR_AUTO):
+        LOG.warning("MKL was in use before: results of several threads may differ in their last digits")
+    return solver
 
 
 class Pardiso:
