@@ -34,9 +34,7 @@ SCANNED = [name for name, case in CASES.items() if case.postop]
 UNSCANNED = [name for name, case in CASES.items() if not case.postop]
 HELD_OUT = assign_folds(SCANNED, config["folds"], SEED)
 LEARNED = [method for method in config["methods"] if method == "pinnochio"]
-FEM = [method for method in config["methods"] if method.startswith("fem_")]
 ARMS = {"fem_bonded": "bonded", "fem_sliding": "mucosa"}
-TEACHING = [f"plan_{number}" for number in range(config["teaching"]["plans"])]
 
 
 def segmentation_of(wildcards):
