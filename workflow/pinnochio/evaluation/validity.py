@@ -7,17 +7,12 @@ from pinnochio.anatomy.labels import TISSUES
 from pinnochio.anatomy.model import FREE, MOVING, SLIDING, PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.evaluation.distances import signed_distances
-
-
-def jacobians(points, cells, displacement) -> tuple[np.ndarray, np.ndarray]:
-    """det F (m,) and rest volume (m,) mm3 of linear tetrahedra."""
-    rest = _volumes(points, cells)
-    return _volumes(points + displacement, cells) / rest, rest
+from pinnochio.mechanics.elements import jacobians, shape_gradients
 
 
 def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
     """min J, its 1st percentile, the count of inverted elements, and the change of volume of each tissue in %."""
-    ratio, rest = jacobians(points, cells, displacement)
+    ratio, rest = jacobians(points, cells, displacement), shape_gradients(points, cells)[1]
     metrics = {
         "min_jacobian": float(ratio.min()),
         "p1_jacobian": float(np.percentile(ratio, 1)),
@@ -75,11 +70,6 @@ def boundary_metrics(patient: PatientModel, plan: Plan, displacement) -> dict[st
         "moving_error": float(np.linalg.norm(displacement - cue, axis=1)[moving].mean()) if moving.any() else np.nan,
         "sliding_error": float(np.abs(np.concatenate(slid)).mean()) if slid else np.nan,
     }
-
-
-def _volumes(points, cells) -> np.ndarray:
-    a, b, c, d = np.moveaxis(points[cells], 1, 0)
-    return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6
 
 
 def _array(tensor) -> np.ndarray:
