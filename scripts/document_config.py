@@ -27,8 +27,9 @@ def rows(node: dict, defaults: dict, schema: dict, prefix: str):
     """Table rows of an object's properties, depth first."""
     for key, entry in node["properties"].items():
         meaning = entry.get("description", "")
-        if "$ref" in entry:
-            entry = schema["$defs"][entry["$ref"].rsplit("/", 1)[1]]
+        for part in [entry, *entry.get("oneOf", [])]:
+            if "$ref" in part:
+                entry = schema["$defs"][part["$ref"].rsplit("/", 1)[1]]
         value = (defaults or {}).get(key)
         if "properties" in entry:
             yield f"| **`{prefix}{key}`** | | | {meaning} |"
@@ -39,6 +40,10 @@ def rows(node: dict, defaults: dict, schema: dict, prefix: str):
 
 def allowed(entry: dict) -> str:
     """Bounds of a value in words."""
+    if "oneOf" in entry:
+        return " or ".join(allowed(part) for part in entry["oneOf"])
+    if "const" in entry:
+        return f"`{entry['const']}`"
     if "enum" in entry:
         return ", ".join(entry["enum"])
     if "items" in entry and "enum" in entry["items"]:
