@@ -70,6 +70,41 @@ def test_moved_jaws_would_spoil_a_registration_of_the_whole_face():
     assert np.abs(whole.apply(sample) - sample).max() > 3 * np.abs(upper.apply(sample) - sample).max()
 
 
+@pytest.mark.parametrize(
+    "defect", ["left half", "hair over the forehead", "holes", "swollen eyelids", "a shoulder in the picture"]
+)
+def test_partial_overlap_and_outliers_do_not_pull_the_scan_away(defect):
+    """The upper face lies within 0.6 mm of where it belongs, whatever is missing or added."""
+    skin, skin_faces = head()
+    points, faces = scan()
+    rng = np.random.default_rng(5)
+    rotation = Rotation.from_rotvec([5, -8, 6], degrees=True).as_matrix()
+    true = points.copy()
+    keep = np.ones(len(points), bool)
+    if defect == "left half":
+        keep = points[:, 0] > -5
+    elif defect == "hair over the forehead":
+        hair = points[:, 2] > 65
+        points[hair] += np.array([0, -8.0, 3]) * rng.uniform(0.5, 1.0, (hair.sum(), 1))
+    elif defect == "holes":
+        for centre in points[rng.choice(len(points), 25)]:
+            keep &= np.linalg.norm(points - centre, axis=1) > 7
+    elif defect == "swollen eyelids":
+        for side in (-1, 1):
+            lid = np.exp(-(((points - [side * 30, -88, 35]) / 12) ** 2).sum(axis=1))
+            points += lid[:, None] * [0, -4.0, 0]
+    else:
+        more = pv.Sphere(radius=30, center=(170, 20, -150), theta_resolution=40, phi_resolution=40)
+        faces = np.vstack([faces, more.regular_faces + len(points)])
+        points = np.vstack([points, more.points])
+        keep = np.ones(len(points), bool)
+    faces = faces[keep[faces].all(axis=1)]
+    moved = points @ rotation.T + [30, -20, 15]
+    found = register(moved, faces, skin, skin_faces, PLANE, case="P1", file="f", limit=1.5)
+    upper = true[true[:, 2] > PLANE]
+    assert np.linalg.norm(found.apply(upper @ rotation.T + [30, -20, 15]) - upper, axis=1).max() < 0.6
+
+
 def test_another_surface_and_a_face_without_forehead_are_refused():
     skin, faces = head()
     box = pv.Cube(x_length=150, y_length=40, z_length=170).triangulate().subdivide(4)

@@ -14,6 +14,9 @@ from pinnochio.errors import InputError
 
 SAMPLES, COARSE_SAMPLES = 4000, 500
 COARSE_KEPT = 0.7  # share of the pairs that a coarse step keeps, nearest first
+COARSE_TRIED = 12  # starts that are followed to the end
+COARSE_CUT, COARSE_REACH = 5.0, 15.0  # mm
+COARSE_LEAST = 0.15  # share of the scan that must lie on the upper face
 
 
 @dataclass(frozen=True)
@@ -58,11 +61,13 @@ def register(
     if (skin_points[:, 2] >= plane).sum() < 50:
         problem = f"hardly any skin of the segmentation lies above the nasion plane (z = {plane:.0f} mm)"
         raise InputError(case, file, problem, "segment the head up to the forehead")
-    rotation, shift = _coarse(points[_spread(points, faces, COARSE_SAMPLES)], skin_points, skin_faces)
+    all_normals = vertex_normals(points, faces)
+    few = _spread(points, faces, COARSE_SAMPLES)
+    rotation, shift = _coarse(points[few], all_normals[few], skin_points, skin_faces, plane)
     # From here on only what lies above the plane, and a margin that the scan may still turn through.
     near = points @ rotation.T + shift
     chosen = _spread(points, faces[(near[faces, 2] >= plane - 10).all(axis=1)], SAMPLES)
-    moving, normals = points[chosen], vertex_normals(points, faces)[chosen]
+    moving, normals = points[chosen], all_normals[chosen]
     skin_faces = skin_faces[(skin_points[skin_faces, 2] >= plane - 20).any(axis=1)]
     rotation, shift = _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane)
     motion = RigidMotion(rotation, shift)
@@ -91,30 +96,43 @@ def _spread(points, faces, count: int) -> np.ndarray:
     return order[np.unique(picked)]
 
 
-def _coarse(moving, skin_points, skin_faces, steps: int = 20) -> tuple[np.ndarray, np.ndarray]:
-    """Best of many starts, on the vertices of the whole skin; a later start must be clearly nearer to win."""
+def _coarse(moving, normals, skin_points, skin_faces, plane) -> tuple[np.ndarray, np.ndarray]:
+    """Best of many starts on the vertices of the skin: a few steps on the whole face each, then the most promising
+    are followed on the upper face alone."""
     skin_normals, tree = vertex_normals(skin_points, skin_faces), cKDTree(skin_points)
-    best, best_score = None, np.inf
-    for rotation, shift in _starts(moving, skin_points):
+
+    def cost(rotation, shift, low):
+        """Mean distance along the normals above z = low, cut off where nothing fits: an outlier costs the same in
+        any pose, and a pose that has hardly any point there is no fit."""
+        placed = moving @ rotation.T + shift
+        distance, near = tree.query(placed)
+        off = np.abs(np.einsum("ij,ij->i", placed - skin_points[near], skin_normals[near]))
+        facing = np.einsum("ij,ij->i", normals @ rotation.T, skin_normals[near]) > 0.5
+        off = np.where(facing & (distance < COARSE_REACH), np.minimum(off, COARSE_CUT), COARSE_CUT)
+        counted = placed[:, 2] >= low
+        return off[counted].mean() if counted.mean() > COARSE_LEAST else COARSE_CUT
+
+    def improved(rotation, shift, low, steps):
         for _ in range(steps):
             placed = moving @ rotation.T + shift
             distance, near = tree.query(placed)
-            kept = distance <= np.quantile(distance, COARSE_KEPT)
-            turn, move = _step(placed[kept], skin_points[near[kept]], skin_normals[near[kept]])
+            used = placed[:, 2] >= low
+            used &= np.einsum("ij,ij->i", normals @ rotation.T, skin_normals[near]) > 0
+            if used.sum() < 20:
+                break
+            used &= distance <= np.quantile(distance[used], COARSE_KEPT)
+            turn, move = _step(placed[used], skin_points[near[used]], skin_normals[near[used]])
             rotation, shift = turn @ rotation, turn @ shift + move
-        placed = moving @ rotation.T + shift
-        near = tree.query(placed)[1]
-        # Along the normals, because the distance to a vertex measures the mesh; 0.9 leaves the moved jaw in: a face
-        # upside down fits well but for its ends.
-        off = np.sort(np.abs(np.einsum("ij,ij->i", placed - skin_points[near], skin_normals[near])))
-        score = off[: int(0.9 * len(off))].mean()
-        if score < 0.95 * best_score:
-            best, best_score = (rotation, shift), score
-    return best
+        return rotation, shift
+
+    anywhere, upper = -np.inf, plane - 10
+    starts = [improved(*start, anywhere, 5) for start in _starts(moving, skin_points)]
+    promising = sorted(starts, key=lambda start: cost(*start, anywhere))[:COARSE_TRIED]  # stable: ties stay in order
+    return min((improved(*start, upper, 25) for start in promising), key=lambda start: cost(*start, upper))
 
 
 def _starts(moving, skin_points):
-    """Identity; then the centroids matched, under the 24 axis turns and under both surfaces' principal axes."""
+    """Identity; then turns (24 of the axes, 4 of both principal frames), each on the front of the head or beside it."""
     yield np.eye(3), np.zeros(3)
     front = skin_points[skin_points[:, 1] <= np.median(skin_points[:, 1])]  # a scan shows the face, not the nape
     turns = [np.eye(3)[list(order)] * np.array(signs)[:, None]
@@ -124,7 +142,8 @@ def _starts(moving, skin_points):
     axes = [frame * np.sign(np.linalg.det(frame)) for frame in axes]
     flips = [turn for turn in turns if np.count_nonzero(np.diag(turn)) == 3]
     for rotation in turns + [axes[1].T @ flip @ axes[0] for flip in flips]:
-        yield rotation, front.mean(axis=0) - rotation @ moving.mean(axis=0)
+        for beside in ((0, 0, 0), (35, 0, 0), (-35, 0, 0), (0, 0, 35), (0, 0, -35)):  # half a face, a neck or hair
+            yield rotation, front.mean(axis=0) + beside - rotation @ moving.mean(axis=0)
 
 
 def _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane, steps: int = 40):

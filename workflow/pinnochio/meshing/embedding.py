@@ -1,6 +1,7 @@
 """A fine surface carried by the coarser boundary of a mesh."""
 
 import numpy as np
+from scipy.sparse import coo_matrix, identity
 from scipy.spatial import cKDTree
 
 from pinnochio.anatomy.closest import barycentric
@@ -25,6 +26,24 @@ def embed(points, faces, mesh_points, mesh_faces) -> tuple[np.ndarray, np.ndarra
     best = np.argmin(distance, axis=1)
     row = np.arange(len(points))
     return mesh_faces[near[row, best]], weights[row, best], distance[row, best]
+
+
+def bridging(faces, nodes, mesh_faces) -> np.ndarray:
+    """Faces (f,) bool of a fine surface that span a gap of the mesh, such as the slit between the lips.
+
+    faces (f, 3) of the fine surface, nodes (s, 3) its carriers as :func:`embed` gives them, mesh_faces (g, 3). A face
+    spans a gap if two of its corners hang on triangles that neither share a node nor have nodes joined by an edge.
+    """
+    count = mesh_faces.max() + 1
+    pairs = mesh_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    steps = coo_matrix((np.ones(len(pairs), np.float32), pairs.T), (count, count)).tocsr()
+    near = steps + steps.T + identity(count, np.float32, format="csr")
+    spans = np.zeros(len(faces), bool)
+    for one, other in ((0, 1), (1, 2), (2, 0)):
+        here = np.repeat(nodes[faces[:, one]], 3, axis=1).ravel()
+        there = np.tile(nodes[faces[:, other]], 3).ravel()
+        spans |= ~np.asarray(near[here, there]).reshape(-1, 9).any(axis=1)
+    return spans
 
 
 def closest_on_triangles(points, corners) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from pinnochio.anatomy import model as m
 from pinnochio.anatomy.labels import AIR, CRANIUM, FIRST_SEGMENT, MUSCLE, SUPERFICIAL, segment_code
 from pinnochio.anatomy.surfaces import BoneSurface, face_normals
 from pinnochio.errors import InputError
-from pinnochio.meshing.embedding import embed
+from pinnochio.meshing.embedding import bridging, embed
 from pinnochio.meshing.fields import is_tissue, signed_distance
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.splitting import simplex_points
@@ -196,6 +196,7 @@ def _carried(skin, points, outer) -> dict[str, np.ndarray]:
     nodes, weights, distance = embed(skin_points, skin_faces, points, outer)
     edge = np.linalg.norm(points[outer[:, 0]] - points[outer[:, 1]], axis=1).mean()
     faces = skin_faces[(distance[skin_faces] < edge).all(axis=1)]
+    faces = faces[~bridging(faces, nodes, outer)]
     used, faces = np.unique(faces, return_inverse=True)
     return {
         "skin_points": skin_points[used],

@@ -9,9 +9,16 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from pinnochio.anatomy.plan import RigidMotion
+from pinnochio.anatomy.surfaces import face_normals, vertex_normals
 
 # Cameras of a stereophotogrammetry rig look from 45 degrees left and right, slightly from below [R].
 CAMERAS = np.array([[0.70, -0.70, -0.14], [-0.70, -0.70, -0.14]])
+CAMERAS /= np.linalg.norm(CAMERAS, axis=1)[:, None]
+RIM = 6.0  # mm lost along the outer border [I]
+CORRELATION = 8.0  # mm, length of the smooth part of the noise [I]
+SMOOTH_SHARE = 0.83  # of the noise's SD is smooth, 0.55 white: their squares add to one [I]
+HOLE_RADIUS = (2.0, 5.0)  # mm [I]
+SHIFT, ANGLE = 8.0, 6.0  # mm per axis and degrees by which the frame is off at most [I]
 
 
 @dataclass(frozen=True)
@@ -24,24 +31,21 @@ class Scan:
     vertex: np.ndarray
 
 
-def face_normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Twice the area times the unit normal of each triangle, (m, 3)."""
-    a, b, c = points[faces].transpose(1, 0, 2)
-    return np.cross(b - a, c - a)
+def components(pairs: np.ndarray, count: int) -> np.ndarray:
+    """Number of the connected component of each of `count` vertices under the edges pairs (e, 2)."""
+    links = coo_matrix((np.ones(len(pairs)), pairs.T), (count, count))
+    return connected_components(links, directed=False)[1]
 
 
-def vertex_normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Area-weighted unit normals (n, 3); zero where no triangle meets."""
-    normals = np.zeros_like(points)
-    np.add.at(normals, faces.ravel(), np.repeat(face_normals(points, faces), 3, 0))
-    return normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
-
-
-def border_vertices(faces: np.ndarray) -> np.ndarray:
-    """Vertices on edges that belong to one triangle only."""
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), 1)
-    edges, count = np.unique(edges, axis=0, return_counts=True)
-    return np.unique(edges[count == 1])
+def outer_border(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Vertices of the longest open border; the mouth and the nostrils are shorter ones."""
+    edges, count = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), 1), axis=0, return_counts=True)
+    edges = edges[count == 1]
+    if not len(edges):
+        return np.zeros(0, int)
+    loop = components(edges, len(points))[edges[:, 0]]
+    length = np.bincount(loop, np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1))
+    return np.unique(edges[loop == length.argmax()])
 
 
 def smooth_noise(points: np.ndarray, rng: np.random.Generator, length: float, waves: int = 200) -> np.ndarray:
@@ -53,85 +57,65 @@ def smooth_noise(points: np.ndarray, rng: np.random.Generator, length: float, wa
 
 def largest_patch(faces: np.ndarray, count: int) -> np.ndarray:
     """Triangles of the connected patch that has most of them."""
-    i, j = faces[:, [0, 1]].T.ravel(), faces[:, [1, 2]].T.ravel()
-    _, part = connected_components(coo_matrix((np.ones(len(i)), (i, j)), (count, count)), directed=False)
-    own = part[faces[:, 0]]
+    own = components(faces[:, [0, 1, 1, 2]].reshape(-1, 2), count)[faces[:, 0]]
     return faces[own == np.bincount(own).argmax()]
+
+
+def seen(points: np.ndarray, faces: np.ndarray, coverage: float) -> np.ndarray:
+    """Triangles (m,) bool that face a camera with at least this cosine and lie off the outer rim."""
+    facing = (face_normals(points, faces)[0] @ CAMERAS.T).max(1) > coverage
+    border = outer_border(points, faces)
+    if not len(border):
+        return facing
+    near = cKDTree(points[border]).query(points, distance_upper_bound=RIM)[0] < RIM
+    return facing & ~near[faces].any(1)
+
+
+def pierced(points: np.ndarray, faces: np.ndarray, holes: int, rng: np.random.Generator) -> np.ndarray:
+    """Triangles (m,) bool that no hole takes away."""
+    keep = np.ones(len(faces), bool)
+    for _ in range(holes):
+        centre = points[faces[rng.integers(len(faces)), 0]]
+        radius = rng.uniform(*HOLE_RADIUS)
+        keep &= ~(np.linalg.norm(points - centre, axis=1) < radius)[faces].any(1)
+    return keep
+
+
+def misaligned(rng: np.random.Generator, multiple: float, pivot: np.ndarray) -> RigidMotion:
+    """Motion from the patient's frame to the scanner's."""
+    axis = rng.normal(size=3)
+    angle = multiple * rng.uniform(0.3, 1.0) * ANGLE
+    rotation = Rotation.from_rotvec(axis / np.linalg.norm(axis) * angle, degrees=True).as_matrix()
+    return RigidMotion(rotation, multiple * rng.uniform(-SHIFT, SHIFT, 3), pivot)
 
 
 def scan(
     points: np.ndarray,
     faces: np.ndarray,
     rng: np.random.Generator,
-    noise_mm: float = 0.15,
-    correlated_mm: float = 0.25,
-    correlation_mm: float = 8.0,
-    border_mm: float = 6.0,
-    grazing: float = 0.15,
-    max_shift_mm: float = 8.0,
-    max_angle_deg: float = 6.0,
+    noise: float = 0.3,
+    holes: int = 6,
+    coverage: float | None = 0.15,
+    frame: float = 1.0,
 ) -> Scan:
     """Scan a skin surface.
 
-    points (n, 3), faces (m, 3) outward. White and correlated noise (SD in mm, correlation length in mm) act along the
-    normals: sub-0.5 mm in all, as published for stereophotogrammetry [R]. Triangles that no camera sees (cosine below
-    `grazing`) and those within `border_mm` of the surface's border are lost [I]. The frame is off by up to
-    `max_shift_mm` per axis and `max_angle_deg` [I]; vertices come in random order, so that nothing but geometry ties
-    the scan to its source.
+    points (n, 3), faces (m, 3) outward; noise: SD in mm along the normals, smooth and white; holes: how many; coverage:
+    see :func:`seen`, None sees everything; frame: multiple of the usual misalignment. Vertices come in random order, so
+    that nothing but geometry ties the scan to its source. The same generator draws the same scan whatever is off.
+    ValueError if nothing is left.
     """
     points, faces = np.asarray(points, float), np.asarray(faces)
-    normals = vertex_normals(points, faces)
-    facing = face_normals(points, faces)
-    facing /= np.maximum(np.linalg.norm(facing, axis=1), 1e-12)[:, None]
-    views = CAMERAS / np.linalg.norm(CAMERAS, axis=1)[:, None]
-    keep = (facing @ views.T).max(1) > grazing
-    border = border_vertices(faces)
-    if len(border) and border_mm > 0:
-        near = cKDTree(points[border]).query(points, distance_upper_bound=border_mm)[0] < border_mm
-        keep &= ~near[faces].any(1)
-    if not keep.any():
+    draws = [np.random.default_rng(seed) for seed in rng.integers(2**63, size=4)]
+    kept = faces if coverage is None else faces[seen(points, faces, coverage)]
+    if not len(kept):
         raise ValueError("nothing of the surface is left: no triangle faces the cameras away from its border")
-    seen = largest_patch(faces[keep], len(points))
-    offset = noise_mm * rng.normal(size=len(points)) + correlated_mm * smooth_noise(points, rng, correlation_mm)
-    axis = rng.normal(size=3)
-    angle = rng.uniform(0.3, 1.0) * max_angle_deg
-    rotation = Rotation.from_rotvec(axis / np.linalg.norm(axis) * angle, degrees=True).as_matrix()
-    frame = RigidMotion(rotation, rng.uniform(-max_shift_mm, max_shift_mm, 3), points.mean(0))
-    vertex = rng.permutation(np.unique(seen))
+    kept = largest_patch(kept[pierced(points, kept, holes, draws[0])], len(points))
+    white = np.sqrt(1 - SMOOTH_SHARE**2) * draws[1].normal(size=len(points))
+    offset = noise * (white + SMOOTH_SHARE * smooth_noise(points, draws[1], CORRELATION))
+    motion = misaligned(draws[2], frame, points.mean(0))
+    vertex = draws[3].permutation(np.unique(kept))
     index = np.full(len(points), -1)
     index[vertex] = np.arange(len(vertex))
-    noisy = points + offset[:, None] * normals
-    return Scan(frame.apply(noisy[vertex]), rng.permutation(index[seen]).astype(np.int32), frame, vertex)
-
-
-def lip_change(
-    points: np.ndarray,
-    landmarks: dict[str, np.ndarray],
-    upper_mm: float = 0.8,
-    lower_mm: float = 1.0,
-    alar_mm: float = 1.0,
-    reach_mm: float = 8.0,
-    weight: np.ndarray | None = None,
-) -> np.ndarray:
-    """Systematic change of lips and nasal base after surgery that no rigid plan contains, (n, 3) mm.
-
-    The upper lip flattens (`upper_mm` back, a third of it down) after the vestibular incision [I]; the lower lip, no
-    longer strained, curls in (`lower_mm`, half back and half up) [S: KIM16/19 name it; the size is I]; each
-    wing of the nose moves `alar_mm` sideways: +4 mm of width in all after Le Fort I advance [S: PMC6173856], of which
-    the mechanics already gives a part, so a half is the default [I]. Gaussian around the landmarks with SD `reach_mm`;
-    `weight` (n,) scales it, zero on bone.
-    """
-    left, right = landmarks["cheilion_left"], landmarks["cheilion_right"]
-    wing = np.array([0.34 * np.linalg.norm(left - right), 4.0, 4.0])  # from subnasale to the wing
-    sites = [
-        (landmarks["labrale_superius"], upper_mm * np.array([0, 1, -1 / 3])),
-        (landmarks["labrale_inferius"], lower_mm * np.array([0, 0.5, 0.5])),
-        (landmarks["subnasale"] + wing, alar_mm * np.array([1, 0, 0])),
-        (landmarks["subnasale"] + wing * [-1, 1, 1], alar_mm * np.array([-1, 0, 0])),
-    ]
-    change = np.zeros((len(points), 3))
-    for centre, push in sites:
-        stretch = np.array([0.5, 1, 1]) if push[0] == 0 else np.ones(3)  # lips are wide, wings are not
-        distance = np.sum(((points - centre) * stretch / reach_mm) ** 2, 1)
-        change += np.exp(-0.5 * distance)[:, None] * push
-    return change if weight is None else change * np.asarray(weight)[:, None]
+    noisy = points + offset[:, None] * vertex_normals(points, faces)
+    return Scan(motion.apply(noisy[vertex]), draws[3].permutation(index[kept]).astype(np.int32), motion, vertex)

@@ -1,0 +1,46 @@
+"""Makes one patient's rows of the effect table: each effect of the simulated outcome alone, on the outer face."""
+
+import pandas as pd
+
+from pinnochio.anatomy.surfaces import bone_surface, skin_surface
+from pinnochio.evaluation.tables import write_csv
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.virtual.effects import CASE, measure
+from pinnochio.virtual.outcome import Operation, read_truth
+
+
+def measure_effects(
+    case: str,
+    inputs: dict[str, str],
+    reality: str | dict,
+    mesh: dict[str, float],
+    interfaces: dict[str, float],
+    fem: FemSettings,
+    label_values: dict[str, int],
+    segments: tuple[str, ...],
+    seed: int,
+    table: str,
+) -> None:
+    """inputs: segmentation, plan, landmarks, truth; the rest as in the outcome's stage."""
+    operation = Operation.read(case, inputs, label_values, segments, mesh, interfaces, fem, seed)
+    place = operation.head.labels, operation.head.spacing, operation.head.origin
+    skin, bone = skin_surface(*place), bone_surface(*place, segments, mesh["bone_edge"])
+    *truth, _ = read_truth(inputs["truth"], case)
+    write_csv(pd.DataFrame(measure(operation, reality, skin, bone, tuple(truth))), table, CASE)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    measure_effects(
+        snakemake.wildcards.case,
+        dict(snakemake.input.items()),
+        snakemake.params.reality,
+        snakemake.params.mesh,
+        snakemake.params.interfaces,
+        FemSettings(**snakemake.params.fem),
+        snakemake.params.labels,
+        tuple(snakemake.params.segments),
+        snakemake.params.seed,
+        snakemake.output.table,
+    )

@@ -1,0 +1,26 @@
+"""Makes the table of soft-to-hard tissue ratios of the simulated outcomes, beside the clinical bands."""
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+
+from pinnochio.logs import attach_log
+from pinnochio.virtual.outcome import read_truth
+from pinnochio.virtual.ratios import motions, tabulate, write_ratios
+
+
+def measure_ratios(cases: Sequence[str], landmarks: Sequence[str], truths: Sequence[str], table: str) -> None:
+    """Motion of the landmarks in each truth against that of the bone as operated; one row per landmark."""
+    patients = []
+    for case, marks, truth in zip(cases, landmarks, truths, strict=True):
+        with open(marks, encoding="utf-8") as file:
+            places = {name: np.array(place) for name, place in json.load(file).items()}
+        *field, executed = read_truth(truth, case)
+        patients.append(motions(places, executed, *field))
+    write_ratios(tabulate(patients), table)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    measure_ratios(snakemake.params.cases, snakemake.input.landmarks, snakemake.input.truths, snakemake.output.table)

@@ -1,0 +1,19 @@
+"""Makes the effect table of the patients' rows."""
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from pinnochio.evaluation.tables import read_table
+from pinnochio.logs import attach_log
+from pinnochio.virtual.effects import CASE, summarise, write_summary
+
+
+def tabulate_effects(rows: Sequence[str], reality: str | dict, table: str) -> None:
+    """Mean of each effect over the patients, with its magnitude (`reality`: section of the configuration)."""
+    write_summary(summarise(pd.concat([read_table(path, CASE) for path in rows]), reality), table)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    tabulate_effects(snakemake.input.rows, snakemake.params.reality, snakemake.output.table)

@@ -1,0 +1,132 @@
+"""What each effect of the reality does to the outer face when it is the only one: the price list of the truth."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pinnochio.anatomy.closest import closest_points
+from pinnochio.anatomy.registration import register, upper_face_plane
+from pinnochio.anatomy.surfaces import BoneSurface, face_normals
+from pinnochio.evaluation.tables import Column, View, write_csv, write_twins
+from pinnochio.evaluation.volume_error import interpolate
+from pinnochio.virtual.outcome import Operation, Outcome, meshed, operate, photograph
+from pinnochio.virtual.reality import EFFECTS, NOMINAL, SCAN, alone, resolve
+from pinnochio.virtual.scan import Scan
+
+REMESHED = ("nodes", "sliding_band_factor")  # effects that need a model of their own
+NOTHING, EVERYTHING = "none", "all"
+CASE = (
+    Column("case", str, "", "patient"),
+    Column("effect", str, "", "the only effect that is on"),
+    Column("mean", float, "mm", "mean over the judged face", ".3f"),
+    Column("p95", float, "mm", "95th percentile over it", ".3f"),
+    Column("lost", float, "%", "judged face that the scan does not show", ".2f"),
+)
+SUMMARY = (
+    Column("effect", str, "", "the only effect that is on"),
+    Column("value", str, "", "its magnitude", optional=True),
+    Column("n", int, "", "patients"),
+    *CASE[2:],
+    Column("largest", float, "mm", "largest 95th percentile of a patient", ".3f"),
+    Column("source", str, "", "source of the effect", optional=True),
+    Column("meaning", str, "", "what it is", optional=True),
+)
+
+
+class Face:
+    """The judged face of the nominal outcome, against which everything is measured."""
+
+    def __init__(self, operation: Operation, nominal: Outcome, skin: tuple[np.ndarray, np.ndarray]):
+        patient = nominal.patient
+        self.operation, self.patient, self.skin = operation, patient, skin
+        self.faces = patient.skin_faces[patient.face_roi]
+        self.vertices = np.unique(self.faces)
+        self.moved = patient.moved_skin(nominal.displacement)
+        self.nominal = self.carried(patient.points, patient.cells, nominal.displacement)
+
+    def carried(self, points: np.ndarray, cells: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+        """Displacement (v, 3) mm that a field gives the vertices of the judged face."""
+        return interpolate(self.patient.skin_points[self.vertices], points, cells, displacement)
+
+    def difference(self, points: np.ndarray, cells: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+        """Distance (v,) mm of the vertices from where the nominal outcome has them."""
+        return np.linalg.norm(self.carried(points, cells, displacement) - self.nominal, axis=1)
+
+    def scan_error(self, scan: Scan, plane: float) -> tuple[np.ndarray, float]:
+        """Distance (k,) mm of the registered scan from the nominal face, and the share of the face it lacks in %."""
+        found = register(
+            scan.points, scan.faces, *self.skin, plane, case=self.operation.case, file="scan", limit=np.inf
+        )
+        placed = found.apply(scan.points)
+        near = closest_points(placed, self.moved, self.faces)
+        back = closest_points(self.moved[self.faces].mean(axis=1), placed, scan.faces)
+        area = face_normals(self.moved, self.faces)[1]
+        return near.distance[~near.border], 100 * float(area[back.border].sum() / area.sum())
+
+
+def measure(
+    operation: Operation,
+    reality: Mapping[str, Any] | str,
+    skin: tuple[np.ndarray, np.ndarray],
+    bone: BoneSurface,
+    truth: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> list[dict]:
+    """Rows of :data:`CASE` of one patient: nothing on, each effect alone, everything on.
+
+    skin: points and faces of the segmentation's skin; truth: points, cells, displacement with all effects on. Mechanics,
+    lips and swelling: difference of displacement; scan: distance of the registered scan, with the loss of face.
+    """
+    nominal = operate(operation, resolve(NOMINAL))
+    face = Face(operation, nominal, skin)
+    plane = upper_face_plane(bone, operation.segments, operation.interfaces["nasion_above_maxilla"])
+
+    def row(effect: str, errors: np.ndarray, lost: float = 0.0) -> dict:
+        return {"case": operation.case, "effect": effect, "mean": errors.mean(), "p95": np.percentile(errors, 95),
+                "lost": lost}  # fmt: skip
+
+    rows = [row(NOTHING, *face.scan_error(photograph(operation, nominal, resolve(NOMINAL)), plane))]
+    for effect in EFFECTS:
+        own = alone(resolve(reality), effect)
+        if own == resolve(NOMINAL):
+            continue
+        if effect in SCAN:
+            rows.append(row(effect, *face.scan_error(photograph(operation, nominal, own), plane)))
+        else:
+            model = meshed(operation, own) if effect in REMESHED else nominal.patient
+            field = operate(operation, own, model).displacement
+            rows.append(row(effect, face.difference(model.points, model.cells, field)))
+    rows.append(row(EVERYTHING, face.difference(*truth)))
+    return rows
+
+
+def summarise(rows: pd.DataFrame, reality: Mapping[str, Any] | str) -> pd.DataFrame:
+    """One row per effect over the patients, in the order of :data:`EFFECTS`: columns of :data:`SUMMARY`."""
+    values = resolve(reality)
+    table = []
+    for effect in (NOTHING, *EFFECTS, EVERYTHING):
+        own = rows[rows["effect"] == effect]
+        if own.empty:
+            continue
+        about = EFFECTS.get(effect)
+        entry = {"effect": effect, "n": len(own), "largest": own["p95"].max()} | dict(
+            own[["mean", "p95", "lost"]].mean()
+        )
+        entry["value"] = f"{values[effect]:g} {about.unit}".strip() if about else ""
+        entry["source"] = about.source if about else ""
+        entry["meaning"] = about.meaning if about else ("registration alone" if effect == NOTHING else "every effect")
+        table.append(entry)
+    return pd.DataFrame(table)
+
+
+def write_summary(frame: pd.DataFrame, path: str) -> None:
+    """Write the table and its twins."""
+    frame = write_csv(frame, path, SUMMARY)
+    view = [View(f"{c.name} {c.unit}".strip(), lambda row, c=c: c.text(row[c.name])) for c in SUMMARY]
+    caption = (
+        f"What each effect of the simulated outcome does to the outer face when it alone is on, against the nominal "
+        f"outcome; virtual cohort, first {frame['n'].max()} patients. Mechanics, lips and swelling: displacement. Scan "
+        f"effects: distance of the registered scan from the true skin."
+    )
+    write_twins(frame, path, view, caption, SUMMARY)

@@ -1,0 +1,167 @@
+"""The simulated outcome of a virtual patient's surgery: the displaced tissue, by mechanics that no method uses."""
+
+import json
+import logging
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import h5py
+import numpy as np
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.plan_sampling import execution_error
+from pinnochio.anatomy.segmentation import Segmentation, read_segmentation
+from pinnochio.anatomy.surfaces import bone_surface, skin_surface
+from pinnochio.files import replacing
+from pinnochio.mechanics.elements import jacobians
+from pinnochio.mechanics.simulation import FemSettings, simulate
+from pinnochio.meshing.interfaces import label_interfaces
+from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.seeds import generator
+from pinnochio.virtual.aftermath import expression, lip_change, looseness, swelling
+from pinnochio.virtual.scan import Scan, scan
+
+LOG = logging.getLogger(__name__)
+ATTEMPTS = 4  # an executed plan that tissue cannot follow is drawn again
+
+
+@dataclass(frozen=True)
+class Operation:
+    """What is operated on and how it would be computed nominally.
+
+    head: the segmentation; landmarks name -> (3,) mm; mesh, interfaces: sections of the configuration; fem: the
+    methods' settings; seed: base seed, from which each effect draws its own.
+    """
+
+    case: str
+    head: Segmentation
+    segments: tuple[str, ...]
+    landmarks: Mapping[str, np.ndarray]
+    plan: Plan
+    mesh: Mapping[str, float]
+    interfaces: Mapping[str, float]
+    fem: FemSettings
+    seed: int
+
+    def draws(self, effect: str) -> np.random.Generator:
+        """The effect's own generator: switching one effect leaves the draws of the others as they are."""
+        return generator(self.seed, f"virtual_outcome/{effect}", self.case)
+
+    @classmethod
+    def read(cls, case: str, inputs: Mapping[str, str], labels: Mapping[str, int], segments, *settings) -> "Operation":
+        """From the files segmentation, plan and landmarks; settings: mesh, interfaces, fem, seed."""
+        head = read_segmentation(inputs["segmentation"], case, labels, segments)
+        with open(inputs["landmarks"], encoding="utf-8") as file:
+            landmarks = {name: np.array(place) for name, place in json.load(file).items()}
+        return cls(case, head, tuple(segments), landmarks, Plan.read(inputs["plan"], case), *settings)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """patient: the truth's own model; displacement (n, 3) mm of its nodes; executed: the plan as carried out."""
+
+    patient: PatientModel
+    displacement: np.ndarray
+    executed: Plan
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write as HDF5: points, cells, displacement; attribute `executed`, the plan as JSON."""
+        own = {"points": self.patient.points, "cells": self.patient.cells, "displacement": self.displacement}
+        with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+            for name, values in own.items():
+                file.create_dataset(name, data=values, compression="gzip", track_times=False)
+            file.attrs["executed"] = self.executed.to_json()
+
+
+def read_truth(path: str | os.PathLike, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, Plan]:
+    """Points (n, 3) mm, cells (m, 4), displacement (n, 3) mm and the executed plan of a written outcome."""
+    with h5py.File(path, "r") as file:
+        field = (file[name][()] for name in ("points", "cells", "displacement"))
+        return *field, Plan.from_json(file.attrs["executed"], path, case)
+
+
+def meshed(operation: Operation, reality: Mapping[str, Any]) -> PatientModel:
+    """The model on which the outcome is computed; with nominal effects it is the methods' own."""
+    head, thresholds = operation.head, dict(operation.interfaces)
+    thresholds["sliding_band"] *= reality["sliding_band_factor"]
+    nodes, shift = operation.mesh["nodes"], np.zeros(3)
+    if reality["nodes"] is not None:
+        nodes, shift = reality["nodes"], operation.draws("nodes").uniform(0, 3, 3)
+    mesh = tetrahedralize(
+        head.labels,
+        head.spacing,
+        head.origin,
+        nodes,
+        minimum_dihedral=operation.mesh["minimum_dihedral"],
+        shift=shift,
+    )
+    return label_interfaces(
+        mesh,
+        head.labels,
+        head.spacing,
+        head.origin,
+        operation.segments,
+        bone_surface(head.labels, head.spacing, head.origin, operation.segments, operation.mesh["bone_edge"]),
+        skin_surface(head.labels, head.spacing, head.origin),
+        **{f"{name}_mm": value for name, value in thresholds.items()},
+    )
+
+
+def operate(operation: Operation, reality: Mapping[str, Any], patient: PatientModel | None = None) -> Outcome:
+    """Carry out the plan with the effects of `reality` (as :func:`pinnochio.virtual.reality.resolve` gives them).
+
+    patient: the model of :func:`meshed` where the caller has it already. RuntimeError if the mechanics finds no
+    solution for a few draws of the executed plan, or if lips and swelling turn an element inside out.
+    """
+    patient = patient or meshed(operation, reality)
+    draws = operation.draws("stiffness_spread")
+    moduli = {
+        tissue: modulus * float(np.exp(reality["stiffness_spread"] * draws.normal()))
+        for tissue, modulus in sorted(operation.fem.youngs_modulus.items())
+    }
+    fem = operation.fem
+    own = replace(
+        fem,
+        youngs_modulus=moduli,
+        poisson=reality["poisson"] or fem.poisson,
+        stiffening=reality["stiffening"],
+        volumetric="anp" if reality["nodes"] else fem.volumetric,
+    )
+    draws = operation.draws("execution_error")
+    for _ in range(ATTEMPTS):
+        executed = operation.plan
+        if reality["execution_error"]:
+            executed = execution_error(operation.plan, draws, reality["execution_error"])
+        result = simulate(patient, executed, "mucosa", own)
+        LOG.info("%s; moduli %s kPa; %.1f s", result.reason, moduli, result.seconds)
+        if result.converged:
+            break
+    else:
+        raise RuntimeError(f"case {operation.case!r}: the simulated outcome did not converge: {result.reason}")
+    change = np.zeros_like(patient.points)
+    if reality["lip_change"]:
+        change += reality["lip_change"] * lip_change(patient.points, operation.landmarks)
+    if reality["swelling"]:
+        skin = patient.skin_points, patient.skin_faces
+        rng = operation.draws("swelling")
+        change += swelling(patient.points, skin, operation.landmarks, reality["swelling"], rng)
+    if change.any():
+        change *= looseness(patient.points, patient.bone_points)[:, None]
+        least = jacobians(patient.points, patient.cells, result.displacement + change).min()
+        LOG.info("smallest J %.3f with lips and swelling", least)
+        if least <= 0:
+            raise RuntimeError(f"case {operation.case!r}: lips and swelling turn an element inside out; lower them")
+    return Outcome(patient, result.displacement + change, executed)
+
+
+def photograph(operation: Operation, outcome: Outcome, reality: Mapping[str, Any]) -> Scan:
+    """Scan of the outcome's skin with the effects of `reality`."""
+    skin = outcome.patient.moved_skin(outcome.displacement)
+    if reality["expression"]:
+        here = outcome.patient.skin_points
+        skin = skin + expression(here, operation.landmarks, reality["expression"], operation.draws("expression"))
+    own = {name: reality[name] for name in ("noise", "holes", "coverage", "frame")}
+    return scan(skin, outcome.patient.skin_faces, operation.draws("scan"), **own)

@@ -1,0 +1,97 @@
+"""Soft-to-hard tissue ratios of the simulated outcomes: does the skin follow the bone as patients' skin does?"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from pinnochio.anatomy.plan import Plan
+from pinnochio.evaluation.tables import Column, View, write_csv, write_twins
+from pinnochio.evaluation.volume_error import interpolate
+
+FORWARD = np.array([0.0, -1.0, 0.0])
+LEAST = 1.0  # mm of bone motion below which a patient says nothing about a ratio
+
+
+class Ratio(NamedTuple):
+    """Soft landmark, the bone landmark that it follows, the segment that carries it, and the band of the ratio."""
+
+    soft: str
+    hard: str
+    segment: str
+    low: float
+    high: float
+    source: str
+
+
+RATIOS = {
+    "Pog'": Ratio("pogonion_soft", "pogonion_bone", "mandible_distal", 0.8, 1.1, "[R] 0.9-1.0"),
+    "B'": Ratio("mentolabial", "b_point", "mandible_distal", 0.75, 1.1, "[R] about 1.0"),
+    "Li": Ratio("labrale_inferius", "lower_incisor", "mandible_distal", 0.4, 1.0, "[S: PMC6173856] 0.66"),
+    "Ls": Ratio("labrale_superius", "upper_incisor", "lefort1", 0.1, 0.8, "[S: PMC6173856] 0.21, [R] 0.4-0.7"),
+    "Sn": Ratio("subnasale", "a_point", "lefort1", 0.1, 0.8, "[R] 0.4-0.6"),
+    "Prn": Ratio("pronasale", "a_point", "lefort1", 0.0, 0.4, "[S: PMC6173856] 0.17, [R] 0.2-0.35"),
+}
+STILL, STILL_LIMIT = "glabella", 0.2  # the skin above the orbits stays where it is, mm
+TABLE = (
+    Column("ratio", str, "", "soft-tissue landmark"),
+    Column("ours", float, "1", "slope through the origin of its forward motion over that of the bone", ".3f"),
+    Column("low", float, "1", "lower end of the band of clinical ratios", ".2f"),
+    Column("high", float, "1", "upper end of it", ".2f"),
+    Column("inside", bool, "", "whether ours lies inside"),
+    Column("median", float, "1", "median of the patients' own ratios", ".3f"),
+    Column("n", int, "", "patients whose bone moves at least 1 mm"),
+    Column("source", str, "", "source of the band"),
+)
+
+
+def motions(
+    landmarks: Mapping[str, np.ndarray],
+    executed: Plan,
+    points: np.ndarray,
+    cells: np.ndarray,
+    displacement: np.ndarray,
+) -> dict[str, tuple[float, float]]:
+    """Forward motion (soft, hard) in mm of each landmark pair, and of the still skin (its whole motion, 0)."""
+    soft = interpolate(np.array([landmarks[r.soft] for r in RATIOS.values()]), points, cells, displacement) @ FORWARD
+    hard = [executed.motion(r.segment).displacement(landmarks[r.hard][None])[0] @ FORWARD for r in RATIOS.values()]
+    still = interpolate(landmarks[STILL][None], points, cells, displacement)[0]
+    pairs = {name: (float(s), float(h)) for name, s, h in zip(RATIOS, soft, hard, strict=True)}
+    return pairs | {STILL: (float(np.linalg.norm(still)), 0.0)}
+
+
+def tabulate(patients: Sequence[Mapping[str, tuple[float, float]]]) -> pd.DataFrame:
+    """Columns of :data:`TABLE` over the patients' :func:`motions`; the still skin as its largest motion in mm."""
+    rows = []
+    for name, ratio in RATIOS.items():
+        soft, hard = np.array([patient[name] for patient in patients]).T
+        moved = np.abs(hard) >= LEAST
+        ours = float(soft[moved] @ hard[moved] / max(hard[moved] @ hard[moved], 1e-12))
+        rows.append({"ratio": name, "ours": ours, "low": ratio.low, "high": ratio.high, "n": int(moved.sum()),
+                     "median": float(np.median(soft[moved] / hard[moved])) if moved.any() else 0.0,
+                     "inside": ratio.low <= ours <= ratio.high, "source": ratio.source})  # fmt: skip
+    still = np.array([patient[STILL][0] for patient in patients])
+    most = float(still.max())
+    rows.append({"ratio": f"{STILL} (mm)", "ours": most, "low": 0.0, "high": STILL_LIMIT, "n": len(still),
+                 "median": float(np.median(still)), "inside": most <= STILL_LIMIT, "source": "[I]"})  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def write_ratios(frame: pd.DataFrame, path: str) -> None:
+    """Write the table and its twins."""
+    frame = write_csv(frame, path, TABLE)
+    view = [
+        View("Landmark", lambda row: row["ratio"]),
+        View("Ours", lambda row: TABLE[1].text(row["ours"])),
+        View("Band", lambda row: f"{row['low']:.2f} to {row['high']:.2f}"),
+        View("Inside", lambda row: "yes" if row["inside"] else "no"),
+        View("Median of patients", lambda row: TABLE[5].text(row["median"])),
+        View("n", lambda row: str(row["n"])),
+        View("Source of the band", lambda row: row["source"]),
+    ]
+    caption = (
+        "Soft-to-hard tissue ratios of the simulated outcomes (virtual cohort), forward motion: slope through the "
+        "origin over the patients; last row: largest motion of the skin above the orbits, mm."
+    )
+    write_twins(frame, path, view, caption, TABLE)

@@ -1,0 +1,55 @@
+"""What makes a simulated outcome other than any method's computation: every effect, its source and its switch."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+NOMINAL = "nominal"
+
+
+class Effect(NamedTuple):
+    """An effect of the reality; `nominal` is the value that switches it off, None where the methods' own holds."""
+
+    meaning: str
+    unit: str
+    source: str
+    nominal: Any
+
+
+EFFECTS = {
+    "nodes": Effect("mesh of this many nodes that lies elsewhere than the methods'", "", "[I]", None),
+    "poisson": Effect("Poisson's ratio", "", "[R] 0.46 to 0.49 in the literature", None),
+    "stiffening": Effect("second (quadratic) term of a strain-stiffening law", "kPa", "[R] Nazari: c20 1.18 kPa", 0.0),
+    "stiffness_spread": Effect(
+        "SD of the logarithm of each tissue's modulus over patients",
+        "",
+        "[S: hal-01092748] wide; size [I]",
+        0.0,
+    ),
+    "sliding_band_factor": Effect("true sliding extent over the methods'", "1", "[I]", 1.0),
+    "execution_error": Effect("error of carrying out the plan, times the published one", "1", "[S: PMC8432567]", 0.0),
+    "lip_change": Effect(
+        "systematic change of lips and nasal base, times its default", "1", "[S: PMC6173856] alar width; lips [I]", 0.0
+    ),
+    "swelling": Effect("residual swelling at its centre, mean of the cohort", "mm", "[R] a tenth at 3 months", 0.0),
+    "expression": Effect(
+        "SD of the mouth corners' motion at the scan", "mm", "[S: readbyqxmd 27131258] lip rest 0.25-0.34 mm", 0.0
+    ),
+    "noise": Effect("SD of the scan noise along the normals", "mm", "[R] stereophotogrammetry, below 0.5 mm", 0.0),
+    "holes": Effect("holes of 2 to 5 mm radius in the scan (hair, shine)", "", "[I]", 0),
+    "coverage": Effect(
+        "smallest cosine between normal and camera that is seen; 6 mm of the rim are lost", "1", "[R] two cameras", None
+    ),
+    "frame": Effect("scanner frame off by up to this many times 8 mm and 6 degrees", "1", "[I]", 0.0),
+}
+SCAN = ("expression", "noise", "holes", "coverage", "frame")  # what changes the scan, not the patient
+
+
+def resolve(reality: str | Mapping[str, Any]) -> dict[str, Any]:
+    """Value of every effect of the config section `virtual.reality`, with :data:`NOMINAL` replaced."""
+    asked = dict.fromkeys(EFFECTS, NOMINAL) if reality == NOMINAL else reality
+    return {name: effect.nominal if asked[name] == NOMINAL else asked[name] for name, effect in EFFECTS.items()}
+
+
+def alone(reality: Mapping[str, Any], effect: str) -> dict[str, Any]:
+    """The reality with one effect on and all others nominal."""
+    return resolve(dict.fromkeys(EFFECTS, NOMINAL) | {effect: reality[effect]})
