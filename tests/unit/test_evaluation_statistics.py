@@ -84,8 +84,8 @@ def row(case, method, cd, **more):
     values = dict.fromkeys((c.name for c in CASES if c.optional), np.nan) | {"reason": "", "eqres_element": "anp"}
     values |= {"case": case, "method": method, "fold": "1", "seed": 1, "device": "cpu", "code": "abc", "cd": cd}
     values |= {"hd95": 3 * cd, "pwr1": 60 - cd, "pwr2": 80 - cd, "seconds": 1.0, "setup_seconds": 0.5, "threads": 1}
-    values |= {"nodes": 5000, "converged": True, "inverted": 2, "min_jacobian": 0.9, "eqres_rel": 1e-7}
-    return values | more
+    values |= {"muscle": "labelled", "nodes": 5000, "converged": True, "inverted": 2, "min_jacobian": 0.9}
+    return values | {"eqres_rel": 1e-7} | more
 
 
 @pytest.fixture
@@ -122,6 +122,22 @@ def test_failed_patients_are_counted_and_left_out_of_the_pairs(cases):
     assert found.loc["fem_like", ["n", "failed", "pairs"]].tolist() == [8, 0, 8]
 
 
+def test_nothing_is_tested_without_a_reference(cases, tmp_path):
+    found = summarise(cases, None, ["worse", "fem_like"]).set_index("method")
+    assert (found["test"] == "no reference: not tested").all() and not found["reference"].any()
+    assert found[["p", "p_holm", "pairs"]].isna().all(None) and found.loc["worse", "cd_mean"] == pytest.approx(1.95)
+    write_accuracy(found.reset_index(), tmp_path / "accuracy.csv")
+
+
+def test_a_method_that_nobody_timed_has_no_time_and_is_not_the_fastest(cases, tmp_path):
+    cases.loc[cases["method"] == "worse", ["seconds", "setup_seconds"]] = np.nan
+    found = summarise(cases).set_index("method")
+    assert np.isnan(found.loc["worse", "seconds_mean"]) and found.loc["fem_like", "seconds_mean"] == 1
+    write_accuracy(found.reset_index(), tmp_path / "accuracy.csv")
+    line = next(text for text in (tmp_path / "accuracy.md").read_text().splitlines() if text.startswith("| worse"))
+    assert line.split("|")[6].strip() == ""
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -130,7 +146,7 @@ def test_failed_patients_are_counted_and_left_out_of_the_pairs(cases):
         (lambda f: f.assign(cd="far"), "'cd' holds something that is not a number"),
         (lambda f: f.assign(nodes=4.5), "'nodes' holds a number that is not whole"),
         (lambda f: f.assign(converged=2), "'converged' holds something that is neither"),
-        (lambda f: f.assign(seconds=np.nan), "'seconds' has an empty cell"),
+        (lambda f: f.assign(nodes=np.nan), "'nodes' has an empty cell"),
         (lambda f: f.assign(method=""), "'method' has an empty cell"),
         (lambda f: f.iloc[:0], "no row"),
     ],

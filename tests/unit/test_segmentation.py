@@ -99,7 +99,7 @@ BAD = {
     "fraction": (lambda p: stored(p, image(user_volume() * np.float32(0.3))), "not whole numbers", "label map"),
     "no segment": (lambda p: stored(p, image(without(22))), r"bone 'chin' \(voxel value 22\) is empty", "label 'chin'"),
     "no cranium": (lambda p: stored(p, image(without(20))), r"'cranium' \(voxel value 20\)", "label 'cranium'"),
-    "no tissue": (lambda p: stored(p, image(without(7))), r"tissue 'muscle' \(voxel value 7\)", "label 'muscle'"),
+    "no tissue": (lambda p: stored(p, image(without(3))), r"tissue 'superficial' \(voxel value 3\)", "label 'superf"),
     "nothing": (lambda p: stored(p, image(user_volume() * 0)), "every voxel is 0", "save"),
     "metres": (lambda p: stored(p, image(spacing=SPACING / 1000)), "metres", "millimetres"),
     "centimetres": (lambda p: stored(p, image(spacing=SPACING / 10)), "centimetres", "millimetres"),
@@ -126,6 +126,21 @@ def test_an_unknown_format_and_a_value_that_the_configuration_lacks_are_refused(
     path = stored(tmp_path / "head.nrrd", image())
     with pytest.raises(InputError, match=r"no voxel value for 'ramus'.*Remedy: add 'ramus'"):
         read_segmentation(path, "P1", VALUES, (*SEGMENTS, "ramus"))
+
+
+@pytest.mark.parametrize("values", [VALUES, {name: code for name, code in VALUES.items() if name != "muscle"}])
+def test_a_head_without_muscle_comes_in_without_it(tmp_path, values, caplog):
+    path = stored(tmp_path / "head.nrrd", image(without(7)))
+    found = read_segmentation(path, "P1", values, SEGMENTS)
+    assert not (found.labels == 2).any()
+    np.testing.assert_array_equal(found.labels, np.where(expected() == 2, 0, expected()))
+    assert ("nothing carries the label 7 of 'muscle'" in caplog.text) == ("muscle" in values)
+
+
+def test_muscle_that_the_configuration_does_not_name_is_air_with_a_warning(tmp_path, caplog):
+    values = {name: value for name, value in VALUES.items() if name != "muscle"}
+    found = read_segmentation(stored(tmp_path / "head.nrrd", image()), "P1", values, SEGMENTS)
+    assert not (found.labels[expected() == 2]).any() and "voxel values 7 are not named" in caplog.text
 
 
 @pytest.mark.parametrize("suffix", ["nii.gz", "nrrd", "mha", "nii"])
@@ -163,6 +178,24 @@ def test_a_scan_is_read_with_shared_vertices(tmp_path, suffix):
     assert again.volume == pytest.approx(mesh.volume, rel=1e-5)
 
 
+@pytest.mark.parametrize("binary", [True, False])
+@pytest.mark.parametrize("scale", [1.0, 0.1, 0.001])
+def test_an_stl_in_any_metric_unit_comes_in_as_millimetres_with_each_vertex_once(tmp_path, caplog, scale, binary):
+    points, mesh = face()
+    corners = mesh.regular_faces
+    mesh = pv.PolyData.from_regular_faces(
+        scale * points[corners].reshape(-1, 3), np.arange(corners.size).reshape(-1, 3)
+    )
+    assert mesh.n_points == 3 * mesh.n_cells
+    mesh.save(tmp_path / "face.stl", binary=binary)
+    assert (tmp_path / "face.stl").read_bytes().startswith(b"solid") != binary
+    found, faces = read_postop(tmp_path / "face.stl", "P1", points)
+    again = pv.PolyData.from_regular_faces(found, faces)
+    assert len(found) == len(points) and again.n_open_edges == 0
+    np.testing.assert_allclose(again.bounds, pv.PolyData(points).bounds, atol=1e-3)
+    assert ("taken as" in caplog.text) == (scale != 1)
+
+
 def scan_in(path, scale=1.0, poison=None):
     _, mesh = face()
     mesh.points = mesh.points * scale
@@ -172,8 +205,9 @@ def scan_in(path, scale=1.0, poison=None):
 
 
 BAD_SCAN = {
-    "metres": (lambda p: scan_in(p, 1e-3), "in metres", "scale it by 1000"),
-    "centimetres": (lambda p: scan_in(p, 0.1), "in centimetres", "scale it by 10 "),
+    "micrometres": (lambda p: scan_in(p, 1e3), "1e.03 times the size", "millimetres, centimetres or metres"),
+    "inches": (lambda p: scan_in(p, 1 / 25.4), "0.0394 times the size", "millimetres, centimetres or metres"),
+    "tiny": (lambda p: scan_in(p, 0.01), "0.01 times the size", "millimetres, centimetres or metres"),
     "huge": (lambda p: scan_in(p, 20), "20 times the size", "millimetres"),
     "nan": (lambda p: scan_in(p, 1, np.nan), "not finite", "remove these"),
     "empty": (lambda p: p.write_text("ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\n"

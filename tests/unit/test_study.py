@@ -9,7 +9,7 @@ import yaml
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.seeds import derive_seed
-from pinnochio.study import assign_folds, check_config, code_hash, read_cases, virtual_cases
+from pinnochio.study import assign_folds, check_config, code_hash, left_out, read_cases, virtual_cases
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
@@ -55,10 +55,29 @@ def test_missing_table_is_refused(tmp_path):
 
 def test_folds_hold_every_case_out_once_and_evenly():
     names = [case.name for case in virtual_cases(40, "x")]
-    folds = assign_folds(names, 5, seed=1)
+    folds = assign_folds(names, [], 5, seed=1)
     assert sorted(name for fold in folds.values() for name in fold) == names
     assert {len(fold) for fold in folds.values()} == {8}
-    assert folds == assign_folds(names, 5, seed=1) != assign_folds(names, 5, seed=2)
+    assert folds == assign_folds(names, [], 5, seed=1) != assign_folds(names, [], 5, seed=2)
+    # The folds of the published results.
+    assert folds["1"] == ["V07", "V10", "V16", "V27", "V32", "V35", "V37", "V39"]
+
+
+@pytest.mark.parametrize("scanned", [0, 2, 7, 10])
+def test_patients_without_a_scan_join_the_folds_and_move_nobody(scanned):
+    names, others = [f"S{i}" for i in range(scanned)], [f"U{i}" for i in range(6)]
+    folds, alone = assign_folds(names, others, 5, seed=1), assign_folds(names, [], 5, seed=1)
+    assert {fold: [n for n in cases if n in names] for fold, cases in folds.items() if fold in alone} == alone
+    assert sorted(name for fold in folds.values() for name in fold) == sorted([*names, *others])
+    sizes = [len(fold) for fold in folds.values()]
+    assert max(sizes) - min(sizes) <= 1 and list(folds) == list("12345")
+
+
+def test_learned_methods_need_a_scanned_patient_per_fold():
+    assert left_out(DEFAULTS, 5) == [] and left_out(DEFAULTS, 4) == left_out(DEFAULTS, 0) == ["pinnochio"]
+    assert left_out(DEFAULTS | {"methods": ["no_change", "fem_sliding"]}, 0) == []
+    with pytest.raises(InputError, match="none of 'methods' is left"):
+        left_out(DEFAULTS | {"methods": ["pinnochio"]}, 0)
 
 
 def test_seed_depends_on_base_stage_and_key():
@@ -79,9 +98,10 @@ def test_seed_depends_on_base_stage_and_key():
 @pytest.mark.parametrize(
     ("keys", "value", "problem"),
     [
-        (("segments",), ["lefort1", "chin"], "chin"),
+        (("segments",), ["lefort1", "ramus"], "ramus"),
         (("labels", "muscle"), 1, "share one value"),
         (("reference",), "acmt", "not among 'methods'"),
+        (("external",), {"fem_sliding": "elsewhere"}, "'fem_sliding' has the name of a built-in"),
         (("network", "heads"), 7, "multiple"),
         (("virtual", "patients"), 3, "fewer virtual patients"),
     ],
@@ -95,6 +115,11 @@ def test_contradictions_in_the_configuration_are_refused(keys, value, problem):
     node[keys[-1]] = value
     with pytest.raises(InputError, match=problem):
         check_config(config)
+
+
+def test_an_external_method_may_be_the_reference_and_labels_may_lack_muscle():
+    labels = {name: value for name, value in DEFAULTS["labels"].items() if name != "muscle"}
+    check_config(DEFAULTS | {"external": {"mine": "elsewhere"}, "reference": "mine", "labels": labels})
 
 
 def test_code_hash_sees_content_and_survives_a_move(tmp_path):

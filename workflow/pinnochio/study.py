@@ -11,6 +11,8 @@ from pinnochio.errors import InputError
 from pinnochio.seeds import generator
 
 COLUMNS = ("case", "segmentation", "plan", "postop")
+BUILT_IN = ("no_change", "fem_bonded", "fem_sliding", "pinnochio")
+LEARNABLE = ("pinnochio",)
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,8 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
         for key, path in paths.items():
             if not path and key != "postop":
                 raise InputError(name, table, f"column {key} is empty", f"name the {key} file of the case")
-            if path and not Path(path).is_file():
+            # A segmentation may be a folder of surfaces, a plan one of transforms.
+            if path and not (Path(path).is_file() or (key != "postop" and Path(path).is_dir())):
                 raise InputError(name, path, f"the {key} file does not exist", f"correct the path in {table}")
         cases.append(Case(name, **paths))
     if not cases:
@@ -72,11 +75,44 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
     return cases
 
 
-def assign_folds(names: Sequence[str], folds: int, seed: int) -> dict[str, list[str]]:
-    """Held-out cases of each fold ("1", "2", ...), drawn once from the seed; fold sizes differ by at most one."""
-    order = generator(seed, "folds", ",".join(names)).permutation(len(names))
-    held_out = {str(fold + 1): sorted(names[i] for i in order[fold::folds]) for fold in range(folds)}
-    return {fold: cases for fold, cases in held_out.items() if cases}
+def assign_folds(scanned: Sequence[str], unscanned: Sequence[str], folds: int, seed: int) -> dict[str, list[str]]:
+    """Held-out cases of each fold ("1", "2", ...), drawn once from the seed; fold sizes differ by at most one.
+
+    The patients without a post-operative scan are dealt after the scanned ones, whose folds they leave as they are.
+    """
+    held_out: dict[str, list[str]] = {str(fold + 1): [] for fold in range(folds)}
+    shuffled = [
+        group[i]
+        for group in (scanned, unscanned)
+        for i in generator(seed, "folds", ",".join(group)).permutation(len(group))
+    ]
+    for number, name in enumerate(shuffled):
+        held_out[str(number % folds + 1)].append(name)
+    return {fold: sorted(cases) for fold, cases in held_out.items() if cases}
+
+
+def left_out(config: Mapping, scanned: int) -> list[str]:
+    """The learned methods, where fewer patients have a post-operative scan than there are folds to train in turn."""
+    found = [method for method in config["methods"] if method in LEARNABLE and scanned < config["folds"]]
+    if len(found) == len(config["methods"]) and not config["external"]:
+        raise InputError(
+            "-",
+            "configuration",
+            f"none of 'methods' is left: {scanned} scanned patients do not fill {config['folds']} folds to train on",
+            "add a method that needs no training, or lower 'folds'",
+        )
+    return found
+
+
+def external_file(folder: str | os.PathLike, case: str) -> str:
+    """The file in which a method made elsewhere delivers a case: {case}.npz, else {case}.vtu."""
+    names = [f"{case}.npz", f"{case}.vtu"]
+    for name in names:
+        if (Path(folder) / name).is_file():
+            return str(Path(folder) / name)
+    raise InputError(
+        case, folder, f"there is neither {names[0]} nor {names[1]}", "put the prediction of every case into the folder"
+    )
 
 
 def check_config(config: Mapping) -> None:
@@ -89,11 +125,18 @@ def check_config(config: Mapping) -> None:
     labels = config["labels"]
     if missing := [name for name in config["segments"] if name not in labels]:
         refuse(f"segments {missing} have no entry in 'labels'", "give each segment its voxel value")
-    values = [labels[name] for name in known]
+    values = [labels[name] for name in known if name in labels]
     if len(set(values)) < len(values):
         refuse("two structures share one value in 'labels'", "give each structure its own value")
-    if config["reference"] not in config["methods"]:
-        refuse(f"reference {config['reference']!r} is not among 'methods'", "add it, or choose another reference")
+    if taken := [name for name in config["external"] if name in BUILT_IN]:
+        refuse(
+            f"external method {taken[0]!r} has the name of a built-in one", "give it a name of its own in 'external'"
+        )
+    if config["reference"] not in [*config["methods"], *config["external"]]:
+        refuse(
+            f"reference {config['reference']!r} is not among 'methods' and 'external'",
+            "add it, or choose another reference",
+        )
     if config["network"]["channels"] % config["network"]["heads"]:
         refuse("network.channels is no multiple of network.heads", "choose channels = heads x features per head")
     if config["cohort"] == "virtual" and config["virtual"]["patients"] < config["folds"]:

@@ -2,47 +2,17 @@
 
 import json
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from pinnochio.anatomy.rigid import LARGEST_TRANSLATION, RigidMotion
+from pinnochio.anatomy.transforms import read_transforms
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 
 CONVENTION = "x_post = R (x_pre - pivot) + pivot + translation"
-
-
-@dataclass(frozen=True)
-class RigidMotion:
-    """x_post = R (x_pre - pivot) + pivot + translation; rotation (3, 3), translation and pivot (3,) in mm."""
-
-    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
-    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    pivot: np.ndarray = field(default_factory=lambda: np.zeros(3))
-
-    def apply(self, points: np.ndarray) -> np.ndarray:
-        """Moved points, (n, 3) mm."""
-        return (points - self.pivot) @ self.rotation.T + self.pivot + self.translation
-
-    def inverse(self, points: np.ndarray) -> np.ndarray:
-        """Points before the motion, (n, 3) mm."""
-        return (points - self.pivot - self.translation) @ self.rotation + self.pivot
-
-    def displacement(self, points: np.ndarray) -> np.ndarray:
-        """apply(points) - points, (n, 3) mm."""
-        return self.apply(points) - points
-
-    def fraction(self, share: float) -> "RigidMotion":
-        """The motion carried out to `share` in [0, 1]: rotation by its angle, translation linearly."""
-        turned = Rotation.from_rotvec(share * Rotation.from_matrix(self.rotation).as_rotvec())
-        return RigidMotion(turned.as_matrix(), share * self.translation, self.pivot)
-
-    @classmethod
-    def from_degrees(cls, angles, translation, pivot) -> "RigidMotion":
-        """From rotation-vector components in degrees about the x (pitch), y (roll) and z (yaw) axes."""
-        rotation = Rotation.from_rotvec(np.asarray(angles, float), degrees=True).as_matrix()
-        return cls(rotation, np.asarray(translation, float), np.asarray(pivot, float))
 
 
 @dataclass(frozen=True)
@@ -107,19 +77,20 @@ class Plan:
             rotation = motion.rotation
             if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
                 refuse(f"rotation of segment {segment!r} is not a rotation", "store R with R'R = I, det R = 1")
-            if np.linalg.norm(motion.translation) > 50:
+            if np.linalg.norm(motion.translation) > LARGEST_TRANSLATION:
                 refuse(
                     f"translation of segment {segment!r} is {np.linalg.norm(motion.translation):.0f} mm",
-                    "write translations in millimetres (50 at most)",
+                    f"write translations in millimetres ({LARGEST_TRANSLATION:.0f} at most)",
                 )
             motions[segment] = motion
         return cls(data.get("case", name), motions)
 
     @classmethod
     def read(cls, path: str | os.PathLike, case: str) -> "Plan":
-        """Read the plan of `case` from a JSON file."""
-        with open(path, encoding="utf-8") as file:
-            return cls.from_json(file.read(), path, case)
+        """Read the plan of `case` from a JSON file, or from a folder of ITK / 3D Slicer transforms, one per segment."""
+        if Path(path).is_dir():
+            return cls(case, read_transforms(path, case))
+        return cls.from_json(Path(path).read_text(encoding="utf-8"), path, case)
 
     def write(self, path: str | os.PathLike) -> None:
         """Write the plan as JSON."""

@@ -7,19 +7,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import nibabel
 import numpy as np
-import pyvista as pv
 import SimpleITK as sitk
 
+from pinnochio.anatomy.closed_surfaces import read_closed_surface, read_triangles, surface_files, voxelised
 from pinnochio.anatomy.labels import AIR, TISSUES, internal_codes
 from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.segment_files import Segment, read_segments
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 
 LOG = logging.getLogger(__name__)
-IMAGE_FORMATS = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd")
-SURFACE_FORMATS = (".ply", ".stl", ".obj", ".vtp")
 HEADER = "header"
 HEAD_EXTENT = (50.0, 600.0)  # mm; the longest side of what is labelled lies between
 
@@ -36,65 +34,101 @@ class Segmentation:
 def read_segmentation(
     path: str | os.PathLike,
     case: str,
-    label_values: Mapping[str, int],
+    label_values: Mapping[str, int | str],
     segments: Sequence[str],
     orientation: str = HEADER,
 ) -> Segmentation:
-    """Read a label map (NIfTI, NRRD, MHA; any orientation) into internal codes on an axis-aligned LPS grid.
+    """Read a segmentation in any orientation into internal codes on an axis-aligned LPS grid.
 
-    label_values: voxel value of "superficial", "muscle", "cranium" and of every segment; values that it does not name
-    count as air, with a warning. orientation: where the voxel axes of a file with a wrong header point, as a code such
-    as "RAS" (first axis to the patient's right, second anterior, third superior). An oblique grid is resampled by
-    nearest neighbour on an axis-aligned one of the same spacing. Raises InputError for what the user must mend.
+    path: a label map (NIfTI, NRRD, MHA), a 3D Slicer `.seg.nrrd`, a DICOM-SEG (`.dcm`), or a folder with one closed
+    surface per structure (STL, PLY, OBJ, VTP; voxels of 1 mm). label_values: of "superficial", "muscle", "cranium" and
+    of every segment the voxel value (of a DICOM-SEG the segment number; a surface then bears the name of its
+    structure), or the name that the file gives it. Where structures overlap, bone goes over muscle, muscle over
+    superficial tissue, a segment over the cranium and over segments listed before it. What is not named counts as air,
+    with a warning. Muscle may be missing in `label_values` and in the file; the result then holds none.
+
+    orientation: where the voxel axes of a file with a wrong header point, as a code such as "RAS" (first axis to the
+    patient's right, second anterior, third superior); of surfaces, where their axes point. An oblique grid is resampled
+    by nearest neighbour on an axis-aligned one of the same spacing. Raises InputError for what the user must mend.
     """
 
-    def refuse(problem: str, remedy: str):
-        raise InputError(case, path, problem, remedy)
+    def refuse(problem: str, remedy: str, file=path):
+        raise InputError(case, file, problem, remedy)
 
-    image = _read_image(path, refuse)
+    codes = internal_codes(tuple(segments))
+    for name in codes:
+        if name not in label_values and name != "muscle":
+            refuse(f"the configuration gives no voxel value for {name!r}", f"add {name!r} to 'labels'")
+    wanted = {name: label_values[name] for name in codes if name in label_values}
+    direction = None
     if orientation != HEADER:
         direction = np.reshape(sitk.DICOMOrientImageFilter.GetDirectionCosinesFromOrientation(orientation), (3, 3))
-        image.SetOrigin(tuple(direction @ np.linalg.inv(np.reshape(image.GetDirection(), (3, 3))) @ image.GetOrigin()))
-        image.SetDirection(direction.ravel().tolist())
-    values = sitk.GetArrayViewFromImage(image)
-    if values.dtype.kind == "f":
-        # ITK's NIfTI reader silently turns NaN into 0, so the file is looked at with another one.
-        nifti = str(path).lower().endswith((".nii", ".nii.gz"))
-        if not np.isfinite(np.asanyarray(nibabel.load(path).dataobj) if nifti else values).all():
-            refuse("it holds NaN or infinite voxels", "replace them by 0 (air)")
-        if (values != np.rint(values)).any():
-            refuse("it holds values that are not whole numbers", "save the label map, not the scan, as integers")
-    extent = _labelled_extent(values != 0, image.GetSpacing())
-    if extent is None:
-        refuse("every voxel is 0", "save the label map with the values that 'labels' names")
-    if not HEAD_EXTENT[0] <= extent <= HEAD_EXTENT[1]:
-        unit = {-3: "metres", -1: "centimetres", -2: "centimetres", 3: "micrometres"}.get(
-            round(np.log10(extent / 200)), "another unit"
-        )
-        refuse(
-            f"the head measures {extent:.4g} mm; the voxel spacing seems to be in {unit}",
-            "write the spacing in millimetres",
-        )
-    image = _axis_aligned(image)
-    values = np.ascontiguousarray(sitk.GetArrayFromImage(image).transpose(2, 1, 0))
-    labels = np.full(values.shape, AIR, np.uint8)
-    for name, code in internal_codes(tuple(segments)).items():
-        if name not in label_values:
-            refuse(f"the configuration gives no voxel value for {name!r}", f"add {name!r} to 'labels'")
-        own = values == label_values[name]
-        if not own.any():
+    if Path(path).is_dir():
+        files = surface_files(path, refuse)
+        wanted = {name: value if isinstance(value, str) else name for name, value in wanted.items()}
+        found = _chosen([Segment(stem) for stem in files], wanted, case, path, refuse)
+        surfaces = [read_closed_surface(files[part.name], direction, refuse) for part in found.values()]
+        _check_extent(float(max(np.ptp(points, axis=0).max() for points, _ in surfaces)), refuse)
+        image, masks = voxelised(surfaces)
+    else:
+        image, parts = read_segments(path, refuse)
+        found = _chosen(parts, wanted, case, path, refuse)
+        masks = (part.voxels() for part in found.values())
+        if direction is not None:
+            own = np.reshape(image.GetDirection(), (3, 3))
+            image.SetOrigin(tuple(direction @ np.linalg.inv(own) @ image.GetOrigin()))
+            image.SetDirection(direction.ravel().tolist())
+    values = np.full(image.GetSize()[::-1], AIR, np.uint8)
+    for name, mask in zip(found, masks, strict=True):
+        values[mask] = codes[name]
+    _check_extent(_labelled_extent(values != AIR, image.GetSpacing()), refuse)
+    coded = sitk.GetImageFromArray(values)
+    coded.SetSpacing(image.GetSpacing())
+    coded.SetOrigin(image.GetOrigin())
+    coded.SetDirection(image.GetDirection())
+    coded = _axis_aligned(coded)
+    labels = np.ascontiguousarray(sitk.GetArrayFromImage(coded).transpose(2, 1, 0))
+    for name, part in found.items():
+        if name != "muscle" and not (labels == codes[name]).any():
             what = "tissue" if name in TISSUES else "bone"
+            refuse(f"{what} {name!r} ({part}) is empty or covered by other structures", "label it where it alone is")
+    return Segmentation(labels, np.array(coded.GetSpacing()), np.array(coded.GetOrigin()))
+
+
+def _chosen(parts: Sequence[Segment], wanted: Mapping[str, int | str], case: str, path, refuse) -> dict[str, Segment]:
+    """The segment of each structure, in the order of `wanted`; "muscle" may have none."""
+    named = any(part.name is not None for part in parts)
+    listed = ", ".join(map(str, parts))
+    found = {}
+    for structure, value in wanted.items():
+        if isinstance(value, str) and not named:
             refuse(
-                f"{what} {name!r} (voxel value {label_values[name]}) is empty",
-                f"label {name!r} in the segmentation, or correct 'labels' or 'segments' in the configuration",
+                f"'labels' gives {structure!r} the name {value!r}, but a plain label map has no names",
+                f"give {structure!r} its voxel value in 'labels', or save the segmentation with names (.seg.nrrd)",
             )
-        labels[own] = code
-    known = {AIR, *label_values.values()}
-    extra = sorted({float(value) for value in np.unique(values)} - {float(value) for value in known})
-    if extra:
-        listed = ", ".join(f"{value:g}" for value in extra)
-        LOG.warning("case %r: %s: voxel values %s are not named in 'labels'; taken as air", case, path, listed)
-    return Segmentation(labels, np.array(image.GetSpacing()), np.array(image.GetOrigin()))
+        own = [part for part in parts if value == (part.name if isinstance(value, str) else part.value)]
+        if len(own) > 1:
+            refuse(
+                f"{len(own)} segments are called {value!r} ({', '.join(map(str, own))})",
+                f"give {structure!r} the name of its segment in 'labels', and each segment a name of its own",
+            )
+        if own:
+            found[structure] = own[0]
+        elif structure == "muscle":
+            LOG.warning("case %r: %s: nothing carries the label %r of 'muscle'; it holds %s", case, path, value, listed)
+        elif named:
+            what = "is called" if isinstance(value, str) else "has the number"
+            refuse(f"no segment {what} {value!r} ({structure!r}); it holds {listed}", "correct the name in 'labels'")
+        else:
+            what = "tissue" if structure in TISSUES else "bone"
+            refuse(
+                f"{what} {structure!r} (voxel value {value}) is empty",
+                f"label {structure!r} in the segmentation, or correct 'labels' or 'segments' in the configuration",
+            )
+    if extra := [str(part) for part in parts if part not in found.values()]:
+        what = "segments" if named else "voxel values"
+        LOG.warning("case %r: %s: %s %s are not named in 'labels'; taken as air", case, path, what, ", ".join(extra))
+    return found
 
 
 def write_segmentation(labels, spacing, origin, path: str | os.PathLike) -> None:
@@ -137,61 +171,38 @@ def check_plan(plan: Plan, segments: Sequence[str], path: str | os.PathLike) -> 
 def read_postop(path: str | os.PathLike, case: str, skin_points) -> tuple[np.ndarray, np.ndarray]:
     """Read a post-operative skin (PLY, STL, OBJ, VTP): points (p, 3) mm, faces (f, 3) int32, in its own frame.
 
-    Its size is compared with that of the pre-operative skin_points (k, 3) mm, to catch metres and centimetres.
+    Its size is compared with that of the pre-operative skin_points (k, 3) mm: centimetres and metres are turned into
+    millimetres with a warning. Raises InputError for any other size and for what is no surface.
     """
 
-    def refuse(problem: str, remedy: str):
-        raise InputError(case, path, problem, remedy)
+    def refuse(problem: str, remedy: str, file=path):
+        raise InputError(case, file, problem, remedy)
 
-    if not Path(path).is_file():
-        refuse("the file does not exist", "correct the path in the cohort table")
-    if not str(path).lower().endswith(SURFACE_FORMATS):
-        refuse("this is no surface format known here", f"save it as one of {', '.join(SURFACE_FORMATS)}")
-    try:
-        # Clean: STL and many scanners repeat the corners of every triangle.
-        mesh = pv.read(path)
-        if mesh.n_cells:
-            mesh = mesh.extract_surface(algorithm="dataset_surface").triangulate()
-        points, faces = np.asarray(mesh.points, float), mesh.regular_faces.astype(np.int32)
-    except Exception as error:  # the readers raise what they like
-        refuse(f"it cannot be read as a surface ({error})", "export the surface again")
-    if len(points) == 0 or len(faces) == 0:
-        refuse("the surface is empty", "export the skin as triangles")
-    if not np.isfinite(points).all():
-        refuse("it holds coordinates that are not finite", "remove these vertices and export again")
-    points, faces = _merged(points, faces)
+    points, faces = read_triangles(path, refuse)
     ratio = _diagonal(points) / _diagonal(skin_points)
-    for unit, factor in (("metres", 1e-3), ("centimetres", 0.1), ("micrometres", 1e3)):
-        if factor / 2.5 < ratio < factor * 2.5:
-            refuse(
-                f"the surface is {ratio:.3g} times the size of the patient's skin; it seems to be in {unit}",
-                f"scale it by {1 / factor:g} to millimetres",
-            )
+    for unit, factor in (("metres", 1000.0), ("centimetres", 10.0)):
+        if 1 / 2.5 < ratio * factor < 2.5:
+            LOG.warning("case %r: %s: %.3g times the size of the skin in mm; taken as %s", case, path, ratio, unit)
+            points, ratio = points * factor, ratio * factor
+            break
     if not 0.25 < ratio < 4:
         refuse(
             f"the surface is {ratio:.3g} times the size of the patient's skin",
-            "give the skin of this patient in millimetres, the whole face and little else",
+            "give the skin of this patient in millimetres, centimetres or metres, the whole face and little else",
         )
     return points, faces
 
 
-def _read_image(path, refuse) -> sitk.Image:
-    if not Path(path).is_file():
-        refuse("the file does not exist", "correct the path in the cohort table")
-    if not str(path).lower().endswith(IMAGE_FORMATS):
-        refuse("this is no image format known here", f"save it as one of {', '.join(IMAGE_FORMATS)}")
-    try:
-        image = sitk.ReadImage(str(path))
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1]
-        refuse(f"it cannot be read as an image ({reason})", "export the label map again")
-    if image.GetDimension() == 4 and image.GetSize()[3] == 1:
-        image = image[..., 0]
-    if image.GetDimension() != 3 or image.GetNumberOfComponentsPerPixel() != 1 or min(image.GetSize()) < 2:
-        size = "x".join(map(str, image.GetSize()))
-        channels = image.GetNumberOfComponentsPerPixel()
-        refuse(f"it is {size} with {channels} channel(s), not a volume", "save one 3-D label map with one channel")
-    return image
+def _check_extent(extent: float | None, refuse) -> None:
+    """Refuse a head whose longest side (mm) is none."""
+    if extent is None or HEAD_EXTENT[0] <= extent <= HEAD_EXTENT[1]:
+        return
+    units = {-3: "metres", -1: "centimetres", -2: "centimetres", 3: "micrometres"}
+    unit = units.get(round(np.log10(extent / 200)), "another unit")
+    refuse(
+        f"the head measures {extent:.4g} mm; the voxel spacing or the coordinates seem to be in {unit}",
+        "write them in millimetres",
+    )
 
 
 def _axis_aligned(image: sitk.Image) -> sitk.Image:
@@ -223,12 +234,3 @@ def _labelled_extent(inside, spacing) -> float | None:
 
 def _diagonal(points) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0)))
-
-
-def _merged(points, faces) -> tuple[np.ndarray, np.ndarray]:
-    """Equal points made one (STL and many scanners repeat the corners of each triangle); no degenerate face."""
-    points, renumber = np.unique(points, axis=0, return_inverse=True)
-    faces = renumber.ravel()[faces]
-    proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    used, faces = np.unique(faces[proper], return_inverse=True)
-    return points[used], faces.reshape(-1, 3).astype(np.int32)

@@ -76,13 +76,16 @@ def _check(labels, spacing, origin, target_nodes, minimum_dihedral) -> None:
 
 
 def _cropped(labels, inside, spacing, origin, margin: float):
-    """The part of the volume around the tissue, with a margin in mm where the volume has it."""
-    box = []
+    """The part of the volume around the tissue, with a margin in mm; air is added where only air is at the border."""
+    box, missing = [], []
     for axis in range(3):
         filled = np.flatnonzero(inside.any(axis=tuple({0, 1, 2} - {axis})))
         extra = int(np.ceil(margin / spacing[axis])) + 1
-        box.append(slice(max(filled[0] - extra, 0), filled[-1] + extra + 1))
-    return np.ascontiguousarray(labels[tuple(box)]), origin + spacing * [s.start for s in box]
+        low, high = filled[0] - extra, labels.shape[axis] - 1 - filled[-1] - extra
+        missing.append([max(-low, 0) * (filled[0] > 0), max(-high, 0) * (filled[-1] < labels.shape[axis] - 1)])
+        box.append(slice(max(low, 0), filled[-1] + extra + 1))
+    start = origin + spacing * [s.start - before for s, (before, _) in zip(box, missing, strict=True)]
+    return np.pad(labels[tuple(box)], missing), start
 
 
 def _divisions_for(fields, shift, wanted: float, constant: float) -> tuple[tuple[int, int, int], int]:

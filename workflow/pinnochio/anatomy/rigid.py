@@ -1,0 +1,40 @@
+"""Rigid motions in LPS millimetres."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+LARGEST_TRANSLATION = 50.0  # mm; a longer one is a wrong unit or a wrong file
+
+
+@dataclass(frozen=True)
+class RigidMotion:
+    """x_post = R (x_pre - pivot) + pivot + translation; rotation (3, 3), translation and pivot (3,) in mm."""
+
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    pivot: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Moved points, (n, 3) mm."""
+        return (points - self.pivot) @ self.rotation.T + self.pivot + self.translation
+
+    def inverse(self, points: np.ndarray) -> np.ndarray:
+        """Points before the motion, (n, 3) mm."""
+        return (points - self.pivot - self.translation) @ self.rotation + self.pivot
+
+    def displacement(self, points: np.ndarray) -> np.ndarray:
+        """apply(points) - points, (n, 3) mm."""
+        return self.apply(points) - points
+
+    def fraction(self, share: float) -> "RigidMotion":
+        """The motion carried out to `share` in [0, 1]: rotation by its angle, translation linearly."""
+        turned = Rotation.from_rotvec(share * Rotation.from_matrix(self.rotation).as_rotvec())
+        return RigidMotion(turned.as_matrix(), share * self.translation, self.pivot)
+
+    @classmethod
+    def from_degrees(cls, angles, translation, pivot) -> "RigidMotion":
+        """From rotation-vector components in degrees about the x (pitch), y (roll) and z (yaw) axes."""
+        rotation = Rotation.from_rotvec(np.asarray(angles, float), degrees=True).as_matrix()
+        return cls(rotation, np.asarray(translation, float), np.asarray(pivot, float))

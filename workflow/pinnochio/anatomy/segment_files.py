@@ -1,0 +1,110 @@
+"""Images of segments: plain label maps, 3D Slicer's `.seg.nrrd` with its names and layers, and DICOM-SEG."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import highdicom
+import nibabel
+import numpy as np
+import SimpleITK as sitk
+
+IMAGE_FORMATS = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm")
+Refuse = Callable[..., None]  # refuse(problem, remedy) raises InputError
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One segment of a file: its name and its voxel value or number, None where the format has none.
+
+    voxels() gives its voxels, bool [iz, iy, ix] (None for a surface); segments of one file may overlap.
+    """
+
+    name: str | None
+    value: int | None = None
+    voxels: Callable[[], np.ndarray] | None = None
+
+    def __str__(self) -> str:
+        number = "" if self.value is None else f"{self.value:g}"
+        return number if self.name is None else repr(self.name) + (number and f" ({number})")
+
+
+def read_segments(path: str | os.PathLike, refuse: Refuse) -> tuple[sitk.Image, list[Segment]]:
+    """The grid of an image (its voxels mean nothing) and its segments, those of a plain label map without names."""
+    if not Path(path).is_file():
+        refuse("the file does not exist", "correct the path in the cohort table")
+    if not str(path).lower().endswith(IMAGE_FORMATS):
+        refuse("this is no image format known here", f"save it as one of {', '.join(IMAGE_FORMATS)}")
+    if str(path).lower().endswith(".dcm"):
+        return _read_dicom(path, refuse)
+    try:
+        image = sitk.ReadImage(str(path))
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        refuse(f"it cannot be read as an image ({reason})", "export the label map again")
+    if image.GetDimension() == 4 and image.GetSize()[3] == 1:
+        image = image[..., 0]
+    named = image.HasMetaDataKey("Segment0_ID")
+    channels = image.GetNumberOfComponentsPerPixel()
+    if image.GetDimension() != 3 or (channels != 1 and not named) or min(image.GetSize()) < 2:
+        size = "x".join(map(str, image.GetSize()))
+        refuse(f"it is {size} with {channels} channel(s), not a volume", "save one 3-D label map with one channel")
+    values = sitk.GetArrayFromImage(image)
+    if values.dtype.kind == "f":
+        # ITK's NIfTI reader silently turns NaN into 0, so the file is looked at with another one.
+        nifti = str(path).lower().endswith((".nii", ".nii.gz"))
+        if not np.isfinite(np.asanyarray(nibabel.load(path).dataobj) if nifti else values).all():
+            refuse("it holds NaN or infinite voxels", "replace them by 0 (air)")
+        if (values != np.rint(values)).any():
+            refuse("it holds values that are not whole numbers", "save the label map, not the scan, as integers")
+    if not values.any():
+        refuse("every voxel is 0", "save the label map with the values that 'labels' names")
+    if named:
+        return image, _slicer_segments(image, values.reshape(*values.shape[:3], channels), refuse)
+    return image, [Segment(None, value, lambda value=value: values == value) for value in np.unique(values) if value]
+
+
+def _slicer_segments(image: sitk.Image, layers: np.ndarray, refuse: Refuse) -> list[Segment]:
+    """Segments of a `.seg.nrrd` [iz, iy, ix, layer]; its header holds a name, a value and a layer for each.
+
+    Slicer before 4.11 wrote neither value nor layer: each segment is a layer of zeros and ones.
+    """
+    header = {key: image.GetMetaData(key) for key in image.GetMetaDataKeys()}
+    segments = []
+    while (key := f"Segment{len(segments)}_") + "ID" in header:
+        name = header.get(key + "Name", header[key + "ID"])
+        value = int(header.get(key + "LabelValue", 1))
+        layer = int(header.get(key + "Layer", 0 if key + "LabelValue" in header else len(segments)))
+        if layer >= layers.shape[3]:
+            refuse(f"segment {name!r} lies in layer {layer}, the file has {layers.shape[3]}", "save it again in Slicer")
+        segments.append(Segment(name, value, lambda layer=layer, value=value: layers[..., layer] == value))
+    return segments
+
+
+def _read_dicom(path: str | os.PathLike, refuse: Refuse) -> tuple[sitk.Image, list[Segment]]:
+    """Grid and segments of a DICOM-SEG; fractional segments count from one half."""
+    try:
+        stored = highdicom.seg.segread(path)
+        geometry = stored.get_volume_geometry()
+    except Exception as error:  # pydicom and highdicom raise what they like
+        refuse(f"it cannot be read as DICOM-SEG ({error})", "export the segmentation as one DICOM-SEG file")
+    if geometry is None:
+        refuse("its frames are no evenly spaced stack", "export it on the grid of an axial scan without gaps")
+
+    def voxels(number: int) -> np.ndarray:
+        return stored.get_volume(segment_numbers=[number]).array[..., 0] >= 0.5
+
+    # highdicom counts slice, row, column; ITK counts column, row, slice.
+    affine, shape = geometry.affine, geometry.spatial_shape
+    image = sitk.Image([int(n) for n in shape[::-1]], sitk.sitkUInt8)
+    steps = affine[:3, 2::-1]
+    lengths = np.linalg.norm(steps, axis=0)
+    image.SetSpacing(lengths.tolist())
+    image.SetDirection((steps / lengths).ravel().tolist())
+    image.SetOrigin(affine[:3, 3].tolist())
+    numbers = stored.segment_numbers
+    names = [stored.get_segment_description(number).segment_label for number in numbers]
+    return image, [
+        Segment(name, number, lambda number=number: voxels(number)) for name, number in zip(names, numbers, strict=True)
+    ]
