@@ -17,14 +17,15 @@ include: "rules/tables.smk"
 
 wildcard_constraints:
     case="|".join(CASES),
-    fold="|".join(HELD_OUT) or "none",
-    method="|".join(config["methods"]),
+    fold="|".join(HELD_OUT),
+    method="|".join(METHODS) or "none",
 
 
 rule all:
     default_target: True
     input:
-        rules.tables.input if SCANNED else [],
+        rules.tables.input,
+        rules.quality.input,
         rules.unscanned.input,
         "<results>/provenance.json",
     message:

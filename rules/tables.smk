@@ -3,7 +3,7 @@ rule evaluate:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
         models=of_held_out("<results>/cases/{case}/model.h5"),
         plans=of_held_out("<results>/cases/{case}/plan.json"),
-        postops=of_held_out("<results>/cases/{case}/postop.h5"),
+        postops=of_scanned("<results>/cases/{case}/postop.h5"),
         truths=of_held_out("<results>/virtual/{case}/truth.h5") if VIRTUAL else [],
     output:
         metrics=ensure("<results>/folds/{fold}/{method}/metrics.csv", non_empty=True),
@@ -19,6 +19,7 @@ rule evaluate:
         runtime=30,
     params:
         cases=held_out,
+        scanned=scanned_of,
         samples=config["evaluation"]["samples"],
         fem=config["fem"],
         seed=SEED,
@@ -36,7 +37,7 @@ rule collect_cases:
         metrics=expand(
             "<results>/folds/{fold}/{method}/metrics.csv",
             fold=HELD_OUT,
-            method=config["methods"],
+            method=METHODS,
         ),
     output:
         table=ensure("<results>/tables/cases.csv", non_empty=True),
@@ -78,19 +79,20 @@ rule compare_methods:
         runtime=5,
     params:
         cohort=COHORT,
-        reference=config["reference"],
-        methods=config["methods"],
+        reference=REFERENCE,
+        methods=METHODS,
         seed=SEED,
         code=code_of("evaluation"),
     message:
-        "Test every method against {params.reference}"
+        "Test every method against the reference"
     script:
         "../scripts/compare_methods.py"
 
 
 rule provenance:
     input:
-        "<results>/tables/accuracy.csv" if SCANNED else rules.unscanned.input,
+        "<results>/tables/cases.csv",
+        "<results>/tables/accuracy.csv" if SCANNED else [],
     output:
         "<results>/provenance.json",
     log:
@@ -127,7 +129,7 @@ rule render_case:
         predictions=lambda wildcards: expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
             fold=fold_of(wildcards.case),
-            method=config["methods"],
+            method=METHODS,
         ),
     output:
         picture="<results>/figures/{case}.png",
@@ -140,7 +142,7 @@ rule render_case:
         mem_mb=2000,
         runtime=10,
     params:
-        methods=config["methods"],
+        methods=METHODS,
         code=code_of("anatomy", "evaluation"),
     message:
         "Draw {wildcards.case}: before, outcome and every method"
@@ -151,6 +153,6 @@ rule render_case:
 rule tables:
     input:
         rules.collect_cases.output,
-        rules.compare_methods.output,
+        rules.compare_methods.output if SCANNED else [],
     message:
         "The tables are made"

@@ -45,18 +45,104 @@ rule virtual_outcome:
         runtime=30,
     params:
         reality=config["virtual"]["reality"],
-        noise=config["virtual"]["scan"]["noise"],
-        bone_edge=config["mesh"]["bone_edge"],
+        mesh=config["mesh"],
         interfaces=config["interfaces"],
         fem=config["fem"],
         segments=config["segments"],
         labels=config["labels"],
         seed=SEED,
-        code=code_of("anatomy", "virtual", "meshing", "mechanics"),
+        code=code_of("anatomy", "virtual", "meshing", "mechanics", "evaluation"),
     message:
         "Operate on virtual patient {wildcards.case} and scan the face"
     script:
         "../scripts/virtual_outcome.py"
+
+
+rule measure_effects:
+    input:
+        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
+        plan="<results>/virtual/{case}/plan.json",
+        landmarks="<results>/virtual/{case}/landmarks.json",
+        truth="<results>/virtual/{case}/truth.h5",
+    output:
+        table=ensure("<results>/virtual/{case}/effects.csv", non_empty=True),
+    log:
+        "<logs>/measure_effects/{case}.log",
+    benchmark:
+        "<benchmarks>/measure_effects/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=6000,
+        runtime=60,
+    params:
+        reality=config["virtual"]["reality"],
+        mesh=config["mesh"],
+        interfaces=config["interfaces"],
+        fem=config["fem"],
+        segments=config["segments"],
+        labels=config["labels"],
+        seed=SEED,
+        code=code_of("anatomy", "virtual", "meshing", "mechanics", "evaluation"),
+    message:
+        "Measure each effect of the outcome alone on {wildcards.case}"
+    script:
+        "../scripts/measure_effects.py"
+
+
+rule tabulate_effects:
+    input:
+        rows=expand(
+            "<results>/virtual/{case}/effects.csv",
+            case=list(CASES)[: config["virtual"]["effects"]],
+        ),
+    output:
+        table=ensure("<results>/virtual/effects.csv", non_empty=True),
+        markdown="<results>/virtual/effects.md",
+        latex="<results>/virtual/effects.tex",
+        html="<results>/virtual/effects.html",
+    log:
+        "<logs>/tabulate_effects.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        reality=config["virtual"]["reality"],
+        code=code_of("virtual", "evaluation"),
+    message:
+        "Tabulate the effects of the outcome"
+    script:
+        "../scripts/tabulate_effects.py"
+
+
+rule measure_ratios:
+    input:
+        landmarks=expand("<results>/virtual/{case}/landmarks.json", case=CASES),
+        truths=expand("<results>/virtual/{case}/truth.h5", case=CASES),
+    output:
+        table=ensure("<results>/virtual/ratios.csv", non_empty=True),
+        markdown="<results>/virtual/ratios.md",
+        latex="<results>/virtual/ratios.tex",
+        html="<results>/virtual/ratios.html",
+    log:
+        "<logs>/measure_ratios.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        cases=list(CASES),
+        code=code_of("anatomy", "virtual", "evaluation"),
+    message:
+        "Compare soft-to-hard tissue ratios with the clinical bands"
+    script:
+        "../scripts/measure_ratios.py"
 
 
 rule cohort:
@@ -70,3 +156,49 @@ rule cohort:
         else [],
     message:
         "The virtual cohort is made"
+
+
+# What stands beside the cohort for those who take it elsewhere.
+rule data_card:
+    input:
+        files=expand(
+            "<results>/virtual/{case}/{file}",
+            case=CASES,
+            file=[
+                "segmentation.nii.gz",
+                "plan.json",
+                "landmarks.json",
+                "anatomy.json",
+                "postop.ply",
+                "truth.h5",
+            ],
+        ),
+        tables=expand("<results>/virtual/{table}.md", table=CARD_TABLES),
+    output:
+        card="<results>/virtual/README.md",
+        checksums="<results>/virtual/SHA256SUMS",
+    log:
+        "<logs>/data_card.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    params:
+        cases=list(CASES),
+        tables=CARD_TABLES,
+        settings={
+            "seed": SEED,
+            "code": code_of("anatomy", "virtual", "meshing", "mechanics"),
+            "virtual": config["virtual"],
+            "labels": {
+                name: value
+                for name, value in config["labels"].items()
+                if name in ("superficial", "muscle", "cranium", *config["segments"])
+            },
+        },
+    message:
+        "Describe the virtual cohort and sum up its files"
+    script:
+        "../scripts/data_card.py"

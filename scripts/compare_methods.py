@@ -6,9 +6,16 @@ from pinnochio.evaluation.tables import CASES, read_table, summarise, write_accu
 from pinnochio.logs import attach_log
 
 
-def compare_methods(cases: str, methods: Sequence[str], reference: str, cohort: str, seed: int, table: str) -> None:
-    """Summarise cases.csv by method (paired Wilcoxon tests, Holm-corrected) and write the table with its twins."""
-    write_accuracy(summarise(read_table(cases, CASES), reference, methods, seed), table, cohort)
+def compare_methods(
+    cases: str, methods: Sequence[str], reference: str | None, cohort: str, seed: int, table: str
+) -> None:
+    """Summarise cases.csv by method (paired Wilcoxon tests, Holm-corrected) and write the table with its twins.
+
+    The patients with a post-operative scan count. Without a reference, which may be left out, nothing is tested.
+    """
+    rows = read_table(cases, CASES)
+    scanned = rows[rows["registration_residual"].notna()]
+    write_accuracy(summarise(scanned, reference, methods, seed), table, cohort)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Makes the metrics of a method on a fold's held-out patients."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import h5py
 import pandas as pd
@@ -21,7 +21,7 @@ def evaluate(
     predictions: str,
     models: Sequence[str],
     plans: Sequence[str],
-    postops: Sequence[str],
+    postops: Mapping[str, str],
     truths: Sequence[str],
     samples: int,
     fem: FemSettings,
@@ -29,7 +29,10 @@ def evaluate(
     seed: int,
     metrics: str,
 ) -> None:
-    """Write one row per case; truths may be empty (no virtual truth); labels are fold, method and code."""
+    """Write one row per case; labels are fold, method and code.
+
+    postops: file by case of those that have a scan, the others get no accuracy; truths may be empty (no virtual truth).
+    """
     rows = []
     for number, case in enumerate(cases):
         patient = PatientModel.read(models[number])
@@ -37,9 +40,7 @@ def evaluate(
         operator = Operator.build(
             patient.points, patient.cells, material.mu, material.lam, material.stiffening, fem.volumetric
         )
-        with h5py.File(postops[number], "r") as file:
-            target = file["points"][()], file["faces"][()]
-            residual = float(file.attrs["registration_residual"])
+        target, known = read_postop(postops[case]) if case in postops else (None, {})
         rows.append(
             evaluate_case(
                 patient,
@@ -51,11 +52,18 @@ def evaluate(
                 seed=seed,
                 target=target,
                 truth=read_truth(truths[number]) if truths else None,
-                labels=labels | {"registration_residual": residual},
+                labels=labels | known,
             )
         )
-        logging.info("%s: CD %.3f mm", case, rows[-1]["cd"])
+        logging.info("%s: CD %.3f mm, min J %.3f", case, rows[-1]["cd"], rows[-1]["min_jacobian"])
     write_csv(pd.DataFrame(rows), metrics, CASES)
+
+
+def read_postop(path: str):
+    """Points and faces of the registered post-operative skin, and the column that says how well it was registered."""
+    with h5py.File(path, "r") as file:
+        known = {"registration_residual": float(file.attrs["registration_residual"])}
+        return (file["points"][()], file["faces"][()]), known
 
 
 def read_truth(path: str):
@@ -71,7 +79,7 @@ if __name__ == "__main__":
         snakemake.input.predictions,
         snakemake.input.models,
         snakemake.input.plans,
-        snakemake.input.postops,
+        dict(zip(snakemake.params.scanned, snakemake.input.get("postops", []), strict=True)),
         snakemake.input.get("truths", []),
         snakemake.params.samples,
         FemSettings(**snakemake.params.fem),

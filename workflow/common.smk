@@ -2,12 +2,17 @@
 
 from pathlib import Path
 
+from snakemake.logging import logger
 from snakemake.utils import validate
 
+from pinnochio.errors import InputError
 from pinnochio.study import (
+    LEARNABLE,
     assign_folds,
     check_config,
     code_hash,
+    external_file,
+    left_out,
     read_cases,
     virtual_cases,
 )
@@ -29,11 +34,23 @@ CASES = {
         else read_cases(config["cohort"])
     )
 }
-# Only patients with a post-operative scan can be trained on and judged.
+# Every patient is predicted; only those with a post-operative scan can be trained on and judged.
 SCANNED = [name for name, case in CASES.items() if case.postop]
 UNSCANNED = [name for name, case in CASES.items() if not case.postop]
-HELD_OUT = assign_folds(SCANNED, config["folds"], SEED)
-LEARNED = [method for method in config["methods"] if method == "pinnochio"]
+HELD_OUT = assign_folds(SCANNED, UNSCANNED, config["folds"], SEED)
+LEFT_OUT = left_out(config, len(SCANNED))
+if LEFT_OUT and workflow.is_main_process:
+    logger.warning(
+        f"Left out: {', '.join(LEFT_OUT)}. Training by cross-validation needs a post-operative scan of at least "
+        f"one patient per fold; {len(SCANNED)} of {len(CASES)} patients have one, and 'folds' is {config['folds']}."
+    )
+EXTERNAL = config["external"]
+METHODS = [name for name in [*config["methods"], *EXTERNAL] if name not in LEFT_OUT]
+LEARNED = [method for method in METHODS if method in LEARNABLE]
+REFERENCE = config["reference"] if config["reference"] in METHODS else None
+# Tables of the data card; the effects are measured on as many patients as the configuration says.
+CARD_TABLES = ["thickness", "ratios"]
+CARD_TABLES += ["effects"] if config["virtual"]["effects"] else []
 ARMS = {"fem_bonded": "bonded", "fem_sliding": "mucosa"}
 
 
@@ -46,7 +63,15 @@ def plan_of(wildcards):
 
 
 def postop_of(wildcards):
-    return CASES[wildcards.case].postop
+    case = CASES[wildcards.case]
+    if not case.postop:
+        raise InputError(
+            case.name,
+            config["cohort"],
+            "there is no post-operative scan",
+            "ask for fem/mucosa.png, or give a scan",
+        )
+    return case.postop
 
 
 def of_held_out(pattern):
@@ -59,6 +84,17 @@ def of_training(pattern):
     return lambda wildcards: expand(pattern, case=training_cases(wildcards))
 
 
+def of_scanned(pattern):
+    """Input function: `pattern` for each held-out case of the fold that can be judged."""
+    return lambda wildcards: expand(pattern, case=scanned_of(wildcards))
+
+
+def external_files(wildcards):
+    """The files in which an external method delivers the held-out cases of the fold."""
+    folder = EXTERNAL[wildcards.method]
+    return [external_file(folder, case) for case in HELD_OUT[wildcards.fold]]
+
+
 def fold_of(case):
     """Fold that holds the case out."""
     return next(fold for fold, cases in HELD_OUT.items() if case in cases)
@@ -66,6 +102,10 @@ def fold_of(case):
 
 def held_out(wildcards):
     return HELD_OUT[wildcards.fold]
+
+
+def scanned_of(wildcards):
+    return [name for name in HELD_OUT[wildcards.fold] if name in SCANNED]
 
 
 def training_cases(wildcards):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import meshio
 import numpy as np
+import pandas as pd
 import pytest
 
 LABELS = Path(__file__).resolve().parents[3] / "shared/data/artisynth_face/labels_1mm.nii.gz"
@@ -16,7 +17,7 @@ def test_setback_of_the_artisynth_mandible(project):
     (folder / "cases.tsv").write_text(
         f"case\tsegmentation\tplan\tpostop\nartisynth\t{LABELS}\t{folder}/setback_5mm.json\t\n"
     )
-    done = project.snakemake("fem", "--configfile", "examples/artisynth_face/config.yaml")
+    done = project.snakemake("--configfile", "examples/artisynth_face/config.yaml")
     assert done.returncode == 0, done.stdout[-4000:]
     case = project.folder / "results/artisynth_face/cases/artisynth"
     said = json.loads((case / "fem/mucosa.json").read_text())
@@ -31,3 +32,12 @@ def test_setback_of_the_artisynth_mandible(project):
     low, high = np.quantile(field.points[:, 2], [0.05, 0.95])
     assert displacement[field.points[:, 2] < low, 1].mean() > 3
     assert np.abs(displacement[field.points[:, 2] > high]).mean() < 0.2
+    # Without a scan there is no training and no accuracy; everything else is measured.
+    assert "Left out: pinnochio" in done.stdout
+    tables = project.folder / "results/artisynth_face/tables"
+    rows = pd.read_csv(tables / "cases.csv").set_index("method")
+    assert sorted(rows.index) == ["fem_bonded", "fem_sliding", "no_change"] and not (tables / "accuracy.csv").exists()
+    assert rows["cd"].isna().all() and rows["registration_residual"].isna().all() and (rows["inverted"] == 0).all()
+    solved = rows.drop(index="no_change")
+    assert (solved["min_jacobian"] > 0.1).all() and (solved["eqres_rel"] < 1e-5).all()
+    assert (solved["moving_error"] < 1e-6).all() and rows.loc["no_change", "moving_error"] > 1

@@ -75,7 +75,7 @@ def measure(
 ) -> list[dict]:
     """Rows of :data:`CASE` of one patient: nothing on, each effect alone, everything on.
 
-    skin: points and faces of the segmentation's skin; truth: points, cells, displacement with all effects on. Mechanics,
+    skin: points and faces of the segmentation's skin; truth: points, cells, displacement, all effects. Mechanics,
     lips and swelling: difference of displacement; scan: distance of the registered scan, with the loss of face.
     """
     nominal = operate(operation, resolve(NOMINAL))

@@ -25,10 +25,10 @@ EFFECTS = {
         "[S: hal-01092748] wide; size [I]",
         0.0,
     ),
-    "sliding_band_factor": Effect("true sliding extent over the methods'", "1", "[I]", 1.0),
-    "execution_error": Effect("error of carrying out the plan, times the published one", "1", "[S: PMC8432567]", 0.0),
+    "sliding_band_factor": Effect("true sliding extent over the methods'", "", "[I]", 1.0),
+    "execution_error": Effect("error of carrying out the plan, times the published one", "", "[S: PMC8432567]", 0.0),
     "lip_change": Effect(
-        "systematic change of lips and nasal base, times its default", "1", "[S: PMC6173856] alar width; lips [I]", 0.0
+        "systematic change of lips and nasal base, times its default", "", "[S: PMC6173856] alar width; lips [I]", 0.0
     ),
     "swelling": Effect("residual swelling at its centre, mean of the cohort", "mm", "[R] a tenth at 3 months", 0.0),
     "expression": Effect(
@@ -37,9 +37,9 @@ EFFECTS = {
     "noise": Effect("SD of the scan noise along the normals", "mm", "[R] stereophotogrammetry, below 0.5 mm", 0.0),
     "holes": Effect("holes of 2 to 5 mm radius in the scan (hair, shine)", "", "[I]", 0),
     "coverage": Effect(
-        "smallest cosine between normal and camera that is seen; 6 mm of the rim are lost", "1", "[R] two cameras", None
+        "smallest cosine between normal and camera that is seen; 6 mm of the rim are lost", "", "[R] two cameras", None
     ),
-    "frame": Effect("scanner frame off by up to this many times 8 mm and 6 degrees", "1", "[I]", 0.0),
+    "frame": Effect("scanner frame off by up to this many times 8 mm and 6 degrees", "", "[I]", 0.0),
 }
 SCAN = ("expression", "noise", "holes", "coverage", "frame")  # what changes the scan, not the patient
 

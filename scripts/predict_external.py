@@ -1,0 +1,23 @@
+"""Makes the predictions of a fold's held-out patients from files that were made elsewhere."""
+
+from collections.abc import Sequence
+
+from pinnochio.anatomy.predictions import read_external, write_predictions
+from pinnochio.logs import attach_log
+from pinnochio.meshing.mesh import TetMesh
+
+
+def predict_external(cases: Sequence[str], files: Sequence[str], meshes: Sequence[str], predictions: str) -> None:
+    """Read each case's displacement of the nodes of its mesh; InputError where a file does not fit."""
+    found = {}
+    for case, file, path in zip(cases, files, meshes, strict=True):
+        mesh = TetMesh.read(path)
+        found[case] = read_external(file, case, mesh.points, mesh.cells)
+    write_predictions(predictions, found)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    predict_external(
+        snakemake.params.cases, snakemake.input.files, snakemake.input.meshes, snakemake.output.predictions
+    )  # fmt: skip

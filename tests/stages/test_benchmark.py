@@ -1,0 +1,102 @@
+"""Methods made elsewhere and patients without a scan, on the files of one coarse virtual patient."""
+
+import csv
+
+import numpy as np
+import pandas as pd
+import pytest
+import pyvista as pv
+
+from pinnochio.anatomy.predictions import read_prediction
+from pinnochio.errors import InputError
+from scripts.collect_cases import collect_cases
+from scripts.compare_methods import compare_methods
+from scripts.evaluate import evaluate
+from scripts.list_folds import list_folds
+from scripts.predict_external import predict_external
+from scripts.predict_fem import predict_fem
+from tests.stages.conftest import SEED
+
+OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
+ACCURACY = ["cd", "cd_sum", "cd_sq", "cd_vertex", "hd95", "hdmax", "hd_mean_oneway"]
+ACCURACY += ["pwr1", "pwr2", "pwr1_target", "pwr2_target", "registration_residual"]
+TRUTH = ["volume_error_mean", "volume_error_p95", "skin_error_mean", "skin_error_p95"]
+
+
+def measure(patient, predictions, method, table, postops, truths=(), case=None):
+    """metrics.csv of one method, as a frame."""
+    case = case or patient.case
+    labels = {"fold": "1", "method": method, "code": "0" * 12}
+    evaluate(
+        [case], predictions, [patient.model], [patient.plan], postops, truths, 2000, patient.fem, labels, SEED, table
+    )  # fmt: skip
+    return pd.read_csv(table)
+
+
+@pytest.fixture(scope="module")
+def solved(patient, tmp_path_factory) -> str:
+    path = str(tmp_path_factory.mktemp("solved") / "predictions.h5")
+    predict_fem([patient.case], [patient.model], [patient.plan], "bonded", patient.fem, 1, path)
+    return path
+
+
+def export(patient, solved, folder):
+    """The solved field as others would deliver it: as NPZ, and as VTU with its nodes in another order."""
+    field, mesh = read_prediction(solved, patient.case).displacement, pv.read(patient.mesh)
+    npz, vtu = str(folder / "mine.npz"), str(folder / "mine.vtu")
+    np.savez(npz, displacement=field, seconds=0.25)
+    order = np.random.default_rng(0).permutation(mesh.n_points)
+    cells = np.argsort(order)[mesh.cells_dict[pv.CellType.TETRA]]
+    shuffled = pv.UnstructuredGrid({pv.CellType.TETRA: cells[::-1]}, mesh.points[order].astype(np.float32))
+    shuffled.point_data["displacement"] = field[order]
+    shuffled.save(vtu)
+    return npz, vtu
+
+
+def test_a_field_made_elsewhere_gets_the_same_row(patient, solved, tmp_path):
+    mesh = pv.read(patient.mesh)
+    assert len(np.unique(mesh.points, axis=0)) < mesh.n_points  # the mouth slit: places do not tell all nodes apart
+    postops = {patient.case: patient.postop}
+    own = measure(patient, solved, "fem_bonded", str(tmp_path / "own.csv"), postops, [patient.truth])
+    for number, file in enumerate(export(patient, solved, tmp_path)):
+        predictions = str(tmp_path / f"{number}.h5")
+        predict_external([patient.case], [file], [patient.mesh], predictions)
+        row = measure(patient, predictions, "mine", str(tmp_path / f"{number}.csv"), postops, [patient.truth])
+        pd.testing.assert_frame_equal(row.drop(columns=OWN), own.drop(columns=OWN))
+        assert row.loc[0, "device"] == "external" and row["setup_seconds"].isna().all()
+        assert row.loc[0, "seconds"] == 0.25 if number == 0 else row["seconds"].isna().all()
+
+
+def test_the_field_of_another_patient_is_refused(patients, solved, tmp_path):
+    one, two = patients
+    for file in export(one, solved, tmp_path):
+        with pytest.raises(InputError, match=f"'{two.case}'.*mine.*Remedy"):
+            predict_external([two.case], [file], [two.mesh], str(tmp_path / "predictions.h5"))
+    assert not (tmp_path / "predictions.h5").exists()
+
+
+def test_without_a_scan_everything_but_accuracy_is_measured(patient, solved, tmp_path):
+    row = measure(patient, solved, "fem_bonded", str(tmp_path / "metrics.csv"), {})
+    assert row[ACCURACY + TRUTH].isna().all(None)
+    rest = row.drop(columns=ACCURACY + TRUTH)
+    assert rest.notna().all(None) and rest.loc[0, "min_jacobian"] > 0 and rest.loc[0, "moving_error"] < 1e-6
+
+
+def test_patients_without_a_scan_do_not_count_as_failed(patient, solved, tmp_path):
+    scanned, unscanned = str(tmp_path / "1.csv"), str(tmp_path / "2.csv")
+    measure(patient, solved, "fem_bonded", scanned, {patient.case: patient.postop})
+    frame = measure(patient, solved, "fem_bonded", unscanned, {})
+    frame.assign(case="unscanned").to_csv(unscanned, index=False)
+    cases, table = str(tmp_path / "cases.csv"), tmp_path / "accuracy.csv"
+    collect_cases([scanned, unscanned], "test clinic", cases)
+    compare_methods(cases, ["fem_bonded"], None, "test clinic", SEED, str(table))
+    accuracy = pd.read_csv(table)
+    assert len(pd.read_csv(cases)) == 2 and accuracy.loc[0, ["n", "failed"]].tolist() == [1, 0]
+    assert accuracy.loc[0, "cd_mean"] == pd.read_csv(scanned).loc[0, "cd"]
+
+
+def test_folds_are_listed_by_case(tmp_path):
+    list_folds({"1": ["A", "C"], "2": ["B"]}, ["A", "B"], str(tmp_path / "folds.csv"))
+    with open(tmp_path / "folds.csv") as file:
+        rows = list(csv.reader(file))
+    assert rows == [["case", "fold", "scanned"], ["A", "1", "True"], ["B", "2", "True"], ["C", "1", "False"]]

@@ -1,0 +1,61 @@
+"""With every effect of the simulated outcome switched off, perfect finite elements come out perfect."""
+
+import h5py
+import numpy as np
+import pytest
+
+from pinnochio.anatomy.closest import closest_points
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.surfaces import read_surface
+from pinnochio.mechanics.simulation import simulate
+from pinnochio.virtual.outcome import read_truth
+from scripts.register_postop import register_postop
+from scripts.virtual_outcome import virtual_outcome
+from tests.stages.conftest import CONFIG, MESH, SEED, SEGMENTS
+
+
+@pytest.fixture(scope="module")
+def nominal(patient, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("nominal")
+    made = {"postop": str(folder / "scan.ply"), "truth": str(folder / "truth.h5")}
+    given = {name: getattr(patient, name) for name in ("segmentation", "landmarks")} | {"plan": patient.given}
+    virtual_outcome(
+        patient.case, given, "nominal", MESH, CONFIG["interfaces"], patient.fem, CONFIG["labels"], SEGMENTS, SEED, made
+    )  # fmt: skip
+    return made
+
+
+@pytest.fixture(scope="module")
+def field(patient):
+    model = PatientModel.read(patient.model)
+    plan = Plan.read(patient.plan, patient.case)
+    return model, plan, simulate(model, plan, "mucosa", patient.fem).displacement
+
+
+def test_sliding_finite_elements_reproduce_the_truth(patient, nominal, field):
+    points, cells, truth, executed = read_truth(nominal["truth"], patient.case)
+    model, plan, displacement = field
+    assert np.allclose(points, model.points) and np.array_equal(cells, model.cells)
+    assert np.linalg.norm(truth, axis=1).max() > 3
+    assert np.linalg.norm(displacement - truth, axis=1).max() < 0.01
+    for name, move in plan.motions.items():
+        assert np.allclose(executed.motion(name).apply(model.points), move.apply(model.points))
+
+
+def test_the_scan_is_the_skin_that_they_predict(patient, nominal, field, tmp_path):
+    model, _, displacement = field
+    path = str(tmp_path / "postop.h5")
+    register_postop(patient.case, nominal["postop"], patient.skin, patient.bone, SEGMENTS, 20.0, 1.0, path)
+    with h5py.File(path, "r") as file:
+        points = file["points"][()]
+    assert read_surface(nominal["postop"])[0].shape == points.shape
+    found = closest_points(points, model.moved_skin(displacement), model.skin_faces)
+    assert found.distance.max() < 0.25  # what the registration leaves on a forehead that follows the jaws a little
+
+
+def test_the_full_reality_is_another_outcome(patient, field):
+    model, _, displacement = field
+    points, _, truth, _ = read_truth(patient.truth, patient.case)
+    assert points.shape != model.points.shape
+    assert abs(np.linalg.norm(truth, axis=1).mean() - np.linalg.norm(displacement, axis=1).mean()) > 0.01

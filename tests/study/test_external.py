@@ -1,0 +1,60 @@
+"""Predictions made elsewhere become rows of a finished study, and nothing of it is made again."""
+
+import csv
+import re
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+import pyvista as pv
+
+from pinnochio.anatomy.predictions import read_prediction
+
+OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
+
+
+@pytest.fixture
+def finished(studied, project):
+    """A copy of the finished quick study."""
+    for part in ("results", ".snakemake"):
+        shutil.copytree(studied.folder / part, project.folder / part)
+    return project
+
+
+def test_predictions_of_others_get_the_rows_they_deserve(finished):
+    """The fields of `fem_sliding`, delivered by somebody else in both formats, are measured as its own are."""
+    results, rng = finished.folder / "results/quick", np.random.default_rng(0)
+    npz, vtu = (finished.folder / "elsewhere" / name for name in ("mine_npz", "mine_vtu"))
+    npz.mkdir(parents=True), vtu.mkdir()
+    finished.quick("--", "inputs")
+    with open(results / "folds.csv") as file:
+        folds = {row["case"]: row["fold"] for row in csv.DictReader(file)}
+    for case, fold in folds.items():
+        field = read_prediction(results / f"folds/{fold}/fem_sliding/predictions.h5", case).displacement
+        np.savez(npz / f"{case}.npz", displacement=field, seconds=1.5, setup_seconds=0.0)
+        mesh = pv.read(results / f"cases/{case}/mesh.vtu")
+        order = rng.permutation(mesh.n_points)
+        cells = np.argsort(order)[mesh.cells_dict[pv.CellType.TETRA]]
+        shuffled = pv.UnstructuredGrid({pv.CellType.TETRA: cells}, mesh.points[order])
+        shuffled.point_data["displacement"] = field[order]
+        shuffled.save(vtu / f"{case}.vtu")
+    added = ("--config", "external={mine_npz: elsewhere/mine_npz, mine_vtu: elsewhere/mine_vtu}")
+    said = finished.quick(*added)
+    jobs = dict(re.findall(r"^(\w+) +(\d+)$", said.split("Job stats:")[1].split("\n\n")[0], re.M))
+    made = {"predict_external": 4, "evaluate": 4, "collect_cases": 1, "compare_methods": 1, "provenance": 1, "all": 1}
+    assert {name: int(count) for name, count in jobs.items() if name != "total"} == made
+    cases = pd.read_csv(results / "tables/cases.csv").set_index("case")
+    rows = {method: own.drop(columns=OWN) for method, own in cases.groupby("method")}
+    assert len(rows["fem_sliding"]) == 6 and (cases.loc[cases["method"] == "mine_npz", "seconds"] == 1.5).all()
+    for method in ("mine_npz", "mine_vtu"):
+        pd.testing.assert_frame_equal(rows[method], rows["fem_sliding"])
+    accuracy = pd.read_csv(results / "tables/accuracy.csv").set_index("method")
+    compared = ["n", "failed", "cd_mean", "hd95_sd", "pwr1_mean", "skin_error_mean_mean", "cd_median_difference", "p"]
+    for method in ("mine_npz", "mine_vtu"):
+        own = accuracy.loc[["fem_sliding"], compared].to_numpy(float)
+        np.testing.assert_array_equal(accuracy.loc[[method], compared].to_numpy(float), own)
+    # A new prediction of one patient is measured anew, with its fold alone.
+    np.savez(npz / f"{case}.npz", displacement=0 * field)
+    said = finished.quick("-n", *added)
+    assert re.findall(r"Read what (\w+) predicts for fold (\d)", said) == [("mine_npz", fold)]

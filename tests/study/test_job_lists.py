@@ -1,0 +1,105 @@
+"""Which jobs a cohort of scanned and unscanned patients asks for, and what each of them reads (nothing is run)."""
+
+import re
+
+import pytest
+
+
+def write_cohort(project, scanned, unscanned):
+    """Empty files will do: no job runs."""
+    rows = ["case\tsegmentation\tplan\tpostop"]
+    for name in [*scanned, *unscanned]:
+        for suffix in ("nii.gz", "json", "ply"):
+            (project.folder / f"{name}.{suffix}").touch()
+        scan = f"{name}.ply" if name in scanned else ""
+        rows.append(f"{name}\t{name}.nii.gz\t{name}.json\t{scan}")
+    (project.folder / "cases.tsv").write_text("\n".join(rows) + "\n")
+
+
+def asked(project, *arguments, folds=3):
+    """Input files of each output that the study would make (paths below results/), and all that was said."""
+    done = project.snakemake("-n", "--config", "cohort=cases.tsv", f"folds={folds}", *arguments, cores=1)
+    assert done.returncode == 0, done.stdout[-3000:]
+    jobs = {}
+    for reasons in re.findall(r"Reason: (Missing output files: .*)", done.stdout):
+        parts = dict(part.split(": ") for part in reasons.split("; "))
+        made = paths(parts.pop("Missing output files"))
+        jobs |= dict.fromkeys(made, {file for listed in parts.values() for file in paths(listed)})
+    return jobs, done.stdout
+
+
+def paths(listed):
+    return [file.removeprefix("results/") for file in listed.split(", ")]
+
+
+def cases_read(files, name):
+    return {file.split("/")[1] for file in files if file.endswith(f"/{name}")}
+
+
+SCANNED, UNSCANNED = [f"S{i}" for i in range(6)], ["A1", "U1", "U2", "U3"]
+
+
+def test_patients_without_a_scan_are_predicted_and_measured_but_never_trained_on(project):
+    write_cohort(project, SCANNED, UNSCANNED)
+    jobs, _ = asked(project)
+    held_out = {}
+    for fold in "123":
+        for method in ("no_change", "fem_bonded", "fem_sliding", "pinnochio"):
+            files = jobs[f"folds/{fold}/{method}/predictions.h5"]
+            held_out.setdefault(fold, cases_read(files, "model.h5"))
+            assert cases_read(files, "model.h5") == held_out[fold], (method, fold)
+            files = jobs[f"folds/{fold}/{method}/metrics.csv"]
+            assert cases_read(files, "model.h5") == held_out[fold]
+            assert cases_read(files, "postop.h5") == held_out[fold] & set(SCANNED)
+        training = set(SCANNED) - held_out[fold]
+        files = jobs[f"folds/{fold}/pinnochio/network.pt"]
+        assert cases_read(files, "model.h5") == cases_read(files, "postop.h5") == training
+        files = jobs[f"folds/{fold}/pinnochio/pretrained.pt"]
+        assert cases_read(files, "model.h5") == cases_read(files, "teaching.h5") == training
+    assert sorted(name for cases in held_out.values() for name in cases) == sorted([*SCANNED, *UNSCANNED])
+    assert "tables/accuracy.csv" in jobs and not any(f"cases/{name}/postop.h5" in jobs for name in UNSCANNED)
+    write_cohort(project, SCANNED, [])
+    alone, _ = asked(project)
+    for path, files in alone.items():
+        if path.endswith(".pt"):
+            assert jobs[path] == files
+    for fold, cases in held_out.items():
+        assert cases_read(alone[f"folds/{fold}/no_change/predictions.h5"], "model.h5") == cases & set(SCANNED)
+
+
+@pytest.mark.parametrize(("scanned", "judged"), [([], False), (["S0", "S1"], True)])
+def test_too_few_scans_leave_the_learned_method_out_and_nothing_else(project, scanned, judged):
+    write_cohort(project, scanned, UNSCANNED)
+    jobs, said = asked(project)
+    assert "Left out: pinnochio. Training by cross-validation needs a post-operative scan of" in said
+    assert f"{len(scanned)} of {len(scanned) + 4} patients have one" in said
+    assert not any("pinnochio" in path or path.endswith((".pt", "teaching.h5")) for path in jobs)
+    made = {path.split("/")[2] for path in jobs if path.endswith("metrics.csv")}
+    assert made == {"no_change", "fem_bonded", "fem_sliding"}
+    assert "tables/cases.csv" in jobs and "provenance.json" in jobs
+    assert ("tables/accuracy.csv" in jobs) == judged
+
+
+def test_the_picture_of_an_unscanned_patient_is_refused_by_name(project):
+    write_cohort(project, SCANNED, UNSCANNED)
+    done = project.snakemake("-n", "--config", "cohort=cases.tsv", "--", "results/figures/U1.png")
+    assert done.returncode != 0 and "'U1'" in done.stdout and "no post-operative scan" in done.stdout
+
+
+def test_an_external_method_is_asked_for_its_held_out_cases_and_a_missing_file_is_named(project):
+    write_cohort(project, SCANNED, UNSCANNED)
+    folder = project.folder / "elsewhere"
+    folder.mkdir()
+    for number, name in enumerate([*SCANNED, *UNSCANNED]):
+        (folder / f"{name}.{('npz', 'vtu')[number % 2]}").touch()
+    mine = ("external={mine: elsewhere}", "reference=mine", "methods=[no_change]")
+    jobs, said = asked(project, *mine)
+    read = [name for fold in "123" for name in cases_read(jobs[f"folds/{fold}/mine/predictions.h5"], "mesh.vtu")]
+    assert sorted(read) == sorted([*SCANNED, *UNSCANNED])
+    assert "Left out" not in said and "folds/1/fem_sliding/predictions.h5" not in jobs
+    (folder / "S3.vtu").unlink()
+    done = project.snakemake("-n", "--config", "cohort=cases.tsv", *mine)
+    assert done.returncode != 0
+    for words in ("'S3'", "elsewhere", "neither S3.npz nor S3.vtu", "Remedy: "):
+        assert words in done.stdout
+    assert project.snakemake("-n", "--config", "cohort=cases.tsv", *mine, "--", "inputs").returncode == 0

@@ -1,0 +1,158 @@
+"""The data card says of a cohort what its files hold, and the checksums are those of the files."""
+
+import hashlib
+import json
+import re
+import subprocess
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.rigid import RigidMotion
+from pinnochio.seeds import generator
+from pinnochio.virtual.card import FILES, data_card, markdown_table, spread
+from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE, sample_parameters
+from pinnochio.virtual.reality import EFFECTS
+from scripts.data_card import describe_cohort
+
+CASES = [f"V{number:02d}" for number in range(1, 11)]
+REALITY = {name: effect.nominal for name, effect in EFFECTS.items()} | {
+    "nodes": 9000,
+    "noise": 0.3,
+    "poisson": "nominal",
+}
+REALITY |= {"coverage": 0.15, "swelling": "nominal"}
+VIRTUAL = {"patients": 10, "spacing": 1.5, "muscles": ["masseter", "mentalis"], "reality": REALITY}
+LABELS = {"superficial": 1, "muscle": 2, "cranium": 10}
+
+
+@pytest.fixture(scope="module")
+def anatomies():
+    return [
+        asdict(sample_parameters(generator(3, "card", case), DEFORMITIES[number % 4]))
+        for number, case in enumerate(CASES)
+    ]
+
+
+@pytest.fixture(scope="module")
+def plans():
+    """Maxillae that advance by 1, 2, ... mm and turn by half a degree more each."""
+    return [
+        Plan(case, {"lefort1": RigidMotion.from_degrees((0.5 * n, 0, 0), (0.25, -float(n), 2.0), np.zeros(3))})
+        for n, case in enumerate(CASES, start=1)
+    ]
+
+
+@pytest.fixture(scope="module")
+def card(anatomies, plans):
+    tables = {"ratios": "| Landmark |\n| --- |\n| Li |\n\nRatios.\n"}
+    return data_card(anatomies, plans, seed=3, code="0123abcd", virtual=VIRTUAL, labels=LABELS, tables=tables)
+
+
+def cells(card, first):
+    """Cells of the rows whose first cell is `first`."""
+    rows = [line.strip("| ").split(" | ") for line in card.splitlines() if line.startswith(f"| {first} ")]
+    return [[cell.strip() for cell in row] for row in rows]
+
+
+def test_the_card_counts_patients_by_deformity_and_sex(card, anatomies):
+    for deformity in DEFORMITIES:
+        men = sum(a["male"] for a in anatomies if a["deformity"] == deformity)
+        every = sum(a["deformity"] == deformity for a in anatomies)
+        assert [deformity, str(every - men), str(men), str(every)] in cells(card, deformity)
+    men = sum(a["male"] for a in anatomies)
+    assert cells(card, "all") == [["all", str(10 - men), str(men), "10"]]
+    assert f"10 simulated patients ({10 - men} women, {men} men)" in card
+
+
+def test_every_sampled_number_stands_with_its_distribution_and_what_the_cohort_has(card, anatomies):
+    for name, entry in TABLE.items():
+        (row,) = cells(card, f"`{name}`")
+        values = np.array([a[name] for a in anatomies])
+        found = [float(text) for text in re.findall(r"-?\d+\.\d+", row[-1])]
+        numbers = [values.mean(), values.std(ddof=1), values.min(), values.max()]
+        np.testing.assert_allclose(found, numbers, atol=0.1 * entry.sd)
+        assert row[2] == entry.unit and row[3] == f"{entry.mean:g} ± {entry.sd:g}" and row[6] == entry.source
+        assert row[5] == f"{entry.low:g} to {entry.high:g}"
+    for deformity, changes in SHIFTS.items():
+        shown = {row[1]: row[2] for row in cells(card, deformity) if row[1].startswith("`")}
+        assert shown.keys() == {f"`{name}`" for name in changes}
+        for name, change in changes.items():
+            told = [float(text) for text in re.findall(r"[-+]?\d+\.?\d*", shown[f"`{name}`"])]
+            assert told == [number for number in change if number != "+"]
+            assert shown[f"`{name}`"].startswith("mean ") == (change[0] == "+")
+
+
+def test_plans_are_given_forward_up_left_and_as_an_angle(card):
+    own = [n for n in range(1, 11) if (n - 1) % 4 == 0]  # 1, 5, 9
+    (row,) = [row for row in cells(card, DEFORMITIES[0]) if row[1] == "lefort1"]
+    assert row[2:] == ["3", spread(own), "2.0 ± 0.0 [2.0, 2.0]", spread([0.25] * 3), spread([0.5 * n for n in own])]
+    assert spread(own) == "5.0 ± 4.0 [1.0, 9.0]" and spread([-0.01]) == "0.0 ± 0.0 [0.0, 0.0]"
+
+
+def test_effects_stand_with_magnitude_and_source(card):
+    rows = {row[0]: row for name in EFFECTS for row in cells(card, f"`{name}`")}
+    assert len(rows) == len(EFFECTS)
+    sizes = {name: rows[f"`{name}`"][2] for name in ("nodes", "noise", "poisson", "swelling", "coverage")}
+    assert sizes == {
+        "nodes": "9000",
+        "noise": "0.3",
+        "poisson": "as the methods",
+        "swelling": "off",
+        "coverage": "0.15",
+    }
+    assert all(rows[f"`{name}`"][4] == effect.source for name, effect in EFFECTS.items())
+
+
+def test_the_card_shows_given_tables_and_says_who_may_read_what(card):
+    assert "## Soft-to-hard tissue ratios\n\n| Landmark |" in card and "## Soft-tissue thickness" not in card
+    for name in FILES:
+        assert len(cells(card, f"`{name}`")) == 1
+    assert cells(card, "`truth.h5`")[0][-1] == "**evaluation only**"
+    for words in ("MIT", "virtual cohort", "| seed | 3 |", "`0123abcd`", "0 air, 1 superficial, 2 muscle", "1.5 mm"):
+        assert words in card
+    assert markdown_table(["a|b"], [["c|d"]]) == "| a\\|b |\n| --- |\n| c\\|d |"
+
+
+def test_a_reality_without_effects_says_so(anatomies, plans):
+    plain = VIRTUAL | {"reality": "nominal"}
+    card = data_card(anatomies, plans, seed=3, code="", virtual=plain, labels=LABELS, tables={})
+    sizes = {row[2] for name in EFFECTS for row in cells(card, f"`{name}`")}
+    assert sizes == {"off", "as the methods"}
+
+
+def test_the_checksums_are_those_of_sha256sum(anatomies, plans, tmp_path):
+    files = []
+    for case, anatomy, plan in zip(CASES, anatomies, plans, strict=True):
+        folder = tmp_path / case
+        folder.mkdir()
+        (folder / "anatomy.json").write_text(json.dumps(anatomy))
+        plan.write(folder / "plan.json")
+        (folder / "truth.h5").write_bytes(case.encode() * 1000)
+        files += [str(path) for path in folder.iterdir()]
+    (tmp_path / "ratios.md").write_text("| Landmark |\n")
+    settings = {"seed": 3, "code": "0", "virtual": VIRTUAL, "labels": LABELS}
+    sums = tmp_path / "SHA256SUMS"
+    tables = {"ratios": str(tmp_path / "ratios.md")}
+    describe_cohort(CASES, files[::-1], tables, settings, str(tmp_path / "README.md"), str(sums))
+    lines = sums.read_text().splitlines()
+    assert [line.split("  ")[1] for line in lines] == sorted(f"{case}/{name}" for case in CASES for name in
+                                                              ("anatomy.json", "plan.json", "truth.h5"))  # fmt: skip
+    assert f"{hashlib.sha256(b'V01' * 1000).hexdigest()}  V01/truth.h5" in lines
+    check = ["sha256sum", "--check", "--quiet", "--strict", "SHA256SUMS"]
+    assert subprocess.run(check, cwd=tmp_path, check=False).returncode == 0
+    (tmp_path / "V03/truth.h5").write_bytes(b"other")
+    assert subprocess.run(check, cwd=tmp_path, check=False, capture_output=True).returncode == 1
+    card = (tmp_path / "README.md").read_text()
+    assert "10 simulated patients" in card and "| Landmark |" in card
+
+
+def test_the_angle_of_a_motion_is_its_whole_rotation(anatomies):
+    turned = Rotation.from_euler("xyz", [3, 4, 5], degrees=True)
+    plans = [Plan(case, {"chin": RigidMotion(turned.as_matrix())}) for case in CASES]
+    card = data_card(anatomies, plans, seed=1, code="", virtual=VIRTUAL, labels=LABELS, tables={})
+    (row,) = [row for row in cells(card, DEFORMITIES[1]) if row[1] == "chin"]
+    assert row[-1].startswith(f"{np.degrees(turned.magnitude()):.1f} ± 0.0")

@@ -1,0 +1,223 @@
+"""The data card of a virtual cohort: what it is, how it was made, from which distributions, and where it ends."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pinnochio.anatomy.plan import Plan
+from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE
+from pinnochio.virtual.reality import EFFECTS, resolve
+
+# Files of a case: name, format, units and frame, content, and who may read it.
+FILES = {
+    "segmentation.nii.gz": (
+        "NIfTI label map, unsigned integers",
+        "voxels of the spacing above; world mm (RAS in the file, as NIfTI has it)",
+        "tissues and bone segments before surgery; values below",
+        "every method",
+    ),
+    "plan.json": (
+        "JSON",
+        "LPS, mm; rotation matrices",
+        "the planned rigid motion of each segment, x_post = R (x_pre - pivot) + pivot + translation",
+        "every method",
+    ),
+    "landmarks.json": (
+        "JSON, name to [x, y, z]",
+        "LPS, mm",
+        "soft-tissue and bone landmarks before surgery",
+        "analysis",
+    ),
+    "anatomy.json": ("JSON", "as in the parameter table", "sex, deformity and every sampled number", "analysis"),
+    "postop.ply": (
+        "PLY triangles",
+        "mm, in the scanner's own frame",
+        "scan of the face after surgery: noisy, with holes, partial",
+        "training on other folds; evaluation",
+    ),
+    "truth.h5": (
+        "HDF5: `points` (n, 3), `cells` (m, 4), `displacement` (n, 3); attribute `executed`",
+        "LPS, mm",
+        "the whole displacement field of the outcome and the plan as it was carried out",
+        "**evaluation only**",
+    ),
+}
+# Tables that the card shows where they have been made, with their headings.
+TABLES = {
+    "thickness": "Soft-tissue thickness",
+    "ratios": "Soft-to-hard tissue ratios",
+    "effects": "What each effect does to the outer face",
+}
+LIMITS = """\
+* Every patient, plan and outcome is simulated: results on this cohort are results on a virtual cohort. Nothing was
+  validated against clinical outcomes, and nothing is for planning or treating patients.
+* The outcome is itself computed by finite elements (another mesh, another law, other stiffness than a method can know),
+  which favours methods of that kind.
+* Two soft tissues, each homogeneous and isotropic in a patient: no fibre direction, no pre-stress, no skin layer of its
+  own, no growth, scarring or change of weight. The lips do not touch each other in the mechanics.
+* Adults with one of four deformities in equal numbers. The distributions are literature means [R] and choices [I], not
+  a fit to one population; age, origin, body mass, clefts and syndromes are not modelled.
+* Given sex and deformity the numbers are drawn independently of each other.
+* Segmentations are free of artefacts: no metal, no motion, no wrong label.
+* The scan lacks what two cameras do not see, and some millimetres around every open border."""
+EVALUATION = """\
+1. `snakemake inputs --cores 2` makes what a method may read, per case `mesh.vtu` and `model.h5` (tetrahedra, tissues,
+   interfaces, bone), `plan.json` and `postop.h5` (registered scan) in `cases/{case}/`, and `folds.csv`.
+2. Predict every case by a model that has not seen it: `folds.csv` names the fold that holds each case out.
+3. Write one file per case: `{case}.npz` with `displacement` (n, 3) in mm, LPS, for the n nodes of `mesh.vtu` in their
+   order, or `{case}.vtu` with that mesh, in any order, and `displacement` as point data. `seconds` and `setup_seconds`
+   are optional.
+4. `snakemake --cores 2 --config external="{my_method: path/to/folder}"` adds the row `my_method` to every table."""
+
+
+def markdown_table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A Markdown table; bars in the cells are escaped."""
+    lines = [headers, ["---"] * len(headers), *rows]
+    return "\n".join("| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def spread(values: Sequence[float], digits: int = 1) -> str:
+    """Mean ± SD [lowest, highest]; one value has no spread."""
+    values = np.asarray(values, float)
+    numbers = values.mean(), values.std(ddof=min(1, len(values) - 1)), values.min(), values.max()
+    mean, sd, low, high = (f"{round(number, digits) + 0.0:.{digits}f}" for number in numbers)  # + 0.0: no minus zero
+    return f"{mean} ± {sd} [{low}, {high}]"
+
+
+def patients_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
+    """Counts by deformity and sex."""
+    count = Counter((anatomy["deformity"], anatomy["male"]) for anatomy in anatomies)
+    rows = [(name, count[name, False], count[name, True]) for name in DEFORMITIES]
+    rows.append(("all", *(sum(row[column] for row in rows) for column in (1, 2))))
+    return markdown_table(("deformity", "women", "men", "all"), [(*row, row[1] + row[2]) for row in rows])
+
+
+def parameters_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
+    """Each sampled number: its distribution, and what this cohort has of it."""
+    rows = [
+        (
+            f"`{name}`",
+            entry.meaning,
+            entry.unit,
+            f"{entry.mean:g} ± {entry.sd:g}",
+            f"{entry.male:+g}" if entry.male else "",
+            f"{entry.low:g} to {entry.high:g}",
+            entry.source,
+            spread([anatomy[name] for anatomy in anatomies], max(1, 1 - int(np.floor(np.log10(entry.sd))))),
+        )
+        for name, entry in TABLE.items()
+    ]
+    headers = ("name", "meaning", "unit", "women: mean ± SD", "men", "bounds", "source", "this cohort")
+    return markdown_table(headers, rows)
+
+
+def shifts_table() -> str:
+    """What each deformity changes of the distributions."""
+    rows = []
+    for deformity, changes in SHIFTS.items():
+        for name, change in changes.items():
+            if change[0] == "+":
+                text = f"mean {change[1]:+g}"
+            else:
+                mean, sd, low, high = change
+                text = f"{mean:g} ± {sd:g}, {low:g} to {high:g}"
+            rows.append((deformity, f"`{name}`", text, TABLE[name].unit))
+    return markdown_table(("deformity", "name", "distribution", "unit"), rows)
+
+
+def plans_table(anatomies: Sequence[Mapping[str, Any]], plans: Sequence[Plan]) -> str:
+    """Planned motion of each segment by deformity: translation at the plan's pivot and angle of rotation."""
+    rows = []
+    for deformity in DEFORMITIES:
+        own = [plan for plan, anatomy in zip(plans, anatomies, strict=True) if anatomy["deformity"] == deformity]
+        for segment in sorted({segment for plan in own for segment in plan.motions}):
+            motions = [plan.motions[segment] for plan in own if segment in plan.motions]
+            left, back, up = np.array([motion.translation for motion in motions]).T
+            angles = [np.degrees(Rotation.from_matrix(motion.rotation).magnitude()) for motion in motions]
+            rows.append((deformity, segment, len(motions), *map(spread, (-back, up, left, angles))))
+    headers = ("deformity", "segment", "n", "forward mm", "up mm", "left mm", "rotation degrees")
+    return markdown_table(headers, rows)
+
+
+def effects_table(reality: Mapping[str, Any] | str) -> str:
+    """The effects of the outcome with their magnitude in this cohort."""
+    rows = []
+    for name, value in resolve(reality).items():
+        effect = EFFECTS[name]
+        size = "as the methods" if value is None else "off" if value == effect.nominal else f"{value:g}"
+        rows.append((f"`{name}`", effect.meaning, size, effect.unit, effect.source))
+    return markdown_table(("effect", "meaning", "magnitude", "unit", "source"), rows)
+
+
+def data_card(
+    anatomies: Sequence[Mapping[str, Any]],
+    plans: Sequence[Plan],
+    *,
+    seed: int,
+    code: str,
+    virtual: Mapping[str, Any],
+    labels: Mapping[str, int | str],
+    tables: Mapping[str, str],
+) -> str:
+    """The card as Markdown.
+
+    anatomies: per patient `deformity`, `male` and the numbers of :data:`TABLE`; plans in the same order; virtual: that
+    section of the configuration; labels: voxel value of each structure; tables: Markdown of any of :data:`TABLES`.
+    """
+    count = len(anatomies)
+    men = sum(bool(anatomy["male"]) for anatomy in anatomies)
+    made = [
+        ("command", "`snakemake cohort --cores 2`"),
+        ("seed", seed),
+        ("code", f"`{code}` (content hash of the modules that made it, whatever the commit)"),
+        ("patients", count),
+        ("voxel edge", f"{virtual['spacing']:g} mm"),
+        ("muscles labelled", ", ".join(virtual["muscles"])),
+    ]
+    values = [("air", 0), *labels.items()]
+    sections = [
+        "# Data card: virtual cohort for facial soft-tissue prediction",
+        f"{count} simulated patients ({count - men} women, {men} men) with a dentofacial deformity, a bimaxillary plan "
+        "that treats it, and the face after surgery: a benchmark with a volumetric truth for methods that predict how "
+        "soft tissue follows bone. **Virtual, not clinical**: no datum comes from a person. Licence: MIT.",
+        "Tags of sources: **[S]** sourced, **[R]** recalled from the literature, **[I]** our choice. Units are mm, kPa "
+        "and degrees; the frame is LPS (+x the patient's left, +y posterior, +z up).",
+        "## How it was made",
+        markdown_table(("what", "value"), made),
+        "The same configuration, seed and code give the same patients.",
+        "## Patients",
+        patients_table(anatomies),
+        "## Sampled numbers",
+        "Truncated normal distributions; a man's mean differs by the column *men*. The last column is what this cohort "
+        "has: mean ± SD [lowest, highest], all deformities together.",
+        parameters_table(anatomies),
+        "A deformity has distributions of its own for some of them (same meaning and source):",
+        shifts_table(),
+        "## Plans",
+        "Planned motion, mean ± SD [lowest, highest]: translation at the pivot of the plan, and angle of rotation.",
+        plans_table(anatomies, plans),
+        "## Outcome",
+        "What makes the simulated outcome other than any method's computation. Each effect has a switch of its own "
+        "(`virtual.reality` in the configuration) and draws of its own.",
+        effects_table(virtual["reality"]),
+        *(part for name, title in TABLES.items() if name in tables for part in (f"## {title}", tables[name].strip())),
+        "## Files",
+        "Each patient has a folder; `SHA256SUMS` holds the checksum of every file (`sha256sum -c SHA256SUMS`).",
+        markdown_table(
+            ("file", "format", "units and frame", "content", "for"),
+            [(f"`{name}`", *about) for name, about in FILES.items()],
+        ),
+        "`truth.h5` is for evaluation only: a method that reads it, in training or prediction, is not comparable.",
+        f"Values of `segmentation.nii.gz`: {', '.join(f'{value} {name}' for name, value in values)}.",
+        "## Evaluate your own method",
+        EVALUATION,
+        "## Limits",
+        LIMITS,
+        "## Cite",
+        "Cite this software by its `CITATION.cff`, with seed and code hash from above, and the paper whose task it "
+        'poses: Lee et al. 2026, PINNOCHIO, arXiv 2606.01572. Say "virtual cohort" beside every number.',
+    ]
+    return "\n\n".join(sections) + "\n"
