@@ -22,6 +22,8 @@ rule import_segmentation:
         labels=config["labels"],
         segments=config["segments"],
         orientation=config["orientation"],
+        repair=config["repair"],
+        unlabelled_muscle=config["unlabelled_muscle"],
         bone_edge=config["mesh"]["bone_edge"],
         code=code_of("anatomy"),
     message:
@@ -116,6 +118,7 @@ rule label_interfaces:
         labels="<results>/cases/{case}/labels.nii.gz",
         bone="<results>/cases/{case}/bone.vtp",
         skin="<results>/cases/{case}/skin.vtp",
+        report="<results>/cases/{case}/import.json",
     output:
         model="<results>/cases/{case}/model.h5",
     log:
@@ -143,3 +146,62 @@ rule meshes:
         expand("<results>/cases/{case}/model.h5", case=CASES),
     message:
         "All patients are meshed and labelled"
+
+
+rule report_quality:
+    input:
+        model="<results>/cases/{case}/model.h5",
+        imported="<results>/cases/{case}/import.json",
+    output:
+        report="<results>/cases/{case}/quality.json",
+        picture="<results>/cases/{case}/quality.png",
+    log:
+        "<logs>/report_quality/{case}.log",
+    benchmark:
+        "<benchmarks>/report_quality/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        code=code_of("anatomy", "meshing", "evaluation"),
+    message:
+        "Report the quality of the model of {wildcards.case}"
+    script:
+        "../scripts/report_quality.py"
+
+
+rule collect_quality:
+    input:
+        reports=expand("<results>/cases/{case}/quality.json", case=CASES),
+    output:
+        table=ensure("<results>/tables/quality.csv", non_empty=True),
+        markdown="<results>/tables/quality.md",
+        latex="<results>/tables/quality.tex",
+        html="<results>/tables/quality.html",
+    log:
+        "<logs>/collect_quality.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        segments=config["segments"],
+        cohort=COHORT,
+        code=code_of("anatomy", "evaluation"),
+    message:
+        "Collect the quality of every patient's model"
+    script:
+        "../scripts/collect_quality.py"
+
+
+rule quality:
+    input:
+        rules.collect_quality.output,
+        expand("<results>/cases/{case}/quality.png", case=CASES),
+    message:
+        "The quality of every patient's model is reported"

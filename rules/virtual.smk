@@ -3,6 +3,7 @@ rule virtual_patient:
         segmentation="<results>/virtual/{case}/segmentation.nii.gz",
         plan="<results>/virtual/{case}/plan.json",
         landmarks="<results>/virtual/{case}/landmarks.json",
+        anatomy="<results>/virtual/{case}/anatomy.json",
     log:
         "<logs>/virtual_patient/{case}.log",
     benchmark:
@@ -17,12 +18,73 @@ rule virtual_patient:
         number=lambda wildcards: list(CASES).index(wildcards.case),
         spacing=config["virtual"]["spacing"],
         labels=config["labels"],
+        segments=config["segments"],
+        muscles=config["virtual"]["muscles"],
         seed=SEED,
         code=code_of("anatomy", "virtual"),
     message:
         "Sample virtual patient {wildcards.case}"
     script:
         "../scripts/virtual_patient.py"
+
+
+rule describe_anatomy:
+    input:
+        anatomies=expand("<results>/virtual/{case}/anatomy.json", case=CASES),
+    output:
+        thickness=ensure("<results>/virtual/thickness.csv", non_empty=True),
+        thickness_markdown="<results>/virtual/thickness.md",
+        thickness_latex="<results>/virtual/thickness.tex",
+        thickness_html="<results>/virtual/thickness.html",
+        patients=ensure("<results>/virtual/anatomy.csv", non_empty=True),
+        patients_markdown="<results>/virtual/anatomy.md",
+        patients_latex="<results>/virtual/anatomy.tex",
+        patients_html="<results>/virtual/anatomy.html",
+    log:
+        "<logs>/describe_anatomy.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        code=code_of("virtual", "evaluation"),
+    message:
+        "Compare soft-tissue thickness with the literature and list the patients"
+    script:
+        "../scripts/describe_anatomy.py"
+
+
+# The first patients of the cohort, as many as a page shows.
+rule render_cohort:
+    input:
+        segmentations=expand(
+            "<results>/virtual/{case}/segmentation.nii.gz", case=list(CASES)[:12]
+        ),
+        anatomies=expand("<results>/virtual/{case}/anatomy.json", case=list(CASES)[:12]),
+    output:
+        cohort="<results>/figures/cohort.png",
+        heads="<results>/figures/heads.png",
+    log:
+        "<logs>/render_cohort.log",
+    benchmark:
+        "<benchmarks>/render_cohort.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=10,
+    params:
+        cases=list(CASES)[:12],
+        labels=config["labels"],
+        segments=config["segments"],
+        code=code_of("anatomy", "virtual", "evaluation"),
+    message:
+        "Render the first virtual patients"
+    script:
+        "../scripts/render_cohort.py"
 
 
 rule virtual_outcome:
@@ -145,19 +207,6 @@ rule measure_ratios:
         "../scripts/measure_ratios.py"
 
 
-rule cohort:
-    input:
-        expand(
-            "<results>/virtual/{case}/{file}",
-            case=CASES,
-            file=["postop.ply", "truth.h5"],
-        )
-        if VIRTUAL
-        else [],
-    message:
-        "The virtual cohort is made"
-
-
 # What stands beside the cohort for those who take it elsewhere.
 rule data_card:
     input:
@@ -202,3 +251,10 @@ rule data_card:
         "Describe the virtual cohort and sum up its files"
     script:
         "../scripts/data_card.py"
+
+
+rule cohort:
+    input:
+        rules.data_card.output if VIRTUAL else [],
+    message:
+        "The virtual cohort is made"

@@ -5,18 +5,20 @@ from collections.abc import Sequence
 
 import pandas as pd
 
+from pinnochio.anatomy.repair import repaired_voxels
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 
 
 def check_cohort(cases: Sequence[str], reports: Sequence[str], table: str) -> None:
-    """Write one row per case: voxel spacing (mm) and the volume of each structure (cm3)."""
+    """Write one row per case: voxel spacing (mm), muscle layer, repaired voxels, volume of each structure (cm3)."""
     rows = []
     for case, path in zip(cases, reports, strict=True):
         with open(path, encoding="utf-8") as file:
             report = json.load(file)
         volumes = {f"{name}_cm3": volume for name, volume in report["volume_cm3"].items()}
-        rows.append({"case": case, "spacing_mm": "x".join(f"{s:g}" for s in report["spacing_mm"])} | volumes)
+        row = {"case": case, "spacing_mm": "x".join(f"{s:g}" for s in report["spacing_mm"]), "muscle": report["muscle"]}
+        rows.append(row | {"repaired_voxels": repaired_voxels(report["repairs"])} | volumes)
     with replacing(table) as temporary:
         pd.DataFrame(rows).to_csv(temporary, index=False)
 

@@ -1,12 +1,15 @@
-"""Makes checked labels, bone and skin surfaces in LPS mm of a patient's segmentation and plan."""
+"""Makes repaired and checked labels, bone and skin surfaces in LPS mm of a patient's segmentation and plan."""
 
 import json
 
 import numpy as np
 
 from pinnochio.anatomy.labels import internal_codes
+from pinnochio.anatomy.muscle_layer import muscle_layer
 from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.segmentation import check_plan, read_segmentation, write_segmentation
+from pinnochio.anatomy.registration import upper_face_plane
+from pinnochio.anatomy.repair import repair
+from pinnochio.anatomy.segmentation import check_plan, check_travel, read_segmentation, write_segmentation
 from pinnochio.anatomy.surfaces import bone_surface, skin_surface, write_surface
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
@@ -16,35 +19,46 @@ def import_segmentation(
     case: str,
     segmentation: str,
     plan: str,
-    label_values: dict[str, int],
+    label_values: dict[str, int | str],
     segments: tuple[str, ...],
     orientation: str,
+    repair_limit: float,
+    unlabelled_muscle: str,
     bone_edge: float,
     outputs: dict[str, str],
 ) -> None:
-    """Read and check one patient; write labels, bone, skin, plan and a report of the volumes.
+    """Read, repair and check one patient; write labels, bone, skin, plan and a report of volumes and repairs.
 
-    label_values maps each structure's name to its voxel value; orientation is "header", or where the voxel axes point
-    if the header is wrong; bone_edge is the edge length of the bone surface in mm; outputs names the files labels,
-    bone, skin, plan and report. Raises InputError for what the user must mend.
+    label_values maps each structure's name to its voxel value or to its name in the file; orientation is "header", or
+    where the voxel axes point if the header is wrong; repair_limit is the share of a structure in percent that repairs
+    may change; unlabelled_muscle (derived | single | refuse) serves where no muscle is labelled; bone_edge is the edge
+    length of the bone surface in mm; outputs names the files labels, bone, skin, plan and report. Raises InputError
+    for what the user must mend.
     """
     checked = Plan.read(plan, case)
     check_plan(checked, segments, plan)
     head = read_segmentation(segmentation, case, label_values, segments, orientation)
-    bone = bone_surface(head.labels, head.spacing, head.origin, segments, bone_edge)
-    skin = skin_surface(head.labels, head.spacing, head.origin)
-    voxel = float(np.prod(head.spacing)) / 1000
+    grid = head.spacing, head.origin
+    voxel = float(np.prod(head.spacing))
+    labels, repairs = repair(head.labels, segments, repair_limit, case, segmentation, voxel)
+    bone = bone_surface(labels, *grid, segments, bone_edge)
+    check_travel(checked, bone, segments, plan)
+    top = upper_face_plane(bone, segments, 0.0)
+    labels, muscle = muscle_layer(labels, *grid, top, unlabelled_muscle, case, segmentation)
     report = {
         "case": case,
         "spacing_mm": np.asarray(head.spacing).tolist(),
-        "shape": list(head.labels.shape),
+        "shape": list(labels.shape),
+        "muscle": muscle,
         "volume_cm3": {
-            name: round(voxel * int((head.labels == code).sum()), 3) for name, code in internal_codes(segments).items()
+            name: round(voxel / 1000 * int((labels == code).sum()), 3)
+            for name, code in internal_codes(segments).items()
         },
+        "repairs": repairs,
     }
-    write_segmentation(head.labels, head.spacing, head.origin, outputs["labels"])
+    write_segmentation(labels, *grid, outputs["labels"])
     bone.write(outputs["bone"])
-    write_surface(*skin, outputs["skin"])
+    write_surface(*skin_surface(labels, *grid), outputs["skin"])
     checked.write(outputs["plan"])
     with replacing(outputs["report"]) as temporary:
         temporary.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
@@ -59,6 +73,8 @@ if __name__ == "__main__":
         snakemake.params.labels,
         tuple(snakemake.params.segments),
         snakemake.params.orientation,
+        snakemake.params.repair["limit"],
+        snakemake.params.unlabelled_muscle,
         snakemake.params.bone_edge,
         dict(snakemake.output.items()),
     )

@@ -1,6 +1,9 @@
 """Makes the patient model (interfaces, what each boundary node is attached to) of mesh, labels and bone."""
 
+import json
 import logging
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -13,9 +16,19 @@ from pinnochio.meshing.mesh import TetMesh
 
 
 def label_case(
-    mesh: str, labels: str, bone: str, skin: str, segments: tuple[str, ...], interfaces: dict[str, float], model: str
+    mesh: str,
+    labels: str,
+    bone: str,
+    skin: str,
+    report: str,
+    segments: tuple[str, ...],
+    interfaces: dict[str, float],
+    model: str,
 ) -> None:
-    """Write the patient model; `interfaces` holds the thresholds in mm (config section of the same name)."""
+    """Write the patient model; `interfaces` holds the thresholds in mm (config section of the same name).
+
+    report: the import's, which knows where the muscle layer comes from.
+    """
     head = read_labels(labels)
     patient = label_interfaces(
         TetMesh.read(mesh),
@@ -30,7 +43,7 @@ def label_case(
     counts = {name: int(np.sum(patient.node_type == kind)) for name, kind in
               (("fixed", FIXED), ("moving", MOVING), ("sliding", SLIDING))}  # fmt: skip
     logging.info("nodes: %s of %d", counts, len(patient.points))
-    patient.write(model)
+    replace(patient, muscle=json.loads(Path(report).read_text(encoding="utf-8"))["muscle"]).write(model)
 
 
 if __name__ == "__main__":
@@ -40,6 +53,7 @@ if __name__ == "__main__":
         snakemake.input.labels,
         snakemake.input.bone,
         snakemake.input.skin,
+        snakemake.input.report,
         tuple(snakemake.params.segments),
         snakemake.params.interfaces,
         snakemake.output.model,

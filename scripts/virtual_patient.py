@@ -1,37 +1,57 @@
-"""Makes a virtual patient of its seed: segmentation, the plan that treats its deformity, landmarks."""
+"""Makes a virtual patient of its seed: segmentation, the plan that treats its deformity, landmarks, anatomy."""
 
 import json
+from collections.abc import Sequence
 
 import numpy as np
 
 from pinnochio.anatomy.labels import AIR, internal_codes
 from pinnochio.anatomy.segmentation import write_segmentation
+from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 from pinnochio.seeds import generator
-from pinnochio.virtual.head import build_head
+from pinnochio.virtual.description import describe
+from pinnochio.virtual.head import build_head, with_segments
 from pinnochio.virtual.parameters import DEFORMITIES, sample_parameters
 from pinnochio.virtual.treatment import treatment_plan
 
 
 def virtual_patient(
-    case: str, number: int, seed: int, spacing: float, label_values: dict[str, int], outputs: dict[str, str]
+    case: str,
+    number: int,
+    seed: int,
+    spacing: float,
+    label_values: dict[str, int],
+    segments: Sequence[str],
+    muscles: Sequence[str],
+    outputs: dict[str, str],
 ) -> None:
     """Sample the anatomy and the plan, and write them as a clinic would deliver them.
 
     number picks the deformity class in turn; spacing is the voxel edge (mm); label_values maps each structure to its
-    voxel value. The landmarks (mm, LPS) serve the simulated outcome alone. outputs: segmentation, plan, landmarks.
+    voxel value; segments are those that the plan moves ("chin" asks for a genioplasty), muscles those that are
+    labelled. The landmarks (mm, LPS) and the anatomy serve the simulated outcome and the tables alone. outputs:
+    segmentation, plan, landmarks, anatomy. Raises InputError for segments or label values that it cannot make.
     """
     rng = generator(seed, "virtual_patient", case)
-    head = build_head(sample_parameters(rng, DEFORMITIES[number % len(DEFORMITIES)]), spacing)
-    values = np.full(256, AIR, np.uint16)
-    for name, code in internal_codes(head.segments).items():
-        values[code] = label_values[name]
+    parameters = sample_parameters(rng, DEFORMITIES[number % len(DEFORMITIES)])
+    head = build_head(parameters, spacing, "chin" in segments, muscles)
+    try:
+        head = with_segments(head, segments)
+        values = np.full(256, AIR, np.uint16)
+        for name, code in internal_codes(head.segments).items():
+            values[code] = label_values[name]
+    except ValueError as error:
+        remedy = "name segments of a virtual patient, each with a whole number in 'labels'"
+        raise InputError(case, "configuration", str(error), remedy) from error
+    plan = treatment_plan(head, rng, case)
     write_segmentation(values[head.labels], head.spacing, head.origin, outputs["segmentation"])
-    treatment_plan(head, rng, case).write(outputs["plan"])
+    plan.write(outputs["plan"])
     landmarks = {name: np.round(place, 3).tolist() for name, place in head.landmarks.items()}
-    with replacing(outputs["landmarks"]) as temporary:
-        temporary.write_text(json.dumps(landmarks, indent=1) + "\n", encoding="utf-8")
+    for name, content in (("landmarks", landmarks), ("anatomy", {"case": case} | describe(head, plan))):
+        with replacing(outputs[name]) as temporary:
+            temporary.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
@@ -42,5 +62,7 @@ if __name__ == "__main__":
         snakemake.params.seed,
         snakemake.params.spacing,
         snakemake.params.labels,
+        snakemake.params.segments,
+        snakemake.params.muscles,
         dict(snakemake.output.items()),
     )

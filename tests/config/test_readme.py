@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pandas as pd
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -14,3 +16,13 @@ def test_readme_names_what_exists():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     for path in ("config/README.md", "results/README.md", "docs/methods.md", "docs/patient.png", "CITATION.cff"):
         assert path in text and (ROOT / path).is_file()
+
+
+def test_reference_cohort_is_as_patients_are():
+    """Soft-to-hard tissue ratios inside the clinical bands, thickness within one published standard deviation."""
+    ratios = pd.read_csv(ROOT / "results/reference/ratios.csv")
+    assert len(ratios) == 7 and ratios["inside"].all()
+    assert ((ratios["ours"] >= ratios["low"]) & (ratios["ours"] <= ratios["high"])).all()
+    thickness = pd.read_csv(ROOT / "results/reference/thickness.csv")
+    assert len(thickness) == 12
+    assert ((thickness["ours_mean"] - thickness["published_mean"]).abs() < thickness["published_sd"]).all()

@@ -19,6 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text())
 SEGMENTS = tuple(CONFIG["segments"])
 SEED = 7
+MESH = {"nodes": 700, "minimum_dihedral": 12.0, "bone_edge": 6.0}
 
 
 @dataclass(frozen=True)
@@ -48,17 +49,18 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
         "segmentation": file("segmentation.nii.gz"),
         "plan": file("given.json"),
         "landmarks": file("landmarks.json"),
+        "anatomy": file("anatomy.json"),
     }
-    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], given)
+    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], given)
     reality = CONFIG["virtual"]["reality"] | {"nodes": 1000}
     made = {"postop": file("scan.ply"), "truth": file("truth.h5")}
     virtual_outcome(
-        case, given, reality, 0.3, CONFIG["interfaces"], 6.0, fem, CONFIG["labels"], SEGMENTS, SEED, made
+        case, given, reality, MESH, CONFIG["interfaces"], fem, CONFIG["labels"], SEGMENTS, SEED, made
     )  # fmt: skip
     names = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "plan": "plan.json"}
     imported = {key: file(name) for key, name in names.items()} | {"report": file("report.json")}
     import_segmentation(
-        case, given["segmentation"], given["plan"], CONFIG["labels"], SEGMENTS, "header", 6.0, imported
+        case, given["segmentation"], given["plan"], CONFIG["labels"], SEGMENTS, "header", 2.0, "derived", 6.0, imported
     )  # fmt: skip
     mesh_case(imported["labels"], 700, 12.0, file("mesh.vtu"))
     label_case(
@@ -66,6 +68,7 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
         imported["labels"],
         imported["bone"],
         imported["skin"],
+        imported["report"],
         SEGMENTS,
         CONFIG["interfaces"],
         file("model.h5"),

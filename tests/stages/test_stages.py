@@ -40,12 +40,14 @@ NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads
 
 
 def test_virtual_patient_is_its_seed(patient, tmp_path):
-    names = {"segmentation": "segmentation.nii.gz", "plan": "given.json", "landmarks": "landmarks.json"}
+    names = {"segmentation": "segmentation.nii.gz", "plan": "given.json"}
+    names |= {"landmarks": "landmarks.json", "anatomy": "anatomy.json"}
     again = {key: str(tmp_path / name) for key, name in names.items()}
-    virtual_patient(patient.case, 0, SEED, 2.0, CONFIG["labels"], again)
+    rest = CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], again
+    virtual_patient(patient.case, 0, SEED, 2.0, *rest)
     for name in names.values():
         assert (tmp_path / name).read_bytes() == (patient.folder / name).read_bytes()
-    virtual_patient(patient.case, 0, SEED + 1, 2.0, CONFIG["labels"], again)
+    virtual_patient(patient.case, 0, SEED + 1, 2.0, *rest)
     assert (tmp_path / "given.json").read_bytes() != (patient.folder / "given.json").read_bytes()
 
 
@@ -165,7 +167,7 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
             path,
             [patient.model],
             [patient.plan],
-            [patient.postop],
+            {patient.case: patient.postop},
             [patient.truth],
             3000,
             patient.fem,

@@ -1,4 +1,7 @@
-"""Bad input stops the study before any heavy work: one clear error, nothing half-written."""
+"""Bad input stops the study before any heavy work: one clear error, nothing half-written.
+
+What else is refused, and in which words, is in tests/unit/test_bad_input.py.
+"""
 
 import json
 
@@ -39,7 +42,13 @@ def good_labels():
 
 def without(code):
     labels = good_labels()
-    labels[labels == code] = 2
+    labels[labels == code] = 1
+    return labels
+
+
+def in_two_halves(code):
+    labels = good_labels()
+    labels[18:22][labels[18:22] == code] = 2
     return labels
 
 
@@ -49,15 +58,19 @@ def not_a_number():
     return labels
 
 
-def moving(segment, rotation=None):
-    motion = {"rotation": rotation or np.eye(3).tolist(), "translation": [0, -5, 0], "pivot": [0, 0, 0]}
+def moving(segment):
+    motion = {"rotation": np.eye(3).tolist(), "translation": [0, -5, 0], "pivot": [0, 0, 0]}
     return {"case": "P1", "segments": {segment: motion}}
 
 
-def check(project, rows, *said):
+def run(project, rows, *config, target="meshes"):
     table = project.folder / "cases.tsv"
     table.write_text("case\tsegmentation\tplan\tpostop\n" + "".join(rows))
-    done = project.snakemake("--config", "cohort=cases.tsv", "folds=2", "--", "meshes", cores=1)
+    return project.snakemake("--config", "cohort=cases.tsv", "folds=2", *config, "--", target, cores=1)
+
+
+def check(project, rows, *said, config=()):
+    done = run(project, rows, *config)
     assert done.returncode != 0
     for words in (*said, "Remedy: "):
         assert words in done.stdout, done.stdout[-3000:]
@@ -70,13 +83,12 @@ def check(project, rows, *said):
     ("defect", "said"),
     [
         ({"labels": without(12)}, ("'P1'", "P1.nii.gz", "mandible_distal")),
-        ({"labels": without(2) * 0}, ("'P1'", "P1.nii.gz")),
         ({"labels": not_a_number()}, ("'P1'", "P1.nii.gz", "NaN")),
+        ({"labels": in_two_halves(11)}, ("'P1'", "P1.nii.gz", "lefort1_left and lefort1_right")),
         ({"plan": moving("chin")}, ("'P1'", "P1.json", "chin")),
-        ({"plan": moving("lefort1", (2 * np.eye(3)).tolist())}, ("'P1'", "P1.json", "not a rotation")),
-        ({"scale": 0.001}, ("'P1'", "P1.ply", "metres")),
+        ({"scale": 1e6}, ("'P1'", "P1.ply", "times the size")),
     ],
-    ids=["missing label", "empty", "NaN", "no such segment", "no rotation", "metres"],
+    ids=["missing label", "NaN", "two halves", "no such segment", "wrong scale"],
 )
 def test_a_bad_case_is_refused_by_name(project, defect, said):
     check(project, [write_case(project.folder, **defect)], *said)
@@ -91,3 +103,12 @@ def test_a_missing_file_is_refused(project):
 def test_a_duplicate_case_is_refused(project):
     row = write_case(project.folder)
     check(project, [row, row], "'P1'", "cases.tsv", "two rows carry this name")
+
+
+def test_a_case_without_muscle_goes_in_by_rule_and_is_refused_where_asked(project):
+    row = write_case(project.folder, labels=without(2))
+    check(project, [row], "'P1'", "P1.nii.gz", "no muscle is labelled", config=["unlabelled_muscle=refuse"])
+    done = run(project, [row], target="results/cases/P1/import.json")
+    assert done.returncode == 0, done.stdout[-3000:]
+    said = json.loads((project.folder / "results/cases/P1/import.json").read_text())
+    assert said["muscle"] == "derived" and said["volume_cm3"]["muscle"] > 10

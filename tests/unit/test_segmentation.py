@@ -8,7 +8,15 @@ import pyvista as pv
 import SimpleITK as sitk
 
 from pinnochio.anatomy.plan import Plan, RigidMotion
-from pinnochio.anatomy.segmentation import check_plan, read_labels, read_postop, read_segmentation, write_segmentation
+from pinnochio.anatomy.segmentation import (
+    check_plan,
+    check_travel,
+    read_labels,
+    read_postop,
+    read_segmentation,
+    write_segmentation,
+)
+from pinnochio.anatomy.surfaces import BoneSurface
 from pinnochio.errors import InputError
 
 SEGMENTS = ("lefort1", "chin")
@@ -239,3 +247,12 @@ def test_the_artisynth_face_imports():
     mandible = np.argwhere(found.labels == 12).mean(axis=0)
     maxilla = np.argwhere(found.labels == 11).mean(axis=0)
     assert mandible[2] < maxilla[2]
+
+
+def test_a_rotation_about_a_far_pivot_is_no_operation():
+    points = np.array([[0.0, -90, -40], [0, -70, -60]])
+    bone = BoneSurface(points, points, np.zeros((0, 3), np.int32), np.zeros(2, np.int8))
+    near, far = (RigidMotion.from_degrees((5, 0, 0), (0, -4, 0), (0, y, 0)) for y in (0, 1500.0))
+    check_travel(Plan("P1", {"maxilla": near}), bone, ("maxilla",), "plan.json")
+    with pytest.raises(InputError, match=r"P1.*plan.json.*'maxilla' 1\d\d mm away.*Remedy: check pivot"):
+        check_travel(Plan("P1", {"maxilla": far}), bone, ("maxilla",), "plan.json")

@@ -1,12 +1,18 @@
 """The label volume of virtual heads: complete, connected, skin outside, lips apart, deformities visible."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import pyvista as pv
 from scipy import ndimage
 
 from pinnochio.anatomy.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
-from pinnochio.virtual.head import SEGMENTS, build_head
-from pinnochio.virtual.parameters import DEFORMITIES, sample_parameters
+from pinnochio.anatomy.surfaces import bone_surface, skin_surface
+from pinnochio.virtual.head import SEGMENTS, build_head, with_segments
+from pinnochio.virtual.muscles import MUSCLES
+from pinnochio.virtual.parameters import DEFORMITIES, TABLE, distribution, sample_parameters
+from pinnochio.virtual.skeleton import Skeleton
 
 CODES = [SUPERFICIAL, MUSCLE, CRANIUM, *(segment_code(i) for i in range(len(SEGMENTS)))]
 TISSUE = (SUPERFICIAL, MUSCLE)
@@ -109,32 +115,6 @@ def test_landmarks_are_in_order(head):
         assert head.labels[tuple(index(head, mark[name] + ([0, 2, 0] if code == 12 else 0)))] == code
 
 
-def thickness(head, point, along):
-    """Distance (mm) from skin to bone along a grid axis through the point, from the low end of the axis."""
-    at = index(head, point)
-    where = [slice(None) if axis == along else at[axis] for axis in range(3)]
-    line = head.labels[tuple(where)]
-    return (np.flatnonzero(line >= CRANIUM)[0] - np.flatnonzero(line)[0]) * head.spacing[along]
-
-
-def test_thickness_is_that_of_the_parameters(head):
-    """Skin over bone where it was asked for: firm places within 2.6 mm, the lips within 4.5 mm."""
-    p, mark = head.parameters, head.landmarks
-    assert thickness(head, mark["nasion"], 1) == pytest.approx(p.nasion, abs=2.6)
-    assert thickness(head, mark["pogonion_bone"], 1) == pytest.approx(p.pogonion, abs=2.6)
-    assert thickness(head, mark["labrale_superius"], 1) == pytest.approx(p.labrale_superius, abs=4.5)
-    if p.open_bite < 1:  # an open bite leaves no bone behind the lower lip
-        assert thickness(head, mark["labrale_inferius"], 1) == pytest.approx(p.labrale_inferius, abs=4.5)
-
-
-def test_menton_thickness(head):
-    """Below the chin, over the lower border of the mandible, on a line clear of the neck."""
-    below = head.landmarks["pogonion_bone"] + [0, 6, 0]
-    line = head.labels[index(head, below)[0], index(head, below)[1], :]
-    bone = np.flatnonzero(line >= CRANIUM)[0]
-    assert (bone - np.flatnonzero(line[:bone])[0]) * head.spacing[2] == pytest.approx(head.parameters.menton, abs=2.6)
-
-
 def test_bite_shows_in_the_bones(heads):
     """The overjet of the label volume, from the most forward voxel of each tooth row, has the sign of its class."""
 
@@ -180,3 +160,94 @@ def test_chin_as_fifth_segment(heads):
     head = build_head(heads["class_ii"].parameters, spacing=1.5, genioplasty=True)
     assert head.segments[-1] == "chin"
     assert ndimage.label(head.labels == segment_code(4))[1] == 1
+
+
+def test_chin_moves_into_another_code_with_the_order_of_the_segments():
+    head = build_head(sample_parameters(np.random.default_rng(2), "class_ii"), 2.0, genioplasty=True)
+    order = ("chin", "mandible_distal", "proximal_right", "proximal_left")
+    some = with_segments(head, order)
+    for name in order:
+        old, new = (segment_code(h.segments.index(name)) for h in (head, some))
+        assert np.array_equal(some.labels == new, head.labels == old)
+    uncut = np.isin(head.labels, [CRANIUM, segment_code(head.segments.index("lefort1"))])
+    assert np.array_equal(some.labels == CRANIUM, uncut)  # what is not cut belongs to the cranium
+    with pytest.raises(ValueError, match="no segment 'hyoid', only lefort1"):
+        with_segments(head, ("hyoid",))
+
+
+def test_muscles_can_be_left_out(heads):
+    p = heads["asymmetry"].parameters
+    every, none = build_head(p, 2.0), build_head(p, 2.0, muscles=())
+    assert not (none.labels == MUSCLE).any()
+    tissue = np.isin(every.labels, TISSUE)
+    assert np.array_equal(np.isin(none.labels, TISSUE), tissue)
+    for name in MUSCLES:
+        one = build_head(p, 2.0, muscles=[name]).labels
+        assert ((one == MUSCLE) & ~tissue).sum() == 0 and 1000 < (one == MUSCLE).sum() * 8 < 60_000, name
+    with pytest.raises(ValueError, match="unknown muscle 'biceps'"):
+        build_head(p, 2.0, muscles=["masseter", "biceps"])
+
+
+def test_paired_muscles_lie_on_both_sides(heads):
+    p = heads["class_ii"].parameters
+    for name in ("masseter", "zygomaticus"):
+        own = build_head(p, 2.0, muscles=[name]).labels == MUSCLE
+        left, right = own[own.shape[0] // 2 :].sum(), own[: own.shape[0] // 2].sum()
+        assert 0.5 < left / right < 2, name
+
+
+def faults(points, faces):
+    """Open and non-manifold edges of a surface; points of the open ones."""
+    mesh = pv.PolyData.from_regular_faces(points, faces)
+    kinds = {"boundary_edges": False, "non_manifold_edges": False, "feature_edges": False, "manifold_edges": False}
+    twice = mesh.extract_feature_edges(**kinds | {"non_manifold_edges": True}).n_cells
+    rim = mesh.extract_feature_edges(**kinds | {"boundary_edges": True})
+    return rim.n_cells, twice, rim.points
+
+
+def test_bones_are_closed_surfaces_and_skin_ends_at_the_cut(head):
+    bone = bone_surface(head.labels, head.spacing, head.origin, head.segments, 5.0)
+    for index in range(-1, len(head.segments)):
+        part = bone.part(index)
+        assert len(part.points) > 100 and faults(part.points, part.faces)[:2] == (0, 0), index
+    rim, twice, places = faults(*skin_surface(head.labels, head.spacing, head.origin, None))
+    assert rim > 0 and twice == 0
+    high = head.origin + head.spacing * (np.array(head.labels.shape) - 1)
+    assert np.minimum(np.abs(places - head.origin), np.abs(places - high)).min(1).max() < 3
+
+
+def test_lips_have_volume_and_stand_out_from_the_skin(heads):
+    """Vermilion ahead of the fold below it and of the philtrum above it, and more of it in fuller lips."""
+    for head in heads.values():
+        mark = head.landmarks
+        assert mark["labrale_inferius"][1] < mark["mentolabial"][1]
+    p = heads["class_ii"].parameters
+    thin, full = (build_head(replace(p, lip_fullness=value), 1.5) for value in (0.7, 1.4))
+    region = [slice(*np.sort([index(full, thin.landmarks["cheilion_right"])[0], index(full, thin.landmarks["cheilion_left"])[0]])), slice(0, 30)]  # fmt: skip  # noqa: E501
+    amounts = [np.isin(h.labels[tuple(region)], TISSUE).sum() for h in (thin, full)]
+    assert amounts[1] > 1.01 * amounts[0]
+
+
+def test_women_and_men_differ():
+    """Mean woman and mean man: jaw, brow, nose and neck larger in men, the lips fuller in women."""
+    woman, man = ({n: distribution(n, male, "class_ii")[0] for n in TABLE} for male in (False, True))
+    for name in ("gonial_width", "chin_width", "brow_prominence", "nose_length", "neck_width", "ramus_height"):
+        assert man[name] > woman[name] + 0.5 * TABLE[name].sd, name
+    assert woman["lip_fullness"] > man["lip_fullness"]
+    p = sample_parameters(np.random.default_rng(0), "class_ii")
+    volumes = [(build_head(replace(p, male=sex, **means), 2.0).labels > 0).sum() for sex, means in
+               ((False, woman), (True, man))]  # fmt: skip
+    assert volumes[1] > 1.12 * volumes[0]
+
+
+def test_gonion_follows_length_height_and_angle():
+    """Ramus and body keep near what was sampled, and a wider angle lays the gonion higher and the plane steeper."""
+    for number in range(40):
+        p = sample_parameters(np.random.default_rng(number), DEFORMITIES[number % 4])
+        s = Skeleton(p)
+        ramus = np.linalg.norm((s.gonion - s.condyle - [0, 0, 5])[1:])
+        body = np.linalg.norm((s.gonion - s.pogonion)[1:])
+        assert abs(ramus - p.ramus_height) < 10 and abs(body - p.mandible_length) < 14
+        assert 100 < s.gonial_angle < 145
+    wide, narrow = (Skeleton(replace(p, gonial_angle=angle)) for angle in (138.0, 108.0))
+    assert wide.gonial_angle > narrow.gonial_angle + 8 and wide.gonion[2] > narrow.gonion[2]

@@ -1,12 +1,27 @@
 """The treatment plan of a virtual patient treats that patient."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import DEFORMITIES, NORMAL_OVERJET, sample_parameters
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.plan_sampling import LIMITS
+from pinnochio.anatomy.rigid import RigidMotion
+from pinnochio.virtual import treatment
+from pinnochio.virtual.description import anatomy_table, describe, write_anatomy
+from pinnochio.virtual.head import build_head, with_segments
+from pinnochio.virtual.parameters import DEFORMITIES, NORMAL_OVERJET, TABLE, sample_parameters
 from pinnochio.virtual.skeleton import Skeleton
-from pinnochio.virtual.treatment import bite_after, treatment_plan
+from pinnochio.virtual.treatment import (
+    CONTACT,
+    bite_after,
+    bite_before,
+    jaw_overlap,
+    overlap,
+    split_overlaps,
+    treatment_plan,
+)
 
 
 @pytest.mark.parametrize("deformity", DEFORMITIES)
@@ -42,3 +57,98 @@ def test_same_seed_same_plan():
     head = build_head(sample_parameters(np.random.default_rng(0), "class_iii"), spacing=2.5)
     texts = [treatment_plan(head, np.random.default_rng(s), "V").to_json() for s in (1, 1, 2)]
     assert texts[0] == texts[1] != texts[2]
+
+
+def test_overlap_is_the_volume_of_the_shared_voxels():
+    """A copy of the maxilla moved by whole voxels shares with the mandible what shifting the array shares."""
+    head = build_head(sample_parameters(np.random.default_rng(3), "class_ii"), spacing=2.0)
+    still = Plan("V", {})
+    assert jaw_overlap(head, still) == 0 and set(split_overlaps(head, still).values()) == {0.0}
+    up = Plan("V", {"mandible_distal": RigidMotion(translation=np.array([0.0, 0, 8]))})
+    lower, upper = head.labels == 12, head.labels == 11
+    shared = (np.roll(lower, 4, axis=2) & upper).sum() * 8.0
+    assert shared > 500 and jaw_overlap(head, up) == shared
+    assert overlap(head, up, "lefort1", "mandible_distal") == shared
+    turned = RigidMotion.from_degrees((3, 5, -4), (2, -3, 4), head.landmarks["upper_incisor"])
+    both = Plan("V", dict.fromkeys(("lefort1", "mandible_distal"), turned))
+    assert jaw_overlap(head, both) < 100  # jaws that move as one do not meet
+
+
+@pytest.mark.parametrize("deformity", DEFORMITIES)
+def test_jaws_do_not_overlap_after_the_plan(deformity):
+    for seed in range(3):
+        rng = np.random.default_rng(10 + seed)
+        head = build_head(sample_parameters(rng, deformity), spacing=2.0, genioplasty=True)
+        plan = treatment_plan(head, rng, "V01")
+        assert jaw_overlap(head, plan) <= CONTACT
+        assert max(split_overlaps(head, plan).values()) < 6000
+        move = plan.motion("mandible_distal")
+        shift, limits = move.translation * [1, -1, 1], LIMITS["distal"][0]
+        assert (shift >= limits[:, 0] - 1e-6).all() and (shift <= limits[:, 1] + 1e-6).all()
+        for side in ("left", "right"):  # the condyle turns where it is
+            travel = plan.motion(f"proximal_{side}").displacement(head.landmarks[f"condyle_{side}"][None])
+            assert np.linalg.norm(travel) < 2.0
+
+
+def test_teeth_that_would_overlap_are_parted_just_enough(monkeypatch):
+    """Asked to set the lower incisors 2 mm into the upper ones, the plan stops where the teeth touch."""
+    head = build_head(sample_parameters(np.random.default_rng(1), "class_iii"), spacing=1.5)
+    monkeypatch.setattr(treatment, "REST_GAP", -2.0)
+    monkeypatch.setattr(treatment, "NORMAL_OVERJET", 0.0)
+    parted = treatment_plan(head, np.random.default_rng(1), "V")
+    assert jaw_overlap(head, parted) <= CONTACT
+    monkeypatch.setattr(treatment, "CONTACT", np.inf)
+    forced = treatment_plan(head, np.random.default_rng(1), "V")
+    assert jaw_overlap(head, forced) > 100
+    lowered = (forced.motion("mandible_distal").translation - parted.motion("mandible_distal").translation)[2]
+    assert 0.25 <= lowered <= 3.0
+    higher = replace_translation(parted, "mandible_distal", 2 * treatment.OPENING)
+    assert jaw_overlap(head, higher) > CONTACT
+
+
+def replace_translation(plan, segment, up):
+    move = plan.motion(segment)
+    return Plan(plan.case, plan.motions | {segment: replace(move, translation=move.translation + [0, 0, up])})
+
+
+def test_genioplasty_gives_the_chin_what_it_lacks():
+    p = sample_parameters(np.random.default_rng(5), "class_ii")
+    mean = TABLE["chin_prominence"].mean + p.male * TABLE["chin_prominence"].male
+    for lacking, expected in ((4.0, 4.0), (-2.0, 0.0)):
+        head = build_head(replace(p, chin_prominence=mean - lacking), spacing=2.5, genioplasty=True)
+        plan = treatment_plan(head, np.random.default_rng(0), "V")
+        chin = head.landmarks["pogonion_bone"][None]
+        own = plan.motion("chin").displacement(chin) - plan.motion("mandible_distal").displacement(chin)
+        assert np.allclose(own, [0, -expected, 0], atol=1e-6)
+
+
+def test_without_a_maxilla_the_mandible_alone_closes_the_bite():
+    rng = np.random.default_rng(4)
+    head = build_head(sample_parameters(rng, "class_iii"), spacing=2.5)
+    lower = with_segments(head, ("proximal_left", "mandible_distal", "proximal_right"))
+    plan = treatment_plan(lower, rng, "V")
+    assert set(plan.motions) == set(lower.segments)
+    assert abs(bite_after(head.parameters, plan)["overjet"] - NORMAL_OVERJET) < 1.6
+
+
+def test_description_says_what_was_sampled_and_what_the_plan_does(tmp_path):
+    rows = []
+    for number, deformity in enumerate(DEFORMITIES):
+        rng = np.random.default_rng(number)
+        head = build_head(sample_parameters(rng, deformity), spacing=2.5, genioplasty=number == 0)
+        plan = treatment_plan(head, rng, "V")
+        found = describe(head, plan)
+        p, move = head.parameters, plan.motion("lefort1").displacement(head.landmarks["upper_incisor"][None])[0]
+        assert {name: found[name] for name in TABLE} == {name: getattr(p, name) for name in TABLE}
+        assert found["cephalometry"]["face_height"] == pytest.approx(p.face_height)
+        assert found["bite_before"] == bite_before(p) and found["bite_before"]["overjet"] == pytest.approx(p.overjet)
+        assert found["plan"]["maxilla_forward"] == pytest.approx(-move[1])
+        assert ("chin_forward" in found["plan"]) == (number == 0)
+        assert len(found["thickness"]) == 12
+        rows.append(found | {"case": f"V{number}"})
+    assert rows[1]["cephalometry"]["convexity"] < rows[0]["cephalometry"]["convexity"]  # Class III is flatter
+    table = anatomy_table(rows)
+    write_anatomy(table, str(tmp_path / "anatomy.csv"))
+    lines = (tmp_path / "anatomy.csv").read_text().splitlines()
+    assert len(lines) == 5 and lines[1].startswith("V0,") and "class_ii," in lines[1]
+    assert (tmp_path / "anatomy.md").is_file() and table["chin_forward"].isna().tolist() == [False, True, True, True]

@@ -15,6 +15,7 @@ FREE, FIXED, MOVING, SLIDING = 0, 1, 2, 3
 NO_INTERFACE, BONE_MUSCLE, BONE_SUPERFICIAL, MUSCLE_SUPERFICIAL = 0, 1, 2, 3
 # What lies beyond a boundary node: a label code (0 air, 10 cranium, 11.. segments) or one of these.
 INTERIOR, CUT_PLANE = -1, 254
+ATTRIBUTES = ("segments", "muscle")  # what the file holds beside its arrays
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,8 @@ class PatientModel:
     skin_weights (s, 3) give the displacement of each of its points. By default it is the mesh's own boundary.
     bone_points (b, 3), bone_normals (b, 3) out of the bone, bone_faces (g, 3) int32.
     bone_segment (b,) int8 segment index, -1 cranium.
-    segments: names, in the order of the indices.
+    segments: names, in the order of the indices. muscle: where the muscle layer comes from (anatomy.muscle_layer):
+    labelled | derived | single.
     """
 
     points: np.ndarray
@@ -54,6 +56,7 @@ class PatientModel:
     skin_points: np.ndarray | None = None
     skin_nodes: np.ndarray | None = None
     skin_weights: np.ndarray | None = None
+    muscle: str = "labelled"
 
     def __post_init__(self):
         if self.skin_points is None:
@@ -88,12 +91,12 @@ class PatientModel:
         return moved
 
     def write(self, path: str | os.PathLike) -> None:
-        """Write the model as HDF5, one dataset per field."""
+        """Write the model as HDF5, one dataset per array; names and words as attributes."""
         with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
             for item in fields(self):
                 value = getattr(self, item.name)
-                if item.name == "segments":
-                    file.attrs["segments"] = list(value)
+                if item.name in ATTRIBUTES:
+                    file.attrs[item.name] = value
                 else:
                     file.create_dataset(item.name, data=value, compression="gzip", track_times=False)
 
@@ -101,5 +104,6 @@ class PatientModel:
     def read(cls, path: str | os.PathLike) -> "PatientModel":
         """Read what :meth:`write` wrote."""
         with h5py.File(path, "r") as file:
-            arrays = {item.name: file[item.name][()] for item in fields(cls) if item.name != "segments"}
-            return cls(**arrays, segments=tuple(str(name) for name in file.attrs["segments"]))
+            arrays = {item.name: file[item.name][()] for item in fields(cls) if item.name not in ATTRIBUTES}
+            segments = tuple(str(name) for name in file.attrs["segments"])
+            return cls(**arrays, segments=segments, muscle=str(file.attrs["muscle"]))

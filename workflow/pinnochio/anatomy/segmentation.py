@@ -13,7 +13,9 @@ import SimpleITK as sitk
 from pinnochio.anatomy.closed_surfaces import read_closed_surface, read_triangles, surface_files, voxelised
 from pinnochio.anatomy.labels import AIR, TISSUES, internal_codes
 from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.rigid import LARGEST_TRANSLATION
 from pinnochio.anatomy.segment_files import Segment, read_segments
+from pinnochio.anatomy.surfaces import BoneSurface
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 
@@ -165,6 +167,20 @@ def check_plan(plan: Plan, segments: Sequence[str], path: str | os.PathLike) -> 
                 path,
                 f"it moves {name!r}, which is not a segment ({', '.join(segments)})",
                 f"rename {name!r} in the plan, or add it to 'segments' in the configuration",
+            )
+
+
+def check_travel(plan: Plan, bone: BoneSurface, segments: Sequence[str], path: str | os.PathLike) -> None:
+    """Refuse a plan that carries a bone farther than any operation, as a rotation about a far pivot may."""
+    for index, name in enumerate(segments):
+        moved = plan.motion(name).displacement(bone.points[bone.segment == index])
+        farthest = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
+        if farthest > LARGEST_TRANSLATION:
+            raise InputError(
+                plan.case,
+                path,
+                f"it carries a point of {name!r} {farthest:.0f} mm away",
+                f"check pivot, rotation and frame (LPS, mm); bones move {LARGEST_TRANSLATION:.0f} mm at most",
             )
 
 

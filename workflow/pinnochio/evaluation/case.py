@@ -34,7 +34,7 @@ def evaluate_case(
     row = dict.fromkeys((column.name for column in CASES if column.optional), np.nan)
     row |= {"reason": prediction.reason, "eqres_element": element, "case": plan.case, "seed": seed}
     row |= {key: getattr(prediction, key) for key in ("device", "seconds", "setup_seconds", "threads", "converged")}
-    row |= {"nodes": len(patient.points)} | (labels or {})
+    row |= {"nodes": len(patient.points), "muscle": patient.muscle} | (labels or {})
     if not np.isfinite(u).all():
         return row | {"converged": False, "reason": f"the field is not finite ({prediction.reason})"}
     row |= volume_metrics(patient.points, patient.cells, patient.tissue, u)

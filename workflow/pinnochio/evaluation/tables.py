@@ -42,6 +42,7 @@ CASES = (
     Column("seed", int, "", "seed of the study"),
     Column("device", str, "", "device that predicted"),
     Column("code", str, "", "content hash of the code"),
+    Column("muscle", str, "", "where the muscle layer comes from: labelled, derived (by rule) or single (no layer)"),
     _number("cd", "mm", "half the sum of the two directed mean point-to-triangle distances"),
     _number("cd_sum", "mm", "sum of the two directed means"),
     _number("cd_sq", "mm2", "mean squared distance, both directions averaged"),
@@ -69,9 +70,9 @@ CASES = (
     _number("volume_error_p95", "mm", "95th percentile of it"),
     _number("skin_error_mean", "mm", "mean error of the skin nodes against the virtual truth"),
     _number("skin_error_p95", "mm", "95th percentile of it"),
-    Column("seconds", float, "s", "one plan, warm, without reading files", ".3f"),
-    Column("setup_seconds", float, "s", "what belongs to the patient and serves every plan", ".3f"),
-    Column("threads", int, "", "CPU threads"),
+    _number("seconds", "s", "one plan, warm, without reading files", ".3f"),
+    _number("setup_seconds", "s", "what belongs to the patient and serves every plan", ".3f"),
+    Column("threads", int, "", "CPU threads; 0 where unknown"),
     Column("nodes", int, "", "nodes of the mesh"),
     Column("converged", bool, "", "whether the solver converged; true where there is none"),
     Column("reason", str, "", "why the solver stopped", optional=True),
@@ -180,18 +181,18 @@ def write_cases(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "vir
 
 
 def summarise(
-    cases: pd.DataFrame, reference: str = "pinnochio", methods: Sequence[str] | None = None, seed: int = 0
+    cases: pd.DataFrame, reference: str | None = "pinnochio", methods: Sequence[str] | None = None, seed: int = 0
 ) -> pd.DataFrame:
     """One row per method (in the order of `methods`, else by name): the ACCURACY columns, tested on cd.
 
-    A patient without cd (failed prediction, no scan) counts as failed and is left out of that method's means; the
-    test takes the patients that both methods have.
+    A patient without cd (failed prediction) counts as failed and is left out of that method's means; the
+    test takes the patients that both methods have. Without a reference nothing is tested.
     """
     cases = check(cases, CASES)
     if cases.duplicated(["case", "method"]).any():
         raise InputError("-", "cases", "a case appears twice for one method", "keep one row per case and method")
     methods = list(methods) if methods is not None else sorted(cases["method"].unique())
-    if unknown := [method for method in [*methods, reference] if method not in set(cases["method"])]:
+    if unknown := [method for method in [*methods, reference] if method and method not in set(cases["method"])]:
         raise InputError("-", "cases", f"method {unknown[0]!r} has no row", "predict and evaluate it first")
     errors = cases.pivot(index="case", columns="method", values="cd")
     rows = []
@@ -204,11 +205,11 @@ def summarise(
             if spread:
                 row[f"{name}_sd"] = own[name].std()
         row["inverted"] = own["inverted"].sum()
-        if method == reference:
+        if method == reference or reference is None:
             row |= dict.fromkeys(
                 ("pairs", "cd_median_difference", "cd_mean_difference", "cd_low", "cd_high", "p"), np.nan
             )
-            row["test"] = "reference"
+            row["test"] = "reference" if reference else "no reference: not tested"
         else:
             both = errors[[method, reference]].dropna()
             found = compare(both[method], both[reference], derive_seed(seed, "bootstrap", method))

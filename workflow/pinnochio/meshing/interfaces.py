@@ -57,7 +57,8 @@ def label_interfaces(
     `opposing` names them, or, without it, if air lies between them on a tenth of the places where they come that near
     (mouth) and neither is a proximal segment; pieces of one bone meet at an osteotomy, without air. There the surgeon
     lifts the tissue off: contact nearer than `release_mm` to the other bone is FREE [I], and so are both ends of a mesh
-    edge from one bone to the other, which could not follow both. All else is FREE, skin and oral surface too.
+    edge from one bone to the other, which could not follow both. So are the cut plane nodes of an element that has no
+    other nodes but contact of segments: the tissue goes on beyond the cut. All else is FREE, skin and oral surface too.
 
     Kinds. A bone contact node belongs to muscle if muscle owns at least half of its area against bone, else to
     superficial tissue; any other node between both tissues is MUSCLE_SUPERFICIAL.
@@ -109,6 +110,7 @@ def label_interfaces(
     body[contact & (node_beyond == CRANIUM)] = -1
     released = _released(points, mesh.cells, body, bone, pairs, release_mm)
     node_type[released], node_segment[released] = m.FREE, -1
+    node_type[_torn_cut(mesh.cells, node_beyond == m.CUT_PLANE, node_segment >= 0)] = m.FREE
 
     bony = np.isin(beyond, codes[1:-1]).mean(axis=1) * areas
     muscle_part = _to_nodes(faces, bony * (owner_tissue == MUSCLE), len(points))
@@ -271,6 +273,17 @@ def _released(points, cells, body, bone, opposing, release_mm: float) -> np.ndar
         bridge = (np.sort(body[edges], axis=1) == sorted((own, other))).all(axis=1)
         released[edges[bridge].ravel()] = True
     return released
+
+
+def _torn_cut(cells, cut, moving) -> np.ndarray:
+    """Nodes (n,) bool on a cut plane, cut (n,), of elements between it and a segment, moving (n,), without a free node.
+
+    Their cut and segment would prescribe the whole element, and so turn it inside out.
+    """
+    torn = np.zeros(len(cut), bool)
+    held = (cut | moving)[cells].all(axis=1) & moving[cells].any(axis=1)
+    torn[cells[held]] = True
+    return torn & cut
 
 
 def _skin(faces, beyond, ends, areas, labels, spacing, origin, opening_mm) -> np.ndarray:

@@ -1,21 +1,23 @@
 """A virtual head as a label volume: bone segments, muscle, superficial tissue and the landmarks of the patient."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 
 from pinnochio.anatomy.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
 from pinnochio.virtual.implicit import Field
-from pinnochio.virtual.muscles import muscles
+from pinnochio.virtual.muscles import MUSCLES, muscle_region
 from pinnochio.virtual.parameters import HeadParameters
 from pinnochio.virtual.skeleton import SIDES, Skeleton, mandible, split_sides, upper_skull
-from pinnochio.virtual.skin import mouth_line, skin
+from pinnochio.virtual.skin import mouth_line, profile, skin
 
 SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right")
 LEFORT, DISTAL, LEFT, RIGHT, CHIN = (segment_code(i) for i in range(5))
 SKIN_LAYER = 3.5  # mm of superficial tissue over muscle at least [I]
 SLIT = 1.4  # mm between the lips [I]
+CRUMB = 300.0  # mm3; smaller pieces of muscle are left out [I]
 
 
 @dataclass(frozen=True)
@@ -41,25 +43,50 @@ def grid(s: Skeleton, spacing: float) -> list[np.ndarray]:
     return [np.arange(np.floor(a / spacing), np.floor(b / spacing) + 1) * spacing for a, b in ends]
 
 
-def build_head(parameters: HeadParameters, spacing: float = 1.0, genioplasty: bool = False) -> Head:
-    """Label volume of one virtual patient on cubes of `spacing` mm; `genioplasty` cuts the chin as fifth segment."""
+def build_head(
+    parameters: HeadParameters,
+    spacing: float = 1.0,
+    genioplasty: bool = False,
+    muscles: Iterable[str] = MUSCLES,
+) -> Head:
+    """Label volume of one virtual patient on cubes of `spacing` mm.
+
+    genioplasty cuts the chin as fifth segment; muscles: what is labelled as muscle, any of :data:`MUSCLES`, the rest
+    is superficial tissue. Raises ValueError for other names.
+    """
     s = Skeleton(parameters)
     axes = grid(s, spacing)
     upper, cheeks = upper_skull(s, axes, reach=12)
     jaw = mandible(s, axes, reach=12)
-    face, points = skin(s, upper, cheeks, jaw)
+    points = profile(s)
+    face = skin(s, points, upper, cheeks, jaw)
     x, y, z = (axis.astype(np.float32) for axis in axes)
     x, y, z = x[:, None, None], y[None, :, None], z[None, None, :]
 
     bone = _bones(s, upper.values < 0, jaw.values < 0, (x, y, z), genioplasty)
     inside = (face.values < 0) & ~_oral(s, x, y, z) & ~_slit(s, points, x, y, z, spacing)
     labels = np.where(bone > 0, bone, np.where(inside, SUPERFICIAL, AIR)).astype(np.uint8)
-    deep = (labels == SUPERFICIAL) & _deep(face, labels, spacing)
-    labels[deep & muscles(s, points, axes)] = MUSCLE
     _clean(labels)
+    deep = (labels == SUPERFICIAL) & _deep(face, labels, spacing)
+    labels[deep & muscle_region(s, points, axes, muscles)] = MUSCLE
+    _absorb(labels, SUPERFICIAL, MUSCLE)
+    _absorb(labels, MUSCLE, SUPERFICIAL, CRUMB / spacing**3)
     origin = np.array([axis[0] for axis in axes])
     marks = landmarks(s, points, labels, axes)
     return Head(labels, np.full(3, spacing), origin, marks, parameters, SEGMENTS + ("chin",) * genioplasty)
+
+
+def with_segments(head: Head, segments: Sequence[str]) -> Head:
+    """The head with these of its segments, their codes in this order; bone of the others belongs to the cranium.
+
+    Raises ValueError for a segment that the head does not have.
+    """
+    if unknown := [name for name in segments if name not in head.segments]:
+        raise ValueError(f"a virtual patient has no segment {unknown[0]!r}, only {', '.join(head.segments)}")
+    recoded = np.arange(256, dtype=np.uint8)
+    for index, name in enumerate(head.segments):
+        recoded[segment_code(index)] = segment_code(segments.index(name)) if name in segments else CRANIUM
+    return replace(head, labels=recoded[head.labels], segments=tuple(segments))
 
 
 def _bones(s: Skeleton, skull: np.ndarray, jaw: np.ndarray, grid_xyz, genioplasty: bool) -> np.ndarray:
@@ -87,8 +114,8 @@ def _oral(s: Skeleton, x, y, z) -> np.ndarray:
     scale = 1 + 3.0 / np.abs(s.arch_upper[:, 0]).max()
     between = 0.5 * (s.upper_edge(y) + s.lower_edge(y))
     rear = (y > s.molar_y) & (np.abs(x) < np.where(z > between, 37, 27) * s.wide) & (z < -8) & (z > between - 24)
-    top = _interior(s.arch_upper * [scale, 1] - [0, 1.0], x, y) & (z > between) & (z < s.spine[2] + 1)
-    low = _interior(s.arch_lower * [scale, 1] - [0, 1.0], x, y) & (z <= between) & (z > between - 20)
+    top = _interior(s.arch_upper * [scale, 1] + [0, 2.0], x, y) & (z > between) & (z < s.spine[2] + 1)
+    low = _interior(s.arch_lower * [scale, 1] + [0, 2.0], x, y) & (z <= between) & (z > between - 20)
     front = (top | low) & (y <= s.molar_y)
     throat = ((x / (38 * s.wide)) ** 2 + ((y - 2) / 35) ** 2 < 1) & (z < -8)
     return front | rear | throat
@@ -113,26 +140,28 @@ def _deep(face: Field, labels: np.ndarray, spacing: float) -> np.ndarray:
     return (face.values < -SKIN_LAYER) & below_skin & off_air
 
 
-def _absorb(labels: np.ndarray, codes: tuple[int, ...]) -> int:
-    """Give every part but the largest of the structure `codes` the label that most of its neighbours have."""
-    parts, count = ndimage.label(np.isin(labels, codes))
-    if count < 2:
-        return 0
-    largest = np.bincount(parts.ravel())[1:].argmax() + 1
-    for number, box in enumerate(ndimage.find_objects(parts), 1):
-        if number != largest:
-            wide = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in box)
-            own = parts[wide] == number
-            rim = labels[wide][ndimage.binary_dilation(own) & ~own]
-            labels[wide][own] = np.bincount(rim).argmax()
-    return count - 1
+def _absorb(labels: np.ndarray, code: int, into: int | None = None, crumb: float = np.inf) -> int:
+    """Give the parts of a label below `crumb` voxels, but never the largest, the label `into` or the one around them.
+
+    Returns their number.
+    """
+    parts, _ = ndimage.label(labels == code)
+    size = np.bincount(parts.ravel())
+    size[0] = 0
+    small = np.setdiff1d(np.flatnonzero(size < crumb), [0, size.argmax()])
+    boxes = ndimage.find_objects(parts)
+    for number in small:
+        wide = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in boxes[number - 1])
+        own = parts[wide] == number
+        rim = labels[wide][ndimage.binary_dilation(own) & ~own]
+        labels[wide][own] = np.bincount(rim).argmax() if into is None else into
+    return len(small)
 
 
 def _clean(labels: np.ndarray) -> None:
-    """One connected component per label, and one of all soft tissue: no crumbs, no enclosed air."""
-    structures = [(code,) for code in np.unique(labels)] + [(SUPERFICIAL, MUSCLE)]
+    """One connected component per label: no islands, no enclosed air."""
     for _ in range(5):
-        if not sum(_absorb(labels, codes) for codes in structures):
+        if not sum(_absorb(labels, code) for code in np.unique(labels)):
             break
 
 
@@ -148,7 +177,8 @@ def landmarks(s: Skeleton, points, labels: np.ndarray, axes) -> dict[str, np.nda
             [point[0], axes[1][hit[0]] - 0.5 * (axes[1][1] - axes[1][0]) if len(hit) else point[1], point[2]]
         )
 
-    names = ("nasion", "pronasale", "subnasale", "labrale_superius", "labrale_inferius", "pogonion_soft")
+    names = ("glabella", "nasion", "pronasale", "subnasale", "labrale_superius", "labrale_inferius", "mentolabial",
+             "pogonion_soft")  # fmt: skip
     marks = {name: on_skin(points[name]) for name in names}
     marks["menton_soft"] = points["menton_soft"]
     line = mouth_line(s, points)
@@ -158,5 +188,6 @@ def landmarks(s: Skeleton, points, labels: np.ndarray, axes) -> dict[str, np.nda
         marks[f"tragus_{name}"] = np.array([axes[0][column[-1 if side > 0 else 0]], 0.0, 0.0])
         marks[f"condyle_{name}"] = s.condyle_of(side)
     marks["upper_incisor"], marks["lower_incisor"] = s.upper_incisor, s.lower_incisor
-    marks["pogonion_bone"] = s.pogonion
+    marks["pogonion_bone"], marks["a_point"] = s.pogonion, s.a_point
+    marks["b_point"] = points["mentolabial"] + [0, s.p.mentolabial, 0]
     return marks

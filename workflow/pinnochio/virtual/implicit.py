@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 F = np.float32
 FAR = F(1000)  # mm, where no shape has been near
@@ -136,6 +137,12 @@ class Field:
         )
         x, y, z = (axis[s] for axis, s in zip(self.axes, index, strict=True))
         return index, (x[:, None, None], y[None, :, None], z[None, None, :])
+
+    def sample(self, values: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Values (nx, ny, nz) on the field's grid, linearly interpolated at points (n, 3) mm."""
+        step = [axis[1] - axis[0] for axis in self.axes]
+        index = [(column - axis[0]) / h for column, axis, h in zip(points.T, self.axes, step, strict=True)]
+        return ndimage.map_coordinates(values, index, order=1, mode="nearest")
 
     def _near(self, shape: Shape, margin: float):
         index, coordinates = self.block(shape.low - margin, shape.high + margin)

@@ -1,13 +1,31 @@
 """Muscles of a virtual head: where they run, as strands between bones, mouth corner and skin."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from pinnochio.virtual.implicit import Field, Shape, ellipsoid, tube
 from pinnochio.virtual.skeleton import SIDES, Skeleton
 from pinnochio.virtual.skin import mouth_line
 
+MUSCLES = ("masseter", "temporalis", "medial_pterygoid", "buccinator", "orbicularis_oris", "mentalis", "zygomaticus",
+           "levator", "depressor", "floor_of_mouth")  # fmt: skip
 
-def mouth_ring(s: Skeleton, points: dict[str, np.ndarray]) -> list[Shape]:
+
+def muscle_shapes(s: Skeleton, points: dict[str, np.ndarray]) -> dict[str, list[Shape]]:
+    """Shapes of every muscle of :data:`MUSCLES`, both sides."""
+    chin = s.pogonion
+    shapes: dict[str, list[Shape]] = {name: [] for name in MUSCLES}
+    shapes["orbicularis_oris"] = _mouth_ring(s, points)
+    shapes["mentalis"] = [ellipsoid(chin + [0, -3, 10], [13, 6, 13])]
+    shapes["floor_of_mouth"] = [ellipsoid([0.6 * chin[0], -46, s.lower_edge(-60.0) - 20], [32 * s.wide, 36, 9])]
+    for side in SIDES:
+        for name, strands in _one_side(s, points, side).items():
+            shapes[name] += strands
+    return shapes
+
+
+def _mouth_ring(s: Skeleton, points: dict[str, np.ndarray]) -> list[Shape]:
     """Orbicularis oris: a band in each lip that tapers to the corners."""
     line = mouth_line(s, points)
     share = np.linspace(-1, 1, len(line))
@@ -18,7 +36,7 @@ def mouth_ring(s: Skeleton, points: dict[str, np.ndarray]) -> list[Shape]:
     return bands
 
 
-def one_side(s: Skeleton, points: dict[str, np.ndarray], side: float) -> dict[str, list[Shape]]:
+def _one_side(s: Skeleton, points: dict[str, np.ndarray], side: float) -> dict[str, list[Shape]]:
     """Muscles of the left (1) or right (-1) side by name."""
     w, d = s.wide, s.deep
     go, chin = s.gonion_of(side), s.pogonion
@@ -28,41 +46,46 @@ def one_side(s: Skeleton, points: dict[str, np.ndarray], side: float) -> dict[st
     def at(x, y, z):
         return np.array([side * x, y, z])
 
-    angle = go + [side * 5, -10, 8]
+    angle = go + [side * 3, -10, 8]
     pillar = at(20 * w, s.a_point[1] + 4, s.spine[2] + 18)
     coronoid = at(47 * w, -42 * d, -14)
     cheek = at(38 * w, s.molar_y + 8, corner[2] + 2)
     middle = 0.5 * (corner + cheek) + at(5, 0, 0)
     return {
         "masseter": [
-            tube([at(58 * w, y - 38 * d, -6), at(56 * w, y - 28, -30), angle + [0, y, 0]], [8, 9.5, 8]) for y in (-6, 5)
+            *(
+                tube([at(57 * w, y - 38 * d, -6), at(54 * w, y - 28, -30), angle + [0, y, 0]], [8, 9.5, 8])
+                for y in (-6, 5)
+            ),
+            tube([at(54 * w, -42 * d, -38), at(41 * w, -56 * d, -46)], 5.0),  # anterior border
         ],
         "temporalis": [
             tube([at(53 * w, y, 34), at(52 * w, 0.4 * y - 25 * d, 6), coronoid], [9, 8, 7]) for y in (-44, -27)
         ],
+        "medial_pterygoid": [
+            ellipsoid(at(37 * w, go[1] - 14, -42), [8, 20, 28]),
+            tube([at(37 * w, go[1] - 6, go[2] - 1), at(30, -32, low + 16)], 8.0),  # sling below the angle
+        ],
         "buccinator": [
             tube([corner + [0, 2, 0.4 * z], middle + [0, 0, 0.8 * z], cheek + [0, 0, z]], 7.0) for z in (-11, 0, 11)
-        ],
-        "masseter border": [tube([at(55 * w, -42 * d, -38), at(41 * w, -56 * d, -46)], 5.0)],
-        "medial pterygoid": [ellipsoid(at(39 * w, go[1] - 14, -42), [8, 20, 28])],
-        "sling": [tube([at(39 * w, go[1] - 6, go[2] - 1), at(30, -32, low + 16)], 8.0)],
-        "digastric": [
-            tube([s.menton + at(8, 6, 4), at(26, -40, low + 14), at(34, -8, low + 10)], [6, 9, 10]),
         ],
         "zygomaticus": [tube([at(44 * w, -66 * d, -10), corner], [5, 4.5])],
         "levator": [tube([pillar, corner + at(-8, -3, 8)], [4, 4.5])],
         "depressor": [tube([corner, at(abs(corner[0]) * 1.05, chin[1] + 18, low + 12)], [4.5, 5.5])],
+        "floor_of_mouth": [tube([s.menton + at(8, 6, 4), at(26, -40, low + 14), at(34, -8, low + 10)], [6, 9, 10])],
     }
 
 
-def muscles(s: Skeleton, points: dict[str, np.ndarray], axes) -> np.ndarray:
-    """Where muscle may be, bool on the grid; skin, bone and air are for the caller to keep."""
+def muscle_region(s: Skeleton, points: dict[str, np.ndarray], axes, names: Iterable[str]) -> np.ndarray:
+    """Where the named muscles may be, bool on the grid; skin, bone and air are for the caller to keep.
+
+    names: any of :data:`MUSCLES`; ValueError for others.
+    """
+    names = set(names)
+    if unknown := sorted(names - set(MUSCLES)):
+        raise ValueError(f"unknown muscle {unknown[0]!r}; choose from {', '.join(MUSCLES)}")
     field = Field(axes, reach=4.0)
-    field.union(*mouth_ring(s, points), k=2)
-    chin = s.pogonion
-    field.union(ellipsoid(chin + [0, -3, 10], [13, 6, 13]), k=3)  # mentalis
-    field.union(ellipsoid([0.6 * chin[0], -46, s.lower_edge(-60.0) - 20], [32 * s.wide, 36, 9]), k=4)  # mouth floor
-    for side in SIDES:
-        for strands in one_side(s, points, side).values():
-            field.union(*strands, k=4)
+    for name, shapes in muscle_shapes(s, points).items():
+        if name in names:
+            field.union(*shapes, k=3)
     return field.values < 0

@@ -37,36 +37,42 @@ TABLE = {
     "maxilla_position": Distribution(0.0, 2.0, -7, 6, 0.0, "mm", "[R]", "A point ahead of the nasion vertical"),
     "overjet": Distribution(NORMAL_OVERJET, 0.7, -9, 12, 0.0, "mm", "[R]", "upper incisor edge ahead of the lower"),
     "open_bite": Distribution(0.0, 0.3, -0.5, 7, 0.0, "mm", "[R]", "incisor gap beyond the rest gap"),
-    "mandible_length": Distribution(73.0, 3.0, 60, 92, 4.5, "mm", "[R]", "gonion to pogonion, sagittal"),
+    "mandible_length": Distribution(72.0, 3.0, 60, 92, 4.5, "mm", "[R]", "gonion to pogonion, sagittal"),
     "ramus_height": Distribution(55.0, 3.0, 44, 70, 5.0, "mm", "[R]", "condyle top to gonion, vertical"),
-    "gonial_width": Distribution(91.0, 4.0, 78, 110, 7.0, "mm", "[R]", "bony gonion to gonion"),
+    "gonial_angle": Distribution(122.0, 5.0, 105, 142, -2.0, "degree", "[R]", "condyle, gonion, pogonion"),
+    "gonial_width": Distribution(89.5, 4.0, 77, 112, 9.0, "mm", "[R]", "bony gonion to gonion"),
     "chin_prominence": Distribution(
         0.0, 2.0, -5, 5, 0.5, "mm", "[R]", "pogonion ahead of its mean place below the incisor"
     ),
+    "chin_width": Distribution(24.0, 2.5, 17, 36, 5.0, "mm", "[I]", "bony chin between the mental tubercles"),
     "chin_deviation": Distribution(0.0, 0.5, -9, 9, 0.0, "mm", "[R]", "chin off the midline, to the patient's left"),
     "occlusal_cant": Distribution(0.0, 0.4, -4, 4, 0.0, "mm", "[R]", "left jaw angle lower than right by twice this"),
-    "brow_prominence": Distribution(0.5, 0.6, -1, 3, 1.5, "mm", "[I]", "brow ridge"),
+    "brow_prominence": Distribution(0.0, 0.5, -1, 3, 1.6, "mm", "[I]", "brow ridge"),
     # soft tissue
-    "nose_length": Distribution(16.0, 1.5, 11, 23, 1.5, "mm", "[R]", "subnasale to tip, sagittal"),
-    "nose_width": Distribution(32.0, 2.0, 26, 42, 3.0, "mm", "[R]", "between the wings"),
-    "nose_rotation": Distribution(1.0, 1.8, -4, 6, -1.0, "mm", "[I]", "tip raised above its mean height"),
-    "dorsal_hump": Distribution(0.4, 0.8, -1.5, 3, 0.4, "mm", "[I]", "mid-dorsum above the line nasion to tip"),
+    "nose_length": Distribution(15.5, 1.4, 11, 23, 2.0, "mm", "[R]", "subnasale to tip, sagittal"),
+    "nose_width": Distribution(31.5, 2.0, 26, 42, 3.5, "mm", "[R]", "between the wings"),
+    "nose_rotation": Distribution(1.5, 1.6, -4, 6, -1.5, "mm", "[I]", "tip raised above its mean height"),
+    "dorsal_hump": Distribution(0.0, 0.8, -1.8, 3, 0.9, "mm", "[I]", "mid-dorsum above the line nasion to tip"),
     "mouth_width": Distribution(49.0, 2.5, 41, 58, 3.0, "mm", "[R]", "commissure to commissure"),
-    "lip_fullness": Distribution(1.0, 0.15, 0.6, 1.5, -0.05, "1", "[I]", "vermilion size relative to the mean"),
-    "cheek_fullness": Distribution(0.0, 1.4, -3.5, 4, 0.0, "mm", "[I]", "buccal cheek beyond the mean thickness"),
+    "lip_fullness": Distribution(1.05, 0.13, 0.65, 1.5, -0.12, "1", "[I]", "vermilion size relative to the mean"),
+    "malar_fullness": Distribution(0.6, 0.7, -1.2, 3, -0.6, "mm", "[I]", "fat pad below the eye"),
+    "neck_width": Distribution(106.0, 5.0, 92, 138, 15.0, "mm", "[R]", "across the neck"),
     "eye_spacing": Distribution(62.0, 2.0, 55, 70, 2.0, "mm", "[R]", "between the pupils"),
     "skin_asymmetry": Distribution(0.5, 0.15, 0.2, 1.2, 0.0, "mm", "[I]", "size of the irregular relief of the skin"),
-    # thickness over bone, methods of 7.5
-    "glabella": Distribution(5.5, 0.6, 4, 8, 0.3, "mm", "[R]", "skin over the glabella"),
-    "nasion": Distribution(6.5, 0.7, 4.5, 9, 0.3, "mm", "[R]", "skin over nasion"),
-    "subnasale": Distribution(12.5, 1.2, 9, 17, 1.0, "mm", "[R]", "subnasale over bone"),
-    "labrale_superius": Distribution(11.0, 1.0, 8, 15, 1.0, "mm", "[R]", "upper lip over the incisors"),
-    "labrale_inferius": Distribution(12.5, 1.0, 9, 16.5, 1.0, "mm", "[R]", "lower lip over the incisors"),
-    "mentolabial": Distribution(10.7, 0.9, 8, 14, 0.6, "mm", "[R]", "fold over B point"),
-    "pogonion": Distribution(10.7, 1.0, 7.5, 15, 0.6, "mm", "[R]", "chin pad"),
-    "menton": Distribution(7.0, 0.8, 5, 10, 0.3, "mm", "[R]", "under the chin"),
-    "zygoma": Distribution(8.0, 0.9, 5.5, 11, 0.0, "mm", "[R]", "over the cheek bone"),
-    "masseter": Distribution(17.5, 1.5, 13, 22, 1.0, "mm", "[R]", "over the middle of the ramus"),
+    # thickness over bone, where thickness.SITES measures it; spreads below those of the literature, which hold its
+    # measurement error too [I]
+    "glabella": Distribution(5.4, 0.8, 3.5, 8, 0.3, "mm", "[R]", "skin over the glabella"),
+    "nasion": Distribution(6.4, 0.8, 4.5, 9, 0.3, "mm", "[R]", "skin over nasion"),
+    "subnasale": Distribution(12.5, 1.2, 9, 17, 1.0, "mm", "[R]", "subnasale over the maxilla"),
+    "mid_philtrum": Distribution(10.6, 1.1, 7.5, 15, 0.9, "mm", "[R]", "middle of the philtrum over the alveolus"),
+    "labrale_superius": Distribution(11.0, 1.1, 8, 15.5, 1.0, "mm", "[R]", "upper lip over the incisors"),
+    "labrale_inferius": Distribution(12.5, 1.1, 8.5, 17, 1.0, "mm", "[R]", "lower lip over the incisors"),
+    "mentolabial": Distribution(10.7, 1.0, 8, 14, 0.6, "mm", "[R]", "fold over B point"),
+    "pogonion": Distribution(10.7, 1.3, 7.5, 15, 0.6, "mm", "[R]", "chin pad"),
+    "menton": Distribution(6.8, 1.0, 4.5, 10, 0.4, "mm", "[R]", "under the chin"),
+    "zygoma": Distribution(8.0, 1.0, 5.5, 11, 0.0, "mm", "[R]", "over the cheek bone"),
+    "masseter": Distribution(17.5, 1.8, 13, 23, 1.0, "mm", "[R]", "over the middle of the ramus"),
+    "cheek": Distribution(22.0, 2.2, 15, 29, 0.4, "mm", "[R]", "buccal cheek over the molars"),
 }
 
 # What a deformity changes: new means (and spreads), or a shift of the mean marked by "+".
@@ -75,14 +81,15 @@ SHIFTS: dict[str, dict[str, tuple]] = {
         "overjet": (7.5, 1.6, 5.0, 12.0),
         "mandible_length": ("+", -5.0),
         "maxilla_position": ("+", 1.0),
-        "labrale_inferius": ("+", 1.0),  # [S: KJO 42:23] thickest in Class II
+        "labrale_inferius": ("+", 1.5),  # [S: KJO 42:23] thickest in Class II
     },
     "class_iii": {
         "overjet": (-4.5, 1.8, -9.0, -1.5),
-        "mandible_length": ("+", 5.0),
+        "mandible_length": ("+", 4.0),
+        "gonial_angle": ("+", 2.0),
         "maxilla_position": ("+", -2.5),
-        "labrale_superius": ("+", 1.0),  # [S: KJO 42:23] thickest in Class III
-        "labrale_inferius": ("+", -1.0),  # [S: KJO 42:23] thinnest in Class III
+        "labrale_superius": ("+", 1.5),  # [S: KJO 42:23] thickest in Class III
+        "labrale_inferius": ("+", -1.5),  # [S: KJO 42:23] thinnest in Class III
     },
     "asymmetry": {
         "chin_deviation": (6.0, 1.2, 4.0, 9.0),
@@ -93,6 +100,7 @@ SHIFTS: dict[str, dict[str, tuple]] = {
         "open_bite": (4.0, 1.0, 2.5, 7.0),
         "face_height": ("+", 5.0),
         "ramus_height": ("+", -5.0),
+        "gonial_angle": ("+", 6.0),
         "overjet": (3.0, 1.5, 0.0, 6.0),
     },
 }
@@ -114,8 +122,10 @@ class HeadParameters:
     open_bite: float
     mandible_length: float
     ramus_height: float
+    gonial_angle: float
     gonial_width: float
     chin_prominence: float
+    chin_width: float
     chin_deviation: float
     occlusal_cant: float
     brow_prominence: float
@@ -125,12 +135,14 @@ class HeadParameters:
     dorsal_hump: float
     mouth_width: float
     lip_fullness: float
-    cheek_fullness: float
+    malar_fullness: float
+    neck_width: float
     eye_spacing: float
     skin_asymmetry: float
     glabella: float
     nasion: float
     subnasale: float
+    mid_philtrum: float
     labrale_superius: float
     labrale_inferius: float
     mentolabial: float
@@ -138,6 +150,7 @@ class HeadParameters:
     menton: float
     zygoma: float
     masseter: float
+    cheek: float
 
     def to_dict(self) -> dict:
         """Plain values by name, for JSON and tables."""

@@ -6,9 +6,10 @@ Frame: LPS mm, x = 0 the midline, y = 0 the coronal plane of the tragi, z = 0 th
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
 
-from pinnochio.virtual.implicit import Field, Shape, ellipsoid, plate, tube, wall
-from pinnochio.virtual.parameters import REST_GAP, HeadParameters
+from pinnochio.virtual.implicit import Field, Shape, ellipsoid, plate, smooth_minimum, tube, wall
+from pinnochio.virtual.parameters import REST_GAP, TABLE, HeadParameters
 
 SIDES = (1.0, -1.0)  # left, right
 
@@ -50,20 +51,40 @@ class Skeleton:
         put("upper_incisor", upper)
         put("lower_incisor", lower)
         low = top - p.face_height
-        pogonion = np.array([p.chin_deviation, lower[1] + 7.5 - p.chin_prominence, low + 9])
+        pogonion = np.array([p.chin_deviation, lower[1] + 7.0 - p.chin_prominence, low + 9])
         put("pogonion", pogonion)
         put("menton", np.array([p.chin_deviation, pogonion[1] + 7, low]))
-        put("condyle", np.array([50.0 * self.wide, -13.0, -4.0]))
-        gonion_z = 1.0 - p.ramus_height
-        reach = np.sqrt(max(p.mandible_length**2 - (gonion_z - pogonion[2]) ** 2, 0.0))
-        gonion_y = np.clip(pogonion[1] + reach, -26.0, -5.0)
-        put("gonion", np.array([p.gonial_width / 2, gonion_y, gonion_z]))
+        put("condyle", np.array([50.0 * self.wide, -10.5, -4.0]))
+        put("gonion", np.array([p.gonial_width / 2, *self._gonion()]))
         depth = 45.0 * self.deep
         put("molar_y", upper[1] + depth)
         put("arch_upper", arch(upper[1] + 3, 25.5 * self.wide, depth))
         line = arch(lower[1] + 3, 24.5 * self.wide, self.molar_y - lower[1])
         line[:, 0] += 0.8 * p.chin_deviation * self.jaw_share(line[:, 1])
         put("arch_lower", line)
+
+    def _gonion(self) -> np.ndarray:
+        """Sagittal place (y, z) of the gonion that suits ramus, body and angle best, each weighted by its spread.
+
+        Condyle and chin are given by the bite; three sampled lengths and angles meet in a point only nearly.
+        """
+        p, top, chin = self.p, self.condyle[1:] + [0, 5], self.pogonion[1:]
+
+        def misfit(gonion):
+            ramus, body = top - gonion, chin - gonion
+            found = np.linalg.norm(ramus), np.linalg.norm(body)
+            angle = np.degrees(np.arccos(ramus @ body / (found[0] * found[1])))
+            asked = ((p.ramus_height, "ramus_height"), (p.mandible_length, "mandible_length"))
+            miss = [(f - a) / TABLE[n].sd for f, (a, n) in zip(found, asked, strict=True)]
+            return [*miss, (angle - p.gonial_angle) / TABLE["gonial_angle"].sd]
+
+        return least_squares(misfit, [-14.0, top[1] - p.ramus_height], bounds=([-30, -80], [-4, -30])).x
+
+    @property
+    def gonial_angle(self) -> float:
+        """Angle (degrees) at gonion between condyle and pogonion, sagittal."""
+        ramus, body = self.condyle[1:] + [0, 5] - self.gonion[1:], self.pogonion[1:] - self.gonion[1:]
+        return float(np.degrees(np.arccos(ramus @ body / np.linalg.norm(ramus) / np.linalg.norm(body))))
 
     def jaw_share(self, y):
         """Part of the chin's deviation that the mandible has at depth y: 0 at the condyles, 1 at the chin."""
@@ -97,87 +118,118 @@ class Skeleton:
         points = []
         for side in SIDES:
             go = self.gonion_of(side)
-            mental = np.array([side * 19.0 * self.wide + chin[0], chin[1] + 7, chin[2] + 0.5])
+            mental = np.array([side * 19.0 * self.wide + chin[0], chin[1] + 8, chin[2] + 2.0])
             mid = 0.5 * (mental + go) + [side * 3.0, 2, -2.0]
-            ante = np.array([side * 9.0 * self.wide + chin[0], chin[1] + 0.5, chin[2]])
-            points.append([ante, mental, mid, go + [0, -6, 1]])
+            ante = np.array([side * 7.0 * self.wide + chin[0], chin[1] + 0.5, chin[2]])
+            points.append([ante, mental, mid - [side * 2, 0, 0], go + [-side * 4, -6, 1]])
         return resampled(np.array([*points[1][::-1], *points[0]]))
 
 
-def _crowns(line: np.ndarray) -> np.ndarray:
-    """Relative thickness along an arch: one hump per tooth, eight on a side."""
-    along = np.abs(np.arange(len(line)) - len(line) // 2) / len(line) * 2
-    return 0.62 + 0.38 * np.sqrt(np.abs(np.sin(np.pi * 8.0 * along)))
+# Mesiodistal and buccolingual widths and heights of the crowns, first incisor to second molar, mm [R].
+UPPER_TEETH = np.array([[8.5, 6.6, 7.6, 7, 6.8, 10.2, 9.6], [7, 6.2, 7.6, 8.6, 8.8, 10.5, 10.5],
+                        [10.5, 9.5, 10.5, 8.5, 8, 7.5, 7]]).T  # fmt: skip
+LOWER_TEETH = np.array([[5.4, 6, 6.9, 7, 7.2, 11, 10.5], [6.2, 6.4, 7.2, 7.6, 8, 9.8, 9.6],
+                        [9, 9.5, 10.5, 8.5, 8, 7.5, 7]]).T  # fmt: skip
+ALVEOLUS = 9.0  # mm from the biting edge to the crest of the bone [R]
 
 
-def teeth(line: np.ndarray, deep: np.ndarray, edge: np.ndarray, half: float) -> Shape:
-    """Tooth row along a dental arch between the gum height `deep` and the biting `edge`, scalloped into crowns."""
-    along = np.abs(np.arange(len(line)) - len(line) // 2) / len(line) * 2
-    thickness = (half + 2.0 * np.clip(3 * along - 0.8, 0, 1)) * _crowns(line)
-    return wall(line, thickness, np.minimum(deep, edge), np.maximum(deep, edge), rounding=1.2)
+def tooth_row(line: np.ndarray, edge, sizes: np.ndarray, up: float) -> list[Shape]:
+    """Crowns and necks along a dental arch (m, 2), labial faces on the line, biting edges at the heights edge (m,).
+
+    sizes (7, 3) as above, scaled to the arch; `up` +1 for the upper row (the roots point up), -1 for the lower.
+    """
+    length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    apex = length[np.argmin(line[:, 1])]
+    row = []
+    for side in SIDES:
+        room = length[-1] - apex if side > 0 else apex
+        scale = room / sizes[:, 0].sum()
+        for (width, across, height), end in zip(sizes, np.cumsum(sizes[:, 0]), strict=True):
+            at = apex + side * scale * (end - width / 2)
+            centre, ahead = ([np.interp(at + step, length, column) for column in line.T] for step in (0, 0.5))
+            along = np.subtract(ahead, centre)
+            half = np.array([scale * width - 0.7, across, height + 3]) / 2  # the neck goes 3 mm into the bone
+            tip = np.interp(at, length, np.broadcast_to(edge, len(line)))
+            row.append(_crown(np.array([*centre, tip]), along / np.linalg.norm(along), half, up, width < 7.9))
+    return row
+
+
+def _crown(tip: np.ndarray, along: np.ndarray, half: np.ndarray, up: float, front: bool) -> Shape:
+    """Rounded box behind `tip`, the middle of its labial edge; front teeth thin out towards the edge."""
+    inward = np.float32([-along[1], along[0]])  # to the inside of the arch
+    along, half, tip = np.float32(along), np.float32(half), np.float32(tip)
+    rounding, corner = np.float32(1.6), np.float32(0.75) * half[:2].min()
+
+    def distance(x, y, z):
+        dx, dy, height = x - tip[0], y - tip[1], (z - tip[2]) * np.float32(up)
+        u = np.abs(dx * along[0] + dy * along[1]) - half[0]
+        depth = half[1] * (np.clip(0.45 + height / 12, 0.45, 1) if front else 1)
+        v = np.abs(dx * inward[0] + dy * inward[1] - depth) - depth
+        w = np.abs(height - half[2]) - half[2]
+        u, v = u + corner, v + corner
+        flat = np.hypot(np.maximum(u, 0), np.maximum(v, 0)) + np.minimum(np.maximum(u, v), 0) - corner + rounding
+        w = w + rounding
+        return np.hypot(np.maximum(flat, 0), np.maximum(w, 0)) + np.minimum(np.maximum(flat, w), 0) - rounding
+
+    reach = np.hypot(half[0], 2 * half[1])
+    centre = tip + np.float32([0, 0, up * half[2]])
+    extent = np.array([reach, reach, half[2]])
+    return Shape(centre - extent, centre + extent, distance)
 
 
 def upper_skull(s: Skeleton, axes, reach: float) -> tuple[Field, Field]:
     """Cranium with the whole maxilla (not yet cut), and the cheek bones alone (the soft tissue needs those)."""
     w, d, t = s.wide, s.deep, s.tall
-    nasion, spine = s.nasion, s.spine
+    nasion, spine, floor = s.nasion, s.spine, s.spine[2]
     mid = spine[1] + 3 + s.p.face_depth  # maxilla behind the nasion vertical
+    brow, eye = s.p.brow_prominence, s.p.eye_spacing / 2 + 1.5
     field = Field(axes, reach)
-    vault = ellipsoid([0, 3, 52 * t], [65 * w, 3 + 94 * d, 80 * t])
-    field.union(vault)
-    # flat skull base
-    base = field.axes[2][None, None, :] - 0.0
-    field.values[:] = np.maximum(field.values, -(base + 4.0))
-    brow = s.p.brow_prominence
-    field.union(tube([[0, nasion[1] + 4, 38 * t], [0, nasion[1] + 3, 28 * t]], [6.5 + 0.5 * brow, 4.0]), k=8)
+    field.union(ellipsoid([0, 3, 52 * t], [65 * w, 3 + 93 * d, 80 * t]))
+    field.values[:] = np.maximum(field.values, -(field.axes[2][None, None, :] + 4.0))  # flat skull base
+    field.union(tube([[0, nasion[1] + 5, 40 * t], [0, nasion[1] + 3.5, 28 * t]], [7 + 0.5 * brow, 4.5]), k=9)
     cheeks = Field(axes, reach)
     for side in SIDES:
 
         def at(x, y, z, side=side):
             return [side * x * w, y * d, z * t]
 
-        rim = [at(7, -91.5 - brow, 37), at(22, -88 - brow, 39), at(36, -80, 36), at(46.5, -70, 26)]
-        field.union(tube(rim, [4.5, 4.5, 4.5, 4]), k=6)
-        field.union(tube([at(46.5, -70, 26), at(48, -66, 12), at(47, -66, -2)], [4, 3.2, 5]), k=4)
-        infra = [at(47, -66, -4), at(36, -76, -4), at(23, -81, -3), at(13, -84, 6), at(8, -87, 22)]
-        field.union(tube(infra, [6, 5, 4, 3.4, 3.4]), k=4)
-        nose = [
-            nasion + [side * 2.5, 1.5, -2],
-            [side * 3.2, nasion[1] - 4.5, 14 * t],
-            [side * 3.5, nasion[1] - 8.5, 6 * t],
-        ]
-        field.union(tube(nose, [3.2, 2.6, 1.9]), k=4)
-        side_wall = [
-            at(8, -86, 14),
-            [side * 11.5 * w, -82 * d + mid * 0.5, -4 * t],
-            [side * 14 * w, -81 * d + mid, spine[2] + 3],
-        ]
-        field.union(tube(side_wall, [3.4, 3.2, 4.5]), k=5)
-        body = ellipsoid(at(47, -62, -7), [9 * w, 11 * d, 9.5 * t], tilt=20)
-        arch_ = tube(
-            [at(47, -60, -6), at(53, -48, -4), at(56, -32, -1), at(56, -14, 3), at(54, -2, 6)], [6, 4, 3.4, 4, 6]
-        )
-        cheeks.union(body, k=0).union(arch_, k=5)
-        buttress = tube([at(44, -62, -12), [side * 31 * w, -60 * d + mid, spine[2] - 4]], [6, 6])
-        field.union(buttress, k=6)
-        field.union(ellipsoid([side * 55 * w, 2, 2], [8, 13, 11]), k=4)  # temporal bone beside the joint
-    field.values[:] = np.minimum(field.values, cheeks.values)
-    # maxilla
-    floor = spine[2]
-    field.union(ellipsoid([0, -54 * d + mid, floor / 2 + 1], [36 * w, 30 * d, 0.5 * abs(floor) + 11]), k=6)
+        rim = [at(6, -87 - brow, 33), at(20, -84.5 - brow, 37.5), at(34, -78 - 0.5 * brow, 36), at(46, -68, 27)]
+        field.union(tube(rim, [5, 4.2, 4, 4]), k=9)
+        infra = [at(47, -65, -4), at(37, -75, -4.5), at(24, -81, -3), at(14, -84, 6), at(8.5, -86, 22)]
+        field.union(tube(infra, [7, 5.5, 4.5, 3.6, 3.6]), k=6)
+        body = ellipsoid(at(45.5, -63, -8), [9 * w, 11 * d, 10.5 * t], tilt=20)
+        arch_ = [at(48, -60, -6), at(53.5, -48, -5), at(56, -32, -2), at(56, -14, 2), at(54, -2, 6)]
+        cheeks.union(body, k=0).union(tube(arch_, [6.5, 4.2, 3.2, 3.8, 6]), k=7)
+        buttress = [at(44, -62, -12), [side * 33 * w, -61 * d + 0.5 * mid, 0.5 * (floor - 14 * t)]]
+        field.union(tube([*buttress, [side * 29 * w, -60 * d + mid, floor - 6]], [7, 4.5, 5]), k=9)
+        field.union(ellipsoid([side * 55 * w, 2, 2], [8, 13, 11]), k=6)  # temporal bone beside the joint
+        field.union(tube([at(20, -40, -4), at(18, -45, -22)], [7, 6]), k=6)  # pterygoid process
+        # frontal process of the maxilla and the rim of the nasal aperture
+        wall_ = [at(8, -86, 22), [side * 9.5 * w, -85.5 * d + 0.3 * mid, 6 * t]]
+        wall_ += [[side * 14 * w, -83 * d + mid, 0.45 * floor], [side * 13 * w, -83 * d + mid, floor + 2]]
+        field.union(tube(wall_, [4, 3.6, 4.0, 5]), k=6)
+    field.values[:] = smooth_minimum(field.values, cheeks.values, 4)
+    field.union(ellipsoid([0, -54 * d + mid, floor / 2 + 1], [36 * w, 29.5 * d, 0.5 * abs(floor) + 12]), k=8)
     field.union(ellipsoid([0, -36, -4], [26 * w, 26, 12]), k=6)
-    line = s.arch_upper + [0, 4.5]
-    crest = s.upper_edge(line[:, 1]) + 9.0
-    thick = 5.0 + 1.5 * np.clip(np.abs(line[:, 0]) / 20, 0, 1) + 0.8 * (_crowns(line) - 0.8)
-    field.union(wall(line, thick, crest, np.full(len(line), floor + 5), rounding=3), k=5)
-    # openings
+    line = s.arch_upper + [0, 5.3]
+    crest = s.upper_edge(line[:, 1]) + ALVEOLUS
+    thick = 4.8 + 1.7 * np.clip(np.abs(line[:, 0]) / 20, 0, 1)
+    field.union(wall(line, thick, crest, np.full(len(line), floor + 6), rounding=4), k=9)
     for side in SIDES:
-        x = side * (s.p.eye_spacing / 2 + 1.5)
-        field.subtract(ellipsoid([x, -70 * d, 15 * t], [18.5 * w, 27 * d, 16.5 * t]), k=3)
-        field.subtract(ellipsoid([side * 6 * w, spine[1] + 6, floor + 8.5], [6.2 * w, 14, 8.5]), k=2)
-    field.subtract(ellipsoid([0, spine[1] + 4, floor + 16], [6.5 * w, 14, 15 * t]), k=2)
-    field.union(tube([spine + [0, 16, 0], spine + [0, 1.5, 0]], [2.6, 1.5]), k=2)
-    field.union(teeth(s.arch_upper, crest + 3, s.upper_edge(s.arch_upper[:, 1]), 3.4), k=1.5)
+        field.brush([[side * 25 * w, -82 * d + mid, 0.62 * floor]], -2.5, 8)  # canine fossa
+        orbit = [side * eye, -70 * d, 15 * t]
+        field.subtract(ellipsoid(orbit, [18 * w, 24 * d, 16.5 * t]), k=4)
+        lateral = [[side * 46 * w, -68 * d, 28 * t], [side * 50 * w, -64 * d, 13 * t], [side * 49 * w, -64 * d, -3 * t]]
+        field.union(tube(lateral, [4, 3.6, 5]), k=4)  # lateral orbital rim
+        field.subtract(ellipsoid([side * 5.5 * w, spine[1] + 8, 0.68 * floor], [6.4 * w, 20, 0.36 * -floor]), k=3)
+    field.subtract(ellipsoid([0, spine[1] + 4, 0.22 * floor], [6.2 * w, 16, 13 * t]), k=3)
+    bridge = [nasion + [0, 3.5, 1], [0, nasion[1] - 2.5, 17 * t], [0, nasion[1] - 6, 8.5 * t]]
+    field.union(tube(bridge, [4.4, 3.6, 2.6]), k=3)  # nasal bones
+    for side in SIDES:
+        flank = [[side * 6, nasion[1] + 3.5, 17 * t], [side * 5, nasion[1] - 2.5, 9 * t]]
+        field.union(tube(flank, [3.4, 2.4]), k=4)
+    field.union(tube([spine + [0, 20, 14], spine + [0, 16, 0], spine + [0, 2.2, 0]], [1.4, 2.4, 2.2]), k=2)
+    field.union(*tooth_row(s.arch_upper - [0, 3], s.upper_edge(s.arch_upper[:, 1]), UPPER_TEETH, 1.0))
     return field, cheeks
 
 
@@ -186,48 +238,45 @@ def mandible(s: Skeleton, axes, reach: float) -> Field:
     p = s.p
     field = Field(axes, reach)
     border = s.border()
-    top = np.minimum(border[:, 2] + 21, s.lower_edge(border[:, 1]) - 12)
-    back = np.clip((border[:, 1] - s.molar_y) / 10, 0, 1)
-    top = (1 - back) * top + back * (border[:, 2] + 20)
-    field.union(wall(border[:, :2], 5.8 - 1.2 * back, border[:, 2], np.maximum(top, border[:, 2] + 12), rounding=4))
-    line = s.arch_lower + [0, 1] * np.array([0, 4.5])
-    share = np.interp(line[:, 0], border[:, 0], border[:, 2])
-    cant = -0.3 * p.occlusal_cant * line[:, 0] / 25
-    edge = s.lower_edge(s.arch_lower[:, 1]) + cant
-    field.union(
-        wall(
-            line,
-            5.0 + 1.0 * np.clip(np.abs(line[:, 0]) / 20, 0, 1),
-            np.maximum(share + 9, edge - 24),
-            edge - 9,
-            rounding=3,
-        ),
-        k=8,
-    )
-    chin, dev = s.pogonion, p.chin_deviation
-    field.union(ellipsoid([dev, chin[1] + 7, chin[2] + 1], [13, 7, 9]), k=6)
+    back = np.clip((border[:, 1] - s.molar_y + 8) / 14, 0, 1)
+    top = (1 - back) * np.minimum(border[:, 2] + 20, s.lower_edge(border[:, 1]) - 12) + back * (border[:, 2] + 22)
+    body = wall(border[:, :2], 5.6 - 1.2 * back, border[:, 2], np.maximum(top, border[:, 2] + 12), rounding=4.3)
+    field.union(body)
+    line = s.arch_lower + [0, 6.3]
+    base = np.interp(line[:, 0], border[:, 0], border[:, 2])
+    edge = s.lower_edge(s.arch_lower[:, 1]) - 0.3 * p.occlusal_cant * line[:, 0] / 25
+    thick = 4.6 + 1.4 * np.clip(np.abs(line[:, 0]) / 20, 0, 1)
+    field.union(wall(line, thick, np.maximum(base + 9, edge - 24), edge - ALVEOLUS, rounding=4), k=9)
+    chin, menton = s.pogonion, s.menton
+    field.union(ellipsoid([chin[0], chin[1] + 7, chin[2] + 1], [0.5 * p.chin_width, 7, 9]), k=6)
     for side in SIDES:
+        tubercle = [chin[0] + side * 0.55 * p.chin_width, chin[1] + 8, menton[2] + 6.5]
+        field.union(ellipsoid(tubercle, [6, 5.5, 6]), k=6)
         go, co = s.gonion_of(side), s.condyle_of(side)
 
         def centre(y, z, side=side, go=go, co=co):
             rise = np.clip((z - go[2]) / (co[2] - go[2]), -0.2, 1)
             flare = np.clip(go[1] - 8 - y, 0, 32) * (1 - 0.8 * np.clip(rise, 0, 1))  # narrower towards the teeth
-            return np.float32(go[0]) + np.float32(co[0] - side - go[0]) * rise - np.float32(0.3 * side) * flare
+            middle = np.float32(go[0] - 4 * side) + np.float32(co[0] - go[0] + 3 * side) * rise
+            return middle - np.float32(0.3 * side) * flare
 
         front = s.molar_y + 3
         edge_low, edge_up = s.lower_edge(front) - 9, s.upper_edge(front) + 2
-        coronoid = [[front + 7, -14], [front + 7, -1], [front + 11, 0], [front + 15, -9]]
-        neck = [[-23, -14], [-18, -8], [-14, -4], [-9, -6], [-9.5, -16]]
+        coronoid = [[front + 6, -16], [front + 7.5, -3], [front + 10, 1], [front + 13, 0], [front + 15, -8]]
+        notch = [[0.5 * (front - 8), -17], [-18.5, -14], [-15.5, -8], [-11.5, -4], [-6.5, -6], [-7, -16]]
         rear = [
-            [0.5 * (go[1] - 8), go[2] + 20],
-            [go[1] + 3, go[2] + 6],
-            [go[1] - 2, go[2] - 1],
-            [go[1] - 12, go[2] - 1],
+            [0.5 * (go[1] - 10), 0.5 * (go[2] - 16)],
+            [go[1] + 1.5, go[2] + 9],
+            [go[1] - 1, go[2] + 2],
+            [go[1] - 8, go[2] - 1.5],
         ]
-        outline = [[front + 1, edge_low], [front + 4, edge_up], *coronoid, *neck, *rear, [front + 1, go[2] - 7]]
-        field.union(plate(np.array(outline), centre, 4.0, rounding=2), k=5)
-        field.union(ellipsoid(co, [8.5, 4.5, 5.0]), k=3)
-    field.union(teeth(s.arch_lower, edge - 12, edge, 3.1), k=1.5)
+        outline = [[front + 1, edge_low], [front + 4, edge_up], *coronoid, *notch, *rear, [front + 1, go[2] - 7]]
+        field.union(plate(np.array(outline), centre, 4.2, rounding=3), k=9)
+        low = np.array([front + 3, s.lower_edge(front) - 4])
+        ridge = [[centre(y, z), y, z] for y, z in (low + [4, 1], low + [-9, -9])]
+        field.union(tube(np.array(ridge, float) + [1.5 * side, 0, 0], 3), k=6)  # oblique line
+        field.union(ellipsoid(co, [8.5, 4.6, 5.0]), k=4)
+    field.union(*tooth_row(s.arch_lower - [0, 3], edge, LOWER_TEETH, -1.0))
     return field
 
 
@@ -244,7 +293,7 @@ def split_sides(s: Skeleton, x: np.ndarray, y: np.ndarray, z: np.ndarray, side: 
     lateral &= np.abs(x) > 28 * s.wide
     return (x * side > 0) & (
         lateral
-        | (y > s.gonion[1] - 12) & (y > s.molar_y + 12)
+        | (y > s.gonion[1] - 18) & (y > s.molar_y + 12)
         | (z > s.upper_edge(s.molar_y) + 14)
         | (z > s.upper_edge(s.molar_y) - 1) & (y > s.molar_y + 6)
     )

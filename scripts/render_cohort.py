@@ -1,0 +1,45 @@
+"""Makes portraits of the first virtual patients: half face, half skull."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from pinnochio.anatomy.segmentation import read_segmentation
+from pinnochio.logs import attach_log
+from pinnochio.virtual.portraits import Sitter, gallery
+
+COLUMNS, PANEL = 4, (420, 460)
+LARGE_PANEL = (760, 800)
+NAMES = {"class_ii": "Class II", "class_iii": "Class III", "asymmetry": "asymmetry", "open_bite": "open bite"}
+
+
+def render_cohort(
+    cases: Sequence[str],
+    segmentations: Sequence[str],
+    anatomies: Sequence[str],
+    label_values: dict[str, int],
+    segments: tuple[str, ...],
+    cohort: str,
+    heads: str,
+) -> None:
+    """Draw all cases in one picture (PNG), and the first two large in another."""
+    sitters = []
+    for case, segmentation, anatomy in zip(cases, segmentations, anatomies, strict=True):
+        about = json.loads(Path(anatomy).read_text(encoding="utf-8"))
+        caption = f"{case}: {about['sex']}, {NAMES[about['deformity']]}"
+        sitters.append(Sitter(caption, read_segmentation(segmentation, case, label_values, segments), segments))
+    gallery(sitters, COLUMNS, PANEL, cohort)
+    gallery(sitters[:2], 2, LARGE_PANEL, heads)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    render_cohort(
+        snakemake.params.cases,
+        snakemake.input.segmentations,
+        snakemake.input.anatomies,
+        snakemake.params.labels,
+        tuple(snakemake.params.segments),
+        snakemake.output.cohort,
+        snakemake.output.heads,
+    )

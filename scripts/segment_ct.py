@@ -1,0 +1,49 @@
+"""Makes a label map of a CT by thresholds and planes, by hand: `python scripts/segment_ct.py --help`."""
+
+import argparse
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parent.parent / "workflow"))  # where Snakemake finds the library, too
+
+from pinnochio.anatomy.labels import internal_codes  # noqa: E402
+from pinnochio.anatomy.segmentation import HEADER, write_segmentation  # noqa: E402
+from pinnochio.anatomy.thresholding import SEGMENTS, Cuts, Thresholds, read_ct, segment_ct  # noqa: E402
+from pinnochio.errors import InputError  # noqa: E402
+
+
+def segment_file(ct: str, cuts: str, orientation: str, thresholds: Thresholds, labels: str) -> dict[str, float]:
+    """Segment a CT file and write the label map; returns the volume of each structure in cm3.
+
+    Raises InputError for what the user must mend.
+    """
+    head = segment_ct(read_ct(ct, orientation), Cuts.read(cuts), thresholds)
+    write_segmentation(head.labels, head.spacing, head.origin, labels)
+    voxel = float(head.spacing.prod()) / 1000
+    codes = internal_codes(SEGMENTS)
+    return {name: voxel * int((head.labels == code).sum()) for name, code in codes.items() if code in head.labels}
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line; every threshold of :class:`Thresholds` is an option."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    made.add_argument("ct", help="CT volume: NRRD, NIfTI or MHA")
+    made.add_argument("labels", help="label map to write: .nii.gz or .nrrd")
+    made.add_argument("--cuts", required=True, help="JSON with the planes that part the bones, LPS mm")
+    made.add_argument(
+        "--orientation", default=HEADER, help="where the voxel axes point if the header is wrong, such as LPI"
+    )
+    for name, meaning, default in Thresholds.options():
+        flag = f"--{name.replace('_', '-')}"
+        made.add_argument(flag, type=float, default=default, required=default is None, help=meaning)
+    return made
+
+
+if __name__ == "__main__":
+    given = vars(parser().parse_args())
+    values = Thresholds(**{name: given[name] for name, *_ in Thresholds.options()})
+    try:
+        volumes = segment_file(given["ct"], given["cuts"], given["orientation"], values, given["labels"])
+    except InputError as error:
+        sys.exit(str(error))
+    print(*(f"{name}: {volume:.1f} cm3" for name, volume in volumes.items()), sep="\n")

@@ -1,0 +1,55 @@
+"""The virtual cohort as a benchmark: complete, described, summed up, and as patients are."""
+
+import subprocess
+
+import pandas as pd
+import pytest
+
+from pinnochio.virtual.effects import EVERYTHING, NOTHING
+from pinnochio.virtual.reality import EFFECTS, SCAN
+
+FILES = ("segmentation.nii.gz", "plan.json", "landmarks.json", "anatomy.json", "postop.ply", "truth.h5")
+
+
+@pytest.fixture(scope="module")
+def cohort(studied):
+    done = studied.snakemake("cohort", "--configfile", "config/quick.yaml")
+    assert done.returncode == 0, done.stdout[-4000:]
+    return studied.folder / "results/quick/virtual"
+
+
+def test_every_file_is_there_and_summed_up(cohort):
+    listed = (cohort / "SHA256SUMS").read_text()
+    for number in range(1, 7):
+        for name in FILES:
+            assert f"V{number:02d}/{name}" in listed
+    checked = subprocess.run(["sha256sum", "--check", "SHA256SUMS"], cwd=cohort, capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout[-2000:]
+
+
+def test_data_card_holds_the_tables(cohort):
+    card = (cohort / "README.md").read_text()
+    for name in ("thickness", "ratios", "effects"):
+        rows = (cohort / f"{name}.md").read_text().strip().splitlines()
+        assert rows[2] in card, name
+    for name in EFFECTS:
+        assert name in card
+
+
+def test_each_effect_changes_the_face_or_its_scan(cohort):
+    table = pd.read_csv(cohort / "effects.csv").set_index("effect")
+    assert list(table.index) == [NOTHING, *EFFECTS, EVERYTHING]
+    nothing = table.loc[NOTHING]
+    assert nothing["mean"] < 0.1 and nothing["lost"] == 0
+    mechanics = table.iloc[1:].drop(index=[*SCAN, EVERYTHING])
+    assert (mechanics["mean"] > 0.005).all()
+    assert table.loc["noise", "mean"] > nothing["mean"] + 0.05
+    assert (table.loc[["holes", "coverage"], "lost"] > 0.2).all()
+    assert abs(table.loc["frame", "mean"] - nothing["mean"]) < 0.05  # registration takes it out
+    assert table.loc[EVERYTHING, "mean"] > 0.5 * mechanics["mean"].max()
+
+
+def test_soft_tissue_follows_the_bone(cohort):
+    """Even six coarse patients keep chin, nose and forehead inside their bands; all rows: the reference results."""
+    table = pd.read_csv(cohort / "ratios.csv").set_index("ratio")
+    assert table.loc[["Pog'", "B'", "Prn", "glabella (mm)"], "inside"].all()

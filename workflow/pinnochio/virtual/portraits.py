@@ -1,0 +1,94 @@
+"""Portraits of virtual heads from their labels: the face, with half of it taken away from the skull."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyvista as pv
+from scipy import ndimage
+
+from pinnochio.anatomy.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
+from pinnochio.anatomy.segmentation import Segmentation
+from pinnochio.evaluation.pictures import save
+
+SKIN, TISSUE, FLESH, BONE = "#eac3ab", "#e6c58c", "#a8483f", "#efe9d9"
+SEGMENTS = ("#e39b63", "#9a96c8", "#62b394", "#62b394", "#e58fbc")
+VIEW = (0.5, -1, 0.12)  # LPS: from the front, the patient's left and a little above
+SKIN_SMOOTHING, BONE_SMOOTHING = 0.65, 0.5  # mm, Gaussian over the labels
+FINE = 3  # pixels of the section per voxel edge
+HALF_HEIGHT = 106.0  # mm of a panel
+
+
+@dataclass(frozen=True)
+class Sitter:
+    """Whom to draw: caption, labels and the names of the segments in the order of their codes."""
+
+    caption: str
+    head: Segmentation
+    segments: tuple[str, ...]
+
+
+def surface(inside: np.ndarray, head: Segmentation, smoothing: float, pass_band: float, mode: str) -> pv.PolyData:
+    """Smooth surface of a voxel set; mode "edge" leaves it open where the volume cuts it, "constant" closes it."""
+    padded = np.pad(inside, 4, mode=mode).astype(np.float32)
+    padded = ndimage.gaussian_filter(padded, smoothing / head.spacing)
+    image = pv.ImageData(dimensions=padded.shape, spacing=head.spacing, origin=head.origin - 4 * head.spacing)
+    image["share"] = padded.ravel(order="F")
+    mesh = image.contour([0.5], scalars="share").smooth_taubin(n_iter=60, pass_band=pass_band)
+    low, high = head.origin, head.origin + head.spacing * (np.array(head.labels.shape) - 1)
+    if mode == "edge":
+        inside_box = mesh.clip_box(np.stack([low, high], 1).ravel(), invert=False)
+        mesh = inside_box.extract_surface(algorithm="dataset_surface")
+    return mesh.compute_normals(split_vertices=False, auto_orient_normals=False)
+
+
+def section(head: Segmentation) -> pv.PolyData:
+    """Midsagittal section, coloured by tissue, a little smoother than the voxels."""
+    middle = int(np.round(-head.origin[0] / head.spacing[0]))
+    plane = head.labels[middle]
+    kinds = [(AIR, "#ffffff"), (SUPERFICIAL, TISSUE), (MUSCLE, FLESH), (CRANIUM, BONE)]
+    shares = []
+    for code, _ in kinds:
+        own = plane >= CRANIUM if code == CRANIUM else plane == code
+        shares.append(ndimage.gaussian_filter(ndimage.zoom(own.astype(np.float32), FINE, order=1), 0.6 * FINE))
+    kind = np.argmax(shares, 0)
+    step = head.spacing[1:] * (np.array(plane.shape) - 1) / (np.array(kind.shape) - 1)
+    image = pv.ImageData(dimensions=(1, *kind.shape), spacing=(1, *step), origin=(0, *head.origin[1:]))
+    colours = np.array([pv.Color(colour).int_rgb for _, colour in kinds], np.uint8)
+    image["colour"] = colours[kind].reshape(-1, 3, order="F")
+    image["kind"] = kind.ravel(order="F").astype(float)
+    return image.threshold(0.5, scalars="kind").extract_surface(algorithm="dataset_surface")
+
+
+def portrait(plotter: pv.Plotter, sitter: Sitter) -> None:
+    """Draw a head into the current panel: its right half with skin, the bones of the left half."""
+    head = sitter.head
+    left = head.origin[0] + head.spacing[0] * np.arange(head.labels.shape[0]) >= 0
+    skin = surface(head.labels != AIR, head, SKIN_SMOOTHING, 0.035, "edge").clip("x", origin=(0, 0, 0), invert=True)
+    plotter.add_mesh(skin, color=SKIN, smooth_shading=True, ambient=0.2)
+    plotter.add_mesh(section(head), scalars="colour", rgb=True, lighting=False)
+    for index in range(-1, len(sitter.segments)):
+        own = (head.labels == (CRANIUM if index < 0 else segment_code(index))) & left[:, None, None]
+        if own.any():
+            bone = surface(own, head, BONE_SMOOTHING, 0.08, "constant")
+            colour = BONE if index < 0 else SEGMENTS[index % len(SEGMENTS)]
+            plotter.add_mesh(bone, color=colour, smooth_shading=True, ambient=0.1)
+    plotter.set_background("white")
+    plotter.add_text(sitter.caption, position="lower_edge", font_size=11, color="black")
+    middle = np.array([0, -50.0, head.origin[2] + head.spacing[2] * head.labels.shape[2] / 2 - 5])
+    plotter.camera_position = [middle + 500 * np.array(VIEW), middle, (0, 0, 1)]
+    plotter.camera.parallel_projection = True
+    plotter.camera.parallel_scale = HALF_HEIGHT
+
+
+def gallery(sitters: Sequence[Sitter], columns: int, panel: tuple[int, int], path: str | os.PathLike) -> None:
+    """Portraits in a grid of `columns`, each of `panel` (width, height) pixels."""
+    rows = -(-len(sitters) // columns)
+    size = columns * panel[0], rows * panel[1]
+    plotter = pv.Plotter(off_screen=True, shape=(rows, columns), window_size=size, border=False)
+    plotter.enable_anti_aliasing("ssaa")
+    for number, sitter in enumerate(sitters):
+        plotter.subplot(*divmod(number, columns))
+        portrait(plotter, sitter)
+    save(plotter, path)
