@@ -40,11 +40,11 @@ def test_each_effect_changes_the_face_or_its_scan(cohort):
     table = pd.read_csv(cohort / "effects.csv").set_index("effect")
     assert list(table.index) == [NOTHING, *EFFECTS, EVERYTHING]
     nothing = table.loc[NOTHING]
-    assert nothing["mean"] < 0.1 and nothing["lost"] == 0
+    assert nothing["mean"] < 0.1 and nothing["lost"] < 1
     mechanics = table.iloc[1:].drop(index=[*SCAN, EVERYTHING])
     assert (mechanics["mean"] > 0.005).all()
     assert table.loc["noise", "mean"] > nothing["mean"] + 0.05
-    assert (table.loc[["holes", "coverage"], "lost"] > 0.2).all()
+    assert (table.loc[["holes", "coverage"], "lost"] > nothing["lost"] + 0.2).all()
     assert abs(table.loc["frame", "mean"] - nothing["mean"]) < 0.05  # registration takes it out
     assert table.loc[EVERYTHING, "mean"] > 0.5 * mechanics["mean"].max()
 

@@ -126,7 +126,7 @@ def write_summary(frame: pd.DataFrame, path: str) -> None:
     view = [View(f"{c.name} {c.unit}".strip(), lambda row, c=c: c.text(row[c.name])) for c in SUMMARY]
     caption = (
         f"What each effect of the simulated outcome does to the outer face when it alone is on, against the nominal "
-        f"outcome; virtual cohort, first {frame['n'].max()} patients. Mechanics, lips and swelling: displacement. Scan "
+        f"outcome; virtual cohort, n = {frame['n'].max()}. Mechanics, lips and swelling: displacement. Scan "
         f"effects: distance of the registered scan from the true skin."
     )
     write_twins(frame, path, view, caption, SUMMARY)
