@@ -22,10 +22,11 @@ class PointSurface:
     Moving averages, Gaussian with the points' own spacing: of the distances to the points' tangent planes (IMLS),
     which a sphere of radius R misses by -spacing^2/2R, and of the distances to the points along the mean normal, which
     misses by as much on the other side. Half of each is exact on planes and right to third order on curved surfaces.
-    The field is smooth, as Newton's method needs it: the nearest points left out weigh less than 1e-5.
+    The field is smooth, as Newton's method needs it: so many points are averaged, however densely they lie where thin
+    bone has two sides, that those left out weigh less than 1e-5.
     """
 
-    NEIGHBOURS = 48
+    WIDTHS = 3.5  # spacings; exp(-3.5^2) < 1e-5
 
     def __init__(self, points, normals):
         self._points, self._normals = np.asarray(points, float), np.asarray(normals, float)
@@ -38,7 +39,8 @@ class PointSurface:
         self._tree = cKDTree(self._points)
         spacing = self._tree.query(self._points, 7)[0][:, 1:].mean()
         self._width = max(float(spacing), 1e-6) ** 2
-        self._count = min(self.NEIGHBOURS, len(self._points))
+        near = self._tree.query_ball_point(self._points, self.WIDTHS * np.sqrt(self._width), return_length=True)
+        self._count = min(int(near.max()) + 1, len(self._points))
 
     def distance(self, x) -> tuple[np.ndarray, np.ndarray]:
         """Signed distance (s,) in mm and its gradient (s, 3) at x (s, 3)."""
@@ -61,7 +63,7 @@ class PointSurface:
         grad_second = normal + np.einsum("sij,si->sj", turn, across) + np.einsum("sij,si->sj", drift, normal)
         return (first + second) / 2, (grad_first + grad_second) / 2
 
-    def project(self, x, level, iterations: int = 20) -> np.ndarray:
+    def project(self, x, level, iterations: int = 200) -> np.ndarray:
         """x (s, 3) moved along the gradient to where the signed distance is `level` (s,), to 1e-9 mm if it can."""
         x = np.array(x, float)
         active = np.arange(len(x))
@@ -72,7 +74,7 @@ class PointSurface:
             active, gap, gradient = active[left], gap[left], gradient[left]
             if not len(active):
                 break
-            step = gradient * (gap / np.maximum((gradient**2).sum(axis=1), 0.25))[:, None]
+            step = gradient * (gap / np.maximum((gradient**2).sum(axis=1), 0.01))[:, None]
             # A step is never longer than 2 mm: across a sharp edge the gradient says little about what lies beyond.
             x[active] += step * np.minimum(1, 2 / np.maximum(np.linalg.norm(step, axis=1), 1e-30))[:, None]
         return x

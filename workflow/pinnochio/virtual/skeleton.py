@@ -140,7 +140,9 @@ def tooth_row(line: np.ndarray, edge, sizes: np.ndarray, up: float) -> list[Shap
     """
     length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     apex = length[np.argmin(line[:, 1])]
-    row = []
+    # What fills the gaps between the crowns to a groove of 1 mm: lips slide over the row as over one surface.
+    ends = np.stack([edge + up * 1.0, edge + up * 12.0])
+    row = [wall(line * [0.87, 1] + [0, 3.3], 2.3, ends.min(0), ends.max(0), rounding=1)]
     for side in SIDES:
         room = length[-1] - apex if side > 0 else apex
         scale = room / sizes[:, 0].sum()
@@ -272,9 +274,6 @@ def mandible(s: Skeleton, axes, reach: float) -> Field:
         ]
         outline = [[front + 1, edge_low], [front + 4, edge_up], *coronoid, *notch, *rear, [front + 1, go[2] - 7]]
         field.union(plate(np.array(outline), centre, 4.2, rounding=3), k=9)
-        low = np.array([front + 3, s.lower_edge(front) - 4])
-        ridge = [[centre(y, z), y, z] for y, z in (low + [4, 1], low + [-9, -9])]
-        field.union(tube(np.array(ridge, float) + [1.5 * side, 0, 0], 3), k=6)  # oblique line
         field.union(ellipsoid(co, [8.5, 4.6, 5.0]), k=4)
     field.union(*tooth_row(s.arch_lower - [0, 3], edge, LOWER_TEETH, -1.0))
     return field
@@ -295,5 +294,5 @@ def split_sides(s: Skeleton, x: np.ndarray, y: np.ndarray, z: np.ndarray, side: 
         lateral
         | (y > s.gonion[1] - 18) & (y > s.molar_y + 12)
         | (z > s.upper_edge(s.molar_y) + 14)
-        | (z > s.upper_edge(s.molar_y) - 1) & (y > s.molar_y + 6)
+        | (z > s.lower_edge(s.molar_y) - 4) & (y > s.molar_y + 3)
     )
