@@ -14,7 +14,8 @@ def test_readme_holds_the_reference_table():
 
 def test_readme_names_what_exists():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    for path in ("config/README.md", "results/README.md", "docs/methods.md", "docs/benchmark.md", "docs/heads.png", "CITATION.cff"):
+    pages = ("config/README.md", "results/README.md", "docs/methods.md", "docs/benchmark.md")
+    for path in (*pages, "docs/heads.png", "CITATION.cff"):
         assert path in text and (ROOT / path).is_file()
 
 
