@@ -11,6 +11,7 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.predictions import read_prediction
 from pinnochio.evaluation.case import evaluate_case
 from pinnochio.evaluation.tables import CASES, write_csv
+from pinnochio.evaluation.volume_error import read_truth
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.residual import Operator
 from pinnochio.mechanics.simulation import FemSettings
@@ -51,7 +52,7 @@ def evaluate(
                 samples=samples,
                 seed=seed,
                 target=target,
-                truth=read_truth(truths[number]) if truths else None,
+                truth=read_truth(truths[number], case)[:3] if truths else None,
                 labels=labels | known,
             )
         )
@@ -64,12 +65,6 @@ def read_postop(path: str):
     with h5py.File(path, "r") as file:
         known = {"registration_residual": float(file.attrs["registration_residual"])}
         return (file["points"][()], file["faces"][()]), known
-
-
-def read_truth(path: str):
-    """Points, cells and displacement of the simulated outcome, which no method sees."""
-    with h5py.File(path, "r") as file:
-        return file["points"][()], file["cells"][()], file["displacement"][()]
 
 
 if __name__ == "__main__":

@@ -4,10 +4,11 @@ import pandas as pd
 
 from pinnochio.anatomy.surfaces import bone_surface, skin_surface
 from pinnochio.evaluation.tables import write_csv
+from pinnochio.evaluation.volume_error import read_truth
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.simulation import FemSettings
 from pinnochio.virtual.effects import CASE, measure
-from pinnochio.virtual.outcome import Operation, read_truth
+from pinnochio.virtual.outcome import Operation
 
 
 def measure_effects(

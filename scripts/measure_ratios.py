@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pinnochio.evaluation.volume_error import read_truth
 from pinnochio.logs import attach_log
-from pinnochio.virtual.outcome import read_truth
 from pinnochio.virtual.ratios import motions, tabulate, write_ratios
 
 

@@ -8,8 +8,8 @@ from pinnochio.anatomy.closest import closest_points
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.surfaces import read_surface
+from pinnochio.evaluation.volume_error import read_truth
 from pinnochio.mechanics.simulation import simulate
-from pinnochio.virtual.outcome import read_truth
 from scripts.register_postop import register_postop
 from scripts.virtual_outcome import virtual_outcome
 from tests.stages.conftest import CONFIG, MESH, SEED, SEGMENTS

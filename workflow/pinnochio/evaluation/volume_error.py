@@ -1,7 +1,12 @@
 """Error of a displacement field against a truth that is known on another mesh."""
 
+import os
+
+import h5py
 import numpy as np
 import pyvista as pv
+
+from pinnochio.anatomy.plan import Plan
 
 
 def interpolate(queries, points, cells, displacement) -> np.ndarray:
@@ -27,3 +32,13 @@ def volume_errors(points, displacement, skin_nodes, truth_points, truth_cells, t
         for name, part in (("volume", error), ("skin", error[skin_nodes]))
         for key, value in (("mean", part.mean()), ("p95", np.percentile(part, 95)), ("max", part.max()))
     }
+
+
+def read_truth(path: str | os.PathLike, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, Plan]:
+    """Points (n, 3) mm, cells (m, 4), displacement (n, 3) mm and the executed plan of a simulated outcome.
+
+    No method sees them.
+    """
+    with h5py.File(path, "r") as file:
+        field = (file[name][()] for name in ("points", "cells", "displacement"))
+        return *field, Plan.from_json(file.attrs["executed"], path, case)

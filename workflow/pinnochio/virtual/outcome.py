@@ -76,13 +76,6 @@ class Outcome:
             file.attrs["executed"] = self.executed.to_json()
 
 
-def read_truth(path: str | os.PathLike, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, Plan]:
-    """Points (n, 3) mm, cells (m, 4), displacement (n, 3) mm and the executed plan of a written outcome."""
-    with h5py.File(path, "r") as file:
-        field = (file[name][()] for name in ("points", "cells", "displacement"))
-        return *field, Plan.from_json(file.attrs["executed"], path, case)
-
-
 def meshed(operation: Operation, reality: Mapping[str, Any]) -> PatientModel:
     """The model on which the outcome is computed; with nominal effects it is the methods' own."""
     head, thresholds = operation.head, dict(operation.interfaces)
