@@ -9,7 +9,9 @@ from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.surfaces import read_surface
 from pinnochio.evaluation.volume_error import read_truth
+from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.simulation import simulate
+from pinnochio.virtual.outcome import admissible
 from scripts.register_postop import register_postop
 from scripts.virtual_outcome import virtual_outcome
 from tests.stages.conftest import CONFIG, MESH, SEED, SEGMENTS
@@ -59,3 +61,16 @@ def test_the_full_reality_is_another_outcome(patient, field):
     points, _, truth, _ = read_truth(patient.truth, patient.case)
     assert points.shape != model.points.shape
     assert abs(np.linalg.norm(truth, axis=1).mean() - np.linalg.norm(displacement, axis=1).mean()) > 0.01
+
+
+def test_a_change_never_turns_an_element_inside_out(field):
+    """A field that would crush many elements is damped around them and kept elsewhere."""
+    model, _, displacement = field
+    wild = np.random.default_rng(0).normal(0, 1.5, displacement.shape)
+    before = jacobians(model.points, model.cells, displacement)
+    assert (jacobians(model.points, model.cells, displacement + wild) <= 0).sum() > 5
+    tamed = admissible(model.points, model.cells, displacement, wild)
+    assert (jacobians(model.points, model.cells, displacement + tamed) >= 0.2 * before).all()
+    assert (tamed == wild).all(axis=1).mean() > 0.1
+    small = 1e-4 * wild
+    assert np.array_equal(admissible(model.points, model.cells, displacement, small), small)
