@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -12,9 +13,15 @@ def test_readme_holds_the_reference_table():
     assert table in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("name", ["thickness", "ratios", "effects"])
+def test_docs_hold_the_tables_of_the_cohort(name):
+    table = (ROOT / f"results/reference/{name}.md").read_text(encoding="utf-8").strip()
+    assert table in (ROOT / "docs/cohort.md").read_text(encoding="utf-8")
+
+
 def test_readme_names_what_exists():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    pages = ("config/README.md", "results/README.md", "docs/methods.md", "docs/benchmark.md")
+    pages = ("config/README.md", "results/README.md", "docs/methods.md", "docs/benchmark.md", "docs/cohort.md")
     for path in (*pages, "docs/heads.png", "CITATION.cff"):
         assert path in text and (ROOT / path).is_file()
 
