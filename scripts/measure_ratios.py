@@ -1,12 +1,10 @@
 """Makes the table of soft-to-hard tissue ratios of the simulated outcomes, beside the clinical bands."""
 
-import json
 from collections.abc import Sequence
-
-import numpy as np
 
 from pinnochio.evaluation.volume_error import read_truth
 from pinnochio.logs import attach_log
+from pinnochio.virtual.aftermath import read_landmarks
 from pinnochio.virtual.ratios import motions, tabulate, write_ratios
 
 
@@ -14,10 +12,8 @@ def measure_ratios(cases: Sequence[str], landmarks: Sequence[str], truths: Seque
     """Motion of the landmarks in each truth against that of the bone as operated; one row per landmark."""
     patients = []
     for case, marks, truth in zip(cases, landmarks, truths, strict=True):
-        with open(marks, encoding="utf-8") as file:
-            places = {name: np.array(place) for name, place in json.load(file).items()}
         *field, executed = read_truth(truth, case)
-        patients.append(motions(places, executed, *field))
+        patients.append(motions(read_landmarks(marks), executed, *field))
     write_ratios(tabulate(patients), table)
 
 

@@ -64,7 +64,7 @@ def read_segmentation(
     wanted = {name: label_values[name] for name in codes if name in label_values}
     direction = None
     if orientation != HEADER:
-        direction = np.reshape(sitk.DICOMOrientImageFilter.GetDirectionCosinesFromOrientation(orientation), (3, 3))
+        direction = axes_of(orientation)
     if Path(path).is_dir():
         files = surface_files(path, refuse)
         wanted = {name: value if isinstance(value, str) else name for name, value in wanted.items()}
@@ -77,9 +77,7 @@ def read_segmentation(
         found = _chosen(parts, wanted, case, path, refuse)
         masks = (part.voxels() for part in found.values())
         if direction is not None:
-            own = np.reshape(image.GetDirection(), (3, 3))
-            image.SetOrigin(tuple(direction @ np.linalg.inv(own) @ image.GetOrigin()))
-            image.SetDirection(direction.ravel().tolist())
+            turn(image, direction)
     values = np.full(image.GetSize()[::-1], AIR, np.uint8)
     for name, mask in zip(found, masks, strict=True):
         values[mask] = codes[name]
@@ -95,6 +93,18 @@ def read_segmentation(
             what = "tissue" if name in TISSUES else "bone"
             refuse(f"{what} {name!r} ({part}) is empty or covered by other structures", "label it where it alone is")
     return Segmentation(labels, np.array(coded.GetSpacing()), np.array(coded.GetOrigin()))
+
+
+def axes_of(orientation: str) -> np.ndarray:
+    """Direction (3, 3) in LPS of the axes that a code such as "RAS" names."""
+    return np.reshape(sitk.DICOMOrientImageFilter.GetDirectionCosinesFromOrientation(orientation), (3, 3))
+
+
+def turn(image: sitk.Image, direction: np.ndarray) -> None:
+    """Give an image with a wrong header these axes (3, 3); its origin turns with them."""
+    own = np.reshape(image.GetDirection(), (3, 3))
+    image.SetOrigin(tuple(direction @ np.linalg.inv(own) @ image.GetOrigin()))
+    image.SetDirection(direction.ravel().tolist())
 
 
 def _chosen(parts: Sequence[Segment], wanted: Mapping[str, int | str], case: str, path, refuse) -> dict[str, Segment]:

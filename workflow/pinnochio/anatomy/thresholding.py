@@ -10,7 +10,7 @@ import SimpleITK as sitk
 from scipy import ndimage
 
 from pinnochio.anatomy.labels import AIR, CRANIUM, SUPERFICIAL, segment_code
-from pinnochio.anatomy.segmentation import HEADER, Segmentation
+from pinnochio.anatomy.segmentation import HEADER, Segmentation, axes_of, turn
 from pinnochio.errors import InputError
 
 SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right")
@@ -115,10 +115,7 @@ def read_ct(path: str | os.PathLike, orientation: str = HEADER) -> sitk.Image:
     try:
         image = sitk.ReadImage(str(path), sitk.sitkFloat32)
         if orientation != HEADER:
-            axes = np.reshape(sitk.DICOMOrientImageFilter.GetDirectionCosinesFromOrientation(orientation), (3, 3))
-            header = np.reshape(image.GetDirection(), (3, 3))
-            image.SetOrigin((axes @ np.linalg.inv(header) @ image.GetOrigin()).tolist())
-            image.SetDirection(axes.ravel().tolist())
+            turn(image, axes_of(orientation))
         image = sitk.DICOMOrient(image, "LPS")
     except (RuntimeError, ValueError) as error:
         reason = str(error).strip().splitlines()[-1]

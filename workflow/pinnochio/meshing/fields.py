@@ -9,10 +9,9 @@ import SimpleITK as sitk
 from scipy import ndimage
 
 from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
+from pinnochio.anatomy.repair import SPECK_VOXELS, TOUCHING
 
-SPECK_VOXELS = 20  # connected pieces of one label smaller than this are noise [measured on real segmentations]
 SHEET_SHARE = 0.5  # of the closed width: half the thickness given to thin sheets
-TOUCHING = np.ones((3, 3, 3), bool)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """What surgery does to a face beyond moving bone, as displacement fields: lips and nose, swelling, expression."""
 
+import json
+import os
 from collections.abc import Mapping
 
 import numpy as np
@@ -13,6 +15,12 @@ UPPER_LIP, LOWER_LIP, WING, REACH = 0.8, 1.0, 1.0, 8.0
 SWELLING_REACH, SWELLING_SPREAD = 20.0, 0.5  # mm; SD over patients and sides relative to the mean [I]
 CORNER_REACH = 12.0  # mm [I]
 SMILE = np.array([0.75, 0.25, 0.6])  # direction of the left corner: out, back and up [I]
+
+
+def read_landmarks(path: str | os.PathLike) -> dict[str, np.ndarray]:
+    """Landmarks (3,) mm by name."""
+    with open(path, encoding="utf-8") as file:
+        return {name: np.array(place) for name, place in json.load(file).items()}
 
 
 def looseness(points: np.ndarray, bone_points: np.ndarray) -> np.ndarray:

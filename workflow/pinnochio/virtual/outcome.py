@@ -1,6 +1,5 @@
 """The simulated outcome of a virtual patient's surgery: the displaced tissue, by mechanics that no method uses."""
 
-import json
 import logging
 import os
 from collections.abc import Mapping
@@ -21,7 +20,7 @@ from pinnochio.mechanics.simulation import FemSettings, simulate
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.seeds import generator
-from pinnochio.virtual.aftermath import expression, lip_change, looseness, swelling
+from pinnochio.virtual.aftermath import expression, lip_change, looseness, read_landmarks, swelling
 from pinnochio.virtual.scan import Scan, scan
 
 LOG = logging.getLogger(__name__)
@@ -54,8 +53,7 @@ class Operation:
     def read(cls, case: str, inputs: Mapping[str, str], labels: Mapping[str, int], segments, *settings) -> "Operation":
         """From the files segmentation, plan and landmarks; settings: mesh, interfaces, fem, seed."""
         head = read_segmentation(inputs["segmentation"], case, labels, segments)
-        with open(inputs["landmarks"], encoding="utf-8") as file:
-            landmarks = {name: np.array(place) for name, place in json.load(file).items()}
+        landmarks = read_landmarks(inputs["landmarks"])
         return cls(case, head, tuple(segments), landmarks, Plan.read(inputs["plan"], case), *settings)
 
 
