@@ -39,7 +39,7 @@ rule solve_plan:
     benchmark:
         "<benchmarks>/solve_plan/{case}_{arm}.tsv"
     wildcard_constraints:
-        arm="bonded|mucosa",
+        arm=r"bonded|mucosa|mucosa\+lip",
     conda:
         "../envs/pinnochio.yaml"
     threads: 1

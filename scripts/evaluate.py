@@ -38,9 +38,7 @@ def evaluate(
     for number, case in enumerate(cases):
         patient = PatientModel.read(models[number])
         material = fem.material(patient.tissue)
-        operator = Operator.build(
-            patient.points, patient.cells, material.mu, material.lam, material.stiffening, fem.volumetric
-        )
+        operator = Operator.build(patient.points, patient.cells, material, fem.volumetric)
         target, known = read_postop(postops[case]) if case in postops else (None, {})
         rows.append(
             evaluate_case(

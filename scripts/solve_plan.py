@@ -44,6 +44,8 @@ def solve_plan(
         "min_jacobian": float(ratios.min()),
         "inverted": int(np.sum(ratios <= 0)),
         "sliding_violation_mm": result.violation,
+        "contact_penetration_mm": result.penetration,
+        "contact_gap_mm": result.gap,
         "largest_displacement_mm": float(np.linalg.norm(result.displacement, axis=1).max()),
         "increments": result.increments,
         "iterations": result.iterations,

@@ -81,7 +81,7 @@ def test_the_bootstrap_interval_is_seeded_and_as_wide_as_the_mean_is_uncertain()
 
 
 def row(case, method, cd, **more):
-    values = dict.fromkeys((c.name for c in CASES if c.optional), np.nan) | {"reason": "", "eqres_element": "anp"}
+    values = dict.fromkeys((c.name for c in CASES if c.optional), np.nan) | {"reason": "", "eqres_element": "patch"}
     values |= {"case": case, "method": method, "fold": "1", "seed": 1, "device": "cpu", "code": "abc", "cd": cd}
     values |= {"hd95": 3 * cd, "pwr1": 60 - cd, "pwr2": 80 - cd, "seconds": 1.0, "setup_seconds": 0.5, "threads": 1}
     values |= {"muscle": "labelled", "nodes": 5000, "converged": True, "inverted": 2, "min_jacobian": 0.9}

@@ -184,7 +184,7 @@ def real_operator(patient, superficial=4.0):
     from pinnochio.mechanics.residual import Operator
 
     material = neo_hookean(patient.tissue, {1: superficial, 2: 6.0}, 0.49, 0)
-    return Operator.build(patient.points, patient.cells, material.mu, material.lam, material.stiffening, "anp")
+    return Operator.build(patient.points, patient.cells, material, "patch")
 
 
 LABELS = {"fold": "1", "method": "m", "code": "c", "registration_residual": 0.2}
@@ -195,7 +195,7 @@ def test_one_case_gives_one_complete_row(patient):
     top = patient.skin_faces
     target = patient.points + [0, 0, 1.5], top
     plan = Plan("P1", {"jaw": RigidMotion()})
-    options = {"operator": operator, "element": "anp", "samples": 500, "seed": 1, "labels": LABELS}
+    options = {"operator": operator, "element": "patch", "samples": 500, "seed": 1, "labels": LABELS}
     row = evaluate_case(
         patient,
         plan,
@@ -218,9 +218,9 @@ def test_eqres_of_a_uniform_stretch_is_zero_inside_and_of_a_kicked_node_is_not(p
     operator = real_operator(patient, superficial=6.0)
     kinds = np.where(((patient.points > 0) & (patient.points < 40)).all(axis=1), FREE, FIXED)
     stretch = patient.points * [0.05, -0.02, 0.01]
-    found = equilibrium_metrics(operator, stretch, kinds, "anp")
+    found = equilibrium_metrics(operator, stretch, kinds, "patch")
     assert found["eqres_rel"] < 1e-9 and found["eqres_disp"] < 1e-9
     kicked = stretch.copy()
     kicked[62] += [0, 0, 0.3]
-    found = equilibrium_metrics(operator, kicked, kinds, "anp")
+    found = equilibrium_metrics(operator, kicked, kinds, "patch")
     assert found["eqres_rel"] > 1e-2

@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy import sparse
-from test_mechanics_elements import block
 
 from pinnochio.mechanics.linear import linear_solver
 from pinnochio.mechanics.materials import Material, lame
+from pinnochio.mechanics.problems import box
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import SolverOptions, solve
 
@@ -76,7 +76,7 @@ def quadratic(points, cells, directions):
 
 @pytest.fixture(scope="module")
 def slab():
-    points, cells = block(SIZE, [int(s / EDGE) for s in SIZE])
+    points, cells = box(SIZE, [int(s / EDGE) for s in SIZE])
     return points, cells, quadratic(points, cells, (NORMAL, TANGENTIAL))
 
 
@@ -87,7 +87,7 @@ def test_averaged_volume_does_not_lock_and_the_plain_element_does(slab, directio
     law = Material(np.full(count, MU), np.full(count, LAM), np.zeros(count))
     nodes, moved = load(points, (NORMAL, TANGENTIAL)[direction])
     skin, error = points[:, 2] == SIZE[2], {}
-    for volumetric in ("anp", "p1"):
+    for volumetric in ("patch", "p1"):
         result = solve(
             points,
             cells,
@@ -98,7 +98,7 @@ def test_averaged_volume_does_not_lock_and_the_plain_element_does(slab, directio
         assert result.converged
         off = (result.displacement / AMOUNT - references[direction])[skin]
         error[volumetric] = np.sqrt((off**2).sum(axis=1).mean())
-    assert error["anp"] < 0.1  # 0.06 and 0.07 mm in methods.md 4.2
+    assert error["patch"] < 0.1  # 0.06 and 0.07 mm in methods.md 4.2
     assert error["p1"] > 0.3  # 0.47 and 0.52 mm there
 
 
@@ -116,7 +116,7 @@ def test_averaging_converges_to_the_quadratic_field(slab):
     lattice = reference.reshape(21, 21, 5, 3)[:, :, -1]
     errors = []
     for edge in (6, 3):
-        fine, cells = block(SIZE, [int(s / edge) for s in SIZE])
+        fine, cells = box(SIZE, [int(s / edge) for s in SIZE])
         count = len(cells)
         law = Material(np.full(count, MU), np.full(count, LAM), np.zeros(count))
         nodes, moved = load(fine, NORMAL)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from test_mechanics_elements import block, both
-from test_mechanics_solver import uniform
+from test_mechanics_elements import both
 
 from pinnochio.anatomy.model import FIXED, FREE, MOVING, SLIDING, PatientModel
 from pinnochio.anatomy.plan import Plan, RigidMotion
 from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.materials import lame
+from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.sliding import (
     BoundaryConditions,
     PointSurface,
@@ -74,7 +74,7 @@ def test_point_surface_gradient_and_projection():
 @both
 def test_block_pressed_between_sliding_planes(volumetric):
     """An inclined plane presses a block against a fixed one; both slide, so the block is in uniaxial stress."""
-    points, cells = block((12, 9, 9), (4, 3, 3), jitter=0.2)
+    points, cells = box((12, 9, 9), (4, 3, 3), jitter=0.2)
     turn = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
     points = points @ turn.T  # x of the block is the inclined normal turn[:, 0]
     mu, lam = lame(5.0, 0.49)
@@ -105,7 +105,7 @@ def test_block_pressed_between_sliding_planes(volumetric):
 
 def shell():
     """A cap of tissue, 8 mm thick, over a sphere of 20 mm; rim fixed, inner side on the sphere."""
-    flat, cells = block((1, 1, 8), (8, 8, 3))
+    flat, cells = box((1, 1, 8), (8, 8, 3))
     angle = (flat[:, :2] - 0.5) * 1.6
     points = np.stack([np.tan(angle[:, 0]), np.tan(angle[:, 1]), np.ones(len(flat))], axis=1)
     points *= ((20 + flat[:, 2]) / np.linalg.norm(points, axis=1))[:, None]
@@ -145,7 +145,7 @@ def test_sliding_nodes_keep_their_distance_to_a_moved_sphere(volumetric):
 
 def patient():
     """A slab over a flat bone at z = 0 whose left half belongs to another segment; its back plate faces away."""
-    points, cells = block((24, 12, 9), (8, 4, 3), jitter=0.1)
+    points, cells = box((24, 12, 9), (8, 4, 3), jitter=0.1)
     on_bone = points[:, 2] == 0
     node_type = np.where(on_bone, np.where(points[:, 1] < 4, SLIDING, MOVING), FREE).astype(np.int8)
     node_type[(points[:, 0] == 0)] = FIXED
@@ -219,7 +219,7 @@ def test_bad_arms_plans_and_surfaces_are_refused():
         PointSurface(np.zeros((2, 3)), np.ones((2, 3)))
     with pytest.raises(InputError, match="finite"):
         PointSurface(np.zeros((9, 3)), np.zeros((9, 3)))
-    points, cells = block((6, 6, 6), (2, 2, 2))
+    points, cells = box((6, 6, 6), (2, 2, 2))
     ends = np.array([0, 1, 2])
     contact = SlidingSet(ends, *plane([0, 0, 1], np.zeros(3)), RigidMotion().fraction)
     with pytest.raises(InputError, match="twice"):

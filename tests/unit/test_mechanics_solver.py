@@ -11,26 +11,22 @@ import numpy as np
 import pytest
 from scipy import sparse
 from scipy.spatial.transform import Rotation
-from test_mechanics_elements import block, both, material
+from test_mechanics_elements import both, material
 
 import pinnochio
 from pinnochio.anatomy.plan import RigidMotion
 from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import Elements, jacobians
 from pinnochio.mechanics.linear import linear_solver
-from pinnochio.mechanics.materials import EXTENSION, Material, lame
+from pinnochio.mechanics.materials import lame
+from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import SolverOptions, solve
 
 
-def uniform(count, poisson=0.49, stiffening=0.0):
-    mu, lam = lame(5.0, poisson)
-    return Material(np.full(count, mu), np.full(count, lam), np.full(count, stiffening))
-
-
 def bent_block(steps=(8, 4, 3), move=6.0, degrees=10.0):
     """A 40 x 20 x 15 mm block whose ends are bonded, the right one moved and turned."""
-    points, cells = block((40, 20, 15), steps, jitter=0.15)
+    points, cells = box((40, 20, 15), steps, jitter=0.15)
     ends = np.flatnonzero((points[:, 0] == 0) | (points[:, 0] == 40))
     right = points[ends, 0] == 40
     motion = RigidMotion.from_degrees([0, degrees, 0], [0.5 * move, 0, 0.8 * move], [40, 10, 7])
@@ -46,7 +42,7 @@ def bent_block(steps=(8, 4, 3), move=6.0, degrees=10.0):
 @both
 @pytest.mark.parametrize("stretch", [0.02, 0.25])
 def test_patch(volumetric, stretch):
-    points, cells = block((9, 9, 9), (3, 3, 3), jitter=0.25)
+    points, cells = box((9, 9, 9), (3, 3, 3), jitter=0.25)
     skin = np.flatnonzero(((points == 0) | (points == 9)).any(axis=1))
     h = stretch * np.array([[1, 0.4, -0.2], [0.3, -0.6, 0.5], [0, 0.7, 0.4]])
     result = solve(
@@ -63,7 +59,7 @@ def test_patch(volumetric, stretch):
 
 @both
 def test_rigid_motion_is_followed_without_strain(volumetric):
-    points, cells = block((12, 8, 8), (3, 2, 2), jitter=0.2)
+    points, cells = box((12, 8, 8), (3, 2, 2), jitter=0.2)
     motion = RigidMotion(Rotation.from_rotvec([0.2, 0.5, -0.4]).as_matrix(), np.array([5.0, -3, 8]))
     end = np.flatnonzero(points[:, 0] == 0)
     boundary = BoundaryConditions(end, lambda t: motion.fraction(t).displacement(points[end]))
@@ -158,30 +154,29 @@ def test_linear_solver_knows_the_inertia(kind):
         solver.close()
 
 
-@both
-@pytest.mark.parametrize(("extension", "restart"), [(0.2, False), (EXTENSION, True)])
-def test_inverted_start_recovers(volumetric, extension, restart):
-    """A wide extension untangles the start itself; the default one may start again from rest."""
+@pytest.mark.parametrize(("volumetric", "noise", "share"), [("patch", 8.0, 0.4), ("p1", 2.0, 0.05)])
+def test_inverted_start_recovers(volumetric, noise, share):
+    """The start itself is untangled: beginning again from rest is forbidden."""
     points, cells, boundary = bent_block()
-    law = replace(material(len(cells)), extension=extension)
+    law = material(len(cells))
     options = SolverOptions(volumetric, tolerance=1e-9, max_iterations=60)
     expected = solve(points, cells, law, boundary, options).displacement
-    start = expected + np.random.default_rng(4).normal(0, 2.0, points.shape)
-    assert (jacobians(points, cells, start) < 0).mean() > 0.05
-    result = solve(points, cells, law, boundary, replace(options, restart=restart), start=start)
-    assert result.converged
+    start = expected + np.random.default_rng(4).normal(0, noise, points.shape)
+    assert (jacobians(points, cells, start) < 0).mean() > share
+    result = solve(points, cells, law, boundary, replace(options, restart=False), start=start)
+    assert result.converged, result.reason
     assert result.min_jacobian > 0
     np.testing.assert_allclose(result.displacement, expected, rtol=0, atol=1e-6)
 
 
-def test_a_good_start_saves_factorisations_and_a_useless_one_is_dropped():
+def test_a_good_start_saves_work_and_a_useless_one_is_dropped():
     points, cells, boundary = bent_block()
     law = material(len(cells))
     cold = solve(points, cells, law, boundary)
     noise = np.random.default_rng(4).normal(0, 0.02, points.shape)
     warm = solve(points, cells, law, boundary, start=cold.displacement + noise)
     assert warm.converged
-    assert warm.factorizations < cold.factorizations
+    assert warm.linear_iterations < cold.linear_iterations
     np.testing.assert_allclose(warm.displacement, cold.displacement, rtol=0, atol=1e-4)
     wild = np.random.default_rng(4).normal(0, 400, points.shape)
     far = solve(points, cells, law, boundary, SolverOptions(max_iterations=6), start=wild)
@@ -232,7 +227,7 @@ def test_time_limit_and_iteration_limit_stop_the_solver():
 
 @pytest.mark.parametrize("held", [[0], [0, 1]])
 def test_a_loose_mesh_is_refused(held):
-    points, cells = block((9, 6, 6), (3, 2, 2))
+    points, cells = box((9, 6, 6), (3, 2, 2))
     boundary = BoundaryConditions(np.array(held), np.zeros((len(held), 3)))
     with pytest.raises(InputError, match="free to move"):
         solve(points, cells, uniform(len(cells)), boundary)
@@ -276,6 +271,7 @@ sys.path[:0] = sys.argv[1:]
 import numpy as np
 from scipy.spatial import Delaunay
 from pinnochio.mechanics.materials import neo_hookean
+from pinnochio.mechanics.problems import box
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import solve
 points = np.random.default_rng(0).uniform(0, 20, (250, 3))

@@ -19,7 +19,7 @@ SMALL = NetworkSettings(boundary_layers=2, volume_layers=2, rest_layers=1, chann
 
 def tensors(model, neighbours=8):
     material = neo_hookean(model.tissue, {MUSCLE: 6.0, SUPERFICIAL: 4.0}, 0.49, 0)
-    return PatientTensors.build(model, material, "anp", neighbours)
+    return PatientTensors.build(model, material, "patch", neighbours)
 
 
 def shaken(settings=SMALL, seed=0):

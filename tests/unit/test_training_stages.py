@@ -26,7 +26,7 @@ SWELLING = 3.0  # mm that the post-operative skin lies above the taught one
 
 @dataclass(frozen=True)
 class Mechanics:
-    volumetric: str = "anp"
+    volumetric: str = "patch"
 
     def material(self, tissue):
         return neo_hookean(tissue, {MUSCLE: 6.0, SUPERFICIAL: 4.0}, 0.49, 0)

@@ -15,6 +15,8 @@ FREE, FIXED, MOVING, SLIDING = 0, 1, 2, 3
 NO_INTERFACE, BONE_MUSCLE, BONE_SUPERFICIAL, MUSCLE_SUPERFICIAL = 0, 1, 2, 3
 # What lies beyond a boundary node: a label code (0 air, 10 cranium, 11.. segments) or one of these.
 INTERIOR, CUT_PLANE = -1, 254
+# Which lip a node of the mouth slit belongs to.
+NOT_LIP, UPPER_LIP, LOWER_LIP = 0, 1, 2
 ATTRIBUTES = ("segments", "muscle")  # what the file holds beside its arrays
 
 
@@ -36,6 +38,7 @@ class PatientModel:
     bone_segment (b,) int8 segment index, -1 cranium.
     segments: names, in the order of the indices. muscle: where the muscle layer comes from (anatomy.muscle_layer):
     labelled | derived | single.
+    lip (n,) int8 NOT_LIP | UPPER_LIP | LOWER_LIP: nodes that the other lip can touch; by default none.
     """
 
     points: np.ndarray
@@ -57,8 +60,11 @@ class PatientModel:
     skin_nodes: np.ndarray | None = None
     skin_weights: np.ndarray | None = None
     muscle: str = "labelled"
+    lip: np.ndarray | None = None
 
     def __post_init__(self):
+        if self.lip is None:
+            object.__setattr__(self, "lip", np.full(len(self.points), NOT_LIP, np.int8))
         if self.skin_points is None:
             count = len(self.points)
             nodes = np.repeat(np.arange(count, dtype=np.int32)[:, None], 3, axis=1)

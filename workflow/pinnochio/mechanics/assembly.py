@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from pinnochio.mechanics.elements import Elements, _log, _nodal, _strain
+from pinnochio.mechanics.elements import Elements, _bulk, _log, _strain
 
 _EPSILON = np.zeros((3, 3, 3))
 _EPSILON[0, 1, 2] = _EPSILON[1, 2, 0] = _EPSILON[2, 0, 1] = 1
@@ -13,81 +13,114 @@ _EPSILON[0, 2, 1] = _EPSILON[2, 1, 0] = _EPSILON[1, 0, 2] = -1
 class Assembler:
     """Pattern and values of the tangent for one mesh and one set of constrained unknowns.
 
-    Unknowns of a node: displacement along the three axes of its frame and, with averaged volume, the multiplier of
-    its bulk term. constrained (n, 3) bool: the displacement unknowns that the boundary condition fixes.
-    framed (s,): nodes whose first axis is not x but the normal of the surface that they slide on.
+    Unknowns of a node: displacement along the three axes of its frame. constrained (n, 3) bool: those that the boundary
+    condition fixes. framed (s,): nodes whose first axis is not x but the normal of the surface that they slide on.
+    couplings (c, 2): further pairs of nodes a <= b that :meth:`add` may be given, such as those of a contact.
+
+    All nodes of a patch are coupled by its bulk term. A patch is assembled as one dense matrix and then scattered.
     """
 
-    def __init__(self, elements: Elements, constrained: np.ndarray, framed: np.ndarray):
-        self.elements, self.framed = elements, framed
-        nodes = len(elements.node_volumes)
-        free = np.zeros((nodes, 4), bool)
-        free[:, :3] = ~constrained & (elements.node_volumes > 0)[:, None]
-        free[:, 3] = elements.averaged & (elements.node_volumes > 0)
-        self.free = free
-        self.displacements, self.multipliers = int(free[:, :3].sum()), int(free[:, 3].sum())
-        self._rank = np.where(free, np.cumsum(free, axis=1) - 1, -1).astype(np.int32)
-        count = free.sum(axis=1).astype(np.int64)
+    def __init__(self, elements: Elements, constrained, framed, couplings=None):
+        self.elements, self.framed = elements, np.asarray(framed, int)
+        nodes = elements.nodes
+        used = np.zeros(nodes, bool)
+        used[elements.cells] = True
+        self.free = ~np.asarray(constrained, bool) & used[:, None]
+        self._rank = np.where(self.free, np.cumsum(self.free, axis=1) - 1, -1).astype(np.int32)
+        count = self.free.sum(axis=1).astype(np.int64)
         self._first = np.concatenate([[0], np.cumsum(count)])
         self._frame = np.full(nodes, -1, np.int32)
-        self._frame[framed] = np.arange(len(framed))
-        # Node pairs a <= b of the element graph, sorted; each element stores the place of its 16 pairs.
-        low = np.minimum(elements.cells[:, :, None], elements.cells[:, None, :]).astype(np.int64)
-        high = np.maximum(elements.cells[:, :, None], elements.cells[:, None, :])
-        pairs, place = np.unique((low * nodes + high).ravel(), return_inverse=True)
-        start, end = pairs // nodes, pairs % nodes
+        self._frame[self.framed] = np.arange(len(self.framed))
+        self._gather_patches()
+        # Node pairs a <= b that share a patch, sorted; each patch stores the places of its pairs.
+        keys = _pair_keys(self._patch_first, self._patch_nodes, self._place_first, nodes)
+        extra = np.zeros(0, np.int64)
+        if couplings is not None and len(couplings):
+            extra = couplings[:, 0].astype(np.int64) * nodes + couplings[:, 1]
+        self._keys, place = np.unique(np.concatenate([keys, extra]), return_inverse=True)
+        self._place = place[: len(keys)].astype(np.int32)
+        start, end = self._keys // nodes, self._keys % nodes
         width = np.concatenate([[0], np.cumsum(count[end])])
         head = np.concatenate([[0], np.cumsum(np.bincount(start, minlength=nodes))])
         self._offset = width[:-1] - width[head[start]]
-        self._place = place.reshape(-1, 4, 4).astype(np.int32)
-        lengths = np.concatenate(
-            [total - np.arange(c) for total, c in zip(width[head[1:]] - width[head[:-1]], count, strict=True)]
-        )
+        row = np.repeat(width[head[1:]] - width[head[:-1]], count)
+        lengths = row - (np.arange(len(row)) - np.repeat(self._first[:-1], count))
         self.indptr = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
         self.indices = np.empty(self.indptr[-1], np.int32)
         _columns(self.indptr, self.indices, self._first, head, end)
         if self.indptr[-1] < 2**31:
             self.indptr = self.indptr.astype(np.int32)
 
+    def _gather_patches(self) -> None:
+        """Elements of each patch, its nodes in ascending order, and each element's nodes by their place there."""
+        cells, patch, nodes = self.elements.cells, self.elements.patch, self.elements.nodes
+        self._order = np.argsort(patch, kind="stable").astype(np.int32)
+        self._start = np.concatenate([[0], np.cumsum(np.bincount(patch))])
+        member, where = np.unique(patch[:, None].astype(np.int64) * nodes + cells, return_inverse=True)
+        self._patch_nodes = (member % nodes).astype(np.int32)
+        size = np.bincount(member // nodes)
+        self._patch_first = np.concatenate([[0], np.cumsum(size)])
+        self._local = (where.reshape(-1, 4) - self._patch_first[patch][:, None]).astype(np.int32)
+        self._place_first = np.concatenate([[0], np.cumsum(size * (size + 1) // 2)])
+        self._largest = int(size.max())
+
     def gather(self, values: np.ndarray) -> np.ndarray:
-        """Free unknowns of nodal values (n, 3) in local axes; multipliers zero."""
-        padded = np.zeros(self.free.shape)
-        padded[:, :3] = values
-        return padded[self.free]
+        """Free unknowns of nodal values (n, 3) in local axes."""
+        return values[self.free]
 
     def scatter(self, unknowns: np.ndarray) -> np.ndarray:
         """Nodal values (n, 3) in local axes of the free unknowns, zero on constrained ones."""
         padded = np.zeros(self.free.shape)
         padded[self.free] = unknowns
-        return padded[:, :3]
+        return padded
 
-    def add_tangential(self, data: np.ndarray, blocks: np.ndarray) -> None:
-        """Add blocks (s, 2, 2) to `data` at the second and third unknowns of the framed nodes, if these are free."""
-        for i, j in ((1, 1), (1, 2), (2, 2)):
-            row, column = self._rank[self.framed, i], self._rank[self.framed, j]
-            both = (row >= 0) & (column >= 0)
-            place = self.indptr[self._first[self.framed[both]] + row[both]] + column[both] - row[both]
-            data[place] += blocks[both, i - 1, j - 1]
+    def add(self, data: np.ndarray, pairs: np.ndarray, blocks: np.ndarray) -> None:
+        """Add blocks (k, 3, 3) in local axes to `data` at the node pairs a <= b (k, 2).
+
+        What couples constrained unknowns, or nodes that the pattern does not couple, is left out.
+        """
+        wanted = pairs[:, 0].astype(np.int64) * len(self.free) + pairs[:, 1]
+        at = np.minimum(np.searchsorted(self._keys, wanted), len(self._keys) - 1)
+        known = self._keys[at] == wanted
+        a, b = pairs[known].T
+        at, blocks = at[known], blocks[known]
+        for i in range(3):
+            for j in range(3):
+                row, column = self._rank[a, i], self._rank[b, j]
+                kept = (row >= 0) & (column >= 0) & ((a != b) | (j >= i))
+                place = self.indptr[self._first[a[kept]] + row[kept]] + self._offset[at[kept]]
+                np.add.at(data, place - row[kept] + column[kept], blocks[kept, i, j])
 
     def tangent(self, displacement, frames, step=None, definite=False) -> tuple[np.ndarray, np.ndarray]:
         """Values of the pattern at a displacement (n, 3) and the product of the tangent with `step`.
 
-        frames (s, 3, 3): local axes of the framed nodes, in rows. step (n, 3): imposed motion of the constrained
-        unknowns in local axes; its product is returned for the free unknowns. definite: every element's Hessian
-        with its negative eigenvalues cut off, so that the result is positive definite.
+        frames (s, 3, 3): local axes of the framed nodes, in rows. step (n, 3): imposed motion in local axes, zero on
+        free unknowns; its product is returned for these. definite: every element's Hessian with its negative
+        eigenvalues cut off, so that the result is positive definite.
         """
-        mesh, law = self.elements, self.elements.material
         data = np.zeros(len(self.indices))
         product = np.zeros(self.free.shape)
-        imposed = np.zeros((len(self.free), 3)) if step is None else np.ascontiguousarray(step, float)
+        imposed = np.zeros(self.free.shape) if step is None else np.ascontiguousarray(step, float)
         _tangent(
-            *(np.ascontiguousarray(displacement, float), mesh.cells, mesh.gradients, mesh.volumes),
-            *(mesh.node_volumes, law.mu, law.lam, law.stiffening, mesh.node_lam, law.extension, mesh.averaged),
-            *(mesh.modulus * mesh.edge, definite, self._frame, np.ascontiguousarray(frames, float)),
-            *(self._rank, self._first, self.indptr, self._place, self._offset, imposed, step is not None),
+            *(np.ascontiguousarray(displacement, float), *self.elements.arrays, definite),
+            *(self._order, self._start, self._local, self._patch_first, self._patch_nodes, self._place_first),
+            *(self._place, self._largest, self._frame, np.ascontiguousarray(frames, float)),
+            *(self._rank, self._first, self.indptr, self._offset, imposed, step is not None),
             *(data, product),
         )
         return data, product[self.free]
+
+
+@njit(cache=True)
+def _pair_keys(first, members, place_first, nodes):
+    keys = np.empty(place_first[-1], np.int64)
+    at = 0
+    for p in range(len(first) - 1):
+        for i in range(first[p], first[p + 1]):
+            for j in range(i, first[p + 1]):
+                keys[at] = np.int64(members[i]) * nodes + members[j]
+                at += 1
+    return keys
 
 
 @njit(cache=True)
@@ -127,141 +160,143 @@ def _cut(h):
 
 
 @njit(cache=True)
+def _element(f, cof, g, v, shear, stretch, bulk, curve, definite, fg, cg, h, k):
+    """Blocks k (4, 4, 3, 3) of one element, of nodes a <= b; fg and cg (4, 3) are F and cof F times the gradients."""
+    for a in range(4):
+        for i in range(3):
+            fg[a, i] = f[i, 0] * g[a, 0] + f[i, 1] * g[a, 1] + f[i, 2] * g[a, 2]
+            cg[a, i] = cof[i, 0] * g[a, 0] + cof[i, 1] * g[a, 1] + cof[i, 2] * g[a, 2]
+    if definite:
+        _hessian(f, cof, shear, stretch, bulk, curve, h)
+        cut = _cut(h)
+        for a in range(4):
+            for b in range(a, 4):
+                for i in range(3):
+                    for q in range(3):
+                        value = 0.0
+                        for p in range(3):
+                            for r in range(3):
+                                value += g[a, p] * cut[3 * i + p, 3 * q + r] * g[b, r]
+                        k[a, b, i, q] = v * value
+        return
+    for a in range(4):
+        for b in range(a, 4):
+            alike = shear * (g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1] + g[a, 2] * g[b, 2])
+            n0 = g[a, 1] * g[b, 2] - g[a, 2] * g[b, 1]
+            n1 = g[a, 2] * g[b, 0] - g[a, 0] * g[b, 2]
+            n2 = g[a, 0] * g[b, 1] - g[a, 1] * g[b, 0]
+            for i in range(3):
+                for q in range(3):
+                    k[a, b, i, q] = v * (stretch * fg[a, i] * fg[b, q] + curve * cg[a, i] * cg[b, q])
+                k[a, b, i, i] += v * alike
+            # d2J/du_a du_b is the skew matrix of F (grad_a x grad_b).
+            w0 = v * bulk * (f[0, 0] * n0 + f[0, 1] * n1 + f[0, 2] * n2)
+            w1 = v * bulk * (f[1, 0] * n0 + f[1, 1] * n1 + f[1, 2] * n2)
+            w2 = v * bulk * (f[2, 0] * n0 + f[2, 1] * n1 + f[2, 2] * n2)
+            k[a, b, 0, 1] += w2
+            k[a, b, 1, 0] -= w2
+            k[a, b, 0, 2] -= w1
+            k[a, b, 2, 0] += w1
+            k[a, b, 1, 2] += w0
+            k[a, b, 2, 1] -= w0
+
+
+@njit(cache=True)
+def _turn(dense, at, count, axes):
+    """Rows and columns of the node at place `at` of a patch's matrix into its own axes."""
+    own = 3 * at
+    for column in range(3 * count):
+        x, y, z = dense[own, column], dense[own + 1, column], dense[own + 2, column]
+        for i in range(3):
+            dense[own + i, column] = axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
+    for row in range(3 * count):
+        x, y, z = dense[row, own], dense[row, own + 1], dense[row, own + 2]
+        for i in range(3):
+            dense[row, own + i] = axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
+
+
+@njit(cache=True)
 def _tangent(
     u,
     cells,
     gradients,
     volumes,
-    node_volumes,
+    patch,
+    patch_volumes,
     mu,
-    lam,
+    patch_lam,
     stiffening,
-    node_lam,
     extension,
-    averaged,
-    unit,
     definite,
+    order,
+    start,
+    local,
+    patch_first,
+    patch_nodes,
+    place_first,
+    place,
+    largest,
     frame,
     frames,
     rank,
     first_row,
     indptr,
-    place,
     offset,
     imposed,
     coupled,
     data,
     product,
 ):
-    nodes = len(node_volumes)
-    f, cof = np.empty((3, 3)), np.empty((3, 3))
-    h = np.empty((9, 9))
-    k = np.empty((4, 4, 3, 3))
-    fg, cg = np.empty((4, 3)), np.empty((4, 3))
-    turned = np.empty((3, 3))
-    first, second = np.zeros(nodes), np.zeros(nodes)
-    scale = np.zeros(nodes)
-    if averaged:
-        _nodal(u, cells, gradients, volumes, node_volumes, node_lam, extension, first, second)
-        for a in range(nodes):
-            if node_volumes[a] > 0:
-                # Beyond J_a = e the bulk term is concave; it is left out of the matrix there.
-                scale[a] = np.sqrt(unit * max(second[a], 0.0) / node_volumes[a])
-                if rank[a, 3] >= 0:
-                    data[indptr[first_row[a] + rank[a, 3]]] = -unit
-    for e in range(len(cells)):
-        cell, g, v = cells[e], gradients[e], volumes[e]
-        j, excess = _strain(u, cell, g, f, cof)
-        log, d, dd = _log(j, extension)
-        shear = mu[e] + 2 * stiffening[e] * excess
-        bulk, curve = -mu[e] * d, -mu[e] * dd
-        if averaged:
+    f, cof, h = np.empty((3, 3)), np.empty((3, 3)), np.empty((9, 9))
+    k, fg, cg = np.empty((4, 4, 3, 3)), np.empty((4, 3)), np.empty((4, 3))
+    dense, spread = np.empty((3 * largest, 3 * largest)), np.empty(3 * largest)
+    first, second = np.empty(len(patch_volumes)), np.empty(len(patch_volumes))
+    _bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second)
+    for p in range(len(patch_volumes)):
+        nodes = patch_nodes[patch_first[p] : patch_first[p + 1]]
+        count = len(nodes)
+        dense[: 3 * count, : 3 * count] = 0.0
+        spread[: 3 * count] = 0.0
+        for e in order[start[p] : start[p + 1]]:
+            j, excess = _strain(u, cells[e], gradients[e], f, cof)
+            _, d, dd = _log(j, extension)
+            shear, bulk = mu[e] + 2 * stiffening[e] * excess, first[p] - mu[e] * d
+            v, curve = volumes[e], -mu[e] * dd
+            _element(f, cof, gradients[e], v, shear, 4 * stiffening[e], bulk, curve, definite, fg, cg, h, k)
             for a in range(4):
-                bulk += 0.25 * first[cell[a]]
-        else:
-            bulk += lam[e] * log * d
-            curve += lam[e] * (d * d + log * dd)
-        for a in range(4):
-            for i in range(3):
-                fg[a, i] = f[i, 0] * g[a, 0] + f[i, 1] * g[a, 1] + f[i, 2] * g[a, 2]
-                cg[a, i] = cof[i, 0] * g[a, 0] + cof[i, 1] * g[a, 1] + cof[i, 2] * g[a, 2]
+                for i in range(3):
+                    spread[3 * local[e, a] + i] += v * cg[a, i]
+                for b in range(a, 4):
+                    for i in range(3):
+                        for q in range(3):
+                            row, column = 3 * local[e, a] + i, 3 * local[e, b] + q
+                            dense[row, column] += k[a, b, i, q]
+                            if a != b:
+                                dense[column, row] += k[a, b, i, q]
+        stiffness = second[p] / patch_volumes[p]
         if definite:
-            _hessian(f, cof, shear, 4 * stiffening[e], bulk, curve, h)
-            cut = _cut(h)
-            for a in range(4):
-                for b in range(4):
-                    for i in range(3):
-                        for q in range(3):
-                            value = 0.0
-                            for p in range(3):
-                                for r in range(3):
-                                    value += g[a, p] * cut[3 * i + p, 3 * q + r] * g[b, r]
-                            k[a, b, i, q] = v * value
-        else:
-            for a in range(4):
-                for b in range(4):
-                    alike = shear * (g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1] + g[a, 2] * g[b, 2])
-                    n0 = g[a, 1] * g[b, 2] - g[a, 2] * g[b, 1]
-                    n1 = g[a, 2] * g[b, 0] - g[a, 0] * g[b, 2]
-                    n2 = g[a, 0] * g[b, 1] - g[a, 1] * g[b, 0]
-                    for i in range(3):
-                        for q in range(3):
-                            k[a, b, i, q] = v * (4 * stiffening[e] * fg[a, i] * fg[b, q] + curve * cg[a, i] * cg[b, q])
-                        k[a, b, i, i] += v * alike
-                    # d2J/du_a du_b is the skew matrix of F (grad_a x grad_b).
-                    w0 = v * bulk * (f[0, 0] * n0 + f[0, 1] * n1 + f[0, 2] * n2)
-                    w1 = v * bulk * (f[1, 0] * n0 + f[1, 1] * n1 + f[1, 2] * n2)
-                    w2 = v * bulk * (f[2, 0] * n0 + f[2, 1] * n1 + f[2, 2] * n2)
-                    k[a, b, 0, 1] += w2
-                    k[a, b, 1, 0] -= w2
-                    k[a, b, 0, 2] -= w1
-                    k[a, b, 2, 0] += w1
-                    k[a, b, 1, 2] += w0
-                    k[a, b, 2, 1] -= w0
-        for a in range(4):
-            at = frame[cell[a]]
-            if at >= 0:
-                axes = frames[at]
-                for b in range(4):
-                    for i in range(3):
-                        for q in range(3):
-                            turned[i, q] = (
-                                axes[i, 0] * k[a, b, 0, q] + axes[i, 1] * k[a, b, 1, q] + axes[i, 2] * k[a, b, 2, q]
-                            )
-                    k[a, b] = turned
-                    for i in range(3):
-                        for q in range(3):
-                            turned[i, q] = (
-                                axes[q, 0] * k[b, a, i, 0] + axes[q, 1] * k[b, a, i, 1] + axes[q, 2] * k[b, a, i, 2]
-                            )
-                    k[b, a] = turned
-                c0, c1, c2 = cg[a, 0], cg[a, 1], cg[a, 2]
-                for i in range(3):
-                    cg[a, i] = axes[i, 0] * c0 + axes[i, 1] * c1 + axes[i, 2] * c2
-        for a in range(4):
-            na = cell[a]
-            for b in range(4):
-                nb = cell[b]
-                if coupled:
+            stiffness = max(stiffness, 0.0)
+        for i in range(3 * count):
+            for q in range(3 * count):
+                dense[i, q] += stiffness * spread[i] * spread[q]
+        for a in range(count):
+            if frame[nodes[a]] >= 0:
+                _turn(dense, a, count, frames[frame[nodes[a]]])
+        pair = place_first[p]
+        for a in range(count):
+            na = nodes[a]
+            if coupled:
+                for b in range(count):
                     for q in range(3):
-                        if rank[nb, q] < 0 and imposed[nb, q] != 0.0:
+                        if imposed[nodes[b], q] != 0.0:
                             for i in range(3):
-                                product[na, i] += k[a, b, i, q] * imposed[nb, q]
-                            product[na, 3] += 0.25 * v * scale[na] * cg[b, q] * imposed[nb, q]
-                if na > nb:
-                    continue
-                pair = offset[place[e, a, b]]
+                                product[na, i] += dense[3 * a + i, 3 * b + q] * imposed[nodes[b], q]
+            for b in range(a, count):
+                nb = nodes[b]
                 for i in range(3):
-                    if rank[na, i] < 0:
-                        continue
-                    at = indptr[first_row[na] + rank[na, i]] + pair - rank[na, i]
-                    for q in range(i if a == b else 0, 3):
-                        if rank[nb, q] >= 0:
-                            data[at + rank[nb, q]] += k[a, b, i, q]
-                    if averaged and rank[nb, 3] >= 0:
-                        data[at + rank[nb, 3]] += 0.25 * v * scale[nb] * cg[a, i]
-                if averaged and a != b and rank[na, 3] >= 0:
-                    at = indptr[first_row[na] + rank[na, 3]] + pair - rank[na, 3]
-                    for q in range(3):
-                        if rank[nb, q] >= 0:
-                            data[at + rank[nb, q]] += 0.25 * v * scale[na] * cg[b, q]
+                    if rank[na, i] >= 0:
+                        at = indptr[first_row[na] + rank[na, i]] + offset[place[pair]] - rank[na, i]
+                        for q in range(i if a == b else 0, 3):
+                            if rank[nb, q] >= 0:
+                                data[at + rank[nb, q]] += dense[3 * a + i, 3 * b + q]
+                pair += 1

@@ -1,51 +1,52 @@
-"""Linear tetrahedra: energy, internal force and tangent of a mesh, compiled, summed in a fixed order.
+"""Linear tetrahedra: energy and internal force of a mesh, compiled, summed in a fixed order.
 
-Two volumetric options. "p1": every term per element. "anp", averaged nodal volume: the bulk term alone is nodal,
+The bulk term alone is averaged over patches of elements,
 
-    W = sum_e V_e [mu/2 (I1 - 3) + stiffening/2 (I1 - 3)^2 - mu ln J_e] + sum_a V_a lam_a/2 (ln J_a)^2,
-    J_a = sum_{e in star a} V_e J_e / sum V_e,    V_a = sum V_e / 4,    lam_a = sum V_e lam_e / sum V_e.
+    W = sum_e V_e [mu/2 (I1 - 3) + stiffening/2 (I1 - 3)^2 - mu ln J_e] + sum_p V_p lam_p/2 (ln J_p)^2,
+    J_p = sum_{e in p} V_e J_e / V_p,    V_p = sum V_e,    lam_p = sum V_e lam_e / V_p.
 
-Only the bulk term locks, so only it is averaged. -mu ln J stays with the element: it holds up every element's own J
-where averaging would let one collapse beside another, and it cancels mu/2 (I1 - 3) at rest element by element, so that
-the rest state is free of stress where tissues meet. A uniform J gives the energy of "p1", so the patch test holds and
-the linearisation is isotropic elasticity. Force and tangent are the exact gradient and Hessian of W.
-
-The tangent of "anp" is T + sum_a (U_a''/V_a) b_a b_a', b_a = V_a dJ_a/du, which couples second neighbours. It is kept
-unassembled as the quasi-definite matrix [T C; C' -D] with one extra unknown per node: same solution, the sparsity of
-the element graph, and by its inertia the proof that the condensed tangent is positive definite.
+Two volumetric options: "p1", every element its own patch, the plain linear tetrahedron; "patch", patches of
+neighbours in one tissue (:mod:`pinnochio.mechanics.patches`), which do not lock: fewer constraints than unknowns
+[S: F-bar patches, de Souza Neto 2005]. -mu ln J stays with the element: it holds up every element's own J where
+averaging would let one collapse beside another, and it cancels mu/2 (I1 - 3) at rest element by element, so that the
+rest state is free of stress where tissues meet. A uniform J gives the same energy in both, so the patch test holds and
+the linearisation is isotropic elasticity. The force is the exact gradient of W.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 
 from pinnochio.errors import InputError
 from pinnochio.mechanics.materials import Material
+from pinnochio.mechanics.patches import make_patches
 
-VOLUMETRIC = ("anp", "p1")
+VOLUMETRIC = ("patch", "p1")
 
 
 @dataclass(frozen=True)
 class Elements:
     """Geometry and constants of a mesh at rest.
 
-    cells (m, 4) int32; gradients (m, 4, 3) of the shape functions, 1/mm; volumes (m,) and node_volumes (n,) mm3;
-    node_lam (n,) kPa; edge: mean edge length in mm; modulus: mean mu in kPa.
+    cells (m, 4) int32; gradients (m, 4, 3) of the shape functions, 1/mm; volumes (m,) mm3; patch (m,) int32, the
+    patch of each element; patch_volumes (p,) mm3, patch_lam (p,) kPa; nodes: their number; edge: mean edge length in
+    mm; modulus: mean mu in kPa.
     """
 
     cells: np.ndarray
     gradients: np.ndarray
     volumes: np.ndarray
-    node_volumes: np.ndarray
-    node_lam: np.ndarray
+    patch: np.ndarray
+    patch_volumes: np.ndarray
+    patch_lam: np.ndarray
     material: Material
-    averaged: bool
+    nodes: int
     edge: float
     modulus: float
 
     @classmethod
-    def build(cls, points, cells, material: Material, volumetric: str = "anp") -> "Elements":
+    def build(cls, points, cells, material: Material, volumetric: str = VOLUMETRIC[0]) -> "Elements":
         """Check a mesh, points (n, 3) mm and cells (m, 4) of positive volume, and measure it."""
         points, cells = check_mesh(points, cells)
         if volumetric not in VOLUMETRIC:
@@ -55,27 +56,32 @@ class Elements:
                 "-", "material", f"{len(material.mu)} constants for {len(cells)} cells", "give one per cell"
             )
         gradients, volumes = shape_gradients(points, cells)
-        corner = np.repeat(volumes / 4, 4)
-        node_volumes = np.bincount(cells.ravel(), corner, len(points))
-        node_lam = np.bincount(cells.ravel(), corner * np.repeat(material.lam, 4), len(points))
-        node_lam /= np.where(node_volumes > 0, node_volumes, 1)
+        patch = np.arange(len(cells), dtype=np.int32)
+        if volumetric == "patch":
+            patch = make_patches(points, cells, material.lam)
+        patch_volumes = np.bincount(patch, volumes)
+        patch_lam = np.bincount(patch, volumes * material.lam) / patch_volumes
         mean_mu = float(np.average(material.mu, weights=volumes))
-        averaged = volumetric == "anp"
         edge = mean_edge(points, cells)
-        return cls(cells, gradients, volumes, node_volumes, node_lam, material, averaged, edge, mean_mu)
+        return cls(cells, gradients, volumes, patch, patch_volumes, patch_lam, material, len(points), edge, mean_mu)
 
     @property
-    def _mesh(self):
+    def arrays(self) -> tuple:
+        """What the compiled kernels take, in their order."""
         law = self.material
         return (
-            *(self.cells, self.gradients, self.volumes, self.node_volumes),
-            *(law.mu, law.lam, law.stiffening, self.node_lam, law.extension, self.averaged),
+            *(self.cells, self.gradients, self.volumes, self.patch, self.patch_volumes),
+            *(law.mu, self.patch_lam, law.stiffening, law.extension),
         )
+
+    def with_extension(self, extension: float) -> "Elements":
+        """The same mesh with ln J replaced by its Taylor polynomial below another J."""
+        return replace(self, material=replace(self.material, extension=extension))
 
     def evaluate(self, displacement) -> tuple[float, np.ndarray, float]:
         """Energy in mN mm, internal force (n, 3) in mN and least J of a displacement (n, 3) mm."""
-        force = np.zeros((len(self.node_volumes), 3))
-        energy, least = _evaluate(np.ascontiguousarray(displacement, float), *self._mesh, force)
+        force = np.zeros((self.nodes, 3))
+        energy, least = _evaluate(np.ascontiguousarray(displacement, float), *self.arrays, force)
         return energy, force, least
 
 
@@ -149,45 +155,35 @@ def _strain(u, cell, gradient, f, cof):
 
 
 @njit(cache=True)
-def _nodal(u, cells, gradients, volumes, node_volumes, node_lam, extension, first, second):
-    """dU/dJ_a and d2U/dJ_a2 per node of U = lam_a/2 (ln J_a)^2; returns the nodal energy."""
+def _bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second):
+    """dU/dJ_p and d2U/dJ_p2 of each patch, U = lam_p/2 (ln J_p)^2; returns the energy of all."""
     f, cof = np.empty((3, 3)), np.empty((3, 3))
-    ratio = np.zeros(len(node_volumes))
+    ratio = np.zeros(len(patch_volumes))
     for e in range(len(cells)):
         j, _ = _strain(u, cells[e], gradients[e], f, cof)
-        for a in range(4):
-            ratio[cells[e, a]] += 0.25 * volumes[e] * j
+        ratio[patch[e]] += volumes[e] * j
     energy = 0.0
-    for a in range(len(node_volumes)):
-        if node_volumes[a] > 0:
-            log, d, dd = _log(ratio[a] / node_volumes[a], extension)
-            energy += 0.5 * node_volumes[a] * node_lam[a] * log * log
-            first[a] = node_lam[a] * log * d
-            second[a] = node_lam[a] * (d * d + log * dd)
+    for p in range(len(patch_volumes)):
+        log, d, dd = _log(ratio[p] / patch_volumes[p], extension)
+        energy += 0.5 * patch_volumes[p] * patch_lam[p] * log * log
+        first[p] = patch_lam[p] * log * d
+        second[p] = patch_lam[p] * (d * d + log * dd)
     return energy
 
 
 @njit(cache=True)
-def _evaluate(u, cells, gradients, volumes, node_volumes, mu, lam, stiffening, node_lam, extension, averaged, force):
+def _evaluate(u, cells, gradients, volumes, patch, patch_volumes, mu, patch_lam, stiffening, extension, force):
     f, cof = np.empty((3, 3)), np.empty((3, 3))
-    first, second = np.zeros(len(node_volumes)), np.zeros(len(node_volumes))
-    energy, least = 0.0, np.inf
-    if averaged:
-        energy = _nodal(u, cells, gradients, volumes, node_volumes, node_lam, extension, first, second)
+    first, second = np.empty(len(patch_volumes)), np.empty(len(patch_volumes))
+    energy = _bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second)
+    least = np.inf
     for e in range(len(cells)):
         j, excess = _strain(u, cells[e], gradients[e], f, cof)
         least = min(least, j)
         log, d, _ = _log(j, extension)
         energy += volumes[e] * (0.5 * mu[e] * excess + 0.5 * stiffening[e] * excess**2 - mu[e] * log)
-        if averaged:
-            pressure = 0.0
-            for a in range(4):
-                pressure += 0.25 * first[cells[e, a]]
-        else:
-            energy += volumes[e] * 0.5 * lam[e] * log * log
-            pressure = lam[e] * log * d
         shear = volumes[e] * (mu[e] + 2 * stiffening[e] * excess)
-        bulk = volumes[e] * (pressure - mu[e] * d)
+        bulk = volumes[e] * (first[patch[e]] - mu[e] * d)
         for i in range(3):
             p0 = shear * f[i, 0] + bulk * cof[i, 0]
             p1 = shear * f[i, 1] + bulk * cof[i, 1]

@@ -1,7 +1,9 @@
-"""Direct solution of symmetric systems with a fixed pattern and a known inertia: PARDISO, or SciPy without it."""
+"""Symmetric linear systems of a fixed pattern: PARDISO or SciPy, and conjugate gradients on factors that are kept."""
 
 import copy
+import ctypes
 import logging
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -12,7 +14,6 @@ from pinnochio.errors import InputError
 
 try:
     from pypardiso import PyPardisoSolver
-    from pypardiso.pardiso_wrapper import PyPardisoError
 except ImportError:  # no MKL on this platform
     PyPardisoSolver = None
 
@@ -21,18 +22,20 @@ MKL_CBWR_AUTO = 2  # of mkl_cbwr.h: the fastest code path that is reproducible o
 LINEAR_SOLVERS = ("auto", "pardiso", "scipy")
 
 
-def linear_solver(indptr, indices, negative: int, kind: str = "auto"):
+def linear_solver(indptr, indices, negative: int, kind: str = "auto", single: bool = False):
     """Solver for a symmetric matrix, upper triangle in CSR, with `negative` negative and else positive eigenvalues.
 
     factorize(data) is false where the matrix has another inertia (then it is not the Hessian at a minimum);
-    solve(rhs) uses the last factors; close() releases them.
+    solve(rhs) uses the last factors; worth: how many solutions a factorisation costs; close() releases the factors.
+    single: factors in single precision, where the library has them: as good for conjugate gradients, at half the cost.
     """
     if kind not in LINEAR_SOLVERS:
         raise InputError("-", "options", f"linear_solver is {kind!r}", f"choose one of {LINEAR_SOLVERS}")
     if kind == "pardiso" and PyPardisoSolver is None:
         raise InputError("-", "options", "PARDISO is not installed", "pip install pypardiso, or choose 'auto'")
-    made = Scipy if kind == "scipy" or PyPardisoSolver is None else Pardiso
-    return made(indptr, indices, negative)
+    if kind == "scipy" or PyPardisoSolver is None:
+        return Scipy(indptr, indices, negative)
+    return Pardiso(indptr, indices, negative, single)
 
 
 @cache
@@ -48,48 +51,69 @@ def _library() -> "PyPardisoSolver":
 class Pardiso:
     """MKL PARDISO: Cholesky without negative eigenvalues, else LDL'. The pattern is analysed once."""
 
-    def __init__(self, indptr, indices, negative: int):
-        self._matrix = sparse.csr_matrix((np.zeros(len(indices)), indices, indptr), shape=(len(indptr) - 1,) * 2)
-        self._negative = negative
+    def __init__(self, indptr, indices, negative: int, single: bool):
+        self._size, self._negative, self._type = len(indptr) - 1, negative, np.float32 if single else np.float64
+        self._indptr, self._indices = (np.asarray(x, np.int32) + np.int32(1) for x in (indptr, indices))
+        self._data, self._ready = np.zeros(len(indices), self._type), False
         self._solver = copy.copy(_library())
         self._solver.pt, self._solver.iparm = np.zeros(64, np.int64), np.zeros(64, np.int32)
-        self._solver.set_matrix_type(-2 if negative else 2)
         set_to = self._solver.set_iparm
         set_to(1, 1)  # the values below, not the defaults
         set_to(2, 2)  # METIS
         set_to(10, 13)  # pivots below 1e-13 of the norm are perturbed; factorize() then says no
-        set_to(18, 0)
-        self._ready = False
+        set_to(18, -1)  # count the entries of the factors
+        set_to(19, -1)  # and the operations
+        set_to(28, int(single))
 
-    def _call(self, phase: int, rhs: np.ndarray) -> np.ndarray:
-        self._solver.set_phase(phase)
-        return self._solver._call_pardiso(self._matrix, rhs)
+    def _call(self, phase: int, rhs: np.ndarray) -> tuple[np.ndarray, int]:
+        """Result and error code of one phase; the wrapper's own call copies the pattern each time."""
+        rhs = np.ascontiguousarray(rhs, self._type)
+        result, error = np.zeros_like(rhs), ctypes.c_int32(0)
+        # The wrapper declares pointers to double; in single precision the library reads what lies there as float.
+        one, reals, integers = ctypes.c_int32(1), ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32)
+        scalars = [ctypes.c_int32(x) for x in (-2 if self._negative else 2, phase, self._size)]
+        self._solver._mkl_pardiso(
+            self._solver.pt.ctypes.data_as(ctypes.POINTER(self._solver._pt_type[0])),
+            *(ctypes.byref(one), ctypes.byref(one), *(ctypes.byref(x) for x in scalars)),
+            self._data.ctypes.data_as(reals),
+            *(x.ctypes.data_as(integers) for x in (self._indptr, self._indices, self._solver.perm)),
+            *(ctypes.byref(one), self._solver.iparm.ctypes.data_as(integers), ctypes.byref(ctypes.c_int32(0))),
+            *(x.ctypes.data_as(reals) for x in (rhs, result)),
+            ctypes.byref(error),
+        )
+        return result, error.value
 
     def factorize(self, data) -> bool:
-        self._matrix.data = data
         if not np.isfinite(data).all():
             return False
-        try:
-            if not self._ready:
-                self._call(11, np.zeros(self._matrix.shape[0]))
-                self._ready = True
-            self._call(22, np.zeros(self._matrix.shape[0]))
-        except PyPardisoError as error:
-            if error.value in (-4, -7):  # zero or negative pivot
-                return False
-            raise
+        self._data = np.ascontiguousarray(data, self._type)
+        _, error = self._call(22 if self._ready else 12, np.zeros(self._size))
+        self._ready = True
+        if error in (-4, -7):  # zero or negative pivot
+            return False
+        if error:
+            raise RuntimeError(f"PARDISO failed with error {error}; -2 means that the machine has too little memory")
         iparm = self._solver.iparm
         return not self._negative or bool(iparm[13] == 0 and iparm[22] == self._negative)
 
+    @property
+    def worth(self) -> float:
+        # Operations of the factorisation (in millions) over entries read twice in a solution, which is bound by
+        # memory; on the machines tried an entry costs as much as 40 operations [X].
+        entries, operations = float(self._solver.iparm[17]), 1e6 * float(self._solver.iparm[18])
+        return operations / (40 * entries)
+
     def solve(self, rhs) -> np.ndarray:
-        return self._call(33, np.ascontiguousarray(rhs, float))
+        return self._call(33, rhs)[0].astype(float, copy=False)
 
     def close(self) -> None:
-        self._solver.free_memory(everything=True)
+        self._call(-1, np.zeros(self._size))
 
 
 class Scipy:
     """SuperLU without pivoting, so that the signs of its pivots are the inertia. Slow; for machines without MKL."""
+
+    worth = 20.0
 
     def __init__(self, indptr, indices, negative: int):
         self._shape, self._indptr, self._indices = (len(indptr) - 1,) * 2, indptr, indices
@@ -114,3 +138,35 @@ class Scipy:
 
     def close(self) -> None:
         self._factors = None
+
+
+def symmetric_product(indptr, indices, data) -> Callable[[np.ndarray], np.ndarray]:
+    """x -> A x for a symmetric matrix given by its upper triangle in CSR."""
+    upper = sparse.csr_matrix((data, indices, indptr), shape=(len(indptr) - 1,) * 2)
+    lower, diagonal = upper.T, upper.diagonal()
+    return lambda x: upper @ x + lower @ x - diagonal * x
+
+
+def conjugate_gradients(product, precondition, rhs, tolerance: float, limit: int) -> tuple[np.ndarray | None, int]:
+    """Solution to a relative residual of `tolerance`, None if `limit` iterations or a negative curvature end it before;
+    and the iterations made.
+
+    product, precondition: x -> A x and x -> M^-1 x, both symmetric, M positive definite.
+    """
+    solution, residual = np.zeros_like(rhs), np.array(rhs)
+    goal = tolerance * np.linalg.norm(rhs)
+    direction, last = None, 0.0
+    for iteration in range(limit):
+        if np.linalg.norm(residual) <= goal:
+            return solution, iteration
+        wanted = precondition(residual)
+        now = residual @ wanted
+        direction = wanted if direction is None else wanted + now / last * direction
+        image = product(direction)
+        curvature = direction @ image
+        if not curvature > 0:
+            return None, iteration
+        solution += now / curvature * direction
+        residual -= now / curvature * image
+        last = now
+    return (solution if np.linalg.norm(residual) <= goal else None), limit

@@ -8,6 +8,7 @@ import numpy as np
 from pinnochio.anatomy.labels import TISSUES
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
+from pinnochio.mechanics.elements import VOLUMETRIC
 from pinnochio.mechanics.materials import Material, neo_hookean
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions, solve
@@ -19,11 +20,11 @@ class FemSettings:
 
     youngs_modulus: Mapping[str, float]
     poisson: float
-    volumetric: str = "anp"
+    volumetric: str = VOLUMETRIC[0]
     increments: int = 2
     tolerance: float = 1e-6
     max_iterations: int = 30
-    time_limit: float = 300.0
+    time_limit: float = 50.0
     linear_solver: str = "auto"
     stiffening: float = 0.0
 
@@ -45,7 +46,7 @@ class FemSettings:
 
 
 def simulate(patient: PatientModel, plan: Plan, arm: str, settings: FemSettings) -> SolveResult:
-    """Displacement of every node under the plan; arm "bonded" or "mucosa" (sliding)."""
+    """Displacement of every node under the plan; arm: one of `sliding.ARMS`."""
     return solve(
         patient.points,
         patient.cells,

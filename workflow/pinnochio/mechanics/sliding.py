@@ -7,77 +7,15 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.anatomy.labels import CRANIUM, segment_name
-from pinnochio.anatomy.model import FIXED, MOVING, SLIDING, PatientModel
+from pinnochio.anatomy.model import FIXED, FREE, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
 from pinnochio.anatomy.plan import Plan, RigidMotion
 from pinnochio.errors import InputError
+from pinnochio.mechanics.contact import ContactSet, boundary_faces, facing_sets, node_areas
+from pinnochio.mechanics.point_surface import PointSurface
 
-ARMS = ("bonded", "mucosa")
+ARMS = ("bonded", "mucosa", "mucosa+lip")
 # Bone further than this from every tissue node of its segment cannot be slid upon. Above the largest motion, mm [I].
 REACH = 25.0
-
-
-class PointSurface:
-    """Implicit surface of oriented points (b, 3) and unit normals (b, 3): a signed distance, positive outside.
-
-    Moving averages, Gaussian with the points' own spacing: of the distances to the points' tangent planes (IMLS),
-    which a sphere of radius R misses by -spacing^2/2R, and of the distances to the points along the mean normal, which
-    misses by as much on the other side. Half of each is exact on planes and right to third order on curved surfaces.
-    The field is smooth, as Newton's method needs it: so many points are averaged, however densely they lie where thin
-    bone has two sides, that those left out weigh less than 1e-5.
-    """
-
-    WIDTHS = 3.5  # spacings; exp(-3.5^2) < 1e-5
-
-    def __init__(self, points, normals):
-        self._points, self._normals = np.asarray(points, float), np.asarray(normals, float)
-        if len(self._points) < 8:
-            raise InputError("-", "sliding", f"a surface of {len(self._points)} points", "give at least 8 points")
-        length = np.linalg.norm(self._normals, axis=1)
-        if not (np.isfinite(self._points).all() and np.isfinite(length).all() and (length > 0).all()):
-            raise InputError("-", "sliding", "a surface point or normal is not finite", "mend the surface")
-        self._normals = self._normals / length[:, None]
-        self._tree = cKDTree(self._points)
-        spacing = self._tree.query(self._points, 7)[0][:, 1:].mean()
-        self._width = max(float(spacing), 1e-6) ** 2
-        near = self._tree.query_ball_point(self._points, self.WIDTHS * np.sqrt(self._width), return_length=True)
-        self._count = min(int(near.max()) + 1, len(self._points))
-
-    def distance(self, x) -> tuple[np.ndarray, np.ndarray]:
-        """Signed distance (s,) in mm and its gradient (s, 3) at x (s, 3)."""
-        _, near = self._tree.query(x, self._count)
-        offset, normals = x[:, None] - self._points[near], self._normals[near]
-        square = (offset**2).sum(axis=2)
-        weight = np.exp((square[:, :1] - square) / self._width)
-        weight /= weight.sum(axis=1, keepdims=True)
-        plane = (offset * normals).sum(axis=2)
-        first = (weight * plane).sum(axis=1)
-        sum_normal, mean_offset = (np.einsum("sk,ski->si", weight, v) for v in (normals, offset))
-        # d weight/dx = -2/width weight (offset - mean offset): derivatives of averages are covariances.
-        centred = (-2 / self._width) * weight[:, :, None] * (offset - mean_offset[:, None])
-        grad_first = sum_normal + np.einsum("sk,skj->sj", plane, centred)
-        turn, drift = (np.einsum("ski,skj->sij", v, centred) for v in (normals, offset))
-        length = np.maximum(np.linalg.norm(sum_normal, axis=1), 1e-3)[:, None]
-        normal = sum_normal / length
-        second = (normal * mean_offset).sum(axis=1)
-        across = (mean_offset - second[:, None] * normal) / length
-        grad_second = normal + np.einsum("sij,si->sj", turn, across) + np.einsum("sij,si->sj", drift, normal)
-        return (first + second) / 2, (grad_first + grad_second) / 2
-
-    def project(self, x, level, iterations: int = 200) -> np.ndarray:
-        """x (s, 3) moved along the gradient to where the signed distance is `level` (s,), to 1e-9 mm if it can."""
-        x = np.array(x, float)
-        active = np.arange(len(x))
-        for _ in range(iterations):
-            value, gradient = self.distance(x[active])
-            gap = level[active] - value
-            left = np.abs(gap) > 1e-9
-            active, gap, gradient = active[left], gap[left], gradient[left]
-            if not len(active):
-                break
-            step = gradient * (gap / np.maximum((gradient**2).sum(axis=1), 0.01))[:, None]
-            # A step is never longer than 2 mm: across a sharp edge the gradient says little about what lies beyond.
-            x[active] += step * np.minimum(1, 2 / np.maximum(np.linalg.norm(step, axis=1), 1e-30))[:, None]
-        return x
 
 
 @dataclass(frozen=True)
@@ -95,7 +33,7 @@ class SlidingSet:
 
 @dataclass(frozen=True)
 class BoundaryConditions:
-    """What a solution is asked for: prescribed nodes and sliding sets; a node is in one of them at most.
+    """What a solution is asked for: prescribed nodes, sliding sets and contact sets; a node is in one of them at most.
 
     prescribed: displacement (p, 3) in mm at the end, applied in proportion, or a function of the fraction in [0, 1].
     """
@@ -103,6 +41,7 @@ class BoundaryConditions:
     prescribed_nodes: np.ndarray
     prescribed: np.ndarray | Callable[[float], np.ndarray]
     sliding: list[SlidingSet] = field(default_factory=list)
+    contact: list[ContactSet] = field(default_factory=list)
 
     def displacement(self, fraction: float) -> np.ndarray:
         """Displacement (p, 3) in mm of the prescribed nodes at a fraction of the load."""
@@ -150,12 +89,12 @@ class SlidingContact:
         return _frames(np.vstack(normals))
 
     def curvature(self, displacement, fraction: float, frames, force) -> np.ndarray:
-        """What the bend of the surfaces adds to the tangent along them, (s, 2, 2) in mN/mm.
+        """What the bend of the surfaces adds to the tangent, (s, 3, 3) in mN/mm in local axes, zero along the first.
 
         The Hessian of the energy on a level set of g is K - (force . grad g / |grad g|^2) d2g along it; force (n, 3) in
         mN is the gradient of the energy. d2g is taken by central differences of the gradient.
         """
-        step, blocks, done = 1e-3, [np.zeros((0, 2, 2))], 0
+        step, blocks, done = 1e-3, [np.zeros((0, 3, 3))], 0
         for item, surface in zip(self.sets, self._surfaces, strict=True):
             motion, axes = item.motion(fraction), frames[done : done + len(item.nodes)]
             done += len(item.nodes)
@@ -167,7 +106,8 @@ class SlidingContact:
             for tangent in (local[:, 1], local[:, 2]):
                 change = surface.distance(here + step * tangent)[1] - surface.distance(here - step * tangent)[1]
                 columns.append(np.einsum("sij,sj->si", local[:, 1:], change / (2 * step)))
-            bend = np.stack(columns, axis=2)
+            bend = np.zeros((len(item.nodes), 3, 3))
+            bend[:, 1:, 1:] = np.stack(columns, axis=2)
             blocks.append(-reaction[:, None, None] * (bend + bend.transpose(0, 2, 1)) / 2)
         return np.concatenate(blocks)
 
@@ -193,10 +133,11 @@ def _frames(normals) -> np.ndarray:
     return np.stack([normals, tangent, np.cross(normals, tangent)], axis=1)
 
 
-def boundary_conditions(model: PatientModel, plan: Plan, arm: str) -> BoundaryConditions:
+def boundary_conditions(model: PatientModel, plan: Plan, arm: str, unilateral: bool = False) -> BoundaryConditions:
     """Boundary conditions of a plan. Fixed nodes stay, moving nodes follow their segment; sliding nodes follow it in
     the arm "bonded" (free where a mesh edge ties them to the other jaw, because no element can follow both) and slide
-    along the moved bone, their distance to it kept, in the arm "mucosa" [S: KIM16/17]."""
+    along the moved bone, their distance to it kept, in the arm "mucosa" [S: KIM16/17]; unilateral, they may leave it.
+    In the arm "mucosa+lip" the lips, too, touch without entering each other; without lips it is "mucosa"."""
     if arm not in ARMS:
         raise InputError(plan.case, "options", f"arm is {arm!r}", f"choose one of {ARMS}")
     unknown = sorted(set(plan.motions) - set(model.segments))
@@ -216,15 +157,24 @@ def boundary_conditions(model: PatientModel, plan: Plan, arm: str) -> BoundaryCo
             moved[own] = motion.fraction(fraction).displacement(rest[own])
         return moved
 
-    sliding = []
-    if arm == "mucosa":
+    sliding, contact = [], []
+    if arm != "bonded":
+        faces = boundary_faces(model.cells)
         slides = model.node_type == SLIDING
         for index in np.unique(model.node_segment[slides]):
             motion = RigidMotion() if index < 0 else plan.motion(model.segments[index])
             points, normals = _facing_bone(model, index)
             own = np.flatnonzero(slides & (model.node_segment == index))
-            sliding.append(SlidingSet(own, points, normals, motion.fraction))
-    return BoundaryConditions(nodes, prescribed, sliding)
+            if unilateral:
+                areas = node_areas(model.points, faces, own)
+                bone = {"points": points, "normals": normals, "motion": motion.fraction}
+                contact.append(ContactSet(own, areas, **bone, touching=True))
+            else:
+                sliding.append(SlidingSet(own, points, normals, motion.fraction))
+    if arm == "mucosa+lip":
+        upper, lower = (np.flatnonzero(model.lip == lip) for lip in (UPPER_LIP, LOWER_LIP))
+        contact += facing_sets(model.points, faces, upper, lower, model.node_type != FREE)
+    return BoundaryConditions(nodes, prescribed, sliding, contact)
 
 
 def _bridging(model: PatientModel) -> np.ndarray:

@@ -4,34 +4,47 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from pinnochio.errors import InputError
 from pinnochio.mechanics.assembly import Assembler
-from pinnochio.mechanics.elements import Elements
-from pinnochio.mechanics.linear import linear_solver
+from pinnochio.mechanics.constraints import Constraints
+from pinnochio.mechanics.contact import UnilateralContact, penalty
+from pinnochio.mechanics.elements import VOLUMETRIC, Elements, jacobians
+from pinnochio.mechanics.linear import conjugate_gradients, linear_solver, symmetric_product
 from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact
+from pinnochio.mechanics.sliding import BoundaryConditions
+
+# Volume ratio below which ln J is extended while a start is untangled: the energy is all but quadratic in J then. With
+# 0.3 a patch mesh whose elements were half inverted found another equilibrium in 1 of 12 tries, with 0.9 in none [X].
+UNTANGLING = 0.9
+# A start with a larger share of inverted elements says nothing of where to go: plain elements settle in a crumpled
+# equilibrium from there [X].
+TANGLED = 0.25
 
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """increments: the first load increment is 1/increments; it grows and shrinks after that.
+    """increments: the first load increment is 1/increments; it shrinks on failure and grows by `growth` on success.
 
     tolerance: residual on the free nodes over the reaction on the constrained ones, at the end of the load;
     loose: the same at intermediate loads, which only have to be good starts.
     max_iterations: Newton iterations per increment. time_limit in s. min_increment: share of the load.
-    restart: begin again from rest if a given start leads nowhere; else its last iterate is the result.
+    restart: begin again from rest if a given start leads nowhere, or at once if more than a quarter of its elements are
+    inverted; else its last iterate is the result.
+    reuse: solve by conjugate gradients on factors in single precision, of an earlier tangent where that costs less than
+    new factors; else every system is factorised in double precision.
     """
 
-    volumetric: str = "anp"
+    volumetric: str = VOLUMETRIC[0]
     increments: int = 2
+    growth: float = 2.0
     tolerance: float = 1e-6
     loose: float = 1e-2
     max_iterations: int = 25
     min_increment: float = 1 / 256
     time_limit: float = 600.0
     restart: bool = True
+    reuse: bool = True
     linear_solver: str = "auto"
 
 
@@ -40,7 +53,8 @@ class SolveResult:
     """displacement (n, 3) mm: the solution if converged, else the last state in equilibrium, reached at `fraction`.
 
     reason says why the solver stopped. history: one entry per Newton iterate. residual: relative, at `displacement`.
-    violation: largest change of a sliding node's distance to its surface, mm.
+    violation: largest change of a sliding node's distance to its surface, mm; penetration, gap: how far a contact node
+    has entered the opposing surface, or come away from it, at most, mm.
     """
 
     displacement: np.ndarray
@@ -51,9 +65,12 @@ class SolveResult:
     fraction: float
     residual: float
     violation: float
+    penetration: float
+    gap: float
     increments: int
     iterations: int
     factorizations: int
+    linear_iterations: int
     seconds: float
 
 
@@ -89,66 +106,54 @@ def solve(
     InputError for input that makes no sense; a problem that is merely hard does not raise, its result says why.
     """
     options = options or SolverOptions()
-    if not (options.increments >= 1 and options.tolerance > 0 and 0 < options.min_increment <= 1):
-        raise InputError("-", "options", f"{options} makes no sense", "increments >= 1, tolerance > 0")
+    sound = options.increments >= 1 and options.growth >= 1 and options.tolerance > 0 and 0 < options.min_increment <= 1
+    if not sound:
+        raise InputError("-", "options", f"{options} makes no sense", "increments, growth >= 1, tolerance > 0")
     newton = _Newton(points, cells, material, boundary, options)
     try:
         return newton.run(start)
     finally:
-        newton.linear.close()
+        newton.close()
 
 
 class _Newton:
     def __init__(self, points, cells, material, boundary: BoundaryConditions, options: SolverOptions):
         self.began = time.perf_counter()
-        self.options, self.boundary = options, boundary
+        self.options = options
         self.elements = Elements.build(points, cells, material, options.volumetric)
         self.points = np.asarray(points, float)
-        self.contact = SlidingContact(self.points, boundary.sliding)
-        self.told = np.asarray(boundary.prescribed_nodes, int)
-        _check(self.points, self.told, self.contact.nodes, boundary)
-        self.constrained = np.zeros((len(self.points), 3), bool)
-        self.constrained[self.told] = True
-        self.constrained[self.contact.nodes, 0] = True
-        _check_held(self.points, self.elements.cells, self.constrained, self.contact)
-        self.assembler = Assembler(self.elements, self.constrained, self.contact.nodes)
-        self.linear = linear_solver(
-            self.assembler.indptr, self.assembler.indices, self.assembler.multipliers, options.linear_solver
-        )
+        self.constraints = Constraints(self.points, self.elements.cells, boundary)
+        self.sliding = self.constraints.sliding
+        stiffness = penalty(self.elements.modulus, self.elements.edge)
+        self.contact = UnilateralContact(self.points, boundary.contact, stiffness)
+        constrained = self.constraints.constrained
+        self.assembler = Assembler(self.elements, constrained, self.sliding.nodes, self.contact.pairs)
+        self.systems = {}
+        self.single, self.factorized, self.indefinite, self.spent = options.reuse, False, False, 0
         self.history: list[dict] = []
-        self.increments = self.iterations = self.factorizations = 0
+        self.increments = self.iterations = self.factorizations = self.linear_iterations = 0
 
     # ---- states
 
     def state(self, u, fraction: float) -> _State:
         """The admissible state next to `u`: prescribed nodes where they belong, sliding nodes on their surfaces."""
-        u = self.contact.project(u, fraction)
-        u[self.told] = self.boundary.displacement(fraction)
-        return self.measured(u, fraction)
+        return self.measured(self.constraints.met(u, fraction), fraction)
 
     def measured(self, u, fraction: float) -> _State:
         """The state `u` with its residual: forces on the free unknowns over the reactions on the constrained ones."""
         energy, force, least = self.elements.evaluate(u)
-        frames = self.contact.frames(u, fraction)
-        local = self.local(force, frames)
+        pressing, push = self.contact.evaluate(u, fraction)
+        energy, force = energy + pressing, force + push
+        frames = self.sliding.frames(u, fraction)
+        local = self.constraints.local(force, frames)
         free_force = self.assembler.gather(local)
-        reaction = np.linalg.norm(local[self.constrained])
+        held = self.constraints.constrained
+        # Contact carries load too, where the nodes that it presses have no other condition.
+        reaction = np.sqrt((local[held] ** 2).sum() + (push**2).sum())
         # The reaction at a strain of 1e-4: the measure where the load asks for no force, as in a rigid motion.
-        least_reaction = 1e-4 * self.elements.modulus * self.elements.edge**2 * np.sqrt(self.constrained.sum())
+        least_reaction = 1e-4 * self.elements.modulus * self.elements.edge**2 * np.sqrt(held.sum())
         residual = float(np.linalg.norm(free_force) / max(reaction, least_reaction, np.finfo(float).tiny))
         return _State(u, fraction, energy, force, least, frames, free_force, residual)
-
-    def local(self, vectors, frames) -> np.ndarray:
-        """Vectors (n, 3) with those of the sliding nodes in their own axes."""
-        turned = np.array(vectors)
-        turned[self.contact.nodes] = np.einsum("sij,sj->si", frames, turned[self.contact.nodes])
-        return turned
-
-    def world(self, vectors, frames) -> np.ndarray:
-        """Vectors (n, 3) with those of the sliding nodes back in the common axes."""
-        turned = np.array(vectors)
-        turned[self.contact.nodes] = np.einsum("sij,si->sj", frames, turned[self.contact.nodes])
-        return turned
 
     def record(self, state: _State, kind: str, step: float = 1.0) -> None:
         self.history.append(
@@ -164,38 +169,82 @@ class _Newton:
 
     # ---- steps
 
-    def factorize(self, state: _State, step=None) -> np.ndarray:
-        """Factorise the tangent, cut to its definite part where it is not; returns its product with `step`."""
-        for definite in (False, True):
+    def direction(self, state: _State, step=None, tolerance: float = 1e-10) -> np.ndarray:
+        """Displacement (n, 3) that takes the state to equilibrium, to first order, while `step` (n, 3, local axes) is
+        imposed on the constrained unknowns: by the factors at hand and conjugate gradients to `tolerance` if they
+        serve, else by new ones, of the tangent cut to its definite part where it is not definite."""
+        definite = False
+        while True:
             if time.perf_counter() - self.began > self.options.time_limit:
                 raise _Stop(f"time limit of {self.options.time_limit:g} s reached")
             data, product = self.assembler.tangent(state.u, state.frames, step, definite)
             if not definite:
-                bend = self.contact.curvature(state.u, state.fraction, state.frames, state.force)
-                self.assembler.add_tangential(data, bend)
-            self.factorizations += 1
-            if self.linear.factorize(data):
-                self.frames = state.frames
-                return product
-        raise _Stop("the tangent is singular: the boundary condition leaves a part of the mesh loose")
+                bend = self.sliding.curvature(state.u, state.fraction, state.frames, state.force)
+                self.assembler.add(data, np.repeat(self.sliding.nodes[:, None], 2, axis=1), bend)
+            self.assembler.add(data, *self.contact.tangent(state.u, state.fraction))
+            found = self.solution(data, -(state.free_force + product), tolerance, definite)
+            if found is not None:
+                self.cut = definite
+                whole = self.assembler.scatter(found) + (0 if step is None else step)
+                return self.constraints.world(whole, state.frames)
+            if definite:
+                raise _Stop("the tangent is singular: the boundary condition leaves a part of the mesh loose")
+            definite = True
 
-    def correction(self, force) -> np.ndarray:
-        """Displacement (n, 3) that the last factors give for forces on the free unknowns."""
-        return self.world(self.assembler.scatter(self.linear.solve(-force)), self.frames)
+    def solution(self, data, force, tolerance: float, definite: bool) -> np.ndarray | None:
+        """Solution for the tangent with values `data`, which is `definite`, or None if it turns out not to be."""
+        if self.single:
+            product = symmetric_product(self.assembler.indptr, self.assembler.indices, data)
+            # Old factors serve until conjugate gradients have cost as much as new ones would.
+            for fresh in (False, True) if self.factorized and self.spent < self.linear.worth else (True,):
+                if fresh and not self.factorize(data):
+                    break
+                limit = 20 if fresh else int(np.clip(self.linear.worth, 8, 60))
+                found, iterations = conjugate_gradients(product, self.linear.solve, force, tolerance, limit)
+                self.linear_iterations += iterations
+                self.spent += iterations
+                if found is not None:
+                    self.indefinite &= definite
+                    return found
+            if self.indefinite and not definite:
+                return None
+            self.single = False
+        if self.factorize(data):
+            return self.linear.solve(force)
+        # Indefinite, not merely too ill-conditioned for single precision: no reason to leave that, nor to ask again as
+        # long as it fails.
+        self.single, self.indefinite = self.options.reuse, True
+        return None
+
+    def factorize(self, data) -> bool:
+        self.factorizations += 1
+        self.factorized, self.spent = self.linear.factorize(data), 0
+        return self.factorized
+
+    @property
+    def linear(self):
+        """The linear solver of the precision in use; its pattern is analysed once."""
+        if self.single not in self.systems:
+            pattern = self.assembler.indptr, self.assembler.indices
+            self.systems[self.single] = linear_solver(*pattern, 0, self.options.linear_solver, self.single)
+        return self.systems[self.single]
+
+    def close(self) -> None:
+        """Release the factors."""
+        for system in self.systems.values():
+            system.close()
 
     def predict(self, state: _State, end: float) -> np.ndarray:
         """Displacement increment (n, 3), to first order, up to the load fraction `end`."""
-        target = self.contact.project(self.contact.carry(state.u, state.fraction, end), end)
-        target[self.told] = self.boundary.displacement(end)
-        step = np.where(self.constrained, self.local(target - state.u, state.frames), 0)
-        product = self.factorize(state, step)
-        return self.correction(state.free_force + product) + self.world(step, state.frames)
+        target = self.constraints.met(self.sliding.carry(state.u, state.fraction, end), end)
+        local = self.constraints.local(target - state.u, state.frames)
+        step = np.where(self.constraints.constrained, local, 0)
+        return self.direction(state, step, 1e-3)
 
     def descend(self, state: _State) -> _State | None:
         """One Newton step with a line search on the energy that turns no element inside out."""
-        self.factorize(state)
         self.iterations += 1
-        direction = self.correction(state.free_force)
+        direction = self.direction(state, tolerance=1e-2)
         slope = float(np.einsum("ij,ij->", direction, state.force))
         # Round-off of a sum over all elements; below it the energy cannot tell two states apart.
         noise = 1e-14 * self.elements.modulus * self.elements.volumes.sum() + 1e-13 * abs(state.energy)
@@ -203,33 +252,39 @@ class _Newton:
             step = 0.5**halvings
             new = self.state(state.u + step * direction, state.fraction)
             if new.energy <= state.energy + 1e-4 * step * slope + noise and new.least > _floor(state):
-                self.record(new, "newton", step)
-                return new
-        return None
+                break
+        else:
+            return None
+        # Off a saddle the definite part makes steps that are far too short: on as long as it goes down well.
+        while self.cut and 1 <= step < 64:
+            further = self.state(state.u + 2 * step * direction, state.fraction)
+            if further.energy > new.energy + 1e-1 * step * slope or further.least <= _floor(state):
+                break
+            new, step = further, 2 * step
+        self.record(new, "newton", step)
+        return new
 
     def equilibrium(self, state: _State, tolerance: float) -> tuple[_State, str]:
         """Newton iterations at a fixed load: the last state, and "" or why it is not in equilibrium."""
-        count = 0
-        while state.residual > tolerance:
-            # The factors at hand cost nothing: they are used as long as they serve.
-            force = self.assembler.gather(self.local(state.force, self.frames))
-            new = self.state(state.u + self.correction(force), state.fraction)
-            if new.residual < 0.3 * state.residual and new.least > _floor(state):
-                self.record(new, "reuse")
-                state = new
-                continue
-            if count == self.options.max_iterations:
-                return state, f"{count} Newton iterations left a residual of {state.residual:.1e}"
-            new, count = self.descend(state), count + 1
+        for _ in range(self.options.max_iterations):
+            if state.residual <= tolerance:
+                return state, ""
+            new = self.descend(state)
             if new is None:
                 return state, f"the line search stagnated at a residual of {state.residual:.1e}"
             state = new
-        return state, ""
+        if state.residual <= tolerance:
+            return state, ""
+        return state, f"{self.options.max_iterations} Newton iterations left a residual of {state.residual:.1e}"
 
     # ---- the whole load
 
     def run(self, start) -> SolveResult:
         if start is not None:
+            start = np.array(start, float)
+            if start.shape != self.points.shape or not np.isfinite(start).all():
+                raise InputError("-", "start", f"shape {start.shape} or a value is not finite", "give (n, 3) in mm")
+        if start is not None and not (self.options.restart and self.tangled(start)):
             result = self.tried(self.improve, start)
             if result.converged or not self.options.restart:
                 return result
@@ -242,20 +297,29 @@ class _Newton:
         except _Stop as stop:
             return self.result(self.reached, str(stop))
 
+    def tangled(self, start) -> bool:
+        return (jacobians(self.points, self.elements.cells, start) <= 0).mean() > TANGLED
+
     def improve(self, start) -> tuple[_State, str]:
         """Equilibrium at full load from a guess (n, 3)."""
-        start = np.array(start, float)
-        if start.shape != self.points.shape or not np.isfinite(start).all():
-            raise InputError("-", "start", f"shape {start.shape} or a value is not finite", "give (n, 3) in mm")
         guess = self.reached = self.measured(start, 1.0)
         if guess.least > 0:
             better = self.state(start + self.predict(guess, 1.0), 1.0)
             self.iterations += 1
         else:
-            better = self.state(start, 1.0)
-            self.factorize(better)
+            better = self.untangled(self.state(start, 1.0))
         self.record(better, "start")
         return self.equilibrium(better, self.options.tolerance)
+
+    def untangled(self, state: _State) -> _State:
+        """The state that an energy without a barrier leads to: it pushes elements from far inside out."""
+        elements = self.elements
+        self.elements = self.assembler.elements = elements.with_extension(UNTANGLING)
+        try:
+            state, _ = self.equilibrium(self.measured(state.u, state.fraction), self.options.loose)
+        finally:
+            self.elements = self.assembler.elements = elements
+        return self.measured(state.u, state.fraction)
 
     def advance(self, state: _State) -> tuple[_State, str]:
         """Equilibrium at full load from the rest state, in increments that shrink on failure and grow on ease."""
@@ -276,12 +340,13 @@ class _Newton:
                 scale /= 2
                 if scale * share < options.min_increment:
                     return state, f"load increment below {options.min_increment:g}: {reason}"
-            state, share = new, share * scale * (2 if scale == 1 else 1)
+            state, share = new, share * scale * (options.growth if scale == 1 else 1)
             self.increments += 1
         return state, ""
 
     def result(self, state: _State, reason: str) -> SolveResult:
-        gaps = np.abs(self.contact.violation(state.u, state.fraction))
+        violation = np.abs(self.sliding.violation(state.u, state.fraction))
+        gaps = self.contact.gaps(state.u, state.fraction)
         return SolveResult(
             displacement=state.u,
             converged=not reason,
@@ -290,10 +355,13 @@ class _Newton:
             min_jacobian=state.least,
             fraction=state.fraction,
             residual=state.residual,
-            violation=float(gaps.max(initial=0.0)),
+            violation=float(violation.max(initial=0.0)),
+            penetration=float(-gaps.min(initial=0.0)),
+            gap=float(gaps.max(initial=0.0)),
             increments=self.increments,
             iterations=self.iterations,
             factorizations=self.factorizations,
+            linear_iterations=self.linear_iterations,
             seconds=time.perf_counter() - self.began,
         )
 
@@ -301,36 +369,3 @@ class _Newton:
 def _floor(state: _State) -> float:
     """Least J that a step from `state` may reach: an inverted state is free to find its way out."""
     return 0.0 if state.least > 0 else -np.inf
-
-
-def _check(points, told, sliding, boundary: BoundaryConditions) -> None:
-    constrained = np.concatenate([told, sliding])
-    if len(constrained) and (constrained.min() < 0 or constrained.max() >= len(points)):
-        raise InputError("-", "boundary", "a constrained node does not exist", "mend the node list")
-    if len(np.unique(constrained)) != len(constrained):
-        raise InputError("-", "boundary", "a node is constrained twice", "give each node one condition")
-    for fraction in (0.0, 1.0):
-        moved = boundary.displacement(fraction)
-        if moved.shape != (len(told), 3) or not np.isfinite(moved).all():
-            raise InputError("-", "boundary", f"prescribed motion of shape {moved.shape}", "give (p, 3), finite")
-
-
-def _check_held(points, cells, constrained, contact: SlidingContact) -> None:
-    """Refuse a boundary condition that leaves a connected piece of the mesh a rigid motion, to first order."""
-    ends = np.repeat(cells[:, :1], 4, axis=1).ravel(), cells.ravel()
-    graph = sparse.coo_matrix((np.ones(cells.size), ends), shape=(len(points),) * 2)
-    _, piece = sparse.csgraph.connected_components(graph, directed=False)
-    axes = np.tile(np.eye(3), (len(points), 1, 1))
-    axes[contact.nodes] = contact.frames(np.zeros_like(points), 0.0)
-    node, axis = np.nonzero(constrained)
-    direction = axes[node, axis]
-    for index in np.unique(piece[cells[:, 0]]):
-        own = piece == index
-        arm = points - points[own].mean(axis=0)
-        arm /= np.linalg.norm(arm[own], axis=1).max()
-        held = own[node]
-        rows = np.hstack([direction[held], np.cross(arm[node[held]], direction[held])])
-        # 1e-6: the squared lever, relative to the piece, below which a hold counts as none.
-        if np.linalg.eigvalsh(rows.T @ rows)[0] < 1e-6:
-            problem = f"a piece of {own.sum()} of the mesh's nodes is free to move or turn as a whole"
-            raise InputError("-", "boundary", problem, "hold three nodes of it, or drop it from the mesh")

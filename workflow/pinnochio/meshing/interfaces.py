@@ -14,6 +14,7 @@ from pinnochio.anatomy.surfaces import BoneSurface, face_normals
 from pinnochio.errors import InputError
 from pinnochio.meshing.embedding import bridging, embed
 from pinnochio.meshing.fields import is_tissue, signed_distance
+from pinnochio.meshing.lips import bite, lip_nodes
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.splitting import simplex_points
 
@@ -126,6 +127,7 @@ def label_interfaces(
     top = _bone_extent(bone, segments, UPPER, 2) + nasion_above_maxilla_mm
     back = _bone_extent(bone, segments, LOWER, 1) - tragus_before_mandible_mm
     roi = (centre[:, 2] < top) & (centre[:, 1] < back)
+    airy = (beyond == AIR).mean(axis=1) > 0.5
     cut = faces[(beyond == m.CUT_PLANE).all(axis=1)]
     if len(cut):
         roi &= cKDTree(points[cut].mean(axis=1)).query(centre)[0] > cut_margin_mm
@@ -146,6 +148,7 @@ def label_interfaces(
         bone_faces=bone.faces,
         bone_segment=bone.segment,
         segments=segments,
+        lip=lip_nodes(points, faces, airy, node_type != m.FREE, bite(bone, pairs, sliding_band_mm)),
         **carried,
     )
 

@@ -1,6 +1,6 @@
 """A patient as the networks and losses read it: graphs, interfaces and the mechanics operator, as tensors."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -18,6 +18,7 @@ from pinnochio.anatomy.model import (
     PatientModel,
 )
 from pinnochio.anatomy.plan import Plan
+from pinnochio.mechanics.elements import VOLUMETRIC
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.residual import Operator
 from pinnochio.networks.cascade import Anatomy, Interface, PlanSignal
@@ -48,7 +49,7 @@ class PatientTensors:
         cls,
         model: PatientModel,
         material: Material,
-        volumetric: str = "anp",
+        volumetric: str = VOLUMETRIC[0],
         neighbours: int = 8,
         device: torch.device | str = "cpu",
     ) -> "PatientTensors":
@@ -93,10 +94,8 @@ class PatientTensors:
             muscle_superficial=interface(MUSCLE_SUPERFICIAL, points[muscle_nodes]),
             given=tensor(given, torch.float32)[:, None],
         )
-        operator = Operator.build(
-            points, model.cells, material.mu, material.lam, material.stiffening, volumetric, torch.float32,
-            device, LOSS_EXTENSION,
-        )  # fmt: skip
+        law = replace(material, extension=LOSS_EXTENSION)
+        operator = Operator.build(points, model.cells, law, volumetric, torch.float32, device)
         free = tensor(np.flatnonzero(model.node_type == FREE))
         return cls(model, centre, tensor(points, torch.float32), anatomy, operator, free)
 

@@ -15,7 +15,7 @@ from pinnochio.anatomy.plan_sampling import execution_error
 from pinnochio.anatomy.segmentation import Segmentation, read_segmentation
 from pinnochio.anatomy.surfaces import bone_surface, skin_surface
 from pinnochio.files import replacing
-from pinnochio.mechanics.elements import jacobians
+from pinnochio.mechanics.elements import VOLUMETRIC, jacobians
 from pinnochio.mechanics.simulation import FemSettings, simulate
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
@@ -25,6 +25,7 @@ from pinnochio.virtual.scan import Scan, scan
 
 LOG = logging.getLogger(__name__)
 ATTEMPTS = 4  # an executed plan that tissue cannot follow is drawn again
+PATIENCE = 1800.0  # s; far above what a solve takes: the truth must not depend on how busy the machine is
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,8 @@ def operate(operation: Operation, reality: Mapping[str, Any], patient: PatientMo
         youngs_modulus=moduli,
         poisson=reality["poisson"] or fem.poisson,
         stiffening=reality["stiffening"],
-        volumetric="anp" if reality["nodes"] else fem.volumetric,
+        volumetric=VOLUMETRIC[0] if reality["nodes"] else fem.volumetric,
+        time_limit=PATIENCE,
     )
     draws = operation.draws("execution_error")
     for _ in range(ATTEMPTS):

@@ -1,0 +1,318 @@
+"""Frictionless contact that opens and closes: nodes against bones that move, or against the other lip.
+
+A penalty: every contact node s with its area A adds the energy
+
+    E_s = share kappa A / 2 min(g, 0)^2,    g = f - min(f at rest, 0),
+
+f its signed distance to the opposing surface. A node that the mesh lays inside the surface starts on it, without
+stress; a gap at rest stays a gap, which may close, but for nodes known to be `touching`: g = f - f at rest. The
+pressure kappa |g| pushes along grad f alone: no friction.
+
+To a bone f is that of :class:`PointSurface`. To triangles c of the mesh it is a moving average,
+
+    f = sum_c w_c p_c + max(t - h, 0)^2 / 2 R,    w_c = exp(-d_c^2 / h^2) / sum of the same,
+
+of the distances p_c = n_c . (x - m_c) to their planes (IMLS): m_c middle and n_c unit normal of the deformed triangle,
+d_c the distance from x to the triangle itself, so that the triangles near x count. t^2 = sum_c w_c (d_c^2 - p_c^2) is
+how far x lies beside them: beyond its border the surface is taken to bend away with the radius R, as a lip does. The
+triangles of a node are fixed once, those within REACH of it at rest, so that f has no steps, nor its gradient. All of
+it is a function of the displacement of the node and of the triangles, the gradient below is exact, and because only
+relative places matter, the forces on both sides balance, and their moments.
+
+The tangent is the positive semi-definite part of every node's own Hessian, share kappa A (grad f grad f' + g d2f): its
+negative eigenvalues, from surfaces that bend away under pressure, are cut off. d2f is taken by central differences.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pinnochio.anatomy.closest import barycentric
+from pinnochio.anatomy.rigid import RigidMotion
+from pinnochio.anatomy.surfaces import face_normals
+from pinnochio.errors import InputError
+from pinnochio.mechanics.point_surface import PointSurface
+
+# Triangles within it at rest can be touched, mm; what lips slide along each other stays below [I].
+REACH = 12.0
+FEWEST = 6  # triangles that a node sees at least, however coarse the mesh
+WIDTH = 0.25  # h over the square root of the mean area of the triangles
+STEP = 1e-4  # mm, of the central differences
+NEGLIGIBLE = 1e-7  # derivative of f by a node that the tangent leaves out
+ROUND = 3.0  # R in mm [I]
+MARGIN = 6.0  # mm around a lip that still belongs to its surface: where the other lip slides to [I]
+ACROSS = 0.5  # least cosine between a triangle's normal and the direction from its lip to the other
+STIFFNESS = 150.0  # kappa over mu / edge: 1 kPa enters 0.02-0.05 mm, Newton converges as without contact [X]
+
+
+@dataclass(frozen=True)
+class ContactSet:
+    """Nodes (s,) with areas (s,) mm2 that may leave a surface but not enter it.
+
+    The surface: faces (f, 3), outward triangles of the same mesh that hold none of the nodes; or points, normals (b, 3)
+    of a bone at rest, normals outward, and motion(fraction), where it has moved to. share: of the stiffness, a half
+    where each of two surfaces has its nodes in a set against the other. touching: the nodes are known to lie on the
+    surface, and what the mesh lays between them is no gap.
+    """
+
+    nodes: np.ndarray
+    areas: np.ndarray
+    faces: np.ndarray | None = None
+    points: np.ndarray | None = None
+    normals: np.ndarray | None = None
+    motion: Callable[[float], RigidMotion] = RigidMotion().fraction
+    share: float = 1.0
+    touching: bool = False
+
+
+def penalty(modulus: float, edge: float) -> float:
+    """Stiffness kappa in kPa/mm for a mesh with the mean shear modulus in kPa and the mean edge in mm."""
+    return STIFFNESS * modulus / edge
+
+
+class UnilateralContact:
+    """The contact sets of one mesh, points (n, 3) mm, under a stiffness in kPa/mm.
+
+    pairs (c, 2): node pairs a <= b that the tangent can couple, fixed.
+    """
+
+    def __init__(self, points, sets, stiffness: float):
+        self.points, self.stiffness = np.asarray(points, float), float(stiffness)
+        if not (np.isfinite(self.stiffness) and self.stiffness > 0):
+            raise InputError("-", "contact", f"stiffness is {stiffness}", "give a positive one in kPa/mm")
+        self.sets = [item for item in sets if len(item.nodes)]
+        for item in self.sets:
+            _check(item, len(self.points))
+        self._sides = [_Bone(item) if item.faces is None else _Faces(item, self.points) for item in self.sets]
+        self.nodes = np.concatenate([np.zeros(0, int)] + [np.asarray(item.nodes, int) for item in self.sets])
+        self._scale = [self.stiffness * item.share * np.asarray(item.areas, float) for item in self.sets]
+        rest = np.zeros_like(self.points)
+        self._levels = [
+            f if item.touching else np.minimum(f, 0)
+            for item, (f, _) in zip(self.sets, self._distances(rest, 0.0), strict=True)
+        ]
+        keys = [_couples(side.stencil, len(self.points))[2] for side in self._sides]
+        self._keys = np.unique(np.concatenate([np.zeros(0, int), *map(np.ravel, keys)]))
+        self.pairs = np.column_stack(np.divmod(self._keys, len(self.points)))
+
+    def evaluate(self, displacement, fraction: float) -> tuple[float, np.ndarray]:
+        """Energy in mN mm and its gradient (n, 3) in mN at a displacement (n, 3) mm and a fraction of the load."""
+        energy, force = 0.0, np.zeros_like(self.points)
+        for side, scale, gap, slope in self._gaps(displacement, fraction):
+            closed = np.minimum(gap, 0)
+            energy += 0.5 * float((scale * closed**2).sum())
+            row = np.flatnonzero(closed)
+            pull = (scale * closed)[row, None, None] * slope[row]
+            np.add.at(force, side.stencil[row].ravel(), pull.reshape(-1, 3))
+        return energy, force
+
+    def tangent(self, displacement, fraction: float) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (k, 2), among `pairs`, and blocks (k, 3, 3) in mN/mm: axis i of node a with axis j of node b."""
+        blocks, used = np.zeros((len(self.pairs), 3, 3)), np.zeros(len(self.pairs), bool)
+        moved = self.points + displacement
+        for side, scale, gap, slope in self._gaps(displacement, fraction):
+            row = np.flatnonzero(gap < 0)
+            if len(row):
+                column, hessian = _hessian(side, moved, fraction, row, scale[row], gap[row], slope[row])
+                one, two, key = _couples(np.take_along_axis(side.stencil[row], column, axis=1), len(self.points))
+                place = np.searchsorted(self._keys, key)
+                used[place] = True
+                np.add.at(blocks, place, hessian[np.arange(len(row))[:, None], one, :, two])
+        return self.pairs[used], blocks[used]
+
+    def gaps(self, displacement, fraction: float = 1.0) -> np.ndarray:
+        """Gap (s,) in mm at the contact nodes, in the order of `nodes`, negative where one has entered."""
+        return np.concatenate([np.zeros(0)] + [gap for _, _, gap, _ in self._gaps(displacement, fraction)])
+
+    def _gaps(self, displacement, fraction: float) -> list[tuple]:
+        """Side, stiffness (s,) mN/mm, gap (s,) and its derivative (s, k, 3) by the nodes of the side's stencil."""
+        distances = self._distances(displacement, fraction)
+        return [
+            (side, scale, f - level, slope)
+            for side, scale, (f, slope), level in zip(self._sides, self._scale, distances, self._levels, strict=True)
+        ]
+
+    def _distances(self, displacement, fraction: float) -> list[tuple[np.ndarray, np.ndarray]]:
+        moved = self.points + displacement
+        return [side.local(moved[side.stencil], np.arange(len(side.stencil)), fraction) for side in self._sides]
+
+
+def _hessian(side, moved, fraction: float, row, scale, gap, slope) -> tuple[np.ndarray, np.ndarray]:
+    """Positive semi-definite part (r, c, 3, c, 3) of the Hessian of the energies of some rows (r,) of a side, and the
+    columns (r, c) of the stencil that it is of: those that f depends on. scale, gap (r,), slope (r, k, 3)."""
+    size = np.abs(slope).max(axis=2)
+    count = int((size > NEGLIGIBLE).sum(axis=1).max())
+    column = np.argsort(-size, axis=1, kind="stable")[:, :count]
+    local, near = moved[side.stencil[row]], np.arange(len(row))[:, None]
+    bend = np.empty((len(row), count, 3, count, 3))
+    for at, axis in np.ndindex(count, 3):
+        ends = []
+        for step in (STEP, -STEP):
+            shifted = local.copy()
+            shifted[near[:, 0], column[:, at], axis] += step
+            ends.append(side.local(shifted, row, fraction)[1][near, column])
+        bend[:, at, axis] = (ends[0] - ends[1]) / (2 * STEP)
+    slope = slope[near, column].reshape(len(row), -1)
+    bend = bend.reshape(len(row), 3 * count, -1)
+    whole = slope[:, :, None] * slope[:, None] + gap[:, None, None] * (bend + bend.transpose(0, 2, 1)) / 2
+    values, vectors = np.linalg.eigh(whole)
+    values = scale[:, None] * np.maximum(values, 0)
+    return column, ((vectors * values[:, None]) @ vectors.transpose(0, 2, 1)).reshape(-1, count, 3, count, 3)
+
+
+class _Bone:
+    """Nodes against a bone; a node depends on itself alone: stencil (s, 1)."""
+
+    def __init__(self, item: ContactSet):
+        self.stencil = np.asarray(item.nodes, int)[:, None]
+        self._surface, self._motion = PointSurface(item.points, item.normals), item.motion
+
+    def local(self, here, row, fraction: float) -> tuple[np.ndarray, np.ndarray]:
+        """Signed distance (r,) and its derivative (r, 1, 3) of some rows, moved points of their stencil (r, 1, 3)."""
+        motion = self._motion(fraction)
+        f, slope = self._surface.distance(motion.inverse(here[:, 0]))
+        return f, (slope @ motion.rotation.T)[:, None]
+
+
+class _Faces:
+    """Nodes against triangles of the mesh; a node depends on itself and the corners of its triangles.
+
+    stencil (s, k): the node, then the corners of the triangles near it, then the node again to fill the row.
+    """
+
+    def __init__(self, item: ContactSet, points):
+        self._nodes, faces = np.asarray(item.nodes, int), np.asarray(item.faces, int)
+        self._width = WIDTH * np.sqrt(face_normals(points, faces)[1].mean())
+        away, near = cKDTree(points[faces].mean(axis=1)).query(points[self._nodes], len(faces))
+        away, near = away.reshape(len(self._nodes), -1), near.reshape(len(self._nodes), -1)
+        seen = (away < REACH) | (np.arange(len(faces)) < FEWEST)
+        seen, near = seen[:, seen.any(axis=0)], near[:, seen.any(axis=0)]
+        self._faces, self._seen = faces[near], seen  # (s, t, 3) corners, (s, t)
+        own = [np.setdiff1d(corners[here], []) for corners, here in zip(self._faces, seen, strict=True)]
+        self.stencil = np.repeat(self._nodes[:, None], 1 + max(map(len, own)), axis=1)
+        column = np.zeros(self._faces.shape, int)
+        for row, corners in enumerate(own):
+            self.stencil[row, 1 : 1 + len(corners)] = corners
+            column[row, seen[row]] = 1 + np.searchsorted(corners, self._faces[row, seen[row]])
+        self._column = column  # of the corners in the stencil; unseen triangles have no weight
+
+    def local(self, here, row, fraction: float) -> tuple[np.ndarray, np.ndarray]:
+        """Signed distance (r,) and its derivative (r, k, 3) of some rows, moved points of their stencil (r, k, 3)."""
+        shape, column = here.shape, self._column[row]
+        column = column + shape[1] * np.arange(shape[0])[:, None, None]
+        corners, here = here.reshape(-1, 3)[column], here[:, :1]
+        first, second = corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]
+        normal = np.cross(first, second)
+        length = np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12)
+        normal = normal / length
+        offset = here - corners.mean(axis=2)
+        plane = (offset * normal).sum(axis=2)
+        shares = _closest(here, corners)
+        away = here - np.einsum("stc,stcx->stx", shares, corners)
+        square = (away**2).sum(axis=2)
+        weight = np.where(self._seen[row], square, np.inf)
+        weight = np.exp((weight.min(axis=1, keepdims=True) - weight) / self._width**2)
+        weight /= weight.sum(axis=1, keepdims=True)
+        mean = (weight * plane).sum(axis=1, keepdims=True)
+        aside = square - plane**2
+        beside = (weight * aside).sum(axis=1, keepdims=True)
+        out = np.maximum(np.sqrt(np.maximum(beside, 0)) - self._width, 0)
+        bend = out / (2 * ROUND * (self._width + out))  # derivative by t^2
+        # Derivatives by p_c and d_c^2, the latter in itself and in the weights.
+        by_plane = weight * (1 - 2 * bend * plane)
+        by_square = weight * (bend - (plane - mean + bend * (aside - beside)) / self._width**2)
+        # That the closest point moves along its triangle changes the distance not at all, to first order.
+        pull, along = 2 * by_square[..., None] * away, by_plane[..., None] * normal
+        # The normal is first x second over its length.
+        turn = by_plane[..., None] * (offset - plane[..., None] * normal) / length
+        by_second, by_first = np.cross(turn, first), np.cross(second, turn)
+        by_corner = np.stack([-by_first - by_second, by_first, by_second], axis=2)
+        by_corner -= along[:, :, None] / 3 + shares[..., None] * pull[:, :, None]
+        flat = [np.bincount(column.ravel(), by_corner[..., axis].ravel(), shape[0] * shape[1]) for axis in range(3)]
+        slope = np.stack(flat, axis=1).reshape(shape)
+        slope[:, 0] = (along + pull).sum(axis=1)  # in place of the unseen triangles, which have no weight
+        return (mean + out**2 / (2 * ROUND))[:, 0], slope
+
+
+def _closest(points, corners) -> np.ndarray:
+    """Barycentric coordinates (s, t, 3) of the points of triangles (s, t, 3, 3) closest to points (s, 1, 3)."""
+    flat = corners.reshape(-1, 3, 3)
+    queries = np.broadcast_to(points, (*corners.shape[:2], 3)).reshape(-1, 3)
+    shares = barycentric(queries, flat)
+    outside = np.flatnonzero((shares < 0).any(axis=1))
+    queries, flat, least = queries[outside], flat[outside], np.full(len(outside), np.inf)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        start, along = flat[:, i], flat[:, j] - flat[:, i]
+        part = (queries - start) * along / np.maximum((along**2).sum(axis=1, keepdims=True), 1e-24)
+        part = np.clip(part.sum(axis=1), 0, 1)
+        away = np.linalg.norm(start + part[:, None] * along - queries, axis=1)
+        nearer, edge = away < least, np.zeros((len(outside), 3))
+        edge[:, i], edge[:, j] = 1 - part, part
+        shares[outside[nearer]], least[nearer] = edge[nearer], away[nearer]
+    return shares.reshape(corners.shape[:-1])
+
+
+def _couples(nodes, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns (r, p) and keys a * count + b (r, p) of the pairs a <= b of the nodes in each row (r, k)."""
+    one, two = np.triu_indices(nodes.shape[1])
+    turned = nodes[:, one] > nodes[:, two]
+    row = np.arange(len(nodes))[:, None]
+    one, two = np.where(turned, two, one), np.where(turned, one, two)
+    return one, two, nodes[row, one] * count + nodes[row, two]
+
+
+def _check(item: ContactSet, count: int) -> None:
+    nodes, areas = np.asarray(item.nodes, int), np.asarray(item.areas, float)
+    if nodes.min() < 0 or nodes.max() >= count or len(np.unique(nodes)) != len(nodes):
+        raise InputError("-", "contact", "a contact node is named twice or does not exist", "mend the node list")
+    if areas.shape != nodes.shape or not (np.isfinite(areas).all() and (areas > 0).all()):
+        raise InputError("-", "contact", f"areas of shape {areas.shape}, or not positive", "give (s,) in mm2")
+    if item.faces is None:
+        if item.points is None or item.normals is None:
+            raise InputError("-", "contact", "a contact set has no surface", "give faces, or points and normals")
+    elif not len(item.faces) or np.min(item.faces) < 0 or np.max(item.faces) >= count:
+        raise InputError("-", "contact", "a contact set has no faces, or one that does not exist", "mend the faces")
+    elif np.isin(item.faces, nodes).any():
+        raise InputError("-", "contact", "a contact node is a corner of its own surface", "take it out of one")
+
+
+def boundary_faces(cells) -> np.ndarray:
+    """Triangles (f, 3) of tetrahedra (m, 4) of positive volume that belong to one only, outward."""
+    faces = np.asarray(cells)[:, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]].reshape(-1, 3)
+    _, first, uses = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    return faces[np.sort(first[uses == 1])]
+
+
+def node_areas(points, faces, nodes) -> np.ndarray:
+    """A third of the area (s,) mm2 of the faces (f, 3) around each of the nodes (s,)."""
+    areas = face_normals(points, faces)[1]
+    return np.bincount(faces.ravel(), np.repeat(areas / 3, 3), len(points))[nodes]
+
+
+def facing_sets(points, faces, one, two, held=None) -> list[ContactSet]:
+    """Contact of the nodes `one` (s,) with the nodes `two` (t,), each against the other's surface.
+
+    points (n, 3) mm; faces (f, 3): boundary triangles; held (n,) bool. A surface is every face that looks across to the
+    other nodes, has one of its own nodes or lies around them, nearer than MARGIN to one and further from the other's,
+    holds no node of the other and is not held at all three corners. A node has the area of the faces around it that
+    look across; without one it is left out. Empty if there is no surface.
+    """
+    if not len(one) or not len(two):
+        return []
+    middle, (normals, areas) = points[faces].mean(axis=1), face_normals(points, faces)
+    mine, others = (np.isin(faces, nodes).all(axis=1) for nodes in (one, two))
+    across = areas[mine] @ normals[mine] - areas[others] @ normals[others]
+    across /= max(np.linalg.norm(across), 1e-12)
+    loose = np.ones(len(faces), bool) if held is None else ~held[faces].all(axis=1)
+    looking = np.abs(normals @ across) > ACROSS
+    away = [cKDTree(points[nodes]).query(middle)[0] for nodes in (one, two)]
+    sets = []
+    for own, other, there, here, ahead in ((one, two, *away, -across), (two, one, *away[::-1], across)):
+        surface = np.isin(faces, other).any(axis=1) | ((here < MARGIN) & (here < there))
+        surface &= loose & (normals @ ahead > ACROSS) & ~np.isin(faces, own).any(axis=1)
+        part = node_areas(points, faces[looking], own)
+        if surface.any() and part.any():
+            sets.append(ContactSet(own[part > 0], part[part > 0], faces[surface], share=0.5))
+    return sets

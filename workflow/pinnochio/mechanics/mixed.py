@@ -1,0 +1,351 @@
+"""Tetrahedra with a pressure unknown: the reference that the displacement elements are judged by.
+
+The law of materials.py with its bulk term U(J) = lam/2 (ln J)^2 written as the largest value over q of q J - U*(q):
+
+    W(u, q) = int mu/2 (I1 - 3) + stiffening/2 (I1 - 3)^2 - mu ln J + q (J - theta) + U(theta),  dU/dtheta(theta) = q.
+
+theta = exp(-W0(-q/lam)), Lambert's function; the pressure is q theta = lam ln theta, tension positive. That is a
+three-field formulation (Simo, Taylor, Pister 1985, CMAME 51:177) without theta, which q determines. The field conjugate
+to ln J instead, p ln J - p^2/(2 lam), is the same law, but leaves changes of J that the pressure does not resolve a
+stiffness of mu - p: the uniform state under a tension of a few mu is then unstable. J stays below e, where U ceases to
+be convex.
+
+Each element is a four-point rule with shape functions for u and q:
+
+"taylor_hood": quadratic u on straight-sided ten-node tetrahedra, continuous linear q. Stable where every element has a
+    node inside (Boffi 1997, SIAM J Numer Anal 34:664). Gauss points: exact at small strain, whose integrands are
+    quadratic; the weights are positive, so that J -> 0 at a point never lowers the energy.
+"stabilised": both linear, which is unstable; what q lacks to be constant in the element is penalised by
+    - int (q - mean q)^2/(2 mu), free of parameters (Dohrmann and Bochev 2004, IJNMF 46:183, weight 1/viscosity). It is
+    zero where q is constant, so the patch test holds; its compliance vanishes with the square of the edge.
+"averaged": both linear, points at the corners: the bulk term sees the averaged nodal volumes
+    J_a = sum V_e J_e / sum V_e alone, with lam averaged likewise.
+
+q is continuous across tissues, though the pressure may jump there: read it near interfaces with care. The law is not
+extended: a step that leads to J at or below the extension of the material at a point of the rule is shortened.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.special import lambertw
+
+from pinnochio.errors import InputError
+from pinnochio.mechanics.elements import check_mesh, mean_edge, shape_gradients
+from pinnochio.mechanics.linear import linear_solver
+from pinnochio.mechanics.materials import Material
+from pinnochio.mechanics.sliding import BoundaryConditions
+
+MIXED = ("taylor_hood", "stabilised", "averaged")
+# Ends of the six edges, in the order of VTK's quadratic tetrahedron.
+EDGES = np.array([(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)])
+FACES = np.array([(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)])
+_INNER, _OUTER = (5 + 3 * np.sqrt(5)) / 20, (5 - np.sqrt(5)) / 20
+_EPSILON = np.zeros((3, 3, 3))
+_EPSILON[0, 1, 2] = _EPSILON[1, 2, 0] = _EPSILON[2, 0, 1] = 1
+_EPSILON[0, 2, 1] = _EPSILON[2, 1, 0] = _EPSILON[1, 0, 2] = -1
+# F (9,) @ _CURL = d2J/dF2 (81,); half of its product with F is the cofactor.
+_CURL = np.einsum("ijk,pqr->kripjq", _EPSILON, _EPSILON).reshape(9, 81)
+
+
+@dataclass(frozen=True)
+class MixedResult:
+    """displacement (n, 3) mm and pressure (n,) kPa, tension positive, at the corner nodes.
+
+    points, everywhere (k, 3): all nodes, corners first, and their displacement. min_jacobian: at quadrature points.
+    If not converged, the last equilibrium, at `fraction` of the load; reason says why it went no further.
+    residual: see `solve_mixed`.
+    """
+
+    displacement: np.ndarray
+    pressure: np.ndarray
+    points: np.ndarray
+    everywhere: np.ndarray
+    converged: bool
+    reason: str
+    min_jacobian: float
+    fraction: float
+    residual: float
+    iterations: int
+    factorizations: int
+    seconds: float
+
+
+class MixedElements:
+    """A mesh at rest, its residual and its tangent.
+
+    points (k, 3) mm: all nodes, corners first; cells (m, 4 or 10); corners (m, 4); node_volumes (n,) mm3;
+    midside_ends (k - n, 2): corners that a midside node lies between.
+    """
+
+    def __init__(self, points, cells, material: Material, element: str):
+        corners, cells = check_mesh(points, cells)
+        if element not in MIXED:
+            raise InputError("-", "options", f"element is {element!r}", f"choose one of {MIXED}")
+        if len(material.mu) != len(cells):
+            raise InputError("-", "material", f"{len(material.mu)} constants, {len(cells)} cells", "one per cell")
+        if len(np.unique(cells)) != len(corners):
+            raise InputError("-", "mesh", "a point belongs to no cell", "drop it")
+        self.element, self.material, self.corners = element, material, cells
+        self.points, self.cells, self.midside_ends = corners, cells, np.zeros((0, 2), int)
+        linear, volumes = shape_gradients(corners, cells)
+        self._weight = volumes / 4
+        corner = np.repeat(self._weight, 4)
+        self.node_volumes = np.bincount(cells.ravel(), corner)
+        # Per point of the rule: shape functions of q (4,), gradients of those of u (m, nodes, 3), lam (m,).
+        self._shapes = np.eye(4) if element == "averaged" else _OUTER + (_INNER - _OUTER) * np.eye(4)
+        self._gradients, self._lam = [linear] * 4, [material.lam] * 4
+        if element == "averaged":
+            node_lam = np.bincount(cells.ravel(), corner * np.repeat(material.lam, 4)) / self.node_volumes
+            self._lam = list(node_lam[cells].T)
+        if element == "taylor_hood":
+            ends = np.sort(cells[:, EDGES], axis=2).reshape(-1, 2)
+            self.midside_ends, number = np.unique(ends, axis=0, return_inverse=True)
+            self.points = np.vstack([corners, corners[self.midside_ends].mean(axis=1)])
+            self.cells = np.hstack([cells, len(corners) + number.reshape(-1, 6)])
+            self._gradients = [_quadratic(linear, shape) for shape in self._shapes]
+        # Matrix (4, 4) of int (q - mean q)^2 over one element of unit volume.
+        self._penalty = (1 + np.eye(4)) / 20 - 1 / 16
+        self._compliance = volumes / material.mu if element == "stabilised" else np.zeros(len(cells))
+        nodes = len(self.points)
+        # Unknowns: three displacements per node, then q per corner.
+        moves = (3 * self.cells[:, :, None] + np.arange(3)).reshape(len(cells), -1)
+        self.unknowns = np.hstack([moves, 3 * nodes + cells]).astype(np.int32)
+        self.count = 3 * nodes + len(corners)
+        self.edge, self.modulus = mean_edge(corners, cells), float(np.average(material.mu, weights=volumes))
+
+    def _fields(self, u, q, part=slice(None)):
+        """Per point of the rule: shapes, gradients (m, nodes, 3), F and its cofactor (m, 3, 3), J, I1 - 3, q, theta."""
+        for shape, gradient, lam in zip(self._shapes, self._gradients, self._lam, strict=True):
+            h = np.einsum("eai,eap->eip", u[self.cells[part]], gradient[part], optimize=True)
+            f = h + np.eye(3)
+            cofactor = 0.5 * (_curl(f) @ f.reshape(-1, 9, 1)).reshape(-1, 3, 3)
+            excess = (h**2).sum(axis=(1, 2)) + 2 * np.trace(h, axis1=1, axis2=2)
+            at = q[self.corners[part]] @ shape
+            theta = _volume(at, lam[part])
+            yield shape, gradient[part], f, cofactor, (f[:, 0] * cofactor[:, 0]).sum(axis=1), excess, at, theta
+
+    def pressure(self, q) -> np.ndarray:
+        """Pressure (n,) in kPa, tension positive, at the corners."""
+        lam = np.bincount(self.corners.ravel(), (self._weight[:, None] * np.stack(self._lam, axis=1)).ravel())
+        return q * _volume(q, lam / self.node_volumes)
+
+    def evaluate(self, u, q) -> tuple[float, np.ndarray, float]:
+        """W in mN mm, its gradient (3 k + n,) by u and q, and the least J; nan where J <= 0 or q has no theta."""
+        law, w = self.material, self._weight
+        own = q[self.corners]
+        soft = self._compliance[:, None] * (own @ self._penalty)
+        energy, least, gradient = -0.5 * np.sum(own * soft), np.inf, np.zeros(self.count)
+        gradient[-len(q) :] -= np.bincount(self.corners.ravel(), soft.ravel())
+        with np.errstate(invalid="ignore", divide="ignore"):
+            for (shape, g, f, cofactor, j, excess, at, theta), lam in zip(self._fields(u, q), self._lam, strict=True):
+                log, shear = np.log(j), law.mu + 2 * law.stiffening * excess
+                stress = shear[:, None, None] * f + (at - law.mu / j)[:, None, None] * cofactor
+                force = np.einsum("e,eip,eap->eai", w, stress, g, optimize=True).reshape(len(w), -1)
+                values = np.hstack([force, (w * (j - theta))[:, None] * shape])
+                gradient += np.bincount(self.unknowns.ravel(), values.ravel(), self.count)
+                energy += w @ (0.5 * law.mu * excess + 0.5 * law.stiffening * excess**2 - law.mu * log)
+                energy += w @ (at * (j - theta) + 0.5 * lam * np.log(theta) ** 2)
+                least = min(least, j.min())
+        return energy, gradient, least
+
+    def tangent(self, u, q, step, free) -> tuple[sparse.csr_matrix, np.ndarray]:
+        """Hessian of W on the unknowns `free` (c,), upper triangle, and its product with `step` (3 k + n,), all rows.
+
+        The pattern is the same at every call.
+        """
+        place = np.full(self.count, -1, np.int32)
+        place[free] = np.arange(len(free), dtype=np.int32)
+        product, blocks, rows, columns = np.zeros(self.count), [], [], []
+        for begin in range(0, len(self.cells), 4096):
+            part = slice(begin, begin + 4096)
+            matrix, unknowns = self._blocks(u, q, part), self.unknowns[part]
+            product += np.bincount(
+                unknowns.ravel(), (matrix @ step[unknowns][:, :, None]).ravel(), minlength=self.count
+            )
+            row, column = np.broadcast_arrays(place[unknowns][:, :, None], place[unknowns][:, None, :])
+            kept = (row >= 0) & (row <= column)
+            blocks.append(matrix[kept])
+            rows.append(row[kept])
+            columns.append(column[kept])
+        entries = np.concatenate(blocks), (np.concatenate(rows), np.concatenate(columns))
+        return sparse.coo_matrix(entries, shape=(len(free),) * 2).tocsr(), product
+
+    def _blocks(self, u, q, part) -> np.ndarray:
+        """Element Hessians (m, unknowns, unknowns) of the cells in `part`."""
+        law, w, d = self.material, self._weight[part], 3 * self.cells.shape[1]
+        mu, stiffening = law.mu[part], law.stiffening[part]
+        matrix, b = np.zeros((len(w), d + 4, d + 4)), np.zeros((len(w), 9, d))  # b: dF/du
+        for (shape, g, f, cofactor, j, excess, at, theta), lam in zip(self._fields(u, q, part), self._lam, strict=True):
+            for i in range(3):
+                b[:, 3 * i : 3 * i + 3, i::3] = g.transpose(0, 2, 1)
+            curl, f, c = _curl(f), f.reshape(-1, 9, 1), cofactor.reshape(-1, 9, 1)
+            h = (w * (mu + 2 * stiffening * excess))[:, None, None] * np.eye(9)
+            h += (4 * w * stiffening)[:, None, None] * (f @ f.transpose(0, 2, 1))
+            h += (w * mu / j**2)[:, None, None] * (c @ c.transpose(0, 2, 1))
+            h += (w * (at - mu / j))[:, None, None] * curl
+            matrix[:, :d, :d] += b.transpose(0, 2, 1) @ (h @ b)
+            matrix[:, :d, d:] += b.transpose(0, 2, 1) @ (w[:, None, None] * c * shape)
+            # d theta/dq = 1/U''(theta).
+            slope = theta**2 / (lam[part] * (1 - np.log(theta)))
+            matrix[:, d:, d:] -= np.einsum("e,a,b->eab", w * slope, shape, shape)
+        matrix[:, d:, d:] -= self._compliance[part, None, None] * self._penalty
+        matrix[:, d:, :d] = matrix[:, :d, d:].transpose(0, 2, 1)
+        return matrix
+
+
+def _curl(f) -> np.ndarray:
+    """d2J/dF2 (m, 9, 9) at F (m, 3, 3)."""
+    return (f.reshape(-1, 9) @ _CURL).reshape(-1, 9, 9)
+
+
+def _volume(q, lam) -> np.ndarray:
+    """theta at which dU/dtheta = lam ln theta / theta is q; nan beyond q = lam/e, where there is none."""
+    share = -q / lam
+    return np.exp(-lambertw(np.where(share >= -np.exp(-1), share, np.nan)).real)
+
+
+def _quadratic(linear, at) -> np.ndarray:
+    """Gradients (m, 10, 3) of the ten shape functions at barycentric coordinates `at` (4,); linear: (m, 4, 3)."""
+    corner = linear * (4 * at - 1)[:, None]
+    i, j = EDGES.T
+    return np.hstack([corner, 4 * (at[i, None] * linear[:, j] + at[j, None] * linear[:, i])])
+
+
+def solve_mixed(
+    points,
+    cells,
+    material: Material,
+    boundary: BoundaryConditions,
+    element: str = "taylor_hood",
+    increments: int = 2,
+    tolerance: float = 1e-8,
+    max_iterations: int = 15,
+    min_increment: float = 1 / 256,
+    linear_kind: str = "auto",
+) -> MixedResult:
+    """Equilibrium of points (n, 3) mm and cells (m, 4) under prescribed motion, by Newton's method on (u, q).
+
+    The load grows in increments that are halved on failure and doubled on ease. residual: force on the free unknowns
+    over the reaction, plus the volume on which u and q disagree over the volume of the mesh (norms).
+    A midside node is prescribed if it lies on a face of the mesh's boundary with three prescribed corners; it moves by
+    the mean of its two ends, which is exact for rigid motion. InputError for sliding or contact, and bad input.
+    """
+    began = time.perf_counter()
+    if not (increments >= 1 and tolerance > 0 and 0 < min_increment <= 1):
+        raise InputError("-", "options", "increments, tolerance or min_increment makes no sense", "mend them")
+    elements = MixedElements(points, cells, material, element)
+    problem = _Problem(elements, boundary, linear_kind)
+    try:
+        state, reason = problem.advance(1 / increments, tolerance, max_iterations, min_increment)
+    finally:
+        problem.close()
+    u, pressure = state.u, elements.pressure(state.q)
+    return MixedResult(
+        displacement=u[: len(elements.node_volumes)],
+        pressure=pressure,
+        points=elements.points,
+        everywhere=u,
+        converged=not reason,
+        reason=reason or "converged",
+        min_jacobian=state.least,
+        fraction=state.fraction,
+        residual=state.residual,
+        iterations=problem.iterations,
+        factorizations=problem.factorizations,
+        seconds=time.perf_counter() - began,
+    )
+
+
+@dataclass
+class _State:
+    """Displacement (k, 3) and q (n,) at a load fraction, gradient of W, least J, residual."""
+
+    u: np.ndarray
+    q: np.ndarray
+    fraction: float
+    gradient: np.ndarray
+    least: float
+    residual: float
+
+
+class _Problem:
+    """Newton's method on one mesh and one boundary condition."""
+
+    def __init__(self, elements: MixedElements, boundary: BoundaryConditions, kind: str):
+        self.elements, self.boundary, self._kind, self._linear = elements, boundary, kind, None
+        self.iterations = self.factorizations = 0
+        corners, nodes = len(elements.node_volumes), len(elements.points)
+        told = np.asarray(boundary.prescribed_nodes, int)
+        if len(boundary.sliding) or len(getattr(boundary, "contact", ())):
+            raise InputError("-", "boundary", "mixed elements know no sliding and no contact", "prescribe the nodes")
+        if len(told) < 3 or told.min() < 0 or told.max() >= corners or len(np.unique(told)) != len(told):
+            raise InputError("-", "boundary", "prescribed nodes are few, absent or named twice", "mend the node list")
+        for fraction in (0.0, 1.0):
+            moved = boundary.displacement(fraction)
+            if moved.shape != (len(told), 3) or not np.isfinite(moved).all():
+                raise InputError("-", "boundary", f"prescribed motion of shape {moved.shape}", "give (p, 3), finite")
+        row = np.full(corners, -1)
+        row[told] = np.arange(len(told))
+        number = {tuple(ends): at for at, ends in enumerate(elements.midside_ends.tolist())}
+        faces, uses = np.unique(np.sort(elements.corners[:, FACES], axis=2).reshape(-1, 3), axis=0, return_counts=True)
+        bonded = faces[(uses == 1) & (row[faces] >= 0).all(axis=1)] if number else faces[:0]
+        pairs = np.unique(bonded[:, [(0, 1), (0, 2), (1, 2)]].reshape(-1, 2), axis=0)
+        middle = np.array([corners + number[tuple(ends)] for ends in pairs.tolist()], int)
+        # Prescribed nodes and the two rows of the boundary condition that each is the mean of.
+        self._told = np.concatenate([told, middle])
+        self._rows = np.vstack([np.repeat(np.arange(len(told))[:, None], 2, axis=1), row[pairs]])
+        held = np.zeros(elements.count, bool)
+        held[(3 * self._told[:, None] + np.arange(3)).ravel()] = True
+        self._held, self._free = np.flatnonzero(held), np.flatnonzero(~held)
+        self._start = 3 * nodes  # of q
+
+    def close(self) -> None:
+        if self._linear is not None:
+            self._linear.close()
+
+    def state(self, u, q, fraction: float) -> _State:
+        _, gradient, least = self.elements.evaluate(u, q)
+        unit = 1e-4 * self.elements.modulus * self.elements.edge**2 * np.sqrt(len(self._held))
+        reaction = max(np.linalg.norm(gradient[self._held]), unit)  # as in the solver of displacement elements
+        force = np.linalg.norm(gradient[self._free[self._free < self._start]])
+        gap = np.linalg.norm(gradient[self._start :]) / np.linalg.norm(self.elements.node_volumes)
+        return _State(u, q, fraction, gradient, least, float(force / reaction + gap))
+
+    def newton(self, state: _State, end: float) -> _State | None:
+        """A Newton step to the load fraction `end`, or none. At the same load it is shortened until J allows it."""
+        elements, step = self.elements, np.zeros(self.elements.count)
+        du, dq = step[: self._start].reshape(-1, 3), step[self._start :]  # views
+        du[self._told] = self.boundary.displacement(end)[self._rows].mean(axis=1) - state.u[self._told]
+        matrix, product = elements.tangent(state.u, state.q, step, self._free)
+        if self._linear is None:
+            self._linear = linear_solver(matrix.indptr, matrix.indices, len(state.q), self._kind)
+        self.factorizations += 1
+        if not self._linear.factorize(matrix.data):
+            return None
+        step[self._free] = self._linear.solve(-(state.gradient + product)[self._free])
+        for scale in 0.5 ** np.arange(8 if end == state.fraction else 1):
+            new = self.state(state.u + scale * du, state.q + scale * dq, end)
+            if new.least > elements.material.extension and np.isfinite(new.residual):
+                return new
+        return None
+
+    def advance(self, share: float, tolerance: float, most: int, least_share: float) -> tuple[_State, str]:
+        """The last equilibrium, and "" or why it is not the one at full load."""
+        state = self.state(np.zeros_like(self.elements.points), np.zeros(len(self.elements.node_volumes)), 0.0)
+        while state.fraction < 1:
+            end = min(1.0, state.fraction + share)
+            new, count = self.newton(state, end), 0
+            while new is not None and new.residual > tolerance and count < most:
+                new, count = self.newton(new, end), count + 1
+                self.iterations += 1
+            if new is not None and new.residual <= tolerance:
+                state, share = new, 2 * share
+                continue
+            share /= 2
+            if share < least_share:
+                why = "J or the inertia was lost" if new is None else f"residual {new.residual:.1e} after {count} steps"
+                return state, f"load increment below {least_share:g}: {why}"
+        return state, ""

@@ -1,0 +1,58 @@
+"""Boxes of tetrahedra and the block problem: what elements and solvers are compared on."""
+
+from itertools import permutations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pinnochio.mechanics.materials import Material, lame
+from pinnochio.mechanics.sliding import BoundaryConditions
+
+BLOCK = (80.0, 60.0, 30.0)  # mm
+# Cubes along the three edges of the block for about so many thousand nodes.
+BLOCK_STEPS = {3: (20, 15, 8), 10: (31, 23, 12), 30: (46, 34, 17)}
+
+
+def box(size, steps, jitter=0.0, seed=0) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) mm and cells (m, 4) of a box [0, size] cut into steps (3,) cubes of six tetrahedra.
+
+    jitter: largest move of an interior node, in cube edges.
+    """
+    axes = [np.linspace(0, s, n + 1) for s, n in zip(size, steps, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    index = np.arange(len(points)).reshape([n + 1 for n in steps])
+    corner, stride = index[:-1, :-1, :-1].ravel(), np.array(index.strides) // index.itemsize
+    cells = []
+    for order in permutations(range(3)):
+        path = np.cumsum([0] + [stride[axis] for axis in order])
+        if np.linalg.det(np.eye(3)[list(order)]) < 0:
+            path = path[[0, 2, 1, 3]]
+        cells.append(corner[:, None] + path)
+    inside = ((points > 0) & (points < np.array(size))).all(axis=1)
+    moves = np.random.default_rng(seed).uniform(-jitter, jitter, points.shape)
+    points[inside] += (moves * np.array(size) / np.array(steps))[inside]
+    return points, np.stack(cells, axis=1).reshape(-1, 4).astype(np.int32)
+
+
+def uniform(count, poisson=0.49, stiffening=0.0, youngs_modulus=5.0) -> Material:
+    """One material for `count` elements; kPa."""
+    mu, lam = lame(youngs_modulus, poisson)
+    return Material(np.full(count, mu), np.full(count, lam), np.full(count, float(stiffening)))
+
+
+def block_boundary(points, move=8.0, degrees=5.0) -> BoundaryConditions:
+    """The bottom's left third is held, its right third lifted by `move` mm and turned by `degrees` about its middle.
+
+    points (n, 3) of a box of size BLOCK; the motion grows in proportion to the load.
+    """
+    third, bottom = BLOCK[0] / 3, points[:, 2] == 0
+    nodes = np.flatnonzero(bottom & ((points[:, 0] <= third) | (points[:, 0] >= 2 * third)))
+    rest = points[nodes]
+    right = rest[:, :1] >= 2 * third
+    centre, axis = np.array([BLOCK[0] * 5 / 6, BLOCK[1] / 2, 0]), np.array([0, np.deg2rad(degrees), 0])
+
+    def prescribed(fraction: float) -> np.ndarray:
+        turned = Rotation.from_rotvec(fraction * axis).apply(rest - centre) + centre
+        return np.where(right, turned + [0, 0, fraction * move] - rest, 0.0)
+
+    return BoundaryConditions(nodes, prescribed)

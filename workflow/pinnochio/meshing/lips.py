@@ -1,0 +1,88 @@
+"""Which nodes of a mesh are lips: those that face each other across the mouth slit."""
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from pinnochio.anatomy.model import LOWER_LIP, NOT_LIP, UPPER_LIP
+from pinnochio.anatomy.surfaces import face_normals
+from pinnochio.meshing.splitting import simplex_points
+
+MOUTH = 22.0  # mm from the middle of the bite: reaches the front and the corners of the mouth, not the nostrils [I]
+DEPTH = 20.0  # mm behind the front of the bite: beyond the corners of the mouth, not the cheeks beside the molars [I]
+FACING = 0.3  # least cosine: of two lips towards each other, of a lip towards up or down [I]
+PIECE = 0.25  # of the area of the largest; in coarse meshes the slit falls into halves [I]
+BEHIND = 1.0  # mm by which lips may overlap where the mesh is coarse
+
+
+def bite(bone, pairs, band_mm: float) -> np.ndarray:
+    """Points (k, 3) mm half-way between the jaws that oppose each other, where they are nearer than `band_mm`.
+
+    bone: points (b, 3) and segment (b,); pairs of segment indices.
+    """
+    middles = [np.zeros((0, 3))]
+    for i, j in pairs:
+        one, two = bone.points[bone.segment == i], bone.points[bone.segment == j]
+        distance, nearest = cKDTree(two).query(one)
+        middles.append((one + two[nearest])[distance < band_mm] / 2)
+    return np.vstack(middles)
+
+
+def lip_nodes(points, faces, airy, held, mouth, reach_mm: float = 5.0) -> np.ndarray:
+    """Lip (n,) int8 of every node: NOT_LIP, UPPER_LIP or LOWER_LIP.
+
+    points (n, 3) mm LPS; faces (f, 3) boundary triangles, outward; airy (f,) bool, air lies beyond; held (n,) bool, on
+    bone or a cut; mouth (k, 3) mm, the middle of the bite.
+
+    A face is lip if it is airy, not on bone, nearer than MOUTH to the middle of the bite, no further behind its front
+    than DEPTH, looks down (upper lip) or up (lower lip), and most of the rays that leave it outward meet such a face of
+    the other lip, which looks back, within `reach_mm`. Of their pieces, held together by shared nodes and by the rays,
+    those smaller than PIECE of the largest are folds of the vestibule, not the slit. Held nodes are no lips, nor are
+    those of both: the corners of the mouth. No slit, no lips.
+    """
+    lip = np.full(len(points), NOT_LIP, np.int8)
+    normals, areas = face_normals(points, faces)
+    centre = points[faces].mean(axis=1)
+    wanted = airy & ~held[faces].all(axis=1) & (np.abs(normals[:, 2]) > FACING)
+    if not len(mouth) or not wanted.any():
+        return lip
+    wanted &= (cKDTree(mouth).query(centre)[0] < MOUTH) & (centre[:, 1] < mouth[:, 1].min() + DEPTH)
+    near = np.flatnonzero(wanted)
+    corners, ahead = points[faces[near]], normals[near]
+    starts = np.einsum("kc,fcx->fkx", simplex_points(3, 2), corners)
+    facing = (ahead[:, None, 2] * ahead[:, 2] < 0) & (ahead @ ahead.T < -FACING)
+    meets = np.zeros((len(near), len(near)), bool)
+    is_lip = np.zeros(len(near), bool)
+    for row, other in enumerate(facing):
+        hit = _meets(starts[row], ahead[row], corners[other], reach_mm)
+        meets[row, other] = hit.any(axis=0)
+        is_lip[row] = hit.any(axis=1).mean() > 0.5
+    if not is_lip.any():
+        return lip
+    near, ahead, meets = near[is_lip], ahead[is_lip], meets[np.ix_(is_lip, is_lip)]
+    touching = sparse.csr_array(
+        (np.ones(3 * len(near)), (np.repeat(np.arange(len(near)), 3), faces[near].ravel())), (len(near), len(points))
+    )
+    _, piece = connected_components(touching @ touching.T + sparse.csr_array(meets.astype(float)), directed=False)
+    size = np.bincount(piece, areas[near])
+    slit = size[piece] > PIECE * size.max()
+    upper, lower = np.zeros((2, len(points)), bool)
+    upper[faces[near[slit & (ahead[:, 2] < 0)]]] = True
+    lower[faces[near[slit & (ahead[:, 2] > 0)]]] = True
+    lip[upper & ~lower & ~held], lip[lower & ~upper & ~held] = UPPER_LIP, LOWER_LIP
+    return lip
+
+
+def _meets(starts, direction, corners, reach: float) -> np.ndarray:
+    """Whether rays from starts (k, 3) along a direction (3,) meet triangles (g, 3, 3) within `reach`: (k, g) bool."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(direction, second)
+    scale = np.einsum("gx,gx->g", first, across)  # not zero: the triangles face the ray
+    offset = starts[:, None] - corners[:, 0]
+    turned = np.cross(offset, first)
+    u = np.einsum("kgx,gx->kg", offset, across) / scale
+    v = turned @ direction / scale
+    along = np.einsum("kgx,gx->kg", turned, second) / scale
+    inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9)
+    return inside & (along > -BEHIND) & (along < reach)
