@@ -13,6 +13,7 @@ include: "rules/fem.smk"
 include: "rules/training.smk"
 include: "rules/prediction.smk"
 include: "rules/tables.smk"
+include: "rules/stability.smk"
 
 
 wildcard_constraints:

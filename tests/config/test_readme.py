@@ -21,7 +21,14 @@ def test_docs_hold_the_tables_of_the_cohort(name):
 
 def test_readme_names_what_exists():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    pages = ("config/README.md", "results/README.md", "docs/methods.md", "docs/benchmark.md", "docs/cohort.md")
+    pages = (
+        "config/README.md",
+        "results/README.md",
+        "docs/methods.md",
+        "docs/mechanics.md",
+        "docs/benchmark.md",
+        "docs/cohort.md",
+    )
     for path in (*pages, "docs/heads.png", "CITATION.cff"):
         assert path in text and (ROOT / path).is_file()
 

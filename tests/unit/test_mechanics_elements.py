@@ -200,6 +200,16 @@ def test_single_precision_agrees(problem, volumetric):
     assert (single - exact).norm() < 3e-5 * exact.norm()
 
 
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="this machine has no GPU")
+@both
+@pytest.mark.parametrize(("dtype", "limit"), [(torch.float64, 1e-12), (torch.float32, 3e-5)])
+def test_gpu_agrees(problem, volumetric, dtype, limit):
+    points, cells, law, u = problem
+    exact = operator(points, cells, law, volumetric).force(torch.tensor(u))
+    there = Operator.build(points, cells, law, volumetric, dtype, "cuda").force(torch.tensor(u, dtype=dtype).cuda())
+    assert (there.cpu() - exact).norm() < limit * exact.norm()
+
+
 def test_mean_edge_of_a_single_tetrahedron():
     points = np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0], [0, 0, 12.0]])
     assert mean_edge(points, np.array([[0, 1, 2, 3]])) == pytest.approx(

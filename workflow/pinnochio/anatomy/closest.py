@@ -48,6 +48,25 @@ def barycentric(queries, corners) -> np.ndarray:
     return np.stack([1 - v - w, v, w], axis=1)
 
 
+def closest_on_triangles(points, corners) -> tuple[np.ndarray, np.ndarray]:
+    """Closest point (..., 3) of each triangle (..., 3, 3) to a point (..., 3), and its barycentric weights (..., 3)."""
+    points = np.broadcast_to(points, corners.shape[:-2] + (3,))
+    flat = barycentric(points.reshape(-1, 3), corners.reshape(-1, 3, 3)).reshape(corners.shape[:-1])
+    inside = (flat >= 0).all(axis=-1)
+    best = np.where(inside[..., None], flat, 0)
+    least = np.where(inside, 0, np.inf)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        start, along = corners[..., i, :], corners[..., j, :] - corners[..., i, :]
+        length = np.maximum(np.einsum("...x,...x->...", along, along), np.finfo(float).tiny)
+        share = np.clip(np.einsum("...x,...x->...", points - start, along) / length, 0, 1)
+        away = np.linalg.norm(start + share[..., None] * along - points, axis=-1)
+        nearer = ~inside & (away < least)
+        weights = np.zeros_like(best)
+        weights[..., i], weights[..., j] = 1 - share, share
+        best, least = np.where(nearer[..., None], weights, best), np.where(nearer, away, least)
+    return np.einsum("...c,...cx->...x", best, corners), best
+
+
 def _on_border(found, face, points, faces, tolerance: float = 1e-6) -> np.ndarray:
     edges = np.sort(faces[:, [[1, 2], [2, 0], [0, 1]]], axis=2)  # edge i lies opposite corner i
     _, inverse, uses = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)

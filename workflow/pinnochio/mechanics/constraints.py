@@ -43,6 +43,12 @@ class Constraints:
         turned[self.sliding.nodes] = np.einsum("sij,si->sj", frames, turned[self.sliding.nodes])
         return turned
 
+    def turned(self, blocks, pairs, frames) -> np.ndarray:
+        """Blocks (k, 3, 3) of a tangent at node pairs (k, 2), from the common axes into those of their nodes."""
+        axes = np.tile(np.eye(3), (len(self.points), 1, 1))
+        axes[self.sliding.nodes] = frames
+        return axes[pairs[:, 0]] @ blocks @ axes[pairs[:, 1]].transpose(0, 2, 1)
+
     def _check(self) -> None:
         fixed = np.concatenate([self.told, self.sliding.nodes])
         if len(fixed) and (fixed.min() < 0 or fixed.max() >= len(self.points)):

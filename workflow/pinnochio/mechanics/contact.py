@@ -19,8 +19,8 @@ triangles of a node are fixed once, those within REACH of it at rest, so that f 
 it is a function of the displacement of the node and of the triangles, the gradient below is exact, and because only
 relative places matter, the forces on both sides balance, and their moments.
 
-The tangent is the positive semi-definite part of every node's own Hessian, share kappa A (grad f grad f' + g d2f): its
-negative eigenvalues, from surfaces that bend away under pressure, are cut off. d2f is taken by central differences.
+The tangent is every node's own Hessian, share kappa A (grad f grad f' + g d2f), d2f by central differences. Where
+surfaces bend away under pressure it has negative eigenvalues; the definite tangent, sure to descend, is without them.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.closest import barycentric
+from pinnochio.anatomy.closest import closest_on_triangles
 from pinnochio.anatomy.rigid import RigidMotion
 from pinnochio.anatomy.surfaces import face_normals
 from pinnochio.errors import InputError
@@ -44,7 +44,7 @@ NEGLIGIBLE = 1e-7  # derivative of f by a node that the tangent leaves out
 ROUND = 3.0  # R in mm [I]
 MARGIN = 6.0  # mm around a lip that still belongs to its surface: where the other lip slides to [I]
 ACROSS = 0.5  # least cosine between a triangle's normal and the direction from its lip to the other
-STIFFNESS = 150.0  # kappa over mu / edge: 1 kPa enters 0.02-0.05 mm, Newton converges as without contact [X]
+STIFFNESS = 200.0  # kappa over mu / edge: in faces of 1,500 to 20,000 nodes 1 kPa enters 0.02-0.04 mm [X]
 
 
 @dataclass(frozen=True)
@@ -108,18 +108,24 @@ class UnilateralContact:
             np.add.at(force, side.stencil[row].ravel(), pull.reshape(-1, 3))
         return energy, force
 
-    def tangent(self, displacement, fraction: float) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs (k, 2), among `pairs`, and blocks (k, 3, 3) in mN/mm: axis i of node a with axis j of node b."""
+    def tangent(self, displacement, fraction: float, definite: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (k, 2), among `pairs`, and blocks (k, 3, 3) in mN/mm: axis i of node a with axis j of node b.
+
+        definite: every node's Hessian with its negative eigenvalues cut off; else as it is.
+        """
         blocks, used = np.zeros((len(self.pairs), 3, 3)), np.zeros(len(self.pairs), bool)
         moved = self.points + displacement
         for side, scale, gap, slope in self._gaps(displacement, fraction):
             row = np.flatnonzero(gap < 0)
             if len(row):
-                column, hessian = _hessian(side, moved, fraction, row, scale[row], gap[row], slope[row])
+                column, hessian = _hessian(side, moved, fraction, row, gap[row], slope[row])
+                if definite:
+                    hessian = _definite(hessian)
                 one, two, key = _couples(np.take_along_axis(side.stencil[row], column, axis=1), len(self.points))
                 place = np.searchsorted(self._keys, key)
                 used[place] = True
-                np.add.at(blocks, place, hessian[np.arange(len(row))[:, None], one, :, two])
+                hessian = scale[row, None, None, None] * hessian[np.arange(len(row))[:, None], one, :, two]
+                np.add.at(blocks, place, hessian)
         return self.pairs[used], blocks[used]
 
     def gaps(self, displacement, fraction: float = 1.0) -> np.ndarray:
@@ -139,9 +145,9 @@ class UnilateralContact:
         return [side.local(moved[side.stencil], np.arange(len(side.stencil)), fraction) for side in self._sides]
 
 
-def _hessian(side, moved, fraction: float, row, scale, gap, slope) -> tuple[np.ndarray, np.ndarray]:
-    """Positive semi-definite part (r, c, 3, c, 3) of the Hessian of the energies of some rows (r,) of a side, and the
-    columns (r, c) of the stencil that it is of: those that f depends on. scale, gap (r,), slope (r, k, 3)."""
+def _hessian(side, moved, fraction: float, row, gap, slope) -> tuple[np.ndarray, np.ndarray]:
+    """Hessian (r, c, 3, c, 3) of g^2/2 of some rows (r,) of a side, and the columns (r, c) of the stencil that it is
+    of: those that f depends on. gap (r,), slope (r, k, 3)."""
     size = np.abs(slope).max(axis=2)
     count = int((size > NEGLIGIBLE).sum(axis=1).max())
     column = np.argsort(-size, axis=1, kind="stable")[:, :count]
@@ -154,12 +160,17 @@ def _hessian(side, moved, fraction: float, row, scale, gap, slope) -> tuple[np.n
             shifted[near[:, 0], column[:, at], axis] += step
             ends.append(side.local(shifted, row, fraction)[1][near, column])
         bend[:, at, axis] = (ends[0] - ends[1]) / (2 * STEP)
-    slope = slope[near, column].reshape(len(row), -1)
-    bend = bend.reshape(len(row), 3 * count, -1)
-    whole = slope[:, :, None] * slope[:, None] + gap[:, None, None] * (bend + bend.transpose(0, 2, 1)) / 2
-    values, vectors = np.linalg.eigh(whole)
-    values = scale[:, None] * np.maximum(values, 0)
-    return column, ((vectors * values[:, None]) @ vectors.transpose(0, 2, 1)).reshape(-1, count, 3, count, 3)
+    bend = (bend + bend.transpose(0, 3, 4, 1, 2)) / 2
+    slope = slope[near, column]
+    return column, slope[:, :, :, None, None] * slope[:, None, None] + gap[:, None, None, None, None] * bend
+
+
+def _definite(hessian) -> np.ndarray:
+    """Matrices (r, c, 3, c, 3) without their negative eigenvalues."""
+    size = 3 * hessian.shape[1]
+    values, vectors = np.linalg.eigh(hessian.reshape(-1, size, size))
+    kept = (vectors * np.maximum(values, 0)[:, None]) @ vectors.transpose(0, 2, 1)
+    return kept.reshape(hessian.shape)
 
 
 class _Bone:
@@ -209,7 +220,7 @@ class _Faces:
         normal = normal / length
         offset = here - corners.mean(axis=2)
         plane = (offset * normal).sum(axis=2)
-        shares = _closest(here, corners)
+        shares = closest_on_triangles(here, corners)[1]
         away = here - np.einsum("stc,stcx->stx", shares, corners)
         square = (away**2).sum(axis=2)
         weight = np.where(self._seen[row], square, np.inf)
@@ -234,24 +245,6 @@ class _Faces:
         slope = np.stack(flat, axis=1).reshape(shape)
         slope[:, 0] = (along + pull).sum(axis=1)  # in place of the unseen triangles, which have no weight
         return (mean + out**2 / (2 * ROUND))[:, 0], slope
-
-
-def _closest(points, corners) -> np.ndarray:
-    """Barycentric coordinates (s, t, 3) of the points of triangles (s, t, 3, 3) closest to points (s, 1, 3)."""
-    flat = corners.reshape(-1, 3, 3)
-    queries = np.broadcast_to(points, (*corners.shape[:2], 3)).reshape(-1, 3)
-    shares = barycentric(queries, flat)
-    outside = np.flatnonzero((shares < 0).any(axis=1))
-    queries, flat, least = queries[outside], flat[outside], np.full(len(outside), np.inf)
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        start, along = flat[:, i], flat[:, j] - flat[:, i]
-        part = (queries - start) * along / np.maximum((along**2).sum(axis=1, keepdims=True), 1e-24)
-        part = np.clip(part.sum(axis=1), 0, 1)
-        away = np.linalg.norm(start + part[:, None] * along - queries, axis=1)
-        nearer, edge = away < least, np.zeros((len(outside), 3))
-        edge[:, i], edge[:, j] = 1 - part, part
-        shares[outside[nearer]], least[nearer] = edge[nearer], away[nearer]
-    return shares.reshape(corners.shape[:-1])
 
 
 def _couples(nodes, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

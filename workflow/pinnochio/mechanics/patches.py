@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit
 
 SIZE = 8  # elements in a patch; the table of elements in docs/mechanics.md shows why
+TIE = 1e-4  # distances nearer to each other count as equal: above the rounding of coordinates in single precision
 
 
 def make_patches(points, cells, tissue, size: int = SIZE) -> np.ndarray:
@@ -67,7 +68,7 @@ def _grow(cells, centres, neighbours, size, nodes):
                     shared += member[cells[e, a]] == count
                 away = ((centres[e] - centre) ** 2).sum()
                 # Lattices are full of ties; they go by index, not by rounding.
-                nearer = away < nearest * (1 - 1e-9) or (away <= nearest * (1 + 1e-9) and e < chosen)
+                nearer = away < nearest * (1 - TIE) or (away <= nearest * (1 + TIE) and e < chosen)
                 if shared > most or (shared == most and nearer):
                     chosen, most, nearest = e, shared, away
         count += 1

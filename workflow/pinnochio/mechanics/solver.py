@@ -181,7 +181,8 @@ class _Newton:
             if not definite:
                 bend = self.sliding.curvature(state.u, state.fraction, state.frames, state.force)
                 self.assembler.add(data, np.repeat(self.sliding.nodes[:, None], 2, axis=1), bend)
-            self.assembler.add(data, *self.contact.tangent(state.u, state.fraction))
+            pairs, blocks = self.contact.tangent(state.u, state.fraction, definite)
+            self.assembler.add(data, pairs, self.constraints.turned(blocks, pairs, state.frames))
             found = self.solution(data, -(state.free_force + product), tolerance, definite)
             if found is not None:
                 self.cut = definite

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, identity
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.closest import barycentric
+from pinnochio.anatomy.closest import closest_on_triangles
 from pinnochio.anatomy.surfaces import face_normals, vertex_normals
 
 CANDIDATES = 24  # nearest triangles, by their centroids, among which the carrier is sought
@@ -44,22 +44,3 @@ def bridging(faces, nodes, mesh_faces) -> np.ndarray:
         there = np.tile(nodes[faces[:, other]], 3).ravel()
         spans |= ~np.asarray(near[here, there]).reshape(-1, 9).any(axis=1)
     return spans
-
-
-def closest_on_triangles(points, corners) -> tuple[np.ndarray, np.ndarray]:
-    """Closest point (..., 3) of each triangle (..., 3, 3) to a point (..., 3), and its barycentric weights (..., 3)."""
-    points = np.broadcast_to(points, corners.shape[:-2] + (3,))
-    flat = barycentric(points.reshape(-1, 3), corners.reshape(-1, 3, 3)).reshape(corners.shape[:-1])
-    inside = (flat >= 0).all(axis=-1)
-    best = np.where(inside[..., None], flat, 0)
-    least = np.where(inside, 0, np.inf)
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        start, along = corners[..., i, :], corners[..., j, :] - corners[..., i, :]
-        share = np.einsum("...x,...x->...", points - start, along) / np.einsum("...x,...x->...", along, along)
-        share = np.clip(share, 0, 1)
-        away = np.linalg.norm(start + share[..., None] * along - points, axis=-1)
-        nearer = ~inside & (away < least)
-        weights = np.zeros_like(best)
-        weights[..., i], weights[..., j] = 1 - share, share
-        best, least = np.where(nearer[..., None], weights, best), np.where(nearer, away, least)
-    return np.einsum("...c,...cx->...x", best, corners), best

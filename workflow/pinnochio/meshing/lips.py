@@ -10,9 +10,9 @@ from pinnochio.anatomy.surfaces import face_normals
 from pinnochio.meshing.splitting import simplex_points
 
 MOUTH = 22.0  # mm from the middle of the bite: reaches the front and the corners of the mouth, not the nostrils [I]
-DEPTH = 20.0  # mm behind the front of the bite: beyond the corners of the mouth, not the cheeks beside the molars [I]
+DEPTH = 15.0  # mm behind the front of the bite: beyond the corners of the mouth, not the cheeks beside the molars [I]
 FACING = 0.3  # least cosine: of two lips towards each other, of a lip towards up or down [I]
-PIECE = 0.25  # of the area of the largest; in coarse meshes the slit falls into halves [I]
+PATCH = 0.25  # of the area of the largest; in coarse meshes a lip falls into halves [I]
 BEHIND = 1.0  # mm by which lips may overlap where the mesh is coarse
 
 
@@ -37,12 +37,12 @@ def lip_nodes(points, faces, airy, held, mouth, reach_mm: float = 5.0) -> np.nda
 
     A face is lip if it is airy, not on bone, nearer than MOUTH to the middle of the bite, no further behind its front
     than DEPTH, looks down (upper lip) or up (lower lip), and most of the rays that leave it outward meet such a face of
-    the other lip, which looks back, within `reach_mm`. Of their pieces, held together by shared nodes and by the rays,
-    those smaller than PIECE of the largest are folds of the vestibule, not the slit. Held nodes are no lips, nor are
-    those of both: the corners of the mouth. No slit, no lips.
+    the other lip, which looks back, within `reach_mm`. Of the patches of a lip, held together by shared nodes, those
+    smaller than PATCH of the largest are folds of skin or vestibule. Held nodes are no lips, nor are those of both or
+    of a triangle with both: the corners of the mouth. No slit, no lips.
     """
     lip = np.full(len(points), NOT_LIP, np.int8)
-    normals, areas = face_normals(points, faces)
+    normals, _ = face_normals(points, faces)
     centre = points[faces].mean(axis=1)
     wanted = airy & ~held[faces].all(axis=1) & (np.abs(normals[:, 2]) > FACING)
     if not len(mouth) or not wanted.any():
@@ -52,30 +52,31 @@ def lip_nodes(points, faces, airy, held, mouth, reach_mm: float = 5.0) -> np.nda
     corners, ahead = points[faces[near]], normals[near]
     starts = np.einsum("kc,fcx->fkx", simplex_points(3, 2), corners)
     facing = (ahead[:, None, 2] * ahead[:, 2] < 0) & (ahead @ ahead.T < -FACING)
-    meets = np.zeros((len(near), len(near)), bool)
-    is_lip = np.zeros(len(near), bool)
-    for row, other in enumerate(facing):
-        hit = _meets(starts[row], ahead[row], corners[other], reach_mm)
-        meets[row, other] = hit.any(axis=0)
-        is_lip[row] = hit.any(axis=1).mean() > 0.5
-    if not is_lip.any():
-        return lip
-    near, ahead, meets = near[is_lip], ahead[is_lip], meets[np.ix_(is_lip, is_lip)]
-    touching = sparse.csr_array(
-        (np.ones(3 * len(near)), (np.repeat(np.arange(len(near)), 3), faces[near].ravel())), (len(near), len(points))
-    )
-    _, piece = connected_components(touching @ touching.T + sparse.csr_array(meets.astype(float)), directed=False)
-    size = np.bincount(piece, areas[near])
-    slit = size[piece] > PIECE * size.max()
-    upper, lower = np.zeros((2, len(points)), bool)
-    upper[faces[near[slit & (ahead[:, 2] < 0)]]] = True
-    lower[faces[near[slit & (ahead[:, 2] > 0)]]] = True
-    lip[upper & ~lower & ~held], lip[lower & ~upper & ~held] = UPPER_LIP, LOWER_LIP
+    met = np.array([_met(starts[i], ahead[i], corners[other], reach_mm) for i, other in enumerate(facing)], bool)
+    lips = []
+    for side in (-1, 1):
+        own = faces[near[met & (side * ahead[:, 2] > 0)]]
+        patch, size = _patches(points, own)
+        on = np.zeros(len(points), bool)
+        on[own[size[patch] > PATCH * size.max(initial=0)]] = True
+        lips.append(on & ~held)
+    lip[lips[0] & ~lips[1]], lip[lips[1] & ~lips[0]] = UPPER_LIP, LOWER_LIP
+    mixed = (lip[faces] == UPPER_LIP).any(axis=1) & (lip[faces] == LOWER_LIP).any(axis=1)
+    lip[faces[mixed]] = NOT_LIP
     return lip
 
 
-def _meets(starts, direction, corners, reach: float) -> np.ndarray:
-    """Whether rays from starts (k, 3) along a direction (3,) meet triangles (g, 3, 3) within `reach`: (k, g) bool."""
+def _patches(points, faces) -> tuple[np.ndarray, np.ndarray]:
+    """Patch (f,) of every face, held together by shared nodes, and the area of each patch, mm2."""
+    count = len(faces)
+    row = np.repeat(np.arange(count), 3)
+    touching = sparse.csr_array((np.ones(3 * count), (row, faces.ravel())), (count, len(points)))
+    _, patch = connected_components(touching @ touching.T, directed=False)
+    return patch, np.bincount(patch, face_normals(points, faces)[1])
+
+
+def _met(starts, direction, corners, reach: float) -> bool:
+    """Whether most rays from starts (k, 3) along a direction (3,) meet one of the triangles (g, 3, 3) in `reach`."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     across = np.cross(direction, second)
     scale = np.einsum("gx,gx->g", first, across)  # not zero: the triangles face the ray
@@ -85,4 +86,4 @@ def _meets(starts, direction, corners, reach: float) -> np.ndarray:
     v = turned @ direction / scale
     along = np.einsum("kgx,gx->kg", turned, second) / scale
     inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9)
-    return inside & (along > -BEHIND) & (along < reach)
+    return (inside & (along > -BEHIND) & (along < reach)).any(axis=1).mean() > 0.5
