@@ -3,8 +3,9 @@
 python tests/benchmarks/fem.py [--nodes 3 10 30] [--repeats 3]
 
 Every solve is a process of its own, single-threaded, with compiled code loaded beforehand; the processes take turns.
-"direct": five increments, tolerance 1e-8 at each, every Newton system factorised, as felupe does. "free": one increment
-asked for, conjugate gradients on kept factors. The floor is the number of factorisations times one factorisation.
+"direct": five increments, tolerance 1e-8 at each, every Newton system factorised, as felupe does. "free": two
+increments, the first only to 1e-2, conjugate gradients on kept factors. The floor is the number of factorisations
+times one factorisation.
 """
 
 import argparse

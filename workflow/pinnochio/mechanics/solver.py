@@ -267,16 +267,15 @@ class _Newton:
 
     def equilibrium(self, state: _State, tolerance: float) -> tuple[_State, str]:
         """Newton iterations at a fixed load: the last state, and "" or why it is not in equilibrium."""
-        for _ in range(self.options.max_iterations):
-            if state.residual <= tolerance:
-                return state, ""
-            new = self.descend(state)
+        count = 0
+        while state.residual > tolerance:
+            if count == self.options.max_iterations:
+                return state, f"{count} Newton iterations left a residual of {state.residual:.1e}"
+            new, count = self.descend(state), count + 1
             if new is None:
                 return state, f"the line search stagnated at a residual of {state.residual:.1e}"
             state = new
-        if state.residual <= tolerance:
-            return state, ""
-        return state, f"{self.options.max_iterations} Newton iterations left a residual of {state.residual:.1e}"
+        return state, ""
 
     # ---- the whole load
 
