@@ -44,7 +44,7 @@ NEGLIGIBLE = 1e-7  # derivative of f by a node that the tangent leaves out
 ROUND = 3.0  # R in mm [I]
 MARGIN = 6.0  # mm around a lip that still belongs to its surface: where the other lip slides to [I]
 ACROSS = 0.5  # least cosine between a triangle's normal and the direction from its lip to the other
-STIFFNESS = 200.0  # kappa over mu / edge: in faces of 1,500 to 20,000 nodes 1 kPa enters 0.02-0.04 mm [X]
+STIFFNESS = 200.0  # kappa over mu / edge: in heads of 1,500 to 5,000 nodes 1 kPa enters 0.02-0.04 mm [X]
 
 
 @dataclass(frozen=True)
