@@ -158,8 +158,9 @@ def boundary_conditions(model: PatientModel, plan: Plan, arm: str, unilateral: b
         return moved
 
     sliding, contact = [], []
-    if arm != "bonded":
+    if unilateral or arm == "mucosa+lip":
         faces = boundary_faces(model.cells)
+    if arm != "bonded":
         slides = model.node_type == SLIDING
         for index in np.unique(model.node_segment[slides]):
             motion = RigidMotion() if index < 0 else plan.motion(model.segments[index])

@@ -169,7 +169,7 @@ class _Newton:
 
     # ---- steps
 
-    def direction(self, state: _State, step=None, tolerance: float = 1e-10) -> np.ndarray:
+    def direction(self, state: _State, tolerance: float, step=None) -> np.ndarray:
         """Displacement (n, 3) that takes the state to equilibrium, to first order, while `step` (n, 3, local axes) is
         imposed on the constrained unknowns: by the factors at hand and conjugate gradients to `tolerance` if they
         serve, else by new ones, of the tangent cut to its definite part where it is not definite."""
@@ -240,12 +240,12 @@ class _Newton:
         target = self.constraints.met(self.sliding.carry(state.u, state.fraction, end), end)
         local = self.constraints.local(target - state.u, state.frames)
         step = np.where(self.constraints.constrained, local, 0)
-        return self.direction(state, step, 1e-3)
+        return self.direction(state, 1e-3, step)
 
     def descend(self, state: _State) -> _State | None:
         """One Newton step with a line search on the energy that turns no element inside out."""
         self.iterations += 1
-        direction = self.direction(state, tolerance=1e-2)
+        direction = self.direction(state, 1e-2)
         slope = float(np.einsum("ij,ij->", direction, state.force))
         # Round-off of a sum over all elements; below it the energy cannot tell two states apart.
         noise = 1e-14 * self.elements.modulus * self.elements.volumes.sum() + 1e-13 * abs(state.energy)
