@@ -8,13 +8,13 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from test_mechanics_sliding import patient, plane, sphere
 
+from pinnochio.anatomy.faces import boundary_faces
 from pinnochio.anatomy.model import LOWER_LIP, SLIDING, UPPER_LIP
 from pinnochio.anatomy.plan import Plan, RigidMotion
 from pinnochio.errors import InputError
 from pinnochio.mechanics.contact import (
     ContactSet,
     UnilateralContact,
-    boundary_faces,
     facing_sets,
     node_areas,
     penalty,
@@ -40,7 +40,7 @@ def stacked(gap, upper=((12, 9, 6), (4, 3, 2)), lower=((18, 15, 6), (5, 4, 2)), 
 
 
 def lips(points, cells, above, below):
-    return facing_sets(points, boundary_faces(cells), above, below)
+    return facing_sets(points, boundary_faces(cells)[0], above, below)
 
 
 def dense(contact, u, definite=True):
@@ -196,7 +196,7 @@ def resting(size, steps, through=0.0):
     """A jittered block on a plane: points, cells, its lower contact set and the nodes on top."""
     points, cells = box(size, steps, jitter=0.2)
     nodes = np.flatnonzero(points[:, 2] == 0)
-    faces = boundary_faces(cells)
+    faces, _ = boundary_faces(cells)
     faces = faces[(points[faces][:, :, 2] == 0).all(axis=1)]
     bone = ContactSet(nodes, node_areas(points, faces, nodes), None, *plane([0, 0, 1], np.array([0, 0, through])))
     return points, cells, bone, np.flatnonzero(points[:, 2] == size[2])

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pinnochio.meshing.mesh import TetMesh, adjacency
+from pinnochio.anatomy.faces import adjacency
+from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.quality import acceptable, guarded_move, neighbour_mean
 
 REGULAR = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)

@@ -21,7 +21,7 @@ class Assembler:
     """
 
     def __init__(self, elements: Elements, constrained, framed, couplings=None):
-        self.elements, self.framed = elements, np.asarray(framed, int)
+        self.elements, framed = elements, np.asarray(framed, int)
         nodes = elements.nodes
         used = np.zeros(nodes, bool)
         used[elements.cells] = True
@@ -30,7 +30,7 @@ class Assembler:
         count = self.free.sum(axis=1).astype(np.int64)
         self._first = np.concatenate([[0], np.cumsum(count)])
         self._frame = np.full(nodes, -1, np.int32)
-        self._frame[self.framed] = np.arange(len(self.framed))
+        self._frame[framed] = np.arange(len(framed))
         self._gather_patches()
         # Node pairs a <= b that share a patch, sorted; each patch stores the places of its pairs.
         keys = _pair_keys(self._patch_first, self._patch_nodes, self._place_first, nodes)

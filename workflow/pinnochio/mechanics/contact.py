@@ -271,13 +271,6 @@ def _check(item: ContactSet, count: int) -> None:
         raise InputError("-", "contact", "a contact node is a corner of its own surface", "take it out of one")
 
 
-def boundary_faces(cells) -> np.ndarray:
-    """Triangles (f, 3) of tetrahedra (m, 4) of positive volume that belong to one only, outward."""
-    faces = np.asarray(cells)[:, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]].reshape(-1, 3)
-    _, first, uses = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    return faces[np.sort(first[uses == 1])]
-
-
 def node_areas(points, faces, nodes) -> np.ndarray:
     """A third of the area (s,) mm2 of the faces (f, 3) around each of the nodes (s,)."""
     areas = face_normals(points, faces)[1]

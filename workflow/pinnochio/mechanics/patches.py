@@ -3,6 +3,8 @@
 import numpy as np
 from numba import njit
 
+from pinnochio.anatomy.faces import adjacency
+
 SIZE = 8  # elements in a patch; the table of elements in docs/mechanics.md shows why
 TIE = 1e-4  # distances nearer to each other count as equal: above the rounding of coordinates in single precision
 
@@ -25,10 +27,7 @@ def make_patches(points, cells, tissue, size: int = SIZE) -> np.ndarray:
 
 def _neighbours(cells, tissue) -> np.ndarray:
     """Element (m, 4) across each face that has the same tissue, -1 where there is none."""
-    faces = np.sort(cells[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
-    order = np.lexsort(faces.T)
-    same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
-    one, two = order[:-1][same], order[1:][same]
+    one, two = adjacency(cells)
     alike = tissue[one // 4] == tissue[two // 4]
     found = np.full(4 * len(cells), -1, np.int32)
     found[one[alike]], found[two[alike]] = two[alike] // 4, one[alike] // 4

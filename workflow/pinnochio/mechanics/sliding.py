@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pinnochio.anatomy.faces import boundary_faces
 from pinnochio.anatomy.labels import CRANIUM, segment_name
 from pinnochio.anatomy.model import FIXED, FREE, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
 from pinnochio.anatomy.plan import Plan, RigidMotion
 from pinnochio.errors import InputError
-from pinnochio.mechanics.contact import ContactSet, boundary_faces, facing_sets, node_areas
+from pinnochio.mechanics.contact import ContactSet, facing_sets, node_areas
 from pinnochio.mechanics.point_surface import PointSurface
 
 ARMS = ("bonded", "mucosa", "mucosa+lip")
@@ -159,7 +160,7 @@ def boundary_conditions(model: PatientModel, plan: Plan, arm: str, unilateral: b
 
     sliding, contact = [], []
     if unilateral or arm == "mucosa+lip":
-        faces = boundary_faces(model.cells)
+        faces, _ = boundary_faces(model.cells)
     if arm != "bonded":
         slides = model.node_type == SLIDING
         for index in np.unique(model.node_segment[slides]):

@@ -10,10 +10,11 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pinnochio.anatomy.faces import adjacency, faces_of
 from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
 from pinnochio.errors import InputError
 from pinnochio.meshing.fields import Fields, is_tissue, without_specks
-from pinnochio.meshing.mesh import EDGES, TetMesh, adjacency, faces_of, volumes
+from pinnochio.meshing.mesh import EDGES, TetMesh, volumes
 from pinnochio.meshing.quality import guarded_move, neighbour_mean
 from pinnochio.meshing.splitting import crowded_cells, cut_nodes, joined_pairs, pieces, simplex_points, split_nodes
 

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import meshio
 import numpy as np
 
+from pinnochio.anatomy.faces import boundary_faces
 from pinnochio.files import replacing
 
-# Faces of a tetrahedron of positive volume, each seen counter-clockwise from outside; face i is opposite corner i.
-FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 
@@ -63,30 +62,3 @@ def dihedral_cosines(points, cells) -> np.ndarray:
     # The edge between two corners is shared by the two faces opposite the other two corners.
     i, j = EDGES.T
     return np.clip(-np.einsum("mek,mek->me", normals[:, i], normals[:, j]), -1, 1)
-
-
-def faces_of(cells) -> tuple[np.ndarray, np.ndarray]:
-    """All faces (4m, 3), outward, and a key (4m,) that the two sides of a face share."""
-    faces = np.asarray(cells)[:, FACES].reshape(-1, 3)
-    low, middle, high = np.sort(faces, axis=1).astype(np.int64).T
-    count = int(faces.max()) + 1 if len(faces) else 1
-    # Two face ids fit 64 bits up to two million nodes.
-    return faces, (low * count + middle) * count + high
-
-
-def adjacency(cells) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of faces that are the two sides of one: indices (p,), (p,) into the 4m faces (cell = index // 4)."""
-    _, key = faces_of(cells)
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
-    return order[same], order[same + 1]
-
-
-def boundary_faces(cells) -> tuple[np.ndarray, np.ndarray]:
-    """Outward faces (f, 3) with one cell only, and that cell (f,)."""
-    faces, _ = faces_of(cells)
-    alone = np.ones(len(faces), bool)
-    for side in adjacency(cells):
-        alone[side] = False
-    index = np.flatnonzero(alone)
-    return faces[index], index // 4

@@ -4,8 +4,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from pinnochio.anatomy.faces import FACES, adjacency, boundary_faces
 from pinnochio.meshing.fields import Fields
-from pinnochio.meshing.mesh import FACES, adjacency, boundary_faces, volumes
+from pinnochio.meshing.mesh import volumes
 
 OPEN_SHARE = 0.4  # of the tissue on a face that must join its two cells
 VOID_SHARE = 0.45  # trilinear share of void that blocks a path; 0.5 would leak through diagonal voxels

@@ -1,0 +1,33 @@
+"""Faces of tetrahedra: which two cells share one, and which belong to the boundary."""
+
+import numpy as np
+
+# Faces of a tetrahedron of positive volume, each seen counter-clockwise from outside; face i is opposite corner i.
+FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+
+
+def faces_of(cells) -> tuple[np.ndarray, np.ndarray]:
+    """All faces (4m, 3), outward, and a key (4m,) that the two sides of a face share."""
+    faces = np.asarray(cells)[:, FACES].reshape(-1, 3)
+    low, middle, high = np.sort(faces, axis=1).astype(np.int64).T
+    count = int(faces.max()) + 1 if len(faces) else 1
+    # Two face ids fit 64 bits up to two million nodes.
+    return faces, (low * count + middle) * count + high
+
+
+def adjacency(cells) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of faces that are the two sides of one: indices (p,), (p,) into the 4m faces (cell = index // 4)."""
+    _, key = faces_of(cells)
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
+    return order[same], order[same + 1]
+
+
+def boundary_faces(cells) -> tuple[np.ndarray, np.ndarray]:
+    """Outward faces (f, 3) with one cell only, and that cell (f,)."""
+    faces, _ = faces_of(cells)
+    alone = np.ones(len(faces), bool)
+    for side in adjacency(cells):
+        alone[side] = False
+    index = np.flatnonzero(alone)
+    return faces[index], index // 4
