@@ -10,16 +10,21 @@ include: "workflow/common.smk"
 include: "rules/virtual.smk"
 include: "rules/patient.smk"
 include: "rules/fem.smk"
+include: "rules/lift.smk"
 include: "rules/training.smk"
+include: "rules/curves.smk"
 include: "rules/prediction.smk"
 include: "rules/tables.smk"
+include: "rules/dial.smk"
+include: "rules/design.smk"
+include: "rules/uncertainty.smk"
 include: "rules/stability.smk"
 
 
 wildcard_constraints:
     case="|".join(CASES),
     fold="|".join(HELD_OUT),
-    method="|".join(METHODS) or "none",
+    method="|".join([*METHODS, *VARIANTS]) or "none",
 
 
 rule all:

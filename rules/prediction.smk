@@ -56,6 +56,7 @@ rule predict_network:
     input:
         network="<results>/folds/{fold}/{method}/network.pt",
         models=of_held_out("<results>/cases/{case}/model.h5"),
+        lifts=lifts_of(held_out),
         plans=of_held_out("<results>/cases/{case}/plan.json"),
     output:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
@@ -64,7 +65,7 @@ rule predict_network:
     benchmark:
         "<benchmarks>/predict_network/{fold}_{method}.tsv"
     wildcard_constraints:
-        method="|".join(LEARNED) or "none",
+        method="|".join(VARIANTS) or "none",
     conda:
         "../envs/pinnochio.yaml"
     threads: workflow.cores
@@ -75,6 +76,7 @@ rule predict_network:
     params:
         cases=held_out,
         fem=config["fem"],
+        refine=settings_of("refine"),
         code=code_of("anatomy", "mechanics", "networks", "training"),
     message:
         "Predict fold {wildcards.fold} by {wildcards.method}"

@@ -89,6 +89,33 @@ rule compare_methods:
         "../scripts/compare_methods.py"
 
 
+rule ablate:
+    input:
+        cases="<results>/tables/cases.csv",
+    output:
+        table=ensure("<results>/tables/ablation.csv", non_empty=True),
+        markdown="<results>/tables/ablation.md",
+        latex="<results>/tables/ablation.tex",
+        html="<results>/tables/ablation.html",
+    log:
+        "<logs>/ablate.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        variants={name: VARIANTS[name] for name in config["ablation"]},
+        cohort=COHORT,
+        seed=SEED,
+        code=code_of("evaluation"),
+    message:
+        "Compare the network with what is left of it without its parts"
+    script:
+        "../scripts/ablate.py"
+
+
 rule provenance:
     input:
         "<results>/tables/cases.csv",
@@ -154,5 +181,6 @@ rule tables:
     input:
         rules.collect_cases.output,
         rules.compare_methods.output if SCANNED else [],
+        rules.ablate.output if ABLATED else [],
     message:
         "The tables are made"

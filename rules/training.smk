@@ -1,6 +1,7 @@
 rule pretrain:
     input:
         models=of_training("<results>/cases/{case}/model.h5"),
+        lifts=lifts_of(training_cases),
         teaching=of_training("<results>/cases/{case}/teaching.h5"),
     output:
         network="<results>/folds/{fold}/{method}/pretrained.pt",
@@ -10,7 +11,7 @@ rule pretrain:
     benchmark:
         "<benchmarks>/pretrain/{fold}_{method}.tsv"
     wildcard_constraints:
-        method="|".join(LEARNED) or "none",
+        method="|".join(VARIANTS) or "none",
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -20,8 +21,8 @@ rule pretrain:
         gpu=1,
     params:
         cases=training_cases,
-        network=config["network"],
-        training=config["pretraining"],
+        network=settings_of("network"),
+        training=settings_of("pretraining"),
         fem=config["fem"],
         seed=SEED,
         code=code_of("anatomy", "mechanics", "networks", "training"),
@@ -35,6 +36,7 @@ rule finetune:
     input:
         network="<results>/folds/{fold}/{method}/pretrained.pt",
         models=of_training("<results>/cases/{case}/model.h5"),
+        lifts=lifts_of(training_cases),
         plans=of_training("<results>/cases/{case}/plan.json"),
         postops=of_training("<results>/cases/{case}/postop.h5"),
     output:
@@ -45,7 +47,7 @@ rule finetune:
     benchmark:
         "<benchmarks>/finetune/{fold}_{method}.tsv"
     wildcard_constraints:
-        method="|".join(LEARNED) or "none",
+        method="|".join(VARIANTS) or "none",
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -55,7 +57,7 @@ rule finetune:
         gpu=1,
     params:
         cases=training_cases,
-        training=config["finetuning"],
+        training=settings_of("finetuning"),
         fem=config["fem"],
         seed=SEED,
         code=code_of("anatomy", "mechanics", "networks", "training"),

@@ -76,7 +76,7 @@ if __name__ == "__main__":
         snakemake.input.get("truths", []),
         snakemake.params.samples,
         FemSettings(**snakemake.params.fem),
-        dict(snakemake.wildcards.items()) | {"code": snakemake.params.code},
+        {name: snakemake.wildcards[name] for name in ("fold", "method")} | {"code": snakemake.params.code},
         snakemake.params.seed,
         snakemake.output.metrics,
     )

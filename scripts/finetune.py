@@ -13,6 +13,7 @@ from pinnochio.training.stages import CaseFiles, finetune_fold
 def finetune(
     cases: Sequence[str],
     models: Sequence[str],
+    lifts: Sequence[str],
     plans: Sequence[str],
     postops: Sequence[str],
     pretrained: str,
@@ -22,10 +23,15 @@ def finetune(
     device: str,
     outputs: dict[str, str],
 ) -> None:
-    """Adapt the network at `pretrained` to the given cases; outputs names the files network and history."""
+    """Adapt the network at `pretrained` to the given cases; outputs names the files network and history.
+
+    lifts may be empty for a network without one.
+    """
     files = [
-        CaseFiles(case, model, plan=plan, postop=postop)
-        for case, model, plan, postop in zip(cases, models, plans, postops, strict=True)
+        CaseFiles(case, model, lift, plan=plan, postop=postop)
+        for case, model, lift, plan, postop in zip(
+            cases, models, lifts or [None] * len(cases), plans, postops, strict=True
+        )
     ]
     finetune_fold(
         files, pretrained, training, fem, seed=seed, device=device, out=outputs["network"], history=outputs["history"]
@@ -37,6 +43,7 @@ if __name__ == "__main__":
     finetune(
         snakemake.params.cases,
         snakemake.input.models,
+        snakemake.input.get("lifts", []),
         snakemake.input.plans,
         snakemake.input.postops,
         snakemake.input.network,

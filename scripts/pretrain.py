@@ -14,6 +14,7 @@ from pinnochio.training.stages import CaseFiles, pretrain_fold
 def pretrain(
     cases: Sequence[str],
     models: Sequence[str],
+    lifts: Sequence[str],
     teaching: Sequence[str],
     network: NetworkSettings,
     training: TrainingSettings,
@@ -22,8 +23,14 @@ def pretrain(
     device: str,
     outputs: dict[str, str],
 ) -> None:
-    """Train on the given cases and nothing else; outputs names the files network and history."""
-    files = [CaseFiles(*paths) for paths in zip(cases, models, teaching, strict=True)]
+    """Train on the given cases and nothing else; outputs names the files network and history.
+
+    lifts may be empty for a network without one.
+    """
+    files = [
+        CaseFiles(case, model, lift, teaching=fields)
+        for case, model, lift, fields in zip(cases, models, lifts or [None] * len(cases), teaching, strict=True)
+    ]
     pretrain_fold(
         files, network, training, fem, seed=seed, device=device, out=outputs["network"], history=outputs["history"]
     )
@@ -34,6 +41,7 @@ if __name__ == "__main__":
     pretrain(
         snakemake.params.cases,
         snakemake.input.models,
+        snakemake.input.get("lifts", []),
         snakemake.input.teaching,
         NetworkSettings(**snakemake.params.network),
         TrainingSettings(**snakemake.params.training),

@@ -7,13 +7,13 @@ from snakemake.utils import validate
 
 from pinnochio.errors import InputError
 from pinnochio.study import (
-    LEARNABLE,
     assign_folds,
     check_config,
     code_hash,
     external_file,
     left_out,
     read_cases,
+    variants,
     virtual_cases,
 )
 
@@ -46,7 +46,17 @@ if LEFT_OUT and workflow.is_main_process:
     )
 EXTERNAL = config["external"]
 METHODS = [name for name in [*config["methods"], *EXTERNAL] if name not in LEFT_OUT]
-LEARNED = [method for method in METHODS if method in LEARNABLE]
+# Settings of every learned method, those of the design study included, which are predicted only if asked for.
+VARIANTS = variants(config)
+LEARNED = [method for method in METHODS if method in VARIANTS]
+DIAL = [name for name in config["dial"]["methods"] if name in LEARNED]
+UNCERTAIN = [name for name in config["uncertainty"]["methods"] if name in LEARNED]
+DESIGN = [
+    config["design"]["base"],
+    *(name for name in VARIANTS if name.startswith("design_")),
+]
+# The ablation table wants all of its variants.
+ABLATED = SCANNED and set(config["ablation"]) <= set(LEARNED)
 REFERENCE = config["reference"] if config["reference"] in METHODS else None
 # Tables of the data card; the effects are measured on as many patients as the configuration says.
 CARD_TABLES = ["thickness", "ratios"]
@@ -87,6 +97,22 @@ def of_training(pattern):
 def of_scanned(pattern):
     """Input function: `pattern` for each held-out case of the fold that can be judged."""
     return lambda wildcards: expand(pattern, case=scanned_of(wildcards))
+
+
+def lifts_of(names):
+    """Input function: the lifts of the cases that names(wildcards) gives, if the method's network wants one."""
+
+    def found(wildcards):
+        lift = VARIANTS[wildcards.method]["network"]["lift"]
+        pattern = f"<results>/cases/{{case}}/lift_{lift}.h5"
+        return [] if lift == "none" else expand(pattern, case=names(wildcards))
+
+    return found
+
+
+def settings_of(section):
+    """Params function: a section of the settings of the method."""
+    return lambda wildcards: VARIANTS[wildcards.method][section]
 
 
 def external_files(wildcards):

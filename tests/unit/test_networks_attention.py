@@ -6,42 +6,163 @@ import torch
 from torch_geometric.nn import GATv2Conv
 
 from pinnochio.networks import attention
-from pinnochio.networks.attention import Attention
+from pinnochio.networks.attention import Attention, Encoder
 from pinnochio.networks.boundary import max_pool
 from pinnochio.networks.graph import EDGE, Graph
+from pinnochio.networks.layout import Layout
+
+numba = pytest.mark.skipif(attention.attention_cpu is None, reason="the compiled loops need numba")
+DEVICES = [
+    pytest.param("cpu", marks=numba),
+    pytest.param(
+        "cuda",
+        marks=pytest.mark.skipif(
+            attention.attention_gpu is None or not torch.cuda.is_available(), reason="the kernels need a GPU and Triton"
+        ),
+    ),
+]
 
 
-def random_graph(n=40, seed=0):
+def random_graph(n=40, seed=0, device="cpu"):
+    """A graph whose first node is joined to all others, so that the numbers of edges per node differ widely."""
     rng = np.random.default_rng(seed)
     cells = np.stack([rng.permutation(n)[:4] for _ in range(60)])
-    return Graph.build(rng.normal(size=(n, 3)) * 10, cells)
+    hub = np.column_stack([np.zeros(n - 1, int)] + [np.arange(1, n)] * 3)
+    return Graph.build(rng.normal(size=(n, 3)) * 10, np.concatenate([cells, hub]), device)
 
 
-@pytest.mark.skipif(attention.attention_cpu is None, reason="the fused loops need numba")
-def test_fused_loop_equals_torch_geometric():
+def random_layer(width, heads, device="cpu"):
+    """A layer whose biases are not zero."""
     torch.manual_seed(0)
-    graph = random_graph()
-    layer = Attention(32, 4)
+    layer = Attention(width, heads)
+    with torch.no_grad():
+        for weight in layer.parameters():
+            weight.add_(0.1 * torch.randn_like(weight))
+    return layer.to(device)
+
+
+def results(forward, layer, graph, x, weight):
+    """Output, and gradients of sum(output weight) by x and the parameters."""
+    start = x.clone().requires_grad_()
+    out = forward(start, graph.edges, graph.attributes)
+    return [out.detach(), *torch.autograd.grad((out * weight).sum(), [start, *layer.parameters()])]
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize(("width", "heads"), [(32, 4), (18, 3), (12, 1)])
+def test_compiled_layer_equals_torch_geometric(width, heads, device):
+    graph, layer = random_graph(device=device), random_layer(width, heads, device)
+    x, weight = torch.randn(2, 40, width, device=device)
+    compiled = results(layer, layer, graph, x, weight)
+    general = results(
+        lambda x, *edges: x + torch.nn.functional.gelu(GATv2Conv.forward(layer, x, *edges)), layer, graph, x, weight
+    )
+    for mine, theirs in zip(compiled, general, strict=True):
+        assert (mine - theirs).norm() < 1e-5 * theirs.norm()
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_compiled_layer_gives_the_same_bits_again(device):
+    graph, layer = random_graph(device=device), random_layer(32, 4, device)
+    x, weight = torch.randn(2, 40, 32, device=device)
+    first, again = (results(layer, layer, graph, x, weight) for _ in range(2))
+    assert all(torch.equal(a, b) for a, b in zip(first, again, strict=True))
+
+
+@numba
+def test_threads_do_not_change_a_bit():
+    rng = np.random.default_rng(0)
+    cells = np.column_stack([np.arange(2000)] + [rng.integers(2000, size=2000) for _ in range(3)])
+    graph, layer = Graph.build(rng.normal(size=(2000, 3)) * 10, cells), random_layer(32, 4)
+    x, weight = torch.randn(2, 2000, 32)
+    threads, found = torch.get_num_threads(), []
+    try:
+        for count in (1, 2, 3):
+            torch.set_num_threads(count)
+            found.append(results(layer, layer, graph, x, weight)[0])
+    finally:
+        torch.set_num_threads(threads)
+    assert torch.equal(found[0], found[1]) and torch.equal(found[0], found[2])
+    assert torch.allclose(found[0], layer.general(x, graph.edges, graph.attributes), atol=1e-5)
+
+
+def test_other_precisions_are_served():
+    graph, layer = random_graph(), random_layer(32, 4)
     x = torch.randn(40, 32)
-    weight = torch.randn(40, 32)
-
-    def results(forward):
-        start = x.clone().requires_grad_()
-        out = forward(start, graph.edges, graph.attributes)
-        gradients = torch.autograd.grad((out * weight).sum(), [start, *layer.parameters()])
-        return [out.detach(), *gradients]
-
-    fused = results(layer)
-    general = results(lambda *inputs: GATv2Conv.forward(layer, *inputs))
-    for mine, theirs in zip(fused, general, strict=True):
-        assert torch.allclose(mine, theirs, rtol=1e-4, atol=1e-5 * float(theirs.abs().max()))
+    exact = layer.double()(x.double(), graph.edges, graph.attributes.double())
+    assert exact.dtype == torch.float64
+    assert torch.allclose(layer.float()(x, graph.edges, graph.attributes).double(), exact, atol=1e-5)
 
 
-def test_attention_weights_survive_large_scores():
-    torch.manual_seed(0)
+@pytest.mark.parametrize("device", DEVICES)
+def test_attention_weights_survive_large_scores(device):
+    graph, layer = random_graph(device=device), random_layer(32, 4, device)
+    x = 1e4 * torch.randn(40, 32, device=device)
+    assert torch.isfinite(torch.stack([v.norm() for v in results(layer, layer, graph, x, x)])).all()
+
+
+def test_not_a_number_is_passed_on():
+    graph, layer = random_graph(), random_layer(32, 4)
+    x = torch.randn(40, 32)
+    x[3, 5] = float("nan")
+    out = layer(x, graph.edges, graph.attributes)
+    touched = graph.edges[1, graph.edges[0] == 3]
+    assert out[touched].isnan().all()
+
+
+def test_body_without_nodes_is_encoded():
+    graph = Graph.build(np.zeros((0, 3)), np.zeros((0, 4), int))
+    assert Encoder(3, 32, 4, 2)(graph.points, graph.edges, graph.attributes).shape == (0, 32)
+
+
+def test_layout_belongs_to_the_edges():
     graph = random_graph()
-    out = Attention(32, 4)(1e4 * torch.randn(40, 32), graph.edges, graph.attributes)
-    assert torch.isfinite(out).all()
+    layout = Layout.of(graph.edges, 40)
+    assert Layout.of(graph.edges, 40) is layout
+    order, leaving = layout.leaving
+    for node in range(40):
+        assert (graph.edges[1, layout.arriving[node] : layout.arriving[node + 1]] == node).all()
+        assert (graph.edges[0, order[leaving[node] : leaving[node + 1]]] == node).all()
+    assert layout.arriving[-1] == leaving[-1] == graph.edges.shape[1]
+    assert torch.equal(order.sort().values, torch.arange(len(order)))
+
+
+@pytest.mark.parametrize("edges", [[[0, 1, 1], [0, 1, 0]], [[0, 1], [0, 0]], [[0, 2], [0, 1]], [[0, 1], [0, 2]]])
+def test_edges_that_the_loops_cannot_walk_are_refused(edges):
+    with pytest.raises(ValueError, match="sorted by target"):
+        Layout.of(torch.tensor(edges), 2)
+
+
+@numba
+def test_vectors_compute_what_numpy_does():
+    from numba import njit
+
+    from pinnochio.networks import vectors as v
+
+    @njit
+    def run(x, out):
+        a, b = v.load(x, 0, 8), v.load(x, 8, 8)
+        v.store(out, 0, (a + b) * b / (b + np.float32(2)))
+        v.store(out, 8, v.positive(a, v.larger(a, b), v.spread(np.float32(7), 8)))
+        v.store(out, 16, v.load_part(x, 3, 5, np.float32(-1), 8) + v.scaled(x, 2, a))
+        v.store_part(out, 24, 3, a)
+        return v.total(a), v.largest(a)
+
+    @njit
+    def run_exponential(x, out):
+        for k in range(0, len(x), 8):
+            v.store(out, k, v.exponential(v.load(x, k, 8)))
+
+    rng = np.random.default_rng(0)
+    x, out = rng.uniform(-1, 1, 16).astype(np.float32), np.full(32, 9, np.float32)
+    a, b = x[:8], x[8:]
+    assert run(x, out) == pytest.approx((a.sum(), a.max()), rel=1e-5)
+    expected = np.r_[(a + b) * b / (b + 2), np.where(a > 0, np.maximum(a, b), 7)]
+    expected = np.r_[expected, np.r_[x[3:8], -1, -1, -1] + x[2] * a, a[:3], np.full(5, 9)]
+    assert np.allclose(out, expected, rtol=1e-5, atol=1e-6)
+    x, out = np.linspace(-59, 59, 4096, dtype=np.float32), np.empty(4096, np.float32)
+    run_exponential(x, out)
+    assert np.abs(out / np.exp(x.astype(float)) - 1).max() < 3e-7
 
 
 def test_graph_has_each_mesh_edge_both_ways_and_every_loop_sorted_by_target():

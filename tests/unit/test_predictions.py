@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from pinnochio.anatomy.predictions import read_external, read_prediction, write_predictions
+from pinnochio.anatomy.predictions import Prediction, read_external, read_prediction, write_predictions
 from pinnochio.errors import InputError
 from pinnochio.study import external_file
 
@@ -45,6 +45,16 @@ def test_npz_is_read_in_the_order_of_the_mesh(tmp_path):
     back = read_prediction(tmp_path / "predictions.h5", "P1")
     np.testing.assert_array_equal(back.displacement, FIELD)
     assert back.seconds == 2.5 and np.isnan(back.setup_seconds) and back.device == "external"
+
+
+def test_a_networks_prediction_keeps_its_interface_and_what_the_guard_did(tmp_path):
+    given = Prediction(FIELD, boundary=2 * FIELD, raw_min_jacobian=-0.5, raw_inverted=3, repaired=40, damping=1.0)
+    write_predictions(tmp_path / "predictions.h5", {"P1": given, "P2": Prediction(FIELD)})
+    back, bare = (read_prediction(tmp_path / "predictions.h5", case) for case in ("P1", "P2"))
+    np.testing.assert_array_equal(back.boundary, 2 * FIELD)
+    assert (back.raw_min_jacobian, back.raw_inverted, back.repaired, back.damping) == (-0.5, 3, 40, 1)
+    assert bare.boundary is None
+    assert np.isnan([bare.raw_min_jacobian, bare.raw_inverted, bare.repaired, bare.damping]).all()
 
 
 @pytest.mark.parametrize("seed", range(6))

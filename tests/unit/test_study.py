@@ -9,7 +9,7 @@ import yaml
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.seeds import derive_seed
-from pinnochio.study import assign_folds, check_config, code_hash, left_out, read_cases, virtual_cases
+from pinnochio.study import assign_folds, check_config, code_hash, left_out, read_cases, variants, virtual_cases
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
@@ -74,10 +74,22 @@ def test_patients_without_a_scan_join_the_folds_and_move_nobody(scanned):
 
 
 def test_learned_methods_need_a_scanned_patient_per_fold():
-    assert left_out(DEFAULTS, 5) == [] and left_out(DEFAULTS, 4) == left_out(DEFAULTS, 0) == ["pinnochio"]
+    learned = [name for name in DEFAULTS["methods"] if name in DEFAULTS["variants"]]
+    assert left_out(DEFAULTS, 5) == [] and left_out(DEFAULTS, 4) == left_out(DEFAULTS, 0) == learned != []
     assert left_out(DEFAULTS | {"methods": ["no_change", "fem_sliding"]}, 0) == []
     with pytest.raises(InputError, match="none of 'methods' is left"):
         left_out(DEFAULTS | {"methods": ["pinnochio"]}, 0)
+
+
+def test_variants_are_overlays_and_leave_the_rest_alone():
+    found = variants(DEFAULTS)
+    assert found["pinnochio"] == {key: DEFAULTS[key] for key in ("network", "pretraining", "finetuning", "refine")}
+    silent = found["pinnochio_no_physics"]
+    assert silent["pretraining"]["weights"] == DEFAULTS["pretraining"]["weights"] | {"physics": 0}
+    assert silent["network"] == DEFAULTS["network"]
+    plus, hard = found["pinnochio_plus"], found["design_hard_boundary"]
+    assert hard == plus | {"network": plus["network"] | {"boundary": "hard"}}
+    assert DEFAULTS["network"]["lift"] == "none" and plus["network"]["lift"] == "elastic"
 
 
 def test_seed_depends_on_base_stage_and_key():
@@ -101,8 +113,15 @@ def test_seed_depends_on_base_stage_and_key():
         (("segments",), ["lefort1", "ramus"], "ramus"),
         (("labels", "muscle"), 1, "share one value"),
         (("reference",), "acmt", "not among 'methods'"),
-        (("external",), {"fem_sliding": "elsewhere"}, "'fem_sliding' has the name of a built-in"),
+        (("external",), {"fem_sliding": "elsewhere"}, "'fem_sliding' is the name of a built-in"),
+        (("methods",), ["no_change", "pinocchio"], "'pinocchio' is none of"),
+        (("variants", "no_change"), {}, "built-in"),
+        (("external",), {"pinnochio": "elsewhere"}, "'external' and in 'variants'"),
+        (("ablation",), ["pinnochio", "other"], "ablation names 'other'"),
+        (("design", "base"), "other", "design.base names 'other'"),
         (("network", "heads"), 7, "multiple"),
+        (("variants", "pinnochio_unified", "network", "lift"), "elastic", "'pinnochio_unified' cannot be built"),
+        (("variants", "pinnochio", "finetuning"), {"execution_prior": 1}, "'pinnochio' has an execution_prior"),
         (("virtual", "patients"), 3, "fewer virtual patients"),
     ],
 )

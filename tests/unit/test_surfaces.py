@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from pinnochio.anatomy.surfaces import (
-    BoneSurface,
-    bone_surface,
-    contour,
-    enclosed_volume,
-    face_normals,
-    skin_surface,
-)
+from pinnochio.anatomy.surfaces import BoneSurface, bone_surface, contour, skin_surface
+from pinnochio.anatomy.triangles import enclosed_volume, face_normals
 
 SEGMENTS = ("ball", "box", "absent")
 SPACING, ORIGIN = np.array([1.0, 1.0, 1.5]), np.array([-40.0, 10.0, -30.0])

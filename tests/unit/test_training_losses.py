@@ -5,17 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from tiny_patient import tiny_patient
 
 from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
 from pinnochio.anatomy.model import FREE
-from pinnochio.mechanics.materials import neo_hookean
+from pinnochio.mechanics.materials import Material, neo_hookean
 from pinnochio.networks.cascade import Prediction
+from pinnochio.training import losses
 from pinnochio.training.losses import (
+    FaceSamples,
     SurfaceLoss,
     border_nodes,
     boundary_loss,
+    bulk_factor,
+    nearest,
     physics_loss,
     subdivision,
     volume_loss,
@@ -83,6 +88,32 @@ def test_physics_gradient_equals_finite_differences(patient):
     assert (gradient * direction).sum().item() == pytest.approx((ahead - behind) / (2 * step), rel=2e-2)
 
 
+def test_robust_physics_loss_leaves_small_residuals_and_bounds_the_pull_of_large_ones(patient):
+    u = noise(patient, 0.1)
+    square = (patient.operator.force(u)[patient.free] / patient.force_scale).square().sum(1).double().numpy()
+    for delta in (0.1, 1.0, 10.0):
+        expected = (2 * delta**2 * (np.sqrt(1 + square / delta**2) - 1)).mean()
+        assert physics_loss(patient, u, robust=delta).item() == pytest.approx(expected, rel=1e-5)
+    plain = physics_loss(patient, u).item()
+    assert physics_loss(patient, u, robust=1e4).item() == pytest.approx(plain, rel=1e-4)
+    assert physics_loss(patient, u, robust=0.0).item() == plain
+    # Far beyond delta: in proportion to the force, not to its square.
+    assert physics_loss(patient, u, robust=1e-4).item() == pytest.approx(2e-4 * np.sqrt(square).mean(), rel=1e-3)
+
+
+def test_anneal_starts_at_the_lower_ratio_of_poisson_and_ends_at_the_material(patient):
+    """At the start the loss is that of a material with the same mu and the lambda of nu = 0.40; lambda / mu is 4."""
+    u, mu = noise(patient, 0.1), patient.operator.mu.double().numpy()
+    soft = PatientTensors.build(patient.model, Material(mu, 4 * mu, 0 * mu))
+    factor = bulk_factor(patient.operator, 0.40, 0.0)
+    assert factor.item() == pytest.approx(4 / 49, rel=1e-4)
+    expected = physics_loss(soft, u).item()
+    assert physics_loss(patient, u, bulk=factor).item() == pytest.approx(expected, rel=1e-4)
+    assert expected < 0.2 * physics_loss(patient, u).item()
+    assert bulk_factor(patient.operator, 0.40, 0.5).item() == pytest.approx(2 * 0.445 / 0.11 / 49, rel=1e-4)
+    assert bulk_factor(patient.operator, 0.40, 1.0) == 1.0
+
+
 @pytest.mark.parametrize("sigma", [3.0, 30.0])
 def test_physics_loss_of_an_inverted_field_is_finite_with_its_gradient(patient, sigma):
     u = noise(patient, sigma).requires_grad_()
@@ -113,12 +144,35 @@ def test_chamfer_equals_brute_force(patient):
     cloud = torch.einsum("sc,fcx->fsx", loss.weights.double(), corners).flatten(0, 1).numpy()
     rng = np.random.default_rng(7)
     here, there = loss.own.draw(rng, 500), loss.other.draw(rng, 500)
-    apart = np.sqrt(((cloud[:, None] - loss.target[None]) ** 2).sum(2) + 1e-6)
+    apart = np.sqrt(((cloud[:, None] - loss.target.double().numpy()) ** 2).sum(2) + 1e-6)
     forward = [row.min() for row in apart[here] if row.min() < 5 and not loss.other.border[row.argmin()]]
     back = [row.min() for row in apart.T[there] if row.min() < 5 and not loss.own.border[row.argmin()]]
     assert 0 < len(forward) < 500 and 0 < len(back) < 500
     expected = (np.mean(forward) + np.mean(back)) / 2
     assert loss(u, np.random.default_rng(7)).item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_samples_are_ascending_and_in_proportion_to_area():
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 3, 0]])
+    samples = FaceSamples.build(10 * points, np.array([[0, 1, 2], [2, 1, 3]]))
+    drawn = samples.draw(np.random.default_rng(0), 30000)
+    assert (np.diff(drawn // len(samples.weights)) >= 0).all()
+    assert (drawn >= len(samples.weights)).mean() == pytest.approx(2 / 3, abs=0.01)
+    assert np.bincount(drawn).min() > 0
+
+
+@pytest.mark.parametrize("pairs", [2**26, 7000])
+def test_search_by_all_pairs_finds_what_the_tree_finds(monkeypatch, pairs):
+    """With a small limit, in parts."""
+    monkeypatch.setattr(losses, "PAIRS", pairs)
+    random = torch.Generator().manual_seed(1)
+    cloud = 100 + 10 * torch.randn(3000, 3, generator=random)
+    queries = 100 + 20 * torch.randn(500, 3, generator=random)
+    near, found = nearest(queries, cloud, 4.0)
+    distance, index = losses.all_pairs(queries, cloud)
+    assert 50 < len(near) < 450
+    assert torch.equal(near, torch.nonzero(distance < 4.0)[:, 0]) and torch.equal(found, index[near])
+    assert torch.equal(nearest(queries, cloud, 4.0, cKDTree(cloud.numpy()))[1], found)
 
 
 def test_chamfer_pulls_the_skin_towards_the_target(patient):

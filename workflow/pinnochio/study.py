@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pinnochio.errors import InputError
+from pinnochio.networks.settings import NetworkSettings
 from pinnochio.seeds import generator
 
 COLUMNS = ("case", "segmentation", "plan", "postop")
-BUILT_IN = ("no_change", "fem_bonded", "fem_sliding", "pinnochio")
-LEARNABLE = ("pinnochio",)
+UNTRAINED = ("no_change", "fem_bonded", "fem_sliding")
 
 
 @dataclass(frozen=True)
@@ -91,9 +91,31 @@ def assign_folds(scanned: Sequence[str], unscanned: Sequence[str], folds: int, s
     return {fold: sorted(cases) for fold, cases in held_out.items() if cases}
 
 
+def overlaid(base: Mapping, overlay: Mapping) -> dict:
+    """`base` with the values of `overlay` in place of its own, mapping by mapping."""
+    merged = dict(base)
+    for key, value in overlay.items():
+        merged[key] = overlaid(merged.get(key, {}), value) if isinstance(value, Mapping) else value
+    return merged
+
+
+def variants(config: Mapping) -> dict[str, dict]:
+    """Settings of every learned method by its name: network, pretraining, finetuning, refine.
+
+    Those of `variants` are overlays of the configuration's own sections, those of `design.switches`, named
+    design_{switch}, overlays of the variant `design.base`.
+    """
+    own = {key: config[key] for key in ("network", "pretraining", "finetuning", "refine")}
+    found = {name: overlaid(own, overlay) for name, overlay in config["variants"].items()}
+    design = config["design"]
+    if base := found.get(design["base"]):
+        found |= {f"design_{name}": overlaid(base, overlay) for name, overlay in design["switches"].items()}
+    return found
+
+
 def left_out(config: Mapping, scanned: int) -> list[str]:
     """The learned methods, where fewer patients have a post-operative scan than there are folds to train in turn."""
-    found = [method for method in config["methods"] if method in LEARNABLE and scanned < config["folds"]]
+    found = [method for method in config["methods"] if method in config["variants"] and scanned < config["folds"]]
     if len(found) == len(config["methods"]) and not config["external"]:
         raise InputError(
             "-",
@@ -128,17 +150,39 @@ def check_config(config: Mapping) -> None:
     values = [labels[name] for name in known if name in labels]
     if len(set(values)) < len(values):
         refuse("two structures share one value in 'labels'", "give each structure its own value")
-    if taken := [name for name in config["external"] if name in BUILT_IN]:
+    learned = config["variants"]
+    if unknown := [name for name in config["methods"] if name not in UNTRAINED and name not in learned]:
         refuse(
-            f"external method {taken[0]!r} has the name of a built-in one", "give it a name of its own in 'external'"
+            f"method {unknown[0]!r} is none of {UNTRAINED} and not among 'variants'",
+            "correct its name, or describe it in 'variants'",
         )
+    if taken := [name for name in [*config["external"], *learned] if name in UNTRAINED]:
+        refuse(f"{taken[0]!r} is the name of a built-in method", "choose another name in 'external' or 'variants'")
+    if taken := [name for name in config["external"] if name in learned]:
+        refuse(f"{taken[0]!r} stands in 'external' and in 'variants'", "give each method its own name")
     if config["reference"] not in [*config["methods"], *config["external"]]:
         refuse(
             f"reference {config['reference']!r} is not among 'methods' and 'external'",
             "add it, or choose another reference",
         )
-    if config["network"]["channels"] % config["network"]["heads"]:
-        refuse("network.channels is no multiple of network.heads", "choose channels = heads x features per head")
+    named = {
+        "ablation": config["ablation"],
+        "design.base": [config["design"]["base"]],
+        "dial.methods": config["dial"]["methods"],
+        "uncertainty.methods": config["uncertainty"]["methods"],
+    }
+    for section, names in named.items():
+        if unknown := [name for name in names if name not in learned]:
+            refuse(f"{section} names {unknown[0]!r}, which is not among 'variants'", "name a learned method")
+    for name, settings in variants(config).items():
+        try:
+            NetworkSettings(**settings["network"])
+        except ValueError as error:
+            refuse(f"the network of {name!r} cannot be built: {error}", "change its keys in 'network' or 'variants'")
+        if settings["finetuning"]["execution_prior"] and settings["network"]["lift"] == "none":
+            refuse(
+                f"{name!r} has an execution_prior and no lift", "choose a lift, or set finetuning.execution_prior to 0"
+            )
     if config["cohort"] == "virtual" and config["virtual"]["patients"] < config["folds"]:
         refuse("there are fewer virtual patients than folds", "lower 'folds' or raise virtual.patients")
 

@@ -10,7 +10,7 @@ import SimpleITK as sitk
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from pinnochio.anatomy.surfaces import enclosed_volume
+from pinnochio.anatomy.triangles import enclosed_volume
 
 SURFACE_FORMATS = (".ply", ".stl", ".obj", ".vtp")
 SPACING = 1.0  # mm; half the thinnest plate of bone that the later stages keep

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from pinnochio.anatomy.rigid import LARGEST_TRANSLATION, RigidMotion
-from pinnochio.anatomy.transforms import read_transforms
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 
@@ -89,6 +88,8 @@ class Plan:
     def read(cls, path: str | os.PathLike, case: str) -> "Plan":
         """Read the plan of `case` from a JSON file, or from a folder of ITK / 3D Slicer transforms, one per segment."""
         if Path(path).is_dir():
+            from pinnochio.anatomy.transforms import read_transforms  # needs ITK, which training does without
+
             return cls(case, read_transforms(path, case))
         return cls.from_json(Path(path).read_text(encoding="utf-8"), path, case)
 

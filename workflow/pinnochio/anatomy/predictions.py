@@ -14,6 +14,7 @@ from pinnochio.errors import InputError
 from pinnochio.files import replacing
 
 SAME_PLACE = 1e-3  # mm
+FIELDS = ("displacement", "boundary")  # of a prediction: datasets of its file, the rest are attributes
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,10 @@ class Prediction:
     """Displacement (n, 3) mm of every node, with how it came about.
 
     seconds: one plan, warm, without reading files; setup_seconds: what belongs to the patient and serves every plan;
-    NaN where nobody timed them. threads: 0 where unknown.
+    NaN where nobody timed them. threads: 0 where unknown. iterations: of a solver, or corrections of a network's field.
+    boundary (n, 3) mm: where a network puts the interface nodes, which its field need not meet; None of other methods.
+    raw_min_jacobian, raw_inverted: least J of the network's own field and its inverted elements; repaired: elements
+    that the guard solved again; damping: its factor on the whole field, 1 for none. NaN where there is no guard.
     """
 
     displacement: np.ndarray
@@ -32,15 +36,23 @@ class Prediction:
     converged: bool = True
     reason: str = "no solver"
     iterations: int = 0
+    boundary: np.ndarray | None = None
+    raw_min_jacobian: float = np.nan
+    raw_inverted: float = np.nan
+    repaired: float = np.nan
+    damping: float = np.nan
 
 
 def write_predictions(path: str | os.PathLike, predictions: Mapping[str, Prediction]) -> None:
-    """Write one HDF5 group per case."""
+    """Write one HDF5 group per case; a key may have parts, as in "V01/3"."""
     with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
         for case, prediction in predictions.items():
             group = file.create_group(case)
             values = asdict(prediction)
-            group.create_dataset("displacement", data=values.pop("displacement"), track_times=False)
+            for name in FIELDS:
+                field = values.pop(name)
+                if field is not None:
+                    group.create_dataset(name, data=field, track_times=False)
             group.attrs.update(values)
 
 
@@ -49,7 +61,7 @@ def read_prediction(path: str | os.PathLike, case: str) -> Prediction:
     with h5py.File(path, "r") as file:
         group = file[case]
         values = {key: value.item() if hasattr(value, "item") else value for key, value in group.attrs.items()}
-        return Prediction(group["displacement"][()], **values)
+        return Prediction(**{name: group[name][()] for name in FIELDS if name in group}, **values)
 
 
 def read_external(path: str | os.PathLike, case: str, points: np.ndarray, cells: np.ndarray) -> Prediction:

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from pinnochio.anatomy.closest import closest_points
 from pinnochio.anatomy.plan import RigidMotion
-from pinnochio.anatomy.surfaces import BoneSurface, face_normals, vertex_normals
+from pinnochio.anatomy.surfaces import BoneSurface
+from pinnochio.anatomy.triangles import face_normals, vertex_normals
 from pinnochio.errors import InputError
 
 SAMPLES, COARSE_SAMPLES = 4000, 500

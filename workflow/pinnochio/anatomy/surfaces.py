@@ -10,6 +10,7 @@ from scipy import ndimage
 from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkQuadricDecimation
 
 from pinnochio.anatomy.labels import AIR, CRANIUM, segment_code
+from pinnochio.anatomy.triangles import enclosed_volume, vertex_normals
 from pinnochio.files import replacing
 
 LOG = logging.getLogger(__name__)
@@ -170,30 +171,6 @@ def read_surface(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
     """Points (p, 3) float64 mm and faces (f, 3) int32 of a triangle surface."""
     mesh = pv.read(path).extract_surface(algorithm="dataset_surface").triangulate()
     return np.asarray(mesh.points, float), mesh.regular_faces.astype(np.int32)
-
-
-def face_normals(points, faces) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals (f, 3), zero on degenerate faces, and areas (f,) mm2."""
-    corners = points[faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(cross, axis=1)
-    return cross / np.where(length > 0, length, 1)[:, None], length / 2
-
-
-def vertex_normals(points, faces) -> np.ndarray:
-    """Area-weighted unit normals (p, 3); zero on points without a face."""
-    normals, areas = face_normals(points, faces)
-    total = np.zeros((len(points), 3))
-    for corner in range(3):
-        np.add.at(total, faces[:, corner], normals * areas[:, None])
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return total / np.where(length > 0, length, 1)
-
-
-def enclosed_volume(points, faces) -> float:
-    """Volume in mm3 that a closed surface encloses, positive if its faces look outward."""
-    a, b, c = np.moveaxis(points[faces] - points.mean(axis=0), 1, 0)
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
 def _bounding_box(mask) -> tuple[slice, ...] | None:

@@ -2,13 +2,17 @@
 
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.model import FREE, NO_INTERFACE, PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.predictions import Prediction
 from pinnochio.evaluation.surface_metrics import surface_metrics
 from pinnochio.evaluation.tables import CASES
 from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, volume_metrics
 from pinnochio.evaluation.volume_error import volume_errors
+
+# Columns that a prediction brings along.
+COPIED = ("device", "seconds", "setup_seconds", "threads", "converged")
+COPIED += ("raw_min_jacobian", "raw_inverted", "repaired", "damping")
 
 
 def evaluate_case(
@@ -33,13 +37,16 @@ def evaluate_case(
     u = prediction.displacement
     row = dict.fromkeys((column.name for column in CASES if column.optional), np.nan)
     row |= {"reason": prediction.reason, "eqres_element": element, "case": plan.case, "seed": seed}
-    row |= {key: getattr(prediction, key) for key in ("device", "seconds", "setup_seconds", "threads", "converged")}
+    row |= {key: getattr(prediction, key) for key in COPIED}
     row |= {"nodes": len(patient.points), "muscle": patient.muscle} | (labels or {})
     if not np.isfinite(u).all():
         return row | {"converged": False, "reason": f"the field is not finite ({prediction.reason})"}
     row |= volume_metrics(patient.points, patient.cells, patient.tissue, u)
     row |= equilibrium_metrics(operator, u, patient.node_type, element)
     row |= boundary_metrics(patient, plan, u)
+    if prediction.boundary is not None:
+        contact = (patient.node_type != FREE) & (patient.interface_kind != NO_INTERFACE)
+        row["interface_error"] = np.linalg.norm(u - prediction.boundary, axis=1)[contact].mean()
     if target is not None:
         row |= surface_metrics(
             patient.moved_skin(u), patient.skin_faces, patient.face_roi, *target, samples, seed, plan.case

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pinnochio.anatomy.closest import Closest, closest_points, signed_distances
-from pinnochio.anatomy.surfaces import face_normals
+from pinnochio.anatomy.triangles import face_normals
 
 __all__ = ["Closest", "closest_points", "sample_surface", "signed_distances", "vertex_areas"]
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.surfaces import face_normals
+from pinnochio.anatomy.triangles import face_normals
 from pinnochio.errors import InputError
 from pinnochio.evaluation.distances import closest_points, sample_surface, vertex_areas
 

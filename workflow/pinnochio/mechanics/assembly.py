@@ -1,8 +1,8 @@
 """The tangent of a mesh in a fixed symmetric sparsity pattern, upper triangle, free unknowns only."""
 
 import numpy as np
-from numba import njit
 
+from pinnochio.compiled import njit
 from pinnochio.mechanics.elements import Elements, _bulk, _log, _strain
 
 _EPSILON = np.zeros((3, 3, 3))
@@ -91,22 +91,24 @@ class Assembler:
                 place = self.indptr[self._first[a[kept]] + row[kept]] + self._offset[at[kept]]
                 np.add.at(data, place - row[kept] + column[kept], blocks[kept, i, j])
 
-    def tangent(self, displacement, frames, step=None, definite=False) -> tuple[np.ndarray, np.ndarray]:
+    def tangent(self, displacement, frames, step=None, definite=False, pressure=None) -> tuple[np.ndarray, np.ndarray]:
         """Values of the pattern at a displacement (n, 3) and the product of the tangent with `step`.
 
         frames (s, 3, 3): local axes of the framed nodes, in rows. step (n, 3): imposed motion in local axes, zero on
         free unknowns; its product is returned for these. definite: every element's Hessian with its negative
-        eigenvalues cut off, so that the result is positive definite.
+        eigenvalues cut off, so that the result is positive definite. pressure (p,) kPa: of each patch, for the
+        geometric part, in place of that of the displacement.
         """
         data = np.zeros(len(self.indices))
         product = np.zeros(self.free.shape)
         imposed = np.zeros(self.free.shape) if step is None else np.ascontiguousarray(step, float)
+        given = np.zeros(0) if pressure is None else np.ascontiguousarray(pressure, float)
         _tangent(
             *(np.ascontiguousarray(displacement, float), *self.elements.arrays, definite),
             *(self._order, self._start, self._local, self._patch_first, self._patch_nodes, self._place_first),
             *(self._place, self._largest, self._frame, np.ascontiguousarray(frames, float)),
             *(self._rank, self._first, self.indptr, self._offset, imposed, step is not None),
-            *(data, product),
+            *(given, pressure is not None, data, product),
         )
         return data, product[self.free]
 
@@ -244,6 +246,8 @@ def _tangent(
     offset,
     imposed,
     coupled,
+    given,
+    carried,
     data,
     product,
 ):
@@ -252,6 +256,8 @@ def _tangent(
     dense, spread = np.empty((3 * largest, 3 * largest)), np.empty(3 * largest)
     first, second = np.empty(len(patch_volumes)), np.empty(len(patch_volumes))
     _bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second)
+    if carried:
+        first[:] = given
     for p in range(len(patch_volumes)):
         nodes = patch_nodes[patch_first[p] : patch_first[p + 1]]
         count = len(nodes)

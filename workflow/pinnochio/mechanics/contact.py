@@ -29,9 +29,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.closest import closest_on_triangles
 from pinnochio.anatomy.rigid import RigidMotion
-from pinnochio.anatomy.surfaces import face_normals
+from pinnochio.anatomy.triangles import closest_on_triangles, face_normals
 from pinnochio.errors import InputError
 from pinnochio.mechanics.point_surface import PointSurface
 

@@ -56,11 +56,20 @@ class ElasticSolver:
         told[nodes[0]] = boundary.displacement(1.0)
         for item in boundary.sliding:
             told[item.nodes] = item.motion(1.0).displacement(self._constraints.points[item.nodes])
-        told = np.where(self._constraints.constrained, self._constraints.local(told, self._frames), 0)
-        unknowns = told[self._used]
-        unknowns[~self._fixed] = self._linear.solve(-(self._coupling @ unknowns[self._fixed]))
-        told[self._used] = unknowns
-        return self._constraints.world(told, self._frames)
+        return self.spread(told[None])[0]
+
+    def spread(self, told: np.ndarray) -> np.ndarray:
+        """Fields (k, n, 3) mm in equilibrium with displacements `told` (k, n, 3) mm of the constrained nodes.
+
+        Of a sliding node the component along its normal is read, of a node without condition nothing.
+        """
+        fields = np.stack([self._constraints.local(field, self._frames) for field in told])
+        fields = np.where(self._constraints.constrained, fields, 0)
+        unknowns = fields[:, self._used]
+        load = -(self._coupling @ unknowns[:, self._fixed].T).T
+        unknowns[:, ~self._fixed] = self._linear.solve(load)
+        fields[:, self._used] = unknowns
+        return np.stack([self._constraints.world(field, self._frames) for field in fields])
 
     def close(self) -> None:
         """Release the factors."""

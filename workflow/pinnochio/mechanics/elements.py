@@ -16,8 +16,8 @@ the linearisation is isotropic elasticity. The force is the exact gradient of W.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
+from pinnochio.compiled import njit
 from pinnochio.errors import InputError
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.patches import make_patches

@@ -26,7 +26,8 @@ def linear_solver(indptr, indices, negative: int, kind: str = "auto", single: bo
     """Solver for a symmetric matrix, upper triangle in CSR, with `negative` negative and else positive eigenvalues.
 
     factorize(data) is false where the matrix has another inertia (then it is not the Hessian at a minimum);
-    solve(rhs) uses the last factors; worth: how many solutions a factorisation costs; close() releases the factors.
+    solve(rhs) uses the last factors, for one right-hand side (s,) or several (k, s); worth: how many solutions a
+    factorisation costs; close() releases the factors.
     single: factors in single precision, where the library has them: as good for conjugate gradients, at half the cost.
     """
     if kind not in LINEAR_SOLVERS:
@@ -70,14 +71,15 @@ class Pardiso:
         rhs = np.ascontiguousarray(rhs, self._type)
         result, error = np.zeros_like(rhs), ctypes.c_int32(0)
         # The wrapper declares pointers to double; in single precision the library reads what lies there as float.
-        one, reals, integers = ctypes.c_int32(1), ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32)
+        one, columns = ctypes.c_int32(1), ctypes.c_int32(rhs.size // self._size)
+        reals, integers = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32)
         scalars = [ctypes.c_int32(x) for x in (-2 if self._negative else 2, phase, self._size)]
         self._solver._mkl_pardiso(
             self._solver.pt.ctypes.data_as(ctypes.POINTER(self._solver._pt_type[0])),
             *(ctypes.byref(one), ctypes.byref(one), *(ctypes.byref(x) for x in scalars)),
             self._data.ctypes.data_as(reals),
             *(x.ctypes.data_as(integers) for x in (self._indptr, self._indices, self._solver.perm)),
-            *(ctypes.byref(one), self._solver.iparm.ctypes.data_as(integers), ctypes.byref(ctypes.c_int32(0))),
+            *(ctypes.byref(columns), self._solver.iparm.ctypes.data_as(integers), ctypes.byref(ctypes.c_int32(0))),
             *(x.ctypes.data_as(reals) for x in (rhs, result)),
             ctypes.byref(error),
         )
@@ -134,7 +136,7 @@ class Scipy:
         return bool(unpivoted and np.abs(pivots).min() > smallest and np.count_nonzero(pivots < 0) == self._negative)
 
     def solve(self, rhs) -> np.ndarray:
-        return self._factors.solve(np.asarray(rhs, float))
+        return self._factors.solve(np.asarray(rhs, float).T).T
 
     def close(self) -> None:
         self._factors = None

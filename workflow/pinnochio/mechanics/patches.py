@@ -1,9 +1,9 @@
 """Patches of neighbouring elements over which volume is averaged."""
 
 import numpy as np
-from numba import njit
 
 from pinnochio.anatomy.faces import adjacency
+from pinnochio.compiled import COMPILED, njit
 
 SIZE = 8  # elements in a patch; the table of elements in docs/mechanics.md shows why
 TIE = 1e-4  # distances nearer to each other count as equal: above the rounding of coordinates in single precision
@@ -20,9 +20,16 @@ def make_patches(points, cells, tissue, size: int = SIZE) -> np.ndarray:
     cells = np.asarray(cells, np.int32)
     centres = np.asarray(points, float)[cells].mean(axis=1)
     neighbours = _neighbours(cells, np.asarray(tissue))
-    patch = _grow(cells, centres, neighbours, size, len(points))
-    _join(patch, neighbours, size)
-    return np.unique(patch, return_inverse=True)[1].astype(np.int32)
+    patch, member = np.full(len(cells), -1, np.int32), np.full(len(points), -1, np.int32)
+    arrays = cells, centres, neighbours, patch, member
+    if not COMPILED:  # plain Python reads lists several times as fast as arrays
+        arrays = tuple(array.tolist() for array in arrays)
+    cells, centres, neighbours, patch, member = arrays
+    _grow(cells, centres, neighbours, patch, member, size)
+    sizes = np.bincount(patch)
+    target = np.arange(len(sizes))
+    _join(patch, neighbours, sizes, target, size)
+    return np.unique(target[patch], return_inverse=True)[1].astype(np.int32)
 
 
 def _neighbours(cells, tissue) -> np.ndarray:
@@ -35,24 +42,25 @@ def _neighbours(cells, tissue) -> np.ndarray:
 
 
 @njit(cache=True)
-def _grow(cells, centres, neighbours, size, nodes):
-    patch = np.full(len(cells), -1, np.int32)
-    member = np.full(nodes, -1, np.int32)  # the last patch that each node belonged to
+def _grow(cells, centres, neighbours, patch, member, size):
+    """Number of the patch of each element into `patch`; `member`: the last patch that each node belonged to."""
     count = 0
-    border = np.empty(4 * size + 4, np.int32)
+    border = [0] * (4 * size + 4)
     for seed in range(len(cells)):
         if patch[seed] >= 0:
             continue
-        centre, have, length = np.zeros(3), 0, 0
+        x, y, z, have, length = 0.0, 0.0, 0.0, 0, 0
         chosen = seed
         while chosen >= 0:
             patch[chosen] = count
             for a in range(4):
-                member[cells[chosen, a]] = count
-                if neighbours[chosen, a] >= 0:
-                    border[length] = neighbours[chosen, a]
+                member[cells[chosen][a]] = count
+                if neighbours[chosen][a] >= 0:
+                    border[length] = neighbours[chosen][a]
                     length += 1
-            centre = (centre * have + centres[chosen]) / (have + 1)
+            x = (x * have + centres[chosen][0]) / (have + 1)
+            y = (y * have + centres[chosen][1]) / (have + 1)
+            z = (z * have + centres[chosen][2]) / (have + 1)
             have += 1
             chosen = -1
             if have == size:
@@ -64,33 +72,28 @@ def _grow(cells, centres, neighbours, size, nodes):
                     continue
                 shared = 0
                 for a in range(4):
-                    shared += member[cells[e, a]] == count
-                away = ((centres[e] - centre) ** 2).sum()
+                    shared += member[cells[e][a]] == count
+                dx, dy, dz = centres[e][0] - x, centres[e][1] - y, centres[e][2] - z
+                away = dx * dx + dy * dy + dz * dz
                 # Lattices are full of ties; they go by index, not by rounding.
                 nearer = away < nearest * (1 - TIE) or (away <= nearest * (1 + TIE) and e < chosen)
                 if shared > most or (shared == most and nearer):
                     chosen, most, nearest = e, shared, away
         count += 1
-    return patch
 
 
 @njit(cache=True)
-def _join(patch, neighbours, size):
-    sizes = np.zeros(patch.max() + 1, np.int32)
-    for e in range(len(patch)):
-        sizes[patch[e]] += 1
-    target = np.arange(len(sizes)).astype(np.int32)
+def _join(patch, neighbours, sizes, target, size):
+    """The patch that each one goes into, in `target`: itself unless it is too small."""
     for e in range(len(patch)):
         own = patch[e]
         if 2 * sizes[own] >= size:
             continue
         for a in range(4):
-            other = patch[neighbours[e, a]] if neighbours[e, a] >= 0 else own
+            other = patch[neighbours[e][a]] if neighbours[e][a] >= 0 else own
             if other == own or 2 * sizes[other] < size:
                 continue
             best = target[own]
             smaller = sizes[other] < sizes[best] or (sizes[other] == sizes[best] and other < best)
             if best == own or smaller:
                 target[own] = other
-    for e in range(len(patch)):
-        patch[e] = target[patch[e]]

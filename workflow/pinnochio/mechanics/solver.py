@@ -130,6 +130,7 @@ class _Newton:
         self.assembler = Assembler(self.elements, constrained, self.sliding.nodes, self.contact.pairs)
         self.systems = {}
         self.single, self.factorized, self.indefinite, self.spent = options.reuse, False, False, 0
+        self.pressure = None  # of each patch (p,), for the tangent; None: that of its volume
         self.history: list[dict] = []
         self.increments = self.iterations = self.factorizations = self.linear_iterations = 0
 
@@ -177,7 +178,7 @@ class _Newton:
         while True:
             if time.perf_counter() - self.began > self.options.time_limit:
                 raise _Stop(f"time limit of {self.options.time_limit:g} s reached")
-            data, product = self.assembler.tangent(state.u, state.frames, step, definite)
+            data, product = self.assembler.tangent(state.u, state.frames, step, definite, self.pressure)
             if not definite:
                 bend = self.sliding.curvature(state.u, state.fraction, state.frames, state.force)
                 self.assembler.add(data, np.repeat(self.sliding.nodes[:, None], 2, axis=1), bend)
@@ -247,12 +248,10 @@ class _Newton:
         self.iterations += 1
         direction = self.direction(state, 1e-2)
         slope = float(np.einsum("ij,ij->", direction, state.force))
-        # Round-off of a sum over all elements; below it the energy cannot tell two states apart.
-        noise = 1e-14 * self.elements.modulus * self.elements.volumes.sum() + 1e-13 * abs(state.energy)
         for halvings in range(30):
             step = 0.5**halvings
             new = self.state(state.u + step * direction, state.fraction)
-            if new.energy <= state.energy + 1e-4 * step * slope + noise and new.least > _floor(state):
+            if self.falls(state, new, step * slope) and new.least > _floor(state):
                 break
         else:
             return None
@@ -264,6 +263,12 @@ class _Newton:
             new, step = further, 2 * step
         self.record(new, "newton", step)
         return new
+
+    def falls(self, state: _State, new: _State, expected: float) -> bool:
+        """Whether the energy falls from one state to the next by some share of what is expected to first order."""
+        # Round-off of a sum over all elements; below it the energy cannot tell two states apart.
+        noise = 1e-14 * self.elements.modulus * self.elements.volumes.sum() + 1e-13 * abs(state.energy)
+        return new.energy <= state.energy + 1e-4 * expected + noise
 
     def equilibrium(self, state: _State, tolerance: float) -> tuple[_State, str]:
         """Newton iterations at a fixed load: the last state, and "" or why it is not in equilibrium."""

@@ -4,8 +4,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, identity
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.closest import closest_on_triangles
-from pinnochio.anatomy.surfaces import face_normals, vertex_normals
+from pinnochio.anatomy.triangles import closest_on_triangles, face_normals, vertex_normals
 
 CANDIDATES = 24  # nearest triangles, by their centroids, among which the carrier is sought
 

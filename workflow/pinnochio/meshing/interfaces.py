@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree
 
 from pinnochio.anatomy import model as m
 from pinnochio.anatomy.labels import AIR, CRANIUM, FIRST_SEGMENT, MUSCLE, SUPERFICIAL, segment_code
-from pinnochio.anatomy.surfaces import BoneSurface, face_normals
+from pinnochio.anatomy.surfaces import BoneSurface
+from pinnochio.anatomy.triangles import face_normals
 from pinnochio.errors import InputError
 from pinnochio.meshing.embedding import bridging, embed
 from pinnochio.meshing.fields import is_tissue, signed_distance

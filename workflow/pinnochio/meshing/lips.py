@@ -6,7 +6,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pinnochio.anatomy.model import LOWER_LIP, NOT_LIP, UPPER_LIP
-from pinnochio.anatomy.surfaces import face_normals
+from pinnochio.anatomy.triangles import face_normals
 from pinnochio.meshing.splitting import simplex_points
 
 MOUTH = 22.0  # mm from the middle of the bite: reaches the front and the corners of the mouth, not the nostrils [I]

@@ -2,29 +2,74 @@
 
 import torch
 from torch import Tensor, nn
+from torch.autograd.function import once_differentiable
 from torch_geometric.nn import GATv2Conv
+
+from pinnochio.networks.layout import Layout
 
 try:
     from pinnochio.networks import attention_cpu
-except ImportError:  # numba is absent: torch_geometric's own kernels serve the processor too
+except ImportError:  # numba is absent
     attention_cpu = None
+try:
+    from pinnochio.networks import attention_gpu
+except ImportError:  # triton is absent
+    attention_gpu = None
 
 
 class Attention(GATv2Conv):
-    """torch_geometric's GATv2 layer; on a CPU in float32 it runs one fused loop instead of edge-sized tensors.
+    """Residual layer x + GELU(GATv2(x)), with the parameters of torch_geometric's GATv2Conv.
 
-    Edges must be sorted by target and hold the self-loops. Same parameters, same result up to rounding.
+    In float32 compiled loops over the edges of each node take the place of torch_geometric's edge-sized tensors: those
+    of numba on a CPU, of Triton on a GPU, where they are installed. Same result up to rounding, deterministic.
     """
 
     def __init__(self, width: int, heads: int):
         super().__init__(width, width // heads, heads, edge_dim=4, add_self_loops=False)
 
     def forward(self, x: Tensor, edges: Tensor, attributes: Tensor) -> Tensor:
-        if attention_cpu is None or x.is_cuda or x.dtype != torch.float32:
-            return super().forward(x, edges, attributes)
-        return self.bias + attention_cpu.attend(
-            self.lin_l(x), self.lin_r(x), self.lin_edge.weight, self.att[0], edges, attributes, self.negative_slope
+        """Nodes (n, width) to (n, width); edges (2, e) sorted by target, self-loops included; attributes (e, 4)."""
+        loops = {"cpu": attention_cpu, "cuda": attention_gpu}.get(x.device.type)
+        if loops is None or x.dtype != torch.float32 or not len(x):
+            return self.general(x, edges, attributes)
+        sources, targets = self.lin_l, self.lin_r
+        weights = sources.weight, sources.bias, targets.weight, targets.bias, self.lin_edge.weight, self.att, self.bias
+        return _Compiled.apply(loops, Layout.of(edges, len(x)), self.negative_slope, x, attributes, *weights)
+
+    def general(self, x: Tensor, edges: Tensor, attributes: Tensor) -> Tensor:
+        """The same by torch_geometric's kernels."""
+        return x + nn.functional.gelu(super().forward(x, edges, attributes))
+
+
+class _Compiled(torch.autograd.Function):
+    """The layer around the loops of `attention_cpu` or `attention_gpu`; the attributes get no gradient."""
+
+    @staticmethod
+    def forward(ctx, loops, layout, slope, x, attributes, left, left_shift, right, right_shift, w, a, bias):
+        x, weight = x.contiguous(), torch.cat([left, right])
+        # The weights of a node's sources sum to one, so the shift of the sources is one of the result.
+        given = (
+            left_shift + right_shift,
+            w.T.contiguous(),
+            a[0].contiguous(),
+            bias + left_shift,
+            attributes.contiguous(),
         )
+        st = x @ weight.T
+        out, *kept = loops.forward(x, st, *given, layout, slope)
+        ctx.save_for_backward(x, weight, st, *given, *kept)
+        ctx.loops, ctx.layout, ctx.slope = loops, layout, slope
+        return out
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, gradient):
+        x, weight, *kept = ctx.saved_tensors
+        gradient = gradient.contiguous()
+        gst, gshift, gw, ga, gbias = ctx.loops.backward(gradient, *kept, ctx.layout, ctx.slope)
+        gx = torch.addmm(gradient, gst, weight)
+        gleft, gright = (gst.T @ x).chunk(2)
+        return None, None, None, gx, None, gleft, gshift + gbias, gright, gshift, gw.T, ga[None], gbias
 
 
 class Encoder(nn.Module):
@@ -42,7 +87,7 @@ class Encoder(nn.Module):
     def forward(self, features: Tensor, edges: Tensor, attributes: Tensor) -> Tensor:
         h = self.lift(features)
         for layer in self.layers:
-            h = h + nn.functional.gelu(layer(h, edges, attributes))
+            h = layer(h, edges, attributes)
         return h
 
 

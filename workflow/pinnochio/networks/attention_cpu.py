@@ -1,126 +1,181 @@
-"""One fused loop per node for GATv2 attention on a CPU, forward and backward.
+"""The graph-attention layer on a CPU: compiled loops over the edges of each node, forward and backward.
 
-e_ij = a . LeakyReLU(t_i + s_j + W d_ij), softmax over the sources j of i, out_i = sum_j alpha_ij s_j [S:
-GATv2]. Edge-sized feature tensors are never stored, which is what slow down the general kernels on one core.
+e_ij = a . LeakyReLU(t_i + s_j + W d_ij), alpha_ij its softmax over the sources j of i, y_i = x_i + GELU(b + sum_j
+alpha_ij s_j) [S: GATv2]. Nothing of the size edges x channels is stored, which is what slows down the general kernels.
+The loops run over targets; each target is computed by one thread in one order, whatever their number.
 """
 
-import numba
+import functools
+import itertools
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import torch
+from numba import njit
 from torch import Tensor
 
-_compile = numba.njit(fastmath={"contract", "reassoc", "nsz", "arcp"}, cache=True, error_model="numpy", nogil=True)
+from pinnochio.networks.layout import Layout
+from pinnochio.networks.vectors import (
+    exponential,
+    larger,
+    largest,
+    load,
+    load_part,
+    positive,
+    scaled,
+    spread,
+    store,
+    store_part,
+    total,
+)
+
+_LANES = 16  # of the softmax, whose vectors run along the edges; all others run along the channels of a head
+_SHARE = 512  # least targets per thread: below, handing work to a thread costs more than the work
+_ZERO, _HALF, _ONE, _LOWEST = (np.float32(x) for x in (0, 0.5, 1, -np.inf))
+# Standard normal distribution by Abramowitz and Stegun 7.1.26, to 1e-7.
+_ROOT, _DENSITY, _P = (np.float32(x) for x in (0.5**0.5, (2 * np.pi) ** -0.5, 0.3275911))
+_A = tuple(np.float32(x) for x in (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429))
 
 
-def attend(s, t, w, a, edges: Tensor, d: Tensor, slope: float) -> Tensor:
-    """Attention of targets over sources.
+def forward(x, st, shift, w, a, bias, d, layout: Layout, slope: float) -> tuple[Tensor, ...]:
+    """The layer's output (n, h c), and the tensors that :func:`backward` asks for after the given ones.
 
-    s, t (n, h c) transformed sources and targets; w (h c, 4) edge weight; a (h, c) attention vector; edges
-    (2, e) sorted by target; d (e, 4) edge attributes (no gradient). Returns (n, h c).
+    x (n, h c) nodes; st (n, 2 h c) their s and t; shift (h c,) of s + t; w (4, h c) edge weight; a (h, c) attention
+    vector; bias (h c,); d (e, 4) edge attributes; slope of the leaky ReLU. All float32 and contiguous.
     """
-    return _Attend.apply(s, t, w, a, edges, d, slope)
-
-
-class _Attend(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx, s, t, w, a, edges, d, slope):
-        shape = (-1, *a.shape)
-        tensors = [x.detach().contiguous().view(shape) for x in (s, t, w.T)] + [a.detach(), d]
-        rows = torch.searchsorted(edges[1].contiguous(), torch.arange(len(s) + 1)).numpy()
-        out, alpha = torch.zeros_like(tensors[0]), torch.empty(edges.shape[1], len(a))
-        _forward(*(x.numpy() for x in tensors), edges[0].numpy(), rows, slope, out.numpy(), alpha.numpy())
-        ctx.save_for_backward(*tensors, edges, alpha)
-        ctx.rows, ctx.slope = rows, slope
-        return out.flatten(1)
-
-    @staticmethod
-    def backward(ctx, gradient):
-        *tensors, edges, alpha = ctx.saved_tensors
-        grads = [torch.zeros_like(x) for x in tensors[:4]]
-        _backward(
-            *(x.numpy() for x in tensors), edges[0].numpy(), ctx.rows, ctx.slope, alpha.numpy(),
-            gradient.contiguous().view(tensors[0].shape).numpy(), *(x.numpy() for x in grads),
-        )  # fmt: skip
-        s, t, w, a = grads
-        return s.flatten(1), t.flatten(1), w.flatten(1).T, a, None, None, None
-
-
-# Indices run from zero and every inner loop writes one array, so that the compiler can use vector instructions.
-@_compile
-def _forward(s, t, w, a, d, source, rows, slope, out, alpha):
-    n, heads, c = s.shape
+    run, _ = _loops(*a.shape)
+    given = [tensor.detach().numpy() for tensor in (x, st, shift, w, a, bias, d, layout.source, layout.arriving)]
+    # numpy's empty arrays: torch's are filled where it is told to be deterministic
+    alpha, before, out = (np.empty(shape, np.float32) for shape in ((len(a), len(d)), x.shape, x.shape))
     slope = np.float32(slope)
-    for i in range(n):
-        for e in range(rows[i], rows[i + 1]):
-            j = source[e]
-            d0, d1, d2, d3 = d[e, 0], d[e, 1], d[e, 2], d[e, 3]
-            for h in range(heads):
-                score = np.float32(0)
-                for k in range(c):
-                    edge = d0 * w[0, h, k] + d1 * w[1, h, k] + d2 * w[2, h, k] + d3 * w[3, h, k]
-                    z = s[j, h, k] + t[i, h, k] + edge
-                    score += a[h, k] * (z if z > 0 else slope * z)
-                alpha[e, h] = score
-        for h in range(heads):
-            top = np.float32(-np.inf)
-            for e in range(rows[i], rows[i + 1]):
-                top = max(top, alpha[e, h])
-            total = np.float32(0)
-            for e in range(rows[i], rows[i + 1]):
-                alpha[e, h] = np.exp(alpha[e, h] - top)
-                total += alpha[e, h]
-            for e in range(rows[i], rows[i + 1]):
-                alpha[e, h] /= total
-        for e in range(rows[i], rows[i + 1]):
-            j = source[e]
-            for h in range(heads):
-                weight = alpha[e, h]
-                for k in range(c):
-                    out[i, h, k] += weight * s[j, h, k]
+    _spread_over_threads(lambda first, last: run(*given, slope, first, last, alpha, before, out), len(x))
+    return torch.from_numpy(out), torch.from_numpy(alpha), torch.from_numpy(before)
 
 
-@_compile
-def _backward(s, t, w, a, d, source, rows, slope, alpha, g, gs, gt, gw, ga):
-    n, heads, c = s.shape
-    slope = np.float32(slope)
-    dz = np.empty(c, np.float32)
-    score = np.empty(c, np.float32)
-    mean = np.empty(heads, np.float32)
-    for i in range(n):
-        mean[:] = 0
-        for e in range(rows[i], rows[i + 1]):
-            j = source[e]
+def backward(g, st, shift, w, a, bias, d, alpha, before, layout: Layout, slope: float) -> list[Tensor]:
+    """Gradients by st, shift, w, a and bias, given that by the output, g (n, h c)."""
+    _, run = _loops(*a.shape)
+    given = [tensor.detach().numpy() for tensor in (st, shift, w, a, bias, d, layout.source, layout.arriving)]
+    rest = [tensor.numpy() for tensor in (alpha, before, g)]
+    mean, gst = np.empty((len(g), len(a)), np.float32), np.empty_like(given[0])
+    sums = [np.zeros_like(array) for array in given[1:5]]
+    run(*given, np.float32(slope), *rest, mean, gst, *sums)
+    return [torch.from_numpy(array) for array in (gst, *sums)]
+
+
+@functools.lru_cache
+def _pool(threads):
+    return ThreadPoolExecutor(threads)
+
+
+def _spread_over_threads(part, count):
+    """part(first, last) over ranges of `count` targets, on as many threads as torch may use."""
+    threads = max(1, min(torch.get_num_threads(), count // _SHARE))
+    bounds = [count * i // threads for i in range(threads + 1)]
+    if threads == 1:
+        part(0, count)
+        return
+    others = [_pool(threads - 1).submit(part, *pair) for pair in itertools.pairwise(bounds[1:])]
+    part(0, bounds[1])
+    for other in others:
+        other.result()
+
+
+_inline = njit(error_model="numpy", forceinline=True)
+_compile = njit(cache=True, error_model="numpy", nogil=True)
+
+
+@_inline
+def _normal(x):
+    """Cumulative distribution and density of the standard normal distribution."""
+    bell = exponential(x * x * -_HALF)
+    t = _ONE / (positive(x, x, x * -_ONE) * (_ROOT * _P) + _ONE)
+    tail = ((((t * _A[4] + _A[3]) * t + _A[2]) * t + _A[1]) * t + _A[0]) * t * bell * _HALF
+    return positive(x, tail * -_ONE + _ONE, tail), bell * _DENSITY
+
+
+@functools.lru_cache
+def _loops(heads, c):
+    """The two loops, compiled for this number of heads and of channels per head."""
+    width = heads * c
+
+    @_compile
+    def forward(x, st, shift, w, a, bias, d, source, rows, slope, first, last, alpha, before, out):
+        edges = len(d)
+        for i in range(first, last):
             for h in range(heads):
-                dot = np.float32(0)
-                for k in range(c):
-                    dot += g[i, h, k] * s[j, h, k]
-                mean[h] += alpha[e, h] * dot
-        for e in range(rows[i], rows[i + 1]):
-            j = source[e]
-            d0, d1, d2, d3 = d[e, 0], d[e, 1], d[e, 2], d[e, 3]
+                at = h * c
+                t = load(st, (2 * i + 1) * width + at, c) + load(shift, at, c)
+                w0, w1, w2 = load(w, at, c), load(w, at + width, c), load(w, at + 2 * width, c)
+                w3, ah = load(w, at + 3 * width, c), load(a, at, c)
+                for e in range(rows[i], rows[i + 1]):
+                    z = load(st, 2 * width * source[e] + at, c) + t
+                    z = z + scaled(d, 4 * e, w0) + scaled(d, 4 * e + 1, w1) + scaled(d, 4 * e + 2, w2)
+                    z = z + scaled(d, 4 * e + 3, w3)
+                    alpha[h, e] = total(ah * positive(z, z, z * slope))
+        for i in range(first, last):
             for h in range(heads):
-                weight = alpha[e, h]
-                dot = np.float32(0)
-                for k in range(c):
-                    dot += g[i, h, k] * s[j, h, k]
-                ds = weight * (dot - mean[h])
-                for k in range(c):
-                    edge = d0 * w[0, h, k] + d1 * w[1, h, k] + d2 * w[2, h, k] + d3 * w[3, h, k]
-                    z = s[j, h, k] + t[i, h, k] + edge
-                    share = ds if z > 0 else ds * slope
-                    score[k] = share * z
-                    dz[k] = share * a[h, k]
-                for k in range(c):
-                    ga[h, k] += score[k]
-                for k in range(c):
-                    gt[i, h, k] += dz[k]
-                for k in range(c):
-                    gs[j, h, k] += dz[k] + weight * g[i, h, k]
-                for k in range(c):
-                    gw[0, h, k] += d0 * dz[k]
-                for k in range(c):
-                    gw[1, h, k] += d1 * dz[k]
-                for k in range(c):
-                    gw[2, h, k] += d2 * dz[k]
-                for k in range(c):
-                    gw[3, h, k] += d3 * dz[k]
+                at, count = h * edges + rows[i], rows[i + 1] - rows[i]
+                top = spread(_LOWEST, _LANES)
+                for k in range(0, count, _LANES):
+                    top = larger(top, load_part(alpha, at + k, count - k, _LOWEST, _LANES))
+                top, norm = -largest(top), spread(_ZERO, _LANES)
+                for k in range(0, count, _LANES):
+                    norm = norm + exponential(load_part(alpha, at + k, count - k, _LOWEST, _LANES) + top)
+                inverse = _ONE / total(norm)
+                for k in range(0, count, _LANES):
+                    share = exponential(load_part(alpha, at + k, count - k, _LOWEST, _LANES) + top) * inverse
+                    store_part(alpha, at + k, count - k, share)
+        for i in range(first, last):
+            for h in range(heads):
+                o = load(bias, h * c, c)
+                for e in range(rows[i], rows[i + 1]):
+                    o = o + scaled(alpha, h * edges + e, load(st, 2 * width * source[e] + h * c, c))
+                store(before, i * width + h * c, o)
+        for k in range(first * width, last * width, c):
+            o = load(before, k, c)
+            below, _ = _normal(o)
+            store(out, k, load(x, k, c) + o * below)
+
+    @_compile
+    def backward(st, shift, w, a, bias, d, source, rows, slope, alpha, before, g, mean, gst, gshift, gw, ga, gb):
+        edges, n = len(d), len(before)
+        for i in range(n):
+            for h in range(heads):
+                at = i * width + h * c
+                o = load(before, at, c)
+                below, density = _normal(o)
+                go = load(g, at, c) * (below + o * density)
+                mean[i, h] = total(go * (o + load(bias, h * c, c) * -_ONE))
+                store(gb, h * c, load(gb, h * c, c) + go)
+                store(gst, at + i * width, spread(_ZERO, c))
+                store(gst, at + (i + 1) * width, go)  # until the gradient of the target takes its place
+        for i in range(n):
+            for h in range(heads):
+                at, here = h * c, (2 * i + 1) * width + h * c
+                t, go = load(st, here, c) + load(shift, at, c), load(gst, here, c)
+                w0, w1, w2 = load(w, at, c), load(w, at + width, c), load(w, at + 2 * width, c)
+                w3, ah = load(w, at + 3 * width, c), load(a, at, c)
+                gt = g0 = g1 = g2 = g3 = gah = spread(_ZERO, c)
+                for e in range(rows[i], rows[i + 1]):
+                    j = 2 * width * source[e] + at
+                    s = load(st, j, c)
+                    z = s + t + scaled(d, 4 * e, w0) + scaled(d, 4 * e + 1, w1) + scaled(d, 4 * e + 2, w2)
+                    z = z + scaled(d, 4 * e + 3, w3)
+                    score = alpha[h, e] * (total(go * s) - mean[i, h])
+                    slant = positive(z, spread(score, c), spread(score * slope, c))
+                    gah = gah + slant * z
+                    dz = slant * ah
+                    gt = gt + dz
+                    g0, g1 = g0 + scaled(d, 4 * e, dz), g1 + scaled(d, 4 * e + 1, dz)
+                    g2, g3 = g2 + scaled(d, 4 * e + 2, dz), g3 + scaled(d, 4 * e + 3, dz)
+                    store(gst, j, load(gst, j, c) + dz + scaled(alpha, h * edges + e, go))
+                store(gst, here, gt)
+                store(gshift, at, load(gshift, at, c) + gt)
+                store(ga, at, load(ga, at, c) + gah)
+                store(gw, at, load(gw, at, c) + g0)
+                store(gw, at + width, load(gw, at + width, c) + g1)
+                store(gw, at + 2 * width, load(gw, at + 2 * width, c) + g2)
+                store(gw, at + 3 * width, load(gw, at + 3 * width, c) + g3)
+
+    return forward, backward

@@ -17,19 +17,20 @@ class VolumeNetwork(nn.Module):
 
     def __init__(self, settings: NetworkSettings):
         super().__init__()
-        self.rest = Encoder(3, settings.channels, settings.heads, settings.rest_layers)
+        self.rest = Encoder(3 + settings.stiffness, settings.channels, settings.heads, settings.rest_layers)
         self.signal = Encoder(4, settings.channels, settings.heads, settings.volume_layers)
         self.decoder = Decoder(2 * settings.channels + 4, settings.decoder_width)
 
-    def forward(self, graph: Graph, sparse: Tensor, mask: Tensor, lift: Tensor | None = None) -> Tensor:
-        """Displacement (n, 3) mm.
+    def encode_rest(self, graph: Graph) -> Tensor:
+        """Features (n, channels) of the rest geometry, which belong to the patient and serve every plan."""
+        return self.rest(torch.cat([graph.points / LENGTH, graph.extra], 1), graph.edges, graph.attributes)
 
-        sparse (n, 3) mm boundary displacement, zero on free nodes; mask (n, 1), 1 where it is given; lift (n,
-        3) mm displacement that the network corrects, none for zero.
+    def forward(self, graph: Graph, rest: Tensor, carried: Tensor, mask: Tensor) -> Tensor:
+        """What the network adds to the lift, (n, 3) mm.
+
+        rest: of :meth:`encode_rest`; carried (n, 3) mm boundary displacement, on free nodes the lift or zero; mask (n,
+        1), 1 where the displacement is given.
         """
-        rest = self.rest(graph.points / LENGTH, graph.edges, graph.attributes)
-        carried = sparse if lift is None else lift
         given = torch.cat([carried / DISPLACEMENT, mask], 1)
         signal = self.signal(given, graph.edges, graph.attributes)
-        correction = DISPLACEMENT * self.decoder(torch.cat([rest, signal, given], 1))
-        return correction if lift is None else lift + correction
+        return DISPLACEMENT * self.decoder(torch.cat([rest, signal, given], 1))

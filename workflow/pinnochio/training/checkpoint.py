@@ -1,7 +1,10 @@
 """Trained networks and half-trained states on disk."""
 
+import hashlib
 import os
+from collections.abc import Iterable
 from dataclasses import asdict
+from pathlib import Path
 
 import torch
 from torch import nn
@@ -9,6 +12,10 @@ from torch import nn
 from pinnochio.files import replacing
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
+from pinnochio.study import code_hash
+
+LIBRARY = Path(__file__).resolve().parents[1]
+ROOMS = ("anatomy", "mechanics", "networks", "training")  # what a training computes with
 
 
 def save_network(path: str | os.PathLike, network: nn.Module, settings: NetworkSettings, **about) -> None:
@@ -28,10 +35,16 @@ def load_network(path: str | os.PathLike, device: torch.device | str = "cpu") ->
 def save_state(path: str | os.PathLike, state: dict) -> None:
     """Write a dictionary of tensors and plain values, all or nothing; the same state gives the same bytes.
 
-    Through an open file, because torch stores the name of a path that it opens itself.
+    Through an open file, because torch stores the name of a path that it opens itself. What writers that were
+    killed left half-written beside it is removed.
     """
+    path = Path(path)
+    for rest in path.parent.glob(f".*.{path.name}"):
+        rest.unlink(missing_ok=True)
     with replacing(path) as temporary, open(temporary, "wb") as file:
         torch.save(state, file)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def load_state(path: str | os.PathLike, signature: str, device: torch.device | str) -> dict | None:
@@ -40,3 +53,15 @@ def load_state(path: str | os.PathLike, signature: str, device: torch.device | s
         return None
     state = torch.load(path, map_location=device, weights_only=True)
     return state if state["signature"] == signature else None
+
+
+def fingerprint(network: nn.Module, inputs: Iterable[str | os.PathLike] = ()) -> str:
+    """Hash of the weights, of the content of the files `inputs` and of the code that trains."""
+    digest = hashlib.sha256()
+    for name, value in network.state_dict().items():
+        digest.update(name.encode() + b"\0" + value.cpu().numpy().tobytes())
+    for path in inputs:
+        with open(path, "rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+    code = [file for room in ROOMS for file in (LIBRARY / room).glob("*.py")]
+    return digest.hexdigest() + code_hash(code, LIBRARY)

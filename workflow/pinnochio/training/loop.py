@@ -5,25 +5,44 @@ import json
 import logging
 import math
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import asdict
-from pathlib import Path
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import torch
 from torch import Tensor, nn
-from tqdm import tqdm
 
 from pinnochio.files import replacing
 from pinnochio.seeds import generator
-from pinnochio.training.checkpoint import load_state, save_state
+from pinnochio.training.checkpoint import fingerprint, load_state, save_state
+from pinnochio.training.progress import Progress
 from pinnochio.training.settings import TrainingSettings
 
-COLUMNS = ("step", "learning_rate", "total", "data", "physics", "boundary", "physics_weight", "gradient")
-PATIENCE = 20  # steps in a row whose loss or gradient is not finite, before the run is given up
+TERMS = ("data", "physics", "boundary")
+# Losses and validation error of a row are those of the weights after `step` steps, nan where they were not measured;
+# `kept` is 1 where the network ends with these weights.
+COLUMNS = ("step", "learning_rate", "total", *TERMS, "physics_weight", "gradient", "validation", "kept")
+GIVE_UP = 20  # steps in a row whose loss or gradient is not finite, before the run is given up
+MEMORY = 50  # steps over which the ratio of data to physics is averaged
 
-# Loss terms by name of sample `index`; the physics term may be left out where its weight is zero.
-Terms = Callable[[int, float, bool, np.random.Generator], Mapping[str, Tensor]]
+
+@dataclass(frozen=True)
+class Step:
+    """What a step asks of the loss terms.
+
+    sample: index of the patient and plan; mirror: show it left-right mirrored; physics: whether the physics term is
+    wanted; anneal: share of the rise of Poisson's ratio that is done, 1 after it; rng: for whatever else is drawn.
+    """
+
+    sample: int
+    mirror: bool
+    physics: bool
+    anneal: float
+    rng: np.random.Generator
+
+
+Terms = Callable[[Step], Mapping[str, Tensor]]
 
 
 def train(
@@ -34,68 +53,153 @@ def train(
     *,
     phase: str,
     seed: int,
-    ramp: float,
     checkpoint: str | os.PathLike,
     history: str | os.PathLike,
+    validate: Callable[[], float] | None = None,
+    inputs: Iterable[str | os.PathLike] = (),
 ) -> None:
-    """Train `network` in place for `settings.steps` steps and write the loss history.
+    """Train `network` in place and write the loss history, a row of COLUMNS per step.
 
-    terms(sample, physics weight, mirror, rng) gives the terms "data", "physics" and "boundary". The order of
-    the samples, the mirroring and `rng` depend on (seed, phase, step) alone, so a run resumed from
-    `checkpoint` ends as an unbroken one. A step whose loss or gradient is not finite is skipped; RuntimeError
-    after 20 of them in a row.
+    terms(step) gives the terms "data", "boundary" and, where wanted, "physics". validate() gives the error of
+    the weights on patients that are not trained on: the network ends with the weights that it was least at,
+    among those reached under the full loss (after physics_ramp and poisson_anneal); without it, with the last.
+
+    Samples, mirroring and `rng` depend on (seed, phase, step) alone, so a run that was killed and starts again
+    from `checkpoint` ends as an unbroken one, on a CPU to the last bit. A checkpoint of other settings, first
+    weights, code or content of the files `inputs` is not taken up. The caller deletes it once the result is
+    safe. A step whose loss or gradient is not finite is skipped; RuntimeError after 20 of them in a row.
     """
     device = next(network.parameters()).device
     torch.use_deterministic_algorithms(True, warn_only=device.type != "cpu")
     optimizer = torch.optim.AdamW(
         network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
     )
-    signature = json.dumps([phase, seed, samples, ramp, asdict(settings)], sort_keys=True)
-    rows, start, failures = [], 0, 0
+    signature = json.dumps([phase, seed, samples, asdict(settings), fingerprint(network, inputs)], sort_keys=True)
+    rows, start, failures, balance, best = [], 0, 0, Balance(), Best()
     if state := load_state(checkpoint, signature, device):
         network.load_state_dict(state["network"])
         optimizer.load_state_dict(state["optimizer"])
         rows, start, failures = state["rows"], state["step"], state["failures"]
+        balance, best = Balance(**state["balance"]), Best(**state["best"])
         logging.info("%s: resumed at step %d", phase, start)
     network.train()
-    bar = tqdm(range(start, settings.steps), phase, initial=start, total=settings.steps, mininterval=10)
-    for step in bar:
+    progress, saved = Progress(phase, start, settings.steps), time.monotonic()
+    for step in range(start, settings.steps + 1):
+        rising = _share(step, settings.physics_ramp * settings.steps) if settings.weights["physics"] else 1.0
+        anneal = _share(step, settings.poisson_anneal * settings.steps)
+        measured = math.nan
+        if validate and (step % settings.validate_every == 0 or step == settings.steps):
+            measured = best.check(step, network, validate, counts=rising == anneal == 1)
+        if step == settings.steps or best.exhausted(settings.patience):
+            if validate:
+                rows.append([step] + [math.nan] * (len(COLUMNS) - 3) + [measured])
+            break
         rate = settings.learning_rate * schedule(step, settings.steps, settings.warmup)
         for group in optimizer.param_groups:
             group["lr"] = rate
-        rising = min(1.0, (step + 1) / (ramp * settings.steps)) if ramp > 0 else 1.0
-        weights = {**settings.weights, "physics": settings.weights["physics"] * rising}
         rng = generator(seed, phase, f"step {step}")
         mirror = bool(settings.mirror and rng.random() < 0.5)
-        found = terms(sample_at(step, samples, seed, phase), weights["physics"], mirror, rng)
+        wanted = bool(settings.weights["physics"])
+        found = terms(Step(sample_at(step, samples, seed, phase), mirror, wanted, anneal, rng))
+        weights = dict(settings.weights)
+        if settings.physics_target and wanted:
+            target = settings.physics_target * weights["data"] * balance.ratio
+            weights["physics"] = min(weights["physics"], target)
+        weights["physics"] *= rising
         total = sum(weights[name] * value for name, value in found.items() if weights[name])
         optimizer.zero_grad()
         total.backward()
         gradient = nn.utils.clip_grad_norm_(network.parameters(), settings.clip)
-        if math.isfinite(total.item()) and math.isfinite(gradient.item()):
+        # One transfer of all numbers of the step, because each makes the processor wait for the GPU.
+        loss, norm, *values = torch.stack([total, gradient, *found.values()]).tolist()
+        values = dict(zip(found, values, strict=True))
+        if math.isfinite(loss) and math.isfinite(norm):
             optimizer.step()
+            balance.update(values)
             failures = 0
         else:
             failures += 1
-            shown = phase, step, total.item(), gradient.item()
-            logging.warning("%s: step %d skipped, loss %g, gradient %g", *shown)
-            if failures == PATIENCE:
-                raise RuntimeError(f"{phase}: the loss is not finite {PATIENCE} steps in a row")
-        values = {name: value.item() for name, value in found.items()}
-        rows.append([step, rate, total.item()] + [values.get(n, 0.0) for n in COLUMNS[3:6]])
-        rows[-1] += [weights["physics"], gradient.item()]
-        shown = {name: f"{value:.3g}" for name, value in values.items()}
-        bar.set_postfix(shown | {"lr": f"{rate:.2g}"}, refresh=False)
-        if (step + 1) % settings.checkpoint_every == 0 and step + 1 < settings.steps:
-            state = {"network": network.state_dict(), "optimizer": optimizer.state_dict()}
-            state |= {"signature": signature, "rows": rows, "step": step + 1, "failures": failures}
-            save_state(checkpoint, state)
+            logging.warning("%s: step %d skipped, loss %g, gradient %g", phase, step, loss, norm)
+            if failures == GIVE_UP:
+                raise RuntimeError(f"{phase}: the loss is not finite {GIVE_UP} steps in a row")
+        rows.append(
+            [step, rate, loss, *(values.get(name, math.nan) for name in TERMS), weights["physics"], norm, measured]
+        )
+        progress.update(step + 1, values, rate, best.note)
+        due = (step + 1) % settings.checkpoint_every == 0 or time.monotonic() - saved > settings.checkpoint_seconds
+        if due and step + 1 < settings.steps:
+            state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "signature": signature}
+            state |= {"rows": rows, "step": step + 1, "failures": failures}
+            save_state(checkpoint, state | {"balance": vars(balance), "best": vars(best)})
+            saved = time.monotonic()
+    if best.weights is not None:
+        logging.info("%s: %s", phase, best.note)
+        network.load_state_dict(best.weights)
     network.eval()
+    kept = None if best.weights is None else best.step
     with replacing(history) as temporary, open(temporary, "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        writer.writerows([f"{value:.6g}" for value in row] for row in rows)
-    Path(checkpoint).unlink(missing_ok=True)
+        writer.writerows([f"{value:.6g}" for value in (*row, float(row[0] == kept))] for row in rows)
+
+
+@dataclass
+class Balance:
+    """Ratio of the data to the physics term, a geometric mean over about MEMORY steps; 0 before the first.
+
+    Of logarithms, so that one step with a huge residual moves it little.
+    """
+
+    logarithm: float = 0.0
+    steps: int = 0
+
+    @property
+    def ratio(self) -> float:
+        """Mean data / physics."""
+        return math.exp(self.logarithm) if self.steps else 0.0
+
+    def update(self, terms: Mapping[str, float]) -> None:
+        """Take in the terms of a step."""
+        if terms.get("physics", 0.0) > 0 and terms["data"] > 0:
+            self.steps += 1
+            now = math.log(terms["data"] / terms["physics"])
+            self.logarithm += (now - self.logarithm) / min(self.steps, MEMORY)
+
+
+@dataclass
+class Best:
+    """Least validation error, the step and weights that it was found at, and the checks since."""
+
+    error: float = math.inf
+    step: int = 0
+    since: int = 0
+    last: float = math.nan
+    weights: dict[str, Tensor] | None = None
+
+    def check(self, step: int, network: nn.Module, validate: Callable[[], float], counts: bool) -> float:
+        """Error of the network's weights; they are kept if they count and are the best."""
+        network.eval()
+        with torch.no_grad():
+            self.last = validate()
+        network.train()
+        if counts:
+            self.since += 1
+            if self.last < self.error:
+                self.error, self.step, self.since = self.last, step, 0
+                self.weights = {name: value.clone() for name, value in network.state_dict().items()}
+        return self.last
+
+    def exhausted(self, patience: int) -> bool:
+        """Whether the last `patience` checks that counted brought nothing better; never for 0."""
+        return 0 < patience <= self.since
+
+    @property
+    def note(self) -> str:
+        """The last and the least error in words; empty before the first check."""
+        if math.isnan(self.last):
+            return ""
+        least = "" if self.weights is None else f" (least {self.error:.4g} at step {self.step})"
+        return f"validation {self.last:.4g}{least}"
 
 
 def schedule(step: int, steps: int, warmup: float) -> float:
@@ -110,3 +214,8 @@ def sample_at(step: int, samples: int, seed: int, phase: str) -> int:
     """Sample of a step: every epoch shows all of them, in an order of its own."""
     epoch, place = divmod(step, samples)
     return int(generator(seed, phase, f"epoch {epoch}").permutation(samples)[place])
+
+
+def _share(step: int, length: float) -> float:
+    """How much of a linear rise over `length` steps is done in step number `step`."""
+    return min(1.0, (step + 1) / length) if length > 0 else 1.0

@@ -19,14 +19,19 @@ from pinnochio.anatomy.model import (
 )
 from pinnochio.anatomy.plan import Plan
 from pinnochio.mechanics.elements import VOLUMETRIC
+from pinnochio.mechanics.lift import Lift, blend_weights, farthest, motion_amplitudes
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.residual import Operator
-from pinnochio.networks.cascade import Anatomy, Interface, PlanSignal
+from pinnochio.networks.cascade import Anatomy, Interface, LiftTensors, PlanSignal
 from pinnochio.networks.graph import Graph
+from pinnochio.networks.settings import NetworkSettings
 
 # Volume ratio below which the loss extends the energy: a raw network inverts elements, and a steeper extension would
 # let these few outweigh all others. Above it the residual is the solver's own [I].
 LOSS_EXTENSION = 0.1
+
+
+NODES_PER_HUB = 64  # tissue nodes for each hub of the long edges
 
 
 @dataclass(frozen=True)
@@ -34,7 +39,8 @@ class PatientTensors:
     """What belongs to the patient and serves every plan.
 
     centre (3,) mm, the tissue's centroid, origin of all coordinates here; points (n, 3) mm float32; operator:
-    internal force and energy, float32; free (f,) nodes without a boundary condition, the skin included.
+    internal force and energy, float32; free (f,) nodes without a boundary condition, the skin included; settings of the
+    networks that will read it; motions (12 K, 3 n) of the lift, and blend: sliding nodes and their weights, if wanted.
     """
 
     model: PatientModel
@@ -43,6 +49,9 @@ class PatientTensors:
     anatomy: Anatomy
     operator: Operator
     free: Tensor
+    settings: NetworkSettings
+    lift: Lift | None = None
+    motions: Tensor | None = None
 
     @classmethod
     def build(
@@ -50,14 +59,23 @@ class PatientTensors:
         model: PatientModel,
         material: Material,
         volumetric: str = VOLUMETRIC[0],
-        neighbours: int = 8,
+        settings: NetworkSettings | None = None,
+        lift: Lift | None = None,
         device: torch.device | str = "cpu",
     ) -> "PatientTensors":
-        """Tensors of `model` on `device`; `neighbours` nearest source nodes are pooled per interface node."""
+        """Tensors of `model` on `device`, as networks of `settings` read them; ValueError if they miss a lift."""
+        settings = settings or NetworkSettings()
+        if (lift is None) != (settings.lift == "none"):
+            raise ValueError(f"the network's lift is {settings.lift!r}, the patient's is {'there' if lift else 'not'}")
         corners = model.points[model.cells]
         volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
         centre = (corners.mean(1) * volume[:, None]).sum(0) / volume.sum()
         points = model.points - centre
+        modulus = np.zeros(len(points))
+        np.add.at(modulus, model.cells, (volume * material.mu)[:, None])
+        weight = np.zeros(len(points))
+        np.add.at(weight, model.cells, volume[:, None])
+        stiffness = np.log(modulus / np.maximum(weight, 1e-12) / material.mu.mean() + 1e-12)[:, None]
 
         def tensor(values, dtype=torch.int64):
             return torch.as_tensor(np.ascontiguousarray(values), dtype=dtype, device=device)
@@ -65,7 +83,10 @@ class PatientTensors:
         def body(cells):
             """Nodes of the cells and their graph."""
             nodes, local = np.unique(cells, return_inverse=True)
-            return nodes, Graph.build(points[nodes], local.reshape(cells.shape), device)
+            joined = hub_edges(points[nodes], settings.long_edges)
+            extra = stiffness[nodes] if settings.stiffness else None
+            options = {"joined": joined, "extra": extra, "edge_features": settings.edge_features}
+            return nodes, Graph.build(points[nodes], local.reshape(cells.shape), device, **options)
 
         def interface(kind, source):
             """Nodes of the interface with their nearest rows of the source points."""
@@ -74,30 +95,41 @@ class PatientTensors:
                 nodes = nodes[:0]
             near = np.zeros((0, 1), int)
             if len(nodes):
-                near = cKDTree(source).query(points[nodes], np.arange(1, min(neighbours, len(source)) + 1))[1]
+                count = np.arange(1, min(settings.neighbours, len(source)) + 1)
+                near = cKDTree(source).query(points[nodes], count)[1]
             return Interface(tensor(nodes), tensor(near))
 
         muscle_nodes, muscle = body(model.cells[model.tissue == MUSCLE])
         superficial_nodes, superficial = body(model.cells[model.tissue != MUSCLE])
         bone_points = model.bone_points - centre
+        own, middles = segment_nodes(model) if settings.segment_nodes else (np.zeros((0, 2), int), np.zeros((0, 3)))
+        bone = np.concatenate([bone_points, middles - centre]) if len(middles) else bone_points
+        bone_segment = np.concatenate([model.bone_segment, model.bone_segment[own[_first(own), 0]]])
         given = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
         anatomy = Anatomy(
-            bone=Graph.build(bone_points, model.bone_faces, device),
-            bone_moved=tensor(model.bone_segment >= 0, torch.float32)[:, None],
+            bone=Graph.build(bone, model.bone_faces, device, joined=own, edge_features=settings.edge_features),
+            bone_moved=tensor(bone_segment >= 0, torch.float32)[:, None],
             muscle=muscle,
             muscle_nodes=tensor(muscle_nodes),
             superficial=superficial,
             superficial_nodes=tensor(superficial_nodes),
-            whole=Graph.build(points, model.cells, device),
+            whole=body(model.cells)[1],
             bone_muscle=interface(BONE_MUSCLE, bone_points),
             bone_superficial=interface(BONE_SUPERFICIAL, bone_points),
             muscle_superficial=interface(MUSCLE_SUPERFICIAL, points[muscle_nodes]),
             given=tensor(given, torch.float32)[:, None],
+            lift=lift
+            and LiftTensors(
+                tensor(lift.contact),
+                tensor(lift.smoothing, torch.float32),
+                tensor(lift.departures.reshape(len(lift.departures), -1), torch.float32),
+            ),
         )
         law = replace(material, extension=LOSS_EXTENSION)
         operator = Operator.build(points, model.cells, law, volumetric, torch.float32, device)
         free = tensor(np.flatnonzero(model.node_type == FREE))
-        return cls(model, centre, tensor(points, torch.float32), anatomy, operator, free)
+        motions = None if lift is None else tensor(lift.motions.reshape(len(lift.motions), -1), torch.float32)
+        return cls(model, centre, tensor(points, torch.float32), anatomy, operator, free, settings, lift, motions)
 
     @property
     def force_scale(self) -> float:
@@ -106,9 +138,62 @@ class PatientTensors:
 
     def signal(self, plan: Plan) -> PlanSignal:
         """The plan as the networks read it."""
-        cue, reliable = self.model.reference_cue(plan)
+        model = self.model
+        cue, reliable = model.reference_cue(plan)
+        bone = model.bone_displacement(plan)
+        if self.settings.segment_nodes:
+            own, middles = segment_nodes(model)
+            segments = model.bone_segment[own[_first(own), 0]]
+            still = np.zeros((1, 3))
+            moved = [
+                plan.motion(model.segments[index]).displacement(middle[None]) if index >= 0 else still
+                for index, middle in zip(segments, middles, strict=True)
+            ]
+            bone = np.concatenate([bone, *moved])
+        if self.settings.blend and self.lift is None:
+            nodes, weights = blend_weights(model)
+            for index, name in enumerate(model.segments):
+                cue[nodes] += weights[:, index, None] * plan.motion(name).displacement(model.points[nodes])
 
         def tensor(values):
-            return torch.as_tensor(values, dtype=torch.float32, device=self.points.device)
+            return torch.as_tensor(np.ascontiguousarray(values), dtype=torch.float32, device=self.points.device)
 
-        return PlanSignal(tensor(self.model.bone_displacement(plan)), tensor(cue), tensor(reliable)[:, None])
+        lifted = None
+        if self.lift is not None:
+            amplitudes = tensor(motion_amplitudes(plan, model.segments, self.lift.centre))
+            lifted = (amplitudes @ self.motions).view_as(self.points)
+        signal = PlanSignal(tensor(bone), tensor(cue), tensor(reliable)[:, None], lifted)
+        if lifted is not None:  # what the lift says of the sliding nodes is their cue
+            contact = self.anatomy.lift.contact
+            signal.cue[contact] = lifted[contact]
+        return signal
+
+
+def segment_nodes(model: PatientModel) -> tuple[np.ndarray, np.ndarray]:
+    """A virtual node in the middle of each bone: edges (e, 2) from bone points to it, and the middles (v, 3) mm.
+
+    Virtual nodes are numbered after the bone points, bones in the order of their segment index, the cranium first.
+    """
+    edges, middles = [np.zeros((0, 2), int)], []
+    for index in np.unique(model.bone_segment):
+        own = np.flatnonzero(model.bone_segment == index)
+        edges.append(np.column_stack([own, np.full(len(own), len(model.bone_points) + len(middles))]))
+        middles.append(model.bone_points[own].mean(axis=0))
+    return np.concatenate(edges), np.array(middles).reshape(-1, 3)
+
+
+def hub_edges(points: np.ndarray, count: int) -> np.ndarray:
+    """Long edges (e, 2): each point to its `count` nearest hubs, points spread evenly, and the hubs to each other."""
+    if not count or not len(points):
+        return np.zeros((0, 2), int)
+    hubs = farthest(points, max(2, len(points) // NODES_PER_HUB))
+    near = cKDTree(points[hubs]).query(points, np.arange(1, min(count, len(hubs)) + 1))[1]
+    edges = np.column_stack([np.repeat(np.arange(len(points)), near.shape[1]), hubs[near].ravel()])
+    among = cKDTree(points[hubs]).query(points[hubs], np.arange(1, min(2 * count + 1, len(hubs)) + 1))[1]
+    between = np.column_stack([np.repeat(hubs, among.shape[1]), hubs[among].ravel()])
+    return np.concatenate([edges, between])
+
+
+def _first(edges: np.ndarray) -> np.ndarray:
+    """The first edge of each virtual node."""
+    return np.unique(edges[:, 1], return_index=True)[1]

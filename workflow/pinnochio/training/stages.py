@@ -3,7 +3,7 @@
 import logging
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Protocol
@@ -16,15 +16,18 @@ from torch import Tensor, nn
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.errors import InputError
+from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.materials import Material
 from pinnochio.networks.cascade import Prediction, build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.seeds import derive_seed
 from pinnochio.training.checkpoint import load_network, save_network
-from pinnochio.training.loop import train
-from pinnochio.training.losses import SurfaceLoss, boundary_loss, physics_loss, volume_loss
+from pinnochio.training.execution import execution_fields
+from pinnochio.training.loop import Step, train
+from pinnochio.training.losses import SurfaceLoss, boundary_loss, bulk_factor, physics_loss, volume_loss
 from pinnochio.training.patient import PatientTensors
 from pinnochio.training.settings import TrainingSettings
+from pinnochio.training.validation import held_back
 
 
 class Mechanics(Protocol):
@@ -37,10 +40,12 @@ class Mechanics(Protocol):
 
 @dataclass(frozen=True)
 class CaseFiles:
-    """Files of one training patient: model, then the teacher's fields or the plan and the post-operative skin."""
+    """Files of one training patient: model and, for a network with a lift, its lift; the teacher's fields, or the plan
+    and the post-operative skin."""
 
     case: str
     model: str | os.PathLike
+    lift: str | os.PathLike | None = None
     teaching: str | os.PathLike | None = None
     plan: str | os.PathLike | None = None
     postop: str | os.PathLike | None = None
@@ -61,26 +66,31 @@ def pretrain_fold(
 
     Loss: volumetric squared error, equilibrium residual and boundary mismatch, anchored to the teacher.
     """
-    samples = []
-    for files in cases:
-        patient = read_patient(files.model, mechanics, network, device)
+    samples, checks = [], []
+    for files, held in zip(cases, held_back([files.case for files in cases], training.validation), strict=True):
+        patient = read_patient(files, mechanics, network, device)
         for plan, field in read_teaching(files):
-            signal = patient.signal(plan)
-            samples.append((patient, signal, torch.as_tensor(field, dtype=torch.float32, device=device)))
+            sample = patient, patient.signal(plan), torch.as_tensor(field, dtype=torch.float32, device=device)
+            (checks if held else samples).append(sample)
     torch.manual_seed(derive_seed(seed, "pretrain", "weights"))
     model = build(network).to(device)
 
-    def terms(index, physics, mirror, rng):
-        patient, signal, field = samples[index]
-        prediction = model(patient.anatomy, signal, mirror)
+    def terms(step):
+        patient, signal, field = samples[step.sample]
+        prediction = model(patient.anatomy, signal, step.mirror)
         anchored = torch.ones_like(prediction.known)
         data = volume_loss(prediction.displacement, field)
-        return _terms(patient, prediction, data, field, anchored, physics)
+        return _terms(patient, prediction, data, field, anchored, training, step)
 
-    logging.info("pretrain: %d patients, %d fields", len(cases), len(samples))
-    ramp = training.physics_ramp
-    _run(model, terms, len(samples), training, "pretrain", seed, ramp, out, history)
-    save_network(out, model, network, training=_plain(training), seed=seed)
+    def validate():
+        errors = [volume_loss(model(patient.anatomy, signal).displacement, field) for patient, signal, field in checks]
+        return torch.stack(errors).mean().item()
+
+    logging.info("pretrain: %d patients, %d fields, %d held back", len(cases), len(samples), len(checks))
+    _run(
+        model, network, terms, len(samples), training, "pretrain", seed, out, history,
+        validate if checks else None, [path for files in cases for path in (files.model, files.teaching)],
+    )  # fmt: skip
 
 
 def finetune_fold(
@@ -99,56 +109,106 @@ def finetune_fold(
     Loss: equilibrium residual, Chamfer distance and boundary mismatch, anchored to the reference cue.
     """
     model, network = load_network(pretrained, device)
-    samples = []
-    for files in cases:
-        patient = read_patient(files.model, mechanics, network, device)
+    if training.execution_prior and network.lift == "none":
+        raise ValueError("execution_prior needs a network with a lift, which carries the segments' errors to the skin")
+    samples, checks = [], []
+    for files, held in zip(cases, held_back([files.case for files in cases], training.validation), strict=True):
+        patient = read_patient(files, mechanics, network, device)
         surface = read_surface_loss(files, patient, training)
-        samples.append((patient, patient.signal(Plan.read(files.plan, files.case)), surface))
+        sample = patient, patient.signal(Plan.read(files.plan, files.case)), surface
+        (checks if held else samples).append(sample)
 
-    def terms(index, physics, mirror, rng):
-        patient, signal, surface = samples[index]
-        prediction = model(patient.anatomy, signal, mirror)
-        data = surface(prediction.displacement, rng)
-        return _terms(patient, prediction, data, signal.cue, signal.reliable, physics)
+    errors = [0.0] * len(samples)
+    if training.execution_prior:
+        errors = execution_fields(samples, training.execution_prior, seed)
 
-    logging.info("finetune: %d patients", len(cases))
-    _run(model, terms, len(samples), training, "finetune", seed, 0.0, out, history)
-    save_network(out, model, network, training=_plain(training), seed=seed)
+    def terms(step):
+        patient, signal, surface = samples[step.sample]
+        prediction = model(patient.anatomy, signal, step.mirror)
+        data = surface(prediction.displacement + errors[step.sample], step.rng)
+        return _terms(patient, prediction, data, signal.cue, signal.reliable, training, step)
+
+    def validate():
+        errors = [
+            surface(model(patient.anatomy, signal).displacement, np.random.default_rng(0))
+            for patient, signal, surface in checks
+        ]
+        return torch.stack(errors).mean().item()
+
+    logging.info("finetune: %d patients, %d held back", len(samples), len(checks))
+    _run(
+        model, network, terms, len(samples), training, "finetune", seed, out, history,
+        validate if checks else None, [path for files in cases for path in (files.model, files.plan, files.postop)],
+    )  # fmt: skip
 
 
-def predict(network: nn.Module, patient: PatientTensors, plan: Plan) -> np.ndarray:
-    """Displacement (n, 3) mm, float64, of every node; FloatingPointError if the network gives no number."""
-    with torch.inference_mode():
-        displacement = network(patient.anatomy, patient.signal(plan)).displacement
-    values = displacement.cpu().numpy().astype(float)
-    if not np.isfinite(values).all():
-        raise FloatingPointError(f"case {plan.case!r}: the predicted displacement is not finite")
-    return values
+class Predictor:
+    """A trained network on one patient: what belongs to the patient is computed once and serves every plan."""
+
+    def __init__(self, network: nn.Module, patient: PatientTensors):
+        self.network, self.patient = network, patient
+        with torch.inference_mode():
+            self._rest = network.encode_rest(patient.anatomy, patient.points.new_ones(3))
+
+    def __call__(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement (n, 3) mm of every node, and of the interface nodes as P_bnd gives it, float64.
+
+        FloatingPointError if the network gives no number.
+        """
+        with torch.inference_mode():
+            found = self.network(self.patient.anatomy, self.patient.signal(plan), rest=self._rest)
+            # A node of which no boundary network speaks has its own displacement.
+            boundary = torch.where(found.known > 0, found.boundary, found.displacement)
+            displacement, boundary = (x.cpu().numpy().astype(float) for x in (found.displacement, boundary))
+        if not np.isfinite(displacement).all():
+            raise FloatingPointError(f"case {plan.case!r}: the predicted displacement is not finite")
+        return displacement, boundary
+
+
+def predict(network: nn.Module, patient: PatientTensors, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+    """As a :class:`Predictor` of the patient, for one plan."""
+    return Predictor(network, patient)(plan)
 
 
 def predict_case(
-    network: nn.Module, settings: NetworkSettings, mechanics: Mechanics, model: PatientModel, plan: Plan, device: str
-) -> tuple[np.ndarray, float, float]:
-    """Displacement (n, 3) mm, seconds of one warm plan, and seconds that belong to the patient."""
+    network: nn.Module,
+    settings: NetworkSettings,
+    mechanics: Mechanics,
+    model: PatientModel,
+    plan: Plan,
+    device: str,
+    lift: Lift | None = None,
+    finish: Callable[[np.ndarray, np.ndarray], object] = lambda *fields: fields,
+):
+    """finish(displacement, boundary) of a plan, seconds of one warm plan, and seconds that belong to the patient.
+
+    `finish` is what becomes of the network's fields (n, 3) mm before they are given out, and is timed with them.
+    """
     start = time.perf_counter()
-    patient = tensors(model, mechanics, settings, device)
-    predict(network, patient, plan)
-    setup = time.perf_counter() - start
+    predictor = Predictor(network, tensors(model, mechanics, settings, device, lift))
+    finish(*predictor(plan))
+    setup = time.perf_counter() - start + (lift.seconds if lift else 0.0)
     start = time.perf_counter()
-    displacement = predict(network, patient, plan)
-    return displacement, time.perf_counter() - start, setup
+    found = finish(*predictor(plan))
+    return found, time.perf_counter() - start, setup
 
 
-def tensors(model: PatientModel, mechanics: Mechanics, network: NetworkSettings, device: str) -> PatientTensors:
+def tensors(
+    model: PatientModel, mechanics: Mechanics, network: NetworkSettings, device: str, lift: Lift | None = None
+) -> PatientTensors:
     """The model as tensors, with the material of `mechanics`."""
-    return PatientTensors.build(
-        model, mechanics.material(model.tissue), mechanics.volumetric, network.neighbours, device
-    )
+    material = mechanics.material(model.tissue)
+    return PatientTensors.build(model, material, mechanics.volumetric, network, lift, device)
 
 
-def read_patient(path, mechanics: Mechanics, network: NetworkSettings, device: str) -> PatientTensors:
-    """Read a patient model and build its tensors."""
-    return tensors(PatientModel.read(path), mechanics, network, device)
+def read_patient(files: CaseFiles, mechanics: Mechanics, network: NetworkSettings, device: str) -> PatientTensors:
+    """Read a patient's model and, if the network wants one, its lift; build its tensors."""
+    lift = None
+    if network.lift != "none":
+        if files.lift is None:
+            raise InputError(files.case, files.model, f"the network wants a lift, {network.lift}", "make it first")
+        lift = Lift.read(files.lift)
+    return tensors(PatientModel.read(files.model), mechanics, network, device, lift)
 
 
 def read_teaching(files: CaseFiles) -> list[tuple[Plan, np.ndarray]]:
@@ -184,20 +244,30 @@ def count_weights(network: nn.Module) -> int:
 
 
 def _terms(
-    patient: PatientTensors, prediction: Prediction, data: Tensor, anchor: Tensor, anchored: Tensor, physics: float
+    patient: PatientTensors,
+    prediction: Prediction,
+    data: Tensor,
+    anchor: Tensor,
+    anchored: Tensor,
+    training: TrainingSettings,
+    step: Step,
 ) -> dict[str, Tensor]:
     found = {"data": data, "boundary": boundary_loss(prediction, anchor, anchored)}
-    if physics:
-        found["physics"] = physics_loss(patient, prediction.displacement)
+    if step.physics:
+        bulk = bulk_factor(patient.operator, training.poisson_start, step.anneal)
+        found["physics"] = physics_loss(patient, prediction.displacement, training.physics_robust, bulk)
     return found
 
 
-def _run(model, terms, samples, training, phase, seed, ramp, out, history):
+def _run(model, network, terms, samples, training, phase, seed, out, history, validate, inputs):
+    """Train, write the network, then drop the checkpoint, so that a kill at any time costs little."""
     checkpoint = Path(out).with_suffix(".resume.pt")
     train(
-        model, terms, samples, training, phase=phase, seed=seed, ramp=ramp, checkpoint=checkpoint,
-        history=history
+        model, terms, samples, training, phase=phase, seed=seed, checkpoint=checkpoint, history=history,
+        validate=validate, inputs=inputs,
     )  # fmt: skip
+    save_network(out, model, network, training=_plain(training), seed=seed)
+    checkpoint.unlink(missing_ok=True)
 
 
 def _plain(training: TrainingSettings) -> dict:

@@ -8,7 +8,8 @@ import pandas as pd
 
 from pinnochio.anatomy.closest import closest_points
 from pinnochio.anatomy.registration import register, upper_face_plane
-from pinnochio.anatomy.surfaces import BoneSurface, face_normals
+from pinnochio.anatomy.surfaces import BoneSurface
+from pinnochio.anatomy.triangles import face_normals
 from pinnochio.evaluation.tables import Column, View, write_csv, write_twins
 from pinnochio.evaluation.volume_error import interpolate
 from pinnochio.virtual.outcome import Operation, Outcome, meshed, operate, photograph

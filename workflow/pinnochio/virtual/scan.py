@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from pinnochio.anatomy.plan import RigidMotion
-from pinnochio.anatomy.surfaces import face_normals, vertex_normals
+from pinnochio.anatomy.triangles import face_normals, vertex_normals
 
 # Cameras of a stereophotogrammetry rig look from 45 degrees left and right, slightly from below [R].
 CAMERAS = np.array([[0.70, -0.70, -0.14], [-0.70, -0.70, -0.14]])

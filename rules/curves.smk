@@ -1,0 +1,34 @@
+rule plot_training:
+    input:
+        pretraining="<results>/folds/{fold}/{method}/pretraining.csv",
+        finetuning="<results>/folds/{fold}/{method}/finetuning.csv",
+    output:
+        picture="<results>/folds/{fold}/{method}/training.png",
+    log:
+        "<logs>/plot_training/{fold}_{method}.log",
+    wildcard_constraints:
+        method="|".join(VARIANTS) or "none",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        title=lambda wildcards: f"{wildcards.method}, fold {wildcards.fold}, {COHORT}",
+        code=code_of("evaluation"),
+    message:
+        "Draw the training of {wildcards.method} in fold {wildcards.fold}"
+    script:
+        "../scripts/plot_training.py"
+
+
+rule curves:
+    input:
+        expand(
+            "<results>/folds/{fold}/{method}/training.png",
+            fold=HELD_OUT,
+            method=LEARNED,
+        ),
+    message:
+        "The trainings are drawn"

@@ -1,0 +1,24 @@
+"""Makes the ablation table: the network without its parts, in the form of the paper's Table 2."""
+
+from collections.abc import Mapping
+
+from pinnochio.evaluation.ablation import write_ablation
+from pinnochio.evaluation.tables import CASES, read_table
+from pinnochio.logs import attach_log
+
+
+def ablate(cases: str, variants: Mapping[str, Mapping], cohort: str, seed: int, table: str) -> None:
+    """Summarise the scanned patients of cases.csv for `variants`, settings by method; the last is the full model."""
+    rows = read_table(cases, CASES)
+    write_ablation(rows[rows["registration_residual"].notna()], variants, table, cohort, seed)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    ablate(
+        snakemake.input.cases,
+        snakemake.params.variants,
+        snakemake.params.cohort,
+        snakemake.params.seed,
+        snakemake.output.table,
+    )

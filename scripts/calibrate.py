@@ -1,0 +1,65 @@
+"""Makes the calibration of a method's interval and its coverage of the errors on held-out patients."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.predictions import read_prediction
+from pinnochio.anatomy.regions import NAMES, regions
+from pinnochio.evaluation.conformal import coverage, half_widths, held_out
+from pinnochio.evaluation.coverage_table import COVERAGE
+from pinnochio.evaluation.interval import Calibration, read_ensemble, skin_spread, usual_spreads
+from pinnochio.evaluation.tables import write_csv
+from pinnochio.logs import attach_log
+
+
+@dataclass(frozen=True)
+class ScannedCase:
+    """A patient with a scan: the fold that holds it out, and its files."""
+
+    case: str
+    fold: str
+    model: str
+    postop: str
+    predictions: str
+    ensemble: str
+
+
+def calibrate(cases: Sequence[ScannedCase], method: str, level: float, seed: int, calibration: str, table: str) -> None:
+    """Write the calibration as JSON and one row per region as CSV.
+
+    predictions: of the fold, whose network never saw the case; ensemble: of all folds, for how far they usually differ.
+    """
+    errors, spreads = [], []
+    for files in cases:
+        patient = PatientModel.read(files.model)
+        region = regions(patient)
+        with h5py.File(files.postop, "r") as file:
+            scan = file["points"][()], file["faces"][()]
+        predicted = read_prediction(files.predictions, files.case).displacement
+        errors.append(held_out(files.case, files.fold, patient, region, predicted, *scan))
+        spreads.append((skin_spread(patient, read_ensemble(files.ensemble)), region))
+        logging.info("%s: %.3f mm on %d points", files.case, errors[-1].error.mean(), len(errors[-1].error))
+    folds = len({files.fold for files in cases})
+    found = [half_widths(errors, level), usual_spreads(spreads)]
+    named = [{name: float(x) if np.isfinite(x) else None for name, x in zip(NAMES, row, strict=True)} for row in found]
+    Calibration(method, level, len(cases), folds, *named).write(calibration)
+    write_csv(coverage(errors, level, seed).assign(method=method), table, COVERAGE)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    columns = [snakemake.params.cases, snakemake.params.folds, snakemake.input.models, snakemake.input.postops]
+    columns += [snakemake.input.predictions, snakemake.input.ensembles]
+    calibrate(
+        [ScannedCase(*row) for row in zip(*columns, strict=True)],
+        snakemake.wildcards.method,
+        snakemake.params.level,
+        snakemake.params.seed,
+        snakemake.output.calibration,
+        snakemake.output.table,
+    )

@@ -1,0 +1,30 @@
+"""Makes the design table: what each switch of the better network is worth on the folds that were trained."""
+
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+
+from pinnochio.evaluation.ablation import changes, write_design
+from pinnochio.evaluation.tables import CASES, read_table
+from pinnochio.logs import attach_log
+
+
+def compare_designs(
+    metrics: Sequence[str], variants: Mapping[str, Mapping], cohort: str, seed: int, table: str
+) -> None:
+    """Compare the networks of `variants`, settings by method, the base first, on the patients of the metrics files."""
+    rows = pd.concat([read_table(path, CASES) for path in metrics], ignore_index=True)
+    base = next(iter(variants.values()))
+    named = {name: ", ".join(changes(base, settings)) for name, settings in variants.items()}
+    write_design(rows[rows["registration_residual"].notna()], named, table, cohort, seed)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    compare_designs(
+        snakemake.input.metrics,
+        snakemake.params.variants,
+        snakemake.params.cohort,
+        snakemake.params.seed,
+        snakemake.output.table,
+    )

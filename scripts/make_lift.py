@@ -1,0 +1,27 @@
+"""Makes the lift of a patient: how any motion of the bone spreads through its tissue, to first order."""
+
+import logging
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.lift import make_lift
+from pinnochio.mechanics.simulation import FemSettings
+
+
+def write_lift(model: str, kind: str, controls: int, fem: FemSettings, lift: str) -> None:
+    """Write the lift of the patient model; kind: "harmonic" or "elastic"; controls: its control points."""
+    patient = PatientModel.read(model)
+    made = make_lift(patient, fem.material(patient.tissue), kind, controls, fem.volumetric)
+    logging.info("%d motions, %d departures, %.1f s", len(made.motions), len(made.departures), made.seconds)
+    made.write(lift)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    write_lift(
+        snakemake.input.model,
+        snakemake.wildcards.kind,
+        snakemake.params.controls,
+        FemSettings(**snakemake.params.fem),
+        snakemake.output.lift,
+    )

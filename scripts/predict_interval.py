@@ -1,0 +1,46 @@
+"""Makes the prediction of a new patient with its calibrated interval, and a picture of how far off it may be."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from pinnochio.anatomy.model import FREE, PatientModel
+from pinnochio.evaluation.interval import Calibration, interval, read_ensemble
+from pinnochio.evaluation.interval_picture import interval_picture
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.guard import guard
+from pinnochio.mechanics.simulation import FemSettings
+
+
+def predict_interval(
+    case: str, model: str, ensemble: str, calibration: str, fem: FemSettings, result: str, picture: str
+) -> None:
+    """Write the interval of a patient whom no network has seen, no element of its mean field inverted."""
+    patient, calibrated = PatientModel.read(model), Calibration.read(calibration)
+    found = interval(patient, read_ensemble(ensemble), calibrated)
+    mended, repair = guard(
+        patient.points,
+        patient.cells,
+        fem.material(patient.tissue),
+        found.displacement,
+        patient.node_type != FREE,
+        fem.volumetric,
+    )
+    logging.info("%s: mean half-width %.3f mm; %s", case, np.nanmean(found.half_width), repair)
+    found = replace(found, displacement=mended)
+    found.write(result, case=case, method=calibrated.method, level=calibrated.level)
+    interval_picture(patient, found, calibrated, case, picture)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    predict_interval(
+        snakemake.wildcards.case,
+        snakemake.input.model,
+        snakemake.input.ensemble,
+        snakemake.input.calibration,
+        FemSettings(**snakemake.params.fem),
+        snakemake.output.interval,
+        snakemake.output.picture,
+    )

@@ -1,0 +1,66 @@
+"""Makes the fields between a network's predictions and equilibrium, of a fold's held-out patients: the dial."""
+
+import logging
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.predictions import read_prediction, write_predictions
+from pinnochio.errors import InputError
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.refine import Refiner, interface
+from pinnochio.mechanics.simulation import FemSettings
+
+
+def refine(
+    cases: Sequence[str],
+    predictions: str,
+    models: Sequence[str],
+    fem: FemSettings,
+    threads: int,
+    refined: Mapping[int, str],
+) -> None:
+    """Write each case's field after some Newton corrections to the file that `refined` names for their number.
+
+    One pass makes them all; where it meets the tolerance earlier, larger numbers hold the same field. The seconds are
+    those of the network and of the corrections. The first case is refined once more beforehand, so that no timing
+    holds the loading of compiled code.
+    """
+    found: dict[int, dict] = {count: {} for count in refined}
+    for case, path in zip([cases[0], *cases], [models[0], *models], strict=True):
+        patient, prediction = PatientModel.read(path), read_prediction(predictions, case)
+        if prediction.boundary is None:
+            raise InputError(case, predictions, "the method gives no interface", "name learned methods in 'dial'")
+        nodes, prescribed = interface(patient, prediction.boundary)
+        began = time.perf_counter()
+        law = fem.material(patient.tissue)
+        refiner = Refiner(patient.points, patient.cells, law, nodes, fem.volumetric, fem.linear_solver)
+        setup = prediction.setup_seconds + time.perf_counter() - began
+        states = refiner.corrections(prediction.displacement, prescribed, max(refined), fem.tolerance)
+        refiner.close()
+        for count in refined:
+            made = min(count, len(states) - 1)
+            found[count][case] = replace(
+                prediction,
+                displacement=states[made].displacement,
+                seconds=prediction.seconds + states[made].seconds,
+                setup_seconds=setup,
+                threads=threads,
+                iterations=prediction.iterations + made,
+            )
+        logging.info("%s: residuals %s", case, " ".join(f"{state.residual:.1e}" for state in states))
+    for count, path in refined.items():
+        write_predictions(path, found[count])
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    refine(
+        snakemake.params.cases,
+        snakemake.input.predictions,
+        snakemake.input.models,
+        FemSettings(**snakemake.params.fem),
+        snakemake.threads,
+        dict(zip(snakemake.params.corrections, snakemake.output.refined, strict=True)),
+    )

@@ -1,0 +1,116 @@
+"""The guard on a network's prediction, and the dial from that prediction to its table, on one coarse patient."""
+
+import h5py
+import numpy as np
+import pytest
+import torch
+
+from pinnochio.anatomy.model import FREE, PatientModel
+from pinnochio.anatomy.predictions import Prediction, read_prediction, write_predictions
+from pinnochio.errors import InputError
+from pinnochio.evaluation.dial import DIAL
+from pinnochio.evaluation.tables import CASES, read_table
+from pinnochio.mechanics.elements import jacobians
+from pinnochio.networks.cascade import build
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.training.checkpoint import save_network
+from scripts.collect_dial import collect_dial
+from scripts.evaluate import evaluate
+from scripts.predict_network import predict_network
+from scripts.refine import refine
+from scripts.render_dial import render_dial
+from tests.stages.conftest import SEED
+
+NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
+COUNTS = (1, 3, 8)
+
+
+@pytest.fixture(scope="module")
+def wild_network(tmp_path_factory):
+    """A network of random weights: its field has inverted elements."""
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("network") / "network.pt"
+    network = build(NETWORK)
+    with torch.no_grad():
+        for weight in network.parameters():
+            weight += 0.2 * torch.randn_like(weight)
+    save_network(path, network, NETWORK, training={}, seed=SEED)
+    return str(path)
+
+
+@pytest.mark.parametrize("corrections", [0, 2])
+def test_no_prediction_leaves_with_an_inverted_element(patient, wild_network, corrections, tmp_path):
+    path = tmp_path / "predictions.h5"
+    rest = wild_network, patient.fem, corrections, "cpu", 1, str(path)
+    predict_network([patient.case], [patient.model], [], [patient.plan], *rest)
+    found, model = read_prediction(path, patient.case), PatientModel.read(patient.model)
+    assert found.raw_inverted > 0 > found.raw_min_jacobian, found
+    assert jacobians(model.points, model.cells, found.displacement).min() > 0
+    assert found.repaired > 0 or found.damping < 1
+    assert found.boundary.shape == model.points.shape and found.iterations == corrections
+
+
+@pytest.fixture(scope="module")
+def refined(patient, tmp_path_factory):
+    """A prediction made of the teacher's field and noise, corrected."""
+    folder, model = tmp_path_factory.mktemp("dial"), PatientModel.read(patient.model)
+    with h5py.File(patient.teaching) as file:
+        field = file["plan_0/displacement"][()]
+    boundary = np.where((model.node_type != FREE)[:, None], field, 0.0)
+    start = field + 0.05 * np.random.default_rng(0).normal(size=field.shape)
+    made = Prediction(start, 0.1, 0.5, boundary=boundary, raw_min_jacobian=0.1, raw_inverted=0, repaired=0, damping=1)
+    write_predictions(folder / "predictions.h5", {patient.case: made})
+    files = {count: str(folder / f"refined_{count}.h5") for count in COUNTS}
+    refine([patient.case], str(folder / "predictions.h5"), [patient.model], patient.fem, 1, files)
+    return {0: str(folder / "predictions.h5"), **files}
+
+
+def test_more_corrections_come_nearer_to_the_field_in_equilibrium(patient, refined):
+    model = PatientModel.read(patient.model)
+    with h5py.File(patient.teaching) as file:
+        field = file["plan_0/displacement"][()]
+    found = {count: read_prediction(path, patient.case) for count, path in refined.items()}
+    away = [np.abs(found[count].displacement - field).max() for count in (0, *COUNTS)]
+    assert away[0] > 0.1 > away[1] > away[2] >= away[3] and away[3] < 1e-4
+    held = model.node_type != FREE
+    np.testing.assert_allclose(found[1].displacement[held], field[held], atol=1e-12)
+    seconds = [found[count].seconds for count in (0, *COUNTS)]
+    assert seconds[0] == 0.1 and (np.diff(seconds) >= 0).all() and seconds[1] > 0.1
+    assert found[3].setup_seconds > 0.5 and 3 <= found[8].iterations <= 8 and found[8].raw_min_jacobian == 0.1
+
+
+def test_a_method_without_an_interface_is_refused(patient, tmp_path):
+    model = PatientModel.read(patient.model)
+    write_predictions(tmp_path / "fem.h5", {patient.case: Prediction(np.zeros_like(model.points))})
+    with pytest.raises(InputError, match=f"'{patient.case}'.*gives no interface.*Remedy"):
+        refine([patient.case], str(tmp_path / "fem.h5"), [patient.model], patient.fem, 1, {1: str(tmp_path / "a.h5")})
+    assert not (tmp_path / "a.h5").exists()
+
+
+def test_the_table_and_the_picture_come_from_the_fields(patient, refined, tmp_path):
+    metrics = {}
+    for count, path in refined.items():
+        metrics["pinnochio", count] = [str(tmp_path / f"{count}.csv")]
+        evaluate(
+            [patient.case],
+            path,
+            [patient.model],
+            [patient.plan],
+            {patient.case: patient.postop},
+            [patient.truth],
+            3000,
+            patient.fem,
+            {"fold": "1", "method": "pinnochio", "code": "0" * 12},
+            SEED,
+            *metrics["pinnochio", count],
+        )
+    first = read_table(metrics["pinnochio", 0][0], CASES).iloc[0]
+    assert first["raw_min_jacobian"] == 0.1 and first["interface_error"] > 0.05 and first["damping"] == 1
+    collect_dial(metrics, "virtual cohort", SEED, str(tmp_path / "dial.csv"))
+    table = read_table(tmp_path / "dial.csv", DIAL)
+    assert list(table["corrections"]) == [0, *COUNTS] and (table["inverted"] == 0).all()
+    residual = table["eqres_rel_mean"].to_numpy()
+    assert residual[0] > 0.1 > 1e-3 > residual[2] >= residual[3] and residual[3] < 1e-6
+    assert table["interface_error_mean"][1:].max() < 1e-9
+    render_dial(str(tmp_path / "dial.csv"), str(tmp_path / "dial.png"))
+    assert (tmp_path / "dial.png").stat().st_size > 20_000

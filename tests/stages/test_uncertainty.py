@@ -1,0 +1,166 @@
+"""The stages of the interval on a coarse virtual patient: ensemble, calibration, coverage, a new patient."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from pinnochio.anatomy.model import FREE, PatientModel
+from pinnochio.anatomy.predictions import Prediction, read_prediction, write_predictions
+from pinnochio.anatomy.regions import NAMES, OTHER, regions
+from pinnochio.errors import InputError
+from pinnochio.evaluation.distances import closest_points
+from pinnochio.evaluation.interval import Calibration, Interval, read_ensemble
+from pinnochio.networks.cascade import build
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.training.checkpoint import save_network
+from scripts.calibrate import ScannedCase, calibrate
+from scripts.collect_coverage import collect_coverage
+from scripts.evaluate import read_postop
+from scripts.predict_ensemble import predict_ensemble
+from scripts.predict_interval import predict_interval
+from tests.stages.conftest import SEED
+
+NETWORK = NetworkSettings(boundary_layers=1, volume_layers=1, channels=16, heads=2)
+FOLDS = ("1", "2", "3")
+LEVEL = 0.5  # what two patients can give a finite half-width
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory):
+    """An untrained network per fold, each its own."""
+    folder, found = tmp_path_factory.mktemp("networks"), {}
+    for fold in FOLDS:
+        torch.manual_seed(int(fold))
+        network = build(NETWORK)
+        with torch.no_grad():  # a new network's output is next to nothing
+            for weight in network.parameters():
+                weight += 0.02 * torch.randn_like(weight)
+        found[fold] = str(folder / f"{fold}.pt")
+        save_network(found[fold], network, NETWORK)
+    return found
+
+
+@pytest.fixture(scope="module")
+def ensembles(patients, networks, tmp_path_factory):
+    """File of each patient's predictions by every network."""
+    folder, found = tmp_path_factory.mktemp("ensembles"), {}
+    for patient in patients:
+        found[patient.case] = str(folder / f"{patient.case}.h5")
+        predict_ensemble(
+            patient.case, patient.model, patient.plan, None, networks, patient.fem, 0, "cpu", 1, found[patient.case]
+        )  # fmt: skip
+    return found
+
+
+def calibrated(patients, ensembles, folder, level=LEVEL):
+    """Calibration and its table; every patient is held out of a fold of its own and predicted by that."""
+    cases = []
+    for fold, patient in zip(FOLDS, patients, strict=False):
+        held_out = str(folder / f"predictions_{fold}.h5")
+        write_predictions(held_out, {patient.case: read_prediction(ensembles[patient.case], fold)})
+        cases.append(
+            ScannedCase(patient.case, fold, patient.model, patient.postop, held_out, ensembles[patient.case])
+        )  # fmt: skip
+    files = str(folder / "calibration.json"), str(folder / "part.csv")
+    calibrate(cases, "pinnochio_plus", level, SEED, *files)
+    return files
+
+
+@pytest.fixture(scope="module")
+def calibration(patients, ensembles, tmp_path_factory):
+    return calibrated(patients, ensembles, tmp_path_factory.mktemp("calibration"))
+
+
+def test_the_regions_of_a_meshed_face(patients):
+    """The lips of the mesh are told apart, and every region is there."""
+    for files in patients:
+        patient = PatientModel.read(files.model)
+        codes = regions(patient)
+        judged = np.unique(patient.skin_faces[patient.face_roi])
+        assert (codes[judged] >= 0).all() and (codes >= 0).sum() == len(judged)
+        size = np.bincount(codes[judged], minlength=len(NAMES))
+        assert (size[:OTHER] > 0.015 * len(judged)).all() and size[OTHER] < 0.4 * len(judged)
+
+
+def test_an_ensemble_holds_every_fold(patient, ensembles):
+    fields = read_ensemble(ensembles[patient.case])
+    model = PatientModel.read(patient.model)
+    assert fields.shape == (len(FOLDS), *model.points.shape) and np.isfinite(fields).all()
+    assert len(np.unique(fields[:, model.node_type == FREE].sum(axis=(1, 2)))) == len(FOLDS)
+
+
+def test_calibration_holds_a_half_width_per_region(patients, calibration):
+    found = Calibration.read(calibration[0])
+    assert (found.patients, found.folds, found.level) == (2, 2, LEVEL)
+    assert list(found.half_width) == list(NAMES) and all(0 < x < 20 for x in found.half_width.values())
+    assert all(0 < x < 5 for x in found.usual_spread.values())
+
+
+def test_the_half_width_covers_half_of_both_patients(patients, ensembles, calibration):
+    """At a level of a half, two patients' half-width is the 75th percentile of both, by hand."""
+    errors = []
+    for fold, files in zip(FOLDS, patients, strict=False):
+        patient = PatientModel.read(files.model)
+        chin = regions(patient) == NAMES.index("chin")
+        scan, _ = read_postop(files.postop)
+        skin = patient.moved_skin(read_prediction(ensembles[files.case], fold).displacement)
+        found = closest_points(skin[chin], *scan)
+        errors.append(found.distance[~found.border])
+    width = Calibration.read(calibration[0]).half_width["chin"]
+    share = sum(np.mean(own <= width) for own in errors) / 2
+    assert 0.75 <= share < 0.75 + max(1 / len(own) for own in errors)
+
+
+def test_the_table_of_coverage_is_written(calibration, tmp_path):
+    table = tmp_path / "coverage.csv"
+    collect_coverage([calibration[1], calibration[1]], "virtual cohort", str(table))
+    rows = pd.read_csv(table)
+    assert len(rows) == 2 * (len(NAMES) + 1) and (rows["n"] == 2).all()
+    assert rows["coverage_mean"].between(0, 100).all()
+    assert "virtual cohort" in (tmp_path / "coverage.md").read_text()
+    assert (tmp_path / "coverage.tex").exists() and (tmp_path / "coverage.html").exists()
+
+
+def test_a_new_patient_gets_field_interval_and_picture(patient, ensembles, calibration, tmp_path):
+    result, picture = str(tmp_path / "interval.h5"), str(tmp_path / "interval.png")
+    predict_interval(
+        patient.case, patient.model, ensembles[patient.case], calibration[0], patient.fem, result, picture
+    )  # fmt: skip
+    found, model = Interval.read(result), PatientModel.read(patient.model)
+    fields = read_ensemble(ensembles[patient.case])
+    judged = found.region >= 0
+    widths = np.array(list(Calibration.read(calibration[0]).half_width.values()))
+    assert found.displacement.shape == model.points.shape and found.spread.shape == (len(model.points),)
+    assert np.median(np.abs(found.displacement - fields.mean(axis=0))) < 1e-12  # but for what the guard mended
+    assert (found.half_width[judged] >= widths[found.region[judged]]).all() and np.isnan(
+        found.half_width[~judged]
+    ).all()
+    assert (tmp_path / "interval.png").stat().st_size > 50_000
+
+
+def test_the_mean_field_leaves_with_no_inverted_element(patient, calibration, tmp_path):
+    model = PatientModel.read(patient.model)
+    bad = np.zeros_like(model.points)
+    cell = model.cells[(model.node_type[model.cells] == FREE).all(axis=1)][0]
+    bad[cell[0]] = 2 * (model.points[cell[1:]].mean(axis=0) - model.points[cell[0]])
+    write_predictions(tmp_path / "ensemble.h5", {fold: Prediction(bad) for fold in FOLDS})
+    files = str(tmp_path / "interval.h5"), str(tmp_path / "interval.png")
+    predict_interval(patient.case, patient.model, str(tmp_path / "ensemble.h5"), calibration[0], patient.fem, *files)
+
+    def volumes(points):
+        corners = points[model.cells]
+        return np.linalg.det(corners[:, 1:] - corners[:, :1])
+
+    assert volumes(model.points + bad).min() < 0 < volumes(model.points + Interval.read(files[0]).displacement).min()
+
+
+def test_too_few_patients_are_said_to_be_so(patients, ensembles, tmp_path):
+    files = calibrated(patients, ensembles, tmp_path, level=0.9)
+    assert set(Calibration.read(files[0]).half_width.values()) == {None}
+    assert pd.read_csv(files[1])["coverage_mean"].isna().all()
+    patient = patients[0]
+    with pytest.raises(InputError, match="too few"):
+        predict_interval(
+            patient.case, patient.model, ensembles[patient.case], files[0], patient.fem, str(tmp_path / "i.h5"), "i.png"
+        )  # fmt: skip

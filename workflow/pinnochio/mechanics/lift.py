@@ -1,0 +1,187 @@
+"""The lift: linear maps, made once per patient, that carry any motion of the bone through the tissue at once."""
+
+import os
+import time
+from dataclasses import dataclass, fields
+
+import h5py
+import numpy as np
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from pinnochio.anatomy.model import FREE, NO_INTERFACE, SLIDING, PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.files import replacing
+from pinnochio.mechanics.elastic import ElasticSolver
+from pinnochio.mechanics.elements import VOLUMETRIC, shape_gradients
+from pinnochio.mechanics.linear import linear_solver
+from pinnochio.mechanics.materials import Material
+from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
+
+LIFTS = ("harmonic", "elastic")
+BATCH = 32  # right-hand sides solved together
+
+
+@dataclass(frozen=True)
+class Lift:
+    """Displacement fields of a patient's mesh that are linear in the motion of its interface.
+
+    motions (12 K, n, 3): mm per unit of the affine motion of each of K segments (:func:`motion_amplitudes`), the
+    sliding nodes free to slide; contact (i,) nodes in contact with bone; smoothing (q, i): amplitudes of q control
+    points for a displacement of the contact nodes; departures (3 q, n, 3): fields of unit amplitudes of the control
+    points in x, y, z, every contact node told, cut planes at rest. All float32. seconds: what making it took.
+    """
+
+    motions: np.ndarray
+    contact: np.ndarray
+    smoothing: np.ndarray
+    departures: np.ndarray
+    centre: np.ndarray
+    seconds: float = 0.0
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write the lift as HDF5."""
+        with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+            for item in fields(self):
+                if item.name == "seconds":
+                    file.attrs[item.name] = self.seconds
+                else:
+                    file.create_dataset(item.name, data=getattr(self, item.name), track_times=False)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike) -> "Lift":
+        """Read what :meth:`write` wrote."""
+        with h5py.File(path, "r") as file:
+            arrays = {item.name: file[item.name][()] for item in fields(cls) if item.name != "seconds"}
+            return cls(**arrays, seconds=float(file.attrs["seconds"]))
+
+
+def make_lift(
+    model: PatientModel, material: Material, kind: str, controls: int = 128, volumetric: str = VOLUMETRIC[0]
+) -> Lift:
+    """The lift of a patient.
+
+    "elastic": equilibrium of linear elasticity with the material at rest; sliding nodes keep their distance to the bone
+    and are free along it. "harmonic": every component solves Laplace's equation; a sliding node takes the
+    inverse-distance blend of the segments' motions. `controls`: number of control points spread over the contact.
+    """
+    began = time.perf_counter()
+    centre = model.points.mean(axis=0)
+    contact = np.flatnonzero((model.node_type != FREE) & (model.interface_kind != NO_INTERFACE))
+    weights = control_weights(model.points[contact], controls)
+    gram = weights.T @ weights
+    smoothing = np.linalg.solve(gram + 1e-3 * np.trace(gram) / len(gram) * np.eye(len(gram)), weights.T)
+    told_nodes = np.flatnonzero(model.node_type != FREE)
+    told = BoundaryConditions(told_nodes, np.zeros((len(told_nodes), 3)))
+    if kind == "elastic":
+        sliding = boundary_conditions(model, Plan("-", {}), "mucosa")
+        solvers = [ElasticSolver(model.points, model.cells, material, b, volumetric) for b in (sliding, told)]
+        motions = solvers[0].spread(segment_motions(model, centre, blend=False))
+    else:
+        solvers = [None, HarmonicSolver(model.points, model.cells, told_nodes)]
+        motions = solvers[1].spread(segment_motions(model, centre, blend=True))
+    departures = np.zeros((3 * weights.shape[1], *model.points.shape), np.float32)
+    for first in range(0, len(departures), BATCH):
+        rows = np.arange(first, min(first + BATCH, len(departures)))
+        unit = np.zeros((len(rows), *model.points.shape))
+        for place, row in enumerate(rows):
+            unit[place, contact, row % 3] = weights[:, row // 3]
+        departures[rows] = solvers[1].spread(unit)
+    for solver in solvers:
+        if solver:
+            solver.close()
+    single = [np.asarray(x, np.float32) for x in (motions, smoothing, departures)]
+    return Lift(single[0], contact, single[1], single[2], centre, time.perf_counter() - began)
+
+
+def motion_amplitudes(plan: Plan, segments: tuple[str, ...], centre: np.ndarray) -> np.ndarray:
+    """Amplitudes (12 K,) of `Lift.motions` under a plan: R - I by rows, then the displacement of `centre` in mm."""
+    motions = [plan.motion(name) for name in segments]
+    parts = [[(m.rotation - np.eye(3)).ravel(), m.displacement(centre[None])[0]] for m in motions]
+    return np.concatenate([np.zeros(0), *(part for pair in parts for part in pair)])
+
+
+def segment_motions(model: PatientModel, centre: np.ndarray, blend: bool) -> np.ndarray:
+    """Displacement (12 K, n, 3) mm of the told nodes under each unit motion of each segment.
+
+    A node follows its segment, a sliding node with `blend` the weighted mean of :func:`blend_weights`.
+    """
+    share = (np.arange(len(model.segments)) == model.node_segment[:, None]).astype(float)
+    if blend:
+        sliding, weights = blend_weights(model)
+        share[sliding] = weights
+    share[model.node_type == FREE] = 0
+    arm = np.column_stack([model.points - centre, np.ones(len(model.points))])
+    told = np.zeros((len(model.segments), 12, *model.points.shape))
+    for row in range(3):
+        for column in range(4):
+            # Rows of R - I act on the arm; the last column is the displacement of the centre.
+            place = 3 * row + column if column < 3 else 9 + row
+            told[:, place, :, row] = share.T * arm[:, column]
+    return told.reshape(-1, *model.points.shape)
+
+
+def blend_weights(model: PatientModel) -> tuple[np.ndarray, np.ndarray]:
+    """Sliding nodes (s,) and the weight (s, K) of each segment there, by the inverse squared distance to its bone.
+
+    The cranium takes its share too, so the weights of the segments add up to one or less.
+    """
+    sliding = np.flatnonzero(model.node_type == SLIDING)
+    inverse = np.zeros((len(sliding), len(model.segments) + 1))
+    for index in range(-1, len(model.segments)):
+        own = model.bone_points[model.bone_segment == index]
+        if len(own) and len(sliding):
+            distance = cKDTree(own).query(model.points[sliding])[0]
+            inverse[:, index] = 1 / np.maximum(distance, 0.1) ** 2
+    return sliding, (inverse / np.maximum(inverse.sum(axis=1, keepdims=True), 1e-12))[:, :-1]
+
+
+def control_weights(points: np.ndarray, controls: int) -> np.ndarray:
+    """Smooth interpolation (i, q) from q control points, spread evenly over `points` (i, 3) mm, to all of them.
+
+    Gaussians as wide as the control points are apart, rows adding up to one.
+    """
+    chosen = farthest(points, controls)
+    squared = ((points[:, None] - points[chosen]) ** 2).sum(axis=2)
+    nearest = np.sqrt(np.sort(squared[chosen], axis=1)[:, 1:2]) if len(chosen) > 1 else np.ones((1, 1))
+    weights = np.exp(-squared / (2 * np.median(nearest) ** 2))
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def farthest(points: np.ndarray, count: int) -> np.ndarray:
+    """Indices of `count` of the points (n, 3), each the farthest from those before it; all of them if fewer."""
+    chosen, distance = [0], np.linalg.norm(points - points[0], axis=1)
+    while len(chosen) < min(count, len(points)):
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.array(chosen)
+
+
+class HarmonicSolver:
+    """Laplace's equation on a mesh with told values on `nodes` (t,), by linear elements, factorised once."""
+
+    def __init__(self, points, cells, nodes):
+        gradients, volumes = shape_gradients(points, cells)
+        blocks = np.einsum("e,eai,ebi->eab", volumes, gradients, gradients)
+        rows, columns = np.repeat(cells, 4, axis=1), np.tile(cells, (1, 4))
+        full = sparse.coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(len(points),) * 2).tocsr()
+        self._told = np.zeros(len(points), bool)
+        self._told[nodes] = True
+        own = sparse.triu(full[~self._told][:, ~self._told], format="csr")
+        own.sort_indices()
+        self._coupling = full[~self._told][:, self._told]
+        self._linear = linear_solver(own.indptr, own.indices, 0)
+        if not self._linear.factorize(own.data):
+            raise RuntimeError("Laplace's equation is singular: a piece of the mesh holds no told node")
+
+    def spread(self, told: np.ndarray) -> np.ndarray:
+        """Fields (k, n, 3) that take the values `told` (k, n, 3) on the told nodes and are harmonic between them."""
+        fields = np.where(self._told[:, None], told, 0.0)
+        load = -np.stack([self._coupling @ field for field in fields[:, self._told]])  # (k, free, 3)
+        solved = self._linear.solve(load.transpose(0, 2, 1).reshape(-1, load.shape[1]))
+        fields[:, ~self._told] = solved.reshape(len(fields), 3, -1).transpose(0, 2, 1)
+        return fields
+
+    def close(self) -> None:
+        """Release the factors."""
+        self._linear.close()
