@@ -1,5 +1,6 @@
 """Cohort, folds and the helper functions of the rules."""
 
+import os
 from pathlib import Path
 
 from snakemake.logging import logger
@@ -16,6 +17,9 @@ from pinnochio.study import (
     variants,
     virtual_cases,
 )
+
+# Idle OpenMP threads of a job sleep; spinning they take the cores from the compiled loops.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 validate(config, "schemas/config.schema.yaml")
 check_config(config)

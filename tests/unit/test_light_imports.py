@@ -19,8 +19,19 @@ from pinnochio.training.checkpoint import load_network
 SHORT = replace(TRAINING, steps=2)
 MODEL = tiny_patient(5, (9, 8, 7))
 ABSENT = (
-    *("numba",
-    "triton", "llvmlite", "SimpleITK", "pyvista", "vtk", "vtkmodules", "trimesh", "meshio", "pandas", "pypardiso"),
+    *(
+        "numba",
+        "triton",
+        "llvmlite",
+        "SimpleITK",
+        "pyvista",
+        "vtk",
+        "vtkmodules",
+        "trimesh",
+        "meshio",
+        "pandas",
+        "pypardiso",
+    ),
     *("snakemake", "nibabel", "highdicom", "pydicom", "matplotlib", "jsonschema", "felupe", "pytest"),
 )
 CHILD = """
