@@ -89,6 +89,25 @@ rule compare_methods:
         "../scripts/compare_methods.py"
 
 
+# The same table with every method tested against the better network.
+use rule compare_methods as compare_better with:
+    output:
+        table=ensure("<results>/tables/better.csv", non_empty=True),
+        markdown="<results>/tables/better.md",
+        latex="<results>/tables/better.tex",
+        html="<results>/tables/better.html",
+    log:
+        "<logs>/compare_better.log",
+    params:
+        cohort=COHORT,
+        reference=config["design"]["base"],
+        methods=METHODS,
+        seed=SEED,
+        code=code_of("evaluation"),
+    message:
+        "Test every method against {config[design][base]}"
+
+
 rule ablate:
     input:
         cases="<results>/tables/cases.csv",
@@ -181,6 +200,7 @@ rule tables:
     input:
         rules.collect_cases.output,
         rules.compare_methods.output if SCANNED else [],
+        rules.compare_better.output if BETTER else [],
         rules.ablate.output if ABLATED else [],
     message:
         "The tables are made"

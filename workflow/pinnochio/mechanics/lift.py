@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.model import FREE, NO_INTERFACE, SLIDING, PatientModel
+from pinnochio.anatomy.model import FREE, MOVING, NO_INTERFACE, SLIDING, PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.files import replacing
 from pinnochio.mechanics.elastic import ElasticSolver
@@ -102,15 +102,8 @@ def motion_amplitudes(plan: Plan, segments: tuple[str, ...], centre: np.ndarray)
 
 
 def segment_motions(model: PatientModel, centre: np.ndarray, blend: bool) -> np.ndarray:
-    """Displacement (12 K, n, 3) mm of the told nodes under each unit motion of each segment.
-
-    A node follows its segment, a sliding node with `blend` the weighted mean of :func:`blend_weights`.
-    """
-    share = (np.arange(len(model.segments)) == model.node_segment[:, None]).astype(float)
-    if blend:
-        sliding, weights = blend_weights(model)
-        share[sliding] = weights
-    share[model.node_type == FREE] = 0
+    """Displacement (12 K, n, 3) mm of the told nodes under each unit motion of each segment (:func:`node_shares`)."""
+    share = node_shares(model, blend, sliding=True)
     arm = np.column_stack([model.points - centre, np.ones(len(model.points))])
     told = np.zeros((len(model.segments), 12, *model.points.shape))
     for row in range(3):
@@ -119,6 +112,19 @@ def segment_motions(model: PatientModel, centre: np.ndarray, blend: bool) -> np.
             place = 3 * row + column if column < 3 else 9 + row
             told[:, place, :, row] = share.T * arm[:, column]
     return told.reshape(-1, *model.points.shape)
+
+
+def node_shares(model: PatientModel, blend: bool, sliding: bool) -> np.ndarray:
+    """Share (n, K) of each segment in the motion of each node: one for moving nodes, zero for fixed and free ones.
+
+    Sliding nodes: with `blend` the weights of :func:`blend_weights`, else one if `sliding`, else zero.
+    """
+    share = (np.arange(len(model.segments)) == model.node_segment[:, None]).astype(float)
+    share[~np.isin(model.node_type, (MOVING, SLIDING) if sliding else (MOVING,))] = 0
+    if blend:
+        nodes, weights = blend_weights(model)
+        share[nodes] = weights
+    return share
 
 
 def blend_weights(model: PatientModel) -> tuple[np.ndarray, np.ndarray]:

@@ -88,6 +88,7 @@ class Pinnochio(nn.Module):
 
     def __init__(self, settings: NetworkSettings):
         super().__init__()
+        self.register_buffer("flips", _flips(), persistent=False)
         self.lifted, self.hard = settings.lift != "none", settings.boundary == "hard"
         self.bone_muscle = BoundaryNetwork(settings)
         self.bone_superficial = BoundaryNetwork(settings)
@@ -97,8 +98,9 @@ class Pinnochio(nn.Module):
             self.muscle = VolumeNetwork(settings)
             self.superficial = VolumeNetwork(settings)
 
-    def encode_rest(self, anatomy: Anatomy, flip: Tensor) -> dict[str, Tensor]:
+    def encode_rest(self, anatomy: Anatomy, mirror: bool = False) -> dict[str, Tensor]:
         """What the volume networks know of the patient's rest geometry; serves every plan."""
+        flip = self.flips[int(mirror)]
         bodies = {"muscle": anatomy.muscle, "superficial": anatomy.superficial}
         if not hasattr(self, "superficial"):
             return {}
@@ -111,8 +113,8 @@ class Pinnochio(nn.Module):
 
         rest: of :meth:`encode_rest` for an unmirrored patient, if it is at hand.
         """
-        flip = plan.cue.new_tensor([-1.0 if mirror else 1.0, 1.0, 1.0])
-        rest = self.encode_rest(anatomy, flip) if rest is None else rest
+        flip = self.flips[int(mirror)]
+        rest = self.encode_rest(anatomy, mirror) if rest is None else rest
         cue = plan.cue * flip
         boundary, known = torch.zeros_like(cue), anatomy.given
 
@@ -165,20 +167,26 @@ class Unified(nn.Module):
 
     def __init__(self, settings: NetworkSettings):
         super().__init__()
+        self.register_buffer("flips", _flips(), persistent=False)
         self.volume = VolumeNetwork(settings)
 
-    def encode_rest(self, anatomy: Anatomy, flip: Tensor) -> dict[str, Tensor]:
+    def encode_rest(self, anatomy: Anatomy, mirror: bool = False) -> dict[str, Tensor]:
         """As :meth:`Pinnochio.encode_rest`."""
-        return {"whole": self.volume.encode_rest(anatomy.whole.mirrored(flip))}
+        return {"whole": self.volume.encode_rest(anatomy.whole.mirrored(self.flips[int(mirror)]))}
 
     def forward(
         self, anatomy: Anatomy, plan: PlanSignal, mirror: bool = False, rest: dict[str, Tensor] | None = None
     ) -> Prediction:
         """As :meth:`Pinnochio.forward`; the boundary is the cue itself."""
-        flip = plan.cue.new_tensor([-1.0 if mirror else 1.0, 1.0, 1.0])
-        rest = self.encode_rest(anatomy, flip) if rest is None else rest
+        flip = self.flips[int(mirror)]
+        rest = self.encode_rest(anatomy, mirror) if rest is None else rest
         u = self.volume(anatomy.whole.mirrored(flip), rest["whole"], plan.cue * flip, plan.reliable)
         return Prediction(u * flip, plan.cue, plan.reliable)
+
+
+def _flips() -> Tensor:
+    """Signs (2, 3) of the coordinates of a patient and of its left-right mirror image."""
+    return torch.tensor([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
 
 
 def build(settings: NetworkSettings) -> nn.Module:

@@ -13,13 +13,14 @@ from pinnochio.anatomy.model import (
     BONE_SUPERFICIAL,
     FIXED,
     FREE,
+    MOVING,
     MUSCLE_SUPERFICIAL,
     NO_INTERFACE,
     PatientModel,
 )
 from pinnochio.anatomy.plan import Plan
 from pinnochio.mechanics.elements import VOLUMETRIC
-from pinnochio.mechanics.lift import Lift, blend_weights, farthest, motion_amplitudes
+from pinnochio.mechanics.lift import Lift, farthest, motion_amplitudes, node_shares
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.residual import Operator
 from pinnochio.networks.cascade import Anatomy, Interface, LiftTensors, PlanSignal
@@ -40,7 +41,8 @@ class PatientTensors:
 
     centre (3,) mm, the tissue's centroid, origin of all coordinates here; points (n, 3) mm float32; operator:
     internal force and energy, float32; free (f,) nodes without a boundary condition, the skin included; settings of the
-    networks that will read it; motions (12 K, 3 n) of the lift, and blend: sliding nodes and their weights, if wanted.
+    networks that will read it; motions (12 K, 3 n) of the lift, if there is one. bone_followers, followers: what moves
+    the bone and the interface nodes; reliable (n, 1), 1 where the plan fixes the motion.
     """
 
     model: PatientModel
@@ -50,6 +52,9 @@ class PatientTensors:
     operator: Operator
     free: Tensor
     settings: NetworkSettings
+    bone_followers: "Followers"
+    followers: "Followers"
+    reliable: Tensor
     lift: Lift | None = None
     motions: Tensor | None = None
 
@@ -129,7 +134,20 @@ class PatientTensors:
         operator = Operator.build(points, model.cells, law, volumetric, torch.float32, device)
         free = tensor(np.flatnonzero(model.node_type == FREE))
         motions = None if lift is None else tensor(lift.motions.reshape(len(lift.motions), -1), torch.float32)
-        return cls(model, centre, tensor(points, torch.float32), anatomy, operator, free, settings, lift, motions)
+        return cls(
+            model,
+            centre,
+            tensor(points, torch.float32),
+            anatomy,
+            operator,
+            free,
+            settings,
+            Followers.build(bone, np.arange(len(model.segments)) == bone_segment[:, None], device),
+            Followers.build(points, node_shares(model, settings.blend and lift is None, sliding=False), device),
+            tensor(np.isin(model.node_type, (FIXED, MOVING)), torch.float32)[:, None],
+            lift,
+            motions,
+        )
 
     @property
     def force_scale(self) -> float:
@@ -138,35 +156,40 @@ class PatientTensors:
 
     def signal(self, plan: Plan) -> PlanSignal:
         """The plan as the networks read it."""
-        model = self.model
-        cue, reliable = model.reference_cue(plan)
-        bone = model.bone_displacement(plan)
-        if self.settings.segment_nodes:
-            own, middles = segment_nodes(model)
-            segments = model.bone_segment[own[_first(own), 0]]
-            still = np.zeros((1, 3))
-            moved = [
-                plan.motion(model.segments[index]).displacement(middle[None]) if index >= 0 else still
-                for index, middle in zip(segments, middles, strict=True)
-            ]
-            bone = np.concatenate([bone, *moved])
-        if self.settings.blend and self.lift is None:
-            nodes, weights = blend_weights(model)
-            for index, name in enumerate(model.segments):
-                cue[nodes] += weights[:, index, None] * plan.motion(name).displacement(model.points[nodes])
 
-        def tensor(values):
-            return torch.as_tensor(np.ascontiguousarray(values), dtype=torch.float32, device=self.points.device)
+        def amplitudes(centre):
+            values = motion_amplitudes(plan, self.model.segments, centre)
+            return torch.as_tensor(values, dtype=torch.float32, device=self.points.device)
 
-        lifted = None
+        own = amplitudes(self.centre)
+        bone, cue, lifted = self.bone_followers.displacement(own), self.followers.displacement(own), None
         if self.lift is not None:
-            amplitudes = tensor(motion_amplitudes(plan, model.segments, self.lift.centre))
-            lifted = (amplitudes @ self.motions).view_as(self.points)
-        signal = PlanSignal(tensor(bone), tensor(cue), tensor(reliable)[:, None], lifted)
-        if lifted is not None:  # what the lift says of the sliding nodes is their cue
-            contact = self.anatomy.lift.contact
-            signal.cue[contact] = lifted[contact]
-        return signal
+            lifted = (amplitudes(self.lift.centre) @ self.motions).view_as(self.points)
+            contact = self.anatomy.lift.contact  # what the lift says of the sliding nodes is their cue
+            cue[contact] = lifted[contact]
+        return PlanSignal(bone, cue, self.reliable, lifted)
+
+
+@dataclass(frozen=True)
+class Followers:
+    """Points (p,) that follow segments: arms (p, 4), coordinates about the patient's centre and a one; share (p, K)."""
+
+    arms: Tensor
+    share: Tensor
+
+    @classmethod
+    def build(cls, points: np.ndarray, share: np.ndarray, device: torch.device | str) -> "Followers":
+        """Of points (p, 3) mm about the centre and the share of each segment in their motion."""
+        real = {"dtype": torch.float32, "device": device}
+        arms = np.column_stack([points, np.ones(len(points))])
+        return cls(torch.as_tensor(arms, **real), torch.as_tensor(np.ascontiguousarray(share), **real))
+
+    def displacement(self, amplitudes: Tensor) -> Tensor:
+        """Displacement (p, 3) mm under motions of these amplitudes (12 K,) about the centre."""
+        motions = amplitudes.view(-1, 12)
+        maps = torch.cat([motions[:, :9].view(-1, 3, 3), motions[:, 9:, None]], 2)  # (K, 3, 4)
+        moved = (self.arms @ maps.flatten(0, 1).T).view(len(self.arms), -1, 3)
+        return (moved * self.share[:, :, None]).sum(1)
 
 
 def segment_nodes(model: PatientModel) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.errors import InputError
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.materials import Material
-from pinnochio.networks.cascade import Prediction, build
+from pinnochio.networks.cascade import PlanSignal, Prediction, build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.seeds import derive_seed
 from pinnochio.training.checkpoint import load_network, save_network
@@ -143,12 +143,15 @@ def finetune_fold(
 
 
 class Predictor:
-    """A trained network on one patient: what belongs to the patient is computed once and serves every plan."""
+    """A trained network on one patient: what belongs to the patient is computed once and serves every plan.
+
+    On a GPU the first plan records the kernels, and every later one replays them without the cost of their launches.
+    """
 
     def __init__(self, network: nn.Module, patient: PatientTensors):
-        self.network, self.patient = network, patient
+        self.network, self.patient, self._recorded = network, patient, None
         with torch.inference_mode():
-            self._rest = network.encode_rest(patient.anatomy, patient.points.new_ones(3))
+            self._rest = network.encode_rest(patient.anatomy)
 
     def __call__(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
         """Displacement (n, 3) mm of every node, and of the interface nodes as P_bnd gives it, float64.
@@ -156,13 +159,36 @@ class Predictor:
         FloatingPointError if the network gives no number.
         """
         with torch.inference_mode():
-            found = self.network(self.patient.anatomy, self.patient.signal(plan), rest=self._rest)
+            found = self._run(self.patient.signal(plan))
             # A node of which no boundary network speaks has its own displacement.
             boundary = torch.where(found.known > 0, found.boundary, found.displacement)
             displacement, boundary = (x.cpu().numpy().astype(float) for x in (found.displacement, boundary))
         if not np.isfinite(displacement).all():
             raise FloatingPointError(f"case {plan.case!r}: the predicted displacement is not finite")
         return displacement, boundary
+
+    def _run(self, signal: PlanSignal) -> Prediction:
+        def once(given):
+            return self.network(self.patient.anatomy, given, rest=self._rest)
+
+        if not signal.cue.is_cuda:
+            return once(signal)
+        if self._recorded is None:
+            aside = torch.cuda.Stream()
+            aside.wait_stream(torch.cuda.current_stream())
+            with torch.cuda.stream(aside):  # compiles, and finds the layouts of the graphs
+                once(signal)
+            torch.cuda.current_stream().wait_stream(aside)
+            graph = torch.cuda.CUDAGraph()
+            with torch.cuda.graph(graph):
+                found = once(signal)
+            self._recorded = graph, signal, found
+        graph, given, found = self._recorded
+        for old, new in zip(vars(given).values(), vars(signal).values(), strict=True):
+            if new is not None and new is not old:
+                old.copy_(new)
+        graph.replay()
+        return found
 
 
 def predict(network: nn.Module, patient: PatientTensors, plan: Plan) -> tuple[np.ndarray, np.ndarray]:

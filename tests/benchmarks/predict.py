@@ -1,0 +1,117 @@
+"""One plan of one patient, warm, by finite elements, the elastic path and the networks, in one run.
+
+python tests/benchmarks/predict.py --case results/cases/V01 --fold results/folds/1 [--threads 2] [--device cuda]
+
+Reads model.h5 and plan.json of the case and the trained networks of the fold (of a patient's fold that held it out or
+not: only the time counts). The methods take turns. "network" is the field as the network gives it, "given out" what the
+study writes: guarded, and corrected as often as the variant says. Prints medians in ms, the ratio to fem_sliding of the
+same run, and what each method computes once per patient. --without-fem leaves the solvers out, on a machine that lacks
+them; --untrained takes networks of the configuration with random weights, whose fields are not finished.
+"""
+
+import argparse
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the study does
+
+import numpy as np
+import torch
+import yaml
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.mechanics.elastic import ElasticSolver
+from pinnochio.mechanics.lift import Lift, make_lift
+from pinnochio.mechanics.refine import Finish
+from pinnochio.mechanics.simulation import FemSettings, simulate
+from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.networks.cascade import build
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.study import overlaid, variants
+from pinnochio.training.checkpoint import load_network
+from pinnochio.training.stages import Predictor, tensors
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--case", type=Path, required=True)
+    parser.add_argument("--fold", type=Path)
+    parser.add_argument("--methods", nargs="+", default=["pinnochio", "pinnochio_plus"])
+    parser.add_argument("--config", type=Path, nargs="+", default=[Path("config/config.yaml")])
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--without-fem", action="store_true")
+    parser.add_argument("--untrained", action="store_true")
+    asked = parser.parse_args()
+    torch.set_num_threads(asked.threads)
+    config = {}
+    for path in asked.config:
+        config = overlaid(config, yaml.safe_load(path.read_text(encoding="utf-8")))
+    fem, settings = FemSettings(**config["fem"]), variants(config)
+    model = PatientModel.read(asked.case / "model.h5")
+    plan = Plan.from_json((asked.case / "plan.json").read_text(encoding="utf-8"), asked.case / "plan.json")
+    ways, setup = {}, {}
+    if not asked.without_fem:
+        boundary = boundary_conditions(model, plan, "mucosa")
+        began = time.perf_counter()
+        elastic = ElasticSolver(model.points, model.cells, fem.material(model.tissue), boundary, fem.volumetric)
+        setup["elastic"] = time.perf_counter() - began
+        ways["fem_sliding"] = lambda: simulate(model, plan, "mucosa", fem)
+        ways["elastic"] = lambda: elastic.solve(boundary_conditions(model, plan, "mucosa"))
+    for method in asked.methods:
+        own = NetworkSettings(**settings[method]["network"])
+        network = shaken(own, asked.device) if asked.untrained else None
+        if network is None:
+            network, own = load_network(asked.fold / method / "network.pt", asked.device)
+        began = time.perf_counter()
+        lift = None if own.lift == "none" else read_lift(asked.case, model, fem, own.lift, config["lift"]["controls"])
+        predictor = Predictor(network, tensors(model, fem, own, asked.device, lift))
+        predictor(plan)
+        setup[method] = time.perf_counter() - began
+        ways[f"{method}, network"] = lambda predictor=predictor: predictor(plan)
+        if not asked.untrained:
+            finish = Finish(model, fem, settings[method]["refine"])
+            ways[f"{method}, given out"] = lambda predictor=predictor, finish=finish: finish(*predictor(plan))
+    seconds = {name: [] for name in ways}
+    for repeat in range(asked.repeats + 1):
+        for name, way in ways.items():
+            began = time.perf_counter()
+            way()
+            if repeat:  # the first round compiles and allocates
+                seconds[name].append(time.perf_counter() - began)
+    print(f"{asked.case}: {len(model.points)} nodes, {len(model.bone_points)} bone points, {asked.threads} threads")
+    reference = np.median(seconds.get("fem_sliding", [np.nan]))
+    for name, values in seconds.items():
+        middle = np.median(values)
+        print(f"{name:32s} {1e3 * middle:9.1f} ms   fem_sliding / this {reference / middle:8.1f}")
+    for name, value in setup.items():
+        print(f"{name:32s} {value:9.2f} s once per patient")
+
+
+def read_lift(case: Path, model: PatientModel, fem: FemSettings, kind: str, controls: int) -> Lift:
+    """The lift beside the model, or a new one."""
+    path = case / f"lift_{kind}.h5"
+    if path.is_file():
+        return Lift.read(path)
+    return make_lift(model, fem.material(model.tissue), kind, controls, fem.volumetric)
+
+
+def shaken(settings: NetworkSettings, device: str) -> torch.nn.Module:
+    """A network with random weights; its decoders, which start at zero, give hundredths of a millimetre."""
+    torch.manual_seed(0)
+    network = build(settings)
+    with torch.no_grad():
+        for weight in network.parameters():
+            if not weight.any():
+                weight.normal_(0, 1e-3)
+    return network.to(device).eval()
+
+
+if __name__ == "__main__":
+    main()
