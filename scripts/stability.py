@@ -10,7 +10,7 @@ from pinnochio.evaluation.stability import Sweep, write_stability
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.simulation import FemSettings
 from pinnochio.training.losses import physics_loss
-from pinnochio.training.patient import LOSS_EXTENSION, PatientTensors
+from pinnochio.training.patient import LOSS_EXTENSION
 
 
 def stability(case: str, model: str, config: Mapping, fem: FemSettings, seed: int, code: str, table: str) -> None:
@@ -22,8 +22,7 @@ def stability(case: str, model: str, config: Mapping, fem: FemSettings, seed: in
 
 def training_loss(operator, free):
     """The physics loss of the training as a function of the displacement, for free nodes (f,) of a mesh."""
-    patient = PatientTensors(None, None, None, None, operator, free)
-    return lambda displacement: physics_loss(patient, displacement)
+    return lambda displacement: physics_loss(operator, free, displacement)
 
 
 if __name__ == "__main__":

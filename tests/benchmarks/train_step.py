@@ -69,7 +69,7 @@ class Problem:
         terms = {
             "data": volume_loss(prediction.displacement, target),
             "boundary": boundary_loss(prediction, target, torch.ones_like(prediction.known)),
-            "physics": physics_loss(self.patient, prediction.displacement),
+            "physics": physics_loss(self.patient.operator, self.patient.free, prediction.displacement),
         }
         total = sum(self.weights[name] * value for name, value in terms.items())
         clock()

@@ -25,6 +25,7 @@ def test_readme_names_what_exists():
         "config/README.md",
         "results/README.md",
         "docs/methods.md",
+        "docs/networks.md",
         "docs/mechanics.md",
         "docs/benchmark.md",
         "docs/cohort.md",

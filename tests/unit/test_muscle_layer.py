@@ -147,7 +147,7 @@ def test_networks_learn_on_a_single_layer(decomposition):
     for _ in range(25):
         found = network(patient.anatomy, patient.signal(plan))
         data = volume_loss(found.displacement, target)
-        loss = data + 1e-4 * physics_loss(patient, found.displacement)
+        loss = data + 1e-4 * physics_loss(patient.operator, patient.free, found.displacement)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

@@ -2,11 +2,13 @@
 
 import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 import pyvista as pv
 import SimpleITK as sitk
+import yaml
 
 from pinnochio.anatomy.surfaces import bone_surface, skin_surface, write_surface
 from pinnochio.errors import InputError
@@ -220,16 +222,9 @@ FILES = ("a.nii.gz", "a.json")
 
 
 def of_config(**change):
-    config = {
-        "segments": list(SEGMENTS),
-        "labels": CODES,
-        "methods": ["no_change"],
-        "external": {},
-        "reference": "no_change",
-        "network": {"channels": 64, "heads": 4},
-        "cohort": "cases.tsv",
-        "folds": 2,
-    }
+    defaults = Path(__file__).resolve().parents[2] / "config/config.yaml"
+    config = yaml.safe_load(defaults.read_text(encoding="utf-8"))
+    config |= {"segments": list(SEGMENTS), "labels": CODES, "methods": ["no_change"], "reference": "no_change"}
     return lambda folder: check_config(config | change)
 
 

@@ -47,6 +47,11 @@ class Operator:
         tensors = [torch.as_tensor(np.asarray(x), dtype=dtype, device=device) for x in reals]
         return cls(*integers, *tensors, extension=material.extension, h_ref=mesh.edge, mu_ref=mesh.modulus)
 
+    @property
+    def force_scale(self) -> float:
+        """mN by which the physics loss divides: mean shear modulus times mean edge length squared."""
+        return self.mu_ref * self.h_ref**2
+
     def jacobians(self, u: torch.Tensor) -> torch.Tensor:
         """det F (m,) of every element."""
         return self._strain(u)[2]

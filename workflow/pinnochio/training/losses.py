@@ -23,9 +23,9 @@ def volume_loss(displacement: Tensor, target: Tensor) -> Tensor:
 
 
 def physics_loss(
-    patient: PatientTensors, displacement: Tensor, robust: float = 0.0, bulk: Tensor | float = 1.0
+    operator: Operator, free: Tensor, displacement: Tensor, robust: float = 0.0, bulk: Tensor | float = 1.0
 ) -> Tensor:
-    """Mean over V_free of |f_int|^2 / (mu h^2)^2: zero in equilibrium, nondimensional.
+    """Mean over V_free, nodes (f,), of |f_int|^2 / (mu h^2)^2: zero in equilibrium, nondimensional.
 
     The paper's term is the mean of |f_int|^2, whose size depends on units and mesh; mu is the mean shear
     modulus and h the mean edge length of the patient's mesh. bulk: factor on the material's lambda
@@ -39,11 +39,10 @@ def physics_loss(
     robust 10, 6.0 and -0.22 with 3, 16 and -0.55 with 1, at a volumetric error of 3.3, 3.1, 2.7 and 2.6 mm^2: less
     physics for more data, as with a smaller weight [X].
     """
-    operator = patient.operator
     if not isinstance(bulk, float) or bulk != 1.0:
         operator = replace(operator, patch_lam=bulk * operator.patch_lam)
-    force = operator.force(displacement) / patient.force_scale
-    square = force.index_select(0, patient.free).square().sum(1)
+    force = operator.force(displacement) / operator.force_scale
+    square = force.index_select(0, free).square().sum(1)
     if robust:
         square = 2 * square / (1 + (1 + square / robust**2).sqrt())  # 2 d^2 (sqrt(1 + s / d^2) - 1), uncancelled
     return square.mean()

@@ -149,11 +149,6 @@ class PatientTensors:
             motions,
         )
 
-    @property
-    def force_scale(self) -> float:
-        """mN by which the physics loss divides: mean shear modulus times mean edge length squared."""
-        return self.operator.mu_ref * self.operator.h_ref**2
-
     def signal(self, plan: Plan) -> PlanSignal:
         """The plan as the networks read it."""
 

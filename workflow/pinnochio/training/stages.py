@@ -281,7 +281,9 @@ def _terms(
     found = {"data": data, "boundary": boundary_loss(prediction, anchor, anchored)}
     if step.physics:
         bulk = bulk_factor(patient.operator, training.poisson_start, step.anneal)
-        found["physics"] = physics_loss(patient, prediction.displacement, training.physics_robust, bulk)
+        found["physics"] = physics_loss(
+            patient.operator, patient.free, prediction.displacement, training.physics_robust, bulk
+        )
     return found
 
 
