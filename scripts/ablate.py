@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 
 from pinnochio.evaluation.ablation import write_ablation
-from pinnochio.evaluation.tables import CASES, read_table
+from pinnochio.evaluation.tables import CASES, read_table, scanned
 from pinnochio.logs import attach_log
 
 
 def ablate(cases: str, variants: Mapping[str, Mapping], cohort: str, seed: int, table: str) -> None:
     """Summarise the scanned patients of cases.csv for `variants`, settings by method; the last is the full model."""
     rows = read_table(cases, CASES)
-    write_ablation(rows[rows["registration_residual"].notna()], variants, table, cohort, seed)
+    write_ablation(scanned(rows), variants, table, cohort, seed)
 
 
 if __name__ == "__main__":

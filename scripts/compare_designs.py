@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from pinnochio.evaluation.ablation import changes, write_design
-from pinnochio.evaluation.tables import CASES, read_table
+from pinnochio.evaluation.tables import CASES, read_table, scanned
 from pinnochio.logs import attach_log
 
 
@@ -16,7 +16,7 @@ def compare_designs(
     rows = pd.concat([read_table(path, CASES) for path in metrics], ignore_index=True)
     base = next(iter(variants.values()))
     named = {name: ", ".join(changes(base, settings)) for name, settings in variants.items()}
-    write_design(rows[rows["registration_residual"].notna()], named, table, cohort, seed)
+    write_design(scanned(rows), named, table, cohort, seed)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from pinnochio.evaluation.tables import CASES, read_table, summarise, write_accuracy
+from pinnochio.evaluation.tables import CASES, read_table, scanned, summarise, write_accuracy
 from pinnochio.logs import attach_log
 
 
@@ -14,8 +14,7 @@ def compare_methods(
     The patients with a post-operative scan count. Without a reference, which may be left out, nothing is tested.
     """
     rows = read_table(cases, CASES)
-    scanned = rows[rows["registration_residual"].notna()]
-    write_accuracy(summarise(scanned, reference, methods, seed), table, cohort)
+    write_accuracy(summarise(scanned(rows), reference, methods, seed), table, cohort)
 
 
 if __name__ == "__main__":

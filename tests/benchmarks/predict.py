@@ -13,6 +13,7 @@ import argparse
 import os
 import sys
 import time
+from functools import reduce
 from pathlib import Path
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the study does
@@ -50,9 +51,7 @@ def main() -> None:
     parser.add_argument("--untrained", action="store_true")
     asked = parser.parse_args()
     torch.set_num_threads(asked.threads)
-    config = {}
-    for path in asked.config:
-        config = overlaid(config, yaml.safe_load(path.read_text(encoding="utf-8")))
+    config = reduce(overlaid, (yaml.safe_load(path.read_text(encoding="utf-8")) for path in asked.config))
     fem, settings = FemSettings(**config["fem"]), variants(config)
     model = PatientModel.read(asked.case / "model.h5")
     plan = Plan.from_json((asked.case / "plan.json").read_text(encoding="utf-8"), asked.case / "plan.json")

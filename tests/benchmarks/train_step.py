@@ -13,6 +13,7 @@ import argparse
 import sys
 import time
 from contextlib import contextmanager, nullcontext
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from pinnochio.networks import boundary
 from pinnochio.networks.attention import Attention
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
+from pinnochio.study import overlaid
 from pinnochio.training.losses import boundary_loss, physics_loss, volume_loss
 from pinnochio.training.stages import tensors
 
@@ -144,14 +146,6 @@ def difference(problem: Problem) -> tuple[float, str]:
     return found[worst], worst
 
 
-def read_config(paths) -> dict:
-    config = {}
-    for path in paths:
-        for name, section in yaml.safe_load(path.read_text()).items():
-            config[name] = config.get(name, {}) | section if isinstance(section, dict) else section
-    return config
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--case", type=Path, required=True, help="folder with model.h5 and plan.json")
@@ -161,7 +155,8 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=9)
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
-    problem = Problem(options.case, read_config(options.config), options.device)
+    config = reduce(overlaid, (yaml.safe_load(path.read_text(encoding="utf-8")) for path in options.config))
+    problem = Problem(options.case, config, options.device)
     error, worst = difference(problem)
     steps, predictions, memory = ([], []), ([], []), [0, 0]
     for repeat in range(options.repeats + 1):

@@ -8,7 +8,7 @@ import pandas as pd
 
 from pinnochio.errors import InputError
 from pinnochio.evaluation.significance import compare, holm
-from pinnochio.evaluation.tables import CASES, Column, View, check, write_csv, write_twins
+from pinnochio.evaluation.tables import CASES, Column, View, check, spread, write_csv, write_twins
 from pinnochio.seeds import derive_seed
 
 AVERAGED = ("cd", "pwr1", "volume_error_mean", "eqres_rel", "min_jacobian", "interface_error", "seconds")
@@ -78,13 +78,6 @@ def write_dial(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virt
     def one(name):
         return lambda row: _DIAL[name].text(row[name])
 
-    def spread(name):
-        def text(row):
-            mean, sd = one(f"{name}_mean")(row), one(f"{name}_sd")(row)
-            return f"{mean} ± {sd}" if sd else mean
-
-        return text
-
     def difference(row):
         if np.isnan(row["cd_difference"]):
             return ""
@@ -94,15 +87,15 @@ def write_dial(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virt
     view = [
         View("Method", one("method")),
         View("Corrections", one("corrections")),
-        View("CD mm", spread("cd")),
+        View("CD mm", spread("cd", _DIAL)),
         View("CD difference mm", difference),
-        View("PWR@1 %", spread("pwr1")),
-        View("Volume error mm", spread("volume_error_mean")),
+        View("PWR@1 %", spread("pwr1", _DIAL)),
+        View("Volume error mm", spread("volume_error_mean", _DIAL)),
         View("EqRes", one("eqres_rel_mean")),
         View("largest EqRes", one("eqres_rel_max")),
-        View("min J", spread("min_jacobian")),
+        View("min J", spread("min_jacobian", _DIAL)),
         View("Inverted", one("inverted")),
-        View("Seconds", spread("seconds")),
+        View("Seconds", spread("seconds", _DIAL)),
     ]
     n = f"n = {frame['n'].min()}" if frame["n"].nunique() == 1 else f"n = {frame['n'].min()} to {frame['n'].max()}"
     caption = (

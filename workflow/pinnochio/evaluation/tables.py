@@ -2,7 +2,7 @@
 
 import html
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -170,6 +170,11 @@ def read_table(path: str | os.PathLike, schema: Sequence[Column]) -> pd.DataFram
     return check(pd.read_csv(path, dtype=str, keep_default_na=False), schema, path)
 
 
+def scanned(cases: pd.DataFrame) -> pd.DataFrame:
+    """The rows of CASES whose patient has a post-operative scan."""
+    return cases[cases["registration_residual"].notna()]
+
+
 def write_csv(frame: pd.DataFrame, path: str | os.PathLike, schema: Sequence[Column]) -> pd.DataFrame:
     """Check and write a table as CSV, floats in the schema's format; returns the checked frame."""
     frame = check(frame, schema, path)
@@ -249,11 +254,11 @@ def write_accuracy(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "
     write_twins(frame, path, view, caption, ACCURACY)
 
 
-def spread(name: str) -> Callable:
-    """Text of a row of ACCURACY: mean and standard deviation of a summarised column."""
+def spread(name: str, columns: Mapping[str, Column] = _ACCURACY) -> Callable:
+    """Text of a row of these columns, by name: mean and standard deviation of a summarised one."""
 
     def text(row) -> str:
-        mean, sd = (_ACCURACY[f"{name}_{part}"].text(row[f"{name}_{part}"]) for part in ("mean", "sd"))
+        mean, sd = (columns[f"{name}_{part}"].text(row[f"{name}_{part}"]) for part in ("mean", "sd"))
         return f"{mean} ± {sd}" if sd else mean
 
     return text

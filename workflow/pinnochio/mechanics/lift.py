@@ -18,7 +18,6 @@ from pinnochio.mechanics.linear import linear_solver
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
 
-LIFTS = ("harmonic", "elastic")
 BATCH = 32  # right-hand sides solved together
 
 

@@ -76,11 +76,6 @@ class PatientTensors:
         volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
         centre = (corners.mean(1) * volume[:, None]).sum(0) / volume.sum()
         points = model.points - centre
-        modulus = np.zeros(len(points))
-        np.add.at(modulus, model.cells, (volume * material.mu)[:, None])
-        weight = np.zeros(len(points))
-        np.add.at(weight, model.cells, volume[:, None])
-        stiffness = np.log(modulus / np.maximum(weight, 1e-12) / material.mu.mean() + 1e-12)[:, None]
 
         def tensor(values, dtype=torch.int64):
             return torch.as_tensor(np.ascontiguousarray(values), dtype=dtype, device=device)
@@ -89,7 +84,7 @@ class PatientTensors:
             """Nodes of the cells and their graph."""
             nodes, local = np.unique(cells, return_inverse=True)
             joined = hub_edges(points[nodes], settings.long_edges)
-            extra = stiffness[nodes] if settings.stiffness else None
+            extra = node_stiffness(model, material, volume)[nodes] if settings.stiffness else None
             options = {"joined": joined, "extra": extra, "edge_features": settings.edge_features}
             return nodes, Graph.build(points[nodes], local.reshape(cells.shape), device, **options)
 
@@ -107,12 +102,14 @@ class PatientTensors:
         muscle_nodes, muscle = body(model.cells[model.tissue == MUSCLE])
         superficial_nodes, superficial = body(model.cells[model.tissue != MUSCLE])
         bone_points = model.bone_points - centre
-        own, middles = segment_nodes(model) if settings.segment_nodes else (np.zeros((0, 2), int), np.zeros((0, 3)))
-        bone = np.concatenate([bone_points, middles - centre]) if len(middles) else bone_points
-        bone_segment = np.concatenate([model.bone_segment, model.bone_segment[own[_first(own), 0]]])
+        bone, bone_segment, joined = bone_points, model.bone_segment, None
+        if settings.segment_nodes:
+            joined, middles, segments = segment_nodes(model)
+            bone = np.concatenate([bone_points, middles - centre])
+            bone_segment = np.concatenate([bone_segment, segments])
         given = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
         anatomy = Anatomy(
-            bone=Graph.build(bone, model.bone_faces, device, joined=own, edge_features=settings.edge_features),
+            bone=Graph.build(bone, model.bone_faces, device, joined=joined, edge_features=settings.edge_features),
             bone_moved=tensor(bone_segment >= 0, torch.float32)[:, None],
             muscle=muscle,
             muscle_nodes=tensor(muscle_nodes),
@@ -187,17 +184,25 @@ class Followers:
         return (moved * self.share[:, :, None]).sum(1)
 
 
-def segment_nodes(model: PatientModel) -> tuple[np.ndarray, np.ndarray]:
-    """A virtual node in the middle of each bone: edges (e, 2) from bone points to it, and the middles (v, 3) mm.
+def segment_nodes(model: PatientModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A virtual node in the middle of each bone: edges (b, 2) from every bone point to the node of its bone, middles
+    (v, 3) mm and segments (v,) of the nodes.
 
     Virtual nodes are numbered after the bone points, bones in the order of their segment index, the cranium first.
     """
-    edges, middles = [np.zeros((0, 2), int)], []
-    for index in np.unique(model.bone_segment):
-        own = np.flatnonzero(model.bone_segment == index)
-        edges.append(np.column_stack([own, np.full(len(own), len(model.bone_points) + len(middles))]))
-        middles.append(model.bone_points[own].mean(axis=0))
-    return np.concatenate(edges), np.array(middles).reshape(-1, 3)
+    segments, bone = np.unique(model.bone_segment, return_inverse=True)
+    count = len(model.bone_points)
+    edges = np.column_stack([np.arange(count), count + bone])
+    middles = [model.bone_points[bone == index].mean(axis=0) for index in range(len(segments))]
+    return edges, np.array(middles).reshape(-1, 3), segments
+
+
+def node_stiffness(model: PatientModel, material: Material, volume: np.ndarray) -> np.ndarray:
+    """Logarithm (n, 1) of the shear modulus around each node, weighted by volume (m,), over the mean of the cells."""
+    modulus, weight = np.zeros((2, len(model.points)))
+    np.add.at(modulus, model.cells, (volume * material.mu)[:, None])
+    np.add.at(weight, model.cells, volume[:, None])
+    return np.log(modulus / np.maximum(weight, 1e-12) / material.mu.mean() + 1e-12)[:, None]
 
 
 def hub_edges(points: np.ndarray, count: int) -> np.ndarray:
@@ -210,8 +215,3 @@ def hub_edges(points: np.ndarray, count: int) -> np.ndarray:
     among = cKDTree(points[hubs]).query(points[hubs], np.arange(1, min(2 * count + 1, len(hubs)) + 1))[1]
     between = np.column_stack([np.repeat(hubs, among.shape[1]), hubs[among].ravel()])
     return np.concatenate([edges, between])
-
-
-def _first(edges: np.ndarray) -> np.ndarray:
-    """The first edge of each virtual node."""
-    return np.unique(edges[:, 1], return_index=True)[1]

@@ -264,11 +264,6 @@ def read_surface_loss(files: CaseFiles, patient: PatientTensors, training: Train
     return loss
 
 
-def count_weights(network: nn.Module) -> int:
-    """Number of trained parameters."""
-    return sum(weight.numel() for weight in network.parameters())
-
-
 def _terms(
     patient: PatientTensors,
     prediction: Prediction,
