@@ -91,20 +91,21 @@ class Assembler:
                 place = self.indptr[self._first[a[kept]] + row[kept]] + self._offset[at[kept]]
                 np.add.at(data, place - row[kept] + column[kept], blocks[kept, i, j])
 
-    def tangent(self, displacement, frames, step=None, definite=False, pressure=None) -> tuple[np.ndarray, np.ndarray]:
+    def tangent(self, displacement, frames, step=None, definite=0.0, pressure=None) -> tuple[np.ndarray, np.ndarray]:
         """Values of the pattern at a displacement (n, 3) and the product of the tangent with `step`.
 
         frames (s, 3, 3): local axes of the framed nodes, in rows. step (n, 3): imposed motion in local axes, zero on
-        free unknowns; its product is returned for these. definite: every element's Hessian with its negative
-        eigenvalues cut off, so that the result is positive definite. pressure (p,) kPa: of each patch, for the
-        geometric part, in place of that of the displacement.
+        free unknowns; its product is returned for these. definite: if not 0, elements with J at or below it or at or
+        above its inverse have the negative eigenvalues of their Hessian cut off; 1 for all of them, with which the
+        result is positive definite. pressure (p,) kPa: of each patch, for the geometric part, in place of that of
+        the displacement.
         """
         data = np.zeros(len(self.indices))
         product = np.zeros(self.free.shape)
         imposed = np.zeros(self.free.shape) if step is None else np.ascontiguousarray(step, float)
         given = np.zeros(0) if pressure is None else np.ascontiguousarray(pressure, float)
         _tangent(
-            *(np.ascontiguousarray(displacement, float), *self.elements.arrays, definite),
+            *(np.ascontiguousarray(displacement, float), *self.elements.arrays, float(definite)),
             *(self._order, self._start, self._local, self._patch_first, self._patch_nodes, self._place_first),
             *(self._place, self._largest, self._frame, np.ascontiguousarray(frames, float)),
             *(self._rank, self._first, self.indptr, self._offset, imposed, step is not None),
@@ -162,13 +163,13 @@ def _cut(h):
 
 
 @njit(cache=True)
-def _element(f, cof, g, v, shear, stretch, bulk, curve, definite, fg, cg, h, k):
+def _element(f, cof, g, v, shear, stretch, bulk, curve, cutting, fg, cg, h, k):
     """Blocks k (4, 4, 3, 3) of one element, of nodes a <= b; fg and cg (4, 3) are F and cof F times the gradients."""
     for a in range(4):
         for i in range(3):
             fg[a, i] = f[i, 0] * g[a, 0] + f[i, 1] * g[a, 1] + f[i, 2] * g[a, 2]
             cg[a, i] = cof[i, 0] * g[a, 0] + cof[i, 1] * g[a, 1] + cof[i, 2] * g[a, 2]
-    if definite:
+    if cutting:
         _hessian(f, cof, shear, stretch, bulk, curve, h)
         cut = _cut(h)
         for a in range(4):
@@ -205,13 +206,13 @@ def _element(f, cof, g, v, shear, stretch, bulk, curve, definite, fg, cg, h, k):
 
 @njit(cache=True)
 def _turn(dense, at, count, axes):
-    """Rows and columns of the node at place `at` of a patch's matrix into its own axes."""
+    """Rows and columns of the node at place `at` of a patch's matrix, upper blocks, into its own axes."""
     own = 3 * at
-    for column in range(3 * count):
+    for column in range(own, 3 * count):
         x, y, z = dense[own, column], dense[own + 1, column], dense[own + 2, column]
         for i in range(3):
             dense[own + i, column] = axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
-    for row in range(3 * count):
+    for row in range(own + 3):
         x, y, z = dense[row, own], dense[row, own + 1], dense[row, own + 2]
         for i in range(3):
             dense[row, own + i] = axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
@@ -268,22 +269,24 @@ def _tangent(
             _, d, dd = _log(j, extension)
             shear, bulk = mu[e] + 2 * stiffening[e] * excess, first[p] - mu[e] * d
             v, curve = volumes[e], -mu[e] * dd
-            _element(f, cof, gradients[e], v, shear, 4 * stiffening[e], bulk, curve, definite, fg, cg, h, k)
+            cutting = definite > 0 and not definite < j < 1 / definite
+            _element(f, cof, gradients[e], v, shear, 4 * stiffening[e], bulk, curve, cutting, fg, cg, h, k)
             for a in range(4):
                 for i in range(3):
                     spread[3 * local[e, a] + i] += v * cg[a, i]
                 for b in range(a, 4):
+                    row, column = 3 * local[e, a], 3 * local[e, b]
                     for i in range(3):
                         for q in range(3):
-                            row, column = 3 * local[e, a] + i, 3 * local[e, b] + q
-                            dense[row, column] += k[a, b, i, q]
-                            if a != b:
-                                dense[column, row] += k[a, b, i, q]
+                            if row <= column:
+                                dense[row + i, column + q] += k[a, b, i, q]
+                            else:
+                                dense[column + q, row + i] += k[a, b, i, q]
         stiffness = second[p] / patch_volumes[p]
-        if definite:
+        if definite == 1:
             stiffness = max(stiffness, 0.0)
         for i in range(3 * count):
-            for q in range(3 * count):
+            for q in range(i - i % 3, 3 * count):
                 dense[i, q] += stiffness * spread[i] * spread[q]
         for a in range(count):
             if frame[nodes[a]] >= 0:
@@ -291,14 +294,15 @@ def _tangent(
         pair = place_first[p]
         for a in range(count):
             na = nodes[a]
-            if coupled:
-                for b in range(count):
-                    for q in range(3):
-                        if imposed[nodes[b], q] != 0.0:
-                            for i in range(3):
-                                product[na, i] += dense[3 * a + i, 3 * b + q] * imposed[nodes[b], q]
             for b in range(a, count):
                 nb = nodes[b]
+                if coupled:
+                    for i in range(3):
+                        for q in range(3):
+                            value = dense[3 * a + i, 3 * b + q]
+                            product[na, i] += value * imposed[nb, q]
+                            if a != b:
+                                product[nb, q] += value * imposed[na, i]
                 for i in range(3):
                     if rank[na, i] >= 0:
                         at = indptr[first_row[na] + rank[na, i]] + offset[place[pair]] - rank[na, i]

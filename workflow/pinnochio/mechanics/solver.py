@@ -131,6 +131,7 @@ class _Newton:
         self.systems = {}
         self.single, self.factorized, self.indefinite, self.spent = options.reuse, False, False, 0
         self.pressure = None  # of each patch (p,), for the tangent; None: that of its volume
+        self.tame = 0.0  # J of elements whose Hessian is cut before the whole tangent is found not to be definite
         self.history: list[dict] = []
         self.increments = self.iterations = self.factorizations = self.linear_iterations = 0
 
@@ -174,11 +175,11 @@ class _Newton:
         """Displacement (n, 3) that takes the state to equilibrium, to first order, while `step` (n, 3, local axes) is
         imposed on the constrained unknowns: by the factors at hand and conjugate gradients to `tolerance` if they
         serve, else by new ones, of the tangent cut to its definite part where it is not definite."""
-        definite = False
-        while True:
+        for cut in (self.tame, 1.0):
+            definite = cut == 1
             if time.perf_counter() - self.began > self.options.time_limit:
                 raise _Stop(f"time limit of {self.options.time_limit:g} s reached")
-            data, product = self.assembler.tangent(state.u, state.frames, step, definite, self.pressure)
+            data, product = self.assembler.tangent(state.u, state.frames, step, cut, self.pressure)
             if not definite:
                 bend = self.sliding.curvature(state.u, state.fraction, state.frames, state.force)
                 self.assembler.add(data, np.repeat(self.sliding.nodes[:, None], 2, axis=1), bend)
@@ -189,9 +190,7 @@ class _Newton:
                 self.cut = definite
                 whole = self.assembler.scatter(found) + (0 if step is None else step)
                 return self.constraints.world(whole, state.frames)
-            if definite:
-                raise _Stop("the tangent is singular: the boundary condition leaves a part of the mesh loose")
-            definite = True
+        raise _Stop("the tangent is singular: the boundary condition leaves a part of the mesh loose")
 
     def solution(self, data, force, tolerance: float, definite: bool) -> np.ndarray | None:
         """Solution for the tangent with values `data`, which is `definite`, or None if it turns out not to be."""
