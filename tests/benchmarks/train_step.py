@@ -3,10 +3,14 @@
 python tests/benchmarks/train_step.py --case results/cases/V01 [--device cuda] [--config config/config.yaml ...]
 
 Reads model.h5 and plan.json of the case; the layers take turns. Prints the milliseconds of each part of a step and of a
-prediction (medians), their ratio (median over the repeats), on a GPU the memory of a step, and the largest difference
-of a parameter's gradient relative to its norm; exits with 1 if that is above 1e-4. The max-pool takes the winners of
-torch_geometric's run in both: where two neighbours tie to the last digit, the gradient of either is right. On one
-thread of the processor the clock is the process's own, which other work on the machine disturbs less.
+prediction (medians), their ratio (median over the repeats), on a GPU the memory of a step and what a large copy moves
+per second, and the largest difference of a parameter's gradient relative to its norm; exits with 1 if that is above
+1e-4. The max-pool takes the winners of torch_geometric's run in both: where two neighbours tie to the last digit, the
+gradient of either is right. On one thread of the processor the clock is the process's own, which other work on the
+machine disturbs less.
+
+With --once a GPU makes one warm step, alone seen by a profiler that waits for it; what it moves is the sum of
+ncu --profile-from-start off --clock-control none --csv --metrics dram__bytes.sum python tests/benchmarks/train_step.py
 """
 
 import argparse
@@ -146,6 +150,29 @@ def difference(problem: Problem) -> tuple[float, str]:
     return found[worst], worst
 
 
+def copied_per_second(gigabytes: float = 4.0) -> float:
+    """GB read and written per second by a copy on the GPU."""
+    source = torch.empty(int(gigabytes * 1e9), dtype=torch.uint8, device="cuda")
+    target, seconds = torch.empty_like(source), []
+    for _ in range(6):
+        torch.cuda.synchronize()
+        began = time.perf_counter()
+        target.copy_(source)
+        torch.cuda.synchronize()
+        seconds.append(time.perf_counter() - began)
+    return 2 * gigabytes / np.median(seconds[1:])
+
+
+def show_one_step(problem: Problem) -> None:
+    """One warm step between the marks that a profiler waits for."""
+    for warm in (False, False, True):
+        if warm:
+            torch.cuda.cudart().cudaProfilerStart()
+        problem.step()
+        torch.cuda.synchronize()
+    torch.cuda.cudart().cudaProfilerStop()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--case", type=Path, required=True, help="folder with model.h5 and plan.json")
@@ -153,10 +180,13 @@ def main() -> None:
     parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
     parser.add_argument("--threads", type=int, default=1, help="of the processor")
     parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--once", action="store_true", help="one step for a profiler")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     config = reduce(overlaid, (yaml.safe_load(path.read_text(encoding="utf-8")) for path in options.config))
     problem = Problem(options.case, config, options.device)
+    if options.once:
+        return show_one_step(problem)
     error, worst = difference(problem)
     steps, predictions, memory = ([], []), ([], []), [0, 0]
     for repeat in range(options.repeats + 1):
@@ -179,6 +209,7 @@ def main() -> None:
         print(f"| {name} | {np.median(ours):.1f} | {np.median(theirs):.1f} | {np.median(theirs / ours):.2f} |")
     if options.device == "cuda":
         print(f"\npeak memory of a step: {memory[0] / 2**20:.0f} MiB, torch_geometric {memory[1] / 2**20:.0f} MiB")
+        print(f"a copy moves {copied_per_second():.0f} GB/s, read and written")
     print(f"\nlargest relative difference of a gradient: {error:.1e} ({worst})")
     if not error <= TOLERANCE:
         sys.exit(f"the gradients differ by more than {TOLERANCE:g}")
