@@ -56,4 +56,4 @@ def test_design_names_the_change_of_each_switch(tmp_path):
     table = read_table(tmp_path / "d.csv", DESIGN)
     assert table["change"].tolist() == list(named.values()) and table["method"][0] == "full"
     assert table["cd_mean_difference"][1] == pytest.approx(-0.2 * 1.035)
-    assert "| network.decomposition False |" in (tmp_path / "d.md").read_text()
+    assert "| unified |" in (tmp_path / "d.md").read_text()

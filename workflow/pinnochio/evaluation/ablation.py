@@ -66,7 +66,7 @@ def write_design(
     frame["change"] = [changes[name] for name in methods]
     frame = write_csv(frame, path, DESIGN)
     view = [
-        View("Network", lambda row: row["change"] or row["method"]),
+        View("Network", lambda row: row["method"].removeprefix("design_")),
         View("CD mm", spread("cd"), -1),
         View("Volume error mm", spread("volume_error_mean"), -1),
         View("EqRes", spread("eqres_rel"), -1),
