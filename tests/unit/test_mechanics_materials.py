@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elements import _log
+from pinnochio.mechanics.elements import extended_log
 from pinnochio.mechanics.materials import EXTENSION, Material, lame, neo_hookean
 
 
@@ -37,10 +37,10 @@ def test_bad_constants_are_refused(make):
 
 
 def test_extension_joins_with_two_derivatives_and_is_its_own_derivative():
-    below, above = (np.array(_log(EXTENSION + s * 1e-10, EXTENSION)) for s in (-1, 1))
+    below, above = (np.array(extended_log(EXTENSION + s * 1e-10, EXTENSION)) for s in (-1, 1))
     np.testing.assert_allclose(below, above, rtol=1e-8)
     np.testing.assert_allclose(above, [np.log(EXTENSION), 1 / EXTENSION, -1 / EXTENSION**2], rtol=1e-8)
     for j in (-2.0, -0.1, 0.0, 0.1, 0.19, 0.21, 1.0, 2.0):
-        low, mid, high = (np.array(_log(j + s, EXTENSION)) for s in (-1e-6, 0, 1e-6))
+        low, mid, high = (np.array(extended_log(j + s, EXTENSION)) for s in (-1e-6, 0, 1e-6))
         np.testing.assert_allclose((high - low)[:2] / 2e-6, mid[1:], rtol=1e-6)
-    assert _log(1.7, EXTENSION)[0] == np.log(1.7)
+    assert extended_log(1.7, EXTENSION)[0] == np.log(1.7)

@@ -8,7 +8,7 @@ from tiny_patient import tiny_patient, tiny_plan
 from pinnochio.anatomy.model import FIXED, FREE, NO_INTERFACE
 from pinnochio.errors import InputError
 from pinnochio.mechanics.assembly import Assembler
-from pinnochio.mechanics.elements import Elements, _bulk, jacobians
+from pinnochio.mechanics.elements import Elements, jacobians, patch_bulk
 from pinnochio.mechanics.guard import FLOOR
 from pinnochio.mechanics.problems import uniform
 from pinnochio.mechanics.refine import Finish, Refiner, foretold_pressure, interface, newton_corrections
@@ -115,7 +115,9 @@ def test_foretold_pressure_is_the_first_order(bent, seed):
     def pressure(u):
         first, second = (np.zeros(len(elements.patch_volumes)) for _ in range(2))
         e = elements
-        _bulk(u, e.cells, e.gradients, e.volumes, e.patch, e.patch_volumes, e.patch_lam, law.extension, first, second)
+        patch_bulk(
+            u, e.cells, e.gradients, e.volumes, e.patch, e.patch_volumes, e.patch_lam, law.extension, first, second
+        )
         return first
 
     h = 1e-6

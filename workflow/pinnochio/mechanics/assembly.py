@@ -3,7 +3,7 @@
 import numpy as np
 
 from pinnochio.compiled import njit
-from pinnochio.mechanics.elements import Elements, _bulk, _log, _strain
+from pinnochio.mechanics.elements import Elements, deformation, extended_log, patch_bulk
 
 _EPSILON = np.zeros((3, 3, 3))
 _EPSILON[0, 1, 2] = _EPSILON[1, 2, 0] = _EPSILON[2, 0, 1] = 1
@@ -256,7 +256,7 @@ def _tangent(
     k, fg, cg = np.empty((4, 4, 3, 3)), np.empty((4, 3)), np.empty((4, 3))
     dense, spread = np.empty((3 * largest, 3 * largest)), np.empty(3 * largest)
     first, second = np.empty(len(patch_volumes)), np.empty(len(patch_volumes))
-    _bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second)
+    patch_bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second)
     if carried:
         first[:] = given
     for p in range(len(patch_volumes)):
@@ -265,8 +265,8 @@ def _tangent(
         dense[: 3 * count, : 3 * count] = 0.0
         spread[: 3 * count] = 0.0
         for e in order[start[p] : start[p + 1]]:
-            j, excess = _strain(u, cells[e], gradients[e], f, cof)
-            _, d, dd = _log(j, extension)
+            j, excess = deformation(u, cells[e], gradients[e], f, cof)
+            _, d, dd = extended_log(j, extension)
             shear, bulk = mu[e] + 2 * stiffening[e] * excess, first[p] - mu[e] * d
             v, curve = volumes[e], -mu[e] * dd
             cutting = definite > 0 and not definite < j < 1 / definite

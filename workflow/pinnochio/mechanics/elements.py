@@ -127,7 +127,7 @@ def jacobians(points, cells, displacement) -> np.ndarray:
 
 
 @njit(cache=True)
-def _log(j, extension):
+def extended_log(j, extension):
     """ln J and its first two derivatives, extended below `extension` by the Taylor polynomial there."""
     if j >= extension:
         return np.log(j), 1 / j, -1 / (j * j)
@@ -136,7 +136,7 @@ def _log(j, extension):
 
 
 @njit(cache=True)
-def _strain(u, cell, gradient, f, cof):
+def deformation(u, cell, gradient, f, cof):
     """F into `f`, its cofactor into `cof`; returns J and I1 - 3 (free of cancellation near rest)."""
     excess = 0.0
     for i in range(3):
@@ -155,16 +155,16 @@ def _strain(u, cell, gradient, f, cof):
 
 
 @njit(cache=True)
-def _bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second):
+def patch_bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second):
     """dU/dJ_p and d2U/dJ_p2 of each patch, U = lam_p/2 (ln J_p)^2; returns the energy of all."""
     f, cof = np.empty((3, 3)), np.empty((3, 3))
     ratio = np.zeros(len(patch_volumes))
     for e in range(len(cells)):
-        j, _ = _strain(u, cells[e], gradients[e], f, cof)
+        j, _ = deformation(u, cells[e], gradients[e], f, cof)
         ratio[patch[e]] += volumes[e] * j
     energy = 0.0
     for p in range(len(patch_volumes)):
-        log, d, dd = _log(ratio[p] / patch_volumes[p], extension)
+        log, d, dd = extended_log(ratio[p] / patch_volumes[p], extension)
         energy += 0.5 * patch_volumes[p] * patch_lam[p] * log * log
         first[p] = patch_lam[p] * log * d
         second[p] = patch_lam[p] * (d * d + log * dd)
@@ -175,12 +175,12 @@ def _bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extensi
 def _evaluate(u, cells, gradients, volumes, patch, patch_volumes, mu, patch_lam, stiffening, extension, force):
     f, cof = np.empty((3, 3)), np.empty((3, 3))
     first, second = np.empty(len(patch_volumes)), np.empty(len(patch_volumes))
-    energy = _bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second)
+    energy = patch_bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second)
     least = np.inf
     for e in range(len(cells)):
-        j, excess = _strain(u, cells[e], gradients[e], f, cof)
+        j, excess = deformation(u, cells[e], gradients[e], f, cof)
         least = min(least, j)
-        log, d, _ = _log(j, extension)
+        log, d, _ = extended_log(j, extension)
         energy += volumes[e] * (0.5 * mu[e] * excess + 0.5 * stiffening[e] * excess**2 - mu[e] * log)
         shear = volumes[e] * (mu[e] + 2 * stiffening[e] * excess)
         bulk = volumes[e] * (first[patch[e]] - mu[e] * d)

@@ -8,12 +8,12 @@ import numpy as np
 from pinnochio.anatomy.model import FIXED, FREE, NO_INTERFACE, PatientModel
 from pinnochio.compiled import njit
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elements import VOLUMETRIC, Elements, _bulk, _strain
+from pinnochio.mechanics.elements import VOLUMETRIC, Elements, deformation, patch_bulk
 from pinnochio.mechanics.guard import Repair, guard
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.simulation import FemSettings
 from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import SolverOptions, _floor, _Newton, _Stop
+from pinnochio.mechanics.solver import Newton, SolverOptions, Stop, least_allowed
 
 # Shares of a Newton step that are tried in turn.
 SHARES = tuple(0.5**halvings for halvings in range(20))
@@ -63,7 +63,7 @@ class Refiner:
         self._mesh = np.asarray(points, float), np.asarray(cells), material
         options = SolverOptions(volumetric, time_limit=np.inf, linear_solver=linear_solver)
         boundary = BoundaryConditions(self._nodes, lambda fraction: self._told)
-        self._newton = _Newton(points, cells, material, boundary, options)
+        self._newton = Newton(points, cells, material, boundary, options)
 
     def corrections(self, start, prescribed, steps: int, tolerance: float = 0.0) -> list[Correction]:
         """The start (n, 3) mm and what 1, 2, ... `steps` corrections make of it; fewer where one meets the tolerance
@@ -114,7 +114,7 @@ class Refiner:
         moving = (self._told != state.u[self._nodes]).any()
         try:
             direction = newton.predict(state, 1.0)
-        except _Stop:
+        except Stop:
             return state, 0.0, None
         slope = float(np.einsum("ij,ij->", direction, state.force))
         for share in SHARES:
@@ -123,7 +123,7 @@ class Refiner:
                 u[self._nodes] = self._told  # to the last bit
             new = newton.measured(u, 1.0)
             # While the boundary moves the energy may rise.
-            if new.least > _floor(state) and (moving or newton.falls(state, new, share * slope)):
+            if new.least > least_allowed(state) and (moving or newton.falls(state, new, share * slope)):
                 return new, share, direction
         return state, 0.0, direction
 
@@ -182,7 +182,7 @@ def foretold_pressure(elements: Elements, displacement, change) -> np.ndarray:
     pressure, slope, rates = (np.zeros(len(elements.patch_volumes)) for _ in range(3))
     u, step = (np.ascontiguousarray(x, float) for x in (displacement, change))
     cells, gradients, volumes, patch, patch_volumes, _, patch_lam, _, extension = elements.arrays
-    _bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, pressure, slope)
+    patch_bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, pressure, slope)
     _volume_rates(u, step, cells, gradients, volumes, patch, rates)
     return pressure + slope * rates / patch_volumes
 
@@ -192,7 +192,7 @@ def _volume_rates(u, step, cells, gradients, volumes, patch, rates):
     """Adds to every patch the first-order change of its volume under `step`."""
     f, cof = np.empty((3, 3)), np.empty((3, 3))
     for e in range(len(cells)):
-        _strain(u, cells[e], gradients[e], f, cof)
+        deformation(u, cells[e], gradients[e], f, cof)
         rate = 0.0
         for a in range(4):
             for i in range(3):

@@ -74,12 +74,12 @@ class SolveResult:
     seconds: float
 
 
-class _Stop(Exception):
+class Stop(Exception):
     """Ends the solution for good, with its reason."""
 
 
 @dataclass
-class _State:
+class State:
     """A displacement at a load fraction with its energy, force, residual (relative) and least J."""
 
     u: np.ndarray
@@ -109,14 +109,16 @@ def solve(
     sound = options.increments >= 1 and options.growth >= 1 and options.tolerance > 0 and 0 < options.min_increment <= 1
     if not sound:
         raise InputError("-", "options", f"{options} makes no sense", "increments, growth >= 1, tolerance > 0")
-    newton = _Newton(points, cells, material, boundary, options)
+    newton = Newton(points, cells, material, boundary, options)
     try:
         return newton.run(start)
     finally:
         newton.close()
 
 
-class _Newton:
+class Newton:
+    """Newton's method on one mesh under one boundary condition: states, steps, and the way to the whole load."""
+
     def __init__(self, points, cells, material, boundary: BoundaryConditions, options: SolverOptions):
         self.began = time.perf_counter()
         self.options = options
@@ -137,11 +139,11 @@ class _Newton:
 
     # ---- states
 
-    def state(self, u, fraction: float) -> _State:
+    def state(self, u, fraction: float) -> State:
         """The admissible state next to `u`: prescribed nodes where they belong, sliding nodes on their surfaces."""
         return self.measured(self.constraints.met(u, fraction), fraction)
 
-    def measured(self, u, fraction: float) -> _State:
+    def measured(self, u, fraction: float) -> State:
         """The state `u` with its residual: forces on the free unknowns over the reactions on the constrained ones."""
         energy, force, least = self.elements.evaluate(u)
         pressing, push = self.contact.evaluate(u, fraction)
@@ -155,9 +157,9 @@ class _Newton:
         # The reaction at a strain of 1e-4: the measure where the load asks for no force, as in a rigid motion.
         least_reaction = 1e-4 * self.elements.modulus * self.elements.edge**2 * np.sqrt(held.sum())
         residual = float(np.linalg.norm(free_force) / max(reaction, least_reaction, np.finfo(float).tiny))
-        return _State(u, fraction, energy, force, least, frames, free_force, residual)
+        return State(u, fraction, energy, force, least, frames, free_force, residual)
 
-    def record(self, state: _State, kind: str, step: float = 1.0) -> None:
+    def record(self, state: State, kind: str, step: float = 1.0) -> None:
         self.history.append(
             {
                 "kind": kind,
@@ -171,14 +173,14 @@ class _Newton:
 
     # ---- steps
 
-    def direction(self, state: _State, tolerance: float, step=None) -> np.ndarray:
+    def direction(self, state: State, tolerance: float, step=None) -> np.ndarray:
         """Displacement (n, 3) that takes the state to equilibrium, to first order, while `step` (n, 3, local axes) is
         imposed on the constrained unknowns: by the factors at hand and conjugate gradients to `tolerance` if they
         serve, else by new ones, of the tangent cut to its definite part where it is not definite."""
         for cut in (self.tame, 1.0):
             definite = cut == 1
             if time.perf_counter() - self.began > self.options.time_limit:
-                raise _Stop(f"time limit of {self.options.time_limit:g} s reached")
+                raise Stop(f"time limit of {self.options.time_limit:g} s reached")
             data, product = self.assembler.tangent(state.u, state.frames, step, cut, self.pressure)
             if not definite:
                 bend = self.sliding.curvature(state.u, state.fraction, state.frames, state.force)
@@ -190,7 +192,7 @@ class _Newton:
                 self.cut = definite
                 whole = self.assembler.scatter(found) + (0 if step is None else step)
                 return self.constraints.world(whole, state.frames)
-        raise _Stop("the tangent is singular: the boundary condition leaves a part of the mesh loose")
+        raise Stop("the tangent is singular: the boundary condition leaves a part of the mesh loose")
 
     def solution(self, data, force, tolerance: float, definite: bool) -> np.ndarray | None:
         """Solution for the tangent with values `data`, which is `definite`, or None if it turns out not to be."""
@@ -235,14 +237,14 @@ class _Newton:
         for system in self.systems.values():
             system.close()
 
-    def predict(self, state: _State, end: float) -> np.ndarray:
+    def predict(self, state: State, end: float) -> np.ndarray:
         """Displacement increment (n, 3), to first order, up to the load fraction `end`."""
         target = self.constraints.met(self.sliding.carry(state.u, state.fraction, end), end)
         local = self.constraints.local(target - state.u, state.frames)
         step = np.where(self.constraints.constrained, local, 0)
         return self.direction(state, 1e-3, step)
 
-    def descend(self, state: _State) -> _State | None:
+    def descend(self, state: State) -> State | None:
         """One Newton step with a line search on the energy that turns no element inside out."""
         self.iterations += 1
         direction = self.direction(state, 1e-2)
@@ -250,26 +252,26 @@ class _Newton:
         for halvings in range(30):
             step = 0.5**halvings
             new = self.state(state.u + step * direction, state.fraction)
-            if self.falls(state, new, step * slope) and new.least > _floor(state):
+            if self.falls(state, new, step * slope) and new.least > least_allowed(state):
                 break
         else:
             return None
         # Off a saddle the definite part makes steps that are far too short: on as long as it goes down well.
         while self.cut and 1 <= step < 64:
             further = self.state(state.u + 2 * step * direction, state.fraction)
-            if further.energy > new.energy + 1e-1 * step * slope or further.least <= _floor(state):
+            if further.energy > new.energy + 1e-1 * step * slope or further.least <= least_allowed(state):
                 break
             new, step = further, 2 * step
         self.record(new, "newton", step)
         return new
 
-    def falls(self, state: _State, new: _State, expected: float) -> bool:
+    def falls(self, state: State, new: State, expected: float) -> bool:
         """Whether the energy falls from one state to the next by some share of what is expected to first order."""
         # Round-off of a sum over all elements; below it the energy cannot tell two states apart.
         noise = 1e-14 * self.elements.modulus * self.elements.volumes.sum() + 1e-13 * abs(state.energy)
         return new.energy <= state.energy + 1e-4 * expected + noise
 
-    def equilibrium(self, state: _State, tolerance: float) -> tuple[_State, str]:
+    def equilibrium(self, state: State, tolerance: float) -> tuple[State, str]:
         """Newton iterations at a fixed load: the last state, and "" or why it is not in equilibrium."""
         count = 0
         while state.residual > tolerance:
@@ -298,13 +300,13 @@ class _Newton:
         """Result of a way to equilibrium, the last state it reached if it was stopped."""
         try:
             return self.result(*way(begin))
-        except _Stop as stop:
+        except Stop as stop:
             return self.result(self.reached, str(stop))
 
     def tangled(self, start) -> bool:
         return (jacobians(self.points, self.elements.cells, start) <= 0).mean() > TANGLED
 
-    def improve(self, start) -> tuple[_State, str]:
+    def improve(self, start) -> tuple[State, str]:
         """Equilibrium at full load from a guess (n, 3)."""
         guess = self.reached = self.measured(start, 1.0)
         if guess.least > 0:
@@ -315,7 +317,7 @@ class _Newton:
         self.record(better, "start")
         return self.equilibrium(better, self.options.tolerance)
 
-    def untangled(self, state: _State) -> _State:
+    def untangled(self, state: State) -> State:
         """The state that an energy without a barrier leads to: it pushes elements from far inside out."""
         elements = self.elements
         self.elements = self.assembler.elements = elements.with_extension(UNTANGLING)
@@ -325,7 +327,7 @@ class _Newton:
             self.elements = self.assembler.elements = elements
         return self.measured(state.u, state.fraction)
 
-    def advance(self, state: _State) -> tuple[_State, str]:
+    def advance(self, state: State) -> tuple[State, str]:
         """Equilibrium at full load from the rest state, in increments that shrink on failure and grow on ease."""
         options, share = self.options, 1 / self.options.increments
         while state.fraction < 1:
@@ -348,7 +350,7 @@ class _Newton:
             self.increments += 1
         return state, ""
 
-    def result(self, state: _State, reason: str) -> SolveResult:
+    def result(self, state: State, reason: str) -> SolveResult:
         violation = np.abs(self.sliding.violation(state.u, state.fraction))
         gaps = self.contact.gaps(state.u, state.fraction)
         return SolveResult(
@@ -370,6 +372,6 @@ class _Newton:
         )
 
 
-def _floor(state: _State) -> float:
+def least_allowed(state: State) -> float:
     """Least J that a step from `state` may reach: an inverted state is free to find its way out."""
     return 0.0 if state.least > 0 else -np.inf
