@@ -4,10 +4,10 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import h5py
 import numpy as np
 
 from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.anatomy.predictions import read_prediction
 from pinnochio.anatomy.regions import NAMES, regions
 from pinnochio.evaluation.conformal import coverage, half_widths, held_out
@@ -38,8 +38,7 @@ def calibrate(cases: Sequence[ScannedCase], method: str, level: float, seed: int
     for files in cases:
         patient = PatientModel.read(files.model)
         region = regions(patient)
-        with h5py.File(files.postop, "r") as file:
-            scan = file["points"][()], file["faces"][()]
+        scan = PostopSkin.read(files.postop).surface
         predicted = read_prediction(files.predictions, files.case).displacement
         errors.append(held_out(files.case, files.fold, patient, region, predicted, *scan))
         spreads.append((skin_spread(patient, read_ensemble(files.ensemble)), region))

@@ -3,11 +3,11 @@
 import logging
 from collections.abc import Mapping, Sequence
 
-import h5py
 import pandas as pd
 
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.anatomy.predictions import read_prediction
 from pinnochio.evaluation.case import evaluate_case
 from pinnochio.evaluation.tables import CASES, write_csv
@@ -39,7 +39,7 @@ def evaluate(
         patient = PatientModel.read(models[number])
         material = fem.material(patient.tissue)
         operator = Operator.build(patient.points, patient.cells, material, fem.volumetric)
-        target, known = read_postop(postops[case]) if case in postops else (None, {})
+        skin = PostopSkin.read(postops[case]) if case in postops else None
         rows.append(
             evaluate_case(
                 patient,
@@ -49,20 +49,13 @@ def evaluate(
                 element=fem.volumetric,
                 samples=samples,
                 seed=seed,
-                target=target,
+                target=skin and skin.surface,
                 truth=read_truth(truths[number], case)[:3] if truths else None,
-                labels=labels | known,
+                labels=labels | ({"registration_residual": skin.residual} if skin else {}),
             )
         )
         logging.info("%s: CD %.3f mm, min J %.3f", case, rows[-1]["cd"], rows[-1]["min_jacobian"])
     write_csv(pd.DataFrame(rows), metrics, CASES)
-
-
-def read_postop(path: str):
-    """Points and faces of the registered post-operative skin, and the column that says how well it was registered."""
-    with h5py.File(path, "r") as file:
-        known = {"registration_residual": float(file.attrs["registration_residual"])}
-        return (file["points"][()], file["faces"][()]), known
 
 
 if __name__ == "__main__":

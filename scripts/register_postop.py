@@ -2,13 +2,10 @@
 
 import logging
 
-import h5py
-import numpy as np
-
+from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.anatomy.registration import register, upper_face_plane
 from pinnochio.anatomy.segmentation import read_postop
 from pinnochio.anatomy.surfaces import BoneSurface, read_surface
-from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 
 
@@ -32,10 +29,7 @@ def register_postop(
     plane = upper_face_plane(BoneSurface.read(bone), segments, nasion_above_maxilla)
     found = register(points, faces, skin_points, skin_faces, plane, case=case, file=postop, limit=limit)
     logging.info("residual: median %.3f mm, p95 %.3f mm", found.median, found.p95)
-    with replacing(registered) as temporary, h5py.File(temporary, "w", track_order=True) as file:
-        file.create_dataset("points", data=found.apply(points), track_times=False)
-        file.create_dataset("faces", data=np.asarray(faces, np.int32), track_times=False)
-        file.attrs["registration_residual"] = found.median
+    PostopSkin(found.apply(points), faces, found.median).write(registered)
 
 
 if __name__ == "__main__":

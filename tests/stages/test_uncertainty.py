@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from pinnochio.anatomy.model import FREE, PatientModel
+from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.anatomy.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.anatomy.regions import NAMES, OTHER, regions
 from pinnochio.errors import InputError
@@ -16,7 +17,6 @@ from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training.checkpoint import save_network
 from scripts.calibrate import ScannedCase, calibrate
 from scripts.collect_coverage import collect_coverage
-from scripts.evaluate import read_postop
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
 from tests.stages.conftest import SEED
@@ -103,7 +103,7 @@ def test_the_half_width_covers_half_of_both_patients(patients, ensembles, calibr
     for fold, files in zip(FOLDS, patients, strict=False):
         patient = PatientModel.read(files.model)
         chin = regions(patient) == NAMES.index("chin")
-        scan, _ = read_postop(files.postop)
+        scan = PostopSkin.read(files.postop).surface
         skin = patient.moved_skin(read_prediction(ensembles[files.case], fold).displacement)
         found = closest_points(skin[chin], *scan)
         errors.append(found.distance[~found.border])

@@ -14,6 +14,7 @@ import torch
 from tiny_patient import tiny_patient, tiny_plan
 
 from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
+from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.mechanics.materials import neo_hookean
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training import loop
@@ -49,8 +50,7 @@ def make_cases(folder: Path, count: int = 4) -> list[CaseFiles]:
         with h5py.File(paths["teaching"], "w") as file:
             file["plan_0/displacement"] = field
             file["plan_0"].attrs["plan"] = plan.to_json()
-        with h5py.File(paths["postop"], "w") as file:
-            file["points"], file["faces"] = model.points + field + [0, 0, 1], model.skin_faces
+        PostopSkin(model.points + field + [0, 0, 1], model.skin_faces, 0.0).write(paths["postop"])
         found.append(CaseFiles(plan.case, **paths))
     return found
 

@@ -11,6 +11,7 @@ from tiny_patient import tiny_patient, tiny_plan
 
 from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
 from pinnochio.anatomy.model import FREE, PatientModel
+from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.errors import InputError
 from pinnochio.mechanics.materials import neo_hookean
 from pinnochio.networks.settings import NetworkSettings
@@ -55,9 +56,8 @@ def cases(tmp_path_factory):
                 group = file.create_group(f"plan_{number}")
                 group["displacement"] = smooth_field(model, plan)
                 group.attrs["plan"] = plan.to_json()
-        with h5py.File(paths["postop"], "w") as file:
-            file["points"] = model.points + smooth_field(model, plans[0]) + [0, 0, SWELLING]
-            file["faces"] = model.skin_faces
+        points = model.points + smooth_field(model, plans[0]) + [0, 0, SWELLING]
+        PostopSkin(points, model.skin_faces, 0.0).write(paths["postop"])
         found.append(CaseFiles("tiny", **paths))
     return found
 
@@ -173,9 +173,8 @@ def test_empty_teaching_and_unregistered_skin_name_the_case(cases, tmp_path):
     h5py.File(tmp_path / "none.h5", "w").close()
     with pytest.raises(InputError, match="tiny.*none.h5"):
         pretrain([CaseFiles("tiny", cases[0].model, teaching=tmp_path / "none.h5")], tmp_path)
-    with h5py.File(tmp_path / "far.h5", "w") as file:
-        model = PatientModel.read(cases[0].model)
-        file["points"], file["faces"] = model.points + 200, model.skin_faces
+    model = PatientModel.read(cases[0].model)
+    PostopSkin(model.points + 200, model.skin_faces, 0.0).write(tmp_path / "far.h5")
     far = CaseFiles("tiny", cases[0].model, plan=cases[0].plan, postop=tmp_path / "far.h5")
     pretrained, training = pretrain(cases, tmp_path, 1)[0], TrainingSettings(1, 1e-3)
     options = {"seed": 0, "device": "cpu", "out": tmp_path / "o.pt", "history": tmp_path / "h.csv"}

@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.errors import InputError
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.materials import Material
@@ -259,10 +260,10 @@ def read_teaching(files: CaseFiles) -> list[tuple[Plan, np.ndarray]]:
 
 def read_surface_loss(files: CaseFiles, patient: PatientTensors, training: TrainingSettings) -> SurfaceLoss:
     """The Chamfer term against the case's post-operative skin, tried once on the patient at rest."""
-    with h5py.File(files.postop, "r") as file:
-        points, faces = file["points"][()], file["faces"][()]
     try:
-        loss = SurfaceLoss(patient, points, faces, training.surface_samples, training.surface_cutoff)
+        loss = SurfaceLoss(
+            patient, *PostopSkin.read(files.postop).surface, training.surface_samples, training.surface_cutoff
+        )
         loss(torch.zeros_like(patient.points), np.random.default_rng(0))
     except ValueError as error:
         remedy = "check registration and face region"
