@@ -98,7 +98,8 @@ def add_bone(plotter: pv.Plotter, patient: PatientModel, plan: Plan) -> None:
 
 def add_field(plotter, skin: pv.PolyData, values: np.ndarray, title: str, limits, colours: str) -> None:
     """Skin coloured by a value per node, with its bar."""
-    bar = {"title": title, "vertical": False, "color": "black", "label_font_size": 16, "title_font_size": 16}
+    bar = {"title": title, "vertical": False, "color": "black", "label_font_size": 14, "title_font_size": 14}
+    bar |= {"n_labels": 3, "position_x": 0.1, "width": 0.8, "position_y": 0.0, "height": 0.1}
     plotter.add_mesh(skin, scalars=values, cmap=colours, clim=limits, scalar_bar_args=bar, copy_mesh=True)
 
 
