@@ -13,16 +13,16 @@ import argparse
 import os
 import sys
 import time
-from functools import reduce
 from pathlib import Path
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the study does
 
 import numpy as np
 import torch
-import yaml
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
+
+from configuration import read_config
 
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
@@ -33,7 +33,7 @@ from pinnochio.mechanics.simulation import FemSettings, simulate
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.study import overlaid, variants
+from pinnochio.study import variants
 from pinnochio.training.checkpoint import load_network
 from pinnochio.training.stages import Predictor, tensors
 
@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("--untrained", action="store_true")
     asked = parser.parse_args()
     torch.set_num_threads(asked.threads)
-    config = reduce(overlaid, (yaml.safe_load(path.read_text(encoding="utf-8")) for path in asked.config))
+    config = read_config(asked.config)
     fem, settings = FemSettings(**config["fem"]), variants(config)
     model = PatientModel.read(asked.case / "model.h5")
     plan = Plan.from_json((asked.case / "plan.json").read_text(encoding="utf-8"), asked.case / "plan.json")

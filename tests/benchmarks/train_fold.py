@@ -5,28 +5,27 @@ python tests/benchmarks/train_fold.py --cases results/paper/cases --out fold --f
 
 Reads model.h5, teaching.h5, plan.json and postop.h5 of the fold's training patients below --cases (and their lifts,
 where the variant has one) with torch, torch_geometric, numpy, scipy and h5py, and writes what the study's rules write:
-pretrained.pt, pretraining.csv, network.pt, finetuning.csv. Prints seconds per step and the memory of the GPU. Killed
-and started again it goes on. --seconds ends it in good order before a machine is taken away.
+pretrained.pt, pretraining.csv, network.pt, finetuning.csv. Logs steps per second, prints the seconds of each phase and
+the memory of the GPU. Killed, by `timeout` before a machine is taken away, and started again it goes on.
 """
 
 import argparse
 import logging
-import signal
 import sys
 import time
-from functools import reduce
 from pathlib import Path
 
 import torch
-import yaml
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
+from configuration import read_config
+
 from pinnochio.mechanics.simulation import FemSettings
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.seeds import derive_seed
-from pinnochio.study import assign_folds, overlaid, variants, virtual_cases
+from pinnochio.study import assign_folds, variants, virtual_cases
 from pinnochio.training.settings import TrainingSettings
 from scripts.finetune import finetune
 from scripts.pretrain import pretrain
@@ -41,12 +40,10 @@ def main() -> None:
     parser.add_argument("--config", type=Path, nargs="+", default=[Path("config/config.yaml")])
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--threads", type=int, default=1, help="of the processor")
-    parser.add_argument("--seconds", type=int, default=0)
     asked = parser.parse_args()
-    signal.alarm(asked.seconds)
     torch.set_num_threads(asked.threads)
-    config = reduce(overlaid, (yaml.safe_load(path.read_text(encoding="utf-8")) for path in asked.config))
-    settings, fem = variants(config)[asked.method], FemSettings(**config["fem"])
+    config = read_config(asked.config)
+    settings = variants(config)[asked.method]
     names = [case.name for case in virtual_cases(config["virtual"]["patients"], "")]
     held_out = assign_folds(names, [], config["folds"], config["seed"])[asked.fold]
     cases = [name for name in names if name not in held_out]
@@ -56,31 +53,26 @@ def main() -> None:
     def files(name):
         return [str(asked.cases / case / name) for case in cases]
 
-    def outputs(network, history):
-        return {"network": str(asked.out / network), "history": str(asked.out / history)}
-
     lift = settings["network"]["lift"]
     lifts = [] if lift == "none" else files(f"lift_{lift}.h5")
-    network = NetworkSettings(**settings["network"])
+    common = {"fem": FemSettings(**config["fem"]), "device": asked.device}
     phases = {
-        "pretraining": lambda: pretrain(
-            cases, files("model.h5"), lifts, files("teaching.h5"), network, TrainingSettings(**settings["pretraining"]),
-            fem, derive_seed(config["seed"], "pretrain", f"{asked.fold}/{asked.method}"), asked.device,
-            outputs("pretrained.pt", "pretraining.csv"),
-        ),
-        "finetuning": lambda: finetune(
+        "pretraining": ("pretrained.pt", lambda phase: pretrain(
+            cases, files("model.h5"), lifts, files("teaching.h5"), NetworkSettings(**settings["network"]),
+            seed=derive_seed(config["seed"], "pretrain", f"{asked.fold}/{asked.method}"), **phase,
+        )),
+        "finetuning": ("network.pt", lambda phase: finetune(
             cases, files("model.h5"), lifts, files("plan.json"), files("postop.h5"), asked.out / "pretrained.pt",
-            TrainingSettings(**settings["finetuning"]), fem,
-            derive_seed(config["seed"], "finetune", f"{asked.fold}/{asked.method}"), asked.device,
-            outputs("network.pt", "finetuning.csv"),
-        ),
+            seed=derive_seed(config["seed"], "finetune", f"{asked.fold}/{asked.method}"), **phase,
+        )),
     }  # fmt: skip
-    for name, phase in phases.items():
-        if (asked.out / f"{name}.csv").is_file() and (asked.out / "pretrained.pt").is_file():
+    for name, (network, train) in phases.items():
+        if (asked.out / network).is_file():
             print(f"{name}: already there")
             continue
         began = time.perf_counter()
-        phase()
+        outputs = {"network": str(asked.out / network), "history": str(asked.out / f"{name}.csv")}
+        train(common | {"training": TrainingSettings(**settings[name]), "outputs": outputs})
         print(f"{name}: {settings[name]['steps']} steps, {time.perf_counter() - began:.0f} s with reading")
     if asked.device == "cuda":
         print(f"peak memory of the GPU: {torch.cuda.max_memory_allocated() / 2**30:.2f} GiB")

@@ -17,14 +17,14 @@ import argparse
 import sys
 import time
 from contextlib import contextmanager, nullcontext
-from functools import reduce
 from pathlib import Path
 
 import numpy as np
 import torch
-import yaml
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
+
+from configuration import read_config
 
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
@@ -33,7 +33,6 @@ from pinnochio.networks import boundary
 from pinnochio.networks.attention import Attention
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.study import overlaid
 from pinnochio.training.losses import boundary_loss, physics_loss, volume_loss
 from pinnochio.training.stages import tensors
 
@@ -183,7 +182,7 @@ def main() -> None:
     parser.add_argument("--once", action="store_true", help="one step for a profiler")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
-    config = reduce(overlaid, (yaml.safe_load(path.read_text(encoding="utf-8")) for path in options.config))
+    config = read_config(options.config)
     problem = Problem(options.case, config, options.device)
     if options.once:
         return show_one_step(problem)
