@@ -90,11 +90,11 @@ class Refiner:
             found.append(Correction(state.u, seconds, state.residual, state.least, share, float(gap)))
             if len(found) > steps or (state.residual <= tolerance and gap == 0):
                 return found
-            last, (state, share, direction) = state, self._corrected(state)
+            last, (state, share) = state, self._corrected(state)
             if not share:
                 return found
             if len(found) < steps:
-                newton.pressure = foretold_pressure(newton.elements, last.u, share * direction)
+                newton.pressure = foretold_pressure(newton.elements, last.u, state.u - last.u)
                 newton.tame = 0.0  # equilibrium is approached by the whole tangent
 
     def close(self) -> None:
@@ -102,7 +102,7 @@ class Refiner:
         self._newton.close()
 
     def _corrected(self, state):
-        """The state after one correction, the share of its step that was taken, 0 where none helps, and the step.
+        """The state after one correction and the share of its step that was taken; 0 where none helps.
 
         The way of the prescribed nodes is a part of the step. The tangent takes the patches' pressures that the last
         step foretold to first order: those of the volumes hold the second-order error of that step, times lambda, which
@@ -115,7 +115,7 @@ class Refiner:
         try:
             direction = newton.predict(state, 1.0)
         except Stop:
-            return state, 0.0, None
+            return state, 0.0
         slope = float(np.einsum("ij,ij->", direction, state.force))
         for share in SHARES:
             u = state.u + share * direction
@@ -124,8 +124,8 @@ class Refiner:
             new = newton.measured(u, 1.0)
             # While the boundary moves the energy may rise.
             if new.least > least_allowed(state) and (moving or newton.falls(state, new, share * slope)):
-                return new, share, direction
-        return state, 0.0, direction
+                return new, share
+        return state, 0.0
 
     def _attainable(self, start, prescribed) -> np.ndarray:
         """Where the prescribed nodes (p, 3) mm can go without an inverted element."""

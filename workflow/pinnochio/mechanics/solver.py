@@ -177,11 +177,11 @@ class Newton:
         """Displacement (n, 3) that takes the state to equilibrium, to first order, while `step` (n, 3, local axes) is
         imposed on the constrained unknowns: by the factors at hand and conjugate gradients to `tolerance` if they
         serve, else by new ones, of the tangent cut to its definite part where it is not definite."""
-        for cut in (self.tame, 1.0):
-            definite = cut == 1
+        for tame in (self.tame, 1.0):
+            definite = tame == 1
             if time.perf_counter() - self.began > self.options.time_limit:
                 raise Stop(f"time limit of {self.options.time_limit:g} s reached")
-            data, product = self.assembler.tangent(state.u, state.frames, step, cut, self.pressure)
+            data, product = self.assembler.tangent(state.u, state.frames, step, tame, self.pressure)
             if not definite:
                 bend = self.sliding.curvature(state.u, state.fraction, state.frames, state.force)
                 self.assembler.add(data, np.repeat(self.sliding.nodes[:, None], 2, axis=1), bend)
