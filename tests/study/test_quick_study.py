@@ -11,6 +11,8 @@ import pandas as pd
 LEARNED = ["pinnochio_unified", "pinnochio_no_physics", "pinnochio", "pinnochio_plus"]
 METHODS = ["no_change", "fem_bonded", "fem_sliding", *LEARNED]
 GUARD = ["raw_min_jacobian", "raw_inverted", "repaired", "damping", "interface_error"]  # of networks alone
+TESTED = ["reference", "pairs", "cd_median_difference", "cd_mean_difference", "cd_low", "cd_high", "p", "p_holm"]
+TESTED += ["test"]  # what depends on the reference method
 TIMINGS = re.compile(r"seconds|threads|iterations")
 
 
@@ -20,6 +22,11 @@ def tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 def without_timings(table: pd.DataFrame) -> pd.DataFrame:
     return table[[column for column in table if not TIMINGS.search(column)]]
+
+
+def untested(table: pd.DataFrame) -> pd.DataFrame:
+    """The table without what the tests against the reference say."""
+    return table.drop(columns=TESTED, errors="ignore")
 
 
 def contents(folder: Path) -> dict[str, str]:
@@ -110,10 +117,12 @@ def test_rerunning_one_fold_changes_that_fold_and_the_aggregates_alone(studied):
 
 
 def test_two_runs_give_the_same_tables(studied):
-    """From the cohort on, with one learned method; the test above shows that others repeat themselves."""
+    """From the cohort on, with one learned method to save minutes, and so against another reference."""
     methods = ["no_change", "fem_sliding", "pinnochio_plus"]
     again = ["pathvars={results: results/again}", f"methods=[{', '.join(methods)}]", "reference=pinnochio_plus"]
     studied.quick("--config", *again)
-    one, two = (tables(studied.folder / "results" / name)[0] for name in ("quick", "again"))
-    one = one[one["method"].isin(methods)].reset_index(drop=True)
-    pd.testing.assert_frame_equal(without_timings(one), without_timings(two))
+    for one, two in zip(
+        tables(studied.folder / "results/quick"), tables(studied.folder / "results/again"), strict=True
+    ):
+        one = one[one["method"].isin(methods)].reset_index(drop=True)
+        pd.testing.assert_frame_equal(untested(without_timings(one)), untested(without_timings(two)))
