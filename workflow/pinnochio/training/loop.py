@@ -31,14 +31,16 @@ MEMORY = 50  # steps over which the ratio of data to physics is averaged
 class Step:
     """What a step asks of the loss terms.
 
-    sample: index of the patient and plan; mirror: show it left-right mirrored; physics: whether the physics term is
-    wanted; anneal: share of the rise of Poisson's ratio that is done, 1 after it; rng: for whatever else is drawn.
+    samples: indices of the patients and plans; mirror: show them left-right mirrored; physics: whether the physics term
+    is wanted; anneal: share of the rise of Poisson's ratio that is done, 1 after it; share: of all steps, done before
+    this one; rng: for whatever else is drawn.
     """
 
-    sample: int
+    samples: tuple[int, ...]
     mirror: bool
     physics: bool
     anneal: float
+    share: float
     rng: np.random.Generator
 
 
@@ -73,7 +75,11 @@ def train(
     torch.use_deterministic_algorithms(True, warn_only=device.type != "cpu")
     torch.utils.deterministic.fill_uninitialized_memory = False  # every element is written
     optimizer = torch.optim.AdamW(
-        network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
+        network.parameters(),
+        lr=settings.learning_rate,
+        betas=(settings.beta1, settings.beta2),
+        weight_decay=settings.weight_decay,
+        fused=True,
     )
     signature = json.dumps([phase, seed, samples, asdict(settings), fingerprint(network, inputs)], sort_keys=True)
     rows, start, failures, balance, best = [], 0, 0, Balance(), Best()
@@ -95,13 +101,14 @@ def train(
             if validate:
                 rows.append([step] + [math.nan] * (len(COLUMNS) - 3) + [measured])
             break
-        rate = settings.learning_rate * schedule(step, settings.steps, settings.warmup)
+        rate = settings.learning_rate * schedule(step, settings)
         for group in optimizer.param_groups:
             group["lr"] = rate
         rng = generator(seed, phase, f"step {step}")
         mirror = bool(settings.mirror and rng.random() < 0.5)
         wanted = bool(settings.weights["physics"])
-        found = terms(Step(sample_at(step, samples, seed, phase), mirror, wanted, anneal, rng))
+        shown = tuple(sample_at(step * settings.batch + n, samples, seed, phase) for n in range(settings.batch))
+        found = terms(Step(shown, mirror, wanted, anneal, step / settings.steps, rng))
         weights = dict(settings.weights)
         if settings.physics_target and wanted:
             target = settings.physics_target * weights["data"] * balance.ratio
@@ -203,17 +210,20 @@ class Best:
         return f"validation {self.last:.4g}{least}"
 
 
-def schedule(step: int, steps: int, warmup: float) -> float:
-    """Share of the full learning rate: linear warm-up, then a cosine that reaches zero after the last step."""
-    rise = max(1, round(warmup * steps))
+def schedule(step: int, settings: TrainingSettings) -> float:
+    """Share of the full learning rate: linear warm-up, then a cosine down to zero after the last step, or decay."""
+    steps = settings.steps
+    rise = max(1, round(settings.warmup * steps)) if settings.warmup else 0
     if step < rise:
         return (step + 1) / (rise + 1)
+    if settings.decay:
+        return max(settings.decay ** int(step / (settings.decay_every * steps)), settings.decay_floor)
     return 0.5 * (1 + math.cos(math.pi * (step - rise) / max(1, steps - rise)))
 
 
-def sample_at(step: int, samples: int, seed: int, phase: str) -> int:
-    """Sample of a step: every epoch shows all of them, in an order of its own."""
-    epoch, place = divmod(step, samples)
+def sample_at(number: int, samples: int, seed: int, phase: str) -> int:
+    """Sample that is shown as so manyth: every epoch shows all of them, in an order of its own."""
+    epoch, place = divmod(number, samples)
     return int(generator(seed, phase, f"epoch {epoch}").permutation(samples)[place])
 
 

@@ -6,13 +6,14 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """Plain values of a phase; one step sees one patient under one plan.
+    """Plain values of a phase; one step sees `batch` patients, each under one plan.
 
-    steps: optimisation steps. learning_rate: of AdamW, after a linear warm-up over the share `warmup` of the
-    steps, then a cosine to zero. weights: of the physics, data and boundary terms, (1, 2, 1) in the paper
-    [S]; the data term is the volumetric error in pretraining, the Chamfer distance in fine-tuning; weight 0
-    leaves a term out. clip: largest norm of the gradient. mirror: show each patient left-right mirrored half
-    of the time. surface_samples, surface_cutoff (mm): see SurfaceLoss.
+    steps: optimisation steps. learning_rate: of AdamW (averages of its gradients by `beta1` and `beta2`), after a
+    linear warm-up over the share `warmup` of the steps, then a cosine to zero, or, where `decay` is not 0, that factor
+    again and again, each share `decay_every` of the steps, down to `decay_floor` of the full rate. weights: of the
+    physics, data and boundary terms, (1, 2, 1) in the paper [S]; the data term is the volumetric error in pretraining,
+    the Chamfer distance in fine-tuning; weight 0 leaves a term out. clip: largest norm of the gradient. mirror: show
+    each patient left-right mirrored half of the time. surface_samples, surface_cutoff (mm): see SurfaceLoss.
 
     physics_ramp: share of the steps over which the physics weight rises from zero, because a raw network
     violates equilibrium at nu 0.49 so badly that nothing else would be learnt [X]. physics_target: if not 0,
@@ -37,6 +38,12 @@ class TrainingSettings:
 
     steps: int
     learning_rate: float
+    batch: int = 1
+    beta1: float = 0.9
+    beta2: float = 0.999
+    decay: float = 0.0
+    decay_every: float = 0.1
+    decay_floor: float = 0.0
     weights: Mapping[str, float] = field(default_factory=lambda: {"physics": 1.0, "data": 2.0, "boundary": 1.0})
     warmup: float = 0.05
     physics_ramp: float = 0.5

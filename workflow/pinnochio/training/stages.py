@@ -4,7 +4,7 @@ import logging
 import os
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Protocol
@@ -25,7 +25,7 @@ from pinnochio.networks.settings import NetworkSettings
 from pinnochio.seeds import derive_seed
 from pinnochio.training.checkpoint import load_network, save_network
 from pinnochio.training.execution import execution_fields
-from pinnochio.training.loop import Step, train
+from pinnochio.training.loop import Step, Terms, train
 from pinnochio.training.losses import SurfaceLoss, boundary_loss, bulk_factor, physics_loss, volume_loss
 from pinnochio.training.patient import PatientTensors
 from pinnochio.training.settings import TrainingSettings
@@ -79,8 +79,8 @@ def pretrain_fold(
     torch.manual_seed(derive_seed(seed, "pretrain", "weights"))
     model = build(network).to(device)
 
-    def terms(step):
-        patient, signal, field = samples[step.sample]
+    def terms(sample, step):
+        patient, signal, field = samples[sample]
         prediction = model(patient.anatomy, signal, step.mirror)
         anchored = torch.ones_like(prediction.known)
         data = volume_loss(prediction.displacement, field)
@@ -91,8 +91,8 @@ def pretrain_fold(
         return torch.stack(errors).mean().item()
 
     logging.info("pretrain: %d patients, %d fields, %d held back", len(cases), len(samples), len(checks))
-    _run(
-        model, network, terms, len(samples), training, "pretrain", seed, out, history,
+    run_phase(
+        model, network, averaged(terms), len(samples), training, "pretrain", seed, out, history,
         validate if checks else None, [path for files in cases for path in (files.model, files.teaching)],
     )  # fmt: skip
 
@@ -126,10 +126,10 @@ def finetune_fold(
     if training.execution_prior:
         errors = execution_fields(samples, training.execution_prior, seed)
 
-    def terms(step):
-        patient, signal, surface = samples[step.sample]
+    def terms(sample, step):
+        patient, signal, surface = samples[sample]
         prediction = model(patient.anatomy, signal, step.mirror)
-        data = surface(prediction.displacement + errors[step.sample], step.rng)
+        data = surface(prediction.displacement + errors[sample], step.rng)
         return _terms(patient, prediction, data, signal.cue, signal.reliable, training, step)
 
     def validate():
@@ -140,8 +140,8 @@ def finetune_fold(
         return torch.stack(errors).mean().item()
 
     logging.info("finetune: %d patients, %d held back", len(samples), len(checks))
-    _run(
-        model, network, terms, len(samples), training, "finetune", seed, out, history,
+    run_phase(
+        model, network, averaged(terms), len(samples), training, "finetune", seed, out, history,
         validate if checks else None, [path for files in cases for path in (files.model, files.plan, files.postop)],
     )  # fmt: skip
 
@@ -289,7 +289,17 @@ def _terms(
     return found
 
 
-def _run(model, network, terms, samples, training, phase, seed, out, history, validate, inputs):
+def averaged(terms: Callable[[int, Step], Mapping[str, Tensor]]) -> Terms:
+    """The terms of a step, each the mean over its samples of terms(sample, step)."""
+
+    def mean(step: Step) -> dict[str, Tensor]:
+        found = [terms(sample, step) for sample in step.samples]
+        return {name: sum(own[name] for own in found) / len(found) for name in found[0]}
+
+    return mean
+
+
+def run_phase(model, network, terms, samples, training, phase, seed, out, history, validate, inputs):
     """Train, write the network, then drop the checkpoint, so that a kill at any time costs little."""
     checkpoint = Path(out).with_suffix(".resume.pt")
     train(
