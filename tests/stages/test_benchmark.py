@@ -9,6 +9,7 @@ import pyvista as pv
 
 from pinnochio.anatomy.predictions import read_prediction
 from pinnochio.errors import InputError
+from pinnochio.evaluation.regions import LANDMARKS, REGIONS
 from scripts.collect_cases import collect_cases
 from scripts.compare_methods import compare_methods
 from scripts.evaluate import evaluate
@@ -21,7 +22,9 @@ OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # c
 ACCURACY = ["cd", "cd_sum", "cd_sq", "cd_vertex", "hd95", "hdmax", "hd_mean_oneway"]
 ACCURACY += ["pwr1", "pwr2", "pwr1_target", "pwr2_target", "registration_residual"]
 GUARD = ["raw_min_jacobian", "raw_inverted", "repaired", "damping", "interface_error"]  # of networks alone
+ACCURACY += [f"{kind}_{name}" for name in REGIONS for kind in ("region", "bias")]
 TRUTH = ["volume_error_mean", "volume_error_p95", "skin_error_mean", "skin_error_p95"]
+TRUTH += [f"landmark_{name}" for name in LANDMARKS]
 
 
 def measure(patient, predictions, method, table, postops, truths=(), case=None):

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.errors import InputError
+from pinnochio.evaluation.regions import LANDMARKS, REGIONS
 from pinnochio.evaluation.significance import compare, holm
 from pinnochio.files import replacing
 from pinnochio.seeds import derive_seed
@@ -33,6 +34,11 @@ class Column:
 
 def _number(name: str, unit: str, description: str, form: str = ".4f") -> Column:
     return Column(name, float, unit, description, form, optional=True)
+
+
+def words(name: str) -> str:
+    """A name as it is read."""
+    return name.replace("_", " ")
 
 
 CASES = (
@@ -71,10 +77,19 @@ CASES = (
     _number("moving_error", "mm", "mean error of the moving nodes against the plan"),
     _number("sliding_error", "mm", "mean change of the sliding nodes' distance from the moved bone"),
     _number("interface_error", "mm", "mean distance of the bone contact from where the interface network puts it"),
+    *(
+        column
+        for name in REGIONS
+        for column in (
+            _number(f"region_{name}", "mm", f"mean distance of the target's points on the {words(name)}"),
+            _number(f"bias_{name}", "mm", "the same, signed: positive where the prediction lies outside the target"),
+        )
+    ),
     _number("volume_error_mean", "mm", "mean error of all nodes against the virtual truth"),
     _number("volume_error_p95", "mm", "95th percentile of it"),
-    _number("skin_error_mean", "mm", "mean error of the skin nodes against the virtual truth"),
+    _number("skin_error_mean", "mm", "mean error of the skin points against the virtual truth"),
     _number("skin_error_p95", "mm", "95th percentile of it"),
+    *(_number(f"landmark_{name}", "mm", f"error at {words(name)} against the virtual truth") for name in LANDMARKS),
     _number("seconds", "s", "one plan, warm, without reading files", ".3f"),
     _number("setup_seconds", "s", "what belongs to the patient and serves every plan", ".3f"),
     Column("threads", int, "", "CPU threads; 0 where unknown"),
