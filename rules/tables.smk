@@ -82,6 +82,7 @@ rule compare_methods:
         reference=REFERENCE,
         methods=METHODS,
         seed=SEED,
+        published=True,
         code=code_of("evaluation"),
     message:
         "Test every method against the reference"
@@ -103,6 +104,7 @@ use rule compare_methods as compare_better with:
         reference=config["design"]["base"],
         methods=METHODS,
         seed=SEED,
+        published=False,
         code=code_of("evaluation"),
     message:
         "Test every method against {config[design][base]}"

@@ -93,7 +93,7 @@ def test_patients_without_a_scan_do_not_count_as_failed(patient, solved, tmp_pat
     frame.assign(case="unscanned").to_csv(unscanned, index=False)
     cases, table = str(tmp_path / "cases.csv"), tmp_path / "accuracy.csv"
     collect_cases([scanned, unscanned], "test clinic", cases)
-    compare_methods(cases, ["fem_bonded"], None, "test clinic", SEED, str(table))
+    compare_methods(cases, ["fem_bonded"], None, "test clinic", SEED, False, str(table))
     accuracy = pd.read_csv(table)
     assert len(pd.read_csv(cases)) == 2 and accuracy.loc[0, ["n", "failed"]].tolist() == [1, 0]
     assert accuracy.loc[0, "cd_mean"] == pd.read_csv(scanned).loc[0, "cd"]

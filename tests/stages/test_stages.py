@@ -177,14 +177,15 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
         )
     collect_cases(metrics, "virtual cohort", str(tmp_path / "cases.csv"))
     tables = [str(tmp_path / name) for name in ("cases.csv", "accuracy.csv")]
-    compare_methods(tables[0], list(predicted), "pinnochio", "virtual cohort", SEED, tables[1])
+    compare_methods(tables[0], list(predicted), "pinnochio", "virtual cohort", SEED, True, tables[1])
     cases = pd.read_csv(tmp_path / "cases.csv").set_index("method")
     assert cases.loc["fem_sliding", "cd"] < cases.loc["no_change", "cd"]
     assert cases.loc["fem_sliding", "eqres_rel"] < 1e-5 < cases.loc["pinnochio", "eqres_rel"]
     assert cases.loc["fem_sliding", "moving_error"] < 1e-6 < cases.loc["no_change", "moving_error"]
     accuracy = pd.read_csv(tmp_path / "accuracy.csv", keep_default_na=False)
     assert list(accuracy["method"]) == list(predicted) and (accuracy["p"] == "").all()
-    assert "virtual cohort" in (tmp_path / "accuracy.md").read_text()
+    text = (tmp_path / "accuracy.md").read_text()
+    assert "virtual cohort" in text and "Not in our table: ACMT-Net, DGCFP, FEM-RLSE." in text
 
 
 def test_case_picture_is_drawn(predicted, patient, tmp_path):

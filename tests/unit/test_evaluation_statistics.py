@@ -218,7 +218,10 @@ def test_the_twins_hold_the_numbers_of_the_csv(cases, tmp_path):
         found = numbers(text)
         assert not [value for value in wanted if value not in found], suffix
         assert sorted(found) == sorted(numbers(texts["md"])), suffix
-    assert "0.015625\\*" in texts["md"] and "0.015625*" in texts["tex"] and "0.015625*" in html.unescape(texts["html"])
+    star = f"{stored['cd_mean'][0]} ± {stored['cd_sd'][0]}*"
+    assert star.replace("*", "\\*") in texts["md"] and star.replace("±", r"$\pm$") in texts["tex"]
+    assert star in html.unescape(texts["html"]) and texts["html"].count("*</td>") == 1
+    assert all("0.015625" in text for text in texts.values())
     best = next(line for line in texts["md"].splitlines() if line.startswith("| fem"))
     assert "**1.4950 ± " in best and texts["md"].count("**1.000**") == 3  # ties share the bold
     for suffix, mark in (("tex", r"\\textbf\{1\.4950 "), ("html", r"<b>1\.4950 ")):
