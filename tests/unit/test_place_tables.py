@@ -76,8 +76,13 @@ def test_a_method_without_a_volume_is_blank_there_and_tested_elsewhere(cases, tm
     assert found.loc[("volume", "surface"), "test"] == "no common patient: not tested"
     assert found.loc[("volume", "solid"), "pairs"] == found.loc[("menton", "surface"), "pairs"] == 8
     write_places(found.reset_index(), tmp_path / "landmarks.csv", KINDS["landmarks"], "test clinic")
-    first, _, second, _ = (tmp_path / "landmarks.md").read_text().strip().split("\n\n")
-    assert "| menton |" in first and "labrale inferius" in first and "**1.3050 ± 0.2205\\***" in first
+    first, _, title, second, _ = (tmp_path / "landmarks.md").read_text().strip().split("\n\n")
+    assert (
+        title == "**Skin and volume**"
+        and "| menton |" in first
+        and "labrale inferius" in first
+        and "**1.3050 ± 0.2205\\***" in first
+    )
     assert "| Method | skin | skin p95 | volume | volume p95 |" in second
     assert next(line for line in second.splitlines() if line.startswith("| surface")).endswith("|  |  |")
 

@@ -63,6 +63,7 @@ class Kind:
 
     groups: tuple[tuple[Place, ...], ...]
     captions: tuple[str, ...]
+    titles: tuple[str, ...] = ("",)
 
     @property
     def places(self) -> list[Place]:
@@ -88,6 +89,7 @@ KINDS = {
             "Error against the virtual truth over the skin and over all nodes, mean and 95th percentile of a patient "
             "(blank for methods that predict the skin alone)",
         ),
+        ("", "Skin and volume"),
     ),
 }
 
@@ -147,8 +149,9 @@ def write_places(frame: pd.DataFrame, path: str | os.PathLike, kind: Kind, cohor
             [method, *(column(place, starred(_spread), -1) for place in group)],
             f"{what} in mm, {cohort}, {n} patients: mean ± standard deviation. Bold: best mean. * p < 0.05: two-sided "
             f"Wilcoxon signed-rank test against {reference}, Holm-corrected per column.",
+            title,
         )
-        for group, what in zip(kind.groups, kind.captions, strict=True)
+        for group, what, title in zip(kind.groups, kind.captions, kind.titles, strict=True)
     ]
     signed = [place for place in kind.places if place.bias]
     if signed:
@@ -156,7 +159,8 @@ def write_places(frame: pd.DataFrame, path: str | os.PathLike, kind: Kind, cohor
             Block(
                 by_method,
                 [method, *(column(place, lambda row: _signed(row["bias"]), 0) for place in signed)],
-                "The same, signed, in mm: positive where the prediction lies outside the target.",
+                "Mean signed distance in mm: positive where the prediction lies outside the target.",
+                "Signed",
             )
         )
     first, *further = blocks

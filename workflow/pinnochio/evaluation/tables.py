@@ -323,11 +323,15 @@ class View:
 
 @dataclass(frozen=True)
 class Block:
-    """A table of the readable twins: rows of a frame as a view shows them, under a caption."""
+    """A table of the readable twins: rows of a frame as a view shows them, with a caption.
+
+    title: what sets a further table apart from the one above it.
+    """
 
     frame: pd.DataFrame
     view: Sequence[View]
     caption: str
+    title: str = ""
 
     @property
     def headers(self) -> list[str]:
@@ -370,6 +374,7 @@ def _markdown(blocks, paragraphs, schema) -> str:
     parts = []
     for block in blocks:
         lines = [block.headers, ["---"] * len(block.headers), *block.cells(cell)]
+        parts += [f"**{block.title}**"] if block.title else []
         parts += ["\n".join("| " + " | ".join(line) + " |" for line in lines), block.caption]
     return "\n\n".join([*parts, *paragraphs]) + "\n"
 
@@ -387,10 +392,11 @@ def _latex(blocks, paragraphs, schema) -> str:
     parts = []
     for block in blocks:
         head = [escape(header) for header in block.headers]
+        caption = f"{block.title}. {block.caption}" if block.title else block.caption
         lines = [" & ".join(row) + r" \\" for row in [head, *block.cells(cell)]]
         parts.append(
             "\n".join(
-                [r"\begin{table}", r"\centering", f"\\caption{{{escape(block.caption)}}}"]
+                [r"\begin{table}", r"\centering", f"\\caption{{{escape(caption)}}}"]
                 + [f"\\begin{{tabular}}{{l{'r' * (len(head) - 1)}}}", r"\hline", lines[0], r"\hline", *lines[1:]]
                 + [r"\hline", r"\end{tabular}", r"\end{table}"]
             )
@@ -399,7 +405,8 @@ def _latex(blocks, paragraphs, schema) -> str:
 
 
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem;color:#222;background:#fff}
-.scroll{overflow-x:auto}.scroll+.scroll{margin-top:2rem}p{max-width:60rem}table{border-collapse:collapse;font-variant-numeric:tabular-nums}
+.scroll{overflow-x:auto}h2{font-size:1.1rem;margin:2.5rem 0 .5rem}p{max-width:60rem;margin-top:1.5rem}
+table{border-collapse:collapse;font-variant-numeric:tabular-nums}
 caption{text-align:left;padding-bottom:.8rem;max-width:60rem}th{border-bottom:2px solid #444;text-align:left}
 th,td{padding:.3rem .8rem;white-space:nowrap}td:not(:first-child){text-align:right}
 tbody tr:nth-child(even){background:#f4f4f2}details{margin-top:1.5rem}dt{font-weight:600;margin-top:.4rem}"""
@@ -414,6 +421,7 @@ def _html(blocks, paragraphs, schema) -> str:
     for block in blocks:
         head = "".join(f"<th>{html.escape(header)}</th>" for header in block.headers)
         body = "\n".join("<tr>" + "".join(row) + "</tr>" for row in block.cells(cell))
+        parts += [f"<h2>{html.escape(block.title)}</h2>"] if block.title else []
         parts.append(
             f"<div class='scroll'><table><caption>{html.escape(block.caption)}</caption>\n"
             f"<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>"
