@@ -33,11 +33,13 @@ def test_the_paper_orders_its_methods_as_it_prints_them():
 def test_the_same_ordering_is_one_sentence():
     (paragraph,) = said(cases(**PAPER))
     assert "6 of 6 pairs" in paragraph and "Not in our table" not in paragraph
+    assert "order: PINNOCHIO before FEM-RLSE, PINNOCHIO before DGCFP," in paragraph
 
 
 def test_a_pair_the_other_way_round_has_both_sides_numbers_and_a_test():
     first, *rest = said(cases(acmt=2.0, pinnochio=1.0, fem_rlse=0.8))
     assert "2 of 3 pairs" in first and first.endswith("Not in our table: DGCFP.")
+    assert "order: PINNOCHIO before ACMT-Net, FEM-RLSE before ACMT-Net." in first
     (text,) = rest
     assert text.startswith("PINNOCHIO is better than FEM-RLSE in the paper (1.12 ± 0.26 against 1.30 ± 0.29 mm)")
     frame = summarise(cases(acmt=2.0, pinnochio=1.0, fem_rlse=0.8), None).set_index("method")

@@ -69,9 +69,10 @@ def ordering(
         paired(cases, "cd", names[one], names[two], derive_seed(seed, "bootstrap", f"{names[one]}/{names[two]}"))
         for one, two in pairs
     ]
-    discordant = []
+    agreeing, discordant = [], []
     for (one, two), test, p in zip(pairs, tests, holm([test.p for test in tests]), strict=True):
         if summary["cd_mean"][names[one]] < summary["cd_mean"][names[two]]:
+            agreeing.append(f"{one} before {two}")
             continue
         tested = f"Holm's p = {p:.6g} ({test.statement}): {'significant' if p < 0.05 else 'not significant'}"
         paper = " against ".join(f"{theirs['cd_mean'][name]:.2f} ± {theirs['cd_sd'][name]:.2f}" for name in (one, two))
@@ -81,9 +82,8 @@ def ordering(
             f"{ours} mm; mean difference {test.mean:+.4f} mm, n = {test.n:.0f}; "
             f"{test.statement if np.isnan(p) else tested})."
         )
-    agreeing = len(pairs) - len(discordant)
     first = (
-        f"{title}{agreeing} of {len(pairs)} pairs of methods that both tables have stand in the same order "
-        f"({', '.join(f'{name}: {names[name]}' for name in common)}).{end}"
+        f"{title}{len(agreeing)} of {len(pairs)} pairs of methods that both tables have stand in the same order"
+        f"{': ' if agreeing else ''}{', '.join(agreeing)}.{end}"
     )
     return [first, *discordant]
