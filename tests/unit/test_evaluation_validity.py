@@ -211,6 +211,17 @@ def test_one_case_gives_one_complete_row(patient):
     assert row["skin_error_mean"] == row["skin_error_p95"] == pytest.approx(2 * np.sqrt(3))
     assert np.isnan(row["region_nose"]) and np.isnan(row["landmark_menton"])  # a cube has no face
     assert list(check(pd.DataFrame([row]), CASES)) == [column.name for column in CASES]
+    skin = evaluate_case(
+        patient,
+        plan,
+        Prediction(None, skin=np.zeros_like(patient.skin_points)),
+        target=target,
+        truth=(patient.points, patient.cells, np.full_like(patient.points, 2.0)),
+        **options,
+    )
+    assert (skin["cd"], skin["skin_error_mean"]) == (row["cd"], row["skin_error_mean"])
+    assert np.isnan([skin["volume_error_mean"], skin["min_jacobian"]]).all()
+    check(pd.DataFrame([skin]), CASES)
     bare = evaluate_case(patient, plan, Prediction(np.zeros_like(patient.points)), **options)
     assert np.isnan(bare["cd"]) and np.isnan(bare["volume_error_mean"]) and bare["converged"]
     lost = evaluate_case(patient, plan, Prediction(np.full_like(patient.points, np.nan)), target=target, **options)

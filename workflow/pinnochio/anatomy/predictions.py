@@ -10,25 +10,27 @@ import numpy as np
 import pyvista as pv
 from scipy.spatial import cKDTree
 
+from pinnochio.anatomy.model import PatientModel
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 
 SAME_PLACE = 1e-3  # mm
-FIELDS = ("displacement", "boundary")  # of a prediction: datasets of its file, the rest are attributes
+FIELDS = ("displacement", "boundary", "skin")  # of a prediction: datasets of its file, the rest are attributes
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Displacement (n, 3) mm of every node, with how it came about.
+    """Displacement (n, 3) mm of every node, with how it came about; None of methods that move the skin alone.
 
     seconds: one plan, warm, without reading files; setup_seconds: what belongs to the patient and serves every plan;
     NaN where nobody timed them. threads: 0 where unknown. iterations: of a solver, or corrections of a network's field.
     boundary (n, 3) mm: where a network puts the interface nodes, which its field need not meet; None of other methods.
     raw_min_jacobian, raw_inverted: least J of the network's own field and its inverted elements; repaired: elements
     that the guard solved again; damping: its factor on the whole field, 1 for none. NaN where there is no guard.
+    skin (s, 3) mm: displacement of the skin points, of methods that move nothing else.
     """
 
-    displacement: np.ndarray
+    displacement: np.ndarray | None
     seconds: float = 0.0
     setup_seconds: float = 0.0
     threads: int = 1
@@ -41,6 +43,13 @@ class Prediction:
     raw_inverted: float = np.nan
     repaired: float = np.nan
     damping: float = np.nan
+    skin: np.ndarray | None = None
+
+    def moved_skin(self, patient: PatientModel) -> np.ndarray:
+        """Points of the patient's outer skin (s, 3) mm as predicted."""
+        if self.displacement is None:
+            return patient.skin_points + self.skin
+        return patient.moved_skin(self.displacement)
 
 
 def write_predictions(path: str | os.PathLike, predictions: Mapping[str, Prediction]) -> None:
@@ -61,7 +70,7 @@ def read_prediction(path: str | os.PathLike, case: str) -> Prediction:
     with h5py.File(path, "r") as file:
         group = file[case]
         values = {key: value.item() if hasattr(value, "item") else value for key, value in group.attrs.items()}
-        return Prediction(**{name: group[name][()] for name in FIELDS if name in group}, **values)
+        return Prediction(**{name: group[name][()] if name in group else None for name in FIELDS}, **values)
 
 
 def read_external(path: str | os.PathLike, case: str, points: np.ndarray, cells: np.ndarray) -> Prediction:

@@ -36,20 +36,20 @@ def evaluate_case(
 
     target: points and faces of the registered post-operative skin; truth: points, cells, displacement; either may be
     absent, and its columns are then empty. labels: what the caller knows (fold, method, code, registration_residual).
-    A field that is not finite gives a row without metrics, marked as not converged. Regions and landmarks stay empty
-    where the face cannot be read.
+    A prediction of the skin alone has none of the columns of the volume. One that is not finite gives a row without
+    metrics, marked as not converged. Regions and landmarks stay empty where the face cannot be read.
     """
-    u = prediction.displacement
-    moved = patient.moved_skin(u)
+    u, moved = prediction.displacement, prediction.moved_skin(patient)
     row = dict.fromkeys((column.name for column in CASES if column.optional), np.nan)
-    row |= {"reason": prediction.reason, "eqres_element": element, "case": plan.case, "seed": seed}
+    row |= {"reason": prediction.reason, "case": plan.case, "seed": seed}
     row |= {key: getattr(prediction, key) for key in COPIED}
     row |= {"nodes": len(patient.points), "muscle": patient.muscle} | (labels or {})
-    if not np.isfinite(u).all():
+    if not np.isfinite(moved if u is None else u).all():
         return row | {"converged": False, "reason": f"the field is not finite ({prediction.reason})"}
-    row |= volume_metrics(patient.points, patient.cells, patient.tissue, u)
-    row |= equilibrium_metrics(operator, u, patient.node_type, element)
-    row |= boundary_metrics(patient, plan, u)
+    if u is not None:
+        row |= volume_metrics(patient.points, patient.cells, patient.tissue, u)
+        row |= equilibrium_metrics(operator, u, patient.node_type, element)
+        row |= boundary_metrics(patient, plan, u)
     if prediction.boundary is not None:
         contact = (patient.node_type != FREE) & (patient.interface_kind != NO_INTERFACE)
         row["interface_error"] = np.linalg.norm(u - prediction.boundary, axis=1)[contact].mean()
@@ -57,7 +57,8 @@ def evaluate_case(
         row |= surface_metrics(moved, patient.skin_faces, patient.face_roi, *target, samples, seed, plan.case)
         row |= _where_readable(plan.case, region_errors, patient, moved, *target, samples, seed)
     if truth is not None:
-        row |= mean_and_p95("volume_error", truth_errors(patient.points, u, *truth))
+        if u is not None:
+            row |= mean_and_p95("volume_error", truth_errors(patient.points, u, *truth))
         errors = truth_errors(patient.skin_points, moved - patient.skin_points, *truth)
         row |= mean_and_p95("skin_error", errors)
         row |= _where_readable(plan.case, landmark_errors, patient, errors)
