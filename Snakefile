@@ -19,6 +19,7 @@ include: "rules/dial.smk"
 include: "rules/design.smk"
 include: "rules/uncertainty.smk"
 include: "rules/stability.smk"
+include: "rules/cost.smk"
 
 
 wildcard_constraints:
@@ -33,6 +34,7 @@ rule all:
         rules.tables.input,
         rules.quality.input,
         rules.unscanned.input,
+        rules.cost.input,
         "<results>/provenance.json",
     message:
         "The study is done: see {config[pathvars][results]}/tables"

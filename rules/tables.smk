@@ -82,6 +82,7 @@ rule compare_methods:
         reference=REFERENCE,
         methods=METHODS,
         seed=SEED,
+        published=True,
         code=code_of("evaluation"),
     message:
         "Test every method against the reference"
@@ -103,9 +104,60 @@ use rule compare_methods as compare_better with:
         reference=config["design"]["base"],
         methods=METHODS,
         seed=SEED,
+        published=False,
         code=code_of("evaluation"),
     message:
         "Test every method against {config[design][base]}"
+
+
+# Where on the face: the same tests per region.
+rule compare_regions:
+    input:
+        cases="<results>/tables/cases.csv",
+    output:
+        table=ensure("<results>/tables/regions.csv", non_empty=True),
+        markdown="<results>/tables/regions.md",
+        latex="<results>/tables/regions.tex",
+        html="<results>/tables/regions.html",
+    log:
+        "<logs>/compare_regions.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        kind="regions",
+        cohort=COHORT,
+        reference=REFERENCE,
+        methods=METHODS,
+        seed=SEED,
+        code=code_of("anatomy", "evaluation"),
+    message:
+        "Compare the methods region by region"
+    script:
+        "../scripts/compare_regions.py"
+
+
+# Of the virtual cohort the true displacement is known: at landmarks, over the skin and throughout.
+use rule compare_regions as compare_landmarks with:
+    output:
+        table=ensure("<results>/tables/landmarks.csv", non_empty=True),
+        markdown="<results>/tables/landmarks.md",
+        latex="<results>/tables/landmarks.tex",
+        html="<results>/tables/landmarks.html",
+    log:
+        "<logs>/compare_landmarks.log",
+    params:
+        kind="landmarks",
+        cohort=COHORT,
+        reference=REFERENCE,
+        methods=METHODS,
+        seed=SEED,
+        code=code_of("anatomy", "evaluation"),
+    message:
+        "Compare the methods at landmarks and throughout"
 
 
 rule ablate:
@@ -201,6 +253,8 @@ rule tables:
         rules.collect_cases.output,
         rules.compare_methods.output if SCANNED else [],
         rules.compare_better.output if BETTER else [],
+        rules.compare_regions.output if SCANNED else [],
+        rules.compare_landmarks.output if SCANNED and VIRTUAL else [],
         rules.ablate.output if ABLATED else [],
     message:
         "The tables are made"

@@ -2,19 +2,24 @@
 
 from collections.abc import Sequence
 
+from pinnochio.evaluation.published import ordering, published_block
 from pinnochio.evaluation.tables import CASES, read_table, scanned, summarise, write_accuracy
 from pinnochio.logs import attach_log
 
 
 def compare_methods(
-    cases: str, methods: Sequence[str], reference: str | None, cohort: str, seed: int, table: str
+    cases: str, methods: Sequence[str], reference: str | None, cohort: str, seed: int, published: bool, table: str
 ) -> None:
     """Summarise cases.csv by method (paired Wilcoxon tests, Holm-corrected) and write the table with its twins.
 
     The patients with a post-operative scan count. Without a reference, which may be left out, nothing is tested.
+    published: whether the paper's own values, and how the orderings agree, stand below it in the twins.
     """
-    rows = read_table(cases, CASES)
-    write_accuracy(summarise(scanned(rows), reference, methods, seed), table, cohort)
+    rows = scanned(read_table(cases, CASES))
+    summary = summarise(rows, reference, methods, seed)
+    further = [published_block()] if published else []
+    paragraphs = ordering(rows, summary, cohort, seed) if published else []
+    write_accuracy(summary, table, cohort, further, paragraphs)
 
 
 if __name__ == "__main__":
@@ -25,5 +30,6 @@ if __name__ == "__main__":
         snakemake.params.reference,
         snakemake.params.cohort,
         snakemake.params.seed,
+        snakemake.params.published,
         snakemake.output.table,
     )

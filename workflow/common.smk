@@ -26,6 +26,7 @@ check_config(config)
 
 LIBRARY = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)) / "pinnochio"
 RESULTS = config["pathvars"]["results"]
+BENCHMARKS = f"{RESULTS}/benchmarks"
 VIRTUAL = config["cohort"] == "virtual"
 COHORT = "virtual cohort" if VIRTUAL else Path(config["cohort"]).stem
 SEED = config["seed"]

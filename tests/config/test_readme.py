@@ -9,7 +9,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_readme_holds_the_reference_table():
-    table = (ROOT / "results/reference/accuracy.md").read_text(encoding="utf-8").strip()
+    text = (ROOT / "results/reference/accuracy.md").read_text(encoding="utf-8")
+    table = "\n\n".join(text.strip().split("\n\n")[:2])  # ours and its caption; the paper's values follow them
     assert table in (ROOT / "README.md").read_text(encoding="utf-8")
 
 

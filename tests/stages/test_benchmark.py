@@ -9,6 +9,7 @@ import pyvista as pv
 
 from pinnochio.anatomy.predictions import read_prediction
 from pinnochio.errors import InputError
+from pinnochio.evaluation.regions import LANDMARKS, REGIONS
 from scripts.collect_cases import collect_cases
 from scripts.compare_methods import compare_methods
 from scripts.evaluate import evaluate
@@ -21,7 +22,9 @@ OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # c
 ACCURACY = ["cd", "cd_sum", "cd_sq", "cd_vertex", "hd95", "hdmax", "hd_mean_oneway"]
 ACCURACY += ["pwr1", "pwr2", "pwr1_target", "pwr2_target", "registration_residual"]
 GUARD = ["raw_min_jacobian", "raw_inverted", "repaired", "damping", "interface_error"]  # of networks alone
+ACCURACY += [f"{kind}_{name}" for name in REGIONS for kind in ("region", "bias")]
 TRUTH = ["volume_error_mean", "volume_error_p95", "skin_error_mean", "skin_error_p95"]
+TRUTH += [f"landmark_{name}" for name in LANDMARKS]
 
 
 def measure(patient, predictions, method, table, postops, truths=(), case=None):
@@ -90,7 +93,7 @@ def test_patients_without_a_scan_do_not_count_as_failed(patient, solved, tmp_pat
     frame.assign(case="unscanned").to_csv(unscanned, index=False)
     cases, table = str(tmp_path / "cases.csv"), tmp_path / "accuracy.csv"
     collect_cases([scanned, unscanned], "test clinic", cases)
-    compare_methods(cases, ["fem_bonded"], None, "test clinic", SEED, str(table))
+    compare_methods(cases, ["fem_bonded"], None, "test clinic", SEED, False, str(table))
     accuracy = pd.read_csv(table)
     assert len(pd.read_csv(cases)) == 2 and accuracy.loc[0, ["n", "failed"]].tolist() == [1, 0]
     assert accuracy.loc[0, "cd_mean"] == pd.read_csv(scanned).loc[0, "cd"]

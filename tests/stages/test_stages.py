@@ -19,10 +19,12 @@ from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.networks.settings import NetworkSettings
+from pinnochio.training.checkpoint import load_network
 from pinnochio.training.settings import TrainingSettings
 from scripts.check_cohort import check_cohort
 from scripts.collect_cases import collect_cases
 from scripts.compare_methods import compare_methods
+from scripts.compare_regions import compare_regions
 from scripts.evaluate import evaluate
 from scripts.finetune import finetune
 from scripts.predict_fem import predict_fem
@@ -33,6 +35,8 @@ from scripts.provenance import provenance
 from scripts.register_postop import register_postop
 from scripts.render_case import render_case
 from scripts.solve_plan import solve_plan
+from scripts.tabulate_training import tabulate_training
+from scripts.time_stages import time_stages
 from scripts.virtual_patient import virtual_patient
 from tests.stages.conftest import CONFIG, SEED, SEGMENTS
 
@@ -177,14 +181,42 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
         )
     collect_cases(metrics, "virtual cohort", str(tmp_path / "cases.csv"))
     tables = [str(tmp_path / name) for name in ("cases.csv", "accuracy.csv")]
-    compare_methods(tables[0], list(predicted), "pinnochio", "virtual cohort", SEED, tables[1])
+    compare_methods(tables[0], list(predicted), "pinnochio", "virtual cohort", SEED, True, tables[1])
     cases = pd.read_csv(tmp_path / "cases.csv").set_index("method")
     assert cases.loc["fem_sliding", "cd"] < cases.loc["no_change", "cd"]
     assert cases.loc["fem_sliding", "eqres_rel"] < 1e-5 < cases.loc["pinnochio", "eqres_rel"]
     assert cases.loc["fem_sliding", "moving_error"] < 1e-6 < cases.loc["no_change", "moving_error"]
     accuracy = pd.read_csv(tmp_path / "accuracy.csv", keep_default_na=False)
     assert list(accuracy["method"]) == list(predicted) and (accuracy["p"] == "").all()
-    assert "virtual cohort" in (tmp_path / "accuracy.md").read_text()
+    text = (tmp_path / "accuracy.md").read_text()
+    assert "virtual cohort" in text and "Not in our table: ACMT-Net, DGCFP, FEM-RLSE." in text
+    for kind, count in (("regions", 6), ("landmarks", 13)):
+        path = tmp_path / f"{kind}.csv"
+        compare_regions(tables[0], kind, list(predicted), "pinnochio", "virtual cohort", SEED, str(path))
+        places = pd.read_csv(path, keep_default_na=False)
+        assert len(places) == count * len(predicted) and (places["n"] == 1).all()
+        assert (places.loc[~places["reference"], "test"] == "n = 1 < 6: not tested").all()
+        found = places.astype({"mean": float}).pivot(index="method", columns="place", values="mean")
+        assert (found > 0).all(None)
+    assert (cases["bias_chin"].abs() <= cases["region_chin"]).all()
+    pd.testing.assert_series_equal(found["skin"], cases["skin_error_mean"].sort_index(), check_names=False)
+
+
+def test_the_cost_is_read_from_networks_and_benchmark_files(predicted, tmp_path):
+    files = [str(Path(predicted["pinnochio"]).parent / "network.pt")]
+    for rule, seconds in (("pretrain", 12.5), ("finetune", 2.5)):
+        folder = tmp_path / "benchmarks" / rule
+        folder.mkdir(parents=True)
+        (folder / "1_pinnochio.tsv").write_text(f"s\tmax_rss\tcpu_time\n{seconds}\t300\tNA\n")
+    phases = dict.fromkeys(("pretraining", "finetuning"), vars(TrainingSettings(steps=15, learning_rate=2e-3)))
+    benchmarks, training, stages = (str(tmp_path / name) for name in ("benchmarks", "training.csv", "stages.csv"))
+    tabulate_training(files, {"pinnochio": phases}, ["1"], benchmarks, "virtual cohort", training)
+    row = pd.read_csv(training).loc[0]
+    network, _ = load_network(files[0])
+    assert row["parameters"] == sum(value.numel() for value in network.parameters())
+    assert (row["pretraining_samples"], row["pretraining_seconds"], row["finetuning_seconds"]) == (15, 12.5, 2.5)
+    time_stages(benchmarks, "virtual cohort", stages)
+    assert pd.read_csv(stages)["seconds"].tolist() == [12.5, 2.5, 15.0]
 
 
 def test_case_picture_is_drawn(predicted, patient, tmp_path):

@@ -43,7 +43,7 @@ def test_predictions_of_others_get_the_rows_they_deserve(finished):
     said = finished.quick(*added)
     jobs = dict(re.findall(r"^(\w+) +(\d+)$", said.split("Job stats:")[1].split("\n\n")[0], re.M))
     made = {"predict_external": 4, "evaluate": 4, "collect_cases": 1, "compare_methods": 1, "compare_better": 1}
-    made |= {"ablate": 1, "provenance": 1, "all": 1}
+    made |= {"compare_regions": 1, "compare_landmarks": 1, "ablate": 1, "time_stages": 1, "provenance": 1, "all": 1}
     assert {name: int(count) for name, count in jobs.items() if name != "total"} == made
     cases = pd.read_csv(results / "tables/cases.csv").set_index("case")
     rows = {method: own.drop(columns=OWN) for method, own in cases.groupby("method")}

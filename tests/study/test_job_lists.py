@@ -78,7 +78,8 @@ def test_too_few_scans_leave_the_learned_method_out_and_nothing_else(project, sc
     made = {path.split("/")[2] for path in jobs if path.endswith("metrics.csv")}
     assert made == {"no_change", "fem_bonded", "fem_sliding"}
     assert "tables/cases.csv" in jobs and "provenance.json" in jobs
-    assert ("tables/accuracy.csv" in jobs) == judged
+    assert ("tables/accuracy.csv" in jobs) == ("tables/regions.csv" in jobs) == judged
+    assert "tables/stages.csv" in jobs and not {"tables/training.csv", "tables/landmarks.csv"} & set(jobs)
 
 
 def test_the_picture_of_an_unscanned_patient_is_refused_by_name(project):

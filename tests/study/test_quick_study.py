@@ -49,7 +49,15 @@ def test_tables_have_one_row_per_case_and_method(studied):
     ablation = pd.read_csv(results / "tables/ablation.csv").set_index("method")
     assert list(ablation.index) == LEARNED[:3] and (ablation["n"] == 6).all()
     assert cases["converged"].all()
-    for name in ("cases", "accuracy", "better", "ablation"):
+    regions, landmarks = (pd.read_csv(results / f"tables/{name}.csv") for name in ("regions", "landmarks"))
+    assert len(regions) == 6 * len(METHODS) and len(landmarks) == 13 * len(METHODS)
+    assert (regions["n"] == 6).all() and (landmarks["n"] == 6).all()
+    training = pd.read_csv(results / "tables/training.csv").set_index("method")
+    assert list(training.index) == LEARNED and (training["pretraining_seconds"] > 0).all()
+    assert training.loc["pinnochio", "parameters"] > training.loc["pinnochio_unified", "parameters"]
+    stages = pd.read_csv(results / "tables/stages.csv").set_index("rule")
+    assert stages.loc["pretrain", "jobs"] == 2 * len(LEARNED) and stages.index[-1] == "all"
+    for name in ("cases", "accuracy", "better", "ablation", "regions", "landmarks", "training", "stages"):
         for suffix in ("md", "tex", "html"):
             assert (results / f"tables/{name}.{suffix}").stat().st_size > 100
 

@@ -2,6 +2,7 @@
 
 import html
 import re
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -47,6 +48,28 @@ def test_ties_are_counted_over_all_signs_and_said():
     assert p == pytest.approx(expected) and statement == "exact; ties share ranks"
     # Equal in decimals though not in the last bit.
     assert wilcoxon([0.3 - 0.2, 0.1, 0.2 - 0.1, 0.5, 0.6, 0.7])[1] == "exact; ties share ranks"
+
+
+def test_ties_of_many_pairs_take_the_normal_approximation_which_does_not_overstate():
+    difference = np.concatenate([np.arange(1, 14), [13, -1, -2, -14.0]])
+    ranks = stats.rankdata(np.abs(difference))
+    signs = (np.arange(2**17)[:, None] >> np.arange(17)) & 1
+    null, observed = signs @ ranks, ranks[difference < 0].sum()
+    exact = 2 * (null <= observed).mean()
+    mean, variance = ranks.sum() / 2, (ranks**2).sum() / 4
+    by_hand = 2 * stats.norm.sf((mean - observed - 0.5) / np.sqrt(variance))
+    p, statement = wilcoxon(difference)
+    assert p == pytest.approx(by_hand) and statement == "normal approximation: ties"
+    assert exact < p < 1.5 * exact
+    assert wilcoxon(np.append(difference, 0))[1] == "normal approximation: ties; 1 zero difference dropped"
+
+
+def test_nothing_that_scipy_warns_of_leaks():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for difference in ([1.0] * 8, [0.0] * 8, [0, 0, 1, 1, 1, -1, -2, 2], [1.0] * 30, [2.0] * 5, [1.0], []):
+            found = compare(difference, np.zeros(len(difference)), 0)
+            assert found.statement and (found.p > 0 or "not tested" in found.statement)
 
 
 def test_zeros_and_small_n_give_a_statement_instead_of_a_p():
@@ -195,7 +218,10 @@ def test_the_twins_hold_the_numbers_of_the_csv(cases, tmp_path):
         found = numbers(text)
         assert not [value for value in wanted if value not in found], suffix
         assert sorted(found) == sorted(numbers(texts["md"])), suffix
-    assert "0.015625\\*" in texts["md"] and "0.015625*" in texts["tex"] and "0.015625*" in html.unescape(texts["html"])
+    star = f"{stored['cd_mean'][0]} ± {stored['cd_sd'][0]}*"
+    assert star.replace("*", "\\*") in texts["md"] and star.replace("±", r"$\pm$") in texts["tex"]
+    assert star in html.unescape(texts["html"]) and texts["html"].count("*</td>") == 1
+    assert all("0.015625" in text for text in texts.values())
     best = next(line for line in texts["md"].splitlines() if line.startswith("| fem"))
     assert "**1.4950 ± " in best and texts["md"].count("**1.000**") == 3  # ties share the bold
     for suffix, mark in (("tex", r"\\textbf\{1\.4950 "), ("html", r"<b>1\.4950 ")):

@@ -13,7 +13,7 @@ from pinnochio.anatomy.predictions import Prediction
 from pinnochio.evaluation.case import evaluate_case
 from pinnochio.evaluation.tables import CASES, check
 from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, volume_metrics
-from pinnochio.evaluation.volume_error import interpolate, volume_errors
+from pinnochio.evaluation.volume_error import interpolate, mean_and_p95, truth_errors
 from pinnochio.mechanics.elements import jacobians, shape_gradients
 
 SIX = np.array([[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]])
@@ -164,19 +164,20 @@ def test_a_linear_field_is_interpolated_exactly_and_outside_by_the_closest_point
     np.testing.assert_allclose(found, np.clip(outside, 0, 40) @ gradient.T + shift, atol=1e-8)
 
 
-def test_volume_errors_are_between_fields_on_two_meshes():
+def test_truth_errors_are_between_fields_on_two_meshes():
     points, cells = block(4)
     other, other_cells = block(5)
-    truth = other * [0.1, 0, 0]
+    truth = other, other_cells, other * [0.1, 0, 0]
     u = points * [0.1, 0, 0]
-    skin = np.flatnonzero(points[:, 2] == 40)
-    zero = volume_errors(points, u, skin, other, other_cells, truth)
-    assert max(zero.values()) < 1e-8
-    u = u + points[:, 2:] * [0, 0.05, 0]  # error z / 20
-    found = volume_errors(points, u, skin, other, other_cells, truth)
-    assert found["volume_error_mean"] == pytest.approx(1) and found["volume_error_max"] == pytest.approx(2)
-    assert found["skin_error_mean"] == pytest.approx(2) and found["skin_error_p95"] == pytest.approx(2)
-    assert found["volume_error_p95"] == pytest.approx(2)
+    assert truth_errors(points, u, *truth).max() < 1e-8
+    errors = truth_errors(points, u + points[:, 2:] * [0, 0.05, 0], *truth)
+    np.testing.assert_allclose(errors, points[:, 2] / 20, atol=1e-8)
+    assert mean_and_p95("volume_error", errors) == {
+        "volume_error_mean": pytest.approx(1),
+        "volume_error_p95": pytest.approx(2),
+    }
+    anywhere = points[:3] + 1.0  # a skin is compared where its own points are
+    np.testing.assert_allclose(truth_errors(anywhere, 0 * anywhere, *truth), 0.1 * anywhere[:, 0], atol=1e-8)
 
 
 def real_operator(patient, superficial=4.0):
@@ -207,7 +208,20 @@ def test_one_case_gives_one_complete_row(patient):
     assert row["cd"] == pytest.approx(1.5) and row["pwr1"] == 0 and row["pwr2"] == 100
     assert row["min_jacobian"] == pytest.approx(1) and row["eqres_rel"] == 0 and row["moving_error"] == 0
     assert row["volume_error_mean"] == pytest.approx(2 * np.sqrt(3)) and row["nodes"] == 125
+    assert row["skin_error_mean"] == row["skin_error_p95"] == pytest.approx(2 * np.sqrt(3))
+    assert np.isnan(row["region_nose"]) and np.isnan(row["landmark_menton"])  # a cube has no face
     assert list(check(pd.DataFrame([row]), CASES)) == [column.name for column in CASES]
+    skin = evaluate_case(
+        patient,
+        plan,
+        Prediction(None, skin=np.zeros_like(patient.skin_points)),
+        target=target,
+        truth=(patient.points, patient.cells, np.full_like(patient.points, 2.0)),
+        **options,
+    )
+    assert (skin["cd"], skin["skin_error_mean"]) == (row["cd"], row["skin_error_mean"])
+    assert np.isnan([skin["volume_error_mean"], skin["min_jacobian"]]).all()
+    check(pd.DataFrame([skin]), CASES)
     bare = evaluate_case(patient, plan, Prediction(np.zeros_like(patient.points)), **options)
     assert np.isnan(bare["cd"]) and np.isnan(bare["volume_error_mean"]) and bare["converged"]
     lost = evaluate_case(patient, plan, Prediction(np.full_like(patient.points, np.nan)), target=target, **options)

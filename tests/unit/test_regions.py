@@ -105,6 +105,7 @@ def test_landmarks_lie_where_the_head_was_built_with_them(head):
     heights = {
         "pronasale": ("pronasale", 3),
         "labrale_superius": ("labrale_superius", 3),
+        "labrale_inferius": ("labrale_inferius", 5),
         "sublabiale": ("mentolabial", 8),
     }
     heights |= {"subnasale": ("subnasale", 8), "sellion": ("nasion", 12)}

@@ -29,6 +29,7 @@ class FaceLandmarks:
     subnasale: np.ndarray
     labrale_superius: np.ndarray
     stomion: np.ndarray
+    labrale_inferius: np.ndarray
     sublabiale: np.ndarray
     pogonion: np.ndarray
     menton: np.ndarray
@@ -44,7 +45,8 @@ def face_landmarks(patient: PatientModel) -> FaceLandmarks:
     the upper incisors; menton is the skin in front of the bone's lower end. All else lies farthest from a chord of
     the profile: pronasale in front of that from stomion to the top; subnasale behind that from stomion to pronasale;
     sellion behind that from pronasale to the top; labrale superius in front of that from stomion to subnasale;
-    pogonion in front of that from menton to stomion; sublabiale behind that from pogonion to the lower lip.
+    pogonion in front of that from menton to stomion; sublabiale behind that from pogonion to the lower lip; labrale
+    inferius in front of that from sublabiale to stomion.
 
     Across the nose (the foremost of sections between subnasale and pronasale) the wings lie farthest behind the chords
     from the ridge to the cheeks; the mean of both sides counts. The mouth ends where its lip nodes end, but no nearer
@@ -58,6 +60,8 @@ def face_landmarks(patient: PatientModel) -> FaceLandmarks:
         raise _refused("it has no skin or no bone segment")
     middle = 0.5 * (upper[:, 0].min() + upper[:, 0].max())
     front = upper[np.abs(upper[:, 0] - middle) < TEETH]
+    if not len(front):
+        raise _refused("its upper jaw has nothing on the midline")
     edge = front[front[:, 1] < front[:, 1].min() + TEETH, 2].min()
     lips = [patient.points[patient.lip == lip] for lip in (UPPER_LIP, LOWER_LIP)]
     lips = [lip[np.abs(lip[:, 2] - edge) < SLIT] for lip in lips]
@@ -80,6 +84,7 @@ def face_landmarks(patient: PatientModel) -> FaceLandmarks:
     pogonion = _farthest(line, 0, stomion, True, 0, low)
     lower = _farthest(line, 0, stomion, True, fold, stomion)
     sublabiale = _farthest(line, pogonion, lower, False, low, fold)
+    inferius = _farthest(line, sublabiale, stomion, True)
 
     out = np.arange(-CHEEK, CHEEK + STEP, STEP)
     levels = np.linspace(z[subnasale], z[pronasale], 6)[1:]
@@ -94,7 +99,7 @@ def face_landmarks(patient: PatientModel) -> FaceLandmarks:
     beside = _section(points, faces, points[:, 2] - mouth, points[:, 0] - middle, out)
     profile = np.column_stack([x, depth, z])
     return FaceLandmarks(
-        *profile[[sellion, pronasale, subnasale, superius, stomion, sublabiale, pogonion, 0]],
+        *profile[[sellion, pronasale, subnasale, superius, stomion, inferius, sublabiale, pogonion, 0]],
         alare=np.array([(middle + a, np.interp(a, out, across), z[subnasale]) for a in (-wing, wing)]),
         cheilion=np.array([(middle + a, np.interp(a, out, beside), mouth) for a in corners]),
     )

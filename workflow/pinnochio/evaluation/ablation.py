@@ -5,7 +5,17 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from pinnochio.evaluation.tables import ACCURACY, Column, View, significance, spread, summarise, write_csv, write_twins
+from pinnochio.evaluation.tables import (
+    ACCURACY,
+    Column,
+    View,
+    significance,
+    spread,
+    starred,
+    summarise,
+    write_csv,
+    write_twins,
+)
 
 ABLATION = (
     *ACCURACY[:1],
@@ -39,7 +49,7 @@ def write_ablation(
     view = [
         View("Decomposition", lambda row: "yes" if row["decomposition"] else "no"),
         View("Physics", lambda row: "yes" if row["physics"] else "no"),
-        View("CD mm", spread("cd"), -1),
+        View("CD mm", starred(spread("cd")), -1),
         View("PWR@1 %", spread("pwr1"), 1),
         View("EqRes", spread("eqres_rel"), -1),
         View("min J", spread("raw_min_jacobian"), 1),
@@ -67,7 +77,7 @@ def write_design(
     frame = write_csv(frame, path, DESIGN)
     view = [
         View("Network", lambda row: row["method"].removeprefix("design_")),
-        View("CD mm", spread("cd"), -1),
+        View("CD mm", starred(spread("cd")), -1),
         View("Volume error mm", spread("volume_error_mean"), -1),
         View("EqRes", spread("eqres_rel"), -1),
         View("min J", spread("raw_min_jacobian"), 1),

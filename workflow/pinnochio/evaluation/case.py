@@ -1,14 +1,18 @@
 """Everything that is measured of one prediction: one row of cases.csv."""
 
+import logging
+
 import numpy as np
 
 from pinnochio.anatomy.model import FREE, NO_INTERFACE, PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.predictions import Prediction
+from pinnochio.errors import InputError
+from pinnochio.evaluation.regions import landmark_errors, region_errors
 from pinnochio.evaluation.surface_metrics import surface_metrics
 from pinnochio.evaluation.tables import CASES
 from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, volume_metrics
-from pinnochio.evaluation.volume_error import volume_errors
+from pinnochio.evaluation.volume_error import mean_and_p95, truth_errors
 
 # Columns that a prediction brings along.
 COPIED = ("device", "seconds", "setup_seconds", "threads", "converged")
@@ -33,7 +37,7 @@ def evaluate_case(
     target: points and faces of the registered post-operative skin; truth: points, cells, displacement; either may be
     absent, and its columns are then empty. labels: what the caller knows (fold, method, code, registration_residual).
     A prediction of the skin alone has none of the columns of the volume. One that is not finite gives a row without
-    metrics, marked as not converged.
+    metrics, marked as not converged. Regions and landmarks stay empty where the face cannot be read.
     """
     u, moved = prediction.displacement, prediction.moved_skin(patient)
     row = dict.fromkeys((column.name for column in CASES if column.optional), np.nan)
@@ -51,7 +55,20 @@ def evaluate_case(
         row["interface_error"] = np.linalg.norm(u - prediction.boundary, axis=1)[contact].mean()
     if target is not None:
         row |= surface_metrics(moved, patient.skin_faces, patient.face_roi, *target, samples, seed, plan.case)
-    if truth is not None and u is not None:
-        errors = volume_errors(patient.points, u, np.unique(patient.skin_nodes), *truth)
-        row |= {key: value for key, value in errors.items() if key in row}
+        row |= _where_readable(plan.case, region_errors, patient, moved, *target, samples, seed)
+    if truth is not None:
+        if u is not None:
+            row |= mean_and_p95("volume_error", truth_errors(patient.points, u, *truth))
+        errors = truth_errors(patient.skin_points, moved - patient.skin_points, *truth)
+        row |= mean_and_p95("skin_error", errors)
+        row |= _where_readable(plan.case, landmark_errors, patient, errors)
     return row
+
+
+def _where_readable(case: str, measure, *arguments) -> dict[str, float]:
+    """What measure(*arguments) finds; nothing, and a line in the log, where the patient's face cannot be read."""
+    try:
+        return measure(*arguments)
+    except InputError as error:
+        logging.info("%s: no %s (%s)", case, measure.__name__.replace("_", " "), error)
+        return {}

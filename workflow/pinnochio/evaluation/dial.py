@@ -8,7 +8,7 @@ import pandas as pd
 
 from pinnochio.errors import InputError
 from pinnochio.evaluation.significance import compare, holm
-from pinnochio.evaluation.tables import CASES, Column, View, check, spread, write_csv, write_twins
+from pinnochio.evaluation.tables import CASES, Column, View, check, count, spread, write_csv, write_twins
 from pinnochio.seeds import derive_seed
 
 AVERAGED = ("cd", "pwr1", "volume_error_mean", "eqres_rel", "min_jacobian", "interface_error", "seconds")
@@ -97,11 +97,10 @@ def write_dial(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virt
         View("Inverted", one("inverted")),
         View("Seconds", spread("seconds", _DIAL)),
     ]
-    n = f"n = {frame['n'].min()}" if frame["n"].nunique() == 1 else f"n = {frame['n'].min()} to {frame['n'].max()}"
     caption = (
-        f"Newton corrections of the networks' fields on their own interface, {cohort}, {n} patients: mean ± standard "
-        "deviation. CD difference: mean change against no correction, two-sided Wilcoxon signed-rank test, "
-        "Holm-corrected per method. EqRes: residual of the free nodes over the force of all others. Seconds: network "
-        "and corrections."
+        f"Newton corrections of the networks' fields on their own interface, {cohort}, {count(frame['n'])} patients: "
+        "mean ± standard deviation. CD difference: mean change against no correction, two-sided Wilcoxon signed-rank "
+        "test, Holm-corrected per method. EqRes: residual of the free nodes over the force of all others. Seconds: "
+        "network and corrections."
     )
     write_twins(frame, path, view, caption, DIAL)

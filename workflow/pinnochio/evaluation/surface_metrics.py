@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 
 from pinnochio.anatomy.triangles import face_normals
 from pinnochio.errors import InputError
-from pinnochio.evaluation.distances import closest_points, sample_surface, vertex_areas
+from pinnochio.evaluation.distances import Closest, closest_points, sample_surface, vertex_areas
 
 
 def surface_metrics(
@@ -33,20 +33,14 @@ def surface_metrics(
         found = closest_points(queries, target_points, target_faces)
         return found.distance, ~found.border
 
-    def to_prediction(queries):
-        found = closest_points(queries, points, faces)
-        return found.distance, ~found.border & roi[found.face]
-
-    # As many target samples as leave about `samples` of them in the region.
-    ratio = face_normals(target_points, target_faces)[1].sum() / face_normals(points, judged)[1].sum()
-    many = int(np.ceil(samples * np.clip(ratio, 1, 5)))
     there, kept = to_target(sample_surface(points, judged, samples, seed))
     there = there[kept]
-    back, kept = to_prediction(sample_surface(target_points, target_faces, many, seed + 1))
-    back = back[kept]
+    sampled, kept = target_samples(points, faces, roi, target_points, target_faces, samples, seed)[1:]
+    back = sampled.distance[kept]
     vertex_there, vertex_kept = to_target(points[used])
     target_used = np.unique(target_faces)
-    vertex_back, target_kept = to_prediction(target_points[target_used])
+    found, target_kept = on_judged(target_points[target_used], points, faces, roi)
+    vertex_back = found.distance
     if min(len(there), len(back), vertex_kept.sum(), target_kept.sum()) == 0:
         raise InputError(case, "postop", "the scan covers nothing of the judged face", "check scan and registration")
 
@@ -70,6 +64,25 @@ def surface_metrics(
         "pwr1_target": _share(vertex_back < 1, target_areas),
         "pwr2_target": _share(vertex_back < 2, target_areas),
     }
+
+
+def target_samples(
+    points, faces, roi, target_points, target_faces, samples: int, seed: int
+) -> tuple[np.ndarray, Closest, np.ndarray]:
+    """Samples (k, 3) of the target, their closest points on the prediction, and which of them (k,) bool are judged.
+
+    As many as leave about `samples` of them in the judged region; arguments and rule as in :func:`surface_metrics`.
+    """
+    ratio = face_normals(target_points, target_faces)[1].sum() / face_normals(points, faces[roi])[1].sum()
+    many = int(np.ceil(samples * np.clip(ratio, 1, 5)))
+    queries = sample_surface(target_points, target_faces, many, seed + 1)
+    return queries, *on_judged(queries, points, faces, roi)
+
+
+def on_judged(queries, points, faces, roi) -> tuple[Closest, np.ndarray]:
+    """Closest points of queries (k, 3) on the whole prediction, and which lie (k,) bool on its judged faces."""
+    found = closest_points(queries, points, faces)
+    return found, ~found.border & roi[found.face]
 
 
 def _share(chosen, areas) -> float:

@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.errors import InputError
-from pinnochio.evaluation.significance import compare, holm
+from pinnochio.evaluation.regions import LANDMARKS, REGIONS
+from pinnochio.evaluation.significance import Comparison, compare, holm
 from pinnochio.files import replacing
 from pinnochio.seeds import derive_seed
 
@@ -33,6 +34,11 @@ class Column:
 
 def _number(name: str, unit: str, description: str, form: str = ".4f") -> Column:
     return Column(name, float, unit, description, form, optional=True)
+
+
+def words(name: str) -> str:
+    """A name as it is read."""
+    return name.replace("_", " ")
 
 
 CASES = (
@@ -71,10 +77,19 @@ CASES = (
     _number("moving_error", "mm", "mean error of the moving nodes against the plan"),
     _number("sliding_error", "mm", "mean change of the sliding nodes' distance from the moved bone"),
     _number("interface_error", "mm", "mean distance of the bone contact from where the interface network puts it"),
+    *(
+        column
+        for name in REGIONS
+        for column in (
+            _number(f"region_{name}", "mm", f"mean distance of the target's points on the {words(name)}"),
+            _number(f"bias_{name}", "mm", "the same, signed: positive where the prediction lies outside the target"),
+        )
+    ),
     _number("volume_error_mean", "mm", "mean error of all nodes against the virtual truth"),
     _number("volume_error_p95", "mm", "95th percentile of it"),
-    _number("skin_error_mean", "mm", "mean error of the skin nodes against the virtual truth"),
+    _number("skin_error_mean", "mm", "mean error of the skin points against the virtual truth"),
     _number("skin_error_p95", "mm", "95th percentile of it"),
+    *(_number(f"landmark_{name}", "mm", f"error at {words(name)} against the virtual truth") for name in LANDMARKS),
     _number("seconds", "s", "one plan, warm, without reading files", ".3f"),
     _number("setup_seconds", "s", "what belongs to the patient and serves every plan", ".3f"),
     Column("threads", int, "", "CPU threads; 0 where unknown"),
@@ -206,7 +221,6 @@ def summarise(
     methods = list(methods) if methods is not None else sorted(cases["method"].unique())
     if unknown := [method for method in [*methods, reference] if method and method not in set(cases["method"])]:
         raise InputError("-", "cases", f"method {unknown[0]!r} has no row", "predict and evaluate it first")
-    errors = cases.pivot(index="case", columns="method", values="cd")
     rows = []
     for method in methods:
         own = cases[cases["method"] == method]
@@ -217,28 +231,41 @@ def summarise(
             if spread:
                 row[f"{name}_sd"] = own[name].std()
         row["inverted"] = own["inverted"].sum()
-        if method == reference or reference is None:
-            row |= dict.fromkeys(
-                ("pairs", "cd_median_difference", "cd_mean_difference", "cd_low", "cd_high", "p"), np.nan
-            )
-            row["test"] = "reference" if reference else "no reference: not tested"
-        else:
-            both = errors[[method, reference]].dropna()
-            found = compare(both[method], both[reference], derive_seed(seed, "bootstrap", method))
-            row |= {"pairs": found.n, "cd_median_difference": found.median, "cd_mean_difference": found.mean}
-            row |= {"cd_low": found.low, "cd_high": found.high, "p": found.p, "test": found.statement}
+        found = paired(cases, "cd", method, reference, derive_seed(seed, "bootstrap", method))
+        row |= {"pairs": found.n, "cd_median_difference": found.median, "cd_mean_difference": found.mean}
+        row |= {"cd_low": found.low, "cd_high": found.high, "p": found.p, "test": found.statement}
         rows.append(row)
     frame = pd.DataFrame(rows)
     frame["p_holm"] = holm(frame["p"])
     return check(frame, ACCURACY)
 
 
-def write_accuracy(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
-    """Write accuracy.csv and its twins in the form of the paper's Table 1; bold: best; *: Holm p < 0.05."""
+def paired(cases: pd.DataFrame, measure: str, method: str, reference: str | None, seed: int) -> Comparison:
+    """A method against the reference by one column of CASES, over the patients that both have.
+
+    Of the reference itself, or without one, nothing but a statement.
+    """
+    if method == reference or reference is None:
+        return Comparison.none("reference" if reference else "no reference: not tested")
+    errors = cases.pivot(index="case", columns="method", values=measure)[[method, reference]].dropna()
+    return compare(errors[method], errors[reference], seed)
+
+
+def write_accuracy(
+    frame: pd.DataFrame,
+    path: str | os.PathLike,
+    cohort: str = "virtual cohort",
+    further: Sequence["Block"] = (),
+    paragraphs: Sequence[str] = (),
+) -> None:
+    """Write accuracy.csv and its twins in the form of the paper's Table 1; bold: best; *: Holm p < 0.05.
+
+    further, paragraphs: what the twins hold below the table.
+    """
     frame = write_csv(frame, path, ACCURACY)
     view = [
         View("Method", lambda row: row["method"]),
-        View("CD mm", spread("cd"), -1),
+        View("CD mm", starred(spread("cd")), -1),
         View("HD95 mm", spread("hd95"), -1),
         View("PWR@1 %", spread("pwr1"), 1),
         View("PWR@2 %", spread("pwr2"), 1),
@@ -246,12 +273,16 @@ def write_accuracy(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "
         View("p vs reference", significance),
     ]
     reference = ", ".join(frame.loc[frame["reference"], "method"])
-    n = f"n = {frame['n'].min()}" if frame["n"].nunique() == 1 else f"n = {frame['n'].min()} to {frame['n'].max()}"
     caption = (
-        f"Accuracy on the {cohort}, {n} patients: mean ± standard deviation. Bold: best mean. p: two-sided Wilcoxon "
-        f"signed-rank test of CD against {reference or 'the reference'}, Holm-corrected; * p < 0.05."
+        f"Accuracy on the {cohort}, {count(frame['n'])} patients: mean ± standard deviation. Bold: best mean. p: "
+        f"two-sided Wilcoxon signed-rank test of CD against {reference or 'the reference'}, Holm-corrected; * p < 0.05."
     )
-    write_twins(frame, path, view, caption, ACCURACY)
+    write_twins(frame, path, view, caption, ACCURACY, further, paragraphs)
+
+
+def count(n: pd.Series) -> str:
+    """How many patients the rows of a table have, as captions say it."""
+    return f"n = {n.min()}" if n.nunique() == 1 else f"n = {n.min()} to {n.max()}"
 
 
 def spread(name: str, columns: Mapping[str, Column] = _ACCURACY) -> Callable:
@@ -264,10 +295,14 @@ def spread(name: str, columns: Mapping[str, Column] = _ACCURACY) -> Callable:
     return text
 
 
+def starred(text: Callable) -> Callable:
+    """The text of a row with a star where Holm's p is below 0.05."""
+    return lambda row: text(row) + ("*" if row["p_holm"] < 0.05 else "")
+
+
 def significance(row) -> str:
-    """Text of a row of ACCURACY: Holm's p with a star below 0.05, or why there is none."""
-    star = "*" if row["p_holm"] < 0.05 else ""
-    return row["test"] if np.isnan(row["p_holm"]) else _ACCURACY["p_holm"].text(row["p_holm"]) + star
+    """Text of a row of ACCURACY: Holm's p, or why there is none."""
+    return row["test"] if np.isnan(row["p_holm"]) else _ACCURACY["p_holm"].text(row["p_holm"])
 
 
 @dataclass(frozen=True)
@@ -286,28 +321,65 @@ class View:
         return values == np.nanmax(values) if np.isfinite(values).any() else np.zeros(len(texts), bool)
 
 
-def write_twins(frame, path, view: Sequence[View], caption: str, schema: Sequence[Column]) -> None:
-    """Write Markdown, LaTeX and HTML beside the CSV `path`, with the same numbers as the CSV."""
-    rows = frame.to_dict("records")
-    texts = [[str(column.text(row)) for column in view] for row in rows]
-    bold = np.stack([column.bold([row[i] for row in texts]) for i, column in enumerate(view)], axis=1)
-    headers = [column.header for column in view]
+@dataclass(frozen=True)
+class Block:
+    """A table of the readable twins: rows of a frame as a view shows them, with a caption.
+
+    title: what sets a further table apart from the one above it.
+    """
+
+    frame: pd.DataFrame
+    view: Sequence[View]
+    caption: str
+    title: str = ""
+
+    @property
+    def headers(self) -> list[str]:
+        return [column.header for column in self.view]
+
+    def cells(self, cell: Callable[[str, bool], str]) -> list[list[str]]:
+        """Every row's texts as cell(text, bold) writes them."""
+        columns = [[str(column.text(row)) for row in self.frame.to_dict("records")] for column in self.view]
+        bold = [column.bold(texts) for column, texts in zip(self.view, columns, strict=True)]
+        return [
+            [cell(*pair) for pair in zip(*row, strict=True)]
+            for row in zip(zip(*columns, strict=True), zip(*bold, strict=True), strict=True)
+        ]
+
+
+def write_twins(
+    frame,
+    path,
+    view: Sequence[View],
+    caption: str,
+    schema: Sequence[Column],
+    further: Sequence[Block] = (),
+    paragraphs: Sequence[str] = (),
+) -> None:
+    """Write Markdown, LaTeX and HTML beside the CSV `path`, with the same numbers as the CSV.
+
+    further: tables below the CSV's own; paragraphs: plain text below all tables.
+    """
+    blocks = [Block(frame, view, caption), *further]
     for suffix, render in ((".md", _markdown), (".tex", _latex), (".html", _html)):
         with replacing(Path(path).with_suffix(suffix)) as temporary:
-            temporary.write_text(render(headers, texts, bold, caption, schema), encoding="utf-8")
+            temporary.write_text(render(blocks, paragraphs, schema), encoding="utf-8")
 
 
-def _markdown(headers, texts, bold, caption, schema) -> str:
+def _markdown(blocks, paragraphs, schema) -> str:
     def cell(text, strong):
         text = text.replace("|", "\\|").replace("*", "\\*")
         return f"**{text}**" if strong and text else text
 
-    lines = [headers, ["---"] * len(headers)]
-    lines += [[cell(*pair) for pair in zip(*row, strict=True)] for row in zip(texts, bold, strict=True)]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + f"\n\n{caption}\n"
+    parts = []
+    for block in blocks:
+        lines = [block.headers, ["---"] * len(block.headers), *block.cells(cell)]
+        parts += [f"**{block.title}**"] if block.title else []
+        parts += ["\n".join("| " + " | ".join(line) + " |" for line in lines), block.caption]
+    return "\n\n".join([*parts, *paragraphs]) + "\n"
 
 
-def _latex(headers, texts, bold, caption, schema) -> str:
+def _latex(blocks, paragraphs, schema) -> str:
     special = {c: f"\\{c}" for c in "&%$#_{}"} | {"\\": r"\textbackslash{}", "±": r"$\pm$"}
     special |= {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": "$<$", ">": "$>$"}
 
@@ -317,40 +389,51 @@ def _latex(headers, texts, bold, caption, schema) -> str:
     def cell(text, strong):
         return f"\\textbf{{{escape(text)}}}" if strong and text else escape(text)
 
-    body = [[cell(*pair) for pair in zip(*row, strict=True)] for row in zip(texts, bold, strict=True)]
-    lines = [" & ".join(row) + r" \\" for row in [[escape(header) for header in headers], *body]]
-    return "\n".join(
-        [r"\begin{table}", r"\centering", f"\\caption{{{escape(caption)}}}"]
-        + [f"\\begin{{tabular}}{{l{'r' * (len(headers) - 1)}}}", r"\hline", lines[0], r"\hline", *lines[1:]]
-        + [r"\hline", r"\end{tabular}", r"\end{table}", ""]
-    )
+    parts = []
+    for block in blocks:
+        head = [escape(header) for header in block.headers]
+        caption = f"{block.title}. {block.caption}" if block.title else block.caption
+        lines = [" & ".join(row) + r" \\" for row in [head, *block.cells(cell)]]
+        parts.append(
+            "\n".join(
+                [r"\begin{table}", r"\centering", f"\\caption{{{escape(caption)}}}"]
+                + [f"\\begin{{tabular}}{{l{'r' * (len(head) - 1)}}}", r"\hline", lines[0], r"\hline", *lines[1:]]
+                + [r"\hline", r"\end{tabular}", r"\end{table}"]
+            )
+        )
+    return "\n\n".join([*parts, *map(escape, paragraphs)]) + "\n"
 
 
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem;color:#222;background:#fff}
-.scroll{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums}
+.scroll{overflow-x:auto}h2{font-size:1.1rem;margin:2.5rem 0 .5rem}p{max-width:60rem;margin-top:1.5rem}
+table{border-collapse:collapse;font-variant-numeric:tabular-nums}
 caption{text-align:left;padding-bottom:.8rem;max-width:60rem}th{border-bottom:2px solid #444;text-align:left}
 th,td{padding:.3rem .8rem;white-space:nowrap}td:not(:first-child){text-align:right}
 tbody tr:nth-child(even){background:#f4f4f2}details{margin-top:1.5rem}dt{font-weight:600;margin-top:.4rem}"""
 
 
-def _html(headers, texts, bold, caption, schema) -> str:
+def _html(blocks, paragraphs, schema) -> str:
     def cell(text, strong):
         text = html.escape(text)
         return f"<td><b>{text}</b></td>" if strong and text else f"<td>{text}</td>"
 
-    head = "".join(f"<th>{html.escape(header)}</th>" for header in headers)
-    body = "\n".join(
-        "<tr>" + "".join(cell(*pair) for pair in zip(*row, strict=True)) + "</tr>"
-        for row in zip(texts, bold, strict=True)
-    )
+    parts = []
+    for block in blocks:
+        head = "".join(f"<th>{html.escape(header)}</th>" for header in block.headers)
+        body = "\n".join("<tr>" + "".join(row) + "</tr>" for row in block.cells(cell))
+        parts += [f"<h2>{html.escape(block.title)}</h2>"] if block.title else []
+        parts.append(
+            f"<div class='scroll'><table><caption>{html.escape(block.caption)}</caption>\n"
+            f"<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>"
+        )
+    parts += [f"<p>{html.escape(text)}</p>" for text in paragraphs]
     legend = "".join(
         f"<dt>{html.escape(c.name)}</dt><dd>{html.escape(c.description)}{f' [{c.unit}]' if c.unit else ''}</dd>"
         for c in schema
     )
-    title = html.escape(caption.split(":")[0].split(";")[0])
+    title = html.escape(blocks[0].caption.split(":")[0].split(";")[0])
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>\n'
-        f"<style>{STYLE}</style></head><body>\n<div class='scroll'><table><caption>{html.escape(caption)}</caption>\n"
-        f"<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>\n"
+        f"<style>{STYLE}</style></head><body>\n" + "\n".join(parts) + "\n"
         f"<details><summary>Columns of the CSV file</summary><dl>{legend}</dl></details>\n</body></html>\n"
     )

@@ -1,0 +1,77 @@
+# What the study costs, read from the benchmark files of its jobs; these differ from run to run and are no input.
+
+
+rule tabulate_training:
+    input:
+        networks=expand(
+            "<results>/folds/{fold}/{method}/network.pt",
+            method=LEARNED,
+            fold=HELD_OUT,
+        ),
+    output:
+        table=ensure("<results>/tables/training.csv", non_empty=True),
+        markdown="<results>/tables/training.md",
+        latex="<results>/tables/training.tex",
+        html="<results>/tables/training.html",
+    log:
+        "<logs>/tabulate_training.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        settings={
+            method: {
+                phase: VARIANTS[method].get(phase)
+                for phase in ("pretraining", "finetuning")
+            }
+            for method in LEARNED
+        },
+        folds=list(HELD_OUT),
+        benchmarks=BENCHMARKS,
+        cohort=COHORT,
+        code=code_of("evaluation"),
+    message:
+        "List what each learned method was given"
+    script:
+        "../scripts/tabulate_training.py"
+
+
+# Last of all, when the other tables are made.
+rule time_stages:
+    input:
+        rules.tables.input,
+        rules.quality.input,
+        rules.unscanned.input,
+        rules.tabulate_training.output if LEARNED else [],
+    output:
+        table=ensure("<results>/tables/stages.csv", non_empty=True),
+        markdown="<results>/tables/stages.md",
+        latex="<results>/tables/stages.tex",
+        html="<results>/tables/stages.html",
+    log:
+        "<logs>/time_stages.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        benchmarks=BENCHMARKS,
+        cohort=COHORT,
+        code=code_of("evaluation"),
+    message:
+        "Add up the time of every stage"
+    script:
+        "../scripts/time_stages.py"
+
+
+rule cost:
+    input:
+        rules.time_stages.output,
+        rules.tabulate_training.output if LEARNED else [],
+    message:
+        "The cost of the study is known"
