@@ -189,7 +189,9 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
 
 def test_case_picture_is_drawn(predicted, patient, tmp_path):
     picture = tmp_path / "case.png"
-    render_case(patient.case, patient.model, patient.plan, patient.postop, predicted, str(picture))
+    render_case(
+        patient.case, dict.fromkeys(predicted, patient.model), patient.plan, patient.postop, predicted, str(picture)
+    )
     assert picture.stat().st_size > 50_000
 
 
