@@ -148,6 +148,52 @@ rule meshes:
         "All patients are meshed and labelled"
 
 
+# The mesh and the model of the methods that resolve the lips.
+rule refine_lips:
+    input:
+        mesh="<results>/cases/{case}/mesh.vtu",
+        labels="<results>/cases/{case}/labels.nii.gz",
+        bone="<results>/cases/{case}/bone.vtp",
+    output:
+        mesh="<results>/cases/{case}/lips/mesh.vtu",
+    log:
+        "<logs>/refine_lips/{case}.log",
+    benchmark:
+        "<benchmarks>/refine_lips/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        segments=config["segments"],
+        sliding_band=config["interfaces"]["sliding_band"],
+        lip_edge=config["fem_rlse"]["lip_edge"],
+        code=code_of("anatomy", "meshing"),
+    message:
+        "Refine the mesh of {wildcards.case} around the mouth"
+    script:
+        "../scripts/refine_lips.py"
+
+
+use rule label_interfaces as label_lips with:
+    input:
+        mesh="<results>/cases/{case}/lips/mesh.vtu",
+        labels="<results>/cases/{case}/labels.nii.gz",
+        bone="<results>/cases/{case}/bone.vtp",
+        skin="<results>/cases/{case}/skin.vtp",
+        report="<results>/cases/{case}/import.json",
+    output:
+        model="<results>/cases/{case}/lips/model.h5",
+    log:
+        "<logs>/label_lips/{case}.log",
+    benchmark:
+        "<benchmarks>/label_lips/{case}.tsv"
+    message:
+        "Label the interfaces of {wildcards.case} on the mesh that resolves the lips"
+
+
 rule report_quality:
     input:
         model="<results>/cases/{case}/model.h5",

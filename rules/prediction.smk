@@ -25,7 +25,7 @@ rule predict_no_change:
 
 rule predict_fem:
     input:
-        models=of_held_out("<results>/cases/{case}/model.h5"),
+        models=models_of_held_out,
         plans=of_held_out("<results>/cases/{case}/plan.json"),
     output:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
@@ -44,7 +44,10 @@ rule predict_fem:
     params:
         cases=held_out,
         arm=lambda wildcards: ARMS[wildcards.method],
-        fem=config["fem"],
+        fem=fem_of,
+        apart=lambda wildcards: (
+            config["fem_rlse"]["apart"] if wildcards.method in ON_LIPS else 0
+        ),
         code=code_of("anatomy", "mechanics"),
     message:
         "Predict fold {wildcards.fold} by {wildcards.method}"

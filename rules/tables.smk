@@ -1,7 +1,7 @@
 rule evaluate:
     input:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
-        models=of_held_out("<results>/cases/{case}/model.h5"),
+        models=models_of_held_out,
         plans=of_held_out("<results>/cases/{case}/plan.json"),
         postops=of_scanned("<results>/cases/{case}/postop.h5"),
         truths=of_held_out("<results>/virtual/{case}/truth.h5") if VIRTUAL else [],
@@ -221,7 +221,9 @@ rule provenance:
 # A picture of one patient: before, outcome and every method with its error; asked for by name.
 rule render_case:
     input:
-        model="<results>/cases/{case}/model.h5",
+        models=lambda wildcards: [
+            model_of(wildcards.case, method)[0] for method in METHODS
+        ],
         plan="<results>/cases/{case}/plan.json",
         postop="<results>/cases/{case}/postop.h5",
         predictions=lambda wildcards: expand(

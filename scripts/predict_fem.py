@@ -18,17 +18,20 @@ def predict_fem(
     settings: FemSettings,
     threads: int,
     predictions: str,
+    apart: float = 0.0,
 ) -> None:
     """Solve each case's plan; a solve that stops early is written as such, with the last good state.
+
+    apart in mm: as in boundary_conditions.
 
     The first case is solved once more beforehand, so that no timing holds the loading of compiled code.
     """
     patients = [PatientModel.read(model) for model in models]
     motions = [Plan.read(plan, case) for plan, case in zip(plans, cases, strict=True)]
-    simulate(patients[0], motions[0], arm, settings)
+    simulate(patients[0], motions[0], arm, settings, apart)
     found = {}
     for case, patient, plan in zip(cases, patients, motions, strict=True):
-        result = simulate(patient, plan, arm, settings)
+        result = simulate(patient, plan, arm, settings, apart)
         logging.info("%s: %s, %.1f s", case, result.reason, result.seconds)
         found[case] = Prediction(
             result.displacement,
@@ -51,4 +54,5 @@ if __name__ == "__main__":
         FemSettings(**snakemake.params.fem),
         snakemake.threads,
         snakemake.output.predictions,
+        snakemake.params.apart,
     )

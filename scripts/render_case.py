@@ -7,24 +7,27 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.anatomy.predictions import read_prediction
 from pinnochio.evaluation.distances import signed_distances
-from pinnochio.evaluation.pictures import case_picture
+from pinnochio.evaluation.pictures import case_picture, skin_of
 from pinnochio.logs import attach_log
 
 
-def render_case(case: str, model: str, plan: str, postop: str, predictions: Mapping[str, str], picture: str) -> None:
-    """Draw the case; predictions maps each method to the file that holds the case."""
-    patient = PatientModel.read(model)
+def render_case(
+    case: str, models: Mapping[str, str], plan: str, postop: str, predictions: Mapping[str, str], picture: str
+) -> None:
+    """Draw the case; models and predictions map each method to the model it predicts on and to the file of its fold."""
+    patients = {method: PatientModel.read(model) for method, model in models.items()}
     target = PostopSkin.read(postop).surface
     fields = {method: read_prediction(path, case).displacement for method, path in predictions.items()}
-    errors = {method: signed_distances(patient.moved_skin(field), *target) for method, field in fields.items()}
-    case_picture(patient, Plan.read(plan, case), target, fields, errors, picture)
+    skins = {method: skin_of(patients[method], field) for method, field in fields.items()}
+    errors = {method: signed_distances(skin.points, *target) for method, skin in skins.items()}
+    case_picture(next(iter(patients.values())), Plan.read(plan, case), target, skins, errors, picture)
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     render_case(
         snakemake.wildcards.case,
-        snakemake.input.model,
+        dict(zip(snakemake.params.methods, snakemake.input.models, strict=True)),
         snakemake.input.plan,
         snakemake.input.postop,
         dict(zip(snakemake.params.methods, snakemake.input.predictions, strict=True)),

@@ -67,7 +67,15 @@ REFERENCE = config["reference"] if config["reference"] in METHODS else None
 # Tables of the data card; the effects are measured on as many patients as the configuration says.
 CARD_TABLES = ["thickness", "ratios"]
 CARD_TABLES += ["effects"] if config["virtual"]["effects"] else []
-ARMS = {"fem_bonded": "bonded", "fem_sliding": "mucosa"}
+ARMS = {
+    "fem_bonded": "bonded",
+    "fem_sliding": "mucosa",
+    "fem_rlse_bonded": "bonded",
+    "fem_rlse_mucosa": "mucosa",
+    "fem_rlse": "mucosa+lip",
+}
+# Predicted on the mesh that resolves the lips.
+ON_LIPS = {"fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse"}
 
 
 def segmentation_of(wildcards):
@@ -95,6 +103,19 @@ def of_held_out(pattern):
     return lambda wildcards: expand(pattern, case=HELD_OUT[wildcards.fold])
 
 
+def model_of(case, method):
+    """The model that the method predicts the case on."""
+    folder = (
+        "<results>/cases/{case}/lips" if method in ON_LIPS else "<results>/cases/{case}"
+    )
+    return expand(f"{folder}/model.h5", case=case)
+
+
+def models_of_held_out(wildcards):
+    """The models that the method predicts the held-out cases of the fold on."""
+    return model_of(HELD_OUT[wildcards.fold], wildcards.method)
+
+
 def of_training(pattern):
     """Input function: `pattern` for each training case of the fold, which no held-out case is."""
     return lambda wildcards: expand(pattern, case=training_cases(wildcards))
@@ -114,6 +135,14 @@ def lifts_of(names):
         return [] if lift == "none" else expand(pattern, case=names(wildcards))
 
     return found
+
+
+def fem_of(wildcards):
+    """The settings of finite elements of the method."""
+    if wildcards.method not in ON_LIPS:
+        return config["fem"]
+    own = {key: config["fem_rlse"][key] for key in ("increments", "time_limit")}
+    return config["fem"] | own
 
 
 def settings_of(section):

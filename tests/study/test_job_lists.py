@@ -76,7 +76,7 @@ def test_too_few_scans_leave_the_learned_method_out_and_nothing_else(project, sc
     assert f"{len(scanned)} of {len(scanned) + 4} patients have one" in said
     assert not any("pinnochio" in path or path.endswith((".pt", "teaching.h5")) for path in jobs)
     made = {path.split("/")[2] for path in jobs if path.endswith("metrics.csv")}
-    assert made == {"no_change", "fem_bonded", "fem_sliding"}
+    assert made == {"no_change", "fem_bonded", "fem_sliding", "fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse"}
     assert "tables/cases.csv" in jobs and "provenance.json" in jobs
     assert ("tables/accuracy.csv" in jobs) == ("tables/regions.csv" in jobs) == judged
     assert "tables/stages.csv" in jobs and not {"tables/training.csv", "tables/landmarks.csv"} & set(jobs)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 LEARNED = ["pinnochio_unified", "pinnochio_no_physics", "pinnochio", "pinnochio_plus"]
-METHODS = ["no_change", "fem_bonded", "fem_sliding", *LEARNED]
+METHODS = ["no_change", "fem_bonded", "fem_sliding", "fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse", *LEARNED]
 GUARD = ["raw_min_jacobian", "raw_inverted", "repaired", "damping", "interface_error"]  # of networks alone
 TESTED = ["reference", "pairs", "cd_median_difference", "cd_mean_difference", "cd_low", "cd_high", "p", "p_holm"]
 TESTED += ["test"]  # what depends on the reference method
@@ -90,7 +90,7 @@ def test_no_file_of_a_held_out_patient_reaches_training(studied):
     cases, _ = tables(results)
     case, fold = cases.loc[0, ["case", "fold"]]
     other = {"1": "2", "2": "1"}[str(fold)]
-    files = [path for key in ("cases", "virtual") for path in (results / key / case).iterdir()]
+    files = [path for key in ("cases", "virtual") for path in (results / key / case).rglob("*") if path.is_file()]
     before = {path: path.read_bytes() for path in files}
     try:
         for path in files:

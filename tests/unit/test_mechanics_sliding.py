@@ -209,6 +209,17 @@ def test_arms_of_a_plan():
     assert np.abs(fields["mucosa"][still, 0]).max() > 0.05
 
 
+@pytest.mark.parametrize(("apart", "free"), [(0, (9, 12)), (2.9, (9, 12)), (6.5, (6, 9, 12, 15))])
+def test_bonded_nodes_near_the_other_jaw_are_free(apart, free):
+    model = patient()
+    boundary = boundary_conditions(model, Plan("P01", {}), "bonded", apart=apart)
+    let = np.setdiff1d(np.flatnonzero(model.node_type == SLIDING), boundary.prescribed_nodes)
+    assert set(model.points[let, 0]) == set(free) and (model.points[let, 1] < 4).all()
+    # The other arms hold no sliding node to its bone anyway.
+    both = [boundary_conditions(model, Plan("P01", {}), "mucosa", apart=value).prescribed_nodes for value in (0, apart)]
+    np.testing.assert_array_equal(*both)
+
+
 def test_bad_arms_plans_and_surfaces_are_refused():
     model = patient()
     with pytest.raises(InputError, match="arm"):

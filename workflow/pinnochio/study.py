@@ -12,7 +12,7 @@ from pinnochio.networks.settings import NetworkSettings
 from pinnochio.seeds import generator
 
 COLUMNS = ("case", "segmentation", "plan", "postop")
-UNTRAINED = ("no_change", "fem_bonded", "fem_sliding")
+UNTRAINED = ("no_change", "fem_bonded", "fem_sliding", "fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse")
 
 
 @dataclass(frozen=True)

@@ -54,15 +54,15 @@ def case_picture(
     patient: PatientModel,
     plan: Plan,
     target: tuple[np.ndarray, np.ndarray],
-    predictions: Mapping[str, np.ndarray],
+    skins: Mapping[str, pv.PolyData],
     errors: Mapping[str, np.ndarray],
     path: str | os.PathLike,
 ) -> None:
     """First row: before, planned bone, scan of the outcome (points, faces); then each method's face and error.
 
-    predictions: displacement (n, 3) mm by method; errors: signed distance (s,) mm of every skin point to the target.
+    skins: predicted skin by method (`skin_of`); errors: signed distance (s,) mm of each of its points to the target.
     """
-    columns = max(3, len(predictions))
+    columns = max(3, len(skins))
     plotter = pv.Plotter(off_screen=True, shape=(3, columns), window_size=(420 * columns, 1250), border=False)
     plotter.subplot(0, 0)
     plotter.add_mesh(skin_of(patient, np.zeros_like(patient.points)), color=SKIN)
@@ -74,8 +74,7 @@ def case_picture(
     scan = pv.PolyData.from_regular_faces(*target).compute_normals(auto_orient_normals=False, split_vertices=False)
     plotter.add_mesh(scan, color=SKIN)
     finish(plotter, "outcome (scan)", OBLIQUE)
-    for column, (method, displacement) in enumerate(predictions.items()):
-        skin = skin_of(patient, displacement)
+    for column, (method, skin) in enumerate(skins.items()):
         plotter.subplot(1, column)
         plotter.add_mesh(skin, color=SKIN)
         finish(plotter, method, OBLIQUE)

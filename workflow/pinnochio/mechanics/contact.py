@@ -39,6 +39,7 @@ REACH = 12.0
 FEWEST = 6  # triangles that a node sees at least, however coarse the mesh
 WIDTH = 0.25  # h over the square root of the mean area of the triangles
 STEP = 1e-4  # mm, of the central differences
+NO_WEIGHT = 45.0  # squared distance over h^2, beyond the nearest triangle's, from which a weight is below 1e-19
 NEGLIGIBLE = 1e-7  # derivative of f by a node that the tangent leaves out
 ROUND = 3.0  # R in mm [I]
 MARGIN = 6.0  # mm around a lip that still belongs to its surface: where the other lip slides to [I]
@@ -151,13 +152,14 @@ def _hessian(side, moved, fraction: float, row, gap, slope) -> tuple[np.ndarray,
     count = int((size > NEGLIGIBLE).sum(axis=1).max())
     column = np.argsort(-size, axis=1, kind="stable")[:, :count]
     local, near = moved[side.stencil[row]], np.arange(len(row))[:, None]
+    weighty = side.weighty(local, row)
     bend = np.empty((len(row), count, 3, count, 3))
     for at, axis in np.ndindex(count, 3):
         ends = []
         for step in (STEP, -STEP):
             shifted = local.copy()
             shifted[near[:, 0], column[:, at], axis] += step
-            ends.append(side.local(shifted, row, fraction)[1][near, column])
+            ends.append(side.local(shifted, row, fraction, weighty)[1][near, column])
         bend[:, at, axis] = (ends[0] - ends[1]) / (2 * STEP)
     bend = (bend + bend.transpose(0, 3, 4, 1, 2)) / 2
     slope = slope[near, column]
@@ -179,7 +181,10 @@ class _Bone:
         self.stencil = np.asarray(item.nodes, int)[:, None]
         self._surface, self._motion = PointSurface(item.points, item.normals), item.motion
 
-    def local(self, here, row, fraction: float) -> tuple[np.ndarray, np.ndarray]:
+    def weighty(self, here, row) -> None:
+        """A bone has no triangles to choose from."""
+
+    def local(self, here, row, fraction: float, among=None) -> tuple[np.ndarray, np.ndarray]:
         """Signed distance (r,) and its derivative (r, 1, 3) of some rows, moved points of their stencil (r, 1, 3)."""
         motion = self._motion(fraction)
         f, slope = self._surface.distance(motion.inverse(here[:, 0]))
@@ -208,9 +213,23 @@ class _Faces:
             column[row, seen[row]] = 1 + np.searchsorted(corners, self._faces[row, seen[row]])
         self._column = column  # of the corners in the stencil; unseen triangles have no weight
 
-    def local(self, here, row, fraction: float) -> tuple[np.ndarray, np.ndarray]:
-        """Signed distance (r,) and its derivative (r, k, 3) of some rows, moved points of their stencil (r, k, 3)."""
-        shape, column = here.shape, self._column[row]
+    def weighty(self, here, row) -> np.ndarray:
+        """The triangles (r, w) of some rows, moved points of their stencil (r, k, 3), that have a weight in double
+        precision, and others to fill the row."""
+        corners = here[np.arange(len(row))[:, None, None], self._column[row]]
+        square = (here[:, :1] - np.einsum("stc,stcx->stx", closest_on_triangles(here[:, :1], corners)[1], corners)) ** 2
+        square = np.where(self._seen[row], square.sum(axis=2), np.inf)
+        count = int((square < square.min(axis=1, keepdims=True) + NO_WEIGHT * self._width**2).sum(axis=1).max())
+        return np.argsort(square, axis=1, kind="stable")[:, :count]
+
+    def local(self, here, row, fraction: float, among=None) -> tuple[np.ndarray, np.ndarray]:
+        """Signed distance (r,) and its derivative (r, k, 3) of some rows, moved points of their stencil (r, k, 3).
+
+        among (r, w): the triangles of each row to look at; all without it.
+        """
+        shape, column, seen = here.shape, self._column[row], self._seen[row]
+        if among is not None:
+            column, seen = np.take_along_axis(column, among[..., None], 1), np.take_along_axis(seen, among, 1)
         column = column + shape[1] * np.arange(shape[0])[:, None, None]
         corners, here = here.reshape(-1, 3)[column], here[:, :1]
         first, second = corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]
@@ -222,7 +241,7 @@ class _Faces:
         shares = closest_on_triangles(here, corners)[1]
         away = here - np.einsum("stc,stcx->stx", shares, corners)
         square = (away**2).sum(axis=2)
-        weight = np.where(self._seen[row], square, np.inf)
+        weight = np.where(seen, square, np.inf)
         weight = np.exp((weight.min(axis=1, keepdims=True) - weight) / self._width**2)
         weight /= weight.sum(axis=1, keepdims=True)
         mean = (weight * plane).sum(axis=1, keepdims=True)

@@ -45,12 +45,12 @@ class FemSettings:
         )
 
 
-def simulate(patient: PatientModel, plan: Plan, arm: str, settings: FemSettings) -> SolveResult:
-    """Displacement of every node under the plan; arm: one of `sliding.ARMS`."""
+def simulate(patient: PatientModel, plan: Plan, arm: str, settings: FemSettings, apart: float = 0.0) -> SolveResult:
+    """Displacement of every node under the plan; arm: one of `sliding.ARMS`; apart in mm: as in boundary_conditions."""
     return solve(
         patient.points,
         patient.cells,
         settings.material(patient.tissue),
-        boundary_conditions(patient, plan, arm),
+        boundary_conditions(patient, plan, arm, apart=apart),
         settings.options(),
     )

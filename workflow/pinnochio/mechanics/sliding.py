@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from pinnochio.anatomy.faces import boundary_faces
@@ -134,10 +136,13 @@ def _frames(normals) -> np.ndarray:
     return np.stack([normals, tangent, np.cross(normals, tangent)], axis=1)
 
 
-def boundary_conditions(model: PatientModel, plan: Plan, arm: str, unilateral: bool = False) -> BoundaryConditions:
+def boundary_conditions(
+    model: PatientModel, plan: Plan, arm: str, unilateral: bool = False, apart: float = 0.0
+) -> BoundaryConditions:
     """Boundary conditions of a plan. Fixed nodes stay, moving nodes follow their segment; sliding nodes follow it in
-    the arm "bonded" (free where a mesh edge ties them to the other jaw, because no element can follow both) and slide
-    along the moved bone, their distance to it kept, in the arm "mucosa" [S: KIM16/17]; unilateral, they may leave it.
+    the arm "bonded" (free where a mesh edge, or a way along edges shorter than `apart` mm, ties them to the other jaw,
+    because the tissue between could not follow both) and slide along the moved bone, their distance to it kept, in the
+    arm "mucosa" [S: KIM16/17]; unilateral, they may leave it.
     In the arm "mucosa+lip" the lips, too, touch without entering each other; without lips it is "mucosa"."""
     if arm not in ARMS:
         raise InputError(plan.case, "options", f"arm is {arm!r}", f"choose one of {ARMS}")
@@ -146,7 +151,7 @@ def boundary_conditions(model: PatientModel, plan: Plan, arm: str, unilateral: b
         raise InputError(plan.case, "plan", f"the patient has no segment {unknown}", f"name one of {model.segments}")
     told = np.isin(model.node_type, (FIXED, MOVING))
     if arm == "bonded":
-        told |= (model.node_type == SLIDING) & ~_bridging(model)
+        told |= (model.node_type == SLIDING) & ~_bridging(model, apart)
     nodes = np.flatnonzero(told)
     rest, segment = model.points[nodes], np.where(model.node_type == FIXED, -1, model.node_segment)[nodes]
     motions = {index: plan.motion(segment_name(index, model.segments)) for index in np.unique(segment) if index >= 0}
@@ -179,14 +184,22 @@ def boundary_conditions(model: PatientModel, plan: Plan, arm: str, unilateral: b
     return BoundaryConditions(nodes, prescribed, sliding, contact)
 
 
-def _bridging(model: PatientModel) -> np.ndarray:
-    """Nodes (n,) bool at an end of a mesh edge from one bone to another: bonded, they could not follow both."""
+def _bridging(model: PatientModel, apart: float) -> np.ndarray:
+    """Nodes (n,) bool at an end of a mesh edge from one bone to another, or of a way along mesh edges shorter than
+    `apart` mm: bonded, the tissue between could not follow both."""
     body = np.where(np.isin(model.node_type, (MOVING, SLIDING)), model.node_segment, -2)
     body = np.where((model.node_type == FIXED) & (model.node_beyond == CRANIUM), -1, body)
     edges = model.cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
     one, two = body[edges].T
     bridging = np.zeros(len(body), bool)
     bridging[edges[(one != two) & (one > -2) & (two > -2)]] = True
+    if apart > 0:
+        edges = np.unique(np.sort(edges, axis=1), axis=0)
+        length = np.linalg.norm(model.points[edges[:, 0]] - model.points[edges[:, 1]], axis=1)
+        graph = sparse.csr_array((length, edges.T), (len(body), len(body)))
+        for own in np.unique(body[body > -2]):
+            away = dijkstra(graph, False, np.flatnonzero(body == own), limit=apart, min_only=True)
+            bridging |= np.isfinite(away) & (body > -2) & (body != own)
     return bridging
 
 

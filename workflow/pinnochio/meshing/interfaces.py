@@ -98,7 +98,7 @@ def label_interfaces(
     node_type[node_segment >= 0] = m.MOVING
     node_type[(node_beyond == m.CUT_PLANE) | (node_beyond == CRANIUM)] = m.FIXED
     if opposing is None:
-        pairs = _opposing_pairs(bone, labels, spacing, origin, segments, sliding_band_mm)
+        pairs = opposing_pairs(bone, labels, spacing, origin, segments, sliding_band_mm)
     else:
         pairs = [_named_pair(pair, segments) for pair in opposing]
     LOG.info("opposing segments: %s", [tuple(segments[i] for i in pair) for pair in pairs])
@@ -235,7 +235,7 @@ def _named(segments, words) -> list[int]:
     return [i for i, name in enumerate(segments) if any(word in name.lower() for word in words)]
 
 
-def _opposing_pairs(bone, labels, spacing, origin, segments, band: float) -> list[tuple[int, int]]:
+def opposing_pairs(bone, labels, spacing, origin, segments, band: float) -> list[tuple[int, int]]:
     """Pairs of segments with air between them on a tenth of the surface points where they come within the band."""
     pairs = []
     jaws = [i for i in np.unique(bone.segment[bone.segment >= 0]).tolist() if i not in _named(segments, RAMUS)]

@@ -29,6 +29,14 @@ def bite(bone, pairs, band_mm: float) -> np.ndarray:
     return np.vstack(middles)
 
 
+def near_mouth(points, mouth) -> np.ndarray:
+    """Points (k,) bool of k x 3 in mm nearer than MOUTH to the middle of the bite, mouth (b, 3), and no further behind
+    its front than DEPTH: both lips from the red to the vestibule. Nowhere without a bite."""
+    if not len(mouth):
+        return np.zeros(len(points), bool)
+    return (cKDTree(mouth).query(points)[0] < MOUTH) & (points[:, 1] < mouth[:, 1].min() + DEPTH)
+
+
 def lip_nodes(points, faces, airy, held, mouth, reach_mm: float = 5.0) -> np.ndarray:
     """Lip (n,) int8 of every node: NOT_LIP, UPPER_LIP or LOWER_LIP.
 
@@ -47,7 +55,7 @@ def lip_nodes(points, faces, airy, held, mouth, reach_mm: float = 5.0) -> np.nda
     wanted = airy & ~held[faces].all(axis=1) & (np.abs(normals[:, 2]) > FACING)
     if not len(mouth) or not wanted.any():
         return lip
-    wanted &= (cKDTree(mouth).query(centre)[0] < MOUTH) & (centre[:, 1] < mouth[:, 1].min() + DEPTH)
+    wanted &= near_mouth(centre, mouth)
     near = np.flatnonzero(wanted)
     corners, ahead = points[faces[near]], normals[near]
     starts = np.einsum("kc,fcx->fkx", simplex_points(3, 2), corners)

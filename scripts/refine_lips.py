@@ -1,0 +1,43 @@
+"""Makes the mesh that resolves the lips of a mesh, by bisection around the mouth."""
+
+import logging
+
+import numpy as np
+
+from pinnochio.anatomy.segmentation import read_labels
+from pinnochio.anatomy.surfaces import BoneSurface
+from pinnochio.logs import attach_log
+from pinnochio.meshing.interfaces import opposing_pairs
+from pinnochio.meshing.lips import bite, near_mouth
+from pinnochio.meshing.mesh import TetMesh
+from pinnochio.meshing.refinement import LONGEST_OVER_MEAN, refine
+
+
+def refine_lips(
+    mesh: str, labels: str, bone: str, segments: tuple[str, ...], sliding_band: float, lip_edge: float, lips: str
+) -> None:
+    """Write the mesh whose edges around the mouth have `lip_edge` mm in the mean; without a bite it is the given one.
+
+    sliding_band in mm: as for the interfaces, which find the bite by it too.
+    """
+    head, surface, coarse = read_labels(labels), BoneSurface.read(bone), TetMesh.read(mesh)
+    pairs = opposing_pairs(surface, head.labels, head.spacing, head.origin, segments, sliding_band)
+    mouth = bite(surface, pairs, sliding_band)
+    longest = LONGEST_OVER_MEAN * lip_edge
+    fine = refine(coarse, lambda points: np.where(near_mouth(points, mouth), longest, np.inf))
+    logging.info("%d nodes, %d before; smallest dihedral angle %.1f degrees, %.1f before", len(fine.points),
+                 len(coarse.points), fine.dihedral_angles().min(), coarse.dihedral_angles().min())  # fmt: skip
+    fine.write(lips)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    refine_lips(
+        snakemake.input.mesh,
+        snakemake.input.labels,
+        snakemake.input.bone,
+        tuple(snakemake.params.segments),
+        snakemake.params.sliding_band,
+        snakemake.params.lip_edge,
+        snakemake.output.mesh,
+    )
