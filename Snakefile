@@ -12,6 +12,7 @@ include: "rules/patient.smk"
 include: "rules/fem.smk"
 include: "rules/lift.smk"
 include: "rules/training.smk"
+include: "rules/baselines.smk"
 include: "rules/curves.smk"
 include: "rules/prediction.smk"
 include: "rules/tables.smk"
@@ -25,7 +26,7 @@ include: "rules/cost.smk"
 wildcard_constraints:
     case="|".join(CASES),
     fold="|".join(HELD_OUT),
-    method="|".join([*METHODS, *VARIANTS]) or "none",
+    method="|".join([*METHODS, *SETTINGS]),
 
 
 rule all:

@@ -24,7 +24,7 @@ rule tabulate_training:
     params:
         settings={
             method: {
-                phase: VARIANTS[method].get(phase)
+                phase: SETTINGS[method].get(phase)
                 for phase in ("pretraining", "finetuning")
             }
             for method in LEARNED

@@ -1,13 +1,17 @@
 rule plot_training:
     input:
-        pretraining="<results>/folds/{fold}/{method}/pretraining.csv",
+        pretraining=lambda wildcards: (
+            "<results>/folds/{fold}/{method}/pretraining.csv"
+            if "pretraining" in SETTINGS[wildcards.method]
+            else []
+        ),
         finetuning="<results>/folds/{fold}/{method}/finetuning.csv",
     output:
         picture="<results>/folds/{fold}/{method}/training.png",
     log:
         "<logs>/plot_training/{fold}_{method}.log",
     wildcard_constraints:
-        method="|".join(VARIANTS) or "none",
+        method="|".join(SETTINGS),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1

@@ -6,13 +6,14 @@ from pinnochio.evaluation.training_picture import training_picture
 from pinnochio.logs import attach_log
 
 
-def plot_training(pretraining: str, finetuning: str, title: str, picture: str) -> None:
-    """Draw the loss histories of both phases, CSV as the training writes them."""
-    training_picture({"pretraining": pd.read_csv(pretraining), "adaptation": pd.read_csv(finetuning)}, title, picture)
+def plot_training(pretraining: str | None, finetuning: str, title: str, picture: str) -> None:
+    """Draw the loss histories of the phases, CSV as the training writes them; the first may not have been."""
+    histories = {"pretraining": pretraining, "adaptation": finetuning}
+    training_picture({phase: pd.read_csv(path) for phase, path in histories.items() if path}, title, picture)
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     plot_training(
-        snakemake.input.pretraining, snakemake.input.finetuning, snakemake.params.title, snakemake.output.picture
+        snakemake.input.get("pretraining"), snakemake.input.finetuning, snakemake.params.title, snakemake.output.picture
     )

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from pinnochio.baselines.settings import SurfaceSettings
+from pinnochio.baselines.settings import SurfaceSettings, training_settings
 from pinnochio.baselines.stages import pretrain_fold
 from pinnochio.logs import attach_log
 from pinnochio.seeds import derive_seed
@@ -35,7 +35,7 @@ if __name__ == "__main__":
         snakemake.input.models,
         snakemake.input.teaching,
         SurfaceSettings(**snakemake.params.network),
-        TrainingSettings(**snakemake.params.training),
+        training_settings(snakemake.params.training),
         derive_seed(snakemake.params.seed, "pretrain", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
         choose_device(snakemake.resources.gpu, snakemake.threads),
         dict(snakemake.output.items()),

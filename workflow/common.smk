@@ -14,6 +14,7 @@ from pinnochio.study import (
     external_file,
     left_out,
     read_cases,
+    surface_networks,
     variants,
     virtual_cases,
 )
@@ -53,7 +54,9 @@ EXTERNAL = config["external"]
 METHODS = [name for name in [*config["methods"], *EXTERNAL] if name not in LEFT_OUT]
 # Settings of every learned method, those of the design study included, which are predicted only if asked for.
 VARIANTS = variants(config)
-LEARNED = [method for method in METHODS if method in VARIANTS]
+SURFACE = surface_networks(config)
+SETTINGS = VARIANTS | SURFACE
+LEARNED = [method for method in METHODS if method in SETTINGS]
 DIAL = [name for name in config["dial"]["methods"] if name in LEARNED]
 UNCERTAIN = [name for name in config["uncertainty"]["methods"] if name in LEARNED]
 DESIGN = [
@@ -147,7 +150,7 @@ def fem_of(wildcards):
 
 def settings_of(section):
     """Params function: a section of the settings of the method."""
-    return lambda wildcards: VARIANTS[wildcards.method][section]
+    return lambda wildcards: SETTINGS[wildcards.method][section]
 
 
 def external_files(wildcards):

@@ -7,12 +7,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pinnochio.baselines.settings import SurfaceSettings
 from pinnochio.errors import InputError
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.seeds import generator
 
 COLUMNS = ("case", "segmentation", "plan", "postop")
-UNTRAINED = ("no_change", "fem_bonded", "fem_sliding", "fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse")
+UNTRAINED = (
+    *("no_change", "ratio", "elastic", "fem_bonded", "fem_sliding"),
+    *("fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse"),
+)
+REGRESSION = "pca_linear"
+PRETRAINED = "_pretrained"  # ends the name of a surface network that finite-element fields have taught first
 
 
 @dataclass(frozen=True)
@@ -113,9 +119,21 @@ def variants(config: Mapping) -> dict[str, dict]:
     return found
 
 
+def surface_networks(config: Mapping) -> dict[str, dict]:
+    """Settings of every surface network by its name: network, finetuning, and pretraining where the name says so."""
+    found = {}
+    for name, own in config["surface"]["networks"].items():
+        switches = {key: value for key, value in own.items() if key not in ("pretraining", "finetuning")}
+        network = {key: config["surface"][key] for key in ("points", "neighbours", "repeats")} | switches
+        found[name] = {"network": network, "finetuning": own["finetuning"]}
+        found[name + PRETRAINED] = found[name] | {"pretraining": own["pretraining"]}
+    return found
+
+
 def left_out(config: Mapping, scanned: int) -> list[str]:
     """The learned methods, where fewer patients have a post-operative scan than there are folds to train in turn."""
-    found = [method for method in config["methods"] if method in config["variants"] and scanned < config["folds"]]
+    learned = {REGRESSION, *config["variants"], *surface_networks(config)}
+    found = [method for method in config["methods"] if method in learned and scanned < config["folds"]]
     if len(found) == len(config["methods"]) and not config["external"]:
         raise InputError(
             "-",
@@ -150,16 +168,23 @@ def check_config(config: Mapping) -> None:
     values = [labels[name] for name in known if name in labels]
     if len(set(values)) < len(values):
         refuse("two structures share one value in 'labels'", "give each structure its own value")
-    learned = config["variants"]
-    if unknown := [name for name in config["methods"] if name not in UNTRAINED and name not in learned]:
+    learned, surface, built_in = config["variants"], surface_networks(config), (*UNTRAINED, REGRESSION)
+    if unknown := [name for name in config["methods"] if name not in {*built_in, *learned, *surface}]:
         refuse(
-            f"method {unknown[0]!r} is none of {UNTRAINED} and not among 'variants'",
+            f"method {unknown[0]!r} is none of {built_in} and not among 'variants' and 'surface.networks'",
             "correct its name, or describe it in 'variants'",
         )
-    if taken := [name for name in [*config["external"], *learned] if name in UNTRAINED]:
+    if taken := [name for name in [*config["external"], *learned, *surface] if name in built_in]:
         refuse(f"{taken[0]!r} is the name of a built-in method", "choose another name in 'external' or 'variants'")
-    if taken := [name for name in config["external"] if name in learned]:
-        refuse(f"{taken[0]!r} stands in 'external' and in 'variants'", "give each method its own name")
+    for name in [*config["external"], *learned, *surface]:
+        if (
+            len(
+                found := [part for part in ("external", "variants") if name in config[part]]
+                + ["surface"] * (name in surface)
+            )
+            > 1
+        ):
+            refuse(f"{name!r} stands in {found[0]!r} and in {found[1]!r}", "give each method its own name")
     if config["reference"] not in [*config["methods"], *config["external"]]:
         refuse(
             f"reference {config['reference']!r} is not among 'methods' and 'external'",
@@ -174,6 +199,11 @@ def check_config(config: Mapping) -> None:
     for section, names in named.items():
         if unknown := [name for name in names if name not in learned]:
             refuse(f"{section} names {unknown[0]!r}, which is not among 'variants'", "name a learned method")
+    for name, settings in surface.items():
+        try:
+            SurfaceSettings(**settings["network"])
+        except ValueError as error:
+            refuse(f"the network of {name!r} cannot be built: {error}", "change its keys in 'surface'")
     for name, settings in variants(config).items():
         try:
             NetworkSettings(**settings["network"])

@@ -1,6 +1,9 @@
 """Sizes and switches of the surface networks."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+from pinnochio.training.settings import TrainingSettings
 
 ARCHITECTURES = ("acmt", "fscnet", "dgcfp")
 
@@ -33,3 +36,9 @@ class SurfaceSettings:
             raise ValueError(f"architecture {self.architecture!r} is not one of {ARCHITECTURES}")
         if self.points < 64:
             raise ValueError(f"{self.points} points are too few: 64 at least")
+
+
+def training_settings(phase: Mapping) -> TrainingSettings:
+    """Of the plain values of a phase: Adam without warm-up and weight decay, and one loss term."""
+    weights = {"physics": 0.0, "data": 1.0, "boundary": 0.0}
+    return TrainingSettings(**phase, weights=weights, warmup=0.0, weight_decay=0.0)
