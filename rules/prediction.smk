@@ -1,4 +1,4 @@
-# Predictions are timed, so each of these jobs has the machine for itself: it claims every core.
+# Predictions that are timed have the machine for themselves: each of these jobs claims every core.
 
 
 rule predict_no_change:
@@ -37,7 +37,7 @@ rule predict_fem:
         method="|".join(ARMS),
     conda:
         "../envs/pinnochio.yaml"
-    threads: workflow.cores
+    threads: PREDICTION_THREADS
     resources:
         mem_mb=4000,
         runtime=60,
@@ -71,7 +71,7 @@ rule predict_network:
         method="|".join(VARIANTS) or "none",
     conda:
         "../envs/pinnochio.yaml"
-    threads: workflow.cores
+    threads: PREDICTION_THREADS
     resources:
         mem_mb=4000,
         runtime=20,

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
@@ -24,11 +25,11 @@ def predict_fem(
 
     apart in mm: as in boundary_conditions.
 
-    The first case is solved once more beforehand, so that no timing holds the loading of compiled code.
+    The first case is begun once more beforehand, so that no timing holds the loading of compiled code.
     """
     patients = [PatientModel.read(model) for model in models]
     motions = [Plan.read(plan, case) for plan, case in zip(plans, cases, strict=True)]
-    simulate(patients[0], motions[0], arm, settings, apart)
+    simulate(patients[0], motions[0], arm, replace(settings, time_limit=1e-3), apart)
     found = {}
     for case, patient, plan in zip(cases, patients, motions, strict=True):
         result = simulate(patient, plan, arm, settings, apart)

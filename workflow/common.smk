@@ -66,6 +66,7 @@ DESIGN = [
 # The ablation table wants all of its variants.
 ABLATED = SCANNED and set(config["ablation"]) <= set(LEARNED)
 BETTER = SCANNED and config["design"]["base"] in METHODS
+PREDICTION_THREADS = workflow.cores if config["timed"] else 1
 REFERENCE = config["reference"] if config["reference"] in METHODS else None
 # Tables of the data card; the effects are measured on as many patients as the configuration says.
 CARD_TABLES = ["thickness", "ratios"]
