@@ -47,7 +47,7 @@ if __name__ == "__main__":
         snakemake.input.models,
         snakemake.input.plans,
         snakemake.input.postops,
-        snakemake.input.get("network"),
+        snakemake.input.get("network") or None,
         SurfaceSettings(**snakemake.params.network),
         training_settings(snakemake.params.training),
         derive_seed(snakemake.params.seed, "finetune", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),

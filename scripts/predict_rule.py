@@ -38,7 +38,7 @@ if __name__ == "__main__":
         snakemake.params.cases,
         snakemake.input.models,
         snakemake.input.plans,
-        snakemake.input.get("linear"),
+        snakemake.input.get("linear") or None,
         snakemake.threads,
         snakemake.output.predictions,
     )
