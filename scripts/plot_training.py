@@ -15,5 +15,8 @@ def plot_training(pretraining: str | None, finetuning: str, title: str, picture:
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     plot_training(
-        snakemake.input.get("pretraining") or None, snakemake.input.finetuning, snakemake.params.title, snakemake.output.picture
+        snakemake.input.get("pretraining") or None,
+        snakemake.input.finetuning,
+        snakemake.params.title,
+        snakemake.output.picture,
     )

@@ -150,7 +150,8 @@ def corresponding(template: np.ndarray, landmarks: np.ndarray, model: PatientMod
 
     A thin-plate spline takes the template's landmarks to the patient's; then the nearest point of the skin counts.
     """
-    carried = RBFInterpolator(landmarks, marks(model), kernel="thin_plate_spline", degree=1)(template)
+    # Smoothed a little, because on a coarse face two landmarks may fall together.
+    carried = RBFInterpolator(landmarks, marks(model), smoothing=1.0, kernel="thin_plate_spline", degree=1)(template)
     face = np.unique(model.skin_faces[model.face_roi])
     return face[cKDTree(model.skin_points[face]).query(carried)[1]]
 
