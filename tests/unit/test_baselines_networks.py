@@ -24,7 +24,8 @@ def conv(*widths):
 
 # The layers as the published codes list them [S]; a convolution without a norm has a * b + b.
 POINT_ENCODER = (
-    conv(3 + 3, 64, 64, 128) + conv(128 + 3, 128, 128, 256) + conv(256 + 3, 256, 256, 512) + conv(512 + 3, 512, 512, 1024)
+    conv(3 + 3, 64, 64, 128) + conv(128 + 3, 128, 128, 256) + conv(256 + 3, 256, 256, 512)
+    + conv(512 + 3, 512, 512, 1024)
     + conv(1024 + 512, 512, 512) + conv(512 + 256, 512, 256) + conv(256 + 128, 256, 128) + conv(128 + 3, 128, 128, 128)
 )  # fmt: skip
 ACMT = 2 * POINT_ENCODER + 2 * conv(128, 64) + conv(6, 64) + (64 * 3 + 3)
@@ -80,13 +81,15 @@ def test_joined_patients_are_each_as_alone(architecture):
 
 @pytest.mark.parametrize("architecture", ARCHITECTURES)
 def test_the_plan_matters_and_the_bone_alone_carries_it(architecture):
-    """In training, where batch normalisation keeps the signal of random weights from fading."""
+    """In training, where batch normalisation keeps the signal of random weights from fading; beside another plan,
+    because it takes a code that all points share away."""
     network, own = random_weights(architecture), patient(architecture)
     found = []
     with torch.no_grad():
         for plan in (tiny_plan(), tiny_plan(x=-4.0), tiny_plan()):
             torch.manual_seed(0)
-            found.append(network(given(own, plan))[-1].displacement)
+            both = network(Given.join([given(own, plan), given(own, tiny_plan(z=2.0))]))
+            found.append(per_patient(both, 2)[0][-1].displacement)
     assert torch.equal(found[0], found[2]) and (found[0] - found[1]).abs().max() > 1e-4
 
 

@@ -12,7 +12,7 @@ from pinnochio.anatomy.regions import NAMES, NOT_JUDGED, regions
 # [R] 0.4-0.7 and 0.6-0.8; chin [R] 0.9-1.0.
 RATIOS = {"nose": ("upper", 0.25), "upper_lip": ("upper", 0.5), "lower_lip": ("lower", 0.7), "chin": ("chin", 0.95)}
 CHEEK = 0.5  # of the upper jaw above the mouth, of the lower below it [I]
-BLEND = 12.0  # mm over which neighbouring regions run into each other [I]
+BLEND = 6.0  # mm over which neighbouring regions run into each other [I]
 JAWS = {"upper": ("lefort", "maxilla"), "lower": ("mandible",), "chin": ("chin", "mandible")}
 
 
