@@ -28,4 +28,4 @@ test: env
 	$(BIN)/ruff format --check
 	$(BIN)/snakefmt --check Snakefile rules workflow/common.smk
 	$(BIN)/snakemake --lint
-	$(BIN)/pytest
+	$(BIN)/pytest --numprocesses 2 --dist loadgroup

@@ -7,7 +7,7 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.anatomy.predictions import read_prediction
 from pinnochio.evaluation.distances import signed_distances
-from pinnochio.evaluation.pictures import case_picture, skin_of
+from pinnochio.evaluation.pictures import case_picture, surface_of
 from pinnochio.logs import attach_log
 
 
@@ -17,8 +17,10 @@ def render_case(
     """Draw the case; models and predictions map each method to the model it predicts on and to the file of its fold."""
     patients = {method: PatientModel.read(model) for method, model in models.items()}
     target = PostopSkin.read(postop).surface
-    fields = {method: read_prediction(path, case).displacement for method, path in predictions.items()}
-    skins = {method: skin_of(patients[method], field) for method, field in fields.items()}
+    skins = {
+        method: surface_of(read_prediction(path, case).moved_skin(patients[method]), patients[method].skin_faces)
+        for method, path in predictions.items()
+    }
     errors = {method: signed_distances(skin.points, *target) for method, skin in skins.items()}
     case_picture(next(iter(patients.values())), Plan.read(plan, case), target, skins, errors, picture)
 

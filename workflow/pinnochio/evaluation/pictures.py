@@ -11,6 +11,7 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.files import replacing
 
 SKIN, BONE = "#e8beac", "#efe9d9"
+COLUMNS = 6  # methods side by side
 SEGMENTS = ("#d95f02", "#7570b3", "#1b9e77", "#66a61e", "#e7298a")
 NODE_TYPES = {FIXED: "#444444", MOVING: "#d95f02", SLIDING: "#1f78b4"}
 # Directions of view in LPS: the face looks to -y, the patient's left is +x.
@@ -19,7 +20,12 @@ FRONT, OBLIQUE, SIDE = (0, -1, 0.05), (0.75, -1, 0.15), (1, -0.05, 0.05)
 
 def skin_of(patient: PatientModel, displacement: np.ndarray) -> pv.PolyData:
     """The outer skin moved by a displacement (n, 3) mm, with smooth normals."""
-    mesh = pv.PolyData.from_regular_faces(patient.moved_skin(displacement), patient.skin_faces)
+    return surface_of(patient.moved_skin(displacement), patient.skin_faces)
+
+
+def surface_of(points: np.ndarray, faces: np.ndarray) -> pv.PolyData:
+    """A surface of points (p, 3) mm and faces (f, 3), with smooth normals."""
+    mesh = pv.PolyData.from_regular_faces(points, faces)
     return mesh.compute_normals(auto_orient_normals=False, split_vertices=False)
 
 
@@ -58,12 +64,14 @@ def case_picture(
     errors: Mapping[str, np.ndarray],
     path: str | os.PathLike,
 ) -> None:
-    """First row: before, planned bone, scan of the outcome (points, faces); then each method's face and error.
+    """First row: before, planned bone, scan of the outcome (points, faces); then each method's face and error under it.
 
-    skins: predicted skin by method (`skin_of`); errors: signed distance (s,) mm of each of its points to the target.
+    skins: predicted skin by method; errors: signed distance (s,) mm of each of its points to the target.
     """
-    columns = max(3, len(skins))
-    plotter = pv.Plotter(off_screen=True, shape=(3, columns), window_size=(420 * columns, 1250), border=False)
+    columns = min(max(3, len(skins)), COLUMNS)
+    rows = 1 + 2 * -(-len(skins) // columns)
+    size = 420 * columns, 415 * rows
+    plotter = pv.Plotter(off_screen=True, shape=(rows, columns), window_size=size, border=False)
     plotter.subplot(0, 0)
     plotter.add_mesh(skin_of(patient, np.zeros_like(patient.points)), color=SKIN)
     finish(plotter, "before", OBLIQUE)
@@ -71,14 +79,14 @@ def case_picture(
     add_bone(plotter, patient, plan)
     finish(plotter, "planned bone", OBLIQUE)
     plotter.subplot(0, 2)
-    scan = pv.PolyData.from_regular_faces(*target).compute_normals(auto_orient_normals=False, split_vertices=False)
-    plotter.add_mesh(scan, color=SKIN)
+    plotter.add_mesh(surface_of(*target), color=SKIN)
     finish(plotter, "outcome (scan)", OBLIQUE)
-    for column, (method, skin) in enumerate(skins.items()):
-        plotter.subplot(1, column)
+    for number, (method, skin) in enumerate(skins.items()):
+        row, column = divmod(number, columns)
+        plotter.subplot(1 + 2 * row, column)
         plotter.add_mesh(skin, color=SKIN)
         finish(plotter, method, OBLIQUE)
-        plotter.subplot(2, column)
+        plotter.subplot(2 + 2 * row, column)
         add_field(plotter, skin, errors[method], "signed distance [mm]", (-4, 4), "coolwarm")
         finish(plotter, "distance to outcome", FRONT)
     save(plotter, path)

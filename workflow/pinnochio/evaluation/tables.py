@@ -32,7 +32,10 @@ class Column:
         return "" if pd.isna(value) else format(self.kind(value), self.format)
 
 
-def _number(name: str, unit: str, description: str, form: str = ".4f") -> Column:
+SHOWN, TESTED = ".4f", ".7f"  # what is tested has digits enough for rounding not to make ties
+
+
+def _number(name: str, unit: str, description: str, form: str = SHOWN) -> Column:
     return Column(name, float, unit, description, form, optional=True)
 
 
@@ -49,7 +52,7 @@ CASES = (
     Column("device", str, "", "device that predicted"),
     Column("code", str, "", "content hash of the code"),
     Column("muscle", str, "", "where the muscle layer comes from: labelled, derived (by rule) or single (no layer)"),
-    _number("cd", "mm", "half the sum of the two directed mean point-to-triangle distances"),
+    _number("cd", "mm", "half the sum of the two directed mean point-to-triangle distances", TESTED),
     _number("cd_sum", "mm", "sum of the two directed means"),
     _number("cd_sq", "mm2", "mean squared distance, both directions averaged"),
     _number("cd_vertex", "mm", "as cd, from vertex to nearest vertex"),
@@ -81,15 +84,18 @@ CASES = (
         column
         for name in REGIONS
         for column in (
-            _number(f"region_{name}", "mm", f"mean distance of the target's points on the {words(name)}"),
+            _number(f"region_{name}", "mm", f"mean distance of the target's points on the {words(name)}", TESTED),
             _number(f"bias_{name}", "mm", "the same, signed: positive where the prediction lies outside the target"),
         )
     ),
-    _number("volume_error_mean", "mm", "mean error of all nodes against the virtual truth"),
+    _number("volume_error_mean", "mm", "mean error of all nodes against the virtual truth", TESTED),
     _number("volume_error_p95", "mm", "95th percentile of it"),
-    _number("skin_error_mean", "mm", "mean error of the skin points against the virtual truth"),
+    _number("skin_error_mean", "mm", "mean error of the skin points against the virtual truth", TESTED),
     _number("skin_error_p95", "mm", "95th percentile of it"),
-    *(_number(f"landmark_{name}", "mm", f"error at {words(name)} against the virtual truth") for name in LANDMARKS),
+    *(
+        _number(f"landmark_{name}", "mm", f"error at {words(name)} against the virtual truth", TESTED)
+        for name in LANDMARKS
+    ),
     _number("seconds", "s", "one plan, warm, without reading files", ".3f"),
     _number("setup_seconds", "s", "what belongs to the patient and serves every plan", ".3f"),
     Column("threads", int, "", "CPU threads; 0 where unknown"),
@@ -121,9 +127,10 @@ def _summaries() -> list[Column]:
     columns = []
     for name, spread in SUMMARISED.items():
         source = _CASE[name]
-        columns.append(_number(f"{name}_mean", source.unit, f"mean of {name}", source.format))
+        form = SHOWN if source.format == TESTED else source.format
+        columns.append(_number(f"{name}_mean", source.unit, f"mean of {name}", form))
         if spread:
-            columns.append(_number(f"{name}_sd", source.unit, f"standard deviation of {name}", source.format))
+            columns.append(_number(f"{name}_sd", source.unit, f"standard deviation of {name}", form))
     return columns
 
 
