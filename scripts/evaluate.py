@@ -14,7 +14,7 @@ from pinnochio.evaluation.tables import CASES, write_csv
 from pinnochio.evaluation.volume_error import read_truth
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.residual import Operator
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 
 
 def evaluate(

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.seeds import derive_seed
 from pinnochio.training.device import choose_device
 from pinnochio.training.settings import TrainingSettings

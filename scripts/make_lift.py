@@ -5,7 +5,7 @@ import logging
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import make_lift
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 
 
 def write_lift(model: str, kind: str, controls: int, fem: FemSettings, lift: str) -> None:

@@ -6,7 +6,7 @@ from pinnochio.anatomy.surfaces import bone_surface, skin_surface
 from pinnochio.evaluation.tables import write_csv
 from pinnochio.evaluation.volume_error import read_truth
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.virtual.effects import CASE, measure
 from pinnochio.virtual.outcome import Operation
 

@@ -9,7 +9,7 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.predictions import Prediction, write_predictions
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.elastic import ElasticSolver
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import boundary_conditions
 
 

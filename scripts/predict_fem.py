@@ -8,7 +8,8 @@ from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.predictions import Prediction, write_predictions
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.simulation import FemSettings, simulate
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import simulate
 
 
 def predict_fem(

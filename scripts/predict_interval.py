@@ -10,7 +10,7 @@ from pinnochio.evaluation.interval import Calibration, interval, read_ensemble
 from pinnochio.evaluation.interval_picture import interval_picture
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.guard import guard
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 
 
 def predict_interval(

@@ -9,7 +9,7 @@ from pinnochio.anatomy.predictions import Prediction, write_predictions
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.refine import Finish
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.training.checkpoint import load_network
 from pinnochio.training.device import choose_device
 from pinnochio.training.stages import predict_case

@@ -10,7 +10,7 @@ from pinnochio.anatomy.predictions import read_prediction, write_predictions
 from pinnochio.errors import InputError
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.refine import Refiner, interface
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 
 
 def refine(

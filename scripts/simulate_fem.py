@@ -9,7 +9,8 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.plan_sampling import sample_plan
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.simulation import FemSettings, simulate
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import simulate
 from pinnochio.seeds import generator
 
 

@@ -11,7 +11,8 @@ from pinnochio.evaluation.pictures import field_picture
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.elements import jacobians
-from pinnochio.mechanics.simulation import FemSettings, simulate
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import simulate
 
 
 def solve_plan(

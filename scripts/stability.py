@@ -8,7 +8,7 @@ from tqdm import tqdm
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.evaluation.stability import Sweep, write_stability
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.training.losses import physics_loss
 from pinnochio.training.patient import LOSS_EXTENSION
 

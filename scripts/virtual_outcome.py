@@ -4,7 +4,7 @@ import trimesh
 
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.virtual.outcome import Operation, operate, photograph
 from pinnochio.virtual.reality import resolve
 

@@ -29,7 +29,8 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.lift import Lift, make_lift
 from pinnochio.mechanics.refine import Finish
-from pinnochio.mechanics.simulation import FemSettings, simulate
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import simulate
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings

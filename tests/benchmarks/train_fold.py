@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from configuration import read_config
 
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.seeds import derive_seed
 from pinnochio.study import assign_folds, variants, virtual_cases

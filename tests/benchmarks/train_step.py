@@ -28,7 +28,7 @@ from configuration import read_config
 
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.networks import boundary
 from pinnochio.networks.attention import Attention
 from pinnochio.networks.cascade import build

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from scripts.import_segmentation import import_segmentation
 from scripts.label_interfaces import label_case
 from scripts.register_postop import register_postop

@@ -55,7 +55,7 @@ from pinnochio.compiled import COMPILED
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.patches import make_patches
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training.device import choose_device
 from pinnochio.training.settings import TrainingSettings

@@ -16,7 +16,8 @@ from pinnochio.anatomy.surfaces import bone_surface, skin_surface
 from pinnochio.errors import InputError
 from pinnochio.evaluation.validity import volume_metrics
 from pinnochio.mechanics.elements import jacobians
-from pinnochio.mechanics.simulation import FemSettings, simulate
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import simulate
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.networks.cascade import build

@@ -12,7 +12,8 @@ from pinnochio.mechanics.elements import Elements, jacobians, patch_bulk
 from pinnochio.mechanics.guard import FLOOR
 from pinnochio.mechanics.problems import uniform
 from pinnochio.mechanics.refine import Finish, Refiner, foretold_pressure, interface, newton_corrections
-from pinnochio.mechanics.simulation import FemSettings, simulate
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import simulate
 from pinnochio.mechanics.solver import SolverOptions, solve
 
 RNG = np.random.default_rng

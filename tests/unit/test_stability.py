@@ -24,7 +24,7 @@ from pinnochio.evaluation.stability_picture import stability_picture
 from pinnochio.evaluation.tables import read_table
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.elements import VOLUMETRIC, jacobians
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import SolverOptions, solve
 from pinnochio.training.patient import LOSS_EXTENSION

@@ -39,8 +39,9 @@ def signed_distances(queries, points, faces) -> np.ndarray:
 
 
 def _on_border(found, face, points, faces, tolerance: float = 1e-6) -> np.ndarray:
-    edges = np.sort(faces[:, [[1, 2], [2, 0], [0, 1]]], axis=2)  # edge i lies opposite corner i
-    _, inverse, uses = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)
+    edges = np.sort(faces[:, [[1, 2], [2, 0], [0, 1]]], axis=2).astype(np.int64)  # edge i lies opposite corner i
+    key = edges[..., 0] * len(points) + edges[..., 1]
+    _, inverse, uses = np.unique(key.ravel(), return_inverse=True, return_counts=True)
     open_edge = (uses[inverse] == 1).reshape(-1, 3)
     open_vertex = np.zeros(len(points), bool)
     open_vertex[edges[open_edge]] = True

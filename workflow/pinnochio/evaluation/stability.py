@@ -27,7 +27,8 @@ from pinnochio.evaluation.stability_problems import FAMILIES, PRECISIONS, Proble
 from pinnochio.evaluation.tables import Column, View, write_csv, write_twins
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.elements import VOLUMETRIC
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import solver_options
 from pinnochio.mechanics.solver import solve
 from pinnochio.seeds import generator
 
@@ -107,7 +108,7 @@ class Sweep:
 
         known: fields in mm by method that later ones must agree with; the first of each method is added to it.
         """
-        options = replace(self.fem.options(), volumetric=element)
+        options = replace(solver_options(self.fem), volumetric=element)
         arrays = problem.points, problem.cells, problem.material, problem.boundary
 
         def linear():

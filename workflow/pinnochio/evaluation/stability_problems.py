@@ -11,7 +11,7 @@ from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import jacobians, mean_edge
 from pinnochio.mechanics.materials import Material, lame
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
 from pinnochio.meshing.mesh import dihedral_cosines
 

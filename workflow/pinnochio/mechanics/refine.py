@@ -11,7 +11,7 @@ from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import VOLUMETRIC, Elements, deformation, patch_bulk
 from pinnochio.mechanics.guard import Repair, guard
 from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.simulation import FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import Newton, SolverOptions, Stop, least_allowed
 

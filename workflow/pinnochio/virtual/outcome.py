@@ -16,7 +16,8 @@ from pinnochio.anatomy.segmentation import Segmentation, read_segmentation
 from pinnochio.anatomy.surfaces import bone_surface, skin_surface
 from pinnochio.files import replacing
 from pinnochio.mechanics.elements import VOLUMETRIC, jacobians
-from pinnochio.mechanics.simulation import FemSettings, simulate
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import simulate
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.seeds import generator
