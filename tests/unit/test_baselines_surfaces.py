@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from tiny_patient import tiny_patient, tiny_plan
 
 from pinnochio.anatomy.plan import Plan
-from pinnochio.baselines.clouds import FaceGraph, PointCloud, ball_edges, nearest, spread
+from pinnochio.baselines.clouds import FaceGraph, PointCloud, Stage, ball_edges, nearest, spread
 from pinnochio.baselines.losses import chamfer, density, laplacian_change, local_change
 from pinnochio.baselines.patient import SurfacePatient, Target
 from pinnochio.baselines.settings import SurfaceSettings
@@ -120,8 +120,6 @@ def test_distance_guided_weights_fall_away_from_moving_bone():
 
 @pytest.mark.parametrize("architecture", ["acmt", "dgcfp"])
 def test_no_motion_moves_no_bone_and_the_right_field_has_the_least_loss(architecture):
-    from pinnochio.baselines.clouds import Stage
-
     model = tiny_patient(0, (13, 9, 4), 6.0)
     patient = SurfacePatient.build(model, SurfaceSettings(architecture, **SMALL), "P", 1)
     draw = patient.draws[0]
@@ -137,3 +135,14 @@ def test_no_motion_moves_no_bone_and_the_right_field_has_the_least_loss(architec
         for share in (0.0, 0.5, 1.0)
     ]
     assert losses[2] < losses[1] < losses[0]
+
+
+def test_settings_that_cannot_be_are_refused():
+    for wrong, words in (
+        ({"architecture": "other"}, "not one of"),
+        ({"architecture": "acmt", "points": 32}, "too few"),
+        ({"architecture": "dgcfp", "softmax": True}, "belongs to 'acmt'"),
+        ({"architecture": "acmt", "distance_guided": 20.0}, "belongs to 'fscnet'"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            SurfaceSettings(**wrong)

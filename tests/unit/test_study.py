@@ -9,7 +9,17 @@ import yaml
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.seeds import derive_seed
-from pinnochio.study import assign_folds, check_config, code_hash, left_out, read_cases, variants, virtual_cases
+from pinnochio.study import (
+    REGRESSION,
+    assign_folds,
+    check_config,
+    code_hash,
+    left_out,
+    read_cases,
+    surface_networks,
+    variants,
+    virtual_cases,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
@@ -74,7 +84,8 @@ def test_patients_without_a_scan_join_the_folds_and_move_nobody(scanned):
 
 
 def test_learned_methods_need_a_scanned_patient_per_fold():
-    learned = [name for name in DEFAULTS["methods"] if name in DEFAULTS["variants"]]
+    trained = {REGRESSION, *DEFAULTS["variants"], *surface_networks(DEFAULTS)}
+    learned = [name for name in DEFAULTS["methods"] if name in trained]
     assert left_out(DEFAULTS, 5) == [] and left_out(DEFAULTS, 4) == left_out(DEFAULTS, 0) == learned != []
     assert left_out(DEFAULTS | {"methods": ["no_change", "fem_sliding"]}, 0) == []
     with pytest.raises(InputError, match="none of 'methods' is left"):
@@ -90,6 +101,15 @@ def test_variants_are_overlays_and_leave_the_rest_alone():
     plus, hard = found["pinnochio_plus"], found["design_hard_boundary"]
     assert hard == plus | {"network": plus["network"] | {"boundary": "hard"}}
     assert DEFAULTS["network"]["lift"] == "none" and plus["network"]["lift"] == "elastic"
+
+
+def test_a_surface_network_is_two_methods_that_differ_in_their_pretraining():
+    found = surface_networks(DEFAULTS)
+    assert sorted(found) == ["acmt", "acmt_pretrained", "dgcfp", "dgcfp_pretrained", "fscnet", "fscnet_pretrained"]
+    alone, taught = found["dgcfp"], found["dgcfp_pretrained"]
+    assert taught == alone | {"pretraining": DEFAULTS["surface"]["networks"]["dgcfp"]["pretraining"]}
+    sizes = {key: DEFAULTS["surface"][key] for key in ("points", "neighbours", "repeats")}
+    assert alone["network"] == sizes | {"architecture": "dgcfp", "mixed_precision": True}
 
 
 def test_seed_depends_on_base_stage_and_key():
@@ -112,11 +132,14 @@ def test_seed_depends_on_base_stage_and_key():
     [
         (("segments",), ["lefort1", "ramus"], "ramus"),
         (("labels", "muscle"), 1, "share one value"),
-        (("reference",), "acmt", "not among 'methods'"),
+        (("reference",), "fscnet", "not among 'methods'"),
         (("external",), {"fem_sliding": "elsewhere"}, "'fem_sliding' is the name of a built-in"),
         (("methods",), ["no_change", "pinocchio"], "'pinocchio' is none of"),
         (("variants", "no_change"), {}, "built-in"),
         (("external",), {"pinnochio": "elsewhere"}, "'external' and in 'variants'"),
+        (("external",), {"dgcfp_pretrained": "elsewhere"}, "'external' and in 'surface.networks'"),
+        (("variants", "acmt"), {}, "'variants' and in 'surface.networks'"),
+        (("surface", "networks", "dgcfp", "softmax"), True, "'dgcfp' cannot be built"),
         (("ablation",), ["pinnochio", "other"], "ablation names 'other'"),
         (("design", "base"), "other", "design.base names 'other'"),
         (("network", "heads"), 7, "multiple"),

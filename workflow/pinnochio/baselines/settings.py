@@ -36,6 +36,9 @@ class SurfaceSettings:
             raise ValueError(f"architecture {self.architecture!r} is not one of {ARCHITECTURES}")
         if self.points < 64:
             raise ValueError(f"{self.points} points are too few: 64 at least")
+        for switch, owner in (("softmax", "acmt"), ("contrast", "acmt"), ("distance_guided", "fscnet")):
+            if getattr(self, switch) and self.architecture != owner:
+                raise ValueError(f"{switch!r} belongs to {owner!r}, not to {self.architecture!r}")
 
 
 def training_settings(phase: Mapping) -> TrainingSettings:
