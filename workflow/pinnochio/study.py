@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+import itertools
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -176,15 +177,10 @@ def check_config(config: Mapping) -> None:
         )
     if taken := [name for name in [*config["external"], *learned, *surface] if name in built_in]:
         refuse(f"{taken[0]!r} is the name of a built-in method", "choose another name in 'external' or 'variants'")
-    for name in [*config["external"], *learned, *surface]:
-        if (
-            len(
-                found := [part for part in ("external", "variants") if name in config[part]]
-                + ["surface"] * (name in surface)
-            )
-            > 1
-        ):
-            refuse(f"{name!r} stands in {found[0]!r} and in {found[1]!r}", "give each method its own name")
+    named = {"external": config["external"], "variants": learned, "surface.networks": surface}
+    for (one, first), (other, second) in itertools.combinations(named.items(), 2):
+        if taken := [name for name in first if name in second]:
+            refuse(f"{taken[0]!r} stands in {one!r} and in {other!r}", "give each method its own name")
     if config["reference"] not in [*config["methods"], *config["external"]]:
         refuse(
             f"reference {config['reference']!r} is not among 'methods' and 'external'",
