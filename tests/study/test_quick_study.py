@@ -75,7 +75,9 @@ def test_physics_of_the_tables(studied):
     """Finite elements are in equilibrium and valid; the floor is the worst; doing nothing deforms nothing."""
     cases, _ = tables(studied.folder / "results/quick")
     by_method = cases.groupby("method")
-    assert by_method["eqres_rel"].max()[[name for name in FEM if name != "fem_rlse"]].max() < 1e-4  # lips press
+    residual = by_method["eqres_rel"].max()
+    assert residual[["fem_bonded", "fem_sliding"]].max() < 1e-4
+    assert residual[["fem_rlse_bonded", "fem_rlse_mucosa"]].max() < 0.02  # of the third the lips press on each other
     assert by_method["inverted"].max().drop("elastic").max() == 0
     assert by_method["eqres_rel"].mean()["pinnochio_plus"] < 0.5 * by_method["eqres_rel"].mean()["pinnochio"]
     for name in (*FEM, "elastic", "ratio", "pca_linear"):
