@@ -11,6 +11,7 @@ for folder in (ROOT / "workflow", ROOT):
         sys.path.insert(0, str(folder))
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
     """Tests that share something costly run in one process: those of a finished study, of a folder, of a file."""
     for item in items:
