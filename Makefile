@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SNAKEMAKE := $(BIN)/snakemake --cores 2
 
-.PHONY: env quick study test docs
+.PHONY: env quick study test test-library test-study docs
 
 env: .venv/installed
 
@@ -28,4 +28,10 @@ test: env
 	$(BIN)/ruff format --check
 	$(BIN)/snakefmt --check Snakefile rules workflow/common.smk
 	$(BIN)/snakemake --lint
-	$(BIN)/pytest --numprocesses 2 --dist loadgroup
+	$(MAKE) --jobs 2 --keep-going --output-sync=target test-library test-study
+
+test-library:
+	$(BIN)/pytest --ignore tests/study
+
+test-study:
+	$(BIN)/pytest tests/study
