@@ -145,7 +145,10 @@ def fem_of(wildcards):
     """The settings of finite elements of the method."""
     if wildcards.method not in ON_LIPS:
         return config["fem"]
-    own = {key: config["fem_rlse"][key] for key in ("increments", "tolerance", "time_limit")}
+    own = {
+        key: config["fem_rlse"][key]
+        for key in ("increments", "tolerance", "time_limit")
+    }
     return config["fem"] | own
 
 
