@@ -6,12 +6,12 @@ from scipy.spatial import cKDTree
 from pinnochio.anatomy.landmarks import face_landmarks
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.regions import NAMES, NOT_JUDGED, regions
+from pinnochio.anatomy.regions import NAMES, NOT_JUDGED, RIM, regions
 
 # Region: jaw that it follows and its share. Nose [S: PMC6173856] 0.17, [R] 0.2-0.35; lips [S] 0.21 and 0.66,
 # [R] 0.4-0.7 and 0.6-0.8; chin [R] 0.9-1.0.
 RATIOS = {"nose": ("upper", 0.25), "upper_lip": ("upper", 0.5), "lower_lip": ("lower", 0.7), "chin": ("chin", 0.95)}
-CHEEK = 0.5  # of the upper jaw above the mouth, of the lower below it [I]
+CHEEK = 0.5  # of the lower jaw below the mouth, of the upper above it, falling to none at the rim of the orbit [I]
 BLEND = 6.0  # mm over which neighbouring regions run into each other [I]
 JAWS = {"upper": ("lefort", "maxilla"), "lower": ("mandible",), "chin": ("chin", "mandible")}
 
@@ -22,14 +22,18 @@ class RatioRule:
     def __init__(self, model: PatientModel):
         """InputError where the face cannot be read."""
         codes, skin = regions(model), model.skin_points
-        mouth = face_landmarks(model).stomion[2]
+        marks = face_landmarks(model)
+        rim = (1 - RIM) * marks.subnasale[2] + RIM * marks.sellion[2]
         shares = np.zeros((len(skin), len(JAWS)))
         for column, jaw in enumerate(JAWS):
             for region, (followed, share) in RATIOS.items():
                 if followed == jaw:
                     shares[codes == NAMES.index(region), column] = share
         cheek = np.isin(codes, [NAMES.index(name) for name in ("cheek_right", "cheek_left")])
-        shares[cheek, np.where(skin[cheek, 2] > mouth, 0, 1)] = CHEEK
+        height = skin[cheek, 2]
+        fading = np.clip((rim - height) / (rim - marks.subnasale[2]), 0, 1)
+        upper = height > marks.stomion[2]
+        shares[cheek, 0], shares[cheek, 1] = CHEEK * upper * fading, CHEEK * ~upper
         judged = np.flatnonzero(codes != NOT_JUDGED)
         near = cKDTree(skin[judged]).query_ball_point(skin, BLEND)
         found = np.array([shares[judged[own]].mean(axis=0) if len(own) else np.zeros(len(JAWS)) for own in near])
