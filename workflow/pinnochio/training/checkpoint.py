@@ -15,7 +15,7 @@ from pinnochio.networks.settings import NetworkSettings
 from pinnochio.study import code_hash
 
 LIBRARY = Path(__file__).resolve().parents[1]
-ROOMS = ("anatomy", "mechanics", "networks", "training")  # what a training computes with
+ROOMS = ("anatomy", "mechanics", "networks", "training", "baselines")  # what a training computes with
 
 
 def save_network(path: str | os.PathLike, network: nn.Module, settings: NetworkSettings, **about) -> None:
