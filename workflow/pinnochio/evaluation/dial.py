@@ -16,7 +16,7 @@ _CASE = {column.name: column for column in CASES}
 
 
 def _column(name: str, of: str, description: str) -> Column:
-    return Column(name, float, _CASE[of].unit, description, _CASE[of].format, optional=True)
+    return Column(name, float, _CASE[of].unit, description, _CASE[of].summary, optional=True)
 
 
 DIAL = (

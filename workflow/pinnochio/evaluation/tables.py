@@ -27,6 +27,11 @@ class Column:
     format: str = ""
     optional: bool = False
 
+    @property
+    def summary(self) -> str:
+        """Format of a mean of the column."""
+        return SHOWN if self.format == TESTED else self.format
+
     def text(self, value) -> str:
         """A value as every file shows it; empty for NaN."""
         return "" if pd.isna(value) else format(self.kind(value), self.format)
@@ -127,10 +132,9 @@ def _summaries() -> list[Column]:
     columns = []
     for name, spread in SUMMARISED.items():
         source = _CASE[name]
-        form = SHOWN if source.format == TESTED else source.format
-        columns.append(_number(f"{name}_mean", source.unit, f"mean of {name}", form))
+        columns.append(_number(f"{name}_mean", source.unit, f"mean of {name}", source.summary))
         if spread:
-            columns.append(_number(f"{name}_sd", source.unit, f"standard deviation of {name}", form))
+            columns.append(_number(f"{name}_sd", source.unit, f"standard deviation of {name}", source.summary))
     return columns
 
 
