@@ -36,12 +36,9 @@ def test_setback_of_the_artisynth_mandible(project):
     assert "Left out: pinnochio" in done.stdout
     tables = project.folder / "results/artisynth_face/tables"
     rows = pd.read_csv(tables / "cases.csv").set_index("method")
-    assert (
-        sorted(rows.index) == ["elastic", "fem_bonded", "fem_sliding", "no_change"]
-        and not (tables / "accuracy.csv").exists()
-    )
+    assert sorted(rows.index) == ["elastic", "fem_bonded", "fem_sliding", "no_change"]
+    assert not (tables / "accuracy.csv").exists()
     assert rows["cd"].isna().all() and rows["registration_residual"].isna().all()
-    assert (rows["inverted"].drop("elastic") == 0).all()  # a linear field may turn an element over
-    solved = rows.drop(index="no_change")
+    assert (rows["moving_error"].drop("no_change") < 1e-6).all() and rows.loc["no_change", "moving_error"] > 1
+    solved = rows.loc[["fem_bonded", "fem_sliding"]]  # a linear field is not in equilibrium, and may turn elements over
     assert (solved["min_jacobian"] > 0.1).all() and (solved["eqres_rel"] < 1e-5).all()
-    assert (solved["moving_error"] < 1e-6).all() and rows.loc["no_change", "moving_error"] > 1
