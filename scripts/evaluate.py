@@ -37,14 +37,16 @@ def evaluate(
     rows = []
     for number, case in enumerate(cases):
         patient = PatientModel.read(models[number])
-        material = fem.material(patient.tissue)
-        operator = Operator.build(patient.points, patient.cells, material, fem.volumetric)
+        prediction, operator = read_prediction(predictions, case), None
+        if prediction.displacement is not None:
+            material = fem.material(patient.tissue)
+            operator = Operator.build(patient.points, patient.cells, material, fem.volumetric)
         skin = PostopSkin.read(postops[case]) if case in postops else None
         rows.append(
             evaluate_case(
                 patient,
                 Plan.read(plans[number], case),
-                read_prediction(predictions, case),
+                prediction,
                 operator=operator,
                 element=fem.volumetric,
                 samples=samples,

@@ -15,7 +15,8 @@ def render_case(
     case: str, models: Mapping[str, str], plan: str, postop: str, predictions: Mapping[str, str], picture: str
 ) -> None:
     """Draw the case; models and predictions map each method to the model it predicts on and to the file of its fold."""
-    patients = {method: PatientModel.read(model) for method, model in models.items()}
+    read = {path: PatientModel.read(path) for path in set(models.values())}
+    patients = {method: read[path] for method, path in models.items()}
     target = PostopSkin.read(postop).surface
     skins = {
         method: surface_of(read_prediction(path, case).moved_skin(patients[method]), patients[method].skin_faces)

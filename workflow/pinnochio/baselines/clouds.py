@@ -243,8 +243,8 @@ def nearest(queries, points) -> tuple[np.ndarray, np.ndarray]:
     return index, inverse / inverse.sum(axis=1, keepdims=True)
 
 
-def spread(values: Tensor, near: Tensor, weights: Tensor) -> Tensor:
-    """Values (k, c) interpolated from those (m, c) of the nearest points: see :func:`nearest`."""
+def spread(values, near, weights):
+    """Values (k, c) interpolated from those (m, c) of the nearest points (:func:`nearest`), all arrays or tensors."""
     return (values[near] * weights[:, :, None]).sum(1)
 
 

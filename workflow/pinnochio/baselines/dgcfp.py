@@ -41,9 +41,8 @@ class EdgeConvolution(MessagePassing):
 
     def forward(self, values: Tensor, edges: Tensor) -> Tensor:
         """Features (n, 64) from features (n, inputs) and edges (2, e), from j to i."""
-        with torch.autocast(
-            values.device.type, enabled=False
-        ):  # neighbours differ little: their difference is delicate
+        # In full precision, because neighbours differ little.
+        with torch.autocast(values.device.type, enabled=False):
             values, weight = values.float(), self.first.weight
             there = values @ weight[:, self.inputs :].T
             here = self.first.bias - there

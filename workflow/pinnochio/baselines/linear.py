@@ -19,7 +19,7 @@ from pinnochio.anatomy.closest import closest_points
 from pinnochio.anatomy.landmarks import face_landmarks
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
-from pinnochio.baselines.clouds import nearest
+from pinnochio.baselines.clouds import nearest, spread
 from pinnochio.files import replacing
 from pinnochio.mechanics.lift import farthest
 
@@ -70,7 +70,7 @@ class LinearPredictor:
         """Displacement (s, 3) mm of the skin points."""
         own = np.append(features(self._model, plan, self._shape) / self._linear.scale, 1)
         moved = (own @ (self._linear.taught + self._linear.adapted)).reshape(-1, 3)
-        return (moved[self._near] * self._weights[:, :, None]).sum(axis=1)
+        return spread(moved, self._near, self._weights)
 
 
 def fit(

@@ -1,6 +1,6 @@
 """A patient as the surface networks and their losses read it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -12,7 +12,7 @@ from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.triangles import vertex_normals
 from pinnochio.baselines import acmt, dgcfp
-from pinnochio.baselines.clouds import FaceGraph, Given, PointCloud, nearest, real
+from pinnochio.baselines.clouds import FaceGraph, Given, PointCloud, nearest, real, spread
 from pinnochio.baselines.settings import SurfaceSettings
 from pinnochio.evaluation.distances import sample_surface
 from pinnochio.seeds import derive_seed
@@ -84,11 +84,11 @@ class SurfacePatient:
     def given(self, draw: Draw, plan: Plan) -> Given:
         """What a network reads of a draw under a plan."""
         moved = real(self.model.bone_displacement(plan)[draw.bone] / self.unit)
-        return Given(draw.given.face, draw.given.bone, moved, 1, draw.given.batch)
+        return replace(draw.given, movement=moved)
 
     def carried(self, draw: Draw, skin: np.ndarray) -> Tensor:
         """Displacement (n, 3) in units of the face points of a draw where the skin points (s, 3) move so many mm."""
-        return real((skin[draw.near] * draw.weights[:, :, None]).sum(axis=1) / self.unit)
+        return real(spread(skin, draw.near, draw.weights) / self.unit)
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Target:
 
         seen = []
         for draw in patient.draws:
-            rest = (model.skin_points[draw.near] * draw.weights[:, :, None]).sum(axis=1)
+            rest = spread(model.skin_points, draw.near, draw.weights)
             seen.append(real(weight(rest) * ~closest_points(rest, points, faces).border))
         return cls(real((many - patient.centre) / patient.unit), real(weight(many)), tuple(seen))
 

@@ -25,10 +25,8 @@ class RatioRule:
         marks = face_landmarks(model)
         rim = (1 - RIM) * marks.subnasale[2] + RIM * marks.sellion[2]
         shares = np.zeros((len(skin), len(JAWS)))
-        for column, jaw in enumerate(JAWS):
-            for region, (followed, share) in RATIOS.items():
-                if followed == jaw:
-                    shares[codes == NAMES.index(region), column] = share
+        for region, (jaw, share) in RATIOS.items():
+            shares[codes == NAMES.index(region), list(JAWS).index(jaw)] = share
         cheek = np.isin(codes, [NAMES.index(name) for name in ("cheek_right", "cheek_left")])
         height = skin[cheek, 2]
         fading = np.clip((rim - height) / (rim - marks.subnasale[2]), 0, 1)

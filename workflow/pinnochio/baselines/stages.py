@@ -6,9 +6,8 @@ checkpoints, held-back patient and early stopping. What differs is the network, 
 
 import logging
 import os
-import statistics
-import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import torch
@@ -18,7 +17,7 @@ from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.baselines.acmt import AcmtNet, FscNet
-from pinnochio.baselines.clouds import Given, Stage, nearest, per_patient, scaled, to_device
+from pinnochio.baselines.clouds import Given, Stage, nearest, per_patient, scaled, spread, to_device
 from pinnochio.baselines.contrast import contrast
 from pinnochio.baselines.dgcfp import Dgcfp
 from pinnochio.baselines.losses import chamfer, density, laplacian_change, local_change
@@ -26,9 +25,11 @@ from pinnochio.baselines.patient import SurfacePatient, Target
 from pinnochio.baselines.settings import SurfaceSettings
 from pinnochio.errors import InputError
 from pinnochio.seeds import derive_seed
+from pinnochio.timing import timed
+from pinnochio.training.checkpoint import load_network
 from pinnochio.training.loop import Step
 from pinnochio.training.settings import TrainingSettings
-from pinnochio.training.stages import REPEATS, CaseFiles, read_teaching, run_phase
+from pinnochio.training.stages import CaseFiles, read_teaching, run_phase
 from pinnochio.training.validation import held_back
 
 MOMENTUM = 0.5, 0.2, 0.01  # of batch normalisation in ACMT-Net: at first, share after which it halves, least [S]
@@ -163,6 +164,7 @@ class Predictor:
     def __init__(self, network: nn.Module, settings: SurfaceSettings, model: PatientModel, case: str, device: str):
         self.network, self.settings, self.device = network.eval(), settings, device
         self.patient = SurfacePatient.build(model, settings, case, repeats=1)
+        self._ways = None
 
     def __call__(self, plan: Plan) -> np.ndarray:
         """Displacement (s, 3) mm of the skin points, interpolated from the nearest face points.
@@ -177,34 +179,22 @@ class Predictor:
             rest, moved = (x.cpu().numpy().astype(float) for x in (stage.rest, stage.displacement))
         if not np.isfinite(moved).all():
             raise FloatingPointError(f"case {plan.case!r}: the predicted displacement is not finite")
-        skin = (self.patient.model.skin_points - self.patient.centre) / self.patient.unit
-        near, weights = nearest(skin, rest)
-        return (moved[near] * weights[:, :, None]).sum(axis=1) * self.patient.unit
+        if self._ways is None:  # where points were is the same under every plan
+            skin = (self.patient.model.skin_points - self.patient.centre) / self.patient.unit
+            self._ways = nearest(skin, rest)
+        return spread(moved, *self._ways) * self.patient.unit
 
 
 def predict_case(
     network: nn.Module, settings: SurfaceSettings, model: PatientModel, plan: Plan, device: str
 ) -> tuple[np.ndarray, float, float]:
-    """Displacement (s, 3) mm of the skin points, seconds of one warm plan (median of some), seconds of the patient."""
-    start = time.perf_counter()
-    predictor = Predictor(network, settings, model, plan.case, device)
-    predictor(plan)
-    setup = time.perf_counter() - start
-    seconds = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        found = predictor(plan)
-        seconds.append(time.perf_counter() - start)
-    return found, statistics.median(seconds), setup
+    """Displacement (s, 3) mm of the skin points, seconds of one warm plan (see timed), seconds of the patient."""
+    return timed(lambda: partial(Predictor(network, settings, model, plan.case, device), plan))
 
 
 def load_surface_network(path: str | os.PathLike, device: str = "cpu") -> tuple[nn.Module, SurfaceSettings]:
-    """Network on `device` and its settings; nothing but tensors and plain values is unpickled."""
-    stored = torch.load(path, map_location=device, weights_only=True)
-    settings = SurfaceSettings(**stored["network"])
-    network = build(settings).to(device)
-    network.load_state_dict(stored["state"])
-    return network, settings
+    """As load_network, of a surface network."""
+    return load_network(path, device, SurfaceSettings, build)
 
 
 def _read(cases: Sequence[CaseFiles], settings: SurfaceSettings, validation: int, read: Callable, device: str):
@@ -243,12 +233,11 @@ def _train(
         given = scaled(Given.join([own[0] for own in shown]), flip)
         torch.manual_seed(int(step.rng.integers(2**31)))  # DGCFP drops edges and draws triangles
         parts = per_patient(run_network(network, settings, given), len(shown))
-        found = {
-            "data": torch.stack([loss(p, flip, step, *own[1:]) for p, own in zip(parts, shown, strict=True)]).mean()
-        }
+        own = [loss(part, flip, step, *known[1:]) for part, known in zip(parts, shown, strict=True)]
+        data = torch.stack(own).mean()
         if settings.contrast and phase == "pretrain":
-            found["data"] = found["data"] + settings.contrast * contrast(network, given)
-        return found
+            data = data + settings.contrast * contrast(network, given)
+        return {"data": data}
 
     def terms(step):
         if settings.architecture != "dgcfp":

@@ -1,17 +1,17 @@
 """What the study costs: the benchmark files of its jobs, and the table of time per stage."""
 
 import os
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
 
-from pinnochio.evaluation.tables import Column, View, write_csv, write_twins
+from pinnochio.evaluation.tables import Column, View, number, write_csv, write_twins
 
 TOTAL = "all"
 
 
-def _number(name: str, unit: str, description: str, form: str = ".1f") -> Column:
-    return Column(name, float, unit, description, form, optional=True)
+_number = partial(number, form=".1f")
 
 
 STAGES = (
@@ -21,7 +21,7 @@ STAGES = (
     _number("mean", "s", "mean time of a job"),
     _number("longest", "s", "time of the longest job"),
     _number("cpu_seconds", "s", "processor time of all jobs together"),
-    _number("memory", "MB", "largest resident memory of a job", ".0f"),
+    _number("memory", "MB", "largest resident memory of a job", form=".0f"),
 )
 
 

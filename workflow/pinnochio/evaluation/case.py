@@ -36,6 +36,7 @@ def evaluate_case(
 
     target: points and faces of the registered post-operative skin; truth: points, cells, displacement; either may be
     absent, and its columns are then empty. labels: what the caller knows (fold, method, code, registration_residual).
+    operator: None where the prediction has no field.
     A prediction of the skin alone has none of the columns of the volume. One that is not finite gives a row without
     metrics, marked as not converged. Regions and landmarks stay empty where the face cannot be read.
     """

@@ -4,27 +4,22 @@ import os
 
 import pandas as pd
 
-from pinnochio.evaluation.tables import Column, View, write_csv, write_twins
-
-
-def _number(name: str, unit: str, description: str, form: str) -> Column:
-    return Column(name, float, unit, description, form, optional=True)
-
+from pinnochio.evaluation.tables import Column, View, number, write_csv, write_twins
 
 COVERAGE = (
     Column("method", str, "", "method that predicted"),
     Column("region", str, "", "region of the judged face; face: all of them, each by its own half-width"),
     Column("level", float, "%", "share that the half-width shall cover", ".1f"),
     Column("n", int, "", "patients with points in the region, each held out once"),
-    _number("points", "", "mean number of such points of a patient", ".0f"),
-    _number("error_mean", "mm", "mean distance of a held-out point from the outcome, patients weighing equally", ".3f"),
-    _number("coverage_mean", "%", "points within the half-width of the other folds, mean over patients", ".2f"),
-    _number("coverage_sd", "%", "standard deviation over patients", ".2f"),
-    _number("coverage_low", "%", "lower end of the bootstrap 95% interval of that mean over patients", ".2f"),
-    _number("coverage_high", "%", "upper end of it", ".2f"),
-    _number("half_width", "mm", "half-width calibrated on all patients, for a new one", ".3f"),
-    _number("half_width_low", "mm", "smallest of the half-widths calibrated without one fold", ".3f"),
-    _number("half_width_high", "mm", "largest of them", ".3f"),
+    number("points", "", "mean number of such points of a patient", ".0f"),
+    number("error_mean", "mm", "mean distance of a held-out point from the outcome, patients weighing equally", ".3f"),
+    number("coverage_mean", "%", "points within the half-width of the other folds, mean over patients", ".2f"),
+    number("coverage_sd", "%", "standard deviation over patients", ".2f"),
+    number("coverage_low", "%", "lower end of the bootstrap 95% interval of that mean over patients", ".2f"),
+    number("coverage_high", "%", "upper end of it", ".2f"),
+    number("half_width", "mm", "half-width calibrated on all patients, for a new one", ".3f"),
+    number("half_width_low", "mm", "smallest of the half-widths calibrated without one fold", ".3f"),
+    number("half_width_high", "mm", "largest of them", ".3f"),
 )
 
 

@@ -16,6 +16,7 @@ from pinnochio.evaluation.tables import (
     View,
     check,
     count,
+    number,
     paired,
     starred,
     words,
@@ -26,7 +27,7 @@ from pinnochio.seeds import derive_seed
 
 
 def _number(name: str, description: str, form: str = ".4f", unit: str = "mm") -> Column:
-    return Column(name, float, unit, description, form, optional=True)
+    return number(name, unit, description, form)
 
 
 PLACES = (

@@ -40,7 +40,8 @@ class Column:
 SHOWN, TESTED = ".4f", ".7f"  # what is tested has digits enough for rounding not to make ties
 
 
-def _number(name: str, unit: str, description: str, form: str = SHOWN) -> Column:
+def number(name: str, unit: str, description: str, form: str = SHOWN) -> Column:
+    """A column of numbers, any of which may be missing."""
     return Column(name, float, unit, description, form, optional=True)
 
 
@@ -57,57 +58,57 @@ CASES = (
     Column("device", str, "", "device that predicted"),
     Column("code", str, "", "content hash of the code"),
     Column("muscle", str, "", "where the muscle layer comes from: labelled, derived (by rule) or single (no layer)"),
-    _number("cd", "mm", "half the sum of the two directed mean point-to-triangle distances", TESTED),
-    _number("cd_sum", "mm", "sum of the two directed means"),
-    _number("cd_sq", "mm2", "mean squared distance, both directions averaged"),
-    _number("cd_vertex", "mm", "as cd, from vertex to nearest vertex"),
-    _number("hd95", "mm", "larger of the two directed 95th percentiles"),
-    _number("hdmax", "mm", "larger of the two directed maxima"),
-    _number("hd_mean_oneway", "mm", "mean distance of the target's vertices from the prediction"),
-    _number("pwr1", "%", "predicted area within 1 mm of the target", ".3f"),
-    _number("pwr2", "%", "predicted area within 2 mm of the target", ".3f"),
-    _number("pwr1_target", "%", "target area within 1 mm of the prediction", ".3f"),
-    _number("pwr2_target", "%", "target area within 2 mm of the prediction", ".3f"),
-    _number("min_jacobian", "", "smallest det F of an element"),
-    _number("p1_jacobian", "", "1st percentile of det F"),
-    _number("inverted", "", "elements with det F <= 0", ".0f"),
-    _number("raw_min_jacobian", "", "min_jacobian before the guard of a learned method"),
-    _number("raw_inverted", "", "inverted before the guard", ".0f"),
-    _number("repaired", "", "elements that the guard solved again", ".0f"),
-    _number("damping", "", "factor of the guard on the whole field, 1 for none"),
-    _number("volume_change_muscle", "%", "change of the muscle's volume"),
-    _number("volume_change_superficial", "%", "change of the superficial tissue's volume"),
-    _number("eqres_paper", "mN2", "mean squared residual force of the free nodes", ".4g"),
-    _number("eqres_rms", "mN", "root of the mean squared residual force of the free nodes", ".4g"),
-    _number("eqres_rel", "", "residual force of the free nodes over the force of all others", ".4g"),
-    _number("eqres_disp", "mm", "mean displacement that a free node still wants", ".4g"),
+    number("cd", "mm", "half the sum of the two directed mean point-to-triangle distances", TESTED),
+    number("cd_sum", "mm", "sum of the two directed means"),
+    number("cd_sq", "mm2", "mean squared distance, both directions averaged"),
+    number("cd_vertex", "mm", "as cd, from vertex to nearest vertex"),
+    number("hd95", "mm", "larger of the two directed 95th percentiles"),
+    number("hdmax", "mm", "larger of the two directed maxima"),
+    number("hd_mean_oneway", "mm", "mean distance of the target's vertices from the prediction"),
+    number("pwr1", "%", "predicted area within 1 mm of the target", ".3f"),
+    number("pwr2", "%", "predicted area within 2 mm of the target", ".3f"),
+    number("pwr1_target", "%", "target area within 1 mm of the prediction", ".3f"),
+    number("pwr2_target", "%", "target area within 2 mm of the prediction", ".3f"),
+    number("min_jacobian", "", "smallest det F of an element"),
+    number("p1_jacobian", "", "1st percentile of det F"),
+    number("inverted", "", "elements with det F <= 0", ".0f"),
+    number("raw_min_jacobian", "", "min_jacobian before the guard of a learned method"),
+    number("raw_inverted", "", "inverted before the guard", ".0f"),
+    number("repaired", "", "elements that the guard solved again", ".0f"),
+    number("damping", "", "factor of the guard on the whole field, 1 for none"),
+    number("volume_change_muscle", "%", "change of the muscle's volume"),
+    number("volume_change_superficial", "%", "change of the superficial tissue's volume"),
+    number("eqres_paper", "mN2", "mean squared residual force of the free nodes", ".4g"),
+    number("eqres_rms", "mN", "root of the mean squared residual force of the free nodes", ".4g"),
+    number("eqres_rel", "", "residual force of the free nodes over the force of all others", ".4g"),
+    number("eqres_disp", "mm", "mean displacement that a free node still wants", ".4g"),
     Column("eqres_element", str, "", "element of the residual", optional=True),
-    _number("moving_error", "mm", "mean error of the moving nodes against the plan"),
-    _number("sliding_error", "mm", "mean change of the sliding nodes' distance from the moved bone"),
-    _number("interface_error", "mm", "mean distance of the bone contact from where the interface network puts it"),
+    number("moving_error", "mm", "mean error of the moving nodes against the plan"),
+    number("sliding_error", "mm", "mean change of the sliding nodes' distance from the moved bone"),
+    number("interface_error", "mm", "mean distance of the bone contact from where the interface network puts it"),
     *(
         column
         for name in REGIONS
         for column in (
-            _number(f"region_{name}", "mm", f"mean distance of the target's points on the {words(name)}", TESTED),
-            _number(f"bias_{name}", "mm", "the same, signed: positive where the prediction lies outside the target"),
+            number(f"region_{name}", "mm", f"mean distance of the target's points on the {words(name)}", TESTED),
+            number(f"bias_{name}", "mm", "the same, signed: positive where the prediction lies outside the target"),
         )
     ),
-    _number("volume_error_mean", "mm", "mean error of all nodes against the virtual truth", TESTED),
-    _number("volume_error_p95", "mm", "95th percentile of it"),
-    _number("skin_error_mean", "mm", "mean error of the skin points against the virtual truth", TESTED),
-    _number("skin_error_p95", "mm", "95th percentile of it"),
+    number("volume_error_mean", "mm", "mean error of all nodes against the virtual truth", TESTED),
+    number("volume_error_p95", "mm", "95th percentile of it"),
+    number("skin_error_mean", "mm", "mean error of the skin points against the virtual truth", TESTED),
+    number("skin_error_p95", "mm", "95th percentile of it"),
     *(
-        _number(f"landmark_{name}", "mm", f"error at {words(name)} against the virtual truth", TESTED)
+        number(f"landmark_{name}", "mm", f"error at {words(name)} against the virtual truth", TESTED)
         for name in LANDMARKS
     ),
-    _number("seconds", "s", "one plan, warm, without reading files", ".3f"),
-    _number("setup_seconds", "s", "what belongs to the patient and serves every plan", ".3f"),
+    number("seconds", "s", "one plan, warm, without reading files", ".3f"),
+    number("setup_seconds", "s", "what belongs to the patient and serves every plan", ".3f"),
     Column("threads", int, "", "CPU threads; 0 where unknown"),
     Column("nodes", int, "", "nodes of the mesh"),
     Column("converged", bool, "", "whether the solver converged; true where there is none"),
     Column("reason", str, "", "why the solver stopped", optional=True),
-    _number("registration_residual", "mm", "median residual of the scan's registration"),
+    number("registration_residual", "mm", "median residual of the scan's registration"),
 )
 
 # What the accuracy table averages over patients: column of cases -> also its standard deviation.
@@ -132,9 +133,9 @@ def _summaries() -> list[Column]:
     columns = []
     for name, spread in SUMMARISED.items():
         source = _CASE[name]
-        columns.append(_number(f"{name}_mean", source.unit, f"mean of {name}", source.summary))
+        columns.append(number(f"{name}_mean", source.unit, f"mean of {name}", source.summary))
         if spread:
-            columns.append(_number(f"{name}_sd", source.unit, f"standard deviation of {name}", source.summary))
+            columns.append(number(f"{name}_sd", source.unit, f"standard deviation of {name}", source.summary))
     return columns
 
 
@@ -144,14 +145,14 @@ ACCURACY = (
     Column("n", int, "", "patients with a metric"),
     Column("failed", int, "", "patients without one, or whose solver did not converge"),
     *_summaries(),
-    _number("inverted", "", "inverted elements over all patients", ".0f"),
-    _number("pairs", "", "patients that the test compares", ".0f"),
-    _number("cd_median_difference", "mm", "median of cd minus the reference's"),
-    _number("cd_mean_difference", "mm", "mean of cd minus the reference's"),
-    _number("cd_low", "mm", "lower end of the bootstrap 95% interval of that mean"),
-    _number("cd_high", "mm", "upper end of it"),
-    _number("p", "", "two-sided Wilcoxon signed-rank test of cd", ".6g"),
-    _number("p_holm", "", "p after Holm's correction over the methods", ".6g"),
+    number("inverted", "", "inverted elements over all patients", ".0f"),
+    number("pairs", "", "patients that the test compares", ".0f"),
+    number("cd_median_difference", "mm", "median of cd minus the reference's"),
+    number("cd_mean_difference", "mm", "mean of cd minus the reference's"),
+    number("cd_low", "mm", "lower end of the bootstrap 95% interval of that mean"),
+    number("cd_high", "mm", "upper end of it"),
+    number("p", "", "two-sided Wilcoxon signed-rank test of cd", ".6g"),
+    number("p_holm", "", "p after Holm's correction over the methods", ".6g"),
     Column("test", str, "", "how p came about, or why there is none"),
 )
 _ACCURACY = {column.name: column for column in ACCURACY}

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +10,13 @@ import pandas as pd
 import torch
 
 from pinnochio.evaluation.benchmarks import read_benchmark
-from pinnochio.evaluation.tables import Column, View, write_csv, write_twins
+from pinnochio.evaluation.tables import Column, View, number, write_csv, write_twins
 
 # Section of the settings and folder of the benchmark files of each phase.
 PHASES = {"pretraining": "pretrain", "finetuning": "finetune"}
 
 
-def _number(name: str, unit: str, description: str, form: str = ".0f") -> Column:
-    return Column(name, float, unit, description, form, optional=True)
+_number = partial(number, form=".0f")
 
 
 TRAINING = (
@@ -31,7 +31,7 @@ TRAINING = (
             _number(f"{phase}_samples", "", f"patients under a plan that {phase} sees: steps by batch"),
             _number(f"{phase}_validation", "", f"patients held back in {phase} to choose the weights"),
             _number(f"{phase}_patience", "", "looks without improvement after which it stops; 0: never"),
-            _number(f"{phase}_seconds", "s", f"mean time of {phase} per fold, from its last start", ".1f"),
+            _number(f"{phase}_seconds", "s", f"mean time of {phase} per fold, from its last start", form=".1f"),
         )
     ),
 )

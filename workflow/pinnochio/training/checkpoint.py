@@ -2,7 +2,7 @@
 
 import hashlib
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -23,10 +23,15 @@ def save_network(path: str | os.PathLike, network: nn.Module, settings: NetworkS
     save_state(path, {"network": asdict(settings), "state": network.state_dict(), **about})
 
 
-def load_network(path: str | os.PathLike, device: torch.device | str = "cpu") -> tuple[nn.Module, NetworkSettings]:
-    """Network on `device` and its settings; nothing but tensors and plain values is unpickled."""
+def load_network(
+    path: str | os.PathLike, device: torch.device | str = "cpu", kind: type = NetworkSettings, build: Callable = build
+) -> tuple[nn.Module, NetworkSettings]:
+    """Network on `device` and its settings, of a `kind` that build(settings) makes it of.
+
+    Nothing but tensors and plain values is unpickled.
+    """
     stored = torch.load(path, map_location=device, weights_only=True)
-    settings = NetworkSettings(**stored["network"])
+    settings = kind(**stored["network"])
     network = build(settings).to(device)
     network.load_state_dict(stored["state"])
     return network, settings

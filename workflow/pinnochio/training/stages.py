@@ -2,8 +2,6 @@
 
 import logging
 import os
-import statistics
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,6 +21,7 @@ from pinnochio.mechanics.materials import Material
 from pinnochio.networks.cascade import PlanSignal, Prediction, build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.seeds import derive_seed
+from pinnochio.timing import timed
 from pinnochio.training.checkpoint import load_network, save_network
 from pinnochio.training.execution import execution_fields
 from pinnochio.training.loop import Step, Terms, train
@@ -30,8 +29,6 @@ from pinnochio.training.losses import SurfaceLoss, boundary_loss, bulk_factor, p
 from pinnochio.training.patient import PatientTensors
 from pinnochio.training.settings import TrainingSettings
 from pinnochio.training.validation import held_back
-
-REPEATS = 3  # of a timed prediction
 
 
 class Mechanics(Protocol):
@@ -210,20 +207,17 @@ def predict_case(
     lift: Lift | None = None,
     finish: Callable[[np.ndarray, np.ndarray], object] = lambda *fields: fields,
 ):
-    """finish(displacement, boundary) of a plan, seconds of one warm plan (median of REPEATS), seconds of the patient.
+    """finish(displacement, boundary) of a plan, seconds of one warm plan (see timed), seconds of the patient.
 
     `finish` is what becomes of the network's fields (n, 3) mm before they are given out, and is timed with them.
     """
-    start = time.perf_counter()
-    predictor = Predictor(network, tensors(model, mechanics, settings, device, lift))
-    finish(*predictor(plan))
-    setup = time.perf_counter() - start + (lift.seconds if lift else 0.0)
-    seconds = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        found = finish(*predictor(plan))
-        seconds.append(time.perf_counter() - start)
-    return found, statistics.median(seconds), setup
+
+    def prepare():
+        predictor = Predictor(network, tensors(model, mechanics, settings, device, lift))
+        return lambda: finish(*predictor(plan))
+
+    found, seconds, setup = timed(prepare)
+    return found, seconds, setup + (lift.seconds if lift else 0.0)
 
 
 def tensors(

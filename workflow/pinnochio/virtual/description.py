@@ -1,6 +1,7 @@
 """What a virtual patient is and what the plan does to it, in the numbers of a cephalometric chart."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from pinnochio.anatomy.plan import Plan
-from pinnochio.evaluation.tables import Column, View, write_csv, write_twins
+from pinnochio.evaluation.tables import Column, View, number, write_csv, write_twins
 from pinnochio.virtual.head import Head
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.thickness import measure
@@ -73,8 +74,7 @@ def describe(head: Head, plan: Plan) -> dict[str, Any]:
     }
 
 
-def _number(name: str, unit: str, description: str, form: str = ".1f") -> Column:
-    return Column(name, float, unit, description, form, optional=True)
+_number = partial(number, form=".1f")
 
 
 ANATOMY = (
@@ -107,8 +107,10 @@ ANATOMY = (
     _number("overjet_after", "mm", "overjet once the plan is carried out"),
     _number("open_bite_after", "mm", "open bite once the plan is carried out"),
     _number("midline_after", "mm", "midline once the plan is carried out"),
-    _number("jaw_overlap", "mm3", "upper and lower jaw in one place after the plan", ".0f"),
-    _number("split_overlap", "mm3", "pieces of the mandible in one place after the plan, trimmed in surgery", ".0f"),
+    _number("jaw_overlap", "mm3", "upper and lower jaw in one place after the plan", form=".0f"),
+    _number(
+        "split_overlap", "mm3", "pieces of the mandible in one place after the plan, trimmed in surgery", form=".0f"
+    ),
 )
 
 

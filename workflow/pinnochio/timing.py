@@ -1,0 +1,23 @@
+"""How long a prediction takes: what belongs to the patient, and one plan."""
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+Found = TypeVar("Found")
+REPEATS = 3  # of a timed prediction
+
+
+def timed(prepare: Callable[[], Callable[[], Found]]) -> tuple[Found, float, float]:
+    """prepare()(), seconds of one warm call (median of REPEATS), seconds of preparing with the first call."""
+    start = time.perf_counter()
+    predict = prepare()
+    predict()
+    setup = time.perf_counter() - start
+    seconds = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        found = predict()
+        seconds.append(time.perf_counter() - start)
+    return found, statistics.median(seconds), setup
