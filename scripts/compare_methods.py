@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
+from pinnochio.evaluation.accuracy import summarise, write_accuracy
 from pinnochio.evaluation.published import ordering, published_block
-from pinnochio.evaluation.tables import CASES, read_table, scanned, summarise, write_accuracy
+from pinnochio.evaluation.tables import CASES, read_table, scanned
 from pinnochio.logs import attach_log
 
 

@@ -5,17 +5,8 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from pinnochio.evaluation.tables import (
-    ACCURACY,
-    Column,
-    View,
-    significance,
-    spread,
-    starred,
-    summarise,
-    write_csv,
-    write_twins,
-)
+from pinnochio.evaluation.accuracy import ACCURACY, significance, spread, starred, summarise
+from pinnochio.evaluation.tables import Column, View, write_csv, write_twins
 
 ABLATION = (
     *ACCURACY[:1],

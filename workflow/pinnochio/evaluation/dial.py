@@ -7,8 +7,9 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.errors import InputError
+from pinnochio.evaluation.accuracy import count, spread
 from pinnochio.evaluation.significance import compare, holm
-from pinnochio.evaluation.tables import CASES, Column, View, check, count, spread, write_csv, write_twins
+from pinnochio.evaluation.tables import CASES, Column, View, check, write_csv, write_twins
 from pinnochio.seeds import derive_seed
 
 AVERAGED = ("cd", "pwr1", "volume_error_mean", "eqres_rel", "min_jacobian", "interface_error", "seconds")

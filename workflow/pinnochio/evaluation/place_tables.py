@@ -7,22 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from pinnochio.evaluation.accuracy import count, paired, starred
 from pinnochio.evaluation.regions import LANDMARKS, REGIONS
 from pinnochio.evaluation.significance import holm
-from pinnochio.evaluation.tables import (
-    CASES,
-    Block,
-    Column,
-    View,
-    check,
-    count,
-    number,
-    paired,
-    starred,
-    words,
-    write_csv,
-    write_twins,
-)
+from pinnochio.evaluation.tables import CASES, Block, Column, View, check, number, words, write_csv, write_twins
 from pinnochio.seeds import derive_seed
 
 

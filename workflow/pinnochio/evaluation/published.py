@@ -6,8 +6,9 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
+from pinnochio.evaluation.accuracy import paired, spread
 from pinnochio.evaluation.significance import holm
-from pinnochio.evaluation.tables import Block, View, paired, spread
+from pinnochio.evaluation.tables import Block, View
 from pinnochio.seeds import derive_seed
 
 SOURCE = "clinical cohort, Lee et al. 2026 (arXiv 2606.01572)"
