@@ -18,6 +18,8 @@ include: "rules/prediction.smk"
 include: "rules/tables.smk"
 include: "rules/dial.smk"
 include: "rules/design.smk"
+include: "rules/sizes.smk"
+include: "rules/tradeoff.smk"
 include: "rules/uncertainty.smk"
 include: "rules/stability.smk"
 include: "rules/cost.smk"
@@ -26,6 +28,7 @@ include: "rules/cost.smk"
 wildcard_constraints:
     case="|".join(CASES),
     fold="|".join(HELD_OUT),
+    nodes=r"\d+",
     method="|".join([*METHODS, *SETTINGS]),
 
 

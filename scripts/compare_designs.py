@@ -4,9 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from pinnochio.evaluation.ablation import changes, write_design
+from pinnochio.evaluation.ablation import write_design
 from pinnochio.evaluation.tables import CASES, read_table, scanned
 from pinnochio.logs import attach_log
+from pinnochio.study import changes
 
 
 def compare_designs(

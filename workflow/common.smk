@@ -18,6 +18,7 @@ from pinnochio.study import (
     variants,
     virtual_cases,
 )
+from pinnochio.tradeoff.dials import network_settings
 
 # Idle OpenMP threads of a job sleep; spinning they take the cores from the compiled loops.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")

@@ -1,7 +1,7 @@
 """Tables that set variants of one network beside each other: the paper's ablation, and the design study."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import pandas as pd
 
@@ -81,18 +81,6 @@ def write_design(
         f"mean. p: two-sided Wilcoxon signed-rank test of CD against {base}, Holm-corrected; * p < 0.05."
     )
     write_twins(frame, path, view, caption, DESIGN)
-
-
-def changes(base: Mapping, other: Mapping, prefix: str = "") -> Sequence[str]:
-    """What differs between two settings, as "key value" in words; keys of nested mappings are joined by dots."""
-    found = []
-    for key in sorted({*base, *other}):
-        one, two = base.get(key), other.get(key)
-        if isinstance(one, Mapping) and isinstance(two, Mapping):
-            found += changes(one, two, f"{prefix}{key}.")
-        elif one != two:
-            found.append(f"{prefix}{key} {two}")
-    return found
 
 
 def _has_physics(settings: Mapping) -> bool:

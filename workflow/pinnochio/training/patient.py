@@ -151,7 +151,7 @@ class PatientTensors:
 
         def amplitudes(centre):
             values = motion_amplitudes(plan, self.model.segments, centre)
-            return torch.as_tensor(values, dtype=torch.float32, device=self.points.device)
+            return torch.as_tensor(values, dtype=self.points.dtype, device=self.points.device)
 
         own = amplitudes(self.centre)
         bone, cue, lifted = self.bone_followers.displacement(own), self.followers.displacement(own), None

@@ -1,0 +1,77 @@
+"""Makes the trade-off's rows of finite elements on one patient, and the reference that all fields are judged by."""
+
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pandas as pd
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.postop import PostopSkin
+from pinnochio.anatomy.predictions import write_predictions
+from pinnochio.evaluation.tables import write_csv
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.tradeoff.dials import fem_settings
+from pinnochio.tradeoff.measure import Reference, judge, predict_fem
+from pinnochio.tradeoff.table import TRADEOFF_CASES
+
+BEFOREHAND = 0.05  # s; a solve begun and stopped, so that no timing holds the loading of compiled code
+
+
+def measure_fem(
+    case: str,
+    models: Mapping[int, str],
+    plan: str,
+    postop: str,
+    nodes: int,
+    config: Mapping,
+    fem: FemSettings,
+    samples: int,
+    seed: int,
+    threads: int,
+    rows: str,
+    reference: str,
+) -> None:
+    """Write one row per setting, and the reference's field; models: file by number of nodes.
+
+    config: section `tradeoff` of the configuration. RuntimeError if the reference does not converge.
+    """
+    patients = {size: PatientModel.read(path) for size, path in models.items()}
+    motion, target = Plan.read(plan, case), PostopSkin.read(postop).surface
+    settings = fem_settings(nodes, config)
+    predict_fem(settings[1], patients[nodes], motion, fem, threads)
+    predict_fem(settings[0], patients[nodes], motion, replace(fem, time_limit=BEFOREHAND), threads)
+    judged, found = None, []
+    for setting in settings:
+        # The reference, first of all, is given the time that it needs.
+        limit = fem.time_limit if judged else 20 * fem.time_limit
+        patient = patients[setting.nodes]
+        prediction = predict_fem(setting, patient, motion, replace(fem, time_limit=limit), threads)
+        if judged is None:
+            if not prediction.converged:
+                raise RuntimeError(f"case {case!r}: the reference did not converge: {prediction.reason}")
+            judged = Reference(patient, prediction.displacement)
+            write_predictions(reference, {case: prediction})
+        found.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
+        logging.info("%s: %.3f s, %.3f mm", setting, found[-1]["seconds"], found[-1]["face_error"])
+    write_csv(pd.DataFrame(found), rows, TRADEOFF_CASES)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    measure_fem(
+        snakemake.wildcards.case,
+        dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),
+        snakemake.input.plan,
+        snakemake.input.postop,
+        snakemake.params.nodes,
+        snakemake.params.tradeoff,
+        FemSettings(**snakemake.params.fem),
+        snakemake.params.samples,
+        snakemake.params.seed,
+        snakemake.threads,
+        snakemake.output.rows,
+        snakemake.output.reference,
+    )

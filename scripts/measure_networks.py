@@ -1,0 +1,77 @@
+"""Makes the trade-off's rows of the learned methods on one patient."""
+
+import logging
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.postop import PostopSkin
+from pinnochio.anatomy.predictions import read_prediction
+from pinnochio.evaluation.tables import write_csv
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.lift import Lift
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.tradeoff.dials import Setting, network_settings
+from pinnochio.tradeoff.measure import Reference, judge, predict_network
+from pinnochio.tradeoff.table import TRADEOFF_CASES
+from pinnochio.training.device import choose_device
+
+
+def measure_networks(
+    case: str,
+    settings: Sequence[Setting],
+    networks: Mapping[str, str],
+    kinds: Mapping[str, str],
+    models: Mapping[int, str],
+    lifts: Mapping[tuple[str, int], str],
+    plan: str,
+    postop: str,
+    reference: tuple[str, int],
+    fem: FemSettings,
+    samples: int,
+    seed: int,
+    device: str,
+    threads: int,
+    rows: str,
+) -> None:
+    """Write one row per setting.
+
+    networks: file by method; kinds: its lift; models: file by number of nodes; lifts: by kind and number of nodes;
+    reference: its file, and the nodes of its mesh.
+    """
+    patients = {size: PatientModel.read(path) for size, path in models.items()}
+    motion, target = Plan.read(plan, case), PostopSkin.read(postop).surface
+    judged = Reference(patients[reference[1]], read_prediction(reference[0], case).displacement)
+    found = []
+    for setting in settings:
+        patient, kind = patients[setting.nodes], kinds[setting.method]
+        lift = None if kind == "none" else Lift.read(lifts[kind, setting.nodes])
+        given = networks[setting.method], patient, motion, fem, lift, device, threads
+        prediction = predict_network(setting, *given)
+        found.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
+        logging.info("%s: %.3f s, %.3f mm", setting, found[-1]["seconds"], found[-1]["face_error"])
+    write_csv(pd.DataFrame(found), rows, TRADEOFF_CASES)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    variants, nodes = snakemake.params.variants, snakemake.params.nodes
+    measure_networks(
+        snakemake.wildcards.case,
+        network_settings(nodes, snakemake.params.tradeoff, variants),
+        dict(zip(snakemake.params.methods, snakemake.input.networks, strict=True)),
+        {method: variants[method]["network"]["lift"] for method in snakemake.params.methods},
+        dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),
+        dict(zip(snakemake.params.lifts, snakemake.input.lifts, strict=True)),
+        snakemake.input.plan,
+        snakemake.input.postop,
+        (snakemake.input.reference, snakemake.params.tradeoff["reference"]),
+        FemSettings(**snakemake.params.fem),
+        snakemake.params.samples,
+        snakemake.params.seed,
+        choose_device(snakemake.resources.gpu, snakemake.threads),
+        snakemake.threads,
+        snakemake.output.rows,
+    )

@@ -1,0 +1,169 @@
+"""One setting on one patient: seconds, and how far the field is from the outcome and from the reference."""
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass, replace
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.predictions import Prediction
+from pinnochio.evaluation.surface_metrics import surface_metrics
+from pinnochio.evaluation.validity import equilibrium_metrics, volume_metrics
+from pinnochio.evaluation.volume_error import truth_errors
+from pinnochio.mechanics.elastic import ElasticSolver
+from pinnochio.mechanics.lift import Lift
+from pinnochio.mechanics.mixed import MIXED, solve_mixed
+from pinnochio.mechanics.refine import Finish
+from pinnochio.mechanics.residual import Operator
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import solver_options
+from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.mechanics.solver import solve
+from pinnochio.timing import timed
+from pinnochio.tradeoff.dials import ARMS, Setting
+from pinnochio.training.checkpoint import load_network
+from pinnochio.training.stages import Predictor, tensors
+
+SAME_PLACE = 1e-6  # mm; points of the skin are copies of those of one surface
+PATIENCE = 5.0  # s; a solve that takes longer is not repeated
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The finite-element solution that the others are judged by: patient and displacement (n, 3) mm."""
+
+    patient: PatientModel
+    displacement: np.ndarray
+
+    def face_errors(self, patient: PatientModel, moved: np.ndarray) -> np.ndarray:
+        """Distance (k,) mm of the judged points of the patient's skin, moved (s, 3) mm, from where they are here."""
+        judged = np.unique(patient.skin_faces[patient.face_roi])
+        here = self.patient.moved_skin(self.displacement) - self.patient.skin_points
+        away, own = cKDTree(self.patient.skin_points).query(patient.skin_points[judged])
+        same = away < SAME_PLACE
+        there = (moved - patient.skin_points)[judged]
+        return np.linalg.norm(there - here[own], axis=1)[same]
+
+    def volume_errors(self, patient: PatientModel, displacement: np.ndarray) -> np.ndarray:
+        """Distance (n,) mm of the displacement of the patient's nodes from the one here."""
+        own = self.patient
+        return truth_errors(patient.points, displacement, own.points, own.cells, self.displacement)
+
+
+def judge(
+    setting: Setting,
+    case: str,
+    patient: PatientModel,
+    prediction: Prediction,
+    target: tuple[np.ndarray, np.ndarray],
+    reference: Reference,
+    fem: FemSettings,
+    samples: int,
+    seed: int,
+) -> dict:
+    """One row of :data:`~pinnochio.tradeoff.table.TRADEOFF_CASES`; a field that is not finite has no metrics.
+
+    target: points and faces of the registered post-operative skin; fem: of the study, whose residual is reported.
+    """
+    row = {"case": case, "method": setting.method, "dial": setting.dial, "value": setting.value}
+    row |= {"recipe": setting.recipe, "nodes": len(patient.points), "converged": prediction.converged}
+    row |= {"seconds": prediction.seconds, "setup_seconds": prediction.setup_seconds, "threads": prediction.threads}
+    u, moved = prediction.displacement, prediction.moved_skin(patient)
+    row |= dict.fromkeys(("cd", "face_error", "face_error_max"), np.nan)
+    row |= dict.fromkeys(("volume_error", "eqres_rel", "min_jacobian", "inverted"), np.nan)
+    if not np.isfinite(moved).all():
+        return row | {"converged": False}
+    row["cd"] = surface_metrics(moved, patient.skin_faces, patient.face_roi, *target, samples, seed, case)["cd"]
+    errors = reference.face_errors(patient, moved)
+    row |= {"face_error": errors.mean(), "face_error_max": errors.max()}
+    if u is not None:
+        row["volume_error"] = reference.volume_errors(patient, u).mean()
+        volume = volume_metrics(patient.points, patient.cells, patient.tissue, u)
+        row |= {name: volume[name] for name in ("min_jacobian", "inverted")}
+        law = fem.material(patient.tissue)
+        operator = Operator.build(patient.points, patient.cells, law, fem.volumetric)
+        row["eqres_rel"] = equilibrium_metrics(operator, u, patient.node_type, fem.volumetric)["eqres_rel"]
+    return row
+
+
+def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSettings, threads: int) -> Prediction:
+    """The plan by finite elements with the setting's dial; warm, median of repeats unless a solve takes long."""
+    own = setting.fem
+    if setting.method == "elastic":
+        return _elastic(patient, plan, replace(fem, **own), threads)
+    boundary = boundary_conditions(patient, plan, ARMS[setting.method])
+    mesh = patient.points, patient.cells, fem.material(patient.tissue), boundary
+    if own.get("volumetric") in MIXED:
+        found, seconds = _repeated(
+            lambda: solve_mixed(*mesh, own["volumetric"], fem.increments, fem.tolerance, fem.max_iterations)
+        )
+    else:
+        options = replace(solver_options(replace(fem, **own)), reuse=not setting.double)
+        found, seconds = _repeated(lambda: solve(*mesh, options))
+    return Prediction(found.displacement, seconds, 0.0, threads, converged=found.converged, reason=found.reason)
+
+
+def _elastic(patient: PatientModel, plan: Plan, fem: FemSettings, threads: int) -> Prediction:
+    boundary = boundary_conditions(patient, plan, "mucosa")
+    solvers = []
+
+    def prepare():
+        law = fem.material(patient.tissue)
+        solver = ElasticSolver(patient.points, patient.cells, law, boundary, fem.volumetric, fem.linear_solver)
+        solvers.append(solver)
+        return lambda: solver.solve(boundary)
+
+    displacement, seconds, setup = timed(prepare)
+    solvers[0].close()
+    return Prediction(displacement, seconds, setup, threads)
+
+
+def predict_network(
+    setting: Setting,
+    file: str | os.PathLike,
+    patient: PatientModel,
+    plan: Plan,
+    fem: FemSettings,
+    lift: Lift | None,
+    device: str,
+    threads: int,
+) -> Prediction:
+    """The plan by the trained network in `file`, guarded and corrected, timed as the study times it."""
+    network, own = load_network(file, device)
+    finish = Finish(patient, fem, setting.corrections)
+
+    def prepare():
+        read = tensors(patient, fem, own, device, lift)
+        if setting.double:
+            network.double()
+            read = _in_double(read)
+        predictor = Predictor(network, read)
+        return lambda: finish(*predictor(plan))
+
+    (displacement, *_), seconds, setup = timed(prepare)
+    finish.close()
+    return Prediction(displacement, seconds, setup + (lift.seconds if lift else 0.0), threads, device)
+
+
+def _in_double(value):
+    """The value with every float32 tensor in it, however deep in dataclasses, in float64."""
+    if isinstance(value, torch.Tensor):
+        return value.double() if value.is_floating_point() else value
+    if is_dataclass(value) and not isinstance(value, PatientModel | Lift):
+        return replace(value, **{item.name: _in_double(getattr(value, item.name)) for item in fields(value)})
+    return value
+
+
+def _repeated(run: Callable, repeats: int = 3):
+    """What run() finds and the median of its seconds; one run if it takes longer than PATIENCE."""
+    seconds = []
+    while len(seconds) < repeats and sum(seconds[:1]) < PATIENCE:
+        began = time.perf_counter()
+        found = run()
+        seconds.append(time.perf_counter() - began)
+    return found, float(np.median(seconds))
