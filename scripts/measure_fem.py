@@ -55,7 +55,7 @@ def measure_fem(
             judged = Reference(patient, prediction.displacement)
             write_predictions(reference, {case: prediction})
         found.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
-        logging.info("%s: %.3f s, %.3f mm", setting, found[-1]["seconds"], found[-1]["face_error"])
+        logging.info("%(method)s, %(dial)s %(value)s: %(seconds).3f s, %(face_error).3f mm", found[-1])
     write_csv(pd.DataFrame(found), rows, TRADEOFF_CASES)
 
 

@@ -51,7 +51,7 @@ def measure_networks(
         given = networks[setting.method], patient, motion, fem, lift, device, threads
         prediction = predict_network(setting, *given)
         found.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
-        logging.info("%s: %.3f s, %.3f mm", setting, found[-1]["seconds"], found[-1]["face_error"])
+        logging.info("%(method)s, %(dial)s %(value)s: %(seconds).3f s, %(face_error).3f mm", found[-1])
     write_csv(pd.DataFrame(found), rows, TRADEOFF_CASES)
 
 

@@ -54,11 +54,22 @@ def test_compiled_layer_equals_torch_geometric(width, heads, device):
     graph, layer = random_graph(device=device), random_layer(width, heads, device)
     x, weight = torch.randn(2, 40, width, device=device)
     compiled = results(layer, layer, graph, x, weight)
-    general = results(
-        lambda x, *edges: x + torch.nn.functional.gelu(GATv2Conv.forward(layer, x, *edges)), layer, graph, x, weight
-    )
+    general = results(layer.general, layer, graph, x, weight)
     for mine, theirs in zip(compiled, general, strict=True):
         assert (mine - theirs).norm() < 1e-5 * theirs.norm()
+
+
+def test_the_layer_starts_as_torch_geometrics_does():
+    torch.manual_seed(4)
+    theirs = GATv2Conv(24, 8, 3, edge_dim=4, add_self_loops=False)
+    torch.manual_seed(4)
+    own = dict(Attention(24, 3).named_parameters())
+    assert own.keys() == dict(theirs.named_parameters()).keys()
+    assert all(torch.equal(own[name], weight) for name, weight in theirs.named_parameters())
+    graph, x = random_graph(), torch.randn(40, 24)
+    theirs.load_state_dict(random_layer(24, 3).state_dict())
+    expected = x + torch.nn.functional.gelu(theirs(x, graph.edges, graph.attributes))
+    assert torch.equal(random_layer(24, 3).general(x, graph.edges, graph.attributes), expected)
 
 
 @pytest.mark.parametrize("device", DEVICES)

@@ -203,10 +203,13 @@ def check_config(config: Mapping) -> None:
         "design.base": [config["design"]["base"]],
         "dial.methods": config["dial"]["methods"],
         "uncertainty.methods": config["uncertainty"]["methods"],
+        "tradeoff.networks": config["tradeoff"]["networks"],
     }
     for section, names in named.items():
         if unknown := [name for name in names if name not in learned]:
             refuse(f"{section} names {unknown[0]!r}, which is not among 'variants'", "name a learned method")
+    if unknown := [name for name in config["tradeoff"]["further"] if name not in variants(config)]:
+        refuse(f"tradeoff.further names {unknown[0]!r}, which is no variant and no design_ switch", "correct its name")
     for name, settings in surface.items():
         try:
             SurfaceSettings(**settings["network"])

@@ -1,9 +1,11 @@
 """Graph attention (GATv2) and the encoder that stacks it."""
 
+import math
+from functools import cache
+
 import torch
 from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
-from torch_geometric.nn import GATv2Conv
 
 from pinnochio.networks.layout import Layout
 
@@ -17,7 +19,10 @@ except ImportError:  # triton is absent
     attention_gpu = None
 
 
-class Attention(GATv2Conv):
+SLOPE = 0.2  # of the leaky ReLU, torch_geometric's
+
+
+class Attention(nn.Module):
     """Residual layer x + GELU(GATv2(x)), with the parameters of torch_geometric's GATv2Conv.
 
     In float32 compiled loops over the edges of each node take the place of torch_geometric's edge-sized tensors: those
@@ -25,7 +30,17 @@ class Attention(GATv2Conv):
     """
 
     def __init__(self, width: int, heads: int):
-        super().__init__(width, width // heads, heads, edge_dim=4, add_self_loops=False)
+        super().__init__()
+        self.width, self.heads = width, heads
+        self.lin_l, self.lin_r = nn.Linear(width, width), nn.Linear(width, width)
+        self.lin_edge = nn.Linear(4, width, bias=False)
+        self.att = nn.Parameter(torch.empty(1, heads, width // heads))
+        self.bias = nn.Parameter(torch.zeros(width))
+        for linear in (self.lin_l, self.lin_r, self.lin_edge):
+            _glorot(linear.weight)
+            if linear.bias is not None:
+                nn.init.uniform_(linear.bias, -1 / math.sqrt(width), 1 / math.sqrt(width))
+        _glorot(self.att)
 
     def forward(self, x: Tensor, edges: Tensor, attributes: Tensor) -> Tensor:
         """Nodes (n, width) to (n, width); edges (2, e) sorted by target, self-loops included; attributes (e, 4)."""
@@ -34,11 +49,26 @@ class Attention(GATv2Conv):
             return self.general(x, edges, attributes)
         sources, targets = self.lin_l, self.lin_r
         weights = sources.weight, sources.bias, targets.weight, targets.bias, self.lin_edge.weight, self.att, self.bias
-        return _Compiled.apply(loops, Layout.of(edges, len(x)), self.negative_slope, x, attributes, *weights)
+        return _Compiled.apply(loops, Layout.of(edges, len(x)), SLOPE, x, attributes, *weights)
 
     def general(self, x: Tensor, edges: Tensor, attributes: Tensor) -> Tensor:
         """The same by torch_geometric's kernels."""
-        return x + nn.functional.gelu(super().forward(x, edges, attributes))
+        kernels, own = _kernels(self.width, self.heads), dict(self.named_parameters())
+        return x + nn.functional.gelu(torch.func.functional_call(kernels, own, (x, edges, attributes)))
+
+
+@cache
+def _kernels(width: int, heads: int) -> nn.Module:
+    """torch_geometric's layer without weights; loaded where it is needed, for it takes seconds."""
+    from torch_geometric.nn import GATv2Conv
+
+    with torch.device("meta"):
+        return GATv2Conv(width, width // heads, heads, edge_dim=4, add_self_loops=False)
+
+
+def _glorot(weight: Tensor) -> None:
+    bound = math.sqrt(6 / (weight.size(-2) + weight.size(-1)))
+    nn.init.uniform_(weight, -bound, bound)
 
 
 class _Compiled(torch.autograd.Function):
