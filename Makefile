@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SNAKEMAKE := $(BIN)/snakemake --cores 2
 
-.PHONY: env quick study test test-library test-study docs
+.PHONY: env quick study test test-library test-study test-full docs
 
 env: .venv/installed
 
@@ -35,3 +35,7 @@ test-library:
 
 test-study:
 	$(BIN)/pytest tests/study
+
+# Needs what apt-get install munge slurm-wlm chromium brings; a test whose service is absent says so.
+test-full: env
+	$(BIN)/pytest -m full -rs

@@ -29,6 +29,21 @@ def sized(nodes, file):
     return f"<results>/{'cases' if own else f'sizes/{nodes}'}/{{case}}/{file}"
 
 
+def rows_of_traded(wildcards):
+    if len(TRADED) < 2:
+        raise InputError(
+            "-",
+            config["cohort"],
+            f"{len(TRADED)} patients of fold {FIRST} have a post-operative scan, and the trade-off wants two",
+            "lower 'folds', raise tradeoff.patients, or give more scans",
+        )
+    return expand(
+        "<results>/tradeoff/{case}/{family}.csv",
+        case=TRADED,
+        family=["fem", "networks", "study"],
+    )
+
+
 # Timed, so each of these jobs has the machine for itself.
 rule measure_fem:
     input:
@@ -147,11 +162,7 @@ rule measure_study:
 
 rule collect_tradeoff:
     input:
-        rows=expand(
-            "<results>/tradeoff/{case}/{family}.csv",
-            case=TRADED,
-            family=["fem", "networks", "study"],
-        ),
+        rows=rows_of_traded,
     output:
         table=ensure("<results>/tables/tradeoff.csv", non_empty=True),
         markdown="<results>/tables/tradeoff.md",

@@ -107,3 +107,23 @@ def test_an_external_method_is_asked_for_its_held_out_cases_and_a_missing_file_i
     for words in ("'S3'", "elsewhere", "neither S3.npz nor S3.vtu", "Remedy: "):
         assert words in done.stdout
     assert project.snakemake("-n", "--config", "cohort=cases.tsv", *mine, "--", "inputs").returncode == 0
+
+
+def test_the_tradeoff_trains_the_first_fold_alone_and_judges_its_patients(project):
+    write_cohort(project, SCANNED, UNSCANNED)
+    jobs, _ = asked(project, "--", "tradeoff")
+    networks = [path for path in jobs if path.endswith("network.pt")]
+    assert {path.split("/")[1] for path in networks} == {"1"}
+    for name in ("pinnochio", "pinnochio_plus", "pinnochio_narrow", "design_wide", "acmt"):
+        assert f"folds/1/{name}/network.pt" in networks
+    judged = {path.split("/")[1] for path in jobs if path.startswith("tradeoff/")}
+    assert judged == cases_read(jobs["folds/1/no_change/predictions.h5"], "model.h5") & set(SCANNED)
+    sizes = {path.split("/")[1] for path in jobs if path.startswith("sizes/")}
+    assert sizes == {"1500", "3000", "10000", "20000", "30000"}  # the study's own 5,000 are there
+    assert "tables/tradeoff.csv" in jobs and "tables/accuracy.csv" not in jobs
+
+
+def test_a_tradeoff_of_one_patient_is_refused(project):
+    write_cohort(project, SCANNED[:3], UNSCANNED)
+    done = project.snakemake("-n", "--config", "cohort=cases.tsv", "folds=3", "--", "tradeoff")
+    assert done.returncode != 0 and "the trade-off wants two" in done.stdout

@@ -1,0 +1,78 @@
+"""The quick study through a real SLURM of one node on loopback: what jobs ask for, and one that is killed."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+SLURM = Path(__file__).resolve().parents[1] / "cluster"
+NEEDED = ("munged", "slurmctld", "slurmd", "sbatch")
+MISSING = [name for name in NEEDED if not shutil.which(name)] + ([] if os.geteuid() == 0 else ["root"])
+pytestmark = [
+    pytest.mark.full,
+    pytest.mark.skipif(bool(MISSING), reason=f"a SLURM on loopback lacks {MISSING}: apt-get install munge slurm-wlm"),
+]
+STUDY = ["--configfile", "config/quick.yaml", "--config", "methods=[no_change,fem_sliding,pinnochio]", "ablation=[]"]
+STUDY += ["pretraining={steps: 250}", "design={base: pinnochio}", "dial={methods: []}", "uncertainty={methods: []}"]
+TIMINGS = re.compile(r"seconds|threads")
+
+
+@pytest.fixture(scope="module")
+def slurm(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("slurm")
+    subprocess.run([SLURM / "start_slurm.sh", folder], check=True)
+    yield folder
+    subprocess.run([SLURM / "stop_slurm.sh", folder], check=True)
+
+
+def jobs() -> list[dict[str, str]]:
+    """What SLURM says of every job."""
+    said = subprocess.run(["scontrol", "--oneliner", "show", "jobs"], stdout=subprocess.PIPE, text=True, check=True)
+    return [dict(re.findall(r"(\w+)=(\S*)", line)) for line in said.stdout.splitlines()]
+
+
+def test_the_quick_study_through_sbatch_with_a_job_killed(slurm, project, tmp_path_factory):
+    results = project.folder / "results/quick"
+    arguments = ["--workflow-profile", "profiles/slurm", "--cores", "2", "--slurm-status-command", "squeue"]
+    arguments += ["--slurm-init-seconds-before-status-checks", "2", "--seconds-between-status-checks", "2"]
+    with open(project.folder / "said.txt", "w") as said:
+        run = subprocess.Popen(
+            [sys.executable, "-m", "snakemake", *arguments, *STUDY],
+            cwd=project.folder,
+            stdout=said,
+            stderr=subprocess.STDOUT,
+        )
+        checkpoint = results / "folds/1/pinnochio/pretrained.resume.pt"
+        while run.poll() is None and not checkpoint.exists():
+            time.sleep(0.5)
+        own = [job["JobId"] for job in jobs() if job["JobState"] == "RUNNING" and "pretrain" in job["Comment"]]
+        for job in own:
+            subprocess.run(["scancel", "--full", "--signal=KILL", job], check=True)
+        run.wait()
+    said = (project.folder / "said.txt").read_text()
+    assert run.returncode == 0, said[-3000:]
+    assert own and "Error in rule pretrain" in said and "Trying to restart" in said
+    logs = "".join(path.read_text() for path in (results / "logs/pretrain").glob("*.log"))
+    assert "resumed at step" in logs
+
+    asked = {job["Comment"].removeprefix("rule_"): job for job in jobs()}
+    mesh, training = (
+        next(job for name, job in asked.items() if rule in name) for rule in ("tetrahedralize", "pretrain")
+    )
+    assert (mesh["MinMemoryNode"], mesh["TimeLimit"], mesh["CPUs/Task"]) == ("4000M", "00:20:00", "1")
+    assert training["MinMemoryNode"] != mesh["MinMemoryNode"] or training["TimeLimit"] != mesh["TimeLimit"]
+
+    alone = type(project)(tmp_path_factory.mktemp("alone"))
+    alone.quick(*STUDY[2:])
+    for table in ("cases", "accuracy"):
+        own, expected = (
+            pd.read_csv(folder / f"results/quick/tables/{table}.csv") for folder in (project.folder, alone.folder)
+        )
+        kept = [column for column in own if not TIMINGS.search(column)]
+        pd.testing.assert_frame_equal(own[kept], expected[kept])
