@@ -10,10 +10,13 @@ from pathlib import Path
 def replacing(path: str | os.PathLike) -> Iterator[Path]:
     """Give a temporary path beside `path`; move it onto `path` only if the block ends without an error.
 
-    The temporary name keeps the suffix, because most writers choose the format by it.
+    The temporary name keeps the suffix, because most writers choose the format by it. What writers of the same path
+    left half-written beside it when they were killed is removed.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
+    for rest in path.parent.glob(f".[0-9]*.{path.name}"):
+        rest.unlink(missing_ok=True)
     temporary = path.with_name(f".{os.getpid()}.{path.name}")
     try:
         yield temporary

@@ -40,12 +40,8 @@ def load_network(
 def save_state(path: str | os.PathLike, state: dict) -> None:
     """Write a dictionary of tensors and plain values, all or nothing; the same state gives the same bytes.
 
-    Through an open file, because torch stores the name of a path that it opens itself. What writers that were
-    killed left half-written beside it is removed.
+    Through an open file, because torch stores the name of a path that it opens itself.
     """
-    path = Path(path)
-    for rest in path.parent.glob(f".*.{path.name}"):
-        rest.unlink(missing_ok=True)
     with replacing(path) as temporary, open(temporary, "wb") as file:
         torch.save(state, file)
         file.flush()

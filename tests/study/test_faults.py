@@ -1,0 +1,111 @@
+"""A study that is killed in each of its stages goes on where it was, and ends with the tables of an unbroken one."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+pytestmark = pytest.mark.full
+METHODS = "methods=[no_change,fem_sliding,pinnochio,pinnochio_plus]"
+STUDY = ["--configfile", "config/quick.yaml", "--config", METHODS, "ablation=[]", "virtual={patients: 4}"]
+# Scripts in the order in which the study comes to them.
+STAGES = [
+    "virtual_patient",
+    "import_segmentation",
+    "virtual_outcome",
+    "register_postop",
+    "check_cohort",
+    "tetrahedralize",
+]
+STAGES += ["label_interfaces", "simulate_fem", "make_lift", "pretrain", "finetune", "predict_network", "evaluate"]
+STAGES += ["collect_cases", "compare_methods"]
+TIMINGS = re.compile(r"seconds|threads")
+
+
+def running(project, script: str) -> bool:
+    """Whether a job of the project is running the script."""
+    for process in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = process.read_bytes().split(b"\0")
+        except OSError:
+            continue  # it has ended
+        if any(word.startswith(bytes(project.folder)) and word.endswith(f".{script}.py".encode()) for word in words):
+            return True
+    return False
+
+
+def killed_in(project, script: str) -> bool:
+    """Run the study until a job runs the script, then kill all of it; False if the study ended before."""
+    with open(project.folder / "said.txt", "w") as said:
+        run = subprocess.Popen(
+            [sys.executable, "-m", "snakemake", "--cores", "2", *STUDY],
+            cwd=project.folder,
+            stdout=said,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        while run.poll() is None:
+            if running(project, script):
+                time.sleep(1.0)  # into its work
+                os.killpg(run.pid, signal.SIGKILL)
+                run.wait()
+                return True
+            time.sleep(0.02)
+    return False
+
+
+def test_a_study_killed_in_every_stage_ends_as_an_unbroken_one(project, tmp_path_factory):
+    missed = []
+    for script in STAGES:
+        if not killed_in(project, script):
+            missed.append(script)
+        assert project.snakemake("--unlock", *STUDY).returncode == 0
+    assert not missed
+    project.quick(*STUDY[2:])
+    left = [path for path in (project.folder / "results/quick").rglob(".*") if path.is_file()]
+    assert not [path for path in left if re.match(r"\.\d+\.", path.name)], "half-written files are left"
+
+    alone = type(project)(tmp_path_factory.mktemp("alone"))
+    alone.quick(*STUDY[2:])
+    for table in ("cases", "accuracy"):
+        own, expected = (
+            pd.read_csv(folder / f"results/quick/tables/{table}.csv") for folder in (project.folder, alone.folder)
+        )
+        kept = [column for column in own if not TIMINGS.search(column)]
+        pd.testing.assert_frame_equal(own[kept], expected[kept])
+
+
+def test_two_studies_in_two_result_folders_do_not_disturb_each_other(project, tmp_path_factory):
+    """Side by side from one copy of the project; each ends with the tables of one that ran alone."""
+    options = ["--configfile", "config/quick.yaml", "--nolock"]
+    small = [
+        "methods=[no_change,fem_bonded]",
+        "reference=fem_bonded",
+        "ablation=[]",
+        "virtual={patients: 2}",
+        "folds=2",
+    ]
+    runs = [
+        subprocess.Popen(
+            [sys.executable, "-m", "snakemake", "--cores", "1", *options, "--config", *small, f"seed={seed}",
+             f"pathvars={{results: results/{seed}}}"],
+            cwd=project.folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )
+        for seed in (1, 2)
+    ]  # fmt: skip
+    said = [run.communicate()[0] for run in runs]
+    assert [run.returncode for run in runs] == [0, 0], said[0][-2000:] + said[1][-2000:]
+    alone = type(project)(tmp_path_factory.mktemp("alone"))
+    done = alone.snakemake(*options, "--config", *small, "seed=2", "pathvars={results: results/2}")
+    assert done.returncode == 0, done.stdout[-2000:]
+    own, expected = (pd.read_csv(folder / "results/2/tables/cases.csv") for folder in (project.folder, alone.folder))
+    kept = [column for column in own if not TIMINGS.search(column)]
+    pd.testing.assert_frame_equal(own[kept], expected[kept])
+    other = pd.read_csv(project.folder / "results/1/tables/cases.csv")
+    assert not own["cd"].equals(other["cd"])
