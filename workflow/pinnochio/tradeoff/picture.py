@@ -18,41 +18,43 @@ FAMILIES = (
     ("pinnochio and its variants", ("pinnochio",), "^", "#3c7d3c"),
     ("others", ("",), "x", "#666666"),
 )
-PANELS = (
-    ("cd", "Chamfer distance to the outcome, mm", False),
-    ("face_error", "mean distance of the face from the reference solution, mm", True),
-)
+PANELS = {
+    "cd": "Chamfer distance to the outcome, mm",
+    "face_error": "mean distance of the face from the reference solution, mm",
+}
 FASTEST = 1e-3  # s; what takes less is drawn here
 
 
 def tradeoff_picture(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
-    """Draw rows of TRADEOFF to every path; the format follows the name."""
-    figure = Figure(figsize=(13, 5.6), dpi=130, layout="constrained")
+    """Draw rows of TRADEOFF to every path; its ending says the format. Settings on a front are listed by number."""
+    figure = Figure(figsize=(13, 7.5), dpi=130, layout="constrained")
     family = frame["method"].map(
         lambda name: next(i for i, (_, starts, *_) in enumerate(FAMILIES) if name.startswith(starts))
     )
-    for axes, (error, label, logarithmic) in zip(figure.subplots(1, 2), PANELS, strict=True):
+    for axes, (error, label) in zip(figure.subplots(1, 2), PANELS.items(), strict=True):
         sound = frame[(frame["failed"] == 0) & (frame[error] > 0)].assign(x=lambda f: f["seconds"].clip(lower=FASTEST))
         front = sound[sound[FRONTS[error]]].sort_values("seconds")
         axes.step(front["x"], front[error], where="post", color="black", linewidth=1.0, zorder=1, label="Pareto front")
         for number, (name, _, mark, colour) in enumerate(FAMILIES):
             own = sound[family[sound.index] == number]
             axes.scatter(own["x"], own[error], marker=mark, s=26, color=colour, alpha=0.75, linewidth=0.9, label=name)
-        for side, (_, row) in enumerate(front.iterrows()):
-            place = (4, -9 - 9 * (side % 2))
-            axes.annotate(named(row), (row["x"], row[error]), place, textcoords="offset points", fontsize=7)
-        axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator())
-        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        if logarithmic:
-            axes.set_yscale("log")
-            axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        names = [f"{number}  {named(row)}" for number, (_, row) in enumerate(front.iterrows(), 1)]
+        for number, (_, row) in enumerate(front.iterrows(), 1):
+            axes.annotate(str(number), (row["x"], row[error]), (0, -13), textcoords="offset points", ha="center")
+        for column in (0, 1):
+            text = "\n".join(names[column::2])
+            axes.text(0.52 * column, -0.13, text, transform=axes.transAxes, va="top", fontsize=8)
+        for scale, axis in ((axes.set_xscale, axes.xaxis), (axes.set_yscale, axes.yaxis)):
+            scale("log")
+            axis.set_major_locator(LogLocator(subs=(1,) if axis is axes.xaxis else (1, 2, 5)))
+            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axis.set_minor_formatter(NullFormatter())
+        axes.margins(y=0.08)
         axes.set_xlabel("seconds per plan, warm")
         axes.set_ylabel(label)
         axes.grid(color="#dddddd", linewidth=0.6)
         axes.set_axisbelow(True)
-    figure.axes[0].legend(frameon=False, fontsize=8)
+    figure.axes[0].legend(frameon=False, fontsize=8, loc="upper right")
     for path in paths:
         with replacing(path) as temporary:
             figure.savefig(temporary, metadata={"Date": None} if str(path).endswith("svg") else {"Software": None})

@@ -92,7 +92,7 @@ def answers(frame: pd.DataFrame, cohort: str) -> list[str]:
             if len(fast)
         ]
     for error, what in ERRORS.items():
-        front = sound[sound[FRONTS[error]]].sort_values("seconds")
+        front = sound[sound[FRONTS[error]] & (sound[error] > 0)].sort_values("seconds")  # not the reference itself
         last = front.iloc[-1]
         near = front[front[error] <= last[error] + LAST].iloc[0]
         ratio = last["seconds"] / max(near["seconds"], 1e-9)
