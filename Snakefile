@@ -19,14 +19,16 @@ include: "rules/tables.smk"
 include: "rules/dial.smk"
 include: "rules/design.smk"
 include: "rules/uncertainty.smk"
+include: "rules/patients.smk"
 include: "rules/stability.smk"
 include: "rules/cost.smk"
 
 
 wildcard_constraints:
-    case="|".join(CASES),
+    case="|".join([*CASES, *PATIENTS]),
+    plan="|".join(PLANS) or "none",
     fold="|".join(HELD_OUT),
-    method="|".join([*METHODS, *SETTINGS]),
+    method="|".join([*METHODS, *SETTINGS, *UNTRAINED]),
 
 
 rule all:
