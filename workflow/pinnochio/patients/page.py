@@ -89,11 +89,16 @@ def write_page(
     path: str | os.PathLike,
 ) -> None:
     """Write the page of a field (n, 3) mm with half-widths (s,) mm of its skin and its certificate."""
-    with tempfile.TemporaryDirectory() as folder:
-        pictures = [
-            (title, base64.b64encode(Path(picture).read_bytes()).decode(), words)
-            for title, picture, words in _pictures(patient, plan, displacement, half_width, Path(folder))
-        ]
+    before, after = skin_of(patient, np.zeros_like(displacement)), skin_of(patient, displacement)
+    moved = np.linalg.norm(after.points - before.points, axis=1)
+    pictures = [
+        ("Before and after", _faces(before, after), "Above: before. Below: predicted."),
+        ("Plan", _bones(patient, plan), "The bones after the plan, each segment in its colour."),
+        ("Displacement", _map(after, moved), "How far each point of the skin moves."),
+    ]
+    if np.isfinite(half_width).any():
+        words = "Half-width of the interval, within which the outcome should lie; grey: not judged."
+        pictures.append(("Interval", _map(after, half_width), words))
     rows = in_words(certificate)
     bad = [what for what, _, _, good in rows if good is False]
     verdict = "Nothing speaks against this prediction: its elements are valid"
@@ -102,43 +107,42 @@ def write_page(
         verdict = f"Take care. Not as it should be, see the certificate: {', '.join(bad).lower()}."
     page = jinja2.Environment(autoescape=True).from_string(TEMPLATE)
     text = page.render(
-        c=certificate, pictures=pictures, rows=rows, verdict=verdict, fine=not bad, files=FILES, space=SPACE,
+        c=certificate,
+        pictures=[(title, base64.b64encode(picture).decode(), words) for title, picture, words in pictures],
+        rows=rows,
+        verdict=verdict,
+        fine=not bad,
+        files=FILES,
+        space=SPACE,
         number=lambda value: "–" if value is None else f"{value:.2f}",
-    )  # fmt: skip
+    )
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _pictures(patient, plan, displacement, half_width, folder: Path) -> list[tuple[str, Path, str]]:
-    """Title, file and caption of every picture."""
-    before, after = skin_of(patient, np.zeros_like(displacement)), skin_of(patient, displacement)
-    moved = np.linalg.norm(after.points - before.points, axis=1)
-    found = [("Before and after", folder / "faces.png", "Above: before. Below: predicted.")]
+def _faces(before: pv.PolyData, after: pv.PolyData) -> bytes:
+    """Two rows: the skin before and after, from three sides."""
     plotter = _panels(2)
-    for row, skin in enumerate((before, after)):
+    for row, (title, skin) in enumerate((("before", before), ("after", after))):
         for column, (view, direction) in enumerate(VIEWS.items()):
             plotter.subplot(row, column)
             plotter.add_mesh(skin, color=SKIN)
-            finish(plotter, f"{('before', 'after')[row]}, {view}", direction)
-    save(plotter, found[-1][1])
-    found.append(("Plan", folder / "plan.png", "The bones after the plan, each segment in its colour."))
+            finish(plotter, f"{title}, {view}", direction)
+    return _png(plotter)
+
+
+def _bones(patient: PatientModel, plan: Plan) -> bytes:
+    """The bones after the plan from three sides."""
     plotter = _panels(1)
     for column, (view, direction) in enumerate(VIEWS.items()):
         plotter.subplot(0, column)
         add_bone(plotter, patient, plan)
         finish(plotter, view, direction)
-    save(plotter, found[-1][1])
-    found.append(("Displacement", folder / "moved.png", "How far each point of the skin moves."))
-    _map(after, moved, found[-1][1])
-    if np.isfinite(half_width).any():
-        words = "Half-width of the interval, within which the outcome should lie; grey: not judged."
-        found.append(("Interval", folder / "interval.png", words))
-        _map(after, half_width, found[-1][1])
-    return found
+    return _png(plotter)
 
 
-def _map(skin: pv.PolyData, values: np.ndarray, path: Path) -> None:
-    """The skin from three sides, coloured by a value per point, with one scale in mm."""
+def _map(skin: pv.PolyData, values: np.ndarray) -> bytes:
+    """The skin from three sides, coloured by a value (s,) mm per point, with one scale."""
     plotter = _panels(1)
     limits = 0, float(np.nanmax(values)) or 1.0
     bar = {"title": "mm", "vertical": True, "color": "black", "label_font_size": 16, "title_font_size": 16}
@@ -149,8 +153,15 @@ def _map(skin: pv.PolyData, values: np.ndarray, path: Path) -> None:
         plotter.add_mesh(skin, scalars=values, cmap="viridis", clim=limits, **options)
         finish(plotter, view, direction)
         plotter.camera.zoom(0.9)
-    save(plotter, path)
+    return _png(plotter)
 
 
 def _panels(rows: int) -> pv.Plotter:
-    return pv.Plotter(off_screen=True, shape=(rows, 3), window_size=(1260, 430 * rows), border=False)
+    return pv.Plotter(off_screen=True, shape=(rows, len(VIEWS)), window_size=(1260, 430 * rows), border=False)
+
+
+def _png(plotter: pv.Plotter) -> bytes:
+    """The picture as a file would hold it."""
+    with tempfile.TemporaryDirectory() as folder:
+        save(plotter, Path(folder) / "picture.png")
+        return (Path(folder) / "picture.png").read_bytes()
