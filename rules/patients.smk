@@ -79,7 +79,7 @@ rule pack:
 
 rule archive:
     input:
-        rules.pack.output,
+        archived,
     message:
         "The models are packed: see {config[pathvars][results]}/archive"
 

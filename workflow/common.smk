@@ -180,6 +180,18 @@ def settings_of(section):
     return lambda wildcards: SETTINGS[wildcards.method][section]
 
 
+def archived(wildcards):
+    """The archive of the study, where it trains what is to be packed."""
+    if not PACKED:
+        raise InputError(
+            "-",
+            "configuration",
+            "no method of uncertainty.methods and predict.method is trained here",
+            "add one to 'methods', with a scan of at least one patient per fold",
+        )
+    return rules.pack.output
+
+
 def results_of_patients(wildcards):
     """What is handed over of every new patient and plan."""
     if not PATIENTS:
