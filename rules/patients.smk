@@ -341,11 +341,8 @@ rule certify:
         archive=lambda wildcards: CHOICE.files,
     output:
         certificate="<results>/patients/{case}/{plan}/{method}/certificate.json",
-        page="<results>/patients/{case}/{plan}/{method}/index.html",
     log:
         "<logs>/certify/{case}_{plan}_{method}.log",
-    benchmark:
-        "<benchmarks>/certify/{case}_{plan}_{method}.tsv"
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -362,6 +359,32 @@ rule certify:
         "Certify {wildcards.plan} of {wildcards.case}"
     script:
         "../scripts/certify.py"
+
+
+rule show_prediction:
+    input:
+        model="<results>/patients/{case}/model.h5",
+        plan="<results>/patients/{case}/{plan}/plan.json",
+        result=result_of_patient,
+        certificate="<results>/patients/{case}/{plan}/{method}/certificate.json",
+    output:
+        page="<results>/patients/{case}/{plan}/{method}/index.html",
+    log:
+        "<logs>/show_prediction/{case}_{plan}_{method}.log",
+    benchmark:
+        "<benchmarks>/show_prediction/{case}_{plan}_{method}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        code=code_of("anatomy", "evaluation", "patients"),
+    message:
+        "Draw {wildcards.plan} of {wildcards.case}"
+    script:
+        "../scripts/show_prediction.py"
 
 
 rule predict:

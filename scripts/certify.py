@@ -1,4 +1,4 @@
-"""Makes the certificate of a new patient's prediction and the page to look at."""
+"""Makes the certificate of a new patient's prediction."""
 
 import json
 from collections.abc import Mapping
@@ -13,7 +13,6 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.patients.archive import RANGES, Archive, calibration_file
 from pinnochio.patients.certificate import RESEARCH, interval_measures, likeness, measures, plain
 from pinnochio.patients.likeness import Ranges
-from pinnochio.patients.page import write_page
 from pinnochio.patients.result import read_result
 
 
@@ -26,9 +25,8 @@ def certify(
     fem: FemSettings,
     folder: str | None,
     certificate: str,
-    page: str,
 ) -> None:
-    """Write the certificate as JSON and the page as HTML.
+    """Write the certificate as JSON.
 
     about: case, plan (its name), method, corrections, code. folder: the archive of a learned method, else None.
     """
@@ -44,10 +42,8 @@ def certify(
         said["interval"] = interval_measures(found, calibration)
         reported = json.loads(Path(quality).read_text(encoding="utf-8"))
         said["likeness"] = likeness(patient, planned, reported, archive, Ranges.read(Path(folder) / RANGES))
-    said = plain(said)
     with replacing(certificate) as temporary:
-        temporary.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
-    write_page(patient, planned, found.displacement, found.half_width, said, page)
+        temporary.write_text(json.dumps(plain(said), indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
@@ -62,5 +58,4 @@ if __name__ == "__main__":
         FemSettings(**snakemake.params.fem),
         snakemake.params.archive,
         snakemake.output.certificate,
-        snakemake.output.page,
     )
