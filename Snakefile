@@ -28,7 +28,7 @@ wildcard_constraints:
     case="|".join([*CASES, *PATIENTS]),
     plan="|".join(PLANS) or "none",
     fold="|".join(HELD_OUT),
-    method="|".join([*METHODS, *SETTINGS, *UNTRAINED]),
+    method="|".join([*METHODS, *SETTINGS, config["predict"]["method"]]),
 
 
 rule all:

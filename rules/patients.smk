@@ -228,6 +228,8 @@ use rule predict_ensemble as ensemble_patient with:
         "<logs>/ensemble_patient/{case}_{plan}_{method}.log",
     benchmark:
         "<benchmarks>/ensemble_patient/{case}_{plan}_{method}.tsv"
+    wildcard_constraints:
+        method=config["predict"]["method"],
     params:
         folds=lambda wildcards: CHOICE.archive.folds,
         fem=chosen("fem"),
@@ -251,7 +253,7 @@ use rule predict_interval as interval_patient with:
         "<benchmarks>/interval_patient/{case}_{plan}_{method}.tsv"
     wildcard_constraints:
         case="|".join(PATIENTS) or "none",
-        method="|".join(VARIANTS) or "none",
+        method=config["predict"]["method"],
     params:
         fem=chosen("fem"),
         code=code_of("anatomy", "mechanics", "evaluation"),

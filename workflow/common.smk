@@ -8,7 +8,7 @@ from snakemake.utils import validate
 
 from pinnochio.errors import InputError
 from pinnochio.patients.archive import READ_BY_NETWORKS, configuration_hash
-from pinnochio.patients.choice import UNTRAINED, choose
+from pinnochio.patients.choice import choose
 from pinnochio.patients.new import read_patients
 from pinnochio.study import (
     assign_folds,
@@ -218,7 +218,7 @@ def lift_of_patient(wildcards):
 
 def result_of_patient(wildcards):
     """The file that holds the displacement, and the interval of a learned method."""
-    name = "interval" if wildcards.method in VARIANTS else "predictions"
+    name = "interval" if CHOICE.archive else "predictions"
     return f"<results>/patients/{{case}}/{{plan}}/{{method}}/{name}.h5"
 
 

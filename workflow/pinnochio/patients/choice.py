@@ -8,8 +8,7 @@ from pathlib import Path
 from pinnochio.errors import InputError
 from pinnochio.patients.archive import MANIFEST, RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
 
-# Methods without training, and the arm of the finite elements.
-UNTRAINED = {"elastic": None, "fem_bonded": "bonded", "fem_sliding": "mucosa"}
+WITHOUT_MODELS = ("elastic", "fem_bonded", "fem_sliding")
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ def choose(config: Mapping, models: str | os.PathLike) -> Choice:
     InputError where the archive is missing, lacks the method or was trained with other segments.
     """
     method = config["predict"]["method"]
-    if method in UNTRAINED:
+    if method in WITHOUT_MODELS:
         return Choice(method, {name: config[name] for name in READ_BY_NETWORKS})
     # Absolute, so that no rule of the study makes these files: a prediction never starts a training.
     folder = Path(models).resolve()

@@ -101,7 +101,7 @@ def write_page(
         pictures.append(("Interval", _map(after, half_width), words))
     rows = in_words(certificate)
     bad = [what for what, _, _, good in rows if good is False]
-    verdict = "Nothing speaks against this prediction: its elements are valid"
+    verdict = "No check failed: the elements are valid"
     verdict += ", and patient and plan are like those of the training." if certificate["likeness"] else "."
     if bad:
         verdict = f"Take care. Not as it should be, see the certificate: {', '.join(bad).lower()}."
