@@ -21,15 +21,17 @@ include: "rules/design.smk"
 include: "rules/sizes.smk"
 include: "rules/tradeoff.smk"
 include: "rules/uncertainty.smk"
+include: "rules/patients.smk"
 include: "rules/stability.smk"
 include: "rules/cost.smk"
 
 
 wildcard_constraints:
-    case="|".join(CASES),
+    case="|".join([*CASES, *PATIENTS]),
+    plan="|".join(PLANS) or "none",
     fold="|".join(HELD_OUT),
     nodes=r"\d+",
-    method="|".join([*METHODS, *SETTINGS]),
+    method="|".join([*METHODS, *SETTINGS, config["predict"]["method"]]),
 
 
 rule all:

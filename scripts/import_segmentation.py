@@ -18,7 +18,7 @@ from pinnochio.logs import attach_log
 def import_segmentation(
     case: str,
     segmentation: str,
-    plan: str,
+    plan: str | None,
     label_values: dict[str, int | str],
     segments: tuple[str, ...],
     orientation: str,
@@ -32,10 +32,10 @@ def import_segmentation(
     label_values maps each structure's name to its voxel value or to its name in the file; orientation is "header", or
     where the voxel axes point if the header is wrong; repair_limit is the share of a structure in percent that repairs
     may change; unlabelled_muscle (derived | single | refuse) serves where no muscle is labelled; bone_edge is the edge
-    length of the bone surface in mm; outputs names the files labels, bone, skin, plan and report. Raises InputError
-    for what the user must mend.
+    length of the bone surface in mm; outputs names the files labels, bone, skin, plan and report. Without a plan none
+    is written: the plans of a new patient are imported one by one. Raises InputError for what the user must mend.
     """
-    checked = Plan.read(plan, case)
+    checked = Plan.read(plan, case) if plan else Plan(case, {})
     check_plan(checked, segments, plan)
     head = read_segmentation(segmentation, case, label_values, segments, orientation)
     grid = head.spacing, head.origin
@@ -59,7 +59,8 @@ def import_segmentation(
     write_segmentation(labels, *grid, outputs["labels"])
     bone.write(outputs["bone"])
     write_surface(*skin_surface(labels, *grid), outputs["skin"])
-    checked.write(outputs["plan"])
+    if plan:
+        checked.write(outputs["plan"])
     with replacing(outputs["report"]) as temporary:
         temporary.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
 
@@ -69,7 +70,7 @@ if __name__ == "__main__":
     import_segmentation(
         snakemake.wildcards.case,
         snakemake.input.segmentation,
-        snakemake.input.plan,
+        snakemake.input.get("plan"),
         snakemake.params.labels,
         tuple(snakemake.params.segments),
         snakemake.params.orientation,

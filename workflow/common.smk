@@ -7,6 +7,9 @@ from snakemake.logging import logger
 from snakemake.utils import validate
 
 from pinnochio.errors import InputError
+from pinnochio.patients.archive import READ_BY_NETWORKS, configuration_hash
+from pinnochio.patients.choice import choose
+from pinnochio.patients.new import read_patients
 from pinnochio.study import (
     assign_folds,
     check_config,
@@ -66,6 +69,26 @@ DESIGN = [
 ]
 # The ablation table wants all of its variants.
 ABLATED = SCANNED and set(config["ablation"]) <= set(LEARNED)
+# Of what decides about the models, not of where files lie and who is predicted.
+CONFIGURATION = configuration_hash(
+    {
+        key: value
+        for key, value in config.items()
+        if key not in ("pathvars", "patient", "models", "predict")
+    }
+)
+# What is packed for new patients: every method with an interval, and the one that shall predict them.
+PACKED = [
+    name
+    for name in dict.fromkeys(
+        [*config["uncertainty"]["methods"], config["predict"]["method"]]
+    )
+    if name in VARIANTS and name in LEARNED
+]
+PATIENTS = read_patients(config["patient"]) if config["patient"] else {}
+PLANS = sorted({plan for patient in PATIENTS.values() for plan in patient.plans})
+# Asked for with a new patient alone: a study needs no archive.
+CHOICE = choose(config, config["models"] or f"{RESULTS}/archive") if PATIENTS else None
 BETTER = SCANNED and config["design"]["base"] in METHODS
 PREDICTION_THREADS = workflow.cores if config["timed"] else 1
 REFERENCE = config["reference"] if config["reference"] in METHODS else None
@@ -156,6 +179,53 @@ def fem_of(wildcards):
 def settings_of(section):
     """Params function: a section of the settings of the method."""
     return lambda wildcards: SETTINGS[wildcards.method][section]
+
+
+def archived(wildcards):
+    """The archive of the study, where it trains what is to be packed."""
+    if not PACKED:
+        raise InputError(
+            "-",
+            "configuration",
+            "no method of uncertainty.methods and predict.method is trained here",
+            "add one to 'methods', with a scan of at least one patient per fold",
+        )
+    return rules.pack.output
+
+
+def results_of_patients(wildcards):
+    """What is handed over of every new patient and plan."""
+    if not PATIENTS:
+        raise InputError(
+            "-",
+            "configuration",
+            "no new patient is named",
+            "add --config patient=FOLDER",
+        )
+    names = ["certificate.json", "index.html", "deformed.vtu"]
+    return [
+        f"<results>/patients/{patient.name}/{plan}/{CHOICE.method}/{name}"
+        for patient in PATIENTS.values()
+        for plan in patient.plans
+        for name in names
+    ]
+
+
+def lift_of_patient(wildcards):
+    """The lift of a new patient, if the chosen network wants one."""
+    pattern = f"<results>/patients/{{case}}/lift_{CHOICE.lift}.h5"
+    return [] if CHOICE.lift == "none" else expand(pattern, case=wildcards.case)
+
+
+def result_of_patient(wildcards):
+    """The file that holds the displacement, and the interval of a learned method."""
+    name = "interval" if CHOICE.archive else "predictions"
+    return f"<results>/patients/{{case}}/{{plan}}/{{method}}/{name}.h5"
+
+
+def chosen(section):
+    """Params function: a section of the settings that a new patient is predicted with."""
+    return lambda wildcards: CHOICE.settings[section]
 
 
 def external_files(wildcards):

@@ -1,0 +1,61 @@
+"""Makes the certificate of a new patient's prediction."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.evaluation.interval import Calibration
+from pinnochio.files import replacing
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.patients.archive import RANGES, Archive, calibration_file
+from pinnochio.patients.certificate import RESEARCH, interval_measures, likeness, measures, plain
+from pinnochio.patients.likeness import Ranges
+from pinnochio.patients.result import read_result
+
+
+def certify(
+    about: Mapping,
+    model: str,
+    plan: str,
+    quality: str,
+    result: str,
+    fem: FemSettings,
+    folder: str | None,
+    certificate: str,
+) -> None:
+    """Write the certificate as JSON.
+
+    about: case, plan (its name), method, corrections, code. folder: the archive of a learned method, else None.
+    """
+    patient, planned = PatientModel.read(model), Plan.read(plan, about["case"])
+    found = read_result(result, about["case"], patient)
+    said = {"research": RESEARCH} | dict(about) | {"frame": "LPS", "units": "mm"}
+    said |= {"models": None, "measures": measures(patient, planned, found.displacement, fem)}
+    said |= {"interval": None, "likeness": None}
+    if folder:
+        archive, calibration = Archive.read(folder), Calibration.read(Path(folder) / calibration_file(about["method"]))
+        said["models"] = {key: getattr(archive, key) for key in ("cohort", "patients", "configuration", "code")}
+        said["models"] |= {"folds": len(archive.folds), "usual": archive.methods[about["method"]]["usual"]}
+        said["interval"] = interval_measures(found, calibration)
+        reported = json.loads(Path(quality).read_text(encoding="utf-8"))
+        said["likeness"] = likeness(patient, planned, reported, archive, Ranges.read(Path(folder) / RANGES))
+    with replacing(certificate) as temporary:
+        temporary.write_text(json.dumps(plain(said), indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    named = {name: snakemake.wildcards[name] for name in ("case", "plan", "method")}
+    certify(
+        named | {"corrections": snakemake.params.corrections, "code": snakemake.params.code},
+        snakemake.input.model,
+        snakemake.input.plan,
+        snakemake.input.quality,
+        snakemake.input.result,
+        FemSettings(**snakemake.params.fem),
+        snakemake.params.archive,
+        snakemake.output.certificate,
+    )

@@ -1,0 +1,35 @@
+"""Makes the ranges of anatomy and plans of the patients that the networks are trained on."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.logs import attach_log
+from pinnochio.patients.likeness import Norm, Ranges, anatomy_quantities, plan_quantities
+
+
+def describe_training(
+    cases: Sequence[str], models: Sequence[str], plans: Sequence[str], qualities: Sequence[str], ranges: str
+) -> None:
+    """Write the ranges of the cases' anatomy (model and quality report) and of their own plans."""
+    anatomies, movements, muscle = [], [], set()
+    for case, model, plan, quality in zip(cases, models, plans, qualities, strict=True):
+        patient = PatientModel.read(model)
+        anatomies.append(anatomy_quantities(patient, json.loads(Path(quality).read_text(encoding="utf-8"))))
+        movements.append(plan_quantities(patient, Plan.read(plan, case)))
+        muscle.add(patient.muscle)
+    found = Norm.of(anatomies, from_rest=False), Norm.of(movements, from_rest=True)
+    Ranges(*found, sorted(muscle)).write(ranges)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    describe_training(
+        snakemake.params.cases,
+        snakemake.input.models,
+        snakemake.input.plans,
+        snakemake.input.qualities,
+        snakemake.output.ranges,
+    )

@@ -1,0 +1,35 @@
+"""Makes the files of a new patient's prediction for 3D Slicer and ParaView."""
+
+from pathlib import Path
+
+from pinnochio.anatomy.labels import segment_name
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.logs import attach_log
+from pinnochio.patients.exports import write_mesh, write_skin, write_surface
+from pinnochio.patients.result import read_result
+
+
+def export_prediction(case: str, model: str, plan: str, result: str, folder: str) -> None:
+    """Write deformed.vtu, skin.vtp, skin.ply, skin.stl and bone_{segment}.stl into the folder, LPS mm."""
+    patient, planned, out = PatientModel.read(model), Plan.read(plan, case), Path(folder)
+    found = read_result(result, case, patient)
+    write_mesh(patient, found.displacement, out / "deformed.vtu")
+    files = [out / f"skin.{kind}" for kind in ("vtp", "ply", "stl")]
+    write_skin(patient, found.displacement, found.half_width, *files)
+    moved = patient.bone_points + patient.bone_displacement(planned)
+    owner = patient.bone_segment[patient.bone_faces[:, 0]]
+    for index in range(-1, len(patient.segments)):
+        name = segment_name(index, patient.segments)
+        write_surface(moved, patient.bone_faces[owner == index], out / f"bone_{name}.stl")
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    export_prediction(
+        snakemake.wildcards.case,
+        snakemake.input.model,
+        snakemake.input.plan,
+        snakemake.input.result,
+        str(Path(snakemake.output.mesh).parent),
+    )

@@ -1,0 +1,25 @@
+"""Makes the checked plan, in LPS mm, of what a user gives for an imported patient."""
+
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.segmentation import check_plan, check_travel
+from pinnochio.anatomy.surfaces import BoneSurface
+from pinnochio.logs import attach_log
+
+
+def import_plan(case: str, given: str, bone: str, segments: tuple[str, ...], plan: str) -> None:
+    """Read a plan file or a folder of transforms and write it; InputError where it does not fit the patient's bone."""
+    checked = Plan.read(given, case)
+    check_plan(checked, segments, given)
+    check_travel(checked, BoneSurface.read(bone), segments, given)
+    checked.write(plan)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    import_plan(
+        snakemake.wildcards.case,
+        snakemake.input.given,
+        snakemake.input.bone,
+        tuple(snakemake.params.segments),
+        snakemake.output.plan,
+    )

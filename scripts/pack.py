@@ -1,0 +1,58 @@
+"""Makes the archive of trained models: networks, calibrations, training ranges and a manifest."""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from pinnochio.files import replacing
+from pinnochio.logs import attach_log
+from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
+from pinnochio.patients.certificate import USUAL
+
+
+def pack(
+    about: Mapping,
+    methods: Mapping[str, Mapping],
+    networks: Mapping[tuple[str, str], str],
+    metrics: Mapping[tuple[str, str], str],
+    calibrations: Mapping[str, str],
+    ranges: str,
+    archive: str,
+) -> None:
+    """Copy the files into the folder `archive` and write its manifest last.
+
+    about: the fields of Archive but `methods`; methods: settings of each; networks and metrics by (method, fold),
+    calibrations by method. The metrics give what is usual on held-out patients.
+    """
+    copies = {network_file(*key): path for key, path in networks.items()}
+    copies |= {calibration_file(method): path for method, path in calibrations.items()} | {RANGES: ranges}
+    for name, path in copies.items():
+        with replacing(Path(archive) / name) as temporary:
+            shutil.copyfile(path, temporary)
+    described = {}
+    for method, settings in methods.items():
+        held_out = pd.concat(pd.read_csv(path) for (own, _), path in metrics.items() if own == method)
+        described[method] = dict(settings) | {"usual": usual(held_out)}
+    Archive(**about, methods=described).write(archive)
+
+
+def usual(held_out: pd.DataFrame) -> dict[str, Sequence[float]]:
+    """Smallest, middle and largest value of each metric of USUAL that some row has."""
+    known = {name: held_out[name].dropna() for name in USUAL}
+    return {name: [float(x) for x in (own.min(), own.median(), own.max())] for name, own in known.items() if len(own)}
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    keys = [(method, fold) for method in snakemake.params.methods for fold in snakemake.params.about["folds"]]
+    pack(
+        snakemake.params.about,
+        snakemake.params.methods,
+        dict(zip(keys, snakemake.input.networks, strict=True)),
+        dict(zip(keys, snakemake.input.metrics, strict=True)),
+        dict(zip(snakemake.params.methods, snakemake.input.calibrations, strict=True)),
+        snakemake.input.ranges,
+        str(Path(snakemake.output.manifest).parent),
+    )

@@ -1,0 +1,156 @@
+"""The stages of a new patient on coarse virtual ones: plans, ranges, archive, files, certificate, page."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import pyvista as pv
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.predictions import Prediction, write_predictions
+from pinnochio.anatomy.regions import NAMES, regions
+from pinnochio.errors import InputError
+from pinnochio.evaluation.interval import Calibration, Interval
+from pinnochio.evaluation.quality import quality
+from pinnochio.patients.archive import Archive
+from pinnochio.patients.certificate import in_words
+from scripts.certify import certify
+from scripts.describe_training import describe_training
+from scripts.export_prediction import export_prediction
+from scripts.import_plan import import_plan
+from scripts.pack import pack
+from scripts.show_prediction import show_prediction
+from tests.stages.conftest import CONFIG, SEGMENTS
+
+METHOD = "pinnochio_plus"
+
+
+@pytest.fixture(scope="module")
+def archive(patients, tmp_path_factory):
+    """An archive of two patients and two models (empty files: nothing here runs a network), and their reports."""
+    folder = tmp_path_factory.mktemp("archive")
+    reports = []
+    for patient in patients:
+        imported = json.loads(Path(patient.report).read_text())
+        reports.append(str(folder / f"{patient.case}.json"))
+        Path(reports[-1]).write_text(json.dumps(quality(PatientModel.read(patient.model), imported)))
+    columns = ([getattr(patient, name) for patient in patients] for name in ("case", "model", "plan"))
+    describe_training(*columns, reports, str(folder / "training.json"))
+    half_width = {name: 1.5 for name in NAMES}
+    Calibration(METHOD, 0.9, 2, 2, half_width, dict.fromkeys(NAMES, 0.1)).write(folder / "calibration.json")
+    keys = [(METHOD, fold) for fold in "12"]
+    networks = {key: str(folder / f"network_{key[1]}.pt") for key in keys}
+    metrics = {key: str(folder / f"metrics_{key[1]}.csv") for key in keys}
+    for number, key in enumerate(keys):
+        Path(networks[key]).write_bytes(bytes([number]))
+        row = {"min_jacobian": 0.2 + number, "eqres_rel": 0.1, "moving_error": 0.3, "sliding_error": np.nan}
+        pd.DataFrame([row]).to_csv(metrics[key], index=False)
+    about = {"cohort": "virtual cohort", "patients": 2, "segments": list(SEGMENTS), "folds": ["1", "2"]}
+    about |= {"settings": {name: CONFIG[name] for name in ("mesh", "fem")}, "configuration": "abc", "code": "def"}
+    methods = {METHOD: {"corrections": 1, "lift": "elastic"}}
+    calibrations = {METHOD: str(folder / "calibration.json")}
+    pack(about, methods, networks, metrics, calibrations, str(folder / "training.json"), str(folder / "packed"))
+    return folder / "packed", reports
+
+
+@pytest.fixture(scope="module")
+def result(patient, tmp_path_factory):
+    """A field that carries the face 2 mm forward, with an interval, as a file."""
+    model, path = PatientModel.read(patient.model), tmp_path_factory.mktemp("result") / "interval.h5"
+    region = regions(model)
+    width = np.where(region >= 0, 1.5, np.nan)
+    Interval(np.tile([0.0, -2, 0], (len(model.points), 1)), np.zeros(len(model.points)), width, region).write(path)
+    return str(path)
+
+
+def certified(patient, archive, result, folder, plan=None, learned=True):
+    about = {"case": patient.case, "plan": "first", "corrections": 1, "code": "def"}
+    about["method"] = METHOD if learned else "fem_sliding"
+    packed, path = str(archive[0]) if learned else None, folder / "certificate.json"
+    certify(about, patient.model, plan or patient.plan, archive[1][0], result, patient.fem, packed, str(path))
+    return json.loads(path.read_text())
+
+
+def test_an_archive_holds_what_prediction_needs(archive):
+    folder, _ = archive
+    files = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    assert files == {"archive.json", "ranges.json", *(f"{METHOD}/{name}" for name in ("1.pt", "2.pt"))} | {
+        f"{METHOD}/calibration.json"
+    }
+    assert [(folder / METHOD / f"{fold}.pt").read_bytes() for fold in "12"] == [b"\0", b"\1"]
+    found = Archive.read(folder).methods[METHOD]
+    assert found["usual"] == {"min_jacobian": [0.2, 0.7, 1.2], "eqres_rel": [0.1] * 3, "moving_error": [0.3] * 3}
+    assert found["corrections"] == 1
+
+
+def test_a_plan_is_checked_against_the_bone(patient, tmp_path):
+    given, out = Path(patient.given), tmp_path / "plan.json"
+    import_plan(patient.case, str(given), patient.bone, SEGMENTS, str(out))
+    one, two = (Plan.read(path, patient.case) for path in (given, out))
+    assert all(np.array_equal(one.motion(name).translation, two.motion(name).translation) for name in SEGMENTS)
+    far = json.loads(given.read_text())
+    far["segments"]["lefort1"]["translation"] = [0, -49, 0]
+    far["segments"]["lefort1"]["rotation"] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    (tmp_path / "far.json").write_text(json.dumps(far))
+    with pytest.raises(InputError, match="carries a point of 'lefort1'"):
+        import_plan(patient.case, str(tmp_path / "far.json"), patient.bone, SEGMENTS, str(tmp_path / "no.json"))
+    assert not (tmp_path / "no.json").exists()
+
+
+def test_the_files_of_a_prediction(patient, result, tmp_path):
+    export_prediction(patient.case, patient.model, patient.plan, result, str(tmp_path))
+    model = PatientModel.read(patient.model)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"deformed.vtu", "skin.vtp", "skin.ply", "skin.stl", "bone_cranium.stl"} | {
+        f"bone_{name}.stl" for name in SEGMENTS
+    }
+    assert np.allclose(pv.read(tmp_path / "deformed.vtu").points, model.points + [0, -2, 0])
+    assert np.allclose(pv.read(tmp_path / "skin.ply").points, model.skin_points + [0, -2, 0], atol=1e-4)
+    moved, plan = pv.read(tmp_path / "bone_lefort1.stl"), Plan.read(patient.plan, patient.case)
+    rest = model.bone_points[model.bone_segment == 0]
+    assert np.allclose(moved.points.mean(axis=0), plan.motion("lefort1").apply(rest).mean(axis=0), atol=1e-3)
+    still = pv.read(tmp_path / "bone_cranium.stl").points
+    assert np.allclose(still.mean(axis=0), model.bone_points[model.bone_segment == -1].mean(axis=0), atol=1e-3)
+
+
+def test_the_certificate_of_a_patient_of_the_training(patient, archive, result, tmp_path):
+    said = certified(patient, archive, result, tmp_path)
+    assert said["measures"]["inverted"] == 0 and said["measures"]["min_jacobian"] == pytest.approx(1)
+    assert said["measures"]["skin_mean_mm"] == pytest.approx(2) and said["interval"]["median_mm"] == 1.5
+    assert said["likeness"]["like"] and said["models"]["folds"] == 2
+    assert certified(patient, archive, result, tmp_path / "again") == said
+
+
+def test_a_plan_of_its_own_kind_is_called_unlike(patient, archive, result, tmp_path):
+    plan = json.loads(Path(patient.plan).read_text())
+    plan["segments"]["lefort1"]["translation"] = [0, 20, 0]
+    (tmp_path / "plan.json").write_text(json.dumps(plan))
+    said = certified(patient, archive, result, tmp_path, plan=str(tmp_path / "plan.json"))
+    assert not said["likeness"]["like"] and said["likeness"]["anatomy"]["like"]
+    assert said["likeness"]["plan"]["outside"][0] == "forward_lefort1_mm"
+
+
+def test_a_method_without_training_has_neither_interval_nor_likeness(patient, archive, tmp_path):
+    model = PatientModel.read(patient.model)
+    result = tmp_path / "predictions.h5"
+    write_predictions(result, {patient.case: Prediction(np.zeros_like(model.points))})
+    said = certified(patient, archive, str(result), tmp_path, learned=False)
+    assert said["interval"] is said["likeness"] is said["models"] is None
+    assert said["measures"]["eqres_rel"] == 0 and "No interval is calibrated" in str(in_words(said))
+
+
+def test_the_page_is_one_file_that_needs_nothing_else(patient, archive, result, tmp_path):
+    certified(patient, archive, result, tmp_path)
+    files = [str(tmp_path / name) for name in ("certificate.json", "index.html")]
+    show_prediction(patient.case, patient.model, patient.plan, result, *files)
+    page = Path(files[1]).read_text()
+    sources = re.findall(r'(?:src|href)="(.{0,30})', page)
+    assert len(sources) == 4 and all(source.startswith("data:image/png;base64,") for source in sources)
+    words = re.sub(r'src="[^"]*"', "", page)
+    assert "http" not in words
+    for said in ("virtual cohort", "For research only", "volume_muscle_cm3", "No check failed", "SPACE=LPS"):
+        assert said in words

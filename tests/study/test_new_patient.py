@@ -1,0 +1,111 @@
+"""New patients after the quick study: two plans share what belongs to the patient, and nothing is ever trained."""
+
+import json
+import re
+import shutil
+
+import pytest
+
+METHOD = "pinnochio_plus"
+SHARED = ("import_patient", "check_patient", "mesh_patient", "label_patient", "report_patient", "lift_patient")
+TRAINING = {"pretrain", "finetune", "simulate_fem", "calibrate", "describe_training", "pack", "virtual_patient"}
+
+
+def jobs(said):
+    """Number of jobs of each rule."""
+    table = said.split("Job stats:")[1].split("\n\n")[0]
+    return {name: int(count) for name, count in re.findall(r"^(\w+) +(\d+)$", table, re.M) if name != "total"}
+
+
+@pytest.fixture(scope="module")
+def packed(studied, tmp_path_factory):
+    """A copy of the finished quick study with its archive."""
+    project = type(studied)(tmp_path_factory.mktemp("packed"))
+    for part in ("results", ".snakemake"):
+        shutil.copytree(studied.folder / part, project.folder / part, dirs_exist_ok=True)
+    project.quick("--", "archive")
+    return project
+
+
+@pytest.fixture(scope="module")
+def clinic(packed, tmp_path_factory):
+    """A project with that archive and nothing else of a study, and a patient with two plans: V01, renamed."""
+    project = type(packed)(tmp_path_factory.mktemp("clinic"))
+    shutil.copytree(packed.folder / "results/quick/archive", project.folder / "models")
+    patient = project.folder / "P01"
+    (patient / "plans").mkdir(parents=True)
+    virtual = packed.folder / "results/quick/virtual/V01"
+    shutil.copy(virtual / "segmentation.nii.gz", patient)
+    plan = json.loads((virtual / "plan.json").read_text()) | {"case": "P01"}
+    (patient / "plans/treat.json").write_text(json.dumps(plan))
+    plan["segments"]["mandible_distal"]["translation"] = [0, 40, 0]
+    (patient / "plans/extreme.json").write_text(json.dumps(plan))
+    return project
+
+
+def predict(project, *config):
+    return project.snakemake("--configfile", "config/quick.yaml", "--config", "patient=P01", *config, "--", "predict")
+
+
+def test_an_archive_alone_predicts_two_plans_of_one_patient(clinic):
+    done = predict(clinic, "models=models")
+    assert done.returncode == 0, done.stdout[-4000:]
+    made = jobs(done.stdout)
+    assert {name: made[name] for name in SHARED} == dict.fromkeys(SHARED, 1)
+    assert {made[name] for name in ("import_plan", "ensemble_patient", "interval_patient", "certify")} == {2}
+    assert not made.keys() & TRAINING
+    results = clinic.folder / "results/quick"
+    assert {path.name for path in results.iterdir()} == {"patients", "logs", "benchmarks"}
+    said = {}
+    for plan in ("treat", "extreme"):
+        folder = results / f"patients/P01/{plan}/{METHOD}"
+        said[plan] = json.loads((folder / "certificate.json").read_text())
+        assert said[plan]["measures"]["inverted"] == 0 and said[plan]["interval"]["median_mm"] > 0
+        assert (folder / "index.html").stat().st_size > 200_000
+        for name in ("deformed.vtu", "skin.ply", "skin.stl", "skin.vtp", "bone_lefort1.stl"):
+            assert (folder / name).stat().st_size > 1000
+    assert said["treat"]["likeness"]["like"]  # it is one of the training
+    assert not said["extreme"]["likeness"]["plan"]["like"] and said["extreme"]["likeness"]["anatomy"]["like"]
+    assert "Nothing to be done" in predict(clinic, "models=models").stdout
+
+
+def test_a_plan_that_is_added_later_shares_the_patient(clinic):
+    predict(clinic, "models=models")
+    plan = clinic.folder / "P01/plans/treat.json"
+    shutil.copy(plan, plan.with_name("again.json"))
+    done = predict(clinic, "models=models", "predict={method: elastic}")
+    plan.with_name("again.json").unlink()
+    assert done.returncode == 0, done.stdout[-4000:]
+    made = jobs(done.stdout)
+    assert made.pop("elastic_patient") == 3 and made.pop("import_plan") == 1 and made.pop("check_patient") == 1
+    assert not made.keys() & {*SHARED, *TRAINING}
+    folder = clinic.folder / "results/quick/patients/P01/again/elastic"
+    assert json.loads((folder / "certificate.json").read_text())["likeness"] is None
+
+
+@pytest.mark.parametrize(
+    ("config", "said"),
+    [
+        ((), ("there is no archive of trained models", "snakemake archive", "'models'")),
+        (("models=models", "segments=[lefort1]"), ("the models were trained with", "mandible_distal")),
+        (("models=models", "predict={method: acmt}"), ("the archive has no 'acmt'",)),
+        (("models=models", "patient=P02"), ("no such folder or table",)),
+    ],
+    ids=["no models", "other segments", "other method", "no patient"],
+)
+def test_what_cannot_be_predicted_is_refused_before_anything_is_made(clinic, config, said):
+    done = predict(clinic, *config)
+    assert done.returncode != 0
+    for words in (*said, "Remedy: "):
+        assert words in done.stdout, done.stdout[-2000:]
+
+
+def test_outdated_files_of_the_study_train_nothing(packed, clinic):
+    """The archive lies where the study left it, and what the networks were trained on is newer than they are."""
+    for path in (packed.folder / "results/quick/cases").rglob("*.h5"):
+        path.touch()
+    shutil.copytree(clinic.folder / "P01", packed.folder / "P01")
+    quick = ("-n", "--configfile", "config/quick.yaml")
+    assert jobs(packed.snakemake(*quick, "--", "archive").stdout).keys() & TRAINING
+    done = packed.snakemake(*quick, "--config", "patient=P01", "--", "predict")
+    assert done.returncode == 0 and not jobs(done.stdout).keys() & TRAINING

@@ -1,0 +1,135 @@
+"""Folders and tables of new patients, and the choice of what predicts them."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pinnochio.errors import InputError
+from pinnochio.patients.archive import Archive, configuration_hash
+from pinnochio.patients.choice import choose
+from pinnochio.patients.new import read_patients
+
+CONFIG = yaml.safe_load((Path(__file__).resolve().parents[2] / "config/config.yaml").read_text())
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A patient with a segmentation and no plan."""
+    (tmp_path / "P01").mkdir()
+    (tmp_path / "P01/segmentation.nii.gz").touch()
+    return tmp_path / "P01"
+
+
+def plans_of(path):
+    (patient,) = read_patients(path).values()
+    return {name: Path(plan).relative_to(path).as_posix() for name, plan in patient.plans.items()}
+
+
+def test_a_folder_holds_one_plan_or_several(folder):
+    (folder / "plan.json").touch()
+    assert plans_of(folder) == {"plan": "plan.json"}
+    (folder / "plans/slicer").mkdir(parents=True)
+    (folder / "plans/slicer/lefort1.tfm").touch()
+    (folder / "plans/setback.json").touch()
+    assert plans_of(folder) == {
+        "plan": "plan.json", "setback": "plans/setback.json", "slicer": "plans/slicer"
+    }  # fmt: skip
+    assert read_patients(f"{folder}/")["P01"].segmentation == str(folder / "segmentation.nii.gz")
+
+
+def test_a_folder_of_transforms_is_one_plan_and_one_of_surfaces_a_segmentation(folder):
+    (folder / "segmentation.nii.gz").unlink()
+    for name in ("segmentation/lefort1.stl", "plan/lefort1.tfm", "plan/mandible_distal.tfm"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).touch()
+    assert plans_of(folder) == {"plan": "plan"}
+    assert read_patients(folder)["P01"].segmentation == str(folder / "segmentation")
+
+
+def test_a_table_names_several_patients(folder):
+    (folder / "plans").mkdir()
+    for name in ("a", "b"):
+        (folder / f"plans/{name}.json").touch()
+    table = folder.parent / "new.tsv"
+    rows = ["case\tsegmentation\tplan\tpostop", "P01\tP01/segmentation.nii.gz\tP01/plans\t"]
+    table.write_text("\n".join([*rows, "P02\tP01/segmentation.nii.gz\tP01/plans/a.json\t"]) + "\n")
+    found = read_patients(table)
+    assert {name: sorted(patient.plans) for name, patient in found.items()} == {"P01": ["a", "b"], "P02": ["a"]}
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        ([], "there is no plan"),
+        (["plans/"], "there is no plan"),
+        (["plan.json", "segmentation.nrrd"], "segmentation.nii.gz, segmentation.nrrd"),
+        (["plan.json", "plans/plan.json"], "plan 'plan' is there twice"),
+        (["plans/my plan.json"], "'my plan' is not of letters"),
+    ],
+)
+def test_what_is_missing_or_there_twice_is_said(folder, made, said):
+    for name in made:
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).mkdir() if name.endswith("/") else (folder / name).touch()
+    with pytest.raises(InputError, match=said) as caught:
+        read_patients(folder)
+    assert caught.value.case == "P01"
+
+
+def test_no_such_folder_is_said(tmp_path):
+    with pytest.raises(InputError, match="no such folder or table"):
+        read_patients(tmp_path / "P09")
+
+
+def archive(folder, segments=CONFIG["segments"]):
+    settings = {name: CONFIG[name] | {} for name in ("mesh", "interfaces", "fem", "lift")}
+    settings["mesh"]["nodes"] = 1234
+    methods = {"pinnochio_plus": {"corrections": 2, "lift": "elastic", "usual": {}}}
+    Archive("clinic", 12, list(segments), ["1", "2"], methods, settings, "abc", "def").write(folder)
+
+
+def chosen(folder, **predict):
+    return choose(CONFIG | {"predict": CONFIG["predict"] | predict}, folder)
+
+
+def test_a_learned_method_is_used_as_it_was_trained(tmp_path, monkeypatch):
+    archive(tmp_path / "models")
+    monkeypatch.chdir(tmp_path)
+    found = chosen("models")
+    assert (found.method, found.corrections, found.lift) == ("pinnochio_plus", 2, "elastic")
+    assert found.settings["mesh"]["nodes"] == 1234 and found.archive.cohort == "clinic"
+    # Absolute, so that no rule of the study makes them.
+    assert found.networks == [str(tmp_path / f"models/pinnochio_plus/{fold}.pt") for fold in "12"]
+    assert all(Path(file).is_absolute() for file in [*found.files, found.calibration])
+
+
+def test_missing_models_are_said_with_both_remedies(tmp_path):
+    with pytest.raises(InputError) as caught:
+        chosen(tmp_path / "nowhere")
+    assert "snakemake archive" in caught.value.remedy and "'models'" in caught.value.remedy
+    archive(tmp_path)
+    with pytest.raises(InputError, match="the archive has no 'pinnochio', but pinnochio_plus"):
+        chosen(tmp_path, method="pinnochio")
+
+
+def test_other_segments_are_refused_unless_asked_for(tmp_path):
+    archive(tmp_path, ["mandible"])
+    with pytest.raises(InputError, match="the models were trained with mandible"):
+        chosen(tmp_path)
+    assert chosen(tmp_path, other_segments="predict").archive.segments == ["mandible"]
+    archive(tmp_path, reversed(CONFIG["segments"]))
+    assert chosen(tmp_path).archive.segments[0] == CONFIG["segments"][-1]
+
+
+@pytest.mark.parametrize("method", ["fem_sliding", "fem_bonded", "elastic"])
+def test_a_method_without_training_needs_no_archive(tmp_path, method):
+    found = chosen(tmp_path / "nowhere", method=method)
+    assert found.settings["mesh"] == CONFIG["mesh"] and not found.files and not found.networks
+
+
+def test_the_hash_of_a_configuration_knows_values_and_not_their_order():
+    turned = dict(reversed(CONFIG.items()))
+    assert configuration_hash(turned) == configuration_hash(json.loads(json.dumps(CONFIG)))
+    assert configuration_hash(CONFIG | {"seed": 2}) != configuration_hash(CONFIG)

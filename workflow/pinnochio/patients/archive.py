@@ -1,0 +1,68 @@
+"""The archive of trained models: what a prediction of new patients needs of a finished study, and nothing else."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from pinnochio.errors import InputError
+from pinnochio.files import replacing
+
+MANIFEST = "archive.json"
+RANGES = "ranges.json"
+# Sections of the configuration that say what the networks read; a patient is made with those of the archive.
+READ_BY_NETWORKS = ("mesh", "interfaces", "fem", "lift")
+
+
+@dataclass(frozen=True)
+class Archive:
+    """What stands in the manifest.
+
+    cohort, patients: what the models were trained on; segments: bones of the plans; folds: names of the models of each
+    method; methods: by name, the Newton corrections after the network (`corrections`) and the smallest, middle and
+    largest value of some metrics on held-out patients (`usual`); settings: the sections READ_BY_NETWORKS;
+    configuration, code: hashes of the whole configuration and of the library.
+    """
+
+    cohort: str
+    patients: int
+    segments: Sequence[str]
+    folds: Sequence[str]
+    methods: Mapping[str, Mapping]
+    settings: Mapping[str, Mapping]
+    configuration: str
+    code: str
+
+    def write(self, folder: str | os.PathLike) -> None:
+        """Write the manifest."""
+        with replacing(Path(folder) / MANIFEST) as temporary:
+            temporary.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+
+    @classmethod
+    def read(cls, folder: str | os.PathLike) -> "Archive":
+        """Read the manifest of an archive; InputError where the folder is none."""
+        if not (Path(folder) / MANIFEST).is_file():
+            raise InputError(
+                "-",
+                folder,
+                f"there is no archive of trained models ({MANIFEST})",
+                "run the study and pack them (snakemake archive), or point 'models' at an archive",
+            )
+        return cls(**json.loads((Path(folder) / MANIFEST).read_text(encoding="utf-8")))
+
+
+def network_file(method: str, fold: str) -> str:
+    """Place of a network in the archive."""
+    return f"{method}/{fold}.pt"
+
+
+def calibration_file(method: str) -> str:
+    """Place of a method's calibration in the archive."""
+    return f"{method}/calibration.json"
+
+
+def configuration_hash(config: Mapping) -> str:
+    """Short content hash of a configuration, whatever the order of its keys."""
+    return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]

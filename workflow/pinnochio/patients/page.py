@@ -1,0 +1,167 @@
+"""One page to look at a prediction: pictures, maps and the certificate, in one HTML file that needs nothing else."""
+
+import base64
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import jinja2
+import numpy as np
+import pyvista as pv
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.evaluation.pictures import FRONT, OBLIQUE, SIDE, SKIN, add_bone, finish, save, skin_of
+from pinnochio.files import replacing
+from pinnochio.patients.certificate import in_words
+from pinnochio.patients.exports import SPACE
+
+VIEWS = {"front": FRONT, "oblique": OBLIQUE, "left side": SIDE}
+UNKNOWN = "#cccccc"
+
+TEMPLATE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{{ c.case }}, {{ c.plan }}</title>
+<style>
+body { font: 16px/1.45 sans-serif; max-width: 1150px; margin: 1.5em auto; padding: 0 1em; color: #222 }
+img { max-width: 100%; border: 1px solid #ddd } table { border-collapse: collapse; width: 100% }
+td, th { text-align: left; vertical-align: top; padding: .35em .7em; border-bottom: 1px solid #ddd }
+td.n { text-align: right; white-space: nowrap } .no { font-weight: bold; color: #a40000 } .yes { color: #1a6b1a }
+.box { border: 2px solid #a40000; padding: .5em 1em; margin: 1em 0 } .box.fine { border-color: #1a6b1a }
+details { margin: 1em 0 } summary { cursor: pointer; font-weight: bold }
+</style></head><body>
+<h1>{{ c.case }}: {{ c.plan }}</h1>
+<p>Predicted by <b>{{ c.method }}</b>
+{%- if c.models %}, the mean of {{ c.models.folds }} models trained on {{ c.models.patients }} patients of the
+{{ c.models.cohort }}{% endif %}
+{%- if c.corrections %}; {{ c.corrections }} Newton correction{{ "s" if c.corrections > 1 }}{% endif %}.
+<b>{{ c.research }}</b></p>
+<div class="box {{ 'fine' if fine }}">{{ verdict }}</div>
+{% for title, picture, words in pictures -%}
+<h2>{{ title }}</h2><p>{{ words }}</p><img alt="{{ title }}" src="data:image/png;base64,{{ picture }}">
+{% endfor -%}
+<h2>Certificate</h2>
+<table><tr><th></th><th>Value</th><th>What it means</th><th></th></tr>
+{% for what, value, meaning, good in rows -%}
+<tr><td>{{ what }}</td><td>{{ value }}</td><td>{{ meaning }}</td>
+<td class="{{ 'yes' if good else 'no' }}">{{ "" if good is none else "✓" if good else "✗" }}</td></tr>
+{% endfor -%}
+</table>
+{% if c.likeness -%}
+<details><summary>Every quantity that is compared with the training</summary>
+<p>Excess: how far a value lies outside the range of the training patients, as a share of the range's width. The
+ranges of movements begin at rest.</p>
+{% for title in ("anatomy", "plan") -%}
+<h3>{{ title }}: up to {{ "%.2f" | format(c.likeness[title].threshold) }} is usual</h3>
+<table><tr><th>Quantity</th><th>This patient</th><th>Lowest</th><th>Highest</th><th>Excess</th></tr>
+{% for name, q in c.likeness[title].quantities.items() -%}
+<tr><td>{{ name }}</td>{% for key in ("value", "low", "high") %}<td class="n">{{ number(q[key]) }}</td>{% endfor %}
+<td class="n {{ 'no' if q.excess is none or q.excess > c.likeness[title].threshold }}">{{ number(q.excess) }}</td></tr>
+{% endfor -%}
+</table>
+{% endfor -%}
+</details>
+{%- endif %}
+<h2>Files</h2>
+<p>In the frame of the given segmentation: LPS (x to the patient's left, y backwards, z up), millimetres. Each file says
+so ({{ space }}), and 3D Slicer from 4.11 on shows it in place beside the scan; ParaView shows the numbers as they
+stand.</p>
+<ul>{% for name, words in files.items() %}<li><code>{{ name }}</code>: {{ words }}</li>{% endfor %}</ul>
+<p>Archive of models: configuration {{ c.models.configuration if c.models else "none" }}, code
+{{ c.models.code if c.models else "none" }}; predicted with code {{ c.code }}.</p>
+</body></html>
+"""
+FILES = {
+    "deformed.vtu": "tetrahedra after the plan; displacement and type of nodes, tissue and volume ratio of elements",
+    "skin.vtp": "predicted skin; displacement and half_width of the interval (NaN where there is none) of its points",
+    "skin.ply, skin.stl": "predicted skin",
+    "bone_*.stl": "each bone after the plan",
+    "certificate.json": "the numbers of the table above, and more",
+}
+
+
+def write_page(
+    patient: PatientModel,
+    plan: Plan,
+    displacement: np.ndarray,
+    half_width: np.ndarray,
+    certificate: Mapping,
+    path: str | os.PathLike,
+) -> None:
+    """Write the page of a field (n, 3) mm with half-widths (s,) mm of its skin and its certificate."""
+    before, after = skin_of(patient, np.zeros_like(displacement)), skin_of(patient, displacement)
+    moved = np.linalg.norm(after.points - before.points, axis=1)
+    pictures = [
+        ("Before and after", _faces(before, after), "Above: before. Below: predicted."),
+        ("Plan", _bones(patient, plan), "The bones after the plan, each segment in its colour."),
+        ("Displacement", _map(after, moved), "How far each point of the skin moves."),
+    ]
+    if np.isfinite(half_width).any():
+        words = "Half-width of the interval, within which the outcome should lie; grey: not judged."
+        pictures.append(("Interval", _map(after, half_width), words))
+    rows = in_words(certificate)
+    bad = [what for what, _, _, good in rows if good is False]
+    verdict = "No check failed: the elements are valid"
+    verdict += ", and patient and plan are like those of the training." if certificate["likeness"] else "."
+    if bad:
+        verdict = f"Take care. Not as it should be, see the certificate: {', '.join(bad).lower()}."
+    page = jinja2.Environment(autoescape=True).from_string(TEMPLATE)
+    text = page.render(
+        c=certificate,
+        pictures=[(title, base64.b64encode(picture).decode(), words) for title, picture, words in pictures],
+        rows=rows,
+        verdict=verdict,
+        fine=not bad,
+        files=FILES,
+        space=SPACE,
+        number=lambda value: "–" if value is None else f"{value:.2f}",
+    )
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _faces(before: pv.PolyData, after: pv.PolyData) -> bytes:
+    """Two rows: the skin before and after, from three sides."""
+    plotter = _panels(2)
+    for row, (title, skin) in enumerate((("before", before), ("after", after))):
+        for column, (view, direction) in enumerate(VIEWS.items()):
+            plotter.subplot(row, column)
+            plotter.add_mesh(skin, color=SKIN)
+            finish(plotter, f"{title}, {view}", direction)
+    return _png(plotter)
+
+
+def _bones(patient: PatientModel, plan: Plan) -> bytes:
+    """The bones after the plan from three sides."""
+    plotter = _panels(1)
+    for column, (view, direction) in enumerate(VIEWS.items()):
+        plotter.subplot(0, column)
+        add_bone(plotter, patient, plan)
+        finish(plotter, view, direction)
+    return _png(plotter)
+
+
+def _map(skin: pv.PolyData, values: np.ndarray) -> bytes:
+    """The skin from three sides, coloured by a value (s,) mm per point, with one scale."""
+    plotter = _panels(1)
+    limits = 0, float(np.nanmax(values)) or 1.0
+    bar = {"title": "mm", "vertical": True, "color": "black", "label_font_size": 16, "title_font_size": 16}
+    bar |= {"n_labels": 4, "fmt": "%.1f", "position_x": 0.04, "position_y": 0.1, "height": 0.7, "width": 0.08}
+    for column, (view, direction) in enumerate(VIEWS.items()):
+        plotter.subplot(0, column)
+        options = {"nan_color": UNKNOWN, "show_scalar_bar": not column, "scalar_bar_args": bar, "copy_mesh": True}
+        plotter.add_mesh(skin, scalars=values, cmap="viridis", clim=limits, **options)
+        finish(plotter, view, direction)
+        plotter.camera.zoom(0.9)
+    return _png(plotter)
+
+
+def _panels(rows: int) -> pv.Plotter:
+    return pv.Plotter(off_screen=True, shape=(rows, len(VIEWS)), window_size=(1260, 430 * rows), border=False)
+
+
+def _png(plotter: pv.Plotter) -> bytes:
+    """The picture as a file would hold it."""
+    with tempfile.TemporaryDirectory() as folder:
+        save(plotter, Path(folder) / "picture.png")
+        return (Path(folder) / "picture.png").read_bytes()

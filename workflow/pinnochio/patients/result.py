@@ -1,0 +1,21 @@
+"""What a method predicts of a new patient, whichever way it is made."""
+
+import os
+
+import h5py
+import numpy as np
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.predictions import read_prediction
+from pinnochio.anatomy.regions import NOT_JUDGED
+from pinnochio.evaluation.interval import Interval
+
+
+def read_result(path: str | os.PathLike, case: str, patient: PatientModel) -> Interval:
+    """The interval of an ensemble, or the prediction of a method without one: its half-width is NaN everywhere."""
+    with h5py.File(path, "r") as file:
+        if "half_width" in file:
+            return Interval.read(path)
+    points, skin = len(patient.points), len(patient.skin_points)
+    displacement = read_prediction(path, case).displacement
+    return Interval(displacement, np.zeros(points), np.full(skin, np.nan), np.full(skin, NOT_JUDGED, np.int8))
