@@ -21,6 +21,7 @@ include: "rules/design.smk"
 include: "rules/uncertainty.smk"
 include: "rules/stability.smk"
 include: "rules/cost.smk"
+include: "rules/scaling.smk"
 
 
 wildcard_constraints:

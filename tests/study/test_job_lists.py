@@ -107,3 +107,21 @@ def test_an_external_method_is_asked_for_its_held_out_cases_and_a_missing_file_i
     for words in ("'S3'", "elsewhere", "neither S3.npz nor S3.vtu", "Remedy: "):
         assert words in done.stdout
     assert project.snakemake("-n", "--config", "cohort=cases.tsv", *mine, "--", "inputs").returncode == 0
+
+
+@pytest.mark.parametrize("scanned", [SCANNED, []])
+def test_scaling_asks_for_every_size_and_for_the_stages_of_the_first_patients(project, scanned):
+    write_cohort(project, scanned, UNSCANNED)
+    jobs, _ = asked(project, "scaling={nodes: [500, 900], patients: [3, 7]}", "--", "scaling")
+    assert {"tables/scaling.md", "figures/scaling.png", "figures/scaling.svg", "scaling/500.csv"} <= set(jobs)
+    cases = [*scanned, *UNSCANNED][:7]
+    sources = jobs["tables/scaling.csv"]
+    assert {"scaling/500.csv", "scaling/900.csv"} <= sources and "tables/cases.csv" not in jobs
+    assert cases_read(sources, "quality.json") == set(cases)
+    assert cases_read(sources, "teaching.h5") == cases_read(sources, "postop.h5") == set(cases) & set(scanned)
+    # The networks have not seen the patient that they are measured on.
+    networks = {path for path in jobs["scaling/900.csv"] if path.endswith("network.pt")}
+    assert cases_read(jobs["scaling/900.csv"], "labels.nii.gz") == {cases[0]}
+    assert len(networks) == (2 if scanned else 0)
+    for network in networks:
+        assert cases[0] not in cases_read(jobs[network], "model.h5")

@@ -191,6 +191,7 @@ def check_config(config: Mapping) -> None:
         "design.base": [config["design"]["base"]],
         "dial.methods": config["dial"]["methods"],
         "uncertainty.methods": config["uncertainty"]["methods"],
+        "scaling.methods": config["scaling"]["methods"],
     }
     for section, names in named.items():
         if unknown := [name for name in names if name not in learned]:
