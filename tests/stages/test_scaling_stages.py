@@ -66,7 +66,7 @@ def test_a_step_is_timed_between_steps(patient, arguments, tmp_path):
     seconds, cpu = training_step(
         **arguments, teaching=[patient.teaching], network=NETWORK, training=TRAINING, seed=SEED, outputs=outputs
     )
-    assert 0 < seconds < 30 and 0 < cpu < 30 and Path(outputs["network"]).exists()
+    assert seconds > 0 and cpu > 0 and Path(outputs["network"]).exists()
     assert len(Path(outputs["history"]).read_text().splitlines()) >= 1 + TRAINING.steps
 
 

@@ -1,18 +1,20 @@
 """What a call costs in a process of its own: seconds, processor seconds, memory, or why it did not end."""
 
 import importlib
-import multiprocessing
+import json
 import os
+import pickle
+import subprocess
+import sys
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
-from multiprocessing.connection import Connection
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 DONE = "done"
-SHORT = 3.0  # s; a call that is over sooner is made once more, and the faster one counts
+SHORT = 5.0  # s; a call that is over sooner is made once more, and the faster one counts
 
 
 @dataclass(frozen=True)
@@ -32,34 +34,34 @@ def measure(function: str, arguments: Mapping, limit: float) -> Cost:
 
     A function that returns a pair (seconds, processor seconds) speaks for itself.
     """
-    context = multiprocessing.get_context("spawn")
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_call, args=(sender, function, dict(arguments), time.time()))
-    process.start()
-    sender.close()
     try:
-        if not receiver.poll(limit):
-            return Cost(f"stopped at the time limit of {limit:g} s")
-        return receiver.recv()
-    except EOFError:
-        process.join()
-        return Cost(f"ended by the system, exit code {process.exitcode}")
-    finally:
-        process.kill()
-        process.join()
+        done = subprocess.run(
+            [sys.executable, "-m", __name__],
+            input=pickle.dumps((function, dict(arguments), time.time())),
+            stdout=subprocess.PIPE,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            timeout=limit,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return Cost(f"stopped: time limit of {limit:g} s")
+    if done.returncode:
+        return Cost(f"ended: by the system, exit code {done.returncode}")
+    return Cost(**json.loads(done.stdout.splitlines()[-1]))
 
 
-def _call(sender: Connection, function: str, arguments: dict, began: float) -> None:
-    module, name = function.split(":")
-    called = getattr(importlib.import_module(module), name)
-    start = time.time() - began
+def answer(function: str, arguments: Mapping, began: float) -> Cost:
+    """What measure asks of the new process; `began`: time.time() when it was asked."""
     try:
+        module, name = function.split(":")
+        called = getattr(importlib.import_module(module), name)
+        start = time.time() - began
         found = _timed(called, arguments)
         if found[0] < SHORT:
             found = min(found, _timed(called, arguments))
-        sender.send(Cost(DONE, *found, start, peak_memory()))
     except Exception as error:  # whatever stops a stage belongs into its table
-        sender.send(Cost(f"failed: {type(error).__name__}: {error}".splitlines()[0]))
+        return Cost(f"failed: {type(error).__name__}: {error}".splitlines()[0])
+    return Cost(DONE, *found, start, peak_memory())
 
 
 def _timed(called, arguments) -> tuple[float, float]:
@@ -83,3 +85,7 @@ def peak_memory() -> float:
 def megabytes(folder: str | os.PathLike) -> float:
     """Size in MB of the files in the folder and below; 0 if there is none."""
     return sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file()) / 1e6
+
+
+if __name__ == "__main__":
+    print(json.dumps(asdict(answer(*pickle.load(sys.stdin.buffer)))))

@@ -122,26 +122,24 @@ def write_scaling(
     write_csv(pd.DataFrame(rows), paths["exponents"], EXPONENTS)
     caption = (
         f"Cost of the stages against the nodes of the mesh; {name}, one patient, one thread, every stage in a process "
-        "of its own, whose start is not counted. Fitted: constant + c · nodes^exponent, with the 95% interval of the "
+        "of its own, whose start is not counted. Fitted: constant + c nodes^exponent, with the 95% interval of the "
         "exponent. A job writes files; a plan is solved by finite elements from rest, or predicted warm by a trained "
         "network; a step trains on one patient under one plan."
     )
     memory = f"The most that the process of a stage held; {name}. The constant is mostly libraries."
+    added = (
+        f"Seconds of the stages that have a job for each patient, {name}, from the benchmark files of the study's "
+        "jobs, with the start of each process: the first patients together, exponent of this sum with its 95% "
+        "interval, mean ± standard deviation of a patient."
+    )
     further = [
         Block(*_pivot(sizes, "memory", grown), memory, "Memory in MB"),
-        Block(*_cohort_view(cohort, grown), _COHORT_CAPTION.format(name), "Patients"),
+        Block(*_cohort_view(cohort, grown), added, "Patients"),
     ]
     failed = sizes[sizes["outcome"] != DONE]
     said = [f"No number: {row.stage} at {row.target:,} nodes: {row.outcome}." for row in failed.itertuples()]
     frame, view = _pivot(sizes, "seconds", grown)
     write_twins(frame, paths["scaling"], view, caption, SCALING, further, [*said, *paragraphs])
-
-
-_COHORT_CAPTION = (
-    "Seconds of the stages that have a job for each patient, {}, from the benchmark files of the study's jobs, with "
-    "the start of each process: the first patients together, exponent of the sum with its 95% interval, "
-    "mean ± standard deviation of a patient."
-)
 
 
 def exponent(growth: Growth) -> str:
@@ -158,14 +156,14 @@ def _pivot(sizes: pd.DataFrame, quantity: str, grown: Mapping) -> tuple[pd.DataF
         own = sizes[(sizes["stage"] == row["stage"]) & (sizes["target"] == target)]
         if own.empty:
             return ""
-        return _OF[quantity].text(own[quantity].iloc[0]) or own["outcome"].iloc[0].split(":")[0].split(" ")[0]
+        return _OF[quantity].text(own[quantity].iloc[0]) or own["outcome"].iloc[0].split(":")[0]
 
     def growth(row):
         return grown[row["stage"], "nodes", quantity]
 
     view = [
         View("Stage", lambda row: row["stage"]),
-        View("Of one", lambda row: row["unit"]),
+        View("Per", lambda row: row["unit"]),
         *(
             View(f"{target:,}", lambda row, target=target: value(row, target))
             for target in sorted(sizes["target"].unique())
