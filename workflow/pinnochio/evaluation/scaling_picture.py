@@ -20,7 +20,7 @@ PANELS = (("seconds", "seconds of a job, a plan or a step"), ("memory", "most me
 def scaling_picture(sizes: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     """Draw rows of SCALING as marks and what is fitted to them as lines, with the exponents; one file per path."""
     grown = size_growths(sizes)
-    figure = Figure(figsize=(11, 6.4), dpi=130, layout="constrained")
+    figure = Figure(figsize=(11, 8), dpi=130, layout="constrained")
     for axes, (quantity, label) in zip(figure.subplots(1, len(PANELS)), PANELS, strict=True):
         for number, (stage, own) in enumerate(sizes.groupby("stage", sort=False)):
             growth = grown[stage, "nodes", quantity]
@@ -36,8 +36,8 @@ def scaling_picture(sizes: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> 
             axes.plot([], [], linestyle=line, label=text + power, **style)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axis.set_major_formatter(StrMethodFormatter("{x:,g}"))
             axis.set_minor_formatter(NullFormatter())
         axes.set_xlabel("nodes of the mesh, n")
@@ -45,8 +45,8 @@ def scaling_picture(sizes: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> 
         axes.grid(color="#dddddd", linewidth=0.6)
         axes.set_axisbelow(True)
         axes.legend(
-            frameon=False, fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0), handlelength=3.2,
-            title="constant + power of n", title_fontsize=8.5,
+            frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(0, -0.1), handlelength=3.4,
+            title="marks: measured; lines: constant + power of n", title_fontsize=9, alignment="left",
         )  # fmt: skip
     for path in paths:
         with replacing(path) as temporary:
