@@ -24,6 +24,7 @@ include: "rules/uncertainty.smk"
 include: "rules/patients.smk"
 include: "rules/stability.smk"
 include: "rules/cost.smk"
+include: "rules/scaling.smk"
 
 
 wildcard_constraints:

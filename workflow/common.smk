@@ -63,6 +63,11 @@ SETTINGS = VARIANTS | SURFACE
 LEARNED = [method for method in METHODS if method in SETTINGS]
 DIAL = [name for name in config["dial"]["methods"] if name in LEARNED]
 UNCERTAIN = [name for name in config["uncertainty"]["methods"] if name in LEARNED]
+SCALED = [name for name in config["scaling"]["methods"] if name in LEARNED]
+# The patient that is carried through every size of mesh, and those whose stages are added up.
+MEASURED = next(iter(SCANNED or CASES))
+COUNTS = sorted({min(count, len(CASES)) for count in config["scaling"]["patients"]})
+COUNTED = list(CASES)[: COUNTS[-1]]
 DESIGN = [
     config["design"]["base"],
     *(name for name in VARIANTS if name.startswith("design_")),

@@ -204,6 +204,7 @@ def check_config(config: Mapping) -> None:
         "dial.methods": config["dial"]["methods"],
         "uncertainty.methods": config["uncertainty"]["methods"],
         "tradeoff.networks": config["tradeoff"]["networks"],
+        "scaling.methods": config["scaling"]["methods"],
     }
     for section, names in named.items():
         if unknown := [name for name in names if name not in learned]:

@@ -1,0 +1,200 @@
+"""Makes the cost of every stage at one size of the mesh: one patient, each stage in a process of its own."""
+
+import logging
+import os
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+from torch.optim.optimizer import register_optimizer_step_post_hook
+from tqdm import tqdm
+
+from pinnochio.anatomy.predictions import read_prediction
+from pinnochio.evaluation.measuring import DONE, Cost, measure, megabytes
+from pinnochio.evaluation.scaling import SCALING
+from pinnochio.evaluation.tables import write_csv
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.training.device import choose_device
+from pinnochio.training.settings import TrainingSettings
+from scripts.predict_network import predict_network
+from scripts.pretrain import pretrain
+
+THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+GIVEN = ("labels", "bone", "skin", "report", "plan", "postop", "truth")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage: what is counted, its function "module:name" and arguments, the files it needs and the one it makes."""
+
+    name: str
+    unit: str
+    function: str
+    arguments: Mapping
+    needs: tuple[str, ...]
+    makes: str
+
+
+def measure_scaling(
+    case: str,
+    target: int,
+    given: Mapping[str, str],
+    networks: Mapping[str, str],
+    settings: Mapping,
+    seed: int,
+    table: str,
+) -> None:
+    """Write a row of SCALING per stage of the patient on a mesh of `target` nodes.
+
+    given: its files labels, bone, skin, report, plan and, where there are any, postop and truth; networks: a trained
+    one of each method; settings: sections of the configuration, `variants` those of the methods. What the stages make
+    is thrown away; a stage that lacks what an earlier one did not make says so.
+    """
+    rows, limit = [], settings["scaling"]["time_limit"]
+    with tempfile.TemporaryDirectory(dir=Path(table).parent) as folder:
+        for stage in tqdm(stages(case, target, given, networks, settings, seed, Path(folder))):
+            missing = [Path(path).stem for path in stage.needs if not Path(path).exists()]
+            before = megabytes(folder)
+            cost = Cost(f"not run: no {missing[0]}") if missing else measure(stage.function, stage.arguments, limit)
+            done = cost.outcome == DONE
+            logging.info("%s: %s", stage.name, cost)
+            row = {"stage": stage.name, "unit": stage.unit, "target": target} | vars(cost)
+            rows.append(row | {"written": megabytes(folder) - before if done else np.nan})
+            if not done:
+                Path(stage.makes).unlink(missing_ok=True)
+        nodes = node_count(Path(folder, "model.h5"))
+    write_csv(pd.DataFrame(rows).assign(nodes=nodes), table, SCALING)
+
+
+def stages(
+    case: str, target: int, given: Mapping, networks: Mapping, settings: Mapping, seed: int, folder: Path
+) -> list[Stage]:
+    """The stages one after another; arguments as of measure_scaling."""
+    found = []
+
+    def add(name: str, unit: str, function: str, needs: Sequence[str], makes: str, **arguments):
+        found.append(Stage(name, unit, function, arguments, tuple(needs), makes))
+
+    def file(name: str) -> str:
+        return str(folder / name)
+
+    mesh, model, teaching = file("mesh.vtu"), file("model.h5"), file("teaching.h5")
+    fem = replace(FemSettings(**settings["fem"]), time_limit=settings["scaling"]["time_limit"])
+    add(
+        *("tetrahedralize", "job", "scripts.tetrahedralize:mesh_case", [], mesh),
+        labels=given["labels"],
+        nodes=target,
+        minimum_dihedral=settings["mesh"]["minimum_dihedral"],
+        mesh=mesh,
+    )
+    add(
+        *("label_interfaces", "job", "scripts.label_interfaces:label_case", [mesh], model),
+        mesh=mesh,
+        **{name: given[name] for name in ("labels", "bone", "skin", "report")},
+        segments=tuple(settings["segments"]),
+        interfaces=settings["interfaces"],
+        model=model,
+    )
+    add(
+        *("simulate_fem", "plan", "scripts.simulate_fem:simulate_fem", [model], teaching),
+        case=case,
+        model=model,
+        plan=given["plan"],
+        plans=1,
+        settings=fem,
+        seed=seed,
+        teaching=teaching,
+    )
+    kinds = {method: settings["variants"][method]["network"]["lift"] for method in networks}
+    lifts = {kind: file(f"lift_{kind}.h5") for kind in sorted(set(kinds.values()) - {"none"})}
+    for kind, lift in lifts.items():
+        add(
+            *(f"make_lift {kind}", "job", "scripts.make_lift:write_lift", [model], lift),
+            model=model,
+            kind=kind,
+            controls=settings["lift"]["controls"],
+            fem=fem,
+            lift=lift,
+        )
+    for method, network in networks.items():
+        own, made, predictions = settings["variants"][method], file(f"{method}.pt"), file(f"{method}.h5")
+        lift = [lifts[kinds[method]]] if kinds[method] in lifts else []
+        patient = {"cases": [case], "models": [model], "lifts": lift, "fem": fem}
+        add(
+            *(f"pretrain {method}", "step", "scripts.measure_scaling:training_step", [model, *lift, teaching], made),
+            **patient,
+            teaching=[teaching],
+            network=NetworkSettings(**own["network"]),
+            training=replace(TrainingSettings(**own["pretraining"]), steps=settings["scaling"]["steps"] + 1),
+            seed=seed,
+            outputs={"network": made, "history": file("history.csv")},
+        )
+        add(
+            *(f"predict_network {method}", "plan", "scripts.measure_scaling:warm_plan", [model, *lift], predictions),
+            **patient,
+            plans=[given["plan"]],
+            network=network,
+            corrections=own["refine"],
+            predictions=predictions,
+        )
+    for method in list(networks)[:1]:  # its cost does not ask for the method
+        metrics = file("metrics.csv")
+        add(
+            *("evaluate", "job", "scripts.evaluate:evaluate", [model, file(f"{method}.h5")], metrics),
+            cases=[case],
+            predictions=file(f"{method}.h5"),
+            models=[model],
+            plans=[given["plan"]],
+            postops={case: given["postop"]} if given.get("postop") else {},
+            truths=[given["truth"]] if given.get("truth") else [],
+            samples=settings["evaluation"]["samples"],
+            fem=fem,
+            labels={"fold": "-", "method": method, "code": "-"},
+            seed=seed,
+            metrics=metrics,
+        )
+    return found
+
+
+def training_step(**arguments) -> tuple[float, float]:
+    """Seconds and processor seconds of a step of pretraining on the CPU, median of all after the first."""
+    marks = []
+    hook = register_optimizer_step_post_hook(lambda *_: marks.append((time.perf_counter(), time.process_time())))
+    pretrain(**arguments, device=choose_device(0, 1))
+    hook.remove()
+    return tuple(np.median(np.diff(marks, axis=0), axis=0).tolist())
+
+
+def warm_plan(**arguments) -> tuple[float, float]:
+    """Seconds of a prediction on the CPU as the tables have it; of the processor's nothing is known."""
+    predict_network(**arguments, device=choose_device(0, 1), threads=1)
+    return read_prediction(arguments["predictions"], arguments["cases"][0]).seconds, np.nan
+
+
+def node_count(model: Path) -> float:
+    """Nodes of a patient model, NaN where there is none."""
+    if not model.exists():
+        return np.nan
+    with h5py.File(model) as file:
+        return len(file["points"])
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    os.environ.update(dict.fromkeys(THREADS, "1"))  # of the stages' processes; the job has the machine for itself
+    measure_scaling(
+        snakemake.params.case,
+        int(snakemake.wildcards.nodes),
+        {name: snakemake.input.get(name) for name in GIVEN},
+        dict(zip(snakemake.params.methods, snakemake.input.get("networks", []), strict=True)),
+        snakemake.params.sections | {"variants": snakemake.params.variants},
+        snakemake.params.seed,
+        snakemake.output.table,
+    )

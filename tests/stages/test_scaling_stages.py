@@ -1,0 +1,79 @@
+"""What the stages cost, measured on one coarse patient: each in its own process, and what happens when one fails."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pinnochio.anatomy.predictions import read_prediction
+from pinnochio.evaluation.measuring import DONE
+from pinnochio.evaluation.scaling import SCALING
+from pinnochio.evaluation.tables import read_table
+from pinnochio.networks.cascade import build
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.training.checkpoint import save_network
+from pinnochio.training.settings import TrainingSettings
+from scripts.measure_scaling import measure_scaling, training_step, warm_plan
+from tests.stages.conftest import CONFIG, SEED, SEGMENTS
+
+NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
+TRAINING = TrainingSettings(steps=4, learning_rate=1e-3)
+
+
+def given(patient) -> dict:
+    return {name: getattr(patient, name) for name in ("labels", "bone", "skin", "report", "plan", "postop", "truth")}
+
+
+def test_every_stage_has_a_row_with_its_cost(patient, tmp_path):
+    settings = CONFIG | {"segments": SEGMENTS, "variants": {}}
+    measure_scaling(patient.case, 600, given(patient), {}, settings, SEED, str(tmp_path / "600.csv"))
+    rows = read_table(tmp_path / "600.csv", SCALING).set_index("stage")
+    assert rows["unit"].to_dict() == {"tetrahedralize": "job", "label_interfaces": "job", "simulate_fem": "plan"}
+    assert (rows["outcome"] == DONE).all() and (rows["target"] == 600).all()
+    assert rows["nodes"].between(540, 660).all() and rows["memory"].between(100, 2000).all()
+    assert (rows[["seconds", "cpu_seconds", "start_seconds", "written"]] > 0).all(None)
+    assert [path.name for path in tmp_path.iterdir()] == ["600.csv"]
+
+
+def test_a_stage_that_fails_and_those_that_need_it_say_so(patient, tmp_path):
+    settings = CONFIG | {"segments": SEGMENTS, "variants": {"net": {"network": asdict(NETWORK)} | PHASES}}
+    lacking = given(patient) | {"labels": str(tmp_path / "nowhere.nii.gz")}
+    measure_scaling(patient.case, 600, lacking, {"net": "-"}, settings, SEED, str(tmp_path / "600.csv"))
+    rows = read_table(tmp_path / "600.csv", SCALING).set_index("stage")
+    assert rows.loc["tetrahedralize", "outcome"].startswith("failed: ")
+    assert rows["outcome"].iloc[1:].to_dict() == {
+        "label_interfaces": "not run: no mesh",
+        "simulate_fem": "not run: no model",
+        "pretrain net": "not run: no model",
+        "predict_network net": "not run: no model",
+        "evaluate": "not run: no model",
+    }
+    assert rows[["nodes", "seconds", "memory", "written"]].isna().all(None)
+
+
+PHASES = {"pretraining": {"steps": 1, "learning_rate": 1e-3}, "refine": 0}
+
+
+@pytest.fixture
+def arguments(patient) -> dict:
+    return {"cases": [patient.case], "models": [patient.model], "lifts": [], "fem": patient.fem}
+
+
+def test_a_step_is_timed_between_steps(patient, arguments, tmp_path):
+    outputs = {"network": str(tmp_path / "network.pt"), "history": str(tmp_path / "history.csv")}
+    seconds, cpu = training_step(
+        **arguments, teaching=[patient.teaching], network=NETWORK, training=TRAINING, seed=SEED, outputs=outputs
+    )
+    assert seconds > 0 and cpu > 0 and Path(outputs["network"]).exists()
+    assert len(Path(outputs["history"]).read_text().splitlines()) >= 1 + TRAINING.steps
+
+
+def test_a_plan_is_timed_as_the_tables_have_it(patient, arguments, tmp_path):
+    torch.manual_seed(0)
+    save_network(tmp_path / "network.pt", build(NETWORK), NETWORK, training={}, seed=SEED)
+    predictions = str(tmp_path / "predictions.h5")
+    rest = {"plans": [patient.plan], "network": str(tmp_path / "network.pt"), "corrections": 0}
+    seconds, cpu = warm_plan(**arguments, **rest, predictions=predictions)
+    assert seconds == read_prediction(predictions, patient.case).seconds > 0 and np.isnan(cpu)
