@@ -20,6 +20,7 @@ include: "rules/dial.smk"
 include: "rules/design.smk"
 include: "rules/uncertainty.smk"
 include: "rules/stability.smk"
+include: "rules/scene.smk"
 include: "rules/cost.smk"
 
 
