@@ -88,6 +88,7 @@ rule measure_scene:
         plan=f"<results>/{SCENE_FOLDER}/{{case}}/plan.json",
     output:
         table=ensure("<results>/scene/{case}/trials.csv", non_empty=True),
+        scene="<results>/scene/{case}/scene.json",
     log:
         "<logs>/measure_scene/{case}.log",
     benchmark:

@@ -1,16 +1,12 @@
 """Makes the model that a patient's plan requires, and says what was decided and why."""
 
-import json
-from dataclasses import asdict
-
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.segmentation import read_labels
 from pinnochio.anatomy.surfaces import read_surface
-from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.scene.decisions import decide
+from pinnochio.scene.decisions import decide, write_decisions
 from pinnochio.scene.reduction import reduced
 from pinnochio.scene.settings import SceneSettings
 
@@ -33,14 +29,7 @@ def make_scene(
     decisions, field = decide(patient, head, plan, settings, fem, interfaces["sliding_band"], interfaces["release"])
     made = reduced(patient, head, read_surface(files["skin"]), decisions, field, settings.amplitude, interfaces)
     made.write(model)
-    said = {
-        "case": case,
-        "nodes": len(made.points),
-        "nodes_of_full_model": len(patient.points),
-        "decisions": {name: asdict(decision) for name, decision in decisions.items()},
-    }
-    with replacing(scene) as temporary:
-        temporary.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
+    write_decisions(case, {"own": decisions}, scene)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
-from pinnochio.scene.decisions import Decision, decide
+from pinnochio.scene.decisions import Decision, decide, write_decisions
 from pinnochio.scene.plans import parts
 from pinnochio.scene.reduction import reduced
 from pinnochio.scene.settings import REDUCTIONS, SceneSettings
@@ -35,31 +35,33 @@ def measure_scene(
     seed: int,
     code: str,
     table: str,
+    scene: str,
 ) -> None:
     """Solve each part of the plan on the full model, with each reduction alone, and with those that are decided for.
 
-    files: labels, bone, skin and plan as imported; mesh, interfaces: sections of the configuration. The full model is
-    made here, so that its meshing is timed in the run that solves it.
+    Writes the trials (table) and the decisions (scene, JSON). files: labels, bone, skin and plan as imported; mesh,
+    interfaces: sections of the configuration. The full model is made here, so that its meshing is timed in the run
+    that solves it.
     """
     head, bone, skin = read_labels(files["labels"]), BoneSurface.read(files["bone"]), read_surface(files["skin"])
     grid = head.labels, head.spacing, head.origin
     thresholds = {f"{name}_mm": value for name, value in interfaces.items()}
     for nodes in (500, mesh["nodes"]):  # the first loads compiled code
         start = time.perf_counter()
-        made = tetrahedralize(*grid, nodes, minimum_dihedral=mesh["minimum_dihedral"])
-        full = label_interfaces(made, *grid, segments, bone, skin, **thresholds)
+        cells = tetrahedralize(*grid, nodes, minimum_dihedral=mesh["minimum_dihedral"])
+        full = label_interfaces(cells, *grid, segments, bone, skin, **thresholds)
         meshing = time.perf_counter() - start
     whole = Plan.read(files["plan"], case)
     chin = [index for index, name in enumerate(segments) if role(name) == "chin"]
     centre = bone.points[bone.segment == chin[0]].mean(axis=0) if chin else None
     solve_scene(full, whole, False, replace(fem, time_limit=1e-3))
-    rows = []
+    rows, made = [], {}
     for name, plan in parts(whole, centre).items():
         motion = np.linalg.norm(full.bone_displacement(plan), axis=1).max()
         start = time.perf_counter()
         decided, field = decide(full, head, plan, settings, fem, interfaces["sliding_band"], interfaces["release"])
         deciding = time.perf_counter() - start
-        reference = None
+        made[name], reference = decided, None
         for model in ("full", *REDUCTIONS, "auto"):
             decisions = decided if model == "auto" else only(model, decided)
             start = time.perf_counter()
@@ -91,6 +93,7 @@ def measure_scene(
                 }
             )
     write_csv(pd.DataFrame(rows), table, TRIALS)
+    write_decisions(case, made, scene)
 
 
 def only(reduction: str, decisions: dict[str, Decision]) -> dict[str, Decision]:
@@ -112,4 +115,5 @@ if __name__ == "__main__":
         snakemake.params.seed,
         snakemake.params.code,
         snakemake.output.table,
+        snakemake.output.scene,
     )

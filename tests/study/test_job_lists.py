@@ -107,3 +107,14 @@ def test_an_external_method_is_asked_for_its_held_out_cases_and_a_missing_file_i
     for words in ("'S3'", "elsewhere", "neither S3.npz nor S3.vtu", "Remedy: "):
         assert words in done.stdout
     assert project.snakemake("-n", "--config", "cohort=cases.tsv", *mine, "--", "inputs").returncode == 0
+
+
+def test_a_scene_serves_finite_elements_and_leaves_the_networks_the_whole_patient(project):
+    write_cohort(project, SCANNED, UNSCANNED)
+    jobs, _ = asked(project, "scene={mode: auto}")
+    reduced = ("fem_bonded", "fem_sliding", "elastic")
+    for method in (*reduced, "pinnochio", "no_change", "fem_rlse"):
+        for name in ("predictions.h5", "metrics.csv"):
+            models = [path for path in jobs[f"folds/1/{method}/{name}"] if path.endswith("model.h5")]
+            assert models and {"/scene/" in path for path in models} == {method in reduced}, (method, name)
+    assert jobs["cases/S0/scene/model.h5"] >= {"cases/S0/model.h5", "cases/S0/plan.json"}

@@ -1,6 +1,9 @@
 """What of a patient's model a plan requires, each decision with its reason."""
 
-from dataclasses import dataclass
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -10,6 +13,7 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.segmentation import Segmentation
 from pinnochio.anatomy.surfaces import BoneSurface
 from pinnochio.errors import InputError
+from pinnochio.files import replacing
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.meshing.fields import is_tissue
 from pinnochio.meshing.interfaces import opposing_pairs
@@ -103,6 +107,13 @@ def decide(
         value = wanted if asked == "auto" else asked
         decisions[name] = Decision(bool(value), "auto" if asked == "auto" else "hand", reason)
     return {"segments": segments, **decisions}, field
+
+
+def write_decisions(case: str, plans: Mapping[str, Mapping[str, Decision]], path: str | os.PathLike) -> None:
+    """Write the decisions for plans, by the plans' names, as JSON."""
+    said = {plan: {name: asdict(made) for name, made in decisions.items()} for plan, decisions in plans.items()}
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps({"case": case, "plans": said}, indent=1) + "\n", encoding="utf-8")
 
 
 def mean_edge(patient: PatientModel) -> float:
