@@ -23,6 +23,7 @@ include: "rules/tradeoff.smk"
 include: "rules/uncertainty.smk"
 include: "rules/patients.smk"
 include: "rules/stability.smk"
+include: "rules/scene.smk"
 include: "rules/cost.smk"
 include: "rules/scaling.smk"
 

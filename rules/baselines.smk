@@ -161,7 +161,7 @@ rule predict_rule:
 
 rule predict_elastic:
     input:
-        models=of_held_out("<results>/cases/{case}/model.h5"),
+        models=lambda wildcards: model_of(HELD_OUT[wildcards.fold], "elastic"),
         plans=of_held_out("<results>/cases/{case}/plan.json"),
     output:
         predictions="<results>/folds/{fold}/elastic/predictions.h5",

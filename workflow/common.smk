@@ -107,6 +107,22 @@ ARMS = {
     "fem_rlse_mucosa": "mucosa",
     "fem_rlse": "mucosa+lip",
 }
+# How models are reduced to what a plan requires, and the patients on whom that is measured.
+SCENE = {
+    key: value
+    for key, value in config["scene"].items()
+    if key not in ("mode", "patients")
+}
+SCENE_CASES = list(CASES)[: config["scene"]["patients"]]
+SCENE_FOLDER = "scene" if VIRTUAL else "cases"
+SCENE_SEGMENTS = list(
+    dict.fromkeys([*config["segments"], *(["chin"] if VIRTUAL else [])])
+)
+IN_SCENE = (
+    {"fem_bonded", "fem_sliding", "elastic"}
+    if config["scene"]["mode"] == "auto"
+    else set()
+)
 # Predicted on the mesh that resolves the lips.
 ON_LIPS = {"fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse"}
 
@@ -138,10 +154,8 @@ def of_held_out(pattern):
 
 def model_of(case, method):
     """The model that the method predicts the case on."""
-    folder = (
-        "<results>/cases/{case}/lips" if method in ON_LIPS else "<results>/cases/{case}"
-    )
-    return expand(f"{folder}/model.h5", case=case)
+    own = "lips/" if method in ON_LIPS else "scene/" if method in IN_SCENE else ""
+    return expand(f"<results>/cases/{{case}}/{own}model.h5", case=case)
 
 
 def models_of_held_out(wildcards):

@@ -1,0 +1,119 @@
+"""Measures what each reduction of a patient's model costs and saves, for the parts of the plan."""
+
+import logging
+import time
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.plan_sampling import role
+from pinnochio.anatomy.segmentation import read_labels
+from pinnochio.anatomy.surfaces import BoneSurface, read_surface
+from pinnochio.evaluation.scene_table import TRIALS
+from pinnochio.evaluation.tables import write_csv
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.meshing.interfaces import label_interfaces
+from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.scene.decisions import Decision, decide, write_decisions
+from pinnochio.scene.plans import parts
+from pinnochio.scene.reduction import reduced
+from pinnochio.scene.settings import REDUCTIONS, SceneSettings
+from pinnochio.scene.trial import face_error, solve_scene
+
+
+def measure_scene(
+    case: str,
+    files: dict[str, str],
+    segments: tuple[str, ...],
+    mesh: dict[str, float],
+    interfaces: dict[str, float],
+    fem: FemSettings,
+    settings: SceneSettings,
+    seed: int,
+    code: str,
+    table: str,
+    scene: str,
+) -> None:
+    """Solve each part of the plan on the full model, with each reduction alone, and with those that are decided for.
+
+    Writes the trials (table) and the decisions (scene, JSON). files: labels, bone, skin and plan as imported; mesh,
+    interfaces: sections of the configuration. The full model is made here, so that its meshing is timed in the run
+    that solves it.
+    """
+    head, bone, skin = read_labels(files["labels"]), BoneSurface.read(files["bone"]), read_surface(files["skin"])
+    grid = head.labels, head.spacing, head.origin
+    thresholds = {f"{name}_mm": value for name, value in interfaces.items()}
+    for nodes in (500, mesh["nodes"]):  # the first loads compiled code
+        start = time.perf_counter()
+        cells = tetrahedralize(*grid, nodes, minimum_dihedral=mesh["minimum_dihedral"])
+        full = label_interfaces(cells, *grid, segments, bone, skin, **thresholds)
+        meshing = time.perf_counter() - start
+    whole = Plan.read(files["plan"], case)
+    chin = [index for index, name in enumerate(segments) if role(name) == "chin"]
+    centre = bone.points[bone.segment == chin[0]].mean(axis=0) if chin else None
+    solve_scene(full, whole, False, replace(fem, time_limit=1e-3))
+    rows, made = [], {}
+    for name, plan in parts(whole, centre).items():
+        motion = np.linalg.norm(full.bone_displacement(plan), axis=1).max()
+        start = time.perf_counter()
+        decided, field = decide(full, head, plan, settings, fem, interfaces["sliding_band"], interfaces["release"])
+        deciding = time.perf_counter() - start
+        made[name], reference = decided, None
+        for model in ("full", *REDUCTIONS, "auto"):
+            decisions = decided if model == "auto" else only(model, decided)
+            start = time.perf_counter()
+            patient = reduced(full, head, skin, decisions, field, settings.amplitude, interfaces)
+            reducing = time.perf_counter() - start
+            own = [item for item in REDUCTIONS if decisions[item].value]
+            graded = decisions["graded"].value
+            trial = solve_scene(patient, plan, decisions["elastic"].value, fem)
+            reference = reference or trial
+            mean, largest = face_error(full, reference, patient, trial)
+            logging.info("%s, %s: %d nodes, %.4f mm, at most %.3f mm", name, model, len(patient.points), mean, largest)
+            rows.append(
+                {
+                    "case": case,
+                    "plan": name,
+                    "model": model,
+                    "made": " ".join(own),
+                    "seed": seed,
+                    "code": code,
+                    "motion": motion,
+                    "nodes": len(patient.points),
+                    "share": len(patient.points) / len(full.points),
+                    "error_mean": mean,
+                    "error_max": largest,
+                    "decide_seconds": (deciding + (0 if graded else reducing)) if own else 0.0,
+                    "mesh_seconds": reducing if graded else meshing,
+                    "solve_seconds": trial.seconds,
+                    "converged": trial.converged,
+                }
+            )
+    write_csv(pd.DataFrame(rows), table, TRIALS)
+    write_decisions(case, made, scene)
+
+
+def only(reduction: str, decisions: dict[str, Decision]) -> dict[str, Decision]:
+    """The decisions with one reduction made, or none, whatever the scene requires."""
+    forced = {name: replace(decisions[name], value=name == reduction, by="hand") for name in REDUCTIONS}
+    return decisions | forced
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    measure_scene(
+        snakemake.wildcards.case,
+        dict(snakemake.input.items()),
+        tuple(snakemake.params.segments),
+        snakemake.params.mesh,
+        snakemake.params.interfaces,
+        FemSettings(**snakemake.params.fem),
+        SceneSettings(**snakemake.params.settings),
+        snakemake.params.seed,
+        snakemake.params.code,
+        snakemake.output.table,
+        snakemake.output.scene,
+    )

@@ -1,0 +1,1 @@
+"""What a patient and a plan require to be modelled."""
