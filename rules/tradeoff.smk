@@ -1,48 +1,5 @@
 # What a second of computing buys, on held-out patients of the first fold; not part of `all`.
 
-TRADEOFF = config["tradeoff"]
-FIRST = next(iter(HELD_OUT))
-TRADED = [case for case in HELD_OUT[FIRST] if case in SCANNED][: TRADEOFF["patients"]]
-TRADED_NETWORKS = [*TRADEOFF["networks"], *TRADEOFF["further"]] if TRADED else []
-NETWORK_SETTINGS = (
-    network_settings(config["mesh"]["nodes"], TRADEOFF, VARIANTS) if TRADED else []
-)
-SIZES = sorted({config["mesh"]["nodes"], TRADEOFF["reference"], *TRADEOFF["nodes"]})
-# Measured along their dials, so not once more as the study predicts by them.
-AS_THEY_ARE = [
-    method
-    for method in METHODS
-    if method not in ("elastic", "fem_bonded", "fem_sliding", *TRADED_NETWORKS)
-]
-LIFTS = sorted(
-    {
-        (kind, setting.nodes)
-        for setting in NETWORK_SETTINGS
-        if (kind := VARIANTS[setting.method]["network"]["lift"]) != "none"
-    }
-)
-
-
-def sized(nodes, file):
-    """A file of the patient on the mesh of so many nodes; the study's own where it has that size."""
-    own = nodes == config["mesh"]["nodes"]
-    return f"<results>/{'cases' if own else f'sizes/{nodes}'}/{{case}}/{file}"
-
-
-def rows_of_traded(wildcards):
-    if len(TRADED) < 2:
-        raise InputError(
-            "-",
-            config["cohort"],
-            f"{len(TRADED)} patients of fold {FIRST} have a post-operative scan, and the trade-off wants two",
-            "lower 'folds', raise tradeoff.patients, or give more scans",
-        )
-    return expand(
-        "<results>/tradeoff/{case}/{family}.csv",
-        case=TRADED,
-        family=["fem", "networks", "study"],
-    )
-
 
 # Timed, so each of these jobs has the machine for itself.
 rule measure_fem:

@@ -95,6 +95,28 @@ PLANS = sorted({plan for patient in PATIENTS.values() for plan in patient.plans}
 # Asked for with a new patient alone: a study needs no archive.
 CHOICE = choose(config, config["models"] or f"{RESULTS}/archive") if PATIENTS else None
 BETTER = SCANNED and config["design"]["base"] in METHODS
+# The trade-off measures held-out patients of the first fold.
+TRADEOFF = config["tradeoff"]
+FIRST = next(iter(HELD_OUT))
+TRADED = [case for case in HELD_OUT[FIRST] if case in SCANNED][: TRADEOFF["patients"]]
+TRADED_NETWORKS = [*TRADEOFF["networks"], *TRADEOFF["further"]] if TRADED else []
+NETWORK_SETTINGS = (
+    network_settings(config["mesh"]["nodes"], TRADEOFF, VARIANTS) if TRADED else []
+)
+SIZES = sorted({config["mesh"]["nodes"], TRADEOFF["reference"], *TRADEOFF["nodes"]})
+# Measured along their dials, so not once more as the study predicts by them.
+AS_THEY_ARE = [
+    method
+    for method in METHODS
+    if method not in ("elastic", "fem_bonded", "fem_sliding", *TRADED_NETWORKS)
+]
+LIFTS = sorted(
+    {
+        (kind, setting.nodes)
+        for setting in NETWORK_SETTINGS
+        if (kind := VARIANTS[setting.method]["network"]["lift"]) != "none"
+    }
+)
 PREDICTION_THREADS = workflow.cores if config["timed"] else 1
 REFERENCE = config["reference"] if config["reference"] in METHODS else None
 # Tables of the data card; the effects are measured on as many patients as the configuration says.
@@ -245,6 +267,27 @@ def result_of_patient(wildcards):
 def chosen(section):
     """Params function: a section of the settings that a new patient is predicted with."""
     return lambda wildcards: CHOICE.settings[section]
+
+
+def sized(nodes, file):
+    """A file of the patient on the mesh of so many nodes; the study's own where it has that size."""
+    own = nodes == config["mesh"]["nodes"]
+    return f"<results>/{'cases' if own else f'sizes/{nodes}'}/{{case}}/{file}"
+
+
+def rows_of_traded(wildcards):
+    if len(TRADED) < 2:
+        raise InputError(
+            "-",
+            config["cohort"],
+            f"{len(TRADED)} patients of fold {FIRST} have a post-operative scan, and the trade-off wants two",
+            "lower 'folds', raise tradeoff.patients, or give more scans",
+        )
+    return expand(
+        "<results>/tradeoff/{case}/{family}.csv",
+        case=TRADED,
+        family=["fem", "networks", "study"],
+    )
 
 
 def external_files(wildcards):

@@ -18,8 +18,8 @@ pytestmark = [
     pytest.mark.full,
     pytest.mark.skipif(bool(MISSING), reason=f"a SLURM on loopback lacks {MISSING}: apt-get install munge slurm-wlm"),
 ]
-STUDY = ["--configfile", "config/quick.yaml", "--config", "methods=[no_change,fem_sliding,pinnochio]", "ablation=[]"]
-STUDY += ["pretraining={steps: 250}", "design={base: pinnochio}", "dial={methods: []}", "uncertainty={methods: []}"]
+STUDY = ["--configfile", "config/quick.yaml", "own.yaml"]
+OWN = "methods: [no_change, fem_sliding, pinnochio]\nablation: []\npretraining: {steps: 250}\n"
 TIMINGS = re.compile(r"seconds|threads")
 
 
@@ -38,7 +38,9 @@ def jobs() -> list[dict[str, str]]:
 
 
 def test_the_quick_study_through_sbatch_with_a_job_killed(slurm, project, tmp_path_factory):
-    results = project.folder / "results/quick"
+    results, alone = project.folder / "results/quick", type(project)(tmp_path_factory.mktemp("alone"))
+    for copy in (project, alone):
+        (copy.folder / "own.yaml").write_text(OWN)
     arguments = ["--workflow-profile", "profiles/slurm", "--cores", "2", "--slurm-status-command", "squeue"]
     arguments += ["--slurm-init-seconds-before-status-checks", "2", "--seconds-between-status-checks", "2"]
     with open(project.folder / "said.txt", "w") as said:
@@ -68,8 +70,7 @@ def test_the_quick_study_through_sbatch_with_a_job_killed(slurm, project, tmp_pa
     assert (mesh["MinMemoryNode"], mesh["TimeLimit"], mesh["CPUs/Task"]) == ("4000M", "00:20:00", "1")
     assert training["MinMemoryNode"] != mesh["MinMemoryNode"] or training["TimeLimit"] != mesh["TimeLimit"]
 
-    alone = type(project)(tmp_path_factory.mktemp("alone"))
-    alone.quick(*STUDY[2:])
+    assert alone.snakemake(*STUDY).returncode == 0
     for table in ("cases", "accuracy"):
         own, expected = (
             pd.read_csv(folder / f"results/quick/tables/{table}.csv") for folder in (project.folder, alone.folder)

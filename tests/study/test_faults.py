@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 
 pytestmark = pytest.mark.full
-METHODS = "methods=[no_change,fem_sliding,pinnochio,pinnochio_plus]"
-STUDY = ["--configfile", "config/quick.yaml", "--config", METHODS, "ablation=[]", "virtual={patients: 4}"]
+STUDY = ["--configfile", "config/quick.yaml", "own.yaml"]
+OWN = "methods: [no_change, fem_sliding, pinnochio, pinnochio_plus]\nablation: []\nvirtual: {patients: 4}\n"
 # Scripts in the order in which the study comes to them.
 STAGES = [
     "virtual_patient",
@@ -61,18 +61,20 @@ def killed_in(project, script: str) -> bool:
 
 
 def test_a_study_killed_in_every_stage_ends_as_an_unbroken_one(project, tmp_path_factory):
-    missed = []
+    alone, missed = type(project)(tmp_path_factory.mktemp("alone")), []
+    for copy in (project, alone):
+        (copy.folder / "own.yaml").write_text(OWN)
     for script in STAGES:
         if not killed_in(project, script):
             missed.append(script)
         assert project.snakemake("--unlock", *STUDY).returncode == 0
     assert not missed
-    project.quick(*STUDY[2:])
+    done = project.snakemake(*STUDY)
+    assert done.returncode == 0, done.stdout[-3000:]
     left = [path for path in (project.folder / "results/quick").rglob(".*") if path.is_file()]
     assert not [path for path in left if re.match(r"\.\d+\.", path.name)], "half-written files are left"
 
-    alone = type(project)(tmp_path_factory.mktemp("alone"))
-    alone.quick(*STUDY[2:])
+    assert alone.snakemake(*STUDY).returncode == 0
     for table in ("cases", "accuracy"):
         own, expected = (
             pd.read_csv(folder / f"results/quick/tables/{table}.csv") for folder in (project.folder, alone.folder)
@@ -83,14 +85,10 @@ def test_a_study_killed_in_every_stage_ends_as_an_unbroken_one(project, tmp_path
 
 def test_two_studies_in_two_result_folders_do_not_disturb_each_other(project, tmp_path_factory):
     """Side by side from one copy of the project; each ends with the tables of one that ran alone."""
-    options = ["--configfile", "config/quick.yaml", "--nolock"]
-    small = [
-        "methods=[no_change,fem_bonded]",
-        "reference=fem_bonded",
-        "ablation=[]",
-        "virtual={patients: 2}",
-        "folds=2",
-    ]
+    options, alone = [*STUDY, "--nolock"], type(project)(tmp_path_factory.mktemp("alone"))
+    small = ["methods=[no_change,fem_bonded]", "reference=fem_bonded"]
+    for copy in (project, alone):
+        (copy.folder / "own.yaml").write_text(OWN)
     runs = [
         subprocess.Popen(
             [sys.executable, "-m", "snakemake", "--cores", "1", *options, "--config", *small, f"seed={seed}",
@@ -101,7 +99,6 @@ def test_two_studies_in_two_result_folders_do_not_disturb_each_other(project, tm
     ]  # fmt: skip
     said = [run.communicate()[0] for run in runs]
     assert [run.returncode for run in runs] == [0, 0], said[0][-2000:] + said[1][-2000:]
-    alone = type(project)(tmp_path_factory.mktemp("alone"))
     done = alone.snakemake(*options, "--config", *small, "seed=2", "pathvars={results: results/2}")
     assert done.returncode == 0, done.stdout[-2000:]
     own, expected = (pd.read_csv(folder / "results/2/tables/cases.csv") for folder in (project.folder, alone.folder))

@@ -127,10 +127,13 @@ def test_a_tradeoff_of_one_patient_is_refused(project):
     write_cohort(project, SCANNED[:3], UNSCANNED)
     done = project.snakemake("-n", "--config", "cohort=cases.tsv", "folds=3", "--", "tradeoff")
     assert done.returncode != 0 and "the trade-off wants two" in done.stdout
+
+
 @pytest.mark.parametrize("scanned", [SCANNED, []])
 def test_scaling_asks_for_every_size_and_for_the_stages_of_the_first_patients(project, scanned):
     write_cohort(project, scanned, UNSCANNED)
-    jobs, _ = asked(project, "scaling={nodes: [500, 900], patients: [3, 7]}", "--", "scaling")
+    (project.folder / "own.yaml").write_text("scaling: {nodes: [500, 900], patients: [3, 7]}")
+    jobs, _ = asked(project, "--configfile", "own.yaml", "--", "scaling")
     assert {"tables/scaling.md", "figures/scaling.png", "figures/scaling.svg", "scaling/500.csv"} <= set(jobs)
     cases = [*scanned, *UNSCANNED][:7]
     sources = jobs["tables/scaling.csv"]
@@ -143,7 +146,10 @@ def test_scaling_asks_for_every_size_and_for_the_stages_of_the_first_patients(pr
     assert len(networks) == (2 if scanned else 0)
     for network in networks:
         assert cases[0] not in cases_read(jobs[network], "model.h5")
+
+
 def test_a_scene_serves_finite_elements_and_leaves_the_networks_the_whole_patient(project):
+    write_cohort(project, SCANNED, UNSCANNED)
     jobs, _ = asked(project, "scene={mode: auto}")
     reduced = ("fem_bonded", "fem_sliding", "elastic")
     for method in (*reduced, "pinnochio", "no_change", "fem_rlse"):
