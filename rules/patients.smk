@@ -353,6 +353,7 @@ rule certify:
         runtime=10,
     params:
         corrections=lambda wildcards: CHOICE.corrections,
+        expected=lambda wildcards: CHOICE.expected,
         archive=lambda wildcards: CHOICE.folder,
         fem=chosen("fem"),
         code=code_of("anatomy", "meshing", "mechanics", "networks", "training"),

@@ -28,7 +28,8 @@ def certify(
 ) -> None:
     """Write the certificate as JSON.
 
-    about: case, plan (its name), method, corrections, code. folder: the archive of a learned method, else None.
+    about: case, plan (its name), method, corrections, expected (of a choice from the front), code. folder: the archive
+    of a learned method, else None.
     """
     patient, planned = PatientModel.read(model), Plan.read(plan, about["case"])
     found = read_result(result, about["case"], patient)
@@ -50,7 +51,7 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     named = {name: snakemake.wildcards[name] for name in ("case", "plan", "method")}
     certify(
-        named | {"corrections": snakemake.params.corrections, "code": snakemake.params.code},
+        named | {name: snakemake.params[name] for name in ("corrections", "expected", "code")},
         snakemake.input.model,
         snakemake.input.plan,
         snakemake.input.quality,

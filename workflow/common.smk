@@ -93,7 +93,18 @@ PACKED = [
 PATIENTS = read_patients(config["patient"]) if config["patient"] else {}
 PLANS = sorted({plan for patient in PATIENTS.values() for plan in patient.plans})
 # Asked for with a new patient alone: a study needs no archive.
-CHOICE = choose(config, config["models"] or f"{RESULTS}/archive") if PATIENTS else None
+FRONT = config["predict"]["front"] or f"{RESULTS}/tables/tradeoff.csv"
+CHOICE = (
+    choose(config, config["models"] or f"{RESULTS}/archive", FRONT)
+    if PATIENTS
+    else None
+)
+if CHOICE and CHOICE.expected and workflow.is_main_process:
+    logger.info(
+        "Chosen from the measured front: {setting}, {seconds:.3g} s per plan ({seconds_max:.3g} s on the slowest of "
+        "{patients} patients); to expect: {cd:.2f} mm from the outcome, {face_error:.2f} mm from the reference "
+        "solution in the mean.".format(**CHOICE.expected)
+    )
 BETTER = SCANNED and config["design"]["base"] in METHODS
 # The trade-off measures held-out patients of the first fold.
 TRADEOFF = config["tradeoff"]

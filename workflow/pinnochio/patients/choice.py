@@ -1,12 +1,14 @@
 """What predicts a new patient: the one place where method, corrections and models are chosen."""
 
+import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pinnochio.errors import InputError
 from pinnochio.patients.archive import MANIFEST, RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
+from pinnochio.study import overlaid
 
 WITHOUT_MODELS = ("elastic", "fem_bonded", "fem_sliding")
 
@@ -17,6 +19,7 @@ class Choice:
 
     Of a learned method also lift, the kind that its network wants; the archive and its folder; networks, one of each
     fold in the order of archive.folds; calibration. These are plain files: no rule makes them.
+    expected: what was asked of the measured front, the setting that it offered, and the seconds and errors to expect.
     """
 
     method: str
@@ -27,6 +30,7 @@ class Choice:
     folder: str | None = None
     networks: Sequence[str] = ()
     calibration: str | None = None
+    expected: Mapping[str, object] | None = None
 
     @property
     def files(self) -> list[str]:
@@ -35,17 +39,56 @@ class Choice:
         return [str(Path(self.folder) / name) for name in named] if self.folder else []
 
 
-def choose(config: Mapping, models: str | os.PathLike) -> Choice:
-    """The choice of a configuration; models: folder of the archive.
+def choose(config: Mapping, models: str | os.PathLike, front: str | os.PathLike) -> Choice:
+    """The choice of a configuration; models: folder of the archive; front: the measured trade-off, tradeoff.csv.
 
-    A learned method is used as it was trained: with the settings of the archive, not with those of `config`.
-    InputError where the archive is missing, lacks the method or was trained with other segments.
+    With a budget or a tolerance in `predict` the front offers the setting, else it is predict.method as in the study. A
+    learned method is used as it was trained: with the settings of the archive, not with those of `config`.
+    InputError where the archive is missing, lacks the method or was trained with other segments, where there is no
+    front, or where nothing on it keeps what is asked.
     """
-    method = config["predict"]["method"]
+    # Absolute, so that no rule of the study makes these files: a prediction never starts a training.
+    folder, wanted = Path(models).resolve(), config["predict"]
+    if wanted["budget_seconds"] or wanted["tolerance_mm"]:
+        return _offered(config, folder, front)
+    return _as_in_the_study(config, folder, wanted["method"])
+
+
+def _offered(config: Mapping, folder: Path, front: str | os.PathLike) -> Choice:
+    """What the front offers among the methods that need no models and those of the archive, if there is one."""
+    from pinnochio.evaluation.tables import read_table  # these take a second, which other choices are spared
+    from pinnochio.tradeoff.choice import choose as best
+    from pinnochio.tradeoff.table import TRADEOFF
+
+    if not Path(front).is_file():
+        raise InputError(
+            "-",
+            front,
+            "there is no measured front to choose from",
+            "measure it (snakemake tradeoff) or name it in predict.front; or ask for neither budget nor tolerance",
+        )
+    frame = read_table(front, TRADEOFF)
+    archive = Archive.read(folder) if (folder / MANIFEST).is_file() else None
+    method = frame["recipe"].map(lambda text: json.loads(text)["method"] if text else "")
+    learned = method.isin(list(archive.methods) if archive else [])
+    frame["recipe"] = frame["recipe"].where(learned | method.isin(WITHOUT_MODELS), "")
+    # The networks of all folds predict a new patient; the front was measured with one.
+    times = ["seconds", "seconds_max"]
+    frame.loc[learned, times] *= len(archive.folds) if archive else 1
+    asked = {name: config["predict"][name] or None for name in ("budget_seconds", "tolerance_mm")}
+    row = best(frame, **asked)
+    recipe = json.loads(row["recipe"])
+    own = _as_in_the_study(config, folder, recipe["method"])
+    expected = {name: limit for name, limit in asked.items() if limit}
+    expected |= {"setting": f"{row['method']}, {row['dial']} {row['value']}", "patients": int(row["n"])}
+    expected |= {name: float(row[name]) for name in (*times, "cd", "face_error")}
+    settings = overlaid(own.settings, {"mesh": {"nodes": recipe["nodes"]}, "fem": recipe["fem"]})
+    return replace(own, settings=settings, corrections=recipe["corrections"] or 0, expected=expected)
+
+
+def _as_in_the_study(config: Mapping, folder: Path, method: str) -> Choice:
     if method in WITHOUT_MODELS:
         return Choice(method, {name: config[name] for name in READ_BY_NETWORKS})
-    # Absolute, so that no rule of the study makes these files: a prediction never starts a training.
-    folder = Path(models).resolve()
     archive = Archive.read(folder)
     if method not in archive.methods:
         raise InputError(

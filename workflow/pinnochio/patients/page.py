@@ -35,6 +35,10 @@ details { margin: 1em 0 } summary { cursor: pointer; font-weight: bold }
 {%- if c.models %}, the mean of {{ c.models.folds }} models trained on {{ c.models.patients }} patients of the
 {{ c.models.cohort }}{% endif %}
 {%- if c.corrections %}; {{ c.corrections }} Newton correction{{ "s" if c.corrections > 1 }}{% endif %}.
+{%- if c.expected %} Chosen from the measured trade-off: {{ c.expected.setting }}. To expect, by
+{{ c.expected.patients }} patients: {{ number(c.expected.seconds) }} s per plan (at most
+{{ number(c.expected.seconds_max) }} s), {{ number(c.expected.cd) }} mm from the outcome,
+{{ number(c.expected.face_error) }} mm from finite elements on a fine mesh.{% endif %}
 <b>{{ c.research }}</b></p>
 <div class="box {{ 'fine' if fine }}">{{ verdict }}</div>
 {% for title, picture, words in pictures -%}
