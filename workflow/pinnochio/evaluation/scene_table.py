@@ -5,7 +5,8 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from pinnochio.evaluation.tables import Block, Column, View, check, count, number, write_csv, write_twins
+from pinnochio.evaluation.accuracy import count
+from pinnochio.evaluation.tables import Block, Column, View, check, number, write_csv, write_twins
 
 ERROR = ".4f"
 
