@@ -77,7 +77,6 @@ rule tabulate_scaling:
         mem_mb=1000,
         runtime=5,
     params:
-        results=RESULTS,
         benchmarks=BENCHMARKS,
         held_out=HELD_OUT,
         training={
