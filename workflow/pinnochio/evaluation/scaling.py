@@ -122,8 +122,8 @@ def write_scaling(
     rows = [dict(zip(("stage", "against", "quantity"), key, strict=True)) | vars(g) for key, g in grown.items()]
     write_csv(pd.DataFrame(rows), paths["exponents"], EXPONENTS)
     caption = (
-        f"Cost of the stages against the nodes of the mesh; {name}, one patient, one thread, every stage in a process "
-        "of its own, whose start is not counted. Fitted: constant + c nodes^exponent, with the 95% interval of the "
+        f"Cost of the stages against the nodes of the mesh; {name}, one patient, one OpenMP thread, every stage in a "
+        "process of its own, whose start is not counted. Fitted: constant + c nodes^exponent, with the 95% interval of the "
         "exponent. A job writes files; a plan is solved by finite elements from rest, or predicted warm by a trained "
         "network; a step trains on one patient under one plan."
     )
