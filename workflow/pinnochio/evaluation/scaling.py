@@ -124,8 +124,8 @@ def write_scaling(
     caption = (
         f"Cost of the stages against the nodes of the mesh; {name}, one patient, one OpenMP thread, every stage in a "
         "process of its own, whose start is not counted. Fitted: constant + c nodes^exponent, with the 95% interval of "
-        "the exponent. A job writes files; a plan is solved by finite elements from rest, or predicted warm by a trained "
-        "network; a step trains on one patient under one plan."
+        "the exponent. A job writes files; a plan is solved by finite elements from rest, or predicted warm by a "
+        "trained network; a step trains on one patient under one plan."
     )
     memory = f"The most that the process of a stage held; {name}. The constant is mostly libraries."
     added = (
