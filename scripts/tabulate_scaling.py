@@ -44,7 +44,7 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     tabulate_scaling(
         snakemake.input.sizes,
-        snakemake.params.results,
+        str(Path(snakemake.output.scaling).parents[1]),
         snakemake.params.benchmarks,
         snakemake.params.held_out,
         snakemake.params.training,

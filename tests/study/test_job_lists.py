@@ -132,8 +132,8 @@ def test_a_tradeoff_of_one_patient_is_refused(project):
 @pytest.mark.parametrize("scanned", [SCANNED, []])
 def test_scaling_asks_for_every_size_and_for_the_stages_of_the_first_patients(project, scanned):
     write_cohort(project, scanned, UNSCANNED)
-    (project.folder / "own.yaml").write_text("scaling: {nodes: [500, 900], patients: [3, 7]}")
-    jobs, _ = asked(project, "--configfile", "own.yaml", "--", "scaling")
+    (project.folder / "sizes.yaml").write_text("scaling: {nodes: [500, 900], patients: [3, 7]}\n")
+    jobs, _ = asked(project, "--configfile", "sizes.yaml", "--", "scaling")
     assert {"tables/scaling.md", "figures/scaling.png", "figures/scaling.svg", "scaling/500.csv"} <= set(jobs)
     cases = [*scanned, *UNSCANNED][:7]
     sources = jobs["tables/scaling.csv"]

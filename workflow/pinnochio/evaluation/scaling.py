@@ -39,7 +39,7 @@ PATIENTS = (
 EXPONENTS = (
     Column("stage", str, "", "as in the other tables"),
     Column("against", str, "", "nodes or patients"),
-    Column("quantity", str, "", "seconds or memory"),
+    Column("quantity", str, "", "seconds, cpu_seconds or memory"),
     Column("points", int, "", "sizes that were measured"),
     number("largest", "", "largest of them", ".0f"),
     number("constant", "s or MB", "what does not grow"),
@@ -47,7 +47,8 @@ EXPONENTS = (
     number("exponent", "", "exponent of what grows"),
     number("error", "", "half-width of its 95% interval"),
 )
-QUANTITIES = ("seconds", "memory")
+QUANTITIES = ("seconds", "cpu_seconds", "memory")
+ALONE = 0.8  # least share of a stage's time that the processor works if nothing else runs on the machine
 # Rules of the study that have a job for each patient.
 PATIENT_STAGES = (
     *("virtual_patient", "virtual_outcome", "import_segmentation", "register_postop", "tetrahedralize"),
@@ -121,10 +122,10 @@ def write_scaling(
     rows = [dict(zip(("stage", "against", "quantity"), key, strict=True)) | vars(g) for key, g in grown.items()]
     write_csv(pd.DataFrame(rows), paths["exponents"], EXPONENTS)
     caption = (
-        f"Cost of the stages against the nodes of the mesh; {name}, one patient, one thread, every stage in a process "
-        "of its own, whose start is not counted. Fitted: constant + c nodes^exponent, with the 95% interval of the "
-        "exponent. A job writes files; a plan is solved by finite elements from rest, or predicted warm by a trained "
-        "network; a step trains on one patient under one plan."
+        f"Cost of the stages against the nodes of the mesh; {name}, one patient, one OpenMP thread, every stage in a "
+        "process of its own, whose start is not counted. Fitted: constant + c nodes^exponent, with the 95% interval of "
+        "the exponent. A job writes files; a plan is solved by finite elements from rest, or predicted warm by a "
+        "trained network; a step trains on one patient under one plan."
     )
     memory = f"The most that the process of a stage held; {name}. The constant is mostly libraries."
     added = (
@@ -138,6 +139,12 @@ def write_scaling(
     ]
     failed = sizes[sizes["outcome"] != DONE]
     said = [f"No number: {row.stage} at {row.target:,} nodes: {row.outcome}." for row in failed.itertuples()]
+    shares = (sizes["cpu_seconds"] / sizes["seconds"]).dropna()
+    if disturbed := int((shares < ALONE).sum()):
+        said.append(
+            f"Other work shared the machine: in {disturbed} of {len(shares)} measurements the processor worked less "
+            f"than {ALONE:.0%} of the seconds, {shares.min():.0%} at least. Read the exponents of CPU seconds there."
+        )
     frame, view = _pivot(sizes, "seconds", grown)
     write_twins(frame, paths["scaling"], view, caption, SCALING, further, [*said, *paragraphs])
 
@@ -171,6 +178,8 @@ def _pivot(sizes: pd.DataFrame, quantity: str, grown: Mapping) -> tuple[pd.DataF
         View("Constant", lambda row: _OF[quantity].text(growth(row).constant)),
         View("Exponent", lambda row: exponent(growth(row))),
     ]
+    if quantity == "seconds":
+        view.append(View("of CPU seconds", lambda row: exponent(grown[row["stage"], "nodes", "cpu_seconds"])))
     return sizes.drop_duplicates("stage")[["stage", "unit"]], view
 
 

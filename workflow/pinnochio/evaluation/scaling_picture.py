@@ -14,6 +14,7 @@ from pinnochio.files import replacing
 # Told apart by shape and line, not by colour alone.
 MARKS, LINES = "osD^vPX<>*", ("-", "--", "-.", ":")
 COLOURS = ("#1f4e79", "#b5541c", "#3c7d3c", "#7a4b94", "#8c6d1f", "#444444", "#b03060")
+LOOSE = 1.0  # half-width of an interval beyond which its exponent says nothing
 PANELS = (("seconds", "seconds of a job, a plan or a step"), ("memory", "most memory held, MB"))
 
 
@@ -27,7 +28,9 @@ def scaling_picture(sizes: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> 
             own = own.dropna(subset=[quantity])
             colour, line = COLOURS[number % len(COLOURS)], LINES[number % len(LINES)]
             text = f"{stage}, per {own['unit'].iloc[0]}" if len(own) else stage
-            power = f": $n^{{{growth.exponent:.2f}}}$" if exponent(growth) else ""
+            power = ": not determined"
+            if growth.error <= LOOSE:
+                power = f": $n^{{{growth.exponent:.2f}\\pm{growth.error:.2f}}}$"
             style = {"color": colour, "marker": MARKS[number % len(MARKS)], "markersize": 5.5}
             axes.plot(own["nodes"], own[quantity], linestyle="none", **style)
             if exponent(growth):
