@@ -25,9 +25,9 @@ class Amplitude:
     factor: tuple[int, int, int]
     shape: tuple[int, int, int]
 
-    def region(self, limit: float) -> np.ndarray:
-        """Voxels (bool) where the amplitude is above `limit` mm."""
-        return _fine(self.value > limit, self.factor)[tuple(slice(n) for n in self.shape)]
+    def voxels(self) -> np.ndarray:
+        """Amplitude (mm) of every voxel."""
+        return _fine(self.value, self.factor)[tuple(slice(n) for n in self.shape)]
 
     def at(self, points, spacing, origin) -> np.ndarray:
         """Amplitude (mm) of the block that holds each of the points (..., 3) mm."""
