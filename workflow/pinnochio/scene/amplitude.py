@@ -35,7 +35,7 @@ class Amplitude:
         return self.value[tuple(np.moveaxis(voxel // self.factor, -1, 0))]
 
 
-def amplitude(labels, spacing, origin, segments, plan: Plan, moving, pairs, band_mm: float, release_mm: float):
+def amplitude(labels, spacing, origin, segments, plan: Plan, moving, pairs, band_mm, release_mm) -> Amplitude:
     """Amplitude of a plan: harmonic in tissue, on moving bone the length of its displacement, on all other bone and on
     the border of the volume zero.
 

@@ -115,8 +115,8 @@ def decide(
     decisions = {}
     for name, (wanted, reason) in named.items():
         asked = getattr(settings, name)
-        value = wanted if asked == "auto" else asked
-        decisions[name] = Decision(bool(value), "auto" if asked == "auto" else "hand", reason)
+        made, by = (wanted, "auto") if asked == "auto" else (asked, "hand")
+        decisions[name] = Decision(bool(made), by, reason)
     return {"segments": segments, **decisions}, field, limit
 
 
