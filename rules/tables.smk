@@ -208,6 +208,7 @@ rule provenance:
             "virtual",
             "meshing",
             "mechanics",
+            "scene",
             "networks",
             "training",
             "evaluation",

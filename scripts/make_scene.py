@@ -26,8 +26,9 @@ def make_scene(
     """
     patient, head = PatientModel.read(files["model"]), read_labels(files["labels"])
     plan = Plan.read(files["plan"], case)
-    decisions, field = decide(patient, head, plan, settings, fem, interfaces["sliding_band"], interfaces["release"])
-    made = reduced(patient, head, read_surface(files["skin"]), decisions, field, settings.amplitude, interfaces)
+    reach = interfaces["sliding_band"], interfaces["release"]
+    decisions, field, limit = decide(patient, head, plan, settings, fem, *reach)
+    made = reduced(patient, head, read_surface(files["skin"]), decisions, field, limit, interfaces)
     made.write(model)
     write_decisions(case, {"own": decisions}, scene)
 

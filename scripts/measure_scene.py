@@ -51,6 +51,7 @@ def measure_scene(
         cells = tetrahedralize(*grid, nodes, minimum_dihedral=mesh["minimum_dihedral"])
         full = label_interfaces(cells, *grid, segments, bone, skin, **thresholds)
         meshing = time.perf_counter() - start
+    reach = interfaces["sliding_band"], interfaces["release"]
     whole = Plan.read(files["plan"], case)
     chin = [index for index, name in enumerate(segments) if role(name) == "chin"]
     centre = bone.points[bone.segment == chin[0]].mean(axis=0) if chin else None
@@ -59,13 +60,13 @@ def measure_scene(
     for name, plan in parts(whole, centre).items():
         motion = np.linalg.norm(full.bone_displacement(plan), axis=1).max()
         start = time.perf_counter()
-        decided, field = decide(full, head, plan, settings, fem, interfaces["sliding_band"], interfaces["release"])
+        decided, field, limit = decide(full, head, plan, settings, fem, *reach)
         deciding = time.perf_counter() - start
         made[name], reference = decided, None
         for model in ("full", *REDUCTIONS, "auto"):
             decisions = decided if model == "auto" else only(model, decided)
             start = time.perf_counter()
-            patient = reduced(full, head, skin, decisions, field, settings.amplitude, interfaces)
+            patient = reduced(full, head, skin, decisions, field, limit, interfaces)
             reducing = time.perf_counter() - start
             own = [item for item in REDUCTIONS if decisions[item].value]
             graded = decisions["graded"].value

@@ -25,9 +25,9 @@ class Amplitude:
     factor: tuple[int, int, int]
     shape: tuple[int, int, int]
 
-    def region(self, limit: float) -> np.ndarray:
-        """Voxels (bool) where the amplitude is above `limit` mm."""
-        return _fine(self.value > limit, self.factor)[tuple(slice(n) for n in self.shape)]
+    def voxels(self) -> np.ndarray:
+        """Amplitude (mm) of every voxel."""
+        return _fine(self.value, self.factor)[tuple(slice(n) for n in self.shape)]
 
     def at(self, points, spacing, origin) -> np.ndarray:
         """Amplitude (mm) of the block that holds each of the points (..., 3) mm."""
@@ -35,7 +35,7 @@ class Amplitude:
         return self.value[tuple(np.moveaxis(voxel // self.factor, -1, 0))]
 
 
-def amplitude(labels, spacing, origin, segments, plan: Plan, moving, pairs, band_mm: float, release_mm: float):
+def amplitude(labels, spacing, origin, segments, plan: Plan, moving, pairs, band_mm, release_mm) -> Amplitude:
     """Amplitude of a plan: harmonic in tissue, on moving bone the length of its displacement, on all other bone and on
     the border of the volume zero.
 

@@ -31,6 +31,7 @@ def cropped(patient: m.PatientModel, wanted: np.ndarray) -> m.PatientModel:
     where it hangs on what is left out it stays.
     """
     driven = np.isin(patient.node_type, (m.MOVING, m.SLIDING))
+    driven[patient.cells[~wanted]] = False
     nodes = patient.cells[wanted]
     graph = sparse.csr_array(
         (np.ones(3 * len(nodes)), (np.repeat(nodes[:, 0], 3), nodes[:, 1:].ravel())), (len(driven),) * 2
@@ -53,7 +54,6 @@ def cropped(patient: m.PatientModel, wanted: np.ndarray) -> m.PatientModel:
         | {
             "cells": number[patient.cells[wanted]],
             "tissue": patient.tissue[wanted],
-            # Without a skin of its own the model carries its nodes; their triangles are numbered as its points are.
             "skin_nodes": number[patient.skin_nodes],
             "skin_weights": patient.skin_weights * kept[patient.skin_nodes],
         }
