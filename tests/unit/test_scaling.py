@@ -64,7 +64,7 @@ def test_a_sum_over_patients_needs_no_constant():
 
 def test_a_call_is_measured_in_its_own_process():
     found = measure("measured_calls:hold", {"megabytes": 200, "seconds": 0.3}, 600)
-    assert found.outcome == DONE and found.seconds >= 0.3 > found.cpu_seconds
+    assert found.outcome == DONE and found.seconds - found.cpu_seconds > 0.25  # it sleeps
     small = measure("measured_calls:hold", {"megabytes": 0, "seconds": 0}, 600)
     assert found.memory - small.memory == pytest.approx(200, rel=0.1) and found.start_seconds > 0.1
 

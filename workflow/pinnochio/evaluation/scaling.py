@@ -24,7 +24,7 @@ SCALING = (
     number("cpu_seconds", "s", "processor time of it"),
     number("start_seconds", "s", "until the process and its modules were there"),
     _amount("memory", "MB", "the most that the process held"),
-    _amount("written", "MB", "size of the files that it wrote"),
+    number("written", "MB", "size of the files that it wrote", ".3f"),
     Column("outcome", str, "", f"{DONE}, or why there is no number"),
 )
 PATIENTS = (
