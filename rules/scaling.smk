@@ -22,8 +22,6 @@ rule measure_scaling:
         "<logs>/measure_scaling/{nodes}.log",
     benchmark:
         "<benchmarks>/measure_scaling/{nodes}.tsv"
-    wildcard_constraints:
-        nodes=r"\d+",
     conda:
         "../envs/pinnochio.yaml"
     threads: workflow.cores

@@ -1,10 +1,12 @@
 """The real workflow, run in a temporary copy of the project."""
 
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,6 +35,26 @@ class Project:
             text=True,
             check=False,
         )
+
+    def start(self, *arguments: str, **options) -> subprocess.Popen:
+        """Begin to run Snakemake; its output, both streams, goes to `said.txt` of the folder."""
+        with open(self.folder / "said.txt", "w", encoding="utf-8") as said:
+            return subprocess.Popen(
+                [sys.executable, "-m", "snakemake", *arguments],
+                cwd=self.folder,
+                stdout=said,
+                stderr=subprocess.STDOUT,
+                **options,
+            )
+
+    @property
+    def said(self) -> str:
+        return (self.folder / "said.txt").read_text(encoding="utf-8")
+
+    def repeatable(self, table: str) -> pd.DataFrame:
+        """A table, named by its path below `results`, without the columns that differ from run to run."""
+        frame = pd.read_csv(self.folder / "results" / table)
+        return frame[[column for column in frame if not re.search(r"seconds|threads", column)]]
 
     def quick(self, *arguments: str) -> str:
         """Run the quick study; returns the output, fails if Snakemake does."""

@@ -4,7 +4,6 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -20,7 +19,6 @@ pytestmark = [
 ]
 STUDY = ["--configfile", "config/quick.yaml", "own.yaml"]
 OWN = "methods: [no_change, fem_sliding, pinnochio]\nablation: []\npretraining: {steps: 250}\n"
-TIMINGS = re.compile(r"seconds|threads")
 
 
 @pytest.fixture(scope="module")
@@ -43,23 +41,14 @@ def test_the_quick_study_through_sbatch_with_a_job_killed(slurm, project, tmp_pa
         (copy.folder / "own.yaml").write_text(OWN)
     arguments = ["--workflow-profile", "profiles/slurm", "--cores", "2", "--slurm-status-command", "squeue"]
     arguments += ["--slurm-init-seconds-before-status-checks", "2", "--seconds-between-status-checks", "2"]
-    with open(project.folder / "said.txt", "w") as said:
-        run = subprocess.Popen(
-            [sys.executable, "-m", "snakemake", *arguments, *STUDY],
-            cwd=project.folder,
-            stdout=said,
-            stderr=subprocess.STDOUT,
-        )
-        checkpoint = results / "folds/1/pinnochio/pretrained.resume.pt"
-        while run.poll() is None and not checkpoint.exists():
-            time.sleep(0.5)
-        own = [job["JobId"] for job in jobs() if job["JobState"] == "RUNNING" and "pretrain" in job["Comment"]]
-        for job in own:
-            subprocess.run(["scancel", "--full", "--signal=KILL", job], check=True)
-        run.wait()
-    said = (project.folder / "said.txt").read_text()
-    assert run.returncode == 0, said[-3000:]
-    assert own and "Error in rule pretrain" in said and "Trying to restart" in said
+    run, checkpoint = project.start(*arguments, *STUDY), results / "folds/1/pinnochio/pretrained.resume.pt"
+    while run.poll() is None and not checkpoint.exists():
+        time.sleep(0.5)
+    own = [job["JobId"] for job in jobs() if job["JobState"] == "RUNNING" and "pretrain" in job["Comment"]]
+    for job in own:
+        subprocess.run(["scancel", "--full", "--signal=KILL", job], check=True)
+    assert run.wait() == 0, project.said[-3000:]
+    assert own and "Error in rule pretrain" in project.said and "Trying to restart" in project.said
     logs = "".join(path.read_text() for path in (results / "logs/pretrain").glob("*.log"))
     assert "resumed at step" in logs
 
@@ -72,8 +61,5 @@ def test_the_quick_study_through_sbatch_with_a_job_killed(slurm, project, tmp_pa
 
     assert alone.snakemake(*STUDY).returncode == 0
     for table in ("cases", "accuracy"):
-        own, expected = (
-            pd.read_csv(folder / f"results/quick/tables/{table}.csv") for folder in (project.folder, alone.folder)
-        )
-        kept = [column for column in own if not TIMINGS.search(column)]
-        pd.testing.assert_frame_equal(own[kept], expected[kept])
+        own, expected = (study.repeatable(f"quick/tables/{table}.csv") for study in (project, alone))
+        pd.testing.assert_frame_equal(own, expected)

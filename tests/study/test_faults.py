@@ -25,7 +25,6 @@ STAGES = [
 ]
 STAGES += ["label_interfaces", "simulate_fem", "make_lift", "pretrain", "finetune", "predict_network", "evaluate"]
 STAGES += ["collect_cases", "compare_methods"]
-TIMINGS = re.compile(r"seconds|threads")
 
 
 def running(project, script: str) -> bool:
@@ -42,21 +41,14 @@ def running(project, script: str) -> bool:
 
 def killed_in(project, script: str) -> bool:
     """Run the study until a job runs the script, then kill all of it; False if the study ended before."""
-    with open(project.folder / "said.txt", "w") as said:
-        run = subprocess.Popen(
-            [sys.executable, "-m", "snakemake", "--cores", "2", *STUDY],
-            cwd=project.folder,
-            stdout=said,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        while run.poll() is None:
-            if running(project, script):
-                time.sleep(1.0)  # into its work
-                os.killpg(run.pid, signal.SIGKILL)
-                run.wait()
-                return True
-            time.sleep(0.02)
+    run = project.start("--cores", "2", *STUDY, start_new_session=True)
+    while run.poll() is None:
+        if running(project, script):
+            time.sleep(1.0)  # into its work
+            os.killpg(run.pid, signal.SIGKILL)
+            run.wait()
+            return True
+        time.sleep(0.02)
     return False
 
 
@@ -76,11 +68,8 @@ def test_a_study_killed_in_every_stage_ends_as_an_unbroken_one(project, tmp_path
 
     assert alone.snakemake(*STUDY).returncode == 0
     for table in ("cases", "accuracy"):
-        own, expected = (
-            pd.read_csv(folder / f"results/quick/tables/{table}.csv") for folder in (project.folder, alone.folder)
-        )
-        kept = [column for column in own if not TIMINGS.search(column)]
-        pd.testing.assert_frame_equal(own[kept], expected[kept])
+        own, expected = (study.repeatable(f"quick/tables/{table}.csv") for study in (project, alone))
+        pd.testing.assert_frame_equal(own, expected)
 
 
 def test_two_studies_in_two_result_folders_do_not_disturb_each_other(project, tmp_path_factory):
@@ -101,8 +90,6 @@ def test_two_studies_in_two_result_folders_do_not_disturb_each_other(project, tm
     assert [run.returncode for run in runs] == [0, 0], said[0][-2000:] + said[1][-2000:]
     done = alone.snakemake(*options, "--config", *small, "seed=2", "pathvars={results: results/2}")
     assert done.returncode == 0, done.stdout[-2000:]
-    own, expected = (pd.read_csv(folder / "results/2/tables/cases.csv") for folder in (project.folder, alone.folder))
-    kept = [column for column in own if not TIMINGS.search(column)]
-    pd.testing.assert_frame_equal(own[kept], expected[kept])
-    other = pd.read_csv(project.folder / "results/1/tables/cases.csv")
-    assert not own["cd"].equals(other["cd"])
+    own, expected = (study.repeatable("2/tables/cases.csv") for study in (project, alone))
+    pd.testing.assert_frame_equal(own, expected)
+    assert not own["cd"].equals(project.repeatable("1/tables/cases.csv")["cd"])

@@ -10,7 +10,7 @@ from pinnochio.anatomy.rigid import RigidMotion
 from pinnochio.errors import InputError
 from pinnochio.evaluation.tables import check
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.tradeoff.choice import SAFETY, check_choices, choose
+from pinnochio.tradeoff.choice import SAFETY, check_choices, choose_setting
 from pinnochio.tradeoff.dials import Setting, as_in_the_study, fem_settings, network_settings
 from pinnochio.tradeoff.measure import Reference, judge, predict_fem
 from pinnochio.tradeoff.picture import tradeoff_picture
@@ -82,18 +82,18 @@ def test_the_three_questions_are_answered_from_the_rows():
 
 def test_a_choice_keeps_the_budget_with_a_margin_on_every_patient():
     frame = summarise(rows())
-    assert choose(frame, budget_seconds=SAFETY * 0.56)["value"] == "2"  # 0.5 s took 0.55 on patient B
-    assert choose(frame, budget_seconds=SAFETY * 0.54)["value"] == "1"
-    assert choose(frame, tolerance_mm=0.21)["seconds"] == pytest.approx(0.2)
-    assert choose(frame, budget_seconds=100, tolerance_mm=0.05)["method"] == "slow"
-    assert choose(frame, tolerance_mm=0.35)["method"] == "middle"  # `bad` cannot be repeated
+    assert choose_setting(frame, budget_seconds=SAFETY * 0.56)["value"] == "2"  # 0.5 s took 0.55 on patient B
+    assert choose_setting(frame, budget_seconds=SAFETY * 0.54)["value"] == "1"
+    assert choose_setting(frame, tolerance_mm=0.21)["seconds"] == pytest.approx(0.2)
+    assert choose_setting(frame, budget_seconds=100, tolerance_mm=0.05)["method"] == "slow"
+    assert choose_setting(frame, tolerance_mm=0.35)["method"] == "middle"  # `bad` cannot be repeated
 
 
 def test_an_impossible_wish_is_told_what_is_possible():
     with pytest.raises(InputError, match="budget_seconds 0.001.*ask for 0.017 s or more"):
-        choose(summarise(rows()), budget_seconds=1e-3)
+        choose_setting(summarise(rows()), budget_seconds=1e-3)
     with pytest.raises(InputError, match="tolerance_mm 0.01"):
-        choose(summarise(rows()), budget_seconds=1, tolerance_mm=0.01)
+        choose_setting(summarise(rows()), budget_seconds=1, tolerance_mm=0.01)
 
 
 def test_choices_are_tried_on_patients_that_the_front_does_not_know():

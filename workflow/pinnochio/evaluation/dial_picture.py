@@ -5,9 +5,8 @@ from itertools import cycle
 
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from pinnochio.files import replacing
+from pinnochio.evaluation.figures import add_grid, label_log, save_figure
 
 # Told apart by shape and line, not by colour alone.
 STYLES = (("o", "-", "#1f4e79"), ("s", "--", "#b5541c"), ("^", ":", "#3c7d3c"), ("D", "-.", "#7a4b94"))
@@ -35,14 +34,10 @@ def dial_picture(frame: pd.DataFrame, path: str | os.PathLike) -> None:
                 )
         axes.set_xscale("log")
         axes.set_yscale("log" if logarithmic else "linear")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axes.xaxis.set_minor_formatter(NullFormatter())
+        label_log(axes.xaxis)
         axes.set_xlabel("seconds of network and corrections")
         axes.set_ylabel(label)
-        axes.grid(color="#dddddd", linewidth=0.6)
-        axes.set_axisbelow(True)
+        add_grid(axes)
         axes.margins(0.1, 0.15)
     panels[0].legend(frameon=False, loc="lower left")
-    with replacing(path) as temporary:
-        figure.savefig(temporary, metadata={"Software": None})
+    save_figure(figure, path)

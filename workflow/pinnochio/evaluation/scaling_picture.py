@@ -6,10 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from pinnochio.evaluation.figures import add_grid, label_log, save_figure
 from pinnochio.evaluation.scaling import exponent, size_growths
-from pinnochio.files import replacing
 
 # Told apart by shape and line, not by colour alone.
 MARKS, LINES = "osD^vPX<>*", ("-", "--", "-.", ":")
@@ -40,17 +39,13 @@ def scaling_picture(sizes: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> 
         axes.set_xscale("log")
         axes.set_yscale("log")
         for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axis.set_major_formatter(StrMethodFormatter("{x:,g}"))
-            axis.set_minor_formatter(NullFormatter())
+            label_log(axis, form="{x:,g}")
         axes.set_xlabel("nodes of the mesh, n")
         axes.set_ylabel(label)
-        axes.grid(color="#dddddd", linewidth=0.6)
-        axes.set_axisbelow(True)
+        add_grid(axes)
         axes.legend(
             frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(0, -0.1), handlelength=3.4,
             title="marks: measured; lines: constant + power of n", title_fontsize=9, alignment="left",
         )  # fmt: skip
     for path in paths:
-        with replacing(path) as temporary:
-            figure.savefig(temporary, metadata={"Date": None} if str(path).endswith("svg") else {"Software": None})
+        save_figure(figure, path)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from pinnochio.evaluation.accuracy import count
-from pinnochio.evaluation.tables import Block, Column, View, check, number, write_csv, write_twins
+from pinnochio.evaluation.tables import Block, Column, check, number, views, write_csv, write_twins
 
 ERROR = ".4f"
 
@@ -71,12 +71,6 @@ def summarise(trials: pd.DataFrame) -> pd.DataFrame:
 def write_scenes(trials: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
     """Write scene.csv, one row per plan and model, and its twins, which hold the patients' rows below."""
     frame = write_csv(summarise(trials), path, SCENES)
-    columns = {column.name: column for column in SCENES}
-    one = {column.name: column for column in TRIALS}
-
-    def views(names: dict[str, str], schema) -> list[View]:
-        return [View(header, lambda row, name=name: schema[name].text(row[name])) for name, header in names.items()]
-
     headers = {
         "plan": "Plan",
         "model": "Model",
@@ -101,6 +95,7 @@ def write_scenes(trials: pd.DataFrame, path: str | os.PathLike, cohort: str = "v
     single = Block(
         trials,
         views(
+            TRIALS,
             {
                 "case": "Patient",
                 "plan": "Plan",
@@ -114,12 +109,11 @@ def write_scenes(trials: pd.DataFrame, path: str | os.PathLike, cohort: str = "v
                 "solve_seconds": "Solve s",
                 "converged": "Converged",
             },
-            one,
         ),
         f"The same, patient by patient, {cohort}.",
         "Patients",
     )
-    write_twins(frame, path, views(headers, columns), caption, SCENES, [single])
+    write_twins(frame, path, views(SCENES, headers), caption, SCENES, [single])
 
 
 def collect(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:

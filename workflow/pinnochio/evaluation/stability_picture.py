@@ -8,9 +8,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from pinnochio.evaluation.figures import save_figure
 from pinnochio.evaluation.stability import METHODS, label
 from pinnochio.evaluation.stability_judge import CLEAN, CONVERGED, WRONG
-from pinnochio.files import replacing
 
 COLOURS = {CONVERGED: "#cfe8cf", CLEAN: "#f7d58b", WRONG: "#e06c60"}
 ABSENT = "#eeeeee"
@@ -77,8 +77,7 @@ def stability_picture(frame: pd.DataFrame, path: str | os.PathLike) -> None:
         "Text: least J of the state and exponent of the residual (loss: of its largest error, at a raw state).\n"
         "The elastic path is linear and may turn elements inside out."
     )
-    with replacing(path) as temporary:
-        figure.savefig(temporary, metadata={"Software": None})
+    save_figure(figure, path)
 
 
 def text_of(cell) -> str:

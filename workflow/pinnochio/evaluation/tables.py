@@ -2,7 +2,7 @@
 
 import html
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -166,7 +166,7 @@ def write_csv(frame: pd.DataFrame, path: str | os.PathLike, schema: Sequence[Col
 def write_cases(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
     """Write cases.csv, sorted by case and method, and its twins beside it."""
     frame = write_csv(frame.sort_values(["case", "method"], kind="stable"), path, CASES)
-    view = [View(f"{c.name} [{c.unit}]" if c.unit else c.name, lambda row, c=c: c.text(row[c.name])) for c in CASES]
+    view = views(CASES, {c.name: f"{c.name} [{c.unit}]" if c.unit else c.name for c in CASES})
     caption = f"One row per case and method; {cohort}, {frame['case'].nunique()} patients."
     write_twins(frame, path, view, caption, CASES)
 
@@ -185,6 +185,16 @@ class View:
             return np.zeros(len(texts), bool)
         values = self.sign * np.array([float(text.split()[0]) if text else np.nan for text in texts])
         return values == np.nanmax(values) if np.isfinite(values).any() else np.zeros(len(texts), bool)
+
+
+def views(schema: Sequence[Column], headers: Mapping[str, str], signs: Mapping[str, int] | None = None) -> list[View]:
+    """Columns as the CSV file writes them, under headers by their names; signs: of those in which something is best."""
+    columns = {column.name: column for column in schema}
+
+    def text(name):
+        return lambda row: columns[name].text(row[name])
+
+    return [View(header, text(name), (signs or {}).get(name, 0)) for name, header in headers.items()]
 
 
 @dataclass(frozen=True)

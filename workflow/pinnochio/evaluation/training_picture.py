@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pinnochio.files import replacing
+from pinnochio.evaluation.figures import save_figure
 
 SMOOTHING = 20  # a curve is the running median over one in so many of the steps, and over as many steps at least
 # Colour, line and name of each term; the lines differ in grey too.
@@ -28,8 +28,7 @@ def training_picture(phases: Mapping[str, pd.DataFrame], title: str, path: str |
         _draw(axes, phase, history)
         axes.set_title(phase, fontsize=12, fontweight="bold")
     figure.suptitle(title, fontsize=13)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, metadata={"Software": None})
+    save_figure(figure, path)
 
 
 def running_median(values: np.ndarray, width: int) -> np.ndarray:

@@ -57,7 +57,7 @@ def choose(config: Mapping, models: str | os.PathLike, front: str | os.PathLike)
 def _offered(config: Mapping, folder: Path, front: str | os.PathLike) -> Choice:
     """What the front offers among the methods that need no models and those of the archive, if there is one."""
     from pinnochio.evaluation.tables import read_table  # these take a second, which other choices are spared
-    from pinnochio.tradeoff.choice import choose as best
+    from pinnochio.tradeoff.choice import choose_setting
     from pinnochio.tradeoff.table import TRADEOFF
 
     if not Path(front).is_file():
@@ -76,7 +76,7 @@ def _offered(config: Mapping, folder: Path, front: str | os.PathLike) -> Choice:
     times = ["seconds", "seconds_max"]
     frame.loc[learned, times] *= len(archive.folds) if archive else 1
     asked = {name: config["predict"][name] or None for name in ("budget_seconds", "tolerance_mm")}
-    row = best(frame, **asked)
+    row = choose_setting(frame, **asked)
     recipe = json.loads(row["recipe"])
     own = _as_in_the_study(config, folder, recipe["method"])
     expected = {name: limit for name, limit in asked.items() if limit}

@@ -14,10 +14,10 @@ from pinnochio.anatomy.segmentation import Segmentation
 from pinnochio.anatomy.surfaces import BoneSurface
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
+from pinnochio.mechanics.elements import mean_edge
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.meshing.fields import is_tissue
 from pinnochio.meshing.interfaces import opposing_pairs
-from pinnochio.meshing.mesh import EDGES
 from pinnochio.scene.amplitude import Amplitude, amplitude
 from pinnochio.scene.settings import SceneSettings
 
@@ -73,7 +73,7 @@ def decide(
         segments = Decision(moving, "hand", f"set by hand; largest motion in mm: {listed}")
     pairs = opposing_pairs(bone, head.labels, head.spacing, head.origin, patient.segments, sliding_band)
     # Nodes of an element that reaches into the band slide with it; an edge from bone to bone is released whole.
-    edge = mean_edge(patient)
+    edge = mean_edge(patient.points, patient.cells)
     reach = sliding_band + edge / 2, release + edge
     field = amplitude(head.labels, head.spacing, head.origin, patient.segments, plan, moving, pairs, *reach)
 
@@ -125,12 +125,6 @@ def write_decisions(case: str, plans: Mapping[str, Mapping[str, Decision]], path
     said = {plan: {name: asdict(made) for name, made in decisions.items()} for plan, decisions in plans.items()}
     with replacing(path) as temporary:
         temporary.write_text(json.dumps({"case": case, "plans": said}, indent=1) + "\n", encoding="utf-8")
-
-
-def mean_edge(patient: PatientModel) -> float:
-    """Mean edge (mm) of the cells."""
-    corners = patient.points[patient.cells[:, EDGES]]
-    return float(np.linalg.norm(corners[:, :, 0] - corners[:, :, 1], axis=2).mean())
 
 
 def _pairs(pairs) -> str:

@@ -11,12 +11,13 @@ from pinnochio.anatomy.labels import SUPERFICIAL
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.segmentation import Segmentation
 from pinnochio.anatomy.surfaces import BoneSurface
+from pinnochio.mechanics.elements import mean_edge
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.meshing.refinement import LONGEST_OVER_MEAN, refine
 from pinnochio.scene.amplitude import Amplitude
-from pinnochio.scene.decisions import Decision, mean_edge
+from pinnochio.scene.decisions import Decision
 
 PER_NODE = ("points", "node_type", "node_segment", "node_beyond", "node_normal", "interface_kind", "lip")
 COARSE = 0.5  # nodes of the lattice that a graded mesh starts from, per node of the full one
@@ -96,7 +97,7 @@ def graded(
 
     interfaces: thresholds in mm, as for `label_interfaces`.
     """
-    longest = LONGEST_OVER_MEAN * mean_edge(patient)
+    longest = LONGEST_OVER_MEAN * mean_edge(patient.points, patient.cells)
     mesh = tetrahedralize(head.labels, head.spacing, head.origin, round(COARSE * len(patient.points)))
     mesh = refine(mesh, lambda points: np.where(field.at(points, head.spacing, head.origin) > FINE, longest, np.inf))
     bone = BoneSurface(patient.bone_points, patient.bone_normals, patient.bone_faces, patient.bone_segment)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from pinnochio.errors import InputError
-from pinnochio.evaluation.tables import Block, Column, View, check, number
+from pinnochio.evaluation.tables import Block, Column, check, number, views
 from pinnochio.tradeoff.table import summarise
 
 # Of the longest time measured on a patient: another one may take longer [X: docs/tradeoff.md].
@@ -24,10 +24,11 @@ CHOICES = (
     number("face_error_expected", "mm", "mean distance from the reference solution foretold"),
     number("face_error", "mm", "mean distance from the reference solution found"),
 )
-_CHOICES = {column.name: column for column in CHOICES}
 
 
-def choose(frame: pd.DataFrame, budget_seconds: float | None = None, tolerance_mm: float | None = None) -> pd.Series:
+def choose_setting(
+    frame: pd.DataFrame, budget_seconds: float | None = None, tolerance_mm: float | None = None
+) -> pd.Series:
     """The row of TRADEOFF to predict by: of those that can be repeated, kept the budget with a margin on every patient
     and the tolerance (mean distance of the face from the reference solution) in the mean, the nearest to the outcome,
     or, without a budget, the fastest.
@@ -65,7 +66,7 @@ def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequ
             pairs = []
             for case, front in fronts.items():
                 try:
-                    chosen = choose(front, **{name: limit})
+                    chosen = choose_setting(front, **{name: limit})
                 except InputError:
                     continue
                 pairs.append((chosen, own.loc[(case, chosen["method"], chosen["dial"], chosen["value"])]))
@@ -86,10 +87,6 @@ def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequ
 
 def choices_block(frame: pd.DataFrame, cohort: str) -> Block:
     """The choices as a table of the twins."""
-
-    def one(name):
-        return lambda row: _CHOICES[name].text(row[name])
-
     headers = {
         "asked": "Asked",
         "setting": "Chosen",
@@ -102,9 +99,8 @@ def choices_block(frame: pd.DataFrame, cohort: str) -> Block:
         "face_error_expected": "Face foretold mm",
         "face_error": "Face mm",
     }
-    view = [View(header, one(name)) for name, header in headers.items()]
     caption = (
         f"Choices from the front, {cohort}: for each patient from the front of all the others, whose settings kept the "
         f"budget with a margin of {SAFETY:g}, and what the choice then took and missed on the patient."
     )
-    return Block(frame, view, caption, "Budgets and tolerances")
+    return Block(frame, views(CHOICES, headers), caption, "Budgets and tolerances")

@@ -1,8 +1,6 @@
 """One setting on one patient: seconds, and how far the field is from the outcome and from the reference."""
 
 import os
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 
 import numpy as np
@@ -15,16 +13,15 @@ from pinnochio.anatomy.predictions import Prediction
 from pinnochio.evaluation.surface_metrics import surface_metrics
 from pinnochio.evaluation.validity import equilibrium_metrics, volume_metrics
 from pinnochio.evaluation.volume_error import truth_errors
-from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.mixed import MIXED, solve_mixed
 from pinnochio.mechanics.refine import Finish
 from pinnochio.mechanics.residual import Operator
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import solver_options
+from pinnochio.mechanics.simulation import simulate_elastic, solver_options
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.mechanics.solver import solve
-from pinnochio.timing import timed
+from pinnochio.timing import repeated, timed
 from pinnochio.tradeoff.dials import ARMS, Setting
 from pinnochio.training.checkpoint import load_network
 from pinnochio.training.stages import Predictor, tensors
@@ -95,32 +92,17 @@ def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSet
     """The plan by finite elements with the setting's dial; warm, median of repeats unless a solve takes long."""
     own = setting.fem
     if setting.method == "elastic":
-        return _elastic(patient, plan, replace(fem, **own), threads)
+        displacement, seconds, setup = simulate_elastic(patient, plan, replace(fem, **own))
+        return Prediction(displacement, seconds, setup, threads)
     boundary = boundary_conditions(patient, plan, ARMS[setting.method])
     mesh = patient.points, patient.cells, fem.material(patient.tissue), boundary
     if own.get("volumetric") in MIXED:
-        found, seconds = _repeated(
-            lambda: solve_mixed(*mesh, own["volumetric"], fem.increments, fem.tolerance, fem.max_iterations)
-        )
+        limits = fem.increments, fem.tolerance, fem.max_iterations
+        found, seconds = repeated(lambda: solve_mixed(*mesh, own["volumetric"], *limits), PATIENCE)
     else:
         options = replace(solver_options(replace(fem, **own)), reuse=not setting.double)
-        found, seconds = _repeated(lambda: solve(*mesh, options))
+        found, seconds = repeated(lambda: solve(*mesh, options), PATIENCE)
     return Prediction(found.displacement, seconds, 0.0, threads, converged=found.converged, reason=found.reason)
-
-
-def _elastic(patient: PatientModel, plan: Plan, fem: FemSettings, threads: int) -> Prediction:
-    boundary = boundary_conditions(patient, plan, "mucosa")
-    solvers = []
-
-    def prepare():
-        law = fem.material(patient.tissue)
-        solver = ElasticSolver(patient.points, patient.cells, law, boundary, fem.volumetric, fem.linear_solver)
-        solvers.append(solver)
-        return lambda: solver.solve(boundary)
-
-    displacement, seconds, setup = timed(prepare)
-    solvers[0].close()
-    return Prediction(displacement, seconds, setup, threads)
 
 
 def predict_network(
@@ -157,13 +139,3 @@ def _in_double(value):
     if is_dataclass(value) and not isinstance(value, PatientModel | Lift):
         return replace(value, **{item.name: _in_double(getattr(value, item.name)) for item in fields(value)})
     return value
-
-
-def _repeated(run: Callable, repeats: int = 3):
-    """What run() finds and the median of its seconds; one run if it takes longer than PATIENCE."""
-    seconds = []
-    while len(seconds) < repeats and sum(seconds[:1]) < PATIENCE:
-        began = time.perf_counter()
-        found = run()
-        seconds.append(time.perf_counter() - began)
-    return found, float(np.median(seconds))

@@ -5,9 +5,8 @@ from collections.abc import Sequence
 
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from pinnochio.files import replacing
+from pinnochio.evaluation.figures import add_grid, label_log, save_figure
 from pinnochio.tradeoff.table import FRONTS, named
 
 # Families by the beginning of a method's name, told apart by shape, then by colour.
@@ -44,17 +43,13 @@ def tradeoff_picture(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) ->
         for column in (0, 1):
             text = "\n".join(names[column::2])
             axes.text(0.52 * column, -0.13, text, transform=axes.transAxes, va="top", fontsize=8)
-        for scale, axis in ((axes.set_xscale, axes.xaxis), (axes.set_yscale, axes.yaxis)):
-            scale("log")
-            axis.set_major_locator(LogLocator(subs=(1,) if axis is axes.xaxis else (1, 2, 5)))
-            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-            axis.set_minor_formatter(NullFormatter())
+        axes.set(xscale="log", yscale="log")
+        label_log(axes.xaxis, (1,))
+        label_log(axes.yaxis)
         axes.margins(y=0.08)
         axes.set_xlabel("seconds per plan, warm")
         axes.set_ylabel(label)
-        axes.grid(color="#dddddd", linewidth=0.6)
-        axes.set_axisbelow(True)
+        add_grid(axes)
     figure.axes[0].legend(frameon=False, fontsize=8, loc="upper right")
     for path in paths:
-        with replacing(path) as temporary:
-            figure.savefig(temporary, metadata={"Date": None} if str(path).endswith("svg") else {"Software": None})
+        save_figure(figure, path)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from pinnochio.evaluation.tables import CASES, Block, Column, View, check, number, write_csv, write_twins
+from pinnochio.evaluation.tables import CASES, Block, Column, View, check, number, views, write_csv, write_twins
 
 _CASE = {column.name: column for column in CASES}
 _SETTING = (
@@ -44,7 +44,6 @@ TRADEOFF = (
     Column("front_outcome", bool, "", "nothing measured is both faster and nearer to the outcome"),
     Column("front_reference", bool, "", "nothing measured is both faster and nearer to the reference solution"),
 )
-_TRADEOFF = {column.name: column for column in TRADEOFF}
 FRONTS = {"cd": "front_outcome", "face_error": "front_reference"}
 ERRORS = {"cd": "the outcome", "face_error": "the reference solution"}
 LIMITS = (0.1, 1.0, 10.0)  # s
@@ -142,26 +141,22 @@ def write_tradeoff(
 ) -> None:
     """Write tradeoff.csv and its twins; further blocks and paragraphs stand below the answers."""
     frame = write_csv(frame, path, TRADEOFF)
-
-    def one(name):
-        return lambda row: _TRADEOFF[name].text(row[name])
-
-    view = [
-        View("Method", one("method")),
-        View("Dial", one("dial")),
-        View("Value", one("value")),
-        View("Nodes", one("nodes")),
-        View("Seconds", one("seconds"), -1),
-        View("Set-up s", one("setup_seconds")),
-        View("CD mm", one("cd"), -1),
-        View("Face mm", one("face_error")),
-        View("largest mm", one("face_error_max")),
-        View("Volume mm", one("volume_error")),
-        View("EqRes", one("eqres_rel")),
-        View("min J", one("min_jacobian")),
-        View("Failed", one("failed")),
-        View("Front", _fronts),
-    ]
+    headers = {
+        "method": "Method",
+        "dial": "Dial",
+        "value": "Value",
+        "nodes": "Nodes",
+        "seconds": "Seconds",
+        "setup_seconds": "Set-up s",
+        "cd": "CD mm",
+        "face_error": "Face mm",
+        "face_error_max": "largest mm",
+        "volume_error": "Volume mm",
+        "eqres_rel": "EqRes",
+        "min_jacobian": "min J",
+        "failed": "Failed",
+    }
+    view = [*views(TRADEOFF, headers, {"seconds": -1, "cd": -1}), View("Front", _fronts)]
     caption = (
         f"Seconds against accuracy, {cohort}, n = {frame['n'].max()} held-out patients. Seconds: one plan, warm, "
         "nothing else running; set-up: what the patient takes beside the mesh. CD: Chamfer distance to the outcome. "
