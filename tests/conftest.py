@@ -1,8 +1,10 @@
-"""Puts the library and the stage scripts on the import path, as Snakemake does."""
+"""Puts the library and the stage scripts on the import path, and lets idle threads sleep, as the workflow does."""
 
+import os
 import sys
 from pathlib import Path
 
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # spinning they take the cores from tests that run beside them
 ROOT = Path(__file__).resolve().parent.parent
 for folder in (ROOT / "workflow", ROOT):
     if str(folder) not in sys.path:

@@ -14,14 +14,14 @@ PARTS = ("Snakefile", "rules", "scripts", "workflow", "config", "profiles", "env
 
 
 class Project:
-    """A copy of the project in which Snakemake can be run."""
+    """A copy of the project in which Snakemake can be run; compiled loops come along where there are any."""
 
     def __init__(self, folder: Path):
         self.folder = folder
         for part in PARTS:
             source = ROOT / part
             if source.is_dir():
-                shutil.copytree(source, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
+                shutil.copytree(source, folder / part, ignore=shutil.ignore_patterns("*.pyc"))
             elif source.exists():
                 shutil.copy(source, folder / part)
 
@@ -61,6 +61,12 @@ class Project:
         done = self.snakemake("--configfile", "config/quick.yaml", *arguments)
         assert done.returncode == 0, done.stdout[-4000:]
         return done.stdout
+
+
+def jobs(said: str) -> dict[str, int]:
+    """Number of jobs of each rule, from what Snakemake says at the start of a run."""
+    table = said.split("Job stats:")[1].split("\n\n")[0]
+    return {name: int(count) for name, count in re.findall(r"^(\w+) +(\d+)$", table, re.M) if name != "total"}
 
 
 @pytest.fixture

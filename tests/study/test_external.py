@@ -10,6 +10,7 @@ import pytest
 import pyvista as pv
 
 from pinnochio.anatomy.predictions import read_prediction
+from tests.study.conftest import jobs
 
 OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
 
@@ -41,10 +42,9 @@ def test_predictions_of_others_get_the_rows_they_deserve(finished):
         shuffled.save(vtu / f"{case}.vtu")
     added = ("--config", "external={mine_npz: elsewhere/mine_npz, mine_vtu: elsewhere/mine_vtu}")
     said = finished.quick(*added)
-    jobs = dict(re.findall(r"^(\w+) +(\d+)$", said.split("Job stats:")[1].split("\n\n")[0], re.M))
     made = {"predict_external": 4, "evaluate": 4, "collect_cases": 1, "compare_methods": 1, "compare_better": 1}
     made |= {"compare_regions": 1, "compare_landmarks": 1, "ablate": 1, "time_stages": 1, "provenance": 1, "all": 1}
-    assert {name: int(count) for name, count in jobs.items() if name != "total"} == made
+    assert jobs(said) == made
     cases = pd.read_csv(results / "tables/cases.csv").set_index("case")
     rows = {method: own.drop(columns=OWN) for method, own in cases.groupby("method")}
     assert len(rows["fem_sliding"]) == 6 and (cases.loc[cases["method"] == "mine_npz", "seconds"] == 1.5).all()

@@ -1,20 +1,15 @@
 """New patients after the quick study: two plans share what belongs to the patient, and nothing is ever trained."""
 
 import json
-import re
 import shutil
 
 import pytest
 
+from tests.study.conftest import jobs
+
 METHOD = "pinnochio_plus"
 SHARED = ("import_patient", "check_patient", "mesh_patient", "label_patient", "report_patient", "lift_patient")
 TRAINING = {"pretrain", "finetune", "simulate_fem", "calibrate", "describe_training", "pack", "virtual_patient"}
-
-
-def jobs(said):
-    """Number of jobs of each rule."""
-    table = said.split("Job stats:")[1].split("\n\n")[0]
-    return {name: int(count) for name, count in re.findall(r"^(\w+) +(\d+)$", table, re.M) if name != "total"}
 
 
 @pytest.fixture(scope="module")

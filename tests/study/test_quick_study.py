@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from tests.study.conftest import jobs
+
 LEARNED = ["pinnochio_unified", "pinnochio_no_physics", "pinnochio", "pinnochio_plus"]
 SURFACE = ["acmt", "acmt_pretrained", "dgcfp", "dgcfp_pretrained"]
 SKIN_ALONE = ["ratio", "pca_linear", *SURFACE]
@@ -98,6 +100,24 @@ def test_provenance_names_what_made_the_results(studied):
 
 def test_a_second_run_has_nothing_to_do(studied):
     assert "Nothing to be done" in studied.quick()
+
+
+def test_a_method_that_is_added_is_trained_alone(studied):
+    added = studied.folder / "added.yaml"
+    added.write_text(json.dumps({"methods": [*METHODS, "mine"], "variants": {"mine": {"network": {"channels": 16}}}}))
+    said = studied.quick("added.yaml", "--dry-run")
+    assert set(re.findall(r"(?:Pretrain|Adapt|Fit the) (\w+)", said)) == {"mine"}
+    made = jobs(said)
+    assert {made.pop(rule) for rule in ("pretrain", "finetune", "predict_network", "evaluate")} == {2}
+    aggregated = {
+        "collect_cases",
+        "compare_methods",
+        "compare_better",
+        "compare_regions",
+        "compare_landmarks",
+        "ablate",
+    }
+    assert made.keys() == aggregated | {"tabulate_training", "time_stages", "provenance", "all"}
 
 
 def test_no_file_of_a_held_out_patient_reaches_training(studied):
