@@ -7,7 +7,8 @@ from scipy.spatial import cKDTree
 from tiny_patient import tiny_patient, tiny_plan
 
 from pinnochio.anatomy.plan import Plan
-from pinnochio.baselines.clouds import FaceGraph, PointCloud, Stage, ball_edges, nearest, spread
+from pinnochio.baselines.carrying import nearest, spread
+from pinnochio.baselines.clouds import FaceGraph, PointCloud, Stage, ball_edges
 from pinnochio.baselines.losses import chamfer, density, laplacian_change, local_change
 from pinnochio.baselines.patient import SurfacePatient, Target
 from pinnochio.baselines.settings import SurfaceSettings

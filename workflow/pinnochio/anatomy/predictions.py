@@ -7,7 +7,6 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-import pyvista as pv
 from scipy.spatial import cKDTree
 
 from pinnochio.anatomy.model import PatientModel
@@ -79,6 +78,8 @@ def read_external(path: str | os.PathLike, case: str, points: np.ndarray, cells:
     NPZ holds `displacement` (n, 3) mm in the order of the mesh's nodes; VTU the mesh, in any order, with that point
     data. Either may hold `seconds` and `setup_seconds` (VTU: field data). InputError says what does not fit.
     """
+
+    import pyvista as pv  # takes a third of a second, which the jobs that read the study's own files are spared
 
     def refuse(problem: str, remedy: str):
         raise InputError(case, path, problem, remedy)

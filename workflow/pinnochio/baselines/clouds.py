@@ -11,9 +11,8 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from pinnochio.baselines.carrying import nearest
 from pinnochio.mechanics.lift import farthest
-
-NEAREST = 3  # points that a value is interpolated from
 
 
 @dataclass(frozen=True)
@@ -234,18 +233,6 @@ def ball_edges(points, centres, radius: float, most: int, rng: np.random.Generat
     found = cKDTree(points).query_ball_point(centres, radius, return_sorted=True)
     found = [np.asarray(own) if len(own) <= most else rng.choice(own, most, replace=False) for own in found]
     return np.stack([np.concatenate(found), np.repeat(np.arange(len(centres)), [len(own) for own in found])])
-
-
-def nearest(queries, points) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest three of the points for each query, (k, 3) indices, and their shares by the inverse squared distance."""
-    distance, index = cKDTree(points).query(queries, np.arange(1, min(NEAREST, len(points)) + 1))
-    inverse = 1 / np.maximum(distance, 1e-6) ** 2
-    return index, inverse / inverse.sum(axis=1, keepdims=True)
-
-
-def spread(values, near, weights):
-    """Values (k, c) interpolated from those (m, c) of the nearest points (:func:`nearest`), all arrays or tensors."""
-    return (values[near] * weights[:, :, None]).sum(1)
 
 
 def means(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:

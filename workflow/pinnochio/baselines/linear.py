@@ -19,7 +19,7 @@ from pinnochio.anatomy.closest import closest_points
 from pinnochio.anatomy.landmarks import face_landmarks
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
-from pinnochio.baselines.clouds import nearest, spread
+from pinnochio.baselines.carrying import nearest, spread
 from pinnochio.files import replacing
 from pinnochio.mechanics.lift import farthest
 

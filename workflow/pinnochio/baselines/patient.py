@@ -12,7 +12,8 @@ from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.triangles import vertex_normals
 from pinnochio.baselines import acmt, dgcfp
-from pinnochio.baselines.clouds import FaceGraph, Given, PointCloud, nearest, real, spread
+from pinnochio.baselines.carrying import nearest, spread
+from pinnochio.baselines.clouds import FaceGraph, Given, PointCloud, real
 from pinnochio.baselines.settings import SurfaceSettings
 from pinnochio.evaluation.distances import sample_surface
 from pinnochio.seeds import derive_seed

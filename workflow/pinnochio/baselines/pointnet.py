@@ -6,7 +6,8 @@ import torch
 from torch import Tensor, nn
 from torch_geometric.nn import MLP, PointNetConv
 
-from pinnochio.baselines.clouds import PointCloud, spread
+from pinnochio.baselines.carrying import spread
+from pinnochio.baselines.clouds import PointCloud
 
 
 def perceptron(*widths: int) -> MLP:

@@ -17,7 +17,8 @@ from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.baselines.acmt import AcmtNet, FscNet
-from pinnochio.baselines.clouds import Given, Stage, nearest, per_patient, scaled, spread, to_device
+from pinnochio.baselines.carrying import nearest, spread
+from pinnochio.baselines.clouds import Given, Stage, per_patient, scaled, to_device
 from pinnochio.baselines.contrast import contrast
 from pinnochio.baselines.dgcfp import Dgcfp
 from pinnochio.baselines.losses import chamfer, density, laplacian_change, local_change

@@ -1,7 +1,6 @@
 """Whether a displacement field is one that tissue could have: volume, equilibrium, boundary."""
 
 import numpy as np
-import torch
 
 from pinnochio.anatomy.labels import TISSUES
 from pinnochio.anatomy.model import FREE, MOVING, SLIDING, PatientModel
@@ -34,6 +33,8 @@ def equilibrium_metrics(operator, displacement, node_type, element: str) -> dict
     neither free force nor reaction alone. Values of different elements are not comparable; hence `eqres_element`.
     operator: pinnochio.mechanics.residual.Operator.
     """
+    import torch  # takes more than a second, which skins without a volume are spared
+
     free = np.asarray(node_type) == FREE
     field = torch.as_tensor(np.array(displacement, float))
     force, stiffness = _array(operator.force(field)), _array(operator.diagonal_blocks(field))
