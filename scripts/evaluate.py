@@ -13,7 +13,6 @@ from pinnochio.evaluation.case import evaluate_case
 from pinnochio.evaluation.tables import CASES, write_csv
 from pinnochio.evaluation.volume_error import read_truth
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.residual import Operator
 from pinnochio.mechanics.settings import FemSettings
 
 
@@ -39,6 +38,8 @@ def evaluate(
         patient = PatientModel.read(models[number])
         prediction, operator = read_prediction(predictions, case), None
         if prediction.displacement is not None:
+            from pinnochio.mechanics.residual import Operator  # loads torch, which a skin alone does not need
+
             material = fem.material(patient.tissue)
             operator = Operator.build(patient.points, patient.cells, material, fem.volumetric)
         skin = PostopSkin.read(postops[case]) if case in postops else None

@@ -25,6 +25,8 @@ from pinnochio.tradeoff.dials import network_settings
 
 # Idle OpenMP threads of a job sleep; spinning they take the cores from the compiled loops.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+# No job takes more cores than it asks for.
+os.environ.setdefault("IGL_NUM_THREADS", "1")
 
 validate(config, "schemas/config.schema.yaml")
 check_config(config)

@@ -26,7 +26,8 @@ def codes(patient):
 
 
 def errors(patient, moved, target):
-    return region_errors(patient, moved, target, patient.skin_faces, 5000, 1)
+    faces = patient.skin_faces
+    return region_errors(patient, moved, target_samples(moved, faces, patient.face_roi, target, faces, 5000, 1))
 
 
 def test_the_same_skin_has_no_error_and_every_region_is_there(patient):

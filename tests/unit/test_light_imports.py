@@ -25,6 +25,7 @@ ABSENT = (
         "llvmlite",
         "SimpleITK",
         "pyvista",
+        "igl",
         "vtk",
         "vtkmodules",
         "trimesh",

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+import igl
 import numpy as np
-import pyvista as pv
 
 from pinnochio.anatomy.triangles import barycentric
 
@@ -20,22 +20,24 @@ class Closest:
 
 def closest_points(queries, points, faces) -> Closest:
     """Exact closest point of each query (k, 3) on the triangles points (p, 3), faces (f, 3)."""
-    points, faces = np.asarray(points, float), np.asarray(faces)
-    queries = np.asarray(queries, float)
+    queries, points, faces = _given(queries, points, faces)
     if not len(queries):
         return Closest(queries, np.zeros(0), np.zeros(0, int), np.zeros(0, bool))
-    mesh = pv.PolyData.from_regular_faces(points, faces)
-    face, found = mesh.find_closest_cell(queries, return_closest_point=True)
-    face, found = np.atleast_1d(face), np.atleast_2d(found)
+    _, face, found = igl.point_mesh_squared_distance(queries, points, faces)
     distance = np.linalg.norm(queries - found, axis=1)
     return Closest(found, distance, face, _on_border(found, face, points, faces))
 
 
 def signed_distances(queries, points, faces) -> np.ndarray:
     """Distance (k,) mm to an outward surface, positive in front of it (outside), negative behind."""
-    cloud = pv.PolyData(np.asarray(queries, float))
-    surface = pv.PolyData.from_regular_faces(np.asarray(points, float), faces)
-    return np.array(cloud.compute_implicit_distance(surface)["implicit_distance"])
+    given = _given(queries, points, faces)
+    return igl.signed_distance(*given, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL)[0] if len(given[0]) else np.zeros(0)
+
+
+def _given(queries, points, faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As libigl takes them."""
+    kinds = float, float, np.int64
+    return tuple(np.ascontiguousarray(x, kind) for x, kind in zip((queries, points, faces), kinds, strict=True))
 
 
 def _on_border(found, face, points, faces, tolerance: float = 1e-6) -> np.ndarray:

@@ -14,6 +14,7 @@ from pinnochio.anatomy.triangles import face_normals, vertex_normals
 from pinnochio.errors import InputError
 
 SAMPLES, COARSE_SAMPLES = 4000, 500
+FEWEST = 50  # points above the plane that a registration needs
 COARSE_KEPT = 0.7  # share of the pairs that a coarse step keeps, nearest first
 COARSE_TRIED = 12  # starts that are followed to the end
 COARSE_CUT, COARSE_REACH = 5.0, 15.0  # mm
@@ -59,7 +60,7 @@ def register(
     Raises InputError if the median residual exceeds `limit` mm.
     """
     points, skin_points = np.asarray(points, float), np.asarray(skin_points, float)
-    if (skin_points[:, 2] >= plane).sum() < 50:
+    if (skin_points[:, 2] >= plane).sum() < FEWEST:
         problem = f"hardly any skin of the segmentation lies above the nasion plane (z = {plane:.0f} mm)"
         raise InputError(case, file, problem, "segment the head up to the forehead")
     all_normals = vertex_normals(points, faces)
@@ -75,7 +76,7 @@ def register(
     placed = motion.apply(moving)
     found = closest_points(placed[placed[:, 2] >= plane], skin_points, skin_faces)
     distance = found.distance[~found.border]
-    median = float(np.median(distance)) if len(distance) else np.inf
+    median = float(np.median(distance)) if len(distance) >= FEWEST else np.inf  # a few points fit anywhere
     if median > limit:
         raise InputError(
             case,

@@ -9,7 +9,7 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.predictions import Prediction
 from pinnochio.errors import InputError
 from pinnochio.evaluation.regions import landmark_errors, region_errors
-from pinnochio.evaluation.surface_metrics import surface_metrics
+from pinnochio.evaluation.surface_metrics import surface_metrics, target_samples
 from pinnochio.evaluation.tables import CASES
 from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, volume_metrics
 from pinnochio.evaluation.volume_error import mean_and_p95, truth_errors
@@ -55,8 +55,10 @@ def evaluate_case(
         contact = (patient.node_type != FREE) & (patient.interface_kind != NO_INTERFACE)
         row["interface_error"] = np.linalg.norm(u - prediction.boundary, axis=1)[contact].mean()
     if target is not None:
-        row |= surface_metrics(moved, patient.skin_faces, patient.face_roi, *target, samples, seed, plan.case)
-        row |= _where_readable(plan.case, region_errors, patient, moved, *target, samples, seed)
+        given = moved, patient.skin_faces, patient.face_roi, *target, samples, seed
+        sampled = target_samples(*given)
+        row |= surface_metrics(*given, plan.case, sampled)
+        row |= _where_readable(plan.case, region_errors, patient, moved, sampled)
     if truth is not None:
         if u is not None:
             row |= mean_and_p95("volume_error", truth_errors(patient.points, u, *truth))

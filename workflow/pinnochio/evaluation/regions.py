@@ -7,7 +7,7 @@ from pinnochio.anatomy.landmarks import face_landmarks
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.regions import NAMES, regions
 from pinnochio.evaluation.distances import signed_distances
-from pinnochio.evaluation.surface_metrics import target_samples
+from pinnochio.evaluation.surface_metrics import Sampled
 
 REGIONS = tuple(name for name in NAMES if name != "other")
 MIDLINE = (
@@ -22,18 +22,16 @@ MIDLINE = (
 LANDMARKS = (*MIDLINE, "cheilion_right", "cheilion_left")
 
 
-def region_errors(
-    patient: PatientModel, moved, target_points, target_faces, samples: int, seed: int
-) -> dict[str, float]:
+def region_errors(patient: PatientModel, moved, sampled: Sampled) -> dict[str, float]:
     """Mean unsigned (region_*) and signed (bias_*) distance in mm of every region of REGIONS; NaN where it has none.
 
-    moved (s, 3) mm: the predicted skin. Taken over the samples of the target that the accuracy takes; each belongs to
-    the region of the skin point nearest to its closest point on the prediction. Signed: positive where the prediction
-    lies outside the target. Raises InputError where the face cannot be read.
+    moved (s, 3) mm: the predicted skin; sampled: the samples of the target that the accuracy takes. Each belongs to the
+    region of the skin point nearest to its closest point on the prediction. Signed: positive where the prediction lies
+    outside the target. Raises InputError where the face cannot be read.
     """
     codes, faces = regions(patient), patient.skin_faces
-    queries, found, kept = target_samples(moved, faces, patient.face_roi, target_points, target_faces, samples, seed)
-    queries, near = queries[kept], found.points[kept]
+    found, kept = sampled.closest, sampled.judged
+    queries, near = sampled.queries[kept], found.points[kept]
     corners = faces[found.face[kept]]
     nearest = np.linalg.norm(moved[corners] - near[:, None], axis=2).argmin(axis=1)
     region = codes[corners[np.arange(len(corners)), nearest]]

@@ -1,5 +1,7 @@
 """How far the predicted skin is from the post-operative skin (definitions: methods dossier, section 5)."""
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -8,8 +10,24 @@ from pinnochio.errors import InputError
 from pinnochio.evaluation.distances import Closest, closest_points, sample_surface, vertex_areas
 
 
+class Sampled(NamedTuple):
+    """Samples (k, 3) mm of the target, their closest points on the prediction, which of them (k,) bool are judged."""
+
+    queries: np.ndarray
+    closest: Closest
+    judged: np.ndarray
+
+
 def surface_metrics(
-    points, faces, roi, target_points, target_faces, samples: int, seed: int, case: str = "-"
+    points,
+    faces,
+    roi,
+    target_points,
+    target_faces,
+    samples: int,
+    seed: int,
+    case: str = "-",
+    sampled: Sampled | None = None,
 ) -> dict[str, float]:
     """Metrics of a predicted skin against the registered target, in mm, mm2 (cd_sq) and % of area (pwr).
 
@@ -22,6 +40,7 @@ def surface_metrics(
     the sum of the mean squares; cd_vertex: as cd, from vertex to nearest vertex. hd95, hdmax: the larger of the two
     directed 95th percentiles, maxima. hd_mean_oneway: mean over the target's vertices. pwr1, pwr2: share of the
     predicted area nearer than 1, 2 mm (a vertex owns a third of its triangles); _target: of the target's area.
+    sampled: what target_samples finds for the same arguments, if the caller has it.
     Raises InputError where the surfaces share no region.
     """
     faces, roi = np.asarray(faces), np.asarray(roi, bool)
@@ -35,8 +54,8 @@ def surface_metrics(
 
     there, kept = to_target(sample_surface(points, judged, samples, seed))
     there = there[kept]
-    sampled, kept = target_samples(points, faces, roi, target_points, target_faces, samples, seed)[1:]
-    back = sampled.distance[kept]
+    sampled = sampled or target_samples(points, faces, roi, target_points, target_faces, samples, seed)
+    back = sampled.closest.distance[sampled.judged]
     vertex_there, vertex_kept = to_target(points[used])
     target_used = np.unique(target_faces)
     found, target_kept = on_judged(target_points[target_used], points, faces, roi)
@@ -66,17 +85,15 @@ def surface_metrics(
     }
 
 
-def target_samples(
-    points, faces, roi, target_points, target_faces, samples: int, seed: int
-) -> tuple[np.ndarray, Closest, np.ndarray]:
-    """Samples (k, 3) of the target, their closest points on the prediction, and which of them (k,) bool are judged.
+def target_samples(points, faces, roi, target_points, target_faces, samples: int, seed: int) -> Sampled:
+    """Samples of the target and where they fall on the prediction.
 
     As many as leave about `samples` of them in the judged region; arguments and rule as in :func:`surface_metrics`.
     """
     ratio = face_normals(target_points, target_faces)[1].sum() / face_normals(points, faces[roi])[1].sum()
     many = int(np.ceil(samples * np.clip(ratio, 1, 5)))
     queries = sample_surface(target_points, target_faces, many, seed + 1)
-    return queries, *on_judged(queries, points, faces, roi)
+    return Sampled(queries, *on_judged(queries, points, faces, roi))
 
 
 def on_judged(queries, points, faces, roi) -> tuple[Closest, np.ndarray]:
