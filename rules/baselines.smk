@@ -86,7 +86,7 @@ rule predict_surface:
         method="|".join(SURFACE),
     conda:
         "../envs/pinnochio.yaml"
-    threads: PREDICTION_THREADS
+    threads: 1
     resources:
         mem_mb=4000,
         runtime=20,
@@ -146,7 +146,7 @@ rule predict_rule:
         method="ratio|pca_linear",
     conda:
         "../envs/pinnochio.yaml"
-    threads: PREDICTION_THREADS
+    threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
@@ -171,7 +171,7 @@ rule predict_elastic:
         "<benchmarks>/predict_elastic/{fold}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: PREDICTION_THREADS
+    threads: 1
     resources:
         mem_mb=4000,
         runtime=20,

@@ -130,7 +130,6 @@ LIFTS = sorted(
         if (kind := VARIANTS[setting.method]["network"]["lift"]) != "none"
     }
 )
-PREDICTION_THREADS = workflow.cores if config["timed"] else 1
 REFERENCE = config["reference"] if config["reference"] in METHODS else None
 # Tables of the data card; the effects are measured on as many patients as the configuration says.
 CARD_TABLES = ["thickness", "ratios"]

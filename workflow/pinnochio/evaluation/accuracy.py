@@ -126,7 +126,8 @@ def write_accuracy(
     reference = ", ".join(frame.loc[frame["reference"], "method"])
     caption = (
         f"Accuracy on the {cohort}, {count(frame['n'])} patients: mean ± standard deviation. Bold: best mean. p: "
-        f"two-sided Wilcoxon signed-rank test of CD against {reference or 'the reference'}, Holm-corrected; * p < 0.05."
+        f"two-sided Wilcoxon signed-rank test of CD against {reference or 'the reference'}, Holm-corrected; * p < "
+        "0.05. Seconds: one plan, warm, with other jobs beside it."
     )
     write_twins(frame, path, view, caption, ACCURACY, further, paragraphs)
 
