@@ -159,9 +159,9 @@ def write_tradeoff(
     view = [*views(TRADEOFF, headers, {"seconds": -1, "cd": -1}), View("Front", _fronts)]
     caption = (
         f"Seconds against accuracy, {cohort}, n = {frame['n'].max()} held-out patients. Seconds: one plan, warm, "
-        "nothing else running; set-up: what the patient takes beside the mesh. CD: Chamfer distance to the outcome. "
-        "Face, volume: distance from the reference solution, sliding finite elements on the finest mesh. EqRes: "
-        "residual of the study's elements. Front: nothing is faster and nearer to the outcome (CD) or the reference "
-        "(face)."
+        "nothing else running (without a dial: as in the study, with other jobs beside it); set-up: what the patient "
+        "takes beside the mesh. CD: Chamfer distance to the outcome. Face, volume: distance from the reference "
+        "solution, sliding finite elements on the finest mesh. EqRes: residual of the study's elements. Front: nothing "
+        "is faster and nearer to the outcome (CD) or the reference (face)."
     )
     write_twins(frame, path, view, caption, TRADEOFF, further, [*answers(frame, cohort), *paragraphs])
