@@ -9,13 +9,16 @@ import pyvista as pv
 from pinnochio.anatomy.model import FIXED, MOVING, SLIDING, PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.files import replacing
+from pinnochio.mechanics.elements import jacobians
 
-SKIN, BONE = "#e8beac", "#efe9d9"
+SKIN, BONE, UNKNOWN = "#e8beac", "#efe9d9", "#cccccc"
 COLUMNS = 6  # methods side by side
 SEGMENTS = ("#d95f02", "#7570b3", "#1b9e77", "#66a61e", "#e7298a")
 NODE_TYPES = {FIXED: "#444444", MOVING: "#d95f02", SLIDING: "#1f78b4"}
 # Directions of view in LPS: the face looks to -y, the patient's left is +x.
 FRONT, OBLIQUE, SIDE = (0, -1, 0.05), (0.75, -1, 0.15), (1, -0.05, 0.05)
+BEHIND = (0.15, 1, 0.1)
+FARTHEST = 4.0  # mm, where the scale of signed distances ends
 
 
 def skin_of(patient: PatientModel, displacement: np.ndarray) -> pv.PolyData:
@@ -66,9 +69,10 @@ def case_picture(
 ) -> None:
     """First row: before, planned bone, scan of the outcome (points, faces); then each method's face and error under it.
 
-    skins: predicted skin by method; errors: signed distance (s,) mm of each of its points to the target.
+    skins: predicted skin by method; errors: signed distance (s,) mm of each of its points to the target, NaN where it
+    is not judged.
     """
-    columns = min(max(3, len(skins)), COLUMNS)
+    columns = min(max(4, len(skins)), COLUMNS)
     rows = 1 + 2 * -(-len(skins) // columns)
     size = 420 * columns, 415 * rows
     plotter = pv.Plotter(off_screen=True, shape=(rows, columns), window_size=size, border=False)
@@ -87,8 +91,28 @@ def case_picture(
         plotter.add_mesh(skin, color=SKIN)
         finish(plotter, method, OBLIQUE)
         plotter.subplot(2 + 2 * row, column)
-        add_field(plotter, skin, errors[method], "signed distance [mm]", (-4, 4), "coolwarm")
+        actor = add_values(plotter, skin, errors[method], (-FARTHEST, FARTHEST), "coolwarm")
         finish(plotter, "distance to outcome", FRONT)
+    if skins:
+        plotter.subplot(0, 3)
+        add_scale(plotter, actor, "signed distance [mm]")
+    save(plotter, path)
+
+
+def volume_picture(patient: PatientModel, displacements: Mapping[str, np.ndarray], path: str | os.PathLike) -> None:
+    """The tissue from behind, moved by each method's displacement (n, 3) mm and coloured by det F of its elements."""
+    columns = min(1 + len(displacements), COLUMNS)
+    rows = -(-(1 + len(displacements)) // columns)
+    plotter = pv.Plotter(off_screen=True, shape=(rows, columns), window_size=(420 * columns, 415 * rows), border=False)
+    for number, (method, displacement) in enumerate(displacements.items()):
+        plotter.subplot(*divmod(number, columns))
+        grid = pv.UnstructuredGrid({pv.CellType.TETRA: patient.cells}, patient.points + displacement)
+        grid.cell_data["ratio"] = ratio = jacobians(patient.points, patient.cells, displacement)
+        outside = grid.extract_surface(algorithm="dataset_surface")
+        actor = add_values(plotter, outside, outside.cell_data["ratio"], (0.5, 1.5), "PuOr")
+        finish(plotter, f"{method}: min det F {ratio.min():.2f}", BEHIND)
+    plotter.subplot(rows - 1, columns - 1)
+    add_scale(plotter, actor, "det F")
     save(plotter, path)
 
 
@@ -110,13 +134,27 @@ def add_field(plotter, skin: pv.PolyData, values: np.ndarray, title: str, limits
     plotter.add_mesh(skin, scalars=values, cmap=colours, clim=limits, scalar_bar_args=bar, copy_mesh=True)
 
 
+def add_values(plotter: pv.Plotter, surface: pv.PolyData, values: np.ndarray, limits, colours: str) -> pv.Actor:
+    """Surface coloured by a value per point or face, grey where it is NaN; its bar is for another panel."""
+    options = {"nan_color": UNKNOWN, "show_scalar_bar": False, "ambient": 0.2, "copy_mesh": True}
+    return plotter.add_mesh(surface, scalars=values, cmap=colours, clim=limits, **options)
+
+
+def add_scale(plotter: pv.Plotter, actor: pv.Actor, title: str) -> None:
+    """The bar of an actor's colours in a panel of its own."""
+    bar = {"vertical": True, "position_x": 0.3, "position_y": 0.1, "width": 0.16, "height": 0.8, "n_labels": 5}
+    bar |= {"color": "black", "label_font_size": 18, "title_font_size": 18, "fmt": "%.1f"}
+    plotter.add_scalar_bar(title=title, mapper=actor.mapper, **bar)
+    plotter.set_background("white")
+
+
 def finish(plotter: pv.Plotter, title: str, direction) -> None:
     """Title and camera of the current panel."""
     plotter.set_background("white")
-    plotter.add_text(title, font_size=11, color="black")
+    plotter.add_text(title, position=(0.03, 0.94), viewport=True, font_size=9, color="black")
     plotter.view_vector(direction, viewup=(0, 0, 1))
     plotter.camera.parallel_projection = True
-    plotter.camera.zoom(1.25)
+    plotter.camera.zoom(1.15)
 
 
 def save(plotter: pv.Plotter, path: str | os.PathLike) -> None:

@@ -12,13 +12,12 @@ import pyvista as pv
 
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
-from pinnochio.evaluation.pictures import FRONT, OBLIQUE, SIDE, SKIN, add_bone, finish, save, skin_of
+from pinnochio.evaluation.pictures import FRONT, OBLIQUE, SIDE, SKIN, UNKNOWN, add_bone, finish, save, skin_of
 from pinnochio.files import replacing
 from pinnochio.patients.certificate import in_words
 from pinnochio.patients.exports import SPACE
 
 VIEWS = {"front": FRONT, "oblique": OBLIQUE, "left side": SIDE}
-UNKNOWN = "#cccccc"
 
 TEMPLATE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{{ c.case }}, {{ c.plan }}</title>
