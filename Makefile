@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SNAKEMAKE := $(BIN)/snakemake --cores 2
 
-.PHONY: env quick study test test-library test-study test-full docs
+.PHONY: env quick study report test test-library test-study test-full docs
 
 env: .venv/installed
 
@@ -19,6 +19,10 @@ quick: env
 
 study: env
 	$(SNAKEMAKE)
+
+# make report CONFIG=config/quick.yaml: of another study than the default one.
+report: env
+	$(SNAKEMAKE) report $(if $(CONFIG),--configfile $(CONFIG))
 
 docs: env
 	$(BIN)/python scripts/document_config.py

@@ -1,6 +1,9 @@
 configfile: "config/config.yaml"
 
 
+report: "workflow/report/workflow.rst"
+
+
 pathvars:
     logs="<results>/logs",
     benchmarks="<results>/benchmarks",
@@ -26,6 +29,7 @@ include: "rules/stability.smk"
 include: "rules/scene.smk"
 include: "rules/cost.smk"
 include: "rules/scaling.smk"
+include: "rules/report.smk"
 
 
 wildcard_constraints:

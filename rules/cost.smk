@@ -12,7 +12,7 @@ rule tabulate_training:
         table=ensure("<results>/tables/training.csv", non_empty=True),
         markdown="<results>/tables/training.md",
         latex="<results>/tables/training.tex",
-        html="<results>/tables/training.html",
+        html=captioned("<results>/tables/training.html"),
     log:
         "<logs>/tabulate_training.log",
     conda:
@@ -50,7 +50,7 @@ rule time_stages:
         table=ensure("<results>/tables/stages.csv", non_empty=True),
         markdown="<results>/tables/stages.md",
         latex="<results>/tables/stages.tex",
-        html="<results>/tables/stages.html",
+        html=captioned("<results>/tables/stages.html"),
     log:
         "<logs>/time_stages.log",
     conda:

@@ -7,7 +7,7 @@ rule plot_training:
         ),
         finetuning="<results>/folds/{fold}/{method}/finetuning.csv",
     output:
-        picture="<results>/folds/{fold}/{method}/training.png",
+        picture=captioned("<results>/folds/{fold}/{method}/training.png"),
     log:
         "<logs>/plot_training/{fold}_{method}.log",
     wildcard_constraints:

@@ -12,7 +12,7 @@ rule compare_designs:
         table=ensure("<results>/tables/design.csv", non_empty=True),
         markdown="<results>/tables/design.md",
         latex="<results>/tables/design.tex",
-        html="<results>/tables/design.html",
+        html=captioned("<results>/tables/design.html"),
     log:
         "<logs>/compare_designs.log",
     conda:

@@ -71,7 +71,7 @@ rule collect_dial:
         table=ensure("<results>/tables/dial.csv", non_empty=True),
         markdown="<results>/tables/dial.md",
         latex="<results>/tables/dial.tex",
-        html="<results>/tables/dial.html",
+        html=captioned("<results>/tables/dial.html"),
     log:
         "<logs>/collect_dial.log",
     conda:
@@ -97,7 +97,7 @@ rule render_dial:
     input:
         table="<results>/tables/dial.csv",
     output:
-        picture="<results>/figures/dial.png",
+        picture=captioned("<results>/figures/dial.png"),
     log:
         "<logs>/render_dial.log",
     conda:

@@ -226,7 +226,7 @@ rule collect_quality:
         table=ensure("<results>/tables/quality.csv", non_empty=True),
         markdown="<results>/tables/quality.md",
         latex="<results>/tables/quality.tex",
-        html="<results>/tables/quality.html",
+        html=captioned("<results>/tables/quality.html"),
     log:
         "<logs>/collect_quality.log",
     conda:

@@ -65,7 +65,7 @@ rule tabulate_scaling:
         exponents=ensure("<results>/tables/scaling_exponents.csv", non_empty=True),
         markdown="<results>/tables/scaling.md",
         latex="<results>/tables/scaling.tex",
-        html="<results>/tables/scaling.html",
+        html=captioned("<results>/tables/scaling.html"),
     log:
         "<logs>/tabulate_scaling.log",
     conda:
@@ -99,7 +99,7 @@ rule render_scaling:
     input:
         table="<results>/tables/scaling.csv",
     output:
-        picture="<results>/figures/scaling.png",
+        picture=captioned("<results>/figures/scaling.png"),
         drawing="<results>/figures/scaling.svg",
     log:
         "<logs>/render_scaling.log",

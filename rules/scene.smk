@@ -120,7 +120,7 @@ rule collect_scenes:
         table=ensure("<results>/tables/scene.csv", non_empty=True),
         markdown="<results>/tables/scene.md",
         latex="<results>/tables/scene.tex",
-        html="<results>/tables/scene.html",
+        html=captioned("<results>/tables/scene.html"),
     log:
         "<logs>/collect_scenes.log",
     conda:

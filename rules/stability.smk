@@ -6,7 +6,7 @@ rule measure_stability:
         table=ensure("<results>/tables/stability.csv", non_empty=True),
         markdown="<results>/tables/stability.md",
         latex="<results>/tables/stability.tex",
-        html="<results>/tables/stability.html",
+        html=captioned("<results>/tables/stability.html"),
     log:
         "<logs>/measure_stability.log",
     benchmark:
@@ -35,7 +35,7 @@ rule render_stability:
     input:
         table="<results>/tables/stability.csv",
     output:
-        picture="<results>/figures/stability.png",
+        picture=captioned("<results>/figures/stability.png"),
     log:
         "<logs>/render_stability.log",
     conda:

@@ -68,7 +68,7 @@ rule compare_methods:
         table=ensure("<results>/tables/accuracy.csv", non_empty=True),
         markdown="<results>/tables/accuracy.md",
         latex="<results>/tables/accuracy.tex",
-        html="<results>/tables/accuracy.html",
+        html=captioned("<results>/tables/accuracy.html"),
     log:
         "<logs>/compare_methods.log",
     conda:
@@ -96,7 +96,7 @@ use rule compare_methods as compare_better with:
         table=ensure("<results>/tables/better.csv", non_empty=True),
         markdown="<results>/tables/better.md",
         latex="<results>/tables/better.tex",
-        html="<results>/tables/better.html",
+        html=captioned("<results>/tables/better.html"),
     log:
         "<logs>/compare_better.log",
     params:
@@ -118,7 +118,7 @@ rule compare_regions:
         table=ensure("<results>/tables/regions.csv", non_empty=True),
         markdown="<results>/tables/regions.md",
         latex="<results>/tables/regions.tex",
-        html="<results>/tables/regions.html",
+        html=captioned("<results>/tables/regions.html"),
     log:
         "<logs>/compare_regions.log",
     conda:
@@ -146,7 +146,7 @@ use rule compare_regions as compare_landmarks with:
         table=ensure("<results>/tables/landmarks.csv", non_empty=True),
         markdown="<results>/tables/landmarks.md",
         latex="<results>/tables/landmarks.tex",
-        html="<results>/tables/landmarks.html",
+        html=captioned("<results>/tables/landmarks.html"),
     log:
         "<logs>/compare_landmarks.log",
     params:
@@ -167,7 +167,7 @@ rule ablate:
         table=ensure("<results>/tables/ablation.csv", non_empty=True),
         markdown="<results>/tables/ablation.md",
         latex="<results>/tables/ablation.tex",
-        html="<results>/tables/ablation.html",
+        html=captioned("<results>/tables/ablation.html"),
     log:
         "<logs>/ablate.log",
     conda:
@@ -233,7 +233,8 @@ rule render_case:
             method=METHODS,
         ),
     output:
-        picture="<results>/figures/{case}.png",
+        picture=captioned("<results>/figures/{case}.png", "picture"),
+        view="<results>/figures/{case}.json",
     log:
         "<logs>/render_case/{case}.log",
     conda:
@@ -244,7 +245,7 @@ rule render_case:
         runtime=10,
     params:
         methods=METHODS,
-        code=code_of("anatomy", "evaluation"),
+        code=code_of("anatomy", "evaluation", "report"),
     message:
         "Draw {wildcards.case}: before, outcome and every method"
     script:

@@ -124,7 +124,7 @@ rule collect_tradeoff:
         table=ensure("<results>/tables/tradeoff.csv", non_empty=True),
         markdown="<results>/tables/tradeoff.md",
         latex="<results>/tables/tradeoff.tex",
-        html="<results>/tables/tradeoff.html",
+        html=captioned("<results>/tables/tradeoff.html"),
         cases=ensure("<results>/tables/tradeoff_cases.csv", non_empty=True),
         choices=ensure("<results>/tables/choices.csv", non_empty=True),
     log:
@@ -150,7 +150,8 @@ rule render_tradeoff:
     input:
         table="<results>/tables/tradeoff.csv",
     output:
-        pictures=expand("<results>/figures/tradeoff.{kind}", kind=["png", "svg"]),
+        picture=captioned("<results>/figures/tradeoff.png"),
+        drawing="<results>/figures/tradeoff.svg",
     log:
         "<logs>/render_tradeoff.log",
     conda:

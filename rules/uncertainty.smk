@@ -86,7 +86,7 @@ rule collect_coverage:
         table=ensure("<results>/tables/coverage.csv", non_empty=True),
         markdown="<results>/tables/coverage.md",
         latex="<results>/tables/coverage.tex",
-        html="<results>/tables/coverage.html",
+        html=captioned("<results>/tables/coverage.html"),
     log:
         "<logs>/collect_coverage.log",
     conda:

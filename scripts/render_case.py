@@ -1,29 +1,44 @@
-"""Makes the picture of one patient: before, plan, outcome, and every method with its error."""
+"""Makes the picture of one patient: before, plan, outcome, and every method with its error; and the same in 3D."""
 
+import json
 from collections.abc import Mapping
+
+import numpy as np
 
 from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.anatomy.predictions import read_prediction
-from pinnochio.evaluation.distances import signed_distances
 from pinnochio.evaluation.pictures import case_picture, surface_of
+from pinnochio.files import replacing
 from pinnochio.logs import attach_log
+from pinnochio.report.view import judged_errors, make_view
 
 
 def render_case(
-    case: str, models: Mapping[str, str], plan: str, postop: str, predictions: Mapping[str, str], picture: str
+    case: str,
+    models: Mapping[str, str],
+    plan: str,
+    postop: str,
+    predictions: Mapping[str, str],
+    picture: str,
+    view: str,
 ) -> None:
-    """Draw the case; models and predictions map each method to the model it predicts on and to the file of its fold."""
+    """Draw the case (PNG), and write what a page shows of it in 3D (JSON).
+
+    models and predictions map each method to the model it predicts on and to the file of its fold. A prediction that
+    is not finite is left out.
+    """
     read = {path: PatientModel.read(path) for path in set(models.values())}
     patients = {method: read[path] for method, path in models.items()}
-    target = PostopSkin.read(postop).surface
-    skins = {
-        method: surface_of(read_prediction(path, case).moved_skin(patients[method]), patients[method].skin_faces)
-        for method, path in predictions.items()
-    }
-    errors = {method: signed_distances(skin.points, *target) for method, skin in skins.items()}
-    case_picture(next(iter(patients.values())), Plan.read(plan, case), target, skins, errors, picture)
+    moved = {method: read_prediction(path, case).moved_skin(patients[method]) for method, path in predictions.items()}
+    moved = {method: points for method, points in moved.items() if np.isfinite(points).all()}
+    planned, target = Plan.read(plan, case), PostopSkin.read(postop).surface
+    errors = {method: judged_errors(patients[method], points, target) for method, points in moved.items()}
+    skins = {method: surface_of(points, patients[method].skin_faces) for method, points in moved.items()}
+    case_picture(next(iter(patients.values())), planned, target, skins, errors, picture)
+    with replacing(view) as temporary:
+        temporary.write_text(json.dumps(make_view(patients, planned, target, moved, errors)), encoding="utf-8")
 
 
 if __name__ == "__main__":
@@ -35,4 +50,5 @@ if __name__ == "__main__":
         snakemake.input.postop,
         dict(zip(snakemake.params.methods, snakemake.input.predictions, strict=True)),
         snakemake.output.picture,
+        snakemake.output.view,
     )

@@ -15,4 +15,4 @@ def render_tradeoff(table: str, pictures: Sequence[str]) -> None:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    render_tradeoff(snakemake.input.table, snakemake.output.pictures)
+    render_tradeoff(snakemake.input.table, list(snakemake.output))

@@ -10,6 +10,7 @@ from pinnochio.errors import InputError
 from pinnochio.patients.archive import READ_BY_NETWORKS, configuration_hash
 from pinnochio.patients.choice import choose
 from pinnochio.patients.new import read_patients
+from pinnochio.report.parts import PARTS
 from pinnochio.study import (
     assign_folds,
     check_config,
@@ -81,7 +82,7 @@ CONFIGURATION = configuration_hash(
     {
         key: value
         for key, value in config.items()
-        if key not in ("pathvars", "patient", "models", "predict")
+        if key not in ("pathvars", "patient", "models", "predict", "report")
     }
 )
 # What is packed for new patients: every method with an interval, and the one that shall predict them.
@@ -157,6 +158,13 @@ IN_SCENE = (
     if config["scene"]["mode"] == "auto"
     else set()
 )
+# Whom the report shows, and the networks whose volume it shows: with and without physics, and the better one.
+SHOWN = SCANNED[: config["report"]["patients"]]
+VOLUMES = [
+    method
+    for method in dict.fromkeys([*config["ablation"], config["design"]["base"]])
+    if method in LEARNED
+]
 # Predicted on the mesh that resolves the lips.
 ON_LIPS = {"fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse"}
 
@@ -306,6 +314,33 @@ def external_files(wildcards):
     """The files in which an external method delivers the held-out cases of the fold."""
     folder = EXTERNAL[wildcards.method]
     return [external_file(folder, case) for case in HELD_OUT[wildcards.fold]]
+
+
+def tables_of_report(wildcards):
+    """The tables of the study, and of the further targets that have been made already, which are brought up to date."""
+    own = [*rules.tables.input, *rules.quality.input, *rules.cost.input]
+    names = {Path(path).stem for path in own}
+    return [
+        f"<results>/tables/{name}.html"
+        for name in PARTS
+        if name in names or Path(f"{RESULTS}/tables/{name}.html").exists()
+    ]
+
+
+def figures_of_report(wildcards):
+    """The figures of the further targets that have been made already."""
+    return [
+        f"<results>/figures/{name}.png"
+        for name in PARTS
+        if Path(f"{RESULTS}/figures/{name}.png").exists()
+    ]
+
+
+def captioned(path, name=None):
+    """An output that `snakemake --report` shows: with the caption of that name, by default the file's own."""
+    name = name or Path(path).stem
+    caption = f"../workflow/report/{name}.rst"
+    return report(path, caption=caption, category=PARTS.get(name, "Patients"))
 
 
 def fold_of(case):

@@ -252,10 +252,9 @@ def test_the_cost_is_read_from_networks_and_benchmark_files(predicted, tmp_path)
 
 
 def test_case_picture_is_drawn(predicted, patient, tmp_path):
-    picture = tmp_path / "case.png"
-    render_case(
-        patient.case, dict.fromkeys(predicted, patient.model), patient.plan, patient.postop, predicted, str(picture)
-    )
+    picture, models = tmp_path / "case.png", dict.fromkeys(predicted, patient.model)
+    view = str(tmp_path / "case.json")
+    render_case(patient.case, models, patient.plan, patient.postop, predicted, str(picture), view)
     assert picture.stat().st_size > 50_000
 
 

@@ -1,0 +1,251 @@
+"""The report of a study: what its page holds and, in a headless Chromium, what it does."""
+
+import base64
+import io
+import json
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import PIL.Image
+import pytest
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.postop import PostopSkin
+from pinnochio.anatomy.predictions import Prediction, write_predictions
+from pinnochio.errors import InputError
+from pinnochio.evaluation.distances import signed_distances
+from pinnochio.evaluation.tables import Column, number, views, write_csv, write_twins
+from pinnochio.report.page import read_body
+from pinnochio.report.parts import PARTS
+from scripts.provenance import provenance
+from scripts.render_case import render_case
+from scripts.render_volume import render_volume
+from scripts.write_report import write_report
+from tests.stages.conftest import CONFIG, ROOT
+
+FORWARD = "pinnochio_plus"  # carries every node 2 mm forward
+CAPTIONS = ROOT / "workflow/report"
+SCHEMA = (Column("method", str, "", "method"), *(number(f"column_{n}", "mm", f"column {n}") for n in range(12)))
+
+
+@pytest.fixture(scope="module")
+def drawn(patient, tmp_path_factory):
+    """Files of the patient's pictures and 3D view; one of its methods has diverged."""
+    folder, model = tmp_path_factory.mktemp("drawn"), PatientModel.read(patient.model)
+    fields = {"no_change": np.zeros_like(model.points), FORWARD: np.tile([0.0, -2, 0], (len(model.points), 1))}
+    fields["fem_sliding"] = np.full_like(model.points, np.nan)
+    files = {}
+    for method, displacement in fields.items():
+        files[method] = str(folder / f"{method}.h5")
+        write_predictions(files[method], {patient.case: Prediction(displacement)})
+    made = {kind: str(folder / name) for kind, name in (("picture", "T0.png"), ("view", "T0.json"))}
+    models = dict.fromkeys(files, patient.model)
+    render_case(patient.case, models, patient.plan, patient.postop, files, made["picture"], made["view"])
+    made["volume"] = str(folder / "T0_volume.png")
+    render_volume(patient.case, patient.model, {FORWARD: files[FORWARD]}, made["volume"])
+    return made
+
+
+@pytest.fixture(scope="module")
+def report(patient, drawn, tmp_path_factory):
+    """The page of a study with two tables, one figure, the curves of two methods and one patient."""
+    folder = tmp_path_factory.mktemp("report")
+    frame = pd.DataFrame(
+        {"method": ["no_change", FORWARD]} | {f"column_{n}": [n + 100.25, n + 100.5] for n in range(12)}
+    )
+    for name in ("accuracy", "dial"):
+        write_csv(frame, folder / f"{name}.csv", SCHEMA)
+        view = views(SCHEMA, {column.name: column.name for column in SCHEMA}, {"column_0": -1})
+        write_twins(frame, folder / f"{name}.csv", view, f"What {name} says: two methods, " + 20 * "word ", SCHEMA)
+    PIL.Image.new("RGB", (640, 480), "teal").save(folder / "dial.png")
+    provenance(CONFIG, "0123456789ab", str(folder / "provenance.json"))
+    write_report(
+        str(CAPTIONS / "page.html"),
+        [str(folder / f"{name}.html") for name in ("dial", "accuracy")],
+        [str(folder / "dial.png")],
+        {method: str(folder / "dial.png") for method in ("acmt", "pinnochio")},
+        {patient.case: drawn},
+        str(folder / "provenance.json"),
+        str(folder / "report.html"),
+    )
+    return folder / "report.html"
+
+
+class Elements(HTMLParser):
+    """Collects every element's name and attributes, and the text outside scripts and styles."""
+
+    def __init__(self, page: str):
+        super().__init__()
+        self.found, self.words, self.inside = [], "", None
+        self.feed(page)
+
+    def handle_starttag(self, tag, attributes):
+        self.found.append((tag, dict(attributes)))
+        self.inside = tag
+
+    def handle_data(self, data):
+        if self.inside not in ("script", "style"):
+            self.words += data
+
+
+def test_the_page_holds_the_tables_and_figures_that_there_are_and_no_others(report, patient):
+    page = Elements(report.read_text(encoding="utf-8"))
+    sections = [given["id"] for tag, given in page.found if tag == "section"]
+    assert sections == ["accuracy", "dial", "training", "patients", "provenance"]
+    for n in range(12):
+        assert page.words.count(f"{n + 100.25:.4f}") == page.words.count(f"{n + 100.5:.4f}") == 2
+    pictures = [given["alt"] for tag, given in page.found if tag == "img"]
+    assert pictures == [PARTS["dial"], "Training: acmt", "Training: pinnochio", "T0: picture", "T0: volume"]
+    for said in ("0123456789ab", "simulated cohort", "For research only", "youngs_modulus", "What dial says"):
+        assert said in page.words
+    assert patient.case in page.words
+
+
+def test_the_page_loads_nothing(report):
+    text = report.read_text(encoding="utf-8")
+    addresses = [
+        value for _, given in Elements(text).found for name, value in given.items() if name in ("src", "href", "srcset")
+    ]
+    assert len(addresses) > 8 and all(address.startswith(("data:", "#")) for address in addresses)
+    styles = text[text.index("<style>") : text.index("</style>")]
+    assert "url(" not in styles and "@import" not in styles
+
+
+def decoded(text: str, kind: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+def test_the_view_holds_what_is_predicted_and_its_error(patient, drawn):
+    model, target = PatientModel.read(patient.model), PostopSkin.read(patient.postop).surface
+    view = json.loads(Path(drawn["view"]).read_text())
+    assert list(view["methods"]) == ["no_change", FORWARD]  # what has diverged has no face
+    skin, moved = view["skins"][view["methods"][FORWARD]["skin"]], view["methods"][FORWARD]
+    assert np.allclose(decoded(skin["points"], "<f4").reshape(-1, 3), model.skin_points, atol=1e-4)
+    assert np.array_equal(decoded(skin["faces"], "<i4").reshape(-1, 3), model.skin_faces)
+    assert np.all(decoded(moved["moved"], "<i2").reshape(-1, 3) == [0, -200, 0])
+    judged = np.zeros(len(model.skin_points), bool)
+    judged[model.skin_faces[model.face_roi]] = True
+    errors = decoded(moved["error"], "<i2")
+    assert 0 < judged.sum() < len(judged) and np.all(errors[~judged] == -(2**15))
+    expected = signed_distances(model.skin_points[judged] + [0, -2, 0], *target)
+    assert np.allclose(view["step"] * errors[judged], expected, atol=0.0051)
+    assert np.array_equal(decoded(skin["error"], "<i2"), decoded(view["methods"]["no_change"]["error"], "<i2"))
+
+
+def test_a_table_without_a_body_is_refused(tmp_path):
+    (tmp_path / "dial.html").write_text("<p>1.0</p>")
+    with pytest.raises(InputError, match="not the HTML twin of a table"):
+        read_body(tmp_path / "dial.html")
+
+
+def test_every_part_has_a_caption():
+    for name in (*PARTS, "picture", "volume", "workflow"):
+        assert 20 < len((CAPTIONS / f"{name}.rst").read_text(encoding="utf-8")) < 400, name
+
+
+@pytest.fixture(scope="module")
+def browser():
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if chromium is None:
+        pytest.skip("no Chromium: apt-get install chromium")
+    driver = pytest.importorskip("playwright.sync_api", reason="no playwright: make env")
+    with driver.sync_playwright() as started:
+        # WebGL without a graphics card; a container's root has no sandbox.
+        options = ["--enable-unsafe-swiftshader", "--no-sandbox"]
+        browser = started.chromium.launch(executable_path=chromium, args=options)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def opened(browser, report):
+    """Opens the page from disk at a width; returns it with its requests and errors, which go on filling."""
+    pages = []
+
+    def open_page(width):
+        page = browser.new_page(viewport={"width": width, "height": 844})
+        requests, errors = [], []
+        page.on("request", lambda request: requests.append(request.url))
+        page.on("console", lambda message: message.type == "error" and errors.append(message.text))
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(report.as_uri())
+        page.wait_for_function("document.querySelector('.plot').data !== undefined")
+        pages.append(page)
+        return page, requests, errors
+
+    yield open_page
+    for page in pages:
+        page.close()
+
+
+# Coordinates of the first mesh, the skin, and the camera of the first view.
+SKIN_NOW = "['x', 'y', 'z'].map((name) => Array.from(document.querySelector('.plot').data[0][name]))"
+CAMERA = "document.querySelector('.plot')._fullLayout.scene._scene.getCamera().eye"
+
+
+@pytest.mark.full
+def test_the_view_turns_and_shows_plan_and_error(opened, patient):
+    page, requests, errors = opened(1280)
+    view = page.locator(".view").first
+    view.scroll_into_view_if_needed()
+    model = PatientModel.read(patient.model)
+    planned, before, seen = page.evaluate(SKIN_NOW), page.evaluate(CAMERA), view.locator(".plot").screenshot()
+    assert np.allclose(np.transpose(planned), model.skin_points + [0, -2, 0], atol=0.01)
+    assert len(set(np.unique(PIL.Image.open(io.BytesIO(seen)).convert("L")))) > 50  # a shaded surface
+
+    box = view.locator(".plot").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 120, y + 30, steps=5)
+    page.mouse.up()
+    turned = page.evaluate(CAMERA)
+    assert max(abs(turned[axis] - before[axis]) for axis in "xyz") > 0.1
+
+    view.get_by_role("button", name="Plan off").click()
+    assert np.allclose(np.transpose(page.evaluate(SKIN_NOW)), model.skin_points, atol=0.01)
+    assert page.evaluate(CAMERA) == pytest.approx(turned)
+    view.get_by_role("button", name="Plan on").click()
+    assert page.evaluate(SKIN_NOW) == planned
+    view.get_by_role("button", name="Outcome").click()
+    assert len(page.evaluate(SKIN_NOW)[0]) == len(PostopSkin.read(patient.postop).points)
+    view.get_by_role("button", name="Plan on").click()
+    view.get_by_label("Error map").check()
+    colours = page.evaluate("document.querySelector('.plot').data[0].vertexcolor")
+    assert len(colours) == len(model.skin_points) and len(set(colours)) > 20 and view.locator(".scale").is_visible()
+    view.get_by_label("Method").select_option("no_change")
+    assert np.allclose(np.transpose(page.evaluate(SKIN_NOW)), model.skin_points, atol=0.01)
+    view.get_by_label("Bones").check()
+    assert page.evaluate("document.querySelector('.plot').data[1].visible")
+    assert page.evaluate(CAMERA) == pytest.approx(turned)
+    assert not errors
+    assert [request for request in requests if not request.startswith(("data:", "blob:"))] == [page.url]
+
+
+@pytest.mark.full
+def test_tables_are_readable_on_a_phone(opened):
+    page, _, errors = opened(390)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    found = page.evaluate(
+        """[...document.querySelectorAll('.table .scroll')].map((box) => {
+          box.scrollLeft = 1e6;
+          const [first, last] = [box.querySelector('td'), box.querySelector('td:last-child')];
+          return {
+            box: box.getBoundingClientRect().toJSON(), moved: box.scrollLeft,
+            first: first.getBoundingClientRect().left, last: last.getBoundingClientRect().right,
+            size: parseFloat(getComputedStyle(first).fontSize),
+            caption: box.querySelector('caption').getBoundingClientRect().toJSON(),
+          };
+        })"""
+    )
+    assert len(found) == 2
+    for table in found:
+        box, caption = table["box"], table["caption"]
+        assert box["left"] >= 0 and box["right"] <= 390
+        # Scrolled to its end: the last column is there, the first stays, and the caption can be read in one glance.
+        assert table["moved"] > 100 and table["last"] <= box["right"] and table["first"] >= box["left"]
+        assert table["size"] >= 13 and box["left"] <= caption["left"] and caption["right"] <= 390
+    assert not errors
