@@ -145,16 +145,31 @@ class Page(TrameApp):
     def _arrange(self, both, interval, bones, **_):
         self.scene.compare(both, self.session.side)
         self.scene.overlay(interval, bones)
-        self.ctrl.draw()
+        self._draw()
 
     def _look(self, view: str) -> None:
         self.scene.look(view)
-        self.ctrl.draw()
+        self._draw()
 
     # What the page does.
 
     def _begin(self, **_):
+        self._images = next(part for part in self.server.protocol.getLinkProtocols() if hasattr(part, "push_render"))
         self._follow()
+
+    def _draw(self) -> None:
+        """Render and send the picture."""
+        self._view.update()
+        asynchronous.create_task(self._send())
+
+    async def _send(self) -> None:
+        """Send the picture as soon as it is encoded; the view itself would look for it after half a second."""
+        name = self.state[f"{self._view.ref_name}Id"]
+        for _ in range(25):
+            if not self._images.last_stale_time.get(name):
+                return
+            await asyncio.sleep(0.02)
+            self._images.push_render(name)
 
     def _say(self, text: str, failed: bool = False) -> None:
         self.state.said, self.state.failed = text, failed
@@ -206,7 +221,7 @@ class Page(TrameApp):
         self.scene.show(side, found)
         with self.state:
             self.state.about = self.state.about | {side: self._about(found)}
-        self.ctrl.draw()
+        self._draw()
 
     def _behind(self, side: str) -> bool:
         """Whether a side shows another plan than stands in the session, or a first look at it."""
@@ -220,7 +235,7 @@ class Page(TrameApp):
         words += FIRST_LOOK if found.least is None else f"smallest volume ratio {found.least:.2f}"
         return {
             "moved": f"face moves {found.mean:.2f} mm in the mean, {found.most:.2f} mm at most",
-            "more": f"{words}; {found.seconds:.2f} s",
+            "more": f"{words}; after {found.seconds:.2f} s",
             "unlike": UNLIKE.format(", ".join(found.unlike)) if found.unlike else "",
         }
 
@@ -248,11 +263,10 @@ class Page(TrameApp):
                 self._build_files()
             with v3.VMain(classes="d-flex flex-column", style="height: 100vh"):
                 self._build_captions()
-                view = vtk_widgets.VtkRemoteView(
+                self._view = vtk_widgets.VtkRemoteView(
                     self.scene.plotter.render_window, interactive_ratio=1, interactive_quality=70,
                     style="flex: 1; min-height: 0",
                 )  # fmt: skip
-                self.ctrl.draw = view.update
                 self._build_legend()
 
     def _build_segment(self) -> None:
@@ -292,7 +306,7 @@ class Page(TrameApp):
             click=(self._do, "['copy']"),
         )  # fmt: skip
         v3.VTextField(v_model=("name",), label="Name to save it under", id="name", **FIELD)
-        v3.VBtn("Save", id="save", block=True, color="primary", disabled=("!name",), click=self._save)
+        v3.VBtn("Save", id="save", block=True, color="primary", classes="mt-2", disabled=("!name",), click=self._save)
         v3.VAlert(
             "{{ said }}", v_if=("said",), id="said", type=("failed ? 'error' : 'success'",), density="compact",
             classes="mt-2", style="overflow-wrap: anywhere; font-size: .8rem",
