@@ -12,6 +12,7 @@ from trame.widgets import html
 from trame.widgets import vtk as vtk_widgets
 from trame.widgets import vuetify3 as v3
 
+from pinnochio.anatomy.plan import Plan
 from pinnochio.errors import InputError
 from pinnochio.evaluation.interval_picture import scale
 from pinnochio.patients.certificate import RESEARCH
@@ -49,6 +50,8 @@ class Page(TrameApp):
         self.scene = Scene(forecaster.patient, scale(self.calibration))
         self._worker, self._following = ThreadPoolExecutor(1), False
         self._shown: dict[str, Forecast] = {}
+        self._refused: dict[str, Plan] = {}
+        self._images = None  # what sends the pictures, once there is a server
         self.state.update(
             {
                 "trame__title": f"Planner: {session.case}",
@@ -62,6 +65,7 @@ class Page(TrameApp):
                 "name": "",
                 "said": "",
                 "failed": False,
+                "busy": False,
                 "about": {side: {} for side in SIDES},
                 "pivot": [0.0, 0.0, 0.0],
             }
@@ -166,7 +170,7 @@ class Page(TrameApp):
         """Send the picture as soon as it is encoded; the view itself would look for it after half a second."""
         name = self.state[f"{self._view.ref_name}Id"]
         for _ in range(25):
-            if not self._images.last_stale_time.get(name):
+            if not (self._images and self._images.last_stale_time.get(name)):
                 return
             await asyncio.sleep(0.02)
             self._images.push_render(name)
@@ -193,7 +197,7 @@ class Page(TrameApp):
         self._read_session()
         self._say("")
         if not self._following:
-            self._following = True
+            self._following = self.state.busy = True
             asynchronous.create_task(self._forecast())
 
     async def _forecast(self) -> None:
@@ -203,18 +207,18 @@ class Page(TrameApp):
             while behind := [side for side in SIDES if self._behind(side)]:
                 side = self.session.side if self.session.side in behind else behind[0]
                 plan = self.session.drafts[side].plan
-                steps = self.forecaster.steps(plan)
-                while plan is self.session.drafts[side].plan:
-                    found = await loop.run_in_executor(self._worker, next, steps, False)
-                    if found is False:
-                        break
-                    if found:
-                        self._show(side, found)
-        except (FloatingPointError, InputError) as error:
-            with self.state:
-                self._say(f"This plan cannot be predicted: {error}", failed=True)
+                steps, found = self.forecaster.steps(plan), None
+                try:
+                    while found is not False and plan is self.session.drafts[side].plan:
+                        if found := await loop.run_in_executor(self._worker, next, steps, False):
+                            self._show(side, found)
+                except (FloatingPointError, InputError) as error:
+                    self._refused[side] = plan
+                    with self.state:
+                        self._say(f"Plan {side} cannot be predicted: {error}", failed=True)
         finally:
-            self._following = False
+            with self.state:
+                self._following = self.state.busy = False
 
     def _show(self, side: str, found: Forecast) -> None:
         self._shown[side] = found
@@ -225,8 +229,10 @@ class Page(TrameApp):
 
     def _behind(self, side: str) -> bool:
         """Whether a side shows another plan than stands in the session, or a first look at it."""
-        shown = self._shown.get(side)
-        return shown is None or shown.plan is not self.session.drafts[side].plan or shown.least is None
+        plan, shown = self.session.drafts[side].plan, self._shown.get(side)
+        if self._refused.get(side) is plan:
+            return False
+        return shown is None or shown.plan is not plan or shown.least is None
 
     def _about(self, found: Forecast) -> dict:
         """A forecast in words."""
@@ -257,6 +263,7 @@ class Page(TrameApp):
                 v3.VSpacer()
                 for view in VIEWS:
                     v3.VBtn(view, size="small", variant="text", click=(self._look, f"['{view}']"))
+                v3.VProgressLinear(id="busy", v_if=("busy",), indeterminate=True, absolute=True, location="bottom")
             with v3.VNavigationDrawer(permanent=True, width=340), html.Div(classes="pa-3"):
                 self._build_segment()
                 v3.VDivider(classes="my-3")
