@@ -185,3 +185,8 @@ def test_it_listens_on_the_loopback_alone_and_asks_nobody_else(address, page):
 def test_what_is_missing_is_said(clinic, given, said):
     out, _ = make_planner(clinic, *given, stdout=subprocess.PIPE, stderr=subprocess.STDOUT).communicate()
     assert said in out, out[-2000:]
+
+
+def test_a_method_without_an_interval_is_refused(clinic):
+    done = clinic.snakemake("-n", "--config", "patient=P01", "predict={method: elastic}", "--", "planner")
+    assert done.returncode != 0 and "and elastic has none" in done.stdout

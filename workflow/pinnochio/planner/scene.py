@@ -68,20 +68,20 @@ class Scene:
 
     def look(self, view: str) -> None:
         """Look at the whole head from one of VIEWS."""
-        self.plotter.view_vector(VIEWS[view], viewup=(0, 0, 1), render=False)
-        camera, out = self.plotter.camera, np.array(VIEWS[view]) / np.linalg.norm(VIEWS[view])
-        across = np.cross([0, 0, 1], out)
-        axes = np.array([across / np.linalg.norm(across), np.cross(out, across / np.linalg.norm(across)), out])
+        out = np.array(VIEWS[view]) / np.linalg.norm(VIEWS[view])
+        across = np.cross([0, 0, 1], out) / np.linalg.norm(out[:2])
+        axes = np.array([across, np.cross(out, across), out])
         seen = self._patient.skin_points @ axes.T
         low, high = seen.min(axis=0), seen.max(axis=0)
-        camera.focal_point = (low + high) / 2 @ axes
-        camera.position = camera.focal_point + FAR * out
-        camera.parallel_projection = True
-        camera.parallel_scale = 0.55 * (high - low)[1] * (NARROW if self._both else 1)
+        middle = (low + high) / 2 @ axes
+        self.plotter.camera_position = [middle + FAR * out, middle, (0, 0, 1)]
+        self.plotter.camera.parallel_projection = True
+        self.plotter.camera.parallel_scale = 0.55 * (high - low)[1] * (NARROW if self._both else 1)
+        self.plotter.renderer.ResetCameraClippingRange()
 
 
 class Side:
-    """What is drawn of one plan: skin, bones, and in front of them the marks, a ball and three arrows with words."""
+    """What is drawn of one plan: skin, bones, and in front of them the marks: pivot and axes."""
 
     def __init__(self, plotter: pv.Plotter, patient: PatientModel, limit: float):
         self._patient, self.renderer = patient, plotter.renderer

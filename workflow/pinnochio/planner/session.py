@@ -126,15 +126,14 @@ class Session:
 
         InputError for a name that a file cannot bear or another plan has, and for a plan that cannot be imported.
         """
-        plan, file, folder = self.draft.plan, self.home / f"plans/{name}.json", self.home / f"transforms/{name}"
+        plan, patient = self.draft.plan, self.patient
+        file, folder = self.home / f"plans/{name}.json", self.home / f"transforms/{name}"
         check_name(self.case, name, file)
         own = name in self.plans and name not in self._given
         if name in self._given or (file.exists() and not own):
             raise InputError(self.case, file, f"there is a plan {name!r} already", "choose another name")
-        bone = BoneSurface(
-            *(getattr(self.patient, f"bone_{part}") for part in ("points", "normals", "faces", "segment"))
-        )
-        check_travel(plan, bone, self.patient.segments, file)
+        bone = BoneSurface(patient.bone_points, patient.bone_normals, patient.bone_faces, patient.bone_segment)
+        check_travel(plan, bone, patient.segments, file)
         write_transforms(plan.motions, folder)
         plan.write(file)
         self.plans[name] = plan
