@@ -3,8 +3,9 @@
 import asyncio
 from concurrent.futures import ThreadPoolExecutor
 
-import matplotlib
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
 from trame.app import TrameApp, asynchronous
 from trame.decorators import change
 from trame.ui.vuetify3 import VAppLayout
@@ -331,8 +332,8 @@ class Page(TrameApp):
 
     def _build_legend(self) -> None:
         """The colours of the half-width in mm, and those of the axes."""
-        limit, colours = scale(self.calibration), matplotlib.colormaps[COLOURS](np.linspace(0, 1, 9))
-        gradient = ", ".join(matplotlib.colors.to_hex(colour) for colour in colours)
+        limit, colours = scale(self.calibration), colormaps[COLOURS](np.linspace(0, 1, 9))
+        gradient = ", ".join(to_hex(colour) for colour in colours)
         with html.Div(classes="d-flex align-center pa-2", style="gap: .5rem; font-size: .85rem; flex-wrap: wrap"):
             with html.Span(v_if=("interval",), id="legend", classes="d-flex align-center", style="gap: .5rem"):
                 html.Span(f"half-width of the {100 * self.calibration.level:g} % interval: 0")
