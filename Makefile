@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SNAKEMAKE := $(BIN)/snakemake --cores 2
 
-.PHONY: env quick study report test test-library test-study test-full docs
+.PHONY: env quick study report planner test test-library test-study test-full docs
 
 env: .venv/installed
 
@@ -23,6 +23,13 @@ study: env
 # make report CONFIG=config/quick.yaml: of another study than the default one.
 report: env
 	$(SNAKEMAKE) report $(if $(CONFIG),--configfile $(CONFIG))
+
+# make planner PATIENT=FOLDER: prepares the patient, then opens a page on this machine to try plans on. MODELS: an
+# archive elsewhere; PLANNER: options of scripts/plan.py.
+planner: env
+	@test -n "$(PATIENT)" || { echo "Name the patient: make planner PATIENT=FOLDER"; exit 1; }
+	$(SNAKEMAKE) --config patient=$(PATIENT) $(if $(MODELS),models=$(MODELS)) -- planner
+	$(BIN)/python scripts/plan.py results/patients/$(notdir $(abspath $(PATIENT)))/planner.json $(PLANNER)
 
 docs: env
 	$(BIN)/python scripts/document_config.py

@@ -136,11 +136,7 @@ rule import_plan:
 use rule check_cohort as check_patient with:
     input:
         imports=["<results>/patients/{case}/import.json"],
-        plans=lambda wildcards: expand(
-            "<results>/patients/{case}/{plan}/plan.json",
-            case=wildcards.case,
-            plan=PATIENTS[wildcards.case].plans,
-        ),
+        plans=plans_of_patient,
     output:
         table=ensure("<results>/patients/{case}/imported.csv", non_empty=True),
     log:
@@ -395,3 +391,43 @@ rule predict:
         results_of_patients,
     message:
         "The new patients are predicted: see {config[pathvars][results]}/patients"
+
+
+# The patient with its models, for a person who tries plans: scripts/plan.py.
+rule prepare_planner:
+    input:
+        model="<results>/patients/{case}/model.h5",
+        lifts=lift_of_patient,
+        quality="<results>/patients/{case}/quality.json",
+        plans=plans_of_patient,
+        archive=lambda wildcards: CHOICE.files,
+    output:
+        given="<results>/patients/{case}/planner.json",
+    log:
+        "<logs>/prepare_planner/{case}.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        settings=lambda wildcards: {
+            "home": PATIENTS[wildcards.case].home,
+            "archive": CHOICE.folder,
+            "method": CHOICE.method,
+            "corrections": CHOICE.corrections,
+            "fem": CHOICE.settings["fem"],
+        },
+        code=code_of("planner"),
+    message:
+        "Prepare {wildcards.case} for the planner"
+    script:
+        "../scripts/prepare_planner.py"
+
+
+rule planner:
+    input:
+        planners_of_patients,
+    message:
+        "Open the planner: python scripts/plan.py {input}"

@@ -1,15 +1,13 @@
 """Makes the prediction of a new patient with its calibrated interval, and a picture of how far off it may be."""
 
 import logging
-from dataclasses import replace
 
 import numpy as np
 
-from pinnochio.anatomy.model import FREE, PatientModel
-from pinnochio.evaluation.interval import Calibration, interval, read_ensemble
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.evaluation.interval import Calibration, guarded_interval, read_ensemble
 from pinnochio.evaluation.interval_picture import interval_picture
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.guard import guard
 from pinnochio.mechanics.settings import FemSettings
 
 
@@ -18,17 +16,8 @@ def predict_interval(
 ) -> None:
     """Write the interval of a patient whom no network has seen, no element of its mean field inverted."""
     patient, calibrated = PatientModel.read(model), Calibration.read(calibration)
-    found = interval(patient, read_ensemble(ensemble), calibrated)
-    mended, repair = guard(
-        patient.points,
-        patient.cells,
-        fem.material(patient.tissue),
-        found.displacement,
-        patient.node_type != FREE,
-        fem.volumetric,
-    )
+    found, repair = guarded_interval(patient, read_ensemble(ensemble), calibrated, fem)
     logging.info("%s: mean half-width %.3f mm; %s", case, np.nanmean(found.half_width), repair)
-    found = replace(found, displacement=mended)
     found.write(result, case=case, method=calibrated.method, level=calibrated.level)
     interval_picture(patient, found, calibrated, case, picture)
 

@@ -254,8 +254,8 @@ def archived(wildcards):
     return rules.pack.output
 
 
-def results_of_patients(wildcards):
-    """What is handed over of every new patient and plan."""
+def named_patients():
+    """The new patients; InputError where none is named."""
     if not PATIENTS:
         raise InputError(
             "-",
@@ -263,6 +263,19 @@ def results_of_patients(wildcards):
             "no new patient is named",
             "add --config patient=FOLDER",
         )
+    return PATIENTS.values()
+
+
+def results_of_patients(wildcards):
+    """What is handed over of every new patient and plan."""
+    for patient in named_patients():
+        if not patient.plans:
+            raise InputError(
+                patient.name,
+                patient.home,
+                "there is no plan",
+                "add plan.json, or plans/NAME.json for several, or make one with the planner (make planner)",
+            )
     names = ["certificate.json", "index.html", "deformed.vtu"]
     return [
         f"<results>/patients/{patient.name}/{plan}/{CHOICE.method}/{name}"
@@ -270,6 +283,31 @@ def results_of_patients(wildcards):
         for plan in patient.plans
         for name in names
     ]
+
+
+def planners_of_patients(wildcards):
+    """What the planner needs of every new patient."""
+    found = expand(
+        "<results>/patients/{case}/planner.json",
+        case=[patient.name for patient in named_patients()],
+    )
+    if not CHOICE.archive:
+        raise InputError(
+            "-",
+            "configuration",
+            f"the planner shows the interval of a trained method, and {CHOICE.method} has none",
+            "leave predict.method, budget_seconds and tolerance_mm as they are, or name a method of the archive",
+        )
+    return found
+
+
+def plans_of_patient(wildcards):
+    """The checked plans of a new patient."""
+    return expand(
+        "<results>/patients/{case}/{plan}/plan.json",
+        case=wildcards.case,
+        plan=PATIENTS[wildcards.case].plans,
+    )
 
 
 def lift_of_patient(wildcards):

@@ -31,6 +31,7 @@ def test_readme_names_what_exists():
         "docs/benchmark.md",
         "docs/cohort.md",
         "docs/patients.md",
+        "docs/planner.md",
     )
     for path in (*pages, "docs/heads.png", "CITATION.cff"):
         assert path in text and (ROOT / path).is_file()

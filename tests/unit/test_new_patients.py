@@ -39,7 +39,14 @@ def test_a_folder_holds_one_plan_or_several(folder):
     assert plans_of(folder) == {
         "plan": "plan.json", "setback": "plans/setback.json", "slicer": "plans/slicer"
     }  # fmt: skip
-    assert read_patients(f"{folder}/")["P01"].segmentation == str(folder / "segmentation.nii.gz")
+    patient = read_patients(f"{folder}/")["P01"]
+    assert patient.segmentation == str(folder / "segmentation.nii.gz") and patient.home == str(folder)
+
+
+def test_a_patient_may_have_no_plan_yet(folder):
+    assert plans_of(folder) == {}
+    (folder / "plans").mkdir()
+    assert plans_of(folder) == {}
 
 
 def test_a_folder_of_transforms_is_one_plan_and_one_of_surfaces_a_segmentation(folder):
@@ -60,13 +67,12 @@ def test_a_table_names_several_patients(folder):
     table.write_text("\n".join([*rows, "P02\tP01/segmentation.nii.gz\tP01/plans/a.json\t"]) + "\n")
     found = read_patients(table)
     assert {name: sorted(patient.plans) for name, patient in found.items()} == {"P01": ["a", "b"], "P02": ["a"]}
+    assert {patient.home for patient in found.values()} == {str(folder), str(folder.parent / "P02")}
 
 
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        ([], "there is no plan"),
-        (["plans/"], "there is no plan"),
         (["plan.json", "segmentation.nrrd"], "segmentation.nii.gz, segmentation.nrrd"),
         (["plan.json", "plans/plan.json"], "plan 'plan' is there twice"),
         (["plans/my plan.json"], "'my plan' is not of letters"),

@@ -33,6 +33,15 @@ class RigidMotion:
         turned = Rotation.from_rotvec(share * Rotation.from_matrix(self.rotation).as_rotvec())
         return RigidMotion(turned.as_matrix(), share * self.translation, self.pivot)
 
+    def about(self, pivot: np.ndarray) -> "RigidMotion":
+        """The same motion with another pivot (3,) mm."""
+        return RigidMotion(self.rotation, self.displacement(pivot[None])[0], pivot)
+
+    @property
+    def degrees(self) -> np.ndarray:
+        """Components (3,) of the rotation vector, as :meth:`from_degrees` takes them."""
+        return Rotation.from_matrix(self.rotation).as_rotvec(degrees=True)
+
     @classmethod
     def from_degrees(cls, angles, translation, pivot) -> "RigidMotion":
         """From rotation-vector components in degrees about the x (pitch), y (roll) and z (yaw) axes."""

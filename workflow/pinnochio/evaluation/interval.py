@@ -3,18 +3,20 @@
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 from scipy.stats import norm
 
-from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.model import FREE, PatientModel
 from pinnochio.anatomy.regions import NAMES, regions
 from pinnochio.anatomy.triangles import vertex_normals
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
+from pinnochio.mechanics.guard import Repair, guard
+from pinnochio.mechanics.settings import FemSettings
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,10 @@ def usual_spreads(patients: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarr
     return np.sqrt(np.where(known, squares, 0).sum(axis=0) / np.where(known.any(axis=0), known.sum(axis=0), np.nan))
 
 
-def interval(patient: PatientModel, displacements, calibration: Calibration) -> Interval:
+def interval(patient: PatientModel, displacements, calibration: Calibration, region=None) -> Interval:
     """The interval of a patient whom no fold model has seen, from their displacements (k, n, 3) mm.
+
+    region (s,): regions(patient), which serve every plan; they are made where they are not given.
 
     The half-width is the region's q, and sqrt(q^2 + z^2 (spread^2 - usual^2)) where the models disagree more than
     usual: were a model's error the sum of one that all share and a normal one of its own, its variance would grow by
@@ -114,7 +118,7 @@ def interval(patient: PatientModel, displacements, calibration: Calibration) -> 
     InputError where nothing is calibrated.
     """
     displacements = np.asarray(displacements, float)
-    region = regions(patient)
+    region = regions(patient) if region is None else region
     q, usual = (  # the last one, NaN, is that of code -1
         np.array([np.nan if values[name] is None else values[name] for name in NAMES] + [np.nan])
         for values in (calibration.half_width, calibration.usual_spread)
@@ -131,3 +135,13 @@ def interval(patient: PatientModel, displacements, calibration: Calibration) -> 
     mean = displacements.mean(axis=0)
     spread = np.sqrt(np.sum((displacements - mean) ** 2, axis=2).mean(axis=0))
     return Interval(mean, spread, np.sqrt(q[region] ** 2 + z**2 * excess), region)
+
+
+def guarded_interval(
+    patient: PatientModel, displacements, calibration: Calibration, fem: FemSettings, region=None
+) -> tuple[Interval, Repair]:
+    """The interval of :func:`interval` with no element of the mean field inverted, and what that took."""
+    found = interval(patient, displacements, calibration, region)
+    mesh, held = (patient.points, patient.cells, fem.material(patient.tissue)), patient.node_type != FREE
+    displacement, repair = guard(*mesh, found.displacement, held, fem.volumetric)
+    return replace(found, displacement=displacement), repair

@@ -11,25 +11,32 @@ from pinnochio.study import read_cases
 
 @dataclass(frozen=True)
 class NewPatient:
-    """A patient to predict: segmentation, a file or a folder of surfaces; plan files or folders by the plan's name."""
+    """A patient to predict: segmentation, a file or a folder of surfaces; plan files or folders by the plan's name.
+
+    home: the folder that what is planned for the patient is saved in.
+    """
 
     name: str
     segmentation: str
     plans: Mapping[str, str]
+    home: str
 
 
 def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
     """The patients by name: the one of a folder, or those of a table with the columns of a cohort table.
 
-    A folder bears the patient's name and holds `segmentation.*` (or the folder `segmentation` of surfaces) and
-    `plan.json`, the folder `plan` of transforms, or `plans/` with several of either. In a table the plan may be such a
-    folder of plans too. InputError for what is missing or there twice.
+    A folder bears the patient's name and holds `segmentation.*` (or the folder `segmentation` of surfaces) and, unless
+    there is no plan yet, `plan.json`, the folder `plan` of transforms, or `plans/` with several of either. In a table
+    the plan may be such a folder of plans too. InputError for what is missing or there twice.
     """
     path = Path(path)
     if path.is_dir():
         found = [_of_folder(path)]
     elif path.is_file():
-        found = [NewPatient(case.name, case.segmentation, _plans(case.name, case.plan)) for case in read_cases(path)]
+        found = [
+            NewPatient(case.name, case.segmentation, _plans(case.name, case.plan), str(path.parent / case.name))
+            for case in read_cases(path)
+        ]
     else:
         raise InputError("-", path, "there is no such folder or table", "name the patient's folder: patient=FOLDER")
     return {patient.name: patient for patient in found}
@@ -37,7 +44,7 @@ def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
 
 def _of_folder(folder: Path) -> NewPatient:
     name = folder.resolve().name
-    _check_name(name, name, folder)
+    check_name(name, name, folder)
     images = [path for path in sorted(folder.iterdir()) if path.name.split(".")[0] == "segmentation"]
     if len(images) != 1:
         listed = ", ".join(path.name for path in images) or "no segmentation"
@@ -51,9 +58,7 @@ def _of_folder(folder: Path) -> NewPatient:
             if twice := sorted(own.keys() & plans.keys()):
                 raise InputError(name, folder, f"plan {twice[0]!r} is there twice", "give each plan a name of its own")
             plans |= own
-    if not plans:
-        raise InputError(name, folder, "there is no plan", "add plan.json, or plans/NAME.json for several")
-    return NewPatient(name, str(images[0]), plans)
+    return NewPatient(name, str(images[0]), plans, str(folder))
 
 
 def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
@@ -62,18 +67,17 @@ def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
     own = [path]
     if path.is_dir():
         several = [own for own in sorted(path.iterdir()) if own.suffix == ".json" or own.is_dir()]
-        own = several or own
-        if path.name == "plans" and not several:
-            raise InputError(case, path, "there is no plan", "add NAME.json, or a folder of transforms, for each plan")
+        own = several if path.name == "plans" else several or own
     plans = {}
     for plan in own:
-        _check_name(case, plan.stem, plan)
+        check_name(case, plan.stem, plan)
         if plan.stem in plans:
             raise InputError(case, plan, f"plan {plan.stem!r} is there twice", "give each plan a name of its own")
         plans[plan.stem] = str(plan)
     return plans
 
 
-def _check_name(case: str, name: str, path: Path) -> None:
+def check_name(case: str, name: str, path: str | os.PathLike) -> None:
+    """Refuse a name of a patient or plan that a file cannot bear everywhere."""
     if not name.replace("_", "").replace("-", "").isalnum():
         raise InputError(case, path, f"the name {name!r} is not of letters, digits, '-' and '_'", "rename it")

@@ -1,0 +1,36 @@
+"""Opens the planner on a prepared patient, in a browser on this machine: `python scripts/plan.py --help`."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parent.parent / "workflow"))  # where Snakemake finds the library, too
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as in the workflow: idle threads leave the cores to others
+
+from pinnochio.anatomy.plan import Plan  # noqa: E402
+from pinnochio.errors import InputError  # noqa: E402
+from pinnochio.planner.forecast import Forecaster  # noqa: E402
+from pinnochio.planner.given import Given  # noqa: E402
+from pinnochio.planner.page import Page  # noqa: E402
+from pinnochio.planner.session import Session  # noqa: E402
+from pinnochio.training.device import choose_device  # noqa: E402
+
+
+def open_planner(given: Given, port: int, browser: bool) -> None:
+    """Load patient and models, then serve the page on the loopback until the process is ended; InputError if not."""
+    forecaster = Forecaster(given, choose_device(0, os.cpu_count()))
+    plans = {name: Plan.read(path, given.case) for name, path in given.plans.items()}
+    Page(Session(forecaster.patient, given.case, plans, given.home), forecaster).serve(port, browser)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    parser.add_argument("prepared", help="planner.json of the patient, written by `snakemake planner`")
+    parser.add_argument("--port", type=int, default=8050, help="port on 127.0.0.1; 0 for any that is free")
+    parser.add_argument("--no-browser", action="store_true", help="only print the address")
+    asked = parser.parse_args()
+    try:
+        open_planner(Given.read(asked.prepared), asked.port, not asked.no_browser)
+    except InputError as error:
+        sys.exit(str(error))

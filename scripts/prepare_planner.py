@@ -1,0 +1,43 @@
+"""Makes the list of what the planner needs of a prepared patient and its models."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pinnochio.logs import attach_log
+from pinnochio.planner.given import Given
+
+
+def prepare_planner(
+    case: str,
+    model: str,
+    lift: str | None,
+    quality: str,
+    plans: Sequence[str],
+    settings: dict,
+    out: str,
+) -> None:
+    """Write the list with absolute paths, so that the planner can be started from any folder.
+
+    plans: checked plan files, `{name}/plan.json`; settings: home, archive, method, corrections and fem of a Given.
+    """
+
+    def absolute(path: str) -> str:
+        return str(Path(path).resolve())
+
+    given = {Path(plan).parent.name: absolute(plan) for plan in plans}
+    places = {name: absolute(settings[name]) for name in ("home", "archive")}
+    files = absolute(model), lift and absolute(lift), absolute(quality)
+    Given(case, *files, plans=given, **settings | places).write(out)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    prepare_planner(
+        snakemake.wildcards.case,
+        snakemake.input.model,
+        next(iter(snakemake.input.get("lifts", [])), None),
+        snakemake.input.quality,
+        snakemake.input.get("plans", []),
+        snakemake.params.settings,
+        snakemake.output.given,
+    )

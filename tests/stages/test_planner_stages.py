@@ -1,0 +1,137 @@
+"""The planner's forecasts are those of `snakemake predict`, and its picture shows them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.regions import NAMES
+from pinnochio.evaluation.interval import Calibration, Interval
+from pinnochio.evaluation.quality import quality
+from pinnochio.networks.cascade import build
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.patients.archive import Archive, calibration_file, network_file
+from pinnochio.planner.forecast import Forecaster
+from pinnochio.planner.given import Given
+from pinnochio.planner.scene import Scene
+from pinnochio.training.checkpoint import save_network
+from scripts.describe_training import describe_training
+from scripts.make_lift import write_lift
+from scripts.predict_ensemble import predict_ensemble
+from scripts.predict_interval import predict_interval
+from scripts.prepare_planner import prepare_planner
+from tests.stages.conftest import CONFIG, SEGMENTS
+
+METHOD = "pinnochio_plus"
+SMALL = NetworkSettings(
+    **(CONFIG["network"] | {"lift": "elastic", "volume_layers": 0, "boundary_layers": 1, "channels": 8})
+)
+
+
+@pytest.fixture(scope="module")
+def given(patients, tmp_path_factory):
+    """The first of two patients, prepared for the planner with an archive of two networks that nobody has trained."""
+    patient, folder = patients[0], tmp_path_factory.mktemp("planner")
+    reports = []
+    for own in patients:
+        reports.append(str(folder / f"{own.case}.json"))
+        found = quality(PatientModel.read(own.model), json.loads(Path(own.report).read_text()))
+        Path(reports[-1]).write_text(json.dumps(found))
+    columns = ([getattr(own, name) for own in patients] for name in ("case", "model", "plan"))
+    archive = folder / "archive"
+    archive.mkdir()
+    describe_training(*columns, reports, str(archive / "ranges.json"))
+    methods = {METHOD: {"corrections": 1, "lift": "elastic", "usual": {}}}
+    Archive("virtual cohort", 2, SEGMENTS, ["1", "2"], methods, {}, "abc", "def").write(archive)
+    widths = dict.fromkeys(NAMES, 1.5), dict.fromkeys(NAMES, 0.01)
+    Calibration(METHOD, 0.9, 2, 2, *widths).write(archive / calibration_file(METHOD))
+    for number, fold in enumerate("12"):
+        torch.manual_seed(number)
+        network = build(SMALL)
+        with torch.no_grad():
+            for weights in network.parameters():  # as built, every network gives out what the lift says
+                weights += 0.02 * torch.randn_like(weights)
+        save_network(archive / network_file(METHOD, fold), network, SMALL)
+    lift = str(folder / "lift.h5")
+    write_lift(patient.model, "elastic", 16, patient.fem, lift)
+    (folder / "set").mkdir()
+    (folder / "set/plan.json").write_text(Path(patient.plan).read_text())
+    settings = {"home": str(folder), "archive": str(archive), "method": METHOD, "corrections": 1}
+    settings |= {"fem": vars(patient.fem)}
+    out = str(folder / "planner.json")
+    prepare_planner(patient.case, patient.model, lift, reports[0], [str(folder / "set/plan.json")], settings, out)
+    return Given.read(out)
+
+
+@pytest.fixture(scope="module")
+def forecaster(given):
+    return Forecaster(given, "cpu")
+
+
+def test_a_forecast_is_the_prediction_of_the_workflow(given, forecaster, patient, tmp_path):
+    ensemble, result = str(tmp_path / "ensemble.h5"), str(tmp_path / "interval.h5")
+    networks = {fold: f"{given.archive}/{network_file(METHOD, fold)}" for fold in "12"}
+    assert list(given.plans) == ["set"]
+    plan = given.plans["set"]
+    predict_ensemble(given.case, given.model, plan, given.lift, networks, patient.fem, 1, "cpu", 1, ensemble)
+    calibration = f"{given.archive}/{calibration_file(METHOD)}"
+    predict_interval(given.case, given.model, ensemble, calibration, patient.fem, result, str(tmp_path / "p.png"))
+    expected, found = Interval.read(result), forecaster(Plan.read(plan, given.case))
+    np.testing.assert_allclose(found.interval.displacement, expected.displacement, atol=1e-4)
+    np.testing.assert_allclose(found.interval.half_width, expected.half_width, atol=1e-4)
+    assert np.linalg.norm(expected.displacement, axis=1).max() > 3 and found.least > 0
+    assert np.nanmax(found.interval.half_width) > 1.51  # the two networks do not agree
+
+
+def test_a_first_look_comes_before_the_corrections_and_shows_nearly_the_same(given, forecaster):
+    plan = Plan.read(given.plans["set"], given.case)
+    first, *between, last = forecaster.steps(plan)
+    assert first.least is None and between == [None, None] and last.least is not None
+    assert first.seconds < last.seconds and first.plan is last.plan is plan
+    difference = np.linalg.norm(first.skin - last.skin, axis=1)
+    moved = np.linalg.norm(last.skin - forecaster.patient.skin_points, axis=1)
+    assert 0 < difference.mean() < 0.2 * moved.mean()
+
+
+def test_a_plan_unlike_the_training_is_said(given, forecaster):
+    plan = Plan.read(given.plans["set"], given.case)
+    assert forecaster(plan).unlike == ()
+    motion = plan.motion("lefort1")
+    far = Plan(
+        given.case,
+        plan.motions | {"lefort1": type(motion)(motion.rotation, motion.translation + [0, 20, 0], motion.pivot)},
+    )
+    assert forecaster(far).unlike == ("plan",)
+
+
+def test_the_picture_follows_the_plan(given, forecaster):
+    scene, still = Scene(forecaster.patient, 2.0), forecaster(Plan(given.case, {}))
+    for side in "AB":
+        scene.show(side, still)
+    scene.mark("A", forecaster.patient.skin_points.mean(axis=0))
+
+    def picture(interval=False, bones=False, both=False, side="A"):
+        scene.compare(both, side)
+        scene.overlay(interval, bones)
+        scene.plotter.render()
+        return scene.plotter.screenshot(return_img=True).astype(int)
+
+    def differ(one, other):
+        return (np.abs(one - other).max(axis=2) > 20).mean()
+
+    before = picture()
+    marked = picture(both=True)
+    halves = np.split(marked, 2, axis=1)
+    assert 0.003 < differ(*halves) < 0.03  # pivot and axes on the left alone, in front of the skin
+    assert differ(before, picture(interval=True)) > 0.05 and differ(before, picture(bones=True)) > 0.05
+    scene.show("A", forecaster(Plan.read(given.plans["set"], given.case)))
+    assert differ(before, picture()) > 0.004
+    assert differ(halves[1], np.split(picture(both=True), 2, axis=1)[1]) == 0
+    scene.look("front")
+    front = picture(side="B")
+    assert differ(front, front[:, ::-1]) < 0.5 * differ(before, before[:, ::-1])  # a face is symmetric
+    scene.plotter.close()

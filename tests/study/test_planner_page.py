@@ -1,0 +1,192 @@
+"""`make planner` on a new patient, driven in headless Chromium: sliders, undo, two sides, a plan that reads back."""
+
+import importlib.util
+import io
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from PIL import Image
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.planner.forecast import Forecaster
+from pinnochio.planner.given import Given
+from tests.study.conftest import ROOT, Project
+
+CHROMIUM = shutil.which("chromium")
+MISSING = [name for name in ("trame", "trame_vtk", "trame_vuetify", "playwright") if not importlib.util.find_spec(name)]
+MISSING += [] if CHROMIUM else ["chromium (apt-get install chromium)"]
+pytestmark = [pytest.mark.full, pytest.mark.skipif(bool(MISSING), reason=f"the planner's test lacks {MISSING}")]
+SMALL = "methods: [no_change, pinnochio_plus]\nablation: []\nreference: pinnochio_plus\nvirtual: {patients: 4}\n"
+
+
+@pytest.fixture(scope="module")
+def clinic(tmp_path_factory):
+    """A project with a small study's archive and a patient who has no plan yet."""
+    project = Project(tmp_path_factory.mktemp("planner"))
+    shutil.copy(ROOT / "Makefile", project.folder)
+    (project.folder / ".venv").mkdir()
+    (project.folder / ".venv/installed").touch()  # the environment of this test stands for that of `make env`
+    (project.folder / "own.yaml").write_text(SMALL)
+    done = project.snakemake("--configfile", "config/quick.yaml", "own.yaml", "--", "archive")
+    assert done.returncode == 0, done.stdout[-4000:]
+    (project.folder / "P01").mkdir()
+    shutil.copy(project.folder / "results/quick/virtual/V01/segmentation.nii.gz", project.folder / "P01")
+    return project
+
+
+def make_planner(clinic, *given, **options):
+    command = ["make", "planner", f"BIN={Path(sys.executable).parent}", "MODELS=results/quick/archive", *given]
+    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+    return subprocess.Popen(command, cwd=clinic.folder, env=environment, text=True, **options)
+
+
+@pytest.fixture(scope="module")
+def address(clinic):
+    """Where the planner listens."""
+    said = clinic.folder / "planner.txt"
+    with open(said, "w") as stream:
+        process = make_planner(
+            clinic, "PATIENT=P01", "PLANNER=--port 0 --no-browser", stdout=stream, stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )  # fmt: skip
+    while not (found := re.search(r"Local: +(http://\S+)", said.read_text())):
+        assert process.poll() is None, said.read_text()[-4000:]
+        time.sleep(0.5)
+    yield found[1]
+    os.killpg(process.pid, signal.SIGTERM)
+    process.wait()
+
+
+@pytest.fixture(scope="module")
+def page(address):
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1360, "height": 860})
+        page.asked, page.wrong = [], []
+        page.on("request", lambda request: page.asked.append(request.url))
+        page.on("pageerror", lambda error: page.wrong.append(str(error)))
+        page.goto(address)
+        yield page
+        browser.close()
+
+
+def forecast(page, side="A") -> str:
+    """What is said of a side once nothing is under way any more."""
+    page.wait_for_timeout(1500)  # what was done has reached the other end
+    page.locator("#busy").wait_for(state="detached", timeout=120_000)
+    said = page.inner_text(f"#about_{side}")
+    assert "smallest volume ratio" in said
+    return said
+
+
+def picture(page) -> np.ndarray:
+    """The rendered view (h, w, 3)."""
+    page.wait_for_timeout(1500)  # the picture follows the words
+    return np.asarray(Image.open(io.BytesIO(page.locator("main canvas").screenshot())).convert("RGB"), int)
+
+
+def differ(one, other) -> float:
+    """Share of the pixels that differ."""
+    return float((np.abs(one - other).max(axis=2) > 20).mean())
+
+
+def predicting(clinic) -> subprocess.CompletedProcess:
+    """What `snakemake predict` would do with the patient now."""
+    return clinic.snakemake("-n", "--config", "patient=P01", "models=results/quick/archive", "--", "predict")
+
+
+def mean(said) -> float:
+    """The mean movement of the face, mm, that is said."""
+    return float(re.search(r"moves ([\d.]+) mm", said)[1])
+
+
+def number(page, name) -> float:
+    return float(page.locator(f"#number_{name}").input_value())
+
+
+def test_a_person_moves_compares_undoes_and_saves(clinic, page, tmp_path):
+    assert "there is no plan" in predicting(clinic).stdout
+    page.locator("#about_A").get_by_text("smallest volume ratio").wait_for(timeout=120_000)
+    first, before = forecast(page), picture(page)
+    page.click("#segment_mandible_distal")
+    for _ in range(80):
+        page.locator(".v-slider [role=slider]").nth(1).press("ArrowLeft")  # y: 8 mm forward
+    assert number(page, "y") == -8.0
+    moved, after = forecast(page), picture(page)
+    assert differ(before, after) > 0.01
+    assert mean(moved) > 5 * mean(first) and mean(moved) > 0.5
+    assert "mm" in page.inner_text("#legend") and "interval" in page.inner_text("#legend")
+
+    page.get_by_label("side by side").click()
+    assert mean(forecast(page, "B")) == mean(first)
+    page.get_by_label("bones").click()
+    both = picture(page)
+    half = both.shape[1] // 2
+    assert differ(both[:, :half], both[:, -half:]) > 0.01
+    page.screenshot(path=tmp_path / "planner.png")
+
+    page.locator("#number_pitch").fill("3.5")
+    page.locator("#number_pitch").press("Enter")
+    turned = forecast(page)
+    page.click("#undo")
+    assert mean(forecast(page)) == mean(moved) != mean(turned) and number(page, "pitch") == 0
+    page.click("#redo")
+    assert mean(forecast(page)) == mean(turned)
+
+    page.locator("#name").fill("mine")
+    page.click("#save")
+    page.locator("#said").get_by_text("Saved").wait_for()
+    file, folder = clinic.folder / "P01/plans/mine.json", clinic.folder / "P01/transforms/mine"
+    plans = [Plan.read(path, "P01") for path in (file, folder)]
+    motion = plans[0].motion("mandible_distal")
+    np.testing.assert_allclose([*motion.translation, *motion.degrees], [0, -8, 0, 3.5, 0, 0], atol=1e-6)
+    model = PatientModel.read(clinic.folder / "results/patients/P01/model.h5")
+    np.testing.assert_allclose(*(model.bone_displacement(plan) for plan in plans), atol=1e-6)
+    given = Given.read(clinic.folder / "results/patients/P01/planner.json")
+    found = Forecaster(given, "cpu")(plans[0])
+    assert f"moves {found.mean:.2f} mm in the mean, {found.most:.2f} mm at most" in turned  # the page showed this plan
+
+    page.locator("#name").fill("no/name")
+    page.click("#save")
+    page.locator("#said").get_by_text("Not saved").wait_for()
+    assert "Remedy" not in page.inner_text("#said") and not (clinic.folder / "P01/plans/no").exists()
+    assert "patients/P01/mine/pinnochio_plus/index.html" in predicting(clinic).stdout
+
+
+def test_it_listens_on_the_loopback_alone_and_asks_nobody_else(address, page):
+    port = int(address.rstrip("/").rsplit(":", 1)[1])
+    listening = [own.laddr for own in psutil.net_connections() if own.status == psutil.CONN_LISTEN]
+    assert {place.ip for place in listening if place.port == port} == {"127.0.0.1"}
+    assert page.asked and not page.wrong
+    assert all(url.startswith((address, "data:", "blob:")) for url in page.asked)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ((), "PATIENT=FOLDER"),
+        (("PATIENT=P02",), "no such folder or table"),
+        (("PATIENT=P01", "MODELS=nowhere"), "there is no archive of trained models"),
+    ],
+    ids=["unnamed", "no patient", "no models"],
+)
+def test_what_is_missing_is_said(clinic, given, said):
+    out, _ = make_planner(clinic, *given, stdout=subprocess.PIPE, stderr=subprocess.STDOUT).communicate()
+    assert said in out, out[-2000:]
+
+
+def test_a_method_without_an_interval_is_refused(clinic):
+    done = clinic.snakemake("-n", "--config", "patient=P01", "predict={method: elastic}", "--", "planner")
+    assert done.returncode != 0 and "and elastic has none" in done.stdout

@@ -1,0 +1,92 @@
+"""The face that a plan leads to, plan after plan: everything that belongs to the patient is loaded once."""
+
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pinnochio.anatomy.model import PatientModel
+from pinnochio.anatomy.plan import Plan
+from pinnochio.anatomy.regions import regions
+from pinnochio.evaluation.interval import Calibration, Interval, guarded_interval, interval
+from pinnochio.mechanics.lift import Lift
+from pinnochio.mechanics.refine import Finish
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
+from pinnochio.patients.certificate import likeness
+from pinnochio.patients.likeness import Ranges
+from pinnochio.planner.given import Given
+from pinnochio.training.checkpoint import load_network
+from pinnochio.training.stages import Predictor, tensors
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What is predicted of a plan.
+
+    interval: displacement of the nodes and half-widths of the skin; skin (s, 3) mm: points of the moved skin; mean,
+    most: movement of the judged face, mm; least: smallest volume ratio of an element, None of a first look; unlike:
+    what of patient and plan is not like the training (segments, muscle, anatomy, plan); seconds: since the beginning.
+    """
+
+    plan: Plan
+    interval: Interval
+    skin: np.ndarray
+    mean: float
+    most: float
+    least: float | None
+    unlike: tuple[str, ...]
+    seconds: float
+
+
+class Forecaster:
+    """The networks of every fold of an archive on one patient, as `snakemake predict` uses them."""
+
+    def __init__(self, given: Given, device: str):
+        self.patient, self._fem = PatientModel.read(given.model), FemSettings(**given.fem)
+        self._archive, folder = Archive.read(given.archive), Path(given.archive)
+        self.calibration = Calibration.read(folder / calibration_file(given.method))
+        self._ranges = Ranges.read(folder / RANGES)
+        self._quality = json.loads(Path(given.quality).read_text(encoding="utf-8"))
+        self._region = regions(self.patient)
+        self._judged = np.unique(self.patient.skin_faces[self.patient.face_roi])
+        files = [folder / network_file(given.method, fold) for fold in self._archive.folds]
+        networks, settings = zip(*(load_network(file, device) for file in files), strict=True)
+        lift = Lift.read(given.lift) if given.lift else None
+        shared = tensors(self.patient, self._fem, settings[0], device, lift)  # the folds' networks have one form
+        self._networks = [Predictor(network, shared) for network in networks]
+        self._finish = Finish(self.patient, self._fem, given.corrections)
+        self(Plan(given.case, {}))  # so that no plan waits for code to be compiled
+
+    def steps(self, plan: Plan) -> Iterator[Forecast | None]:
+        """A first look at a plan, from the networks' raw fields; None after each field that is corrected; the forecast.
+
+        So whoever sees the first look need not wait for the rest, and can leave it when there is another plan.
+        FloatingPointError if a network gives no number.
+        """
+        began = time.perf_counter()
+        fields = [network(plan) for network in self._networks]
+        raw = [displacement for displacement, _ in fields]
+        yield self._forecast(plan, interval(self.patient, raw, self.calibration, self._region), None, began)
+        finished = []
+        for field in fields:
+            finished.append(self._finish(*field)[0])
+            yield None
+        found, repair = guarded_interval(self.patient, finished, self.calibration, self._fem, self._region)
+        yield self._forecast(plan, found, repair.least, began)
+
+    def __call__(self, plan: Plan) -> Forecast:
+        """The forecast of a plan."""
+        *_, found = self.steps(plan)
+        return found
+
+    def _forecast(self, plan: Plan, found: Interval, least: float | None, began: float) -> Forecast:
+        compared = likeness(self.patient, plan, self._quality, self._archive, self._ranges)
+        unlike = tuple(part for part in ("segments", "muscle", "anatomy", "plan") if not compared[part]["like"])
+        skin = self.patient.moved_skin(found.displacement)
+        moved = np.linalg.norm(skin - self.patient.skin_points, axis=1)[self._judged]
+        seconds = time.perf_counter() - began
+        return Forecast(plan, found, skin, float(moved.mean()), float(moved.max()), least, unlike, seconds)

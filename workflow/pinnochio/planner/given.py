@@ -1,0 +1,47 @@
+"""What the planner works with: a prepared patient and the models that predict it."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from pinnochio.errors import InputError
+from pinnochio.files import replacing
+
+
+@dataclass(frozen=True)
+class Given:
+    """Files and settings, as a rule writes them down.
+
+    model, lift (None for networks without one), quality: files of the patient; plans: checked plan files by name; home:
+    folder that plans are saved in; archive: folder of the models; method, corrections, fem: what predicts, and how.
+    """
+
+    case: str
+    model: str
+    lift: str | None
+    quality: str
+    plans: Mapping[str, str]
+    home: str
+    archive: str
+    method: str
+    corrections: int
+    fem: Mapping[str, object]
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write as JSON."""
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+
+    @classmethod
+    def read(cls, path: str | os.PathLike) -> "Given":
+        """Read what :meth:`write` wrote; InputError where it, or a file that it names, is not there."""
+        remedy = "prepare the patient: make planner PATIENT=FOLDER"
+        if not Path(path).is_file():
+            raise InputError("-", path, "no patient is prepared for the planner", remedy)
+        found = cls(**json.loads(Path(path).read_text(encoding="utf-8")))
+        for file in filter(None, (found.model, found.lift, found.quality, found.archive, *found.plans.values())):
+            if not Path(file).exists():
+                raise InputError(found.case, file, "it is no longer there", remedy)
+        return found
