@@ -7,6 +7,7 @@ from snakemake.logging import logger
 from snakemake.utils import validate
 
 from pinnochio.errors import InputError
+from pinnochio.files import check_writable
 from pinnochio.patients.archive import READ_BY_NETWORKS, configuration_hash
 from pinnochio.patients.choice import choose
 from pinnochio.patients.new import read_patients
@@ -335,3 +336,7 @@ def code_of(*rooms):
     for room in rooms:
         files += (LIBRARY / room).glob("*.py")
     return code_hash(files, LIBRARY)
+
+
+onstart:
+    check_writable(RESULTS)
