@@ -35,6 +35,8 @@ check_config(config)
 LIBRARY = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)) / "pinnochio"
 RESULTS = config["pathvars"]["results"]
 BENCHMARKS = f"{RESULTS}/benchmarks"
+# A job of a cluster does not hear of --resources: it asks its step for a GPU only where SLURM has granted it one.
+GPU = int(not workflow.remote_exec or "SLURM_GPUS_ON_NODE" in os.environ)
 VIRTUAL = config["cohort"] == "virtual"
 COHORT = "virtual cohort" if VIRTUAL else Path(config["cohort"]).stem
 SEED = config["seed"]
