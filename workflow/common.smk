@@ -77,8 +77,8 @@ DESIGN = [
     config["design"]["base"],
     *(name for name in VARIANTS if name.startswith("design_")),
 ]
-# The ablation table wants all of its variants.
-ABLATED = SCANNED and set(config["ablation"]) <= set(LEARNED)
+# The ablation table wants all of its variants, if there are any.
+ABLATED = SCANNED and config["ablation"] and set(config["ablation"]) <= set(LEARNED)
 # Of what decides about the models, not of where files lie and who is predicted.
 CONFIGURATION = configuration_hash(
     {
