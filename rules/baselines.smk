@@ -20,7 +20,7 @@ rule pretrain_surface:
     resources:
         mem_mb=6000,
         runtime=240,
-        gpu=1,
+        gpu=GPU,
     params:
         cases=training_cases,
         network=settings_of("network"),
@@ -58,7 +58,7 @@ rule finetune_surface:
     resources:
         mem_mb=6000,
         runtime=240,
-        gpu=1,
+        gpu=GPU,
     params:
         cases=training_cases,
         network=settings_of("network"),
@@ -90,7 +90,7 @@ rule predict_surface:
     resources:
         mem_mb=4000,
         runtime=20,
-        gpu=1,
+        gpu=GPU,
     params:
         cases=held_out,
         code=code_of("anatomy", "training", "evaluation", "baselines"),

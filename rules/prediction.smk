@@ -75,7 +75,7 @@ rule predict_network:
     resources:
         mem_mb=4000,
         runtime=20,
-        gpu=1,
+        gpu=GPU,
     params:
         cases=held_out,
         fem=config["fem"],

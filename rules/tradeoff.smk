@@ -58,7 +58,7 @@ rule measure_networks:
     resources:
         mem_mb=8000,
         runtime=60,
-        gpu=1,
+        gpu=GPU,
     params:
         methods=TRADED_NETWORKS,
         variants={

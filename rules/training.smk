@@ -18,7 +18,7 @@ rule pretrain:
     resources:
         mem_mb=6000,
         runtime=240,
-        gpu=1,
+        gpu=GPU,
     params:
         cases=training_cases,
         network=settings_of("network"),
@@ -54,7 +54,7 @@ rule finetune:
     resources:
         mem_mb=6000,
         runtime=240,
-        gpu=1,
+        gpu=GPU,
     params:
         cases=training_cases,
         training=settings_of("finetuning"),

@@ -26,7 +26,7 @@ rule predict_ensemble:
     resources:
         mem_mb=4000,
         runtime=20,
-        gpu=1,
+        gpu=GPU,
     params:
         folds=list(HELD_OUT),
         fem=config["fem"],

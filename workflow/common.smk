@@ -7,6 +7,7 @@ from snakemake.logging import logger
 from snakemake.utils import validate
 
 from pinnochio.errors import InputError
+from pinnochio.files import check_writable
 from pinnochio.patients.archive import READ_BY_NETWORKS, configuration_hash
 from pinnochio.patients.choice import choose
 from pinnochio.patients.new import read_patients
@@ -35,6 +36,8 @@ check_config(config)
 LIBRARY = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)) / "pinnochio"
 RESULTS = config["pathvars"]["results"]
 BENCHMARKS = f"{RESULTS}/benchmarks"
+# A job of a cluster does not hear of --resources: it asks its step for a GPU only where SLURM has granted it one.
+GPU = int(not workflow.remote_exec or "SLURM_GPUS_ON_NODE" in os.environ)
 VIRTUAL = config["cohort"] == "virtual"
 COHORT = "virtual cohort" if VIRTUAL else Path(config["cohort"]).stem
 SEED = config["seed"]
@@ -75,8 +78,8 @@ DESIGN = [
     config["design"]["base"],
     *(name for name in VARIANTS if name.startswith("design_")),
 ]
-# The ablation table wants all of its variants.
-ABLATED = SCANNED and set(config["ablation"]) <= set(LEARNED)
+# The ablation table wants all of its variants, if there are any.
+ABLATED = SCANNED and config["ablation"] and set(config["ablation"]) <= set(LEARNED)
 # Of what decides about the models, not of where files lie and who is predicted.
 CONFIGURATION = configuration_hash(
     {
@@ -407,3 +410,7 @@ def code_of(*rooms):
     for room in rooms:
         files += (LIBRARY / room).glob("*.py")
     return code_hash(files, LIBRARY)
+
+
+onstart:
+    check_writable(RESULTS)

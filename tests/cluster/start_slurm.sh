@@ -1,5 +1,6 @@
 #!/bin/bash
 # Starts a SLURM of one node on loopback for the tests (Debian: munge, slurm-wlm), as root, with all its state in a new folder.
+# The node has a GPU in name only.
 # stop_slurm.sh FOLDER ends it.
 set -euo pipefail
 folder=$(realpath -m "$1")
@@ -19,6 +20,7 @@ ClusterName=loopback
 SlurmctldHost=$node(127.0.0.1)
 SlurmctldPort=16817
 SlurmdPort=16818
+GresTypes=gpu
 AuthType=auth/munge
 AuthInfo=socket=$socket
 SlurmUser=root
@@ -39,12 +41,13 @@ JobAcctGatherType=jobacct_gather/none
 MinJobAge=3600
 ReturnToService=2
 KillWait=5
-NodeName=$node NodeAddr=127.0.0.1 CPUs=$(nproc) RealMemory=$memory State=UNKNOWN
+NodeName=$node NodeAddr=127.0.0.1 CPUs=$(getconf _NPROCESSORS_ONLN) RealMemory=$memory Gres=gpu:1 State=UNKNOWN
 PartitionName=main Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 CONF
+echo "NodeName=$node Name=gpu File=/dev/null" > "$folder/gres.conf"
 # Job steps look here alone.
 mkdir -p /etc/slurm
-ln -sfn "$folder/slurm.conf" /etc/slurm/slurm.conf
+ln -sfn "$folder/slurm.conf" "$folder/gres.conf" -t /etc/slurm
 slurmctld
 slurmd
 for _ in $(seq 60); do

@@ -1,11 +1,16 @@
-"""The README shows the committed reference results, and nothing else."""
+"""The README and the pages show the committed reference results, and lead to what exists."""
 
+import re
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+PAGES = [
+    *(ROOT / f"{folder}README.md" for folder in ("", "config/", "results/")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 
 
 def test_readme_holds_the_reference_table():
@@ -20,21 +25,24 @@ def test_docs_hold_the_tables_of_the_cohort(name):
     assert table in (ROOT / "docs/cohort.md").read_text(encoding="utf-8")
 
 
-def test_readme_names_what_exists():
+def anchors(page: Path) -> set[str]:
+    """What GitHub calls the headings of a page."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.M)
+    return {re.sub(r"[^\w -]", "", heading).lower().replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for file, anchor in re.findall(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)", page.read_text(encoding="utf-8")):
+        target = page.parent / file if file else page
+        assert target.exists(), file
+        assert not anchor or anchor in anchors(target), anchor
+
+
+def test_readme_leads_to_every_page():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    pages = (
-        "config/README.md",
-        "results/README.md",
-        "docs/methods.md",
-        "docs/networks.md",
-        "docs/mechanics.md",
-        "docs/benchmark.md",
-        "docs/cohort.md",
-        "docs/patients.md",
-        "docs/planner.md",
-    )
-    for path in (*pages, "docs/heads.png", "CITATION.cff"):
-        assert path in text and (ROOT / path).is_file()
+    for page in (ROOT / "docs").glob("*.md"):
+        assert f"(docs/{page.name})" in text, page.name
 
 
 def test_reference_cohort_is_as_patients_are():

@@ -18,7 +18,7 @@ pytestmark = [
     pytest.mark.skipif(bool(MISSING), reason=f"a SLURM on loopback lacks {MISSING}: apt-get install munge slurm-wlm"),
 ]
 STUDY = ["--configfile", "config/quick.yaml", "own.yaml"]
-OWN = "methods: [no_change, fem_sliding, pinnochio]\nablation: []\npretraining: {steps: 250}\n"
+OWN = "methods: [no_change, pinnochio]\nablation: []\nvirtual: {patients: 4}\npretraining: {steps: 250}\n"
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +33,11 @@ def jobs() -> list[dict[str, str]]:
     """What SLURM says of every job."""
     said = subprocess.run(["scontrol", "--oneliner", "show", "jobs"], stdout=subprocess.PIPE, text=True, check=True)
     return [dict(re.findall(r"(\w+)=(\S*)", line)) for line in said.stdout.splitlines()]
+
+
+def last_job(rule: str) -> dict[str, str]:
+    """What SLURM says of the job of the rule that was submitted last."""
+    return max((job for job in jobs() if rule in job["Comment"]), key=lambda job: int(job["JobId"]))
 
 
 def test_the_quick_study_through_sbatch_with_a_job_killed(slurm, project, tmp_path_factory):
@@ -52,14 +57,17 @@ def test_the_quick_study_through_sbatch_with_a_job_killed(slurm, project, tmp_pa
     logs = "".join(path.read_text() for path in (results / "logs/pretrain").glob("*.log"))
     assert "resumed at step" in logs
 
-    asked = {job["Comment"].removeprefix("rule_"): job for job in jobs()}
-    mesh, training = (
-        next(job for name, job in asked.items() if rule in name) for rule in ("tetrahedralize", "pretrain")
-    )
+    mesh, training = last_job("tetrahedralize"), last_job("pretrain")
     assert (mesh["MinMemoryNode"], mesh["TimeLimit"], mesh["CPUs/Task"]) == ("4000M", "00:20:00", "1")
-    assert training["MinMemoryNode"] != mesh["MinMemoryNode"] or training["TimeLimit"] != mesh["TimeLimit"]
+    assert training["TimeLimit"] != mesh["TimeLimit"] and "TresPerJob" not in training
 
     assert alone.snakemake(*STUDY).returncode == 0
     for table in ("cases", "accuracy"):
         own, expected = (study.repeatable(f"quick/tables/{table}.csv") for study in (project, alone))
         pd.testing.assert_frame_equal(own, expected)
+
+    # A GPU is asked for where one is offered. This one has no driver, so the training falls back on the processor.
+    again = "results/quick/folds/1/pinnochio/pretrained.pt"
+    done = project.snakemake(*arguments, "--resources", "gpu=1", "--forcerun", again, *STUDY, "--", again)
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert last_job("pretrain")["TresPerJob"] == "gres:gpu:1"

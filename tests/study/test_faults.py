@@ -13,7 +13,8 @@ import pytest
 
 pytestmark = pytest.mark.full
 STUDY = ["--configfile", "config/quick.yaml", "own.yaml"]
-OWN = "methods: [no_change, fem_sliding, pinnochio, pinnochio_plus]\nablation: []\nvirtual: {patients: 4}\n"
+OWN = "methods: [no_change, pinnochio_plus]\nreference: pinnochio_plus\nablation: []\nvirtual: {patients: 4}\n"
+UNTRAINED = "methods: [no_change, fem_bonded]\nreference: fem_bonded\nvirtual: {patients: 2}\n"
 # Scripts in the order in which the study comes to them.
 STAGES = [
     "virtual_patient",
@@ -72,23 +73,27 @@ def test_a_study_killed_in_every_stage_ends_as_an_unbroken_one(project, tmp_path
         pd.testing.assert_frame_equal(own, expected)
 
 
+def seeded(seed: int) -> list[str]:
+    """The table of a study with this seed, in results of its own."""
+    table = f"results/{seed}/tables/cases.csv"
+    return ["--config", f"seed={seed}", f"pathvars={{results: results/{seed}}}", "--", table]
+
+
 def test_two_studies_in_two_result_folders_do_not_disturb_each_other(project, tmp_path_factory):
-    """Side by side from one copy of the project; each ends with the tables of one that ran alone."""
+    """Side by side from one copy of the project; each ends with the table of one that ran alone."""
     options, alone = [*STUDY, "--nolock"], type(project)(tmp_path_factory.mktemp("alone"))
-    small = ["methods=[no_change,fem_bonded]", "reference=fem_bonded"]
     for copy in (project, alone):
-        (copy.folder / "own.yaml").write_text(OWN)
+        (copy.folder / "own.yaml").write_text(UNTRAINED)
     runs = [
         subprocess.Popen(
-            [sys.executable, "-m", "snakemake", "--cores", "1", *options, "--config", *small, f"seed={seed}",
-             f"pathvars={{results: results/{seed}}}"],
+            [sys.executable, "-m", "snakemake", "--cores", "1", *options, *seeded(seed)],
             cwd=project.folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )
         for seed in (1, 2)
     ]  # fmt: skip
     said = [run.communicate()[0] for run in runs]
     assert [run.returncode for run in runs] == [0, 0], said[0][-2000:] + said[1][-2000:]
-    done = alone.snakemake(*options, "--config", *small, "seed=2", "pathvars={results: results/2}")
+    done = alone.snakemake(*options, *seeded(2))
     assert done.returncode == 0, done.stdout[-2000:]
     own, expected = (study.repeatable("2/tables/cases.csv") for study in (project, alone))
     pd.testing.assert_frame_equal(own, expected)

@@ -1,41 +1,19 @@
 """The CT headsq, a real head that is not part of the project: thresholds, import, mesh, interfaces, finite elements."""
 
 import json
-import shlex
-import subprocess
-import sys
-from pathlib import Path
 
 import meshio
 import numpy as np
-import pytest
 
-CT = Path(__file__).resolve().parents[3] / "shared/data/headsq/headsq_quarter.nrrd"
 CONFIG = "examples/headsq/config.yaml"
-LABELS = "results/headsq/labels.nii.gz"
 
 
-def documented_command(config: Path) -> list[str]:
-    """The command that the comment at the top of the example gives, with the CT and the Python of this machine."""
-    comment = [line[1:] for line in config.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
-    start = next(number for number, line in enumerate(comment) if "segment_ct.py" in line)
-    text = comment[start].rstrip("\\") + comment[start + 1]
-    python, script, ct, labels, *options = shlex.split(text)
-    assert (python, Path(ct).name, labels) == ("python", CT.name, LABELS)
-    return [sys.executable, script, str(CT), labels, *options]
-
-
-@pytest.mark.skipif(not CT.is_file(), reason=f"the CT is not at {CT}")
-def test_bimaxillary_surgery_of_headsq(project):
-    made = subprocess.run(
-        documented_command(project.folder / CONFIG), cwd=project.folder, capture_output=True, text=True, check=False
-    )
-    assert made.returncode == 0, made.stderr
-    small = project.folder / "small.yaml"
+def test_bimaxillary_surgery_of_headsq(headsq):
+    small = headsq.folder / "small.yaml"
     small.write_text("mesh:\n  nodes: 2500\n")
-    done = project.snakemake("fem", "--configfile", CONFIG, str(small), cores=1)
+    done = headsq.snakemake("fem", "--configfile", CONFIG, str(small), cores=1)
     assert done.returncode == 0, done.stdout[-4000:]
-    case = project.folder / "results/headsq/cases/headsq"
+    case = headsq.folder / "results/headsq/cases/headsq"
     assert json.loads((case / "import.json").read_text())["muscle"] == "derived"
     said = json.loads((case / "fem/mucosa.json").read_text())
     assert said["converged"] and said["relative_residual"] <= 1e-6

@@ -84,6 +84,12 @@ def test_too_few_scans_leave_the_learned_method_out_and_nothing_else(project, sc
     assert "tables/stages.csv" in jobs and not {"tables/training.csv", "tables/landmarks.csv"} & set(jobs)
 
 
+def test_an_ablation_of_no_variants_is_no_table(project):
+    write_cohort(project, SCANNED, UNSCANNED)
+    jobs, _ = asked(project, "ablation=[]")
+    assert "tables/accuracy.csv" in jobs and "tables/ablation.csv" not in jobs
+
+
 def test_the_picture_of_an_unscanned_patient_is_refused_by_name(project):
     write_cohort(project, SCANNED, UNSCANNED)
     done = project.snakemake("-n", "--config", "cohort=cases.tsv", "--", "results/figures/U1.png")

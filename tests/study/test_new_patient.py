@@ -13,16 +13,6 @@ TRAINING = {"pretrain", "finetune", "simulate_fem", "calibrate", "describe_train
 
 
 @pytest.fixture(scope="module")
-def packed(studied, tmp_path_factory):
-    """A copy of the finished quick study with its archive."""
-    project = type(studied)(tmp_path_factory.mktemp("packed"))
-    for part in ("results", ".snakemake"):
-        shutil.copytree(studied.folder / part, project.folder / part, dirs_exist_ok=True)
-    project.quick("--", "archive")
-    return project
-
-
-@pytest.fixture(scope="module")
 def clinic(packed, tmp_path_factory):
     """A project with that archive and nothing else of a study, and a patient with two plans: V01, renamed."""
     project = type(packed)(tmp_path_factory.mktemp("clinic"))

@@ -1,25 +1,16 @@
 """The ArtiSynth face, a real head that is not part of the project: import, mesh, interfaces, finite elements."""
 
 import json
-from pathlib import Path
 
 import meshio
 import numpy as np
 import pandas as pd
-import pytest
-
-LABELS = Path(__file__).resolve().parents[3] / "shared/data/artisynth_face/labels_1mm.nii.gz"
 
 
-@pytest.mark.skipif(not LABELS.is_file(), reason=f"the ArtiSynth label map is not at {LABELS}")
-def test_setback_of_the_artisynth_mandible(project):
-    folder = project.folder / "examples/artisynth_face"
-    (folder / "cases.tsv").write_text(
-        f"case\tsegmentation\tplan\tpostop\nartisynth\t{LABELS}\t{folder}/setback_5mm.json\t\n"
-    )
-    done = project.snakemake("--configfile", "examples/artisynth_face/config.yaml")
+def test_setback_of_the_artisynth_mandible(artisynth):
+    done = artisynth.snakemake("--configfile", "examples/artisynth_face/config.yaml")
     assert done.returncode == 0, done.stdout[-4000:]
-    case = project.folder / "results/artisynth_face/cases/artisynth"
+    case = artisynth.folder / "results/artisynth_face/cases/artisynth"
     said = json.loads((case / "fem/mucosa.json").read_text())
     assert said["converged"] and said["relative_residual"] <= 1e-6
     assert said["inverted"] == 0 and said["min_jacobian"] > 0.1
@@ -34,7 +25,7 @@ def test_setback_of_the_artisynth_mandible(project):
     assert np.abs(displacement[field.points[:, 2] > high]).mean() < 0.2
     # Without a scan there is no training and no accuracy; everything else is measured.
     assert "Left out: pinnochio" in done.stdout
-    tables = project.folder / "results/artisynth_face/tables"
+    tables = artisynth.folder / "results/artisynth_face/tables"
     rows = pd.read_csv(tables / "cases.csv").set_index("method")
     assert sorted(rows.index) == ["elastic", "fem_bonded", "fem_sliding", "no_change"]
     assert not (tables / "accuracy.csv").exists()

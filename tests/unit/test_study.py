@@ -7,7 +7,6 @@ import pytest
 import yaml
 
 from pinnochio.errors import InputError
-from pinnochio.files import replacing
 from pinnochio.seeds import derive_seed
 from pinnochio.study import (
     REGRESSION,
@@ -172,12 +171,3 @@ def test_code_hash_sees_content_and_survives_a_move(tmp_path):
         return code_hash([folder / "a.py"], folder)
 
     assert tree("one", "x = 1") == tree("two", "x = 1") != tree("three", "x = 2")
-
-
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
-    target = tmp_path / "table.csv"
-    target.write_text("old")
-    with pytest.raises(RuntimeError), replacing(target) as temporary:
-        temporary.write_text("half")
-        raise RuntimeError
-    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"] and target.read_text() == "old"

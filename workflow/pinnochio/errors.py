@@ -1,4 +1,4 @@
-"""The one error for input that a user can mend."""
+"""Errors that a user can mend: bad input, and a disk that cannot be written."""
 
 
 class InputError(ValueError):
@@ -11,3 +11,14 @@ class InputError(ValueError):
     def __init__(self, case: str, file: object, problem: str, remedy: str):
         super().__init__(f"case {case!r}: {file}: {problem}. Remedy: {remedy}.")
         self.case, self.file, self.problem, self.remedy = case, str(file), problem, remedy
+
+
+class StorageError(OSError):
+    """A file or folder that cannot be written: names it, the problem and the remedy.
+
+    >>> str(StorageError("results", "read-only file system", "make it writable"))
+    'results: read-only file system. Remedy: make it writable.'
+    """
+
+    def __init__(self, file: object, problem: str, remedy: str):
+        super().__init__(f"{file}: {problem}. Remedy: {remedy}.")

@@ -1,9 +1,36 @@
 """Writing files so that a half-written one is never taken for a result."""
 
+import errno
 import os
+import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from pinnochio.errors import StorageError
+
+# Bytes; a disk with less counts as full. On one that is, HDF5 and VTK end the process, SimpleITK and VTK's PLY writer
+# leave half a file without a word, and logs cannot say why a stage has failed.
+ROOM = 64 * 2**20
+
+
+def check_writable(path: str | os.PathLike) -> None:
+    """Refuse, by a StorageError, a file or folder where nothing can be written, or less than `ROOM`."""
+    path = Path(path)
+    try:
+        folder = path if path.is_dir() else path.parent
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as probe:
+            probe.write(bytes(2**16))  # free space does not show a quota that is used up
+        if shutil.disk_usage(folder).free < ROOM:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            remedy = "make room on its disk, then run the same command again; what is finished is kept"
+        else:
+            remedy = "make its folder writable, or choose another results folder (pathvars)"
+        raise StorageError(path, os.strerror(error.errno).lower(), remedy) from error
 
 
 @contextmanager
@@ -11,15 +38,19 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
     """Give a temporary path beside `path`; move it onto `path` only if the block ends without an error.
 
     The temporary name keeps the suffix, because most writers choose the format by it. What writers of the same path
-    left half-written beside it when they were killed is removed.
+    left half-written beside it when they were killed is removed. A disk that is full or read-only before or after the
+    block is a StorageError, whatever the writer said of it.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    check_writable(path)
     for rest in path.parent.glob(f".[0-9]*.{path.name}"):
         rest.unlink(missing_ok=True)
     temporary = path.with_name(f".{os.getpid()}.{path.name}")
     try:
-        yield temporary
+        try:
+            yield temporary
+        finally:
+            check_writable(path)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

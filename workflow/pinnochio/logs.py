@@ -4,6 +4,8 @@ import logging
 import sys
 import warnings
 
+from pinnochio.files import check_writable
+
 
 def attach_log(path: str) -> None:
     """Log to `path`: records, warnings, standard error (progress bars) and an uncaught exception.
@@ -11,6 +13,7 @@ def attach_log(path: str) -> None:
     Snakemake does not redirect a `script:` to its `log:`, hence this. The exception is also left on the
     terminal, because that is where the user looks first.
     """
+    check_writable(path)
     stream = open(path, "w", buffering=1)  # noqa: SIM115 (lives as long as the process)
     terminal = sys.stderr
     logging.basicConfig(
