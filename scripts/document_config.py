@@ -15,7 +15,7 @@ def document(schema: dict, defaults: dict) -> str:
         "Generated from `workflow/schemas/config.schema.yaml` and `config/config.yaml` by `make docs`; do not edit.",
         "",
         schema["description"],
-        "An overlay (`--configfile config/quick.yaml`) or `--config key=value` replaces single values.",
+        "An overlay (`--configfile config/quick.yaml`) or `--config seed=2` replaces single values.",
         "",
         "| key | default | allowed | meaning |",
         "|---|---|---|---|",
