@@ -71,6 +71,14 @@ def jobs(said: str) -> dict[str, int]:
     return {name: int(count) for name, count in re.findall(r"^(\w+) +(\d+)$", table, re.M) if name != "total"}
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark the tests that share the finished quick study, so that all others can run beside them."""
+    for item in items:
+        if "studied" in getattr(item, "fixturenames", ()):
+            item.add_marker("studied")
+
+
 @pytest.fixture
 def project(tmp_path) -> Project:
     return Project(tmp_path)
