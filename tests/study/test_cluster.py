@@ -32,7 +32,7 @@ def slurm(tmp_path_factory):
 def jobs() -> list[dict[str, str]]:
     """What SLURM says of every job."""
     said = subprocess.run(["scontrol", "--oneliner", "show", "jobs"], stdout=subprocess.PIPE, text=True, check=True)
-    return [dict(re.findall(r"(\w+)=(\S*)", line)) for line in said.stdout.splitlines()]
+    return [dict(re.findall(r"([\w/]+)=(\S*)", line)) for line in said.stdout.splitlines()]
 
 
 def last_job(rule: str) -> dict[str, str]:
