@@ -36,20 +36,13 @@ def evaluate(
     rows = []
     for number, case in enumerate(cases):
         patient = PatientModel.read(models[number])
-        prediction, operator = read_prediction(predictions, case), None
-        if prediction.displacement is not None:
-            from pinnochio.mechanics.residual import Operator  # loads torch, which a skin alone does not need
-
-            material = fem.material(patient.tissue)
-            operator = Operator.build(patient.points, patient.cells, material, fem.volumetric)
         skin = PostopSkin.read(postops[case]) if case in postops else None
         rows.append(
             evaluate_case(
                 patient,
                 Plan.read(plans[number], case),
-                prediction,
-                operator=operator,
-                element=fem.volumetric,
+                read_prediction(predictions, case),
+                fem=fem,
                 samples=samples,
                 seed=seed,
                 target=skin and skin.surface,

@@ -54,15 +54,19 @@ class Project:
         return (self.folder / "said.txt").read_text(encoding="utf-8")
 
     def repeatable(self, table: str) -> pd.DataFrame:
-        """A table, named by its path below `results`, without the columns that differ from run to run."""
-        frame = pd.read_csv(self.folder / "results" / table)
-        return frame[[column for column in frame if not re.search(r"seconds|threads", column)]]
+        """A table, named by its path below `results`, without timings."""
+        return without_timings(pd.read_csv(self.folder / "results" / table))
 
     def quick(self, *arguments: str) -> str:
         """Run the quick study; returns the output, fails if Snakemake does."""
         done = self.snakemake("--configfile", "config/quick.yaml", *arguments)
         assert done.returncode == 0, done.stdout[-4000:]
         return done.stdout
+
+
+def without_timings(table: pd.DataFrame) -> pd.DataFrame:
+    """A table without the columns that differ from run to run."""
+    return table[[column for column in table if not re.search(r"seconds|threads", column)]]
 
 
 def jobs(said: str) -> dict[str, int]:

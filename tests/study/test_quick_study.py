@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tests.study.conftest import jobs
+from tests.study.conftest import jobs, without_timings
 
 LEARNED = ["pinnochio_unified", "pinnochio_no_physics", "pinnochio", "pinnochio_plus"]
 SURFACE = ["acmt", "acmt_pretrained", "dgcfp", "dgcfp_pretrained"]
@@ -19,15 +19,10 @@ VOLUME = re.compile("jacobian|inverted|volume|eqres|moving_error|sliding_error")
 GUARD = ["raw_min_jacobian", "raw_inverted", "repaired", "damping", "interface_error"]  # of networks alone
 TESTED = ["reference", "pairs", "cd_median_difference", "cd_mean_difference", "cd_low", "cd_high", "p", "p_holm"]
 TESTED += ["test"]  # what depends on the reference method
-TIMINGS = re.compile(r"seconds|threads|iterations")
 
 
 def tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     return pd.read_csv(folder / "tables/cases.csv"), pd.read_csv(folder / "tables/accuracy.csv")
-
-
-def without_timings(table: pd.DataFrame) -> pd.DataFrame:
-    return table[[column for column in table if not TIMINGS.search(column)]]
 
 
 def untested(table: pd.DataFrame) -> pd.DataFrame:

@@ -15,6 +15,7 @@ from pinnochio.evaluation.tables import CASES, check
 from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, volume_metrics
 from pinnochio.evaluation.volume_error import interpolate, mean_and_p95, truth_errors
 from pinnochio.mechanics.elements import jacobians, shape_gradients
+from pinnochio.mechanics.settings import FemSettings
 
 SIX = np.array([[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]])
 
@@ -180,7 +181,7 @@ def test_truth_errors_are_between_fields_on_two_meshes():
     np.testing.assert_allclose(truth_errors(anywhere, 0 * anywhere, *truth), 0.1 * anywhere[:, 0], atol=1e-8)
 
 
-def real_operator(patient, superficial=4.0):
+def real_operator(patient, superficial):
     from pinnochio.mechanics.materials import neo_hookean
     from pinnochio.mechanics.residual import Operator
 
@@ -192,11 +193,11 @@ LABELS = {"fold": "1", "method": "m", "code": "c", "registration_residual": 0.2}
 
 
 def test_one_case_gives_one_complete_row(patient):
-    operator = real_operator(patient)
     top = patient.skin_faces
     target = patient.points + [0, 0, 1.5], top
     plan = Plan("P1", {"jaw": RigidMotion()})
-    options = {"operator": operator, "element": "patch", "samples": 500, "seed": 1, "labels": LABELS}
+    fem = FemSettings({"superficial": 4.0, "muscle": 6.0}, 0.49)
+    options = {"fem": fem, "samples": 500, "seed": 1, "labels": LABELS}
     row = evaluate_case(
         patient,
         plan,

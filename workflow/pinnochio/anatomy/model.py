@@ -76,6 +76,11 @@ class PatientModel:
         """Points of the outer skin (s, 3) mm under a displacement (n, 3) mm of the mesh."""
         return self.skin_points + np.einsum("sc,scx->sx", self.skin_weights, displacement[self.skin_nodes])
 
+    @property
+    def judged_points(self) -> np.ndarray:
+        """Indices (k,) of the skin points of the judged face, ascending."""
+        return np.unique(self.skin_faces[self.face_roi])
+
     def reference_cue(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
         """Cue c_ref (n, 3) mm and reliability mask (n,) bool of the nodes whose motion the plan fixes.
 

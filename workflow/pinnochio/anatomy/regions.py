@@ -23,7 +23,7 @@ def regions(patient: m.PatientModel) -> np.ndarray:
 
     Raises InputError where the face cannot be read (anatomy.landmarks).
     """
-    judged = np.unique(patient.skin_faces[patient.face_roi])
+    judged = patient.judged_points
     carriers = patient.lip[patient.skin_nodes[judged]]
     upper, lower = ((carriers == lip).any(axis=1) for lip in (m.UPPER_LIP, m.LOWER_LIP))
     lip = np.select([upper & ~lower, lower & ~upper], [m.UPPER_LIP, m.LOWER_LIP], m.NOT_LIP)

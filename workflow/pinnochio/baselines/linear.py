@@ -84,7 +84,7 @@ def fit(
     The first patient's face is the template.
     """
     first = models[0]
-    face = np.unique(first.skin_faces[first.face_roi])
+    face = first.judged_points
     template = first.skin_points[face][farthest(first.skin_points[face], TEMPLATE)]
     landmarks = marks(first)
     found = [corresponding(template, landmarks, model) for model in models]
@@ -152,7 +152,7 @@ def corresponding(template: np.ndarray, landmarks: np.ndarray, model: PatientMod
     """
     # Smoothed a little, because on a coarse face two landmarks may fall together.
     carried = RBFInterpolator(landmarks, marks(model), smoothing=1.0, kernel="thin_plate_spline", degree=1)(template)
-    face = np.unique(model.skin_faces[model.face_roi])
+    face = model.judged_points
     return face[cKDTree(model.skin_points[face]).query(carried)[1]]
 
 

@@ -11,8 +11,9 @@ from pinnochio.errors import InputError
 from pinnochio.evaluation.regions import landmark_errors, region_errors
 from pinnochio.evaluation.surface_metrics import surface_metrics, target_samples
 from pinnochio.evaluation.tables import CASES
-from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, volume_metrics
+from pinnochio.evaluation.validity import boundary_metrics, equilibrium_of, volume_metrics
 from pinnochio.evaluation.volume_error import mean_and_p95, truth_errors
+from pinnochio.mechanics.settings import FemSettings
 
 # Columns that a prediction brings along.
 COPIED = ("device", "seconds", "setup_seconds", "threads", "converged")
@@ -24,8 +25,7 @@ def evaluate_case(
     plan: Plan,
     prediction: Prediction,
     *,
-    operator,
-    element: str,
+    fem: FemSettings,
     samples: int,
     seed: int,
     target: tuple[np.ndarray, np.ndarray] | None = None,
@@ -36,7 +36,7 @@ def evaluate_case(
 
     target: points and faces of the registered post-operative skin; truth: points, cells, displacement; either may be
     absent, and its columns are then empty. labels: what the caller knows (fold, method, code, registration_residual).
-    operator: None where the prediction has no field.
+    fem: material and elements of the residual.
     A prediction of the skin alone has none of the columns of the volume. One that is not finite gives a row without
     metrics, marked as not converged. Regions and landmarks stay empty where the face cannot be read.
     """
@@ -49,7 +49,7 @@ def evaluate_case(
         return row | {"converged": False, "reason": f"the field is not finite ({prediction.reason})"}
     if u is not None:
         row |= volume_metrics(patient.points, patient.cells, patient.tissue, u)
-        row |= equilibrium_metrics(operator, u, patient.node_type, element)
+        row |= equilibrium_of(patient, u, fem)
         row |= boundary_metrics(patient, plan, u)
     if prediction.boundary is not None:
         contact = (patient.node_type != FREE) & (patient.interface_kind != NO_INTERFACE)

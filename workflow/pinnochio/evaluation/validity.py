@@ -7,6 +7,7 @@ from pinnochio.anatomy.model import FREE, MOVING, SLIDING, PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.evaluation.distances import signed_distances
 from pinnochio.mechanics.elements import jacobians, shape_gradients
+from pinnochio.mechanics.settings import FemSettings
 
 
 def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
@@ -22,6 +23,15 @@ def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
         change = 100 * (np.average(ratio[own], weights=rest[own]) - 1) if own.any() else np.nan
         metrics[f"volume_change_{name}"] = float(change)
     return metrics
+
+
+def equilibrium_of(patient: PatientModel, displacement, fem: FemSettings) -> dict[str, float | str]:
+    """:func:`equilibrium_metrics` of a patient's field (n, 3) mm, with the material and elements of the settings."""
+    from pinnochio.mechanics.residual import Operator  # loads torch, as below
+
+    law = fem.material(patient.tissue)
+    operator = Operator.build(patient.points, patient.cells, law, fem.volumetric)
+    return equilibrium_metrics(operator, displacement, patient.node_type, fem.volumetric)
 
 
 def equilibrium_metrics(operator, displacement, node_type, element: str) -> dict[str, float | str]:

@@ -9,8 +9,7 @@ from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.regions import NAMES
 from pinnochio.evaluation.interval import Calibration, Interval
-from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, volume_metrics
-from pinnochio.mechanics.residual import Operator
+from pinnochio.evaluation.validity import boundary_metrics, equilibrium_of, volume_metrics
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.patients.archive import Archive
 from pinnochio.patients.likeness import Ranges, anatomy_quantities, plan_quantities
@@ -32,13 +31,11 @@ class Row(NamedTuple):
 
 def measures(patient: PatientModel, plan: Plan, displacement: np.ndarray, fem: FemSettings) -> dict:
     """Elements, equilibrium, boundary and movement of a field (n, 3) mm; the names are those of cases.csv."""
-    operator = Operator.build(patient.points, patient.cells, fem.material(patient.tissue), fem.volumetric)
     found = {"nodes": len(patient.points), "elements": len(patient.cells)}
     found |= volume_metrics(patient.points, patient.cells, patient.tissue, displacement)
-    found |= equilibrium_metrics(operator, displacement, patient.node_type, fem.volumetric)
+    found |= equilibrium_of(patient, displacement, fem)
     found |= boundary_metrics(patient, plan, displacement)
-    judged = np.unique(patient.skin_faces[patient.face_roi])
-    moved = np.linalg.norm(patient.moved_skin(displacement) - patient.skin_points, axis=1)[judged]
+    moved = np.linalg.norm(patient.moved_skin(displacement) - patient.skin_points, axis=1)[patient.judged_points]
     return found | {"skin_mean_mm": moved.mean(), "skin_max_mm": moved.max()}
 
 

@@ -52,7 +52,7 @@ class Forecaster:
         self._ranges = Ranges.read(folder / RANGES)
         self._quality = json.loads(Path(given.quality).read_text(encoding="utf-8"))
         self._region = regions(self.patient)
-        self._judged = np.unique(self.patient.skin_faces[self.patient.face_roi])
+        self._judged = self.patient.judged_points
         files = [folder / network_file(given.method, fold) for fold in self._archive.folds]
         networks, settings = zip(*(load_network(file, device) for file in files), strict=True)
         lift = Lift.read(given.lift) if given.lift else None

@@ -16,7 +16,7 @@ NOT_JUDGED = -(2**15)  # of an error, in steps
 
 def judged_errors(patient: PatientModel, points: np.ndarray, target: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Signed distance (s,) mm of the moved skin points (s, 3) mm to the target, NaN off the face that is judged."""
-    judged = np.unique(patient.skin_faces[patient.face_roi])
+    judged = patient.judged_points
     errors = np.full(len(points), np.nan)
     errors[judged] = signed_distances(points[judged], *target)
     return errors

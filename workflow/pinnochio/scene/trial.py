@@ -44,7 +44,7 @@ def face_error(full: PatientModel, reference: Trial, patient: PatientModel, tria
 
     A point that the other model's skin lacks is compared with its nearest one.
     """
-    face = np.unique(full.skin_faces[full.face_roi])
+    face = full.judged_points
     _, nearest = cKDTree(patient.skin_points).query(full.skin_points[face])
     error = np.linalg.norm(trial.skin[nearest] - reference.skin[face], axis=1)
     return float(error.mean()), float(error.max())

@@ -11,12 +11,11 @@ from pinnochio.anatomy.model import PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.predictions import Prediction
 from pinnochio.evaluation.surface_metrics import surface_metrics
-from pinnochio.evaluation.validity import equilibrium_metrics, volume_metrics
+from pinnochio.evaluation.validity import equilibrium_of, volume_metrics
 from pinnochio.evaluation.volume_error import truth_errors
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.mixed import MIXED, solve_mixed
 from pinnochio.mechanics.refine import Finish
-from pinnochio.mechanics.residual import Operator
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate_elastic, solver_options
 from pinnochio.mechanics.sliding import boundary_conditions
@@ -39,7 +38,7 @@ class Reference:
 
     def face_errors(self, patient: PatientModel, moved: np.ndarray) -> np.ndarray:
         """Distance (k,) mm of the judged points of the patient's skin, moved (s, 3) mm, from where they are here."""
-        judged = np.unique(patient.skin_faces[patient.face_roi])
+        judged = patient.judged_points
         here = self.patient.moved_skin(self.displacement) - self.patient.skin_points
         away, own = cKDTree(self.patient.skin_points).query(patient.skin_points[judged])
         same = away < SAME_PLACE
@@ -82,9 +81,7 @@ def judge(
         row["volume_error"] = reference.volume_errors(patient, u).mean()
         volume = volume_metrics(patient.points, patient.cells, patient.tissue, u)
         row |= {name: volume[name] for name in ("min_jacobian", "inverted")}
-        law = fem.material(patient.tissue)
-        operator = Operator.build(patient.points, patient.cells, law, fem.volumetric)
-        row["eqres_rel"] = equilibrium_metrics(operator, u, patient.node_type, fem.volumetric)["eqres_rel"]
+        row["eqres_rel"] = equilibrium_of(patient, u, fem)["eqres_rel"]
     return row
 
 
