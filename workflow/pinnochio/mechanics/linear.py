@@ -3,14 +3,24 @@
 import copy
 import ctypes
 import logging
+import os
 from collections.abc import Callable
 from functools import cache
+from importlib import metadata
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from pinnochio.errors import InputError
+
+# pypardiso else searches the whole installation for MKL, at its import and again for a solver, for a second each.
+try:
+    _MKL = [str(file.locate()) for file in metadata.files("mkl") or () if "mkl_rt" in file.name]
+except metadata.PackageNotFoundError:  # not from a wheel
+    _MKL = []
+if _MKL:
+    os.environ.setdefault("PYPARDISO_MKL_RT", _MKL[0])
 
 try:
     from pypardiso import PyPardisoSolver
@@ -41,7 +51,7 @@ def linear_solver(indptr, indices, negative: int, kind: str = "auto", single: bo
 
 @cache
 def _library() -> "PyPardisoSolver":
-    """The wrapper, made once: it searches the whole installation for MKL, which takes a second."""
+    """The wrapper, made once."""
     solver = PyPardisoSolver()
     # Conditional numerical reproducibility: with several threads MKL else sums in another order from run to run.
     if solver.libmkl.MKL_CBWR_Set(MKL_CBWR_AUTO):
