@@ -5,8 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import highdicom
-import nibabel
 import numpy as np
 import SimpleITK as sitk
 
@@ -52,6 +50,8 @@ def read_segments(path: str | os.PathLike, refuse: Refuse) -> tuple[sitk.Image, 
         refuse(f"it is {size} with {channels} channel(s), not a volume", "save one 3-D label map with one channel")
     values = sitk.GetArrayFromImage(image)
     if values.dtype.kind == "f":
+        import nibabel  # half a second, like highdicom below, which most stages are spared
+
         # ITK's NIfTI reader silently turns NaN into 0, so the file is looked at with another one.
         nifti = str(path).lower().endswith((".nii", ".nii.gz"))
         if not np.isfinite(np.asanyarray(nibabel.load(path).dataobj) if nifti else values).all():
@@ -84,6 +84,8 @@ def _slicer_segments(image: sitk.Image, layers: np.ndarray, refuse: Refuse) -> l
 
 def _read_dicom(path: str | os.PathLike, refuse: Refuse) -> tuple[sitk.Image, list[Segment]]:
     """Grid and segments of a DICOM-SEG; fractional segments count from one half."""
+    import highdicom
+
     try:
         stored = highdicom.seg.segread(path)
         geometry = stored.get_volume_geometry()
