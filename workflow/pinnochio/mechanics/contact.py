@@ -153,14 +153,15 @@ def _hessian(side, moved, fraction: float, row, gap, slope) -> tuple[np.ndarray,
     column = np.argsort(-size, axis=1, kind="stable")[:, :count]
     local, near = moved[side.stencil[row]], np.arange(len(row))[:, None]
     weighty = side.weighty(local, row)
-    bend = np.empty((len(row), count, 3, count, 3))
-    for at, axis in np.ndindex(count, 3):
-        ends = []
-        for step in (STEP, -STEP):
-            shifted = local.copy()
-            shifted[near[:, 0], column[:, at], axis] += step
-            ends.append(side.local(shifted, row, fraction, weighty)[1][near, column])
-        bend[:, at, axis] = (ends[0] - ends[1]) / (2 * STEP)
+    # All differences of all rows at once: shifted is of shape (r, c, 3, 2, k, 3).
+    shifted = np.repeat(local, 6 * count, axis=0).reshape(len(row), count, 3, 2, *local.shape[1:])
+    one, at, axis, end = np.ogrid[: len(row), :count, :3, :2]
+    shifted[one, at, axis, end, column[one, at], axis] += STEP * (1 - 2 * end)
+    each = np.repeat(np.arange(len(row)), 6 * count)
+    among = None if weighty is None else weighty[each]
+    slopes = side.local(shifted.reshape(-1, *local.shape[1:]), row[each], fraction, among)[1]
+    slopes = slopes[np.arange(len(each))[:, None], column[each]].reshape(len(row), count, 3, 2, count, 3)
+    bend = (slopes[:, :, :, 0] - slopes[:, :, :, 1]) / (2 * STEP)
     bend = (bend + bend.transpose(0, 3, 4, 1, 2)) / 2
     slope = slope[near, column]
     return column, slope[:, :, :, None, None] * slope[:, None, None] + gap[:, None, None, None, None] * bend
