@@ -107,6 +107,13 @@ class Fields:
         points = np.ascontiguousarray(points, float)
         return _trilinear(field, points.reshape(-1, 3), self.origin, self.spacing).reshape(points.shape[:-1])
 
+    def clear(self, field, start, end, steps: int, limit: float) -> np.ndarray:
+        """Whether a field stays below `limit` on the way from start (n, 3) mm to shortly before end (n, 3), (n,).
+
+        Looked at in `steps` evenly spaced places, the start among them.
+        """
+        return _clear(field, start, end, steps, limit, self.origin, self.spacing)
+
     def gradient(self, field, points) -> np.ndarray:
         """Gradient (n, 3) of a field by central differences over one voxel."""
         steps = np.diag(self.spacing) / 2
@@ -117,27 +124,44 @@ class Fields:
 @numba.njit(cache=True)
 def _trilinear(field, points, origin, spacing):
     values = np.empty(len(points))
-    lower = np.empty(3, np.int64)
-    upper = np.empty(3, np.int64)
-    part = np.empty(3)
     for row in range(len(points)):
-        for axis in range(3):
-            last = field.shape[axis] - 1
-            place = min(max((points[row, axis] - origin[axis]) / spacing[axis], 0.0), float(last))
-            lower[axis] = min(int(place), max(last - 1, 0))
-            upper[axis] = min(lower[axis] + 1, last)
-            part[axis] = place - lower[axis]
-        total = 0.0
-        for corner in range(8):
-            i = upper[0] if corner & 1 else lower[0]
-            j = upper[1] if corner & 2 else lower[1]
-            k = upper[2] if corner & 4 else lower[2]
-            a = part[0] if corner & 1 else 1 - part[0]
-            b = part[1] if corner & 2 else 1 - part[1]
-            c = part[2] if corner & 4 else 1 - part[2]
-            total += a * b * c * field[i, j, k]
-        values[row] = total
+        values[row] = _value(field, points[row], origin, spacing)
     return values
+
+
+@numba.njit(cache=True)
+def _clear(field, start, end, steps, limit, origin, spacing):
+    clear = np.ones(len(start), np.bool_)
+    point = np.empty(3)
+    for row in range(len(start)):
+        for step in range(steps):
+            for axis in range(3):
+                point[axis] = start[row, axis] + step / steps * (end[row, axis] - start[row, axis])
+            if _value(field, point, origin, spacing) >= limit:
+                clear[row] = False
+                break
+    return clear
+
+
+@numba.njit(cache=True)
+def _value(field, point, origin, spacing):
+    i, right, a = _between(point[0], origin[0], spacing[0], field.shape[0] - 1)
+    j, behind, b = _between(point[1], origin[1], spacing[1], field.shape[1] - 1)
+    k, above, c = _between(point[2], origin[2], spacing[2], field.shape[2] - 1)
+    total = 0.0
+    for corner in range(8):
+        x, u = (right, a) if corner & 1 else (i, 1 - a)
+        y, v = (behind, b) if corner & 2 else (j, 1 - b)
+        z, w = (above, c) if corner & 4 else (k, 1 - c)
+        total += u * v * w * field[x, y, z]
+    return total
+
+
+@numba.njit(cache=True)
+def _between(place, origin, spacing, last):
+    place = min(max((place - origin) / spacing, 0.0), float(last))
+    lower = min(int(place), max(last - 1, 0))
+    return lower, min(lower + 1, last), place - lower
 
 
 def is_tissue(labels) -> np.ndarray:

@@ -39,13 +39,11 @@ def joined_pairs(points, cells, fields: Fields) -> tuple[np.ndarray, np.ndarray]
     gates = np.einsum("kc,pcx->pkx", simplex_points(3, 3), corners)
     in_tissue = fields.sample(fields.void, gates) < VOID_SHARE
     reach = max(np.linalg.norm(anchor[side][:, None] - gates, axis=2).max(initial=0) for side in (a, b))
-    steps = np.linspace(0, 1, 2 + int(reach / (0.4 * fields.spacing.min())))
+    steps = 1 + int(reach / (0.4 * fields.spacing.min()))
     clear = in_tissue.copy()
     for side in (a, b):
         pair, gate = np.nonzero(clear)
-        start, end = anchor[side[pair]][:, None], gates[pair, gate][:, None]
-        path = start + steps[:-1, None] * (end - start)
-        clear[pair, gate] = fields.sample(fields.void, path).max(axis=1) < VOID_SHARE
+        clear[pair, gate] = fields.clear(fields.void, anchor[side[pair]], gates[pair, gate], steps, VOID_SHARE)
     joined = np.ones(len(first), bool)
     joined[doubtful] = clear.sum(axis=1) > OPEN_SHARE * in_tissue.sum(axis=1)
     return first[joined], second[joined]
