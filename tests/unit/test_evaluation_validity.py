@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 
 from pinnochio.anatomy.model import BONE_MUSCLE, FIXED, FREE, MOVING, SLIDING, PatientModel
 from pinnochio.anatomy.plan import Plan, RigidMotion
 from pinnochio.anatomy.predictions import Prediction
 from pinnochio.evaluation.case import evaluate_case
 from pinnochio.evaluation.tables import CASES, check
-from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, volume_metrics
+from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, equilibrium_of, volume_metrics
 from pinnochio.evaluation.volume_error import interpolate, mean_and_p95, truth_errors
 from pinnochio.mechanics.elements import jacobians, shape_gradients
 from pinnochio.mechanics.settings import FemSettings
@@ -62,41 +61,32 @@ def test_volume_change_is_by_tissue_and_inverted_elements_are_counted():
     assert np.isnan(volume_metrics(points, cells, np.ones_like(tissue), u)["volume_change_muscle"])
 
 
-class Springs:
-    """Every node on its own springs: force k u."""
-
-    def __init__(self, stiffness):
-        self.k = torch.tensor(stiffness)
-
-    def force(self, u):
-        return self.k * u
-
-    def diagonal_blocks(self, u):
-        return torch.diag_embed(self.k)
+def springs(stiffness, u):
+    """Internal force and diagonal blocks where every node hangs on its own springs: force k u."""
+    return stiffness * u, stiffness[:, :, None] * np.eye(3)
 
 
 def test_the_four_forms_of_eqres_by_hand():
     stiffness = np.array([[1.0, 1, 1], [2, 2, 2], [1, 4, 1], [5, 5, 5]])
     u = np.array([[3.0, 4, 0], [0, 0, 1], [0, 2, 0], [0, 0, 2]])  # forces 5, 2, 8 | 10
     kinds = np.array([FREE, FREE, FREE, FIXED])
-    found = equilibrium_metrics(Springs(stiffness), u, kinds, "p1")
+    found = equilibrium_metrics(*springs(stiffness, u), kinds)
     assert found["eqres_paper"] == pytest.approx((25 + 4 + 64) / 3)
     assert found["eqres_rms"] == pytest.approx(np.sqrt(31))
     assert found["eqres_rel"] == pytest.approx(np.sqrt(93) / 10)
     assert found["eqres_disp"] == pytest.approx((5 + 1 + 2) / 3)
-    assert found["eqres_element"] == "p1"
-    sliding = equilibrium_metrics(Springs(stiffness), u, np.array([FREE, FREE, SLIDING, MOVING]), "p1")
+    sliding = equilibrium_metrics(*springs(stiffness, u), np.array([FREE, FREE, SLIDING, MOVING]))
     assert sliding["eqres_rel"] == pytest.approx(np.sqrt(29 / 164))
 
 
 def test_eqres_of_rest_and_of_reactions_alone():
     stiffness, kinds = np.ones((3, 3)), np.array([FREE, FREE, FIXED])
-    rest = equilibrium_metrics(Springs(stiffness), np.full((3, 3), 1e-13), kinds, "p1")
+    rest = equilibrium_metrics(*springs(stiffness, np.full((3, 3), 1e-13)), kinds)
     assert rest["eqres_rel"] == 0 and rest["eqres_paper"] < 1e-20
     u = np.zeros((3, 3))
     u[2] = 1
-    assert equilibrium_metrics(Springs(stiffness), u, kinds, "p1")["eqres_rel"] == 0
-    assert equilibrium_metrics(Springs(stiffness), u[::-1], kinds, "p1")["eqres_rel"] == np.inf
+    assert equilibrium_metrics(*springs(stiffness, u), kinds)["eqres_rel"] == 0
+    assert equilibrium_metrics(*springs(stiffness, u[::-1]), kinds)["eqres_rel"] == np.inf
 
 
 @pytest.fixture(scope="module")
@@ -181,14 +171,6 @@ def test_truth_errors_are_between_fields_on_two_meshes():
     np.testing.assert_allclose(truth_errors(anywhere, 0 * anywhere, *truth), 0.1 * anywhere[:, 0], atol=1e-8)
 
 
-def real_operator(patient, superficial):
-    from pinnochio.mechanics.materials import neo_hookean
-    from pinnochio.mechanics.residual import Operator
-
-    material = neo_hookean(patient.tissue, {1: superficial, 2: 6.0}, 0.49, 0)
-    return Operator.build(patient.points, patient.cells, material, "patch")
-
-
 LABELS = {"fold": "1", "method": "m", "code": "c", "registration_residual": 0.2}
 
 
@@ -230,12 +212,13 @@ def test_one_case_gives_one_complete_row(patient):
 
 
 def test_eqres_of_a_uniform_stretch_is_zero_inside_and_of_a_kicked_node_is_not(patient):
-    operator = real_operator(patient, superficial=6.0)
-    kinds = np.where(((patient.points > 0) & (patient.points < 40)).all(axis=1), FREE, FIXED)
+    fem = FemSettings({"superficial": 6.0, "muscle": 6.0}, 0.49)
+    kinds = np.where(((patient.points > 0) & (patient.points < 40)).all(axis=1), FREE, FIXED).astype(np.int8)
     stretch = patient.points * [0.05, -0.02, 0.01]
-    found = equilibrium_metrics(operator, stretch, kinds, "patch")
+    patient = replace(patient, node_type=kinds)
+    found = equilibrium_of(patient, stretch, fem)
     assert found["eqres_rel"] < 1e-9 and found["eqres_disp"] < 1e-9
     kicked = stretch.copy()
     kicked[62] += [0, 0, 0.3]
-    found = equilibrium_metrics(operator, kicked, kinds, "patch")
-    assert found["eqres_rel"] > 1e-2
+    found = equilibrium_of(patient, kicked, fem)
+    assert found["eqres_rel"] > 1e-2 and found["eqres_element"] == "patch"

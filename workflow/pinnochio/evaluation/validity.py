@@ -6,7 +6,7 @@ from pinnochio.anatomy.labels import TISSUES
 from pinnochio.anatomy.model import FREE, MOVING, SLIDING, PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.evaluation.distances import signed_distances
-from pinnochio.mechanics.elements import jacobians, shape_gradients
+from pinnochio.mechanics.elements import Elements, jacobians, shape_gradients
 from pinnochio.mechanics.settings import FemSettings
 
 
@@ -27,27 +27,21 @@ def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
 
 def equilibrium_of(patient: PatientModel, displacement, fem: FemSettings) -> dict[str, float | str]:
     """:func:`equilibrium_metrics` of a patient's field (n, 3) mm, with the material and elements of the settings."""
-    from pinnochio.mechanics.residual import Operator  # loads torch, as below
-
-    law = fem.material(patient.tissue)
-    operator = Operator.build(patient.points, patient.cells, law, fem.volumetric)
-    return equilibrium_metrics(operator, displacement, patient.node_type, fem.volumetric)
+    elements = Elements.build(patient.points, patient.cells, fem.material(patient.tissue), fem.volumetric)
+    force, stiffness = elements.evaluate(displacement)[1], elements.diagonal_blocks(displacement)
+    return equilibrium_metrics(force, stiffness, patient.node_type) | {"eqres_element": fem.volumetric}
 
 
-def equilibrium_metrics(operator, displacement, node_type, element: str) -> dict[str, float | str]:
+def equilibrium_metrics(force, stiffness, node_type) -> dict[str, float]:
     """EqRes in four forms over V_free, the nodes without any boundary condition (node_type FREE).
 
     eqres_paper: mean |f|^2, mN2; eqres_rms: its root, mN; eqres_rel: |f_free| / |f of all other nodes|, the
     headline, 0 where no force acts at all; eqres_disp: mean |K_ii^-1 f_i|, mm, the way that a node still wants to go.
     A sliding node counts among the others with its whole force: its tangential part, zero at equilibrium, is
-    neither free force nor reaction alone. Values of different elements are not comparable; hence `eqres_element`.
-    operator: pinnochio.mechanics.residual.Operator.
+    neither free force nor reaction alone. Values of different elements are not comparable.
+    force (n, 3) mN: the internal force; stiffness (n, 3, 3) mN/mm: the diagonal blocks of the tangent.
     """
-    import torch  # takes more than a second, which skins without a volume are spared
-
     free = np.asarray(node_type) == FREE
-    field = torch.as_tensor(np.array(displacement, float))
-    force, stiffness = _array(operator.force(field)), _array(operator.diagonal_blocks(field))
     inside, total, reaction = force[free], np.linalg.norm(force[free]), np.linalg.norm(force[~free])
     # Rounding: the force that moving one node by 1e-9 mm makes is no force.
     total, reaction = (0.0 if size < 1e-9 * np.abs(stiffness).max() else size for size in (total, reaction))
@@ -58,7 +52,6 @@ def equilibrium_metrics(operator, displacement, node_type, element: str) -> dict
         "eqres_rms": float(np.sqrt(square)),
         "eqres_rel": float(total / reaction if reaction > 0 else np.inf if total > 0 else 0.0),
         "eqres_disp": float(wanted.mean()) if len(wanted) else 0.0,
-        "eqres_element": element,
     }
 
 
@@ -81,7 +74,3 @@ def boundary_metrics(patient: PatientModel, plan: Plan, displacement) -> dict[st
         "moving_error": float(np.linalg.norm(displacement - cue, axis=1)[moving].mean()) if moving.any() else np.nan,
         "sliding_error": float(np.abs(np.concatenate(slid)).mean()) if slid else np.nan,
     }
-
-
-def _array(tensor) -> np.ndarray:
-    return tensor.detach().cpu().numpy().astype(float)

@@ -13,8 +13,8 @@ from pinnochio.mechanics.materials import Material
 class Operator:
     """Energy, internal force and stiffness of one mesh as functions of its displacement (n, 3) in mm.
 
-    Everything but `diagonal_blocks` is differentiable, finite at and past inversion, and adds in float64 exactly what
-    the compiled kernels add. h_ref: mean edge length in mm; mu_ref: mean mu in kPa; mu_ref h_ref^2 is the force in mN
+    Everything is differentiable, finite at and past inversion, and adds in float64 exactly what the compiled kernels
+    add. h_ref: mean edge length in mm; mu_ref: mean mu in kPa; mu_ref h_ref^2 is the force in mN
     by which the physics loss is divided (methods.md 4.4).
     """
 
@@ -73,29 +73,6 @@ class Operator:
         stress = shear[:, None, None] * f + (pressure - self.mu * slope)[:, None, None] * cofactor
         corner = torch.einsum("e,eij,eaj->eai", self.volumes, stress, self.gradients)
         return torch.zeros_like(u).index_add(0, self.cells.reshape(-1), corner.reshape(-1, 3))
-
-    @torch.no_grad()
-    def diagonal_blocks(self, u: torch.Tensor) -> torch.Tensor:
-        """Diagonal blocks (n, 3, 3) of the tangent in mN/mm, for block-Jacobi scaling."""
-        f, cofactor, j, excess = self._strain(u)
-        curve = self._log(j)[2]
-        fg = torch.einsum("eij,eaj->eai", f, self.gradients)
-        cg = torch.einsum("eij,eaj->eai", cofactor, self.gradients)
-        shear = (self.mu + 2 * self.stiffening * excess)[:, None] * (self.gradients**2).sum(dim=2)
-        corner = shear[:, :, None, None] * torch.eye(3, dtype=u.dtype, device=u.device)
-        corner = corner + 4 * self.stiffening[:, None, None, None] * fg[:, :, :, None] * fg[:, :, None, :]
-        corner = corner - (self.mu * curve)[:, None, None, None] * cg[:, :, :, None] * cg[:, :, None, :]
-        corner = corner * self.volumes[:, None, None, None]
-        blocks = torch.zeros(len(u), 3, 3, dtype=u.dtype, device=u.device)
-        blocks.index_add_(0, self.cells.reshape(-1), corner.reshape(-1, 3, 3))
-        log, slope, curve = self._log(self._patch_ratio(j))
-        stiffness = self.patch_lam * (slope**2 + log * curve) / self.patch_volumes
-        # V_p dJ_p/du_a gathers over the elements of the patch that hold node a.
-        pairs, place = torch.unique(self.patch[:, None] * len(u) + self.cells, return_inverse=True)
-        spread = torch.zeros(len(pairs), 3, dtype=u.dtype, device=u.device)
-        spread.index_add_(0, place.reshape(-1), (self.volumes[:, None, None] * cg).reshape(-1, 3))
-        outer = stiffness[pairs // len(u)][:, None, None] * spread[:, :, None] * spread[:, None, :]
-        return blocks.index_add_(0, pairs % len(u), outer)
 
     def _strain(self, u):
         """F and its cofactor (m, 3, 3), J and I1 - 3 (m,); the last without cancellation near rest."""
