@@ -29,6 +29,7 @@ from pinnochio.tradeoff.dials import network_settings
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 # No job takes more cores than it asks for.
 os.environ.setdefault("IGL_NUM_THREADS", "1")
+os.environ.setdefault("ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS", "1")
 
 validate(config, "schemas/config.schema.yaml")
 check_config(config)
