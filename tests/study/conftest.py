@@ -12,6 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared/data"  # real heads, which are not part of the project
+SOON = ("--max-jobs-per-timespan", "2000/2s")  # Snakemake ends one time span after its last job
 PARTS = ("Snakefile", "rules", "scripts", "workflow", "config", "profiles", "envs", "examples")
 
 
@@ -30,7 +31,7 @@ class Project:
     def snakemake(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
         """Run Snakemake with the arguments; its output is in `stdout` (both streams)."""
         return subprocess.run(
-            [sys.executable, "-m", "snakemake", "--cores", str(cores), *arguments],
+            [sys.executable, "-m", "snakemake", "--cores", str(cores), *SOON, *arguments],
             cwd=self.folder,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -42,7 +43,7 @@ class Project:
         """Begin to run Snakemake; its output, both streams, goes to `said.txt` of the folder."""
         with open(self.folder / "said.txt", "w", encoding="utf-8") as said:
             return subprocess.Popen(
-                [sys.executable, "-m", "snakemake", *arguments],
+                [sys.executable, "-m", "snakemake", *SOON, *arguments],
                 cwd=self.folder,
                 stdout=said,
                 stderr=subprocess.STDOUT,
