@@ -14,6 +14,7 @@ rule pretrain_surface:
         "<benchmarks>/pretrain/{fold}_{method}.tsv"
     wildcard_constraints:
         method="|".join(name for name in SURFACE if "pretraining" in SURFACE[name]),
+    priority: 2
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -52,6 +53,7 @@ rule finetune_surface:
         "<benchmarks>/finetune/{fold}_{method}.tsv"
     wildcard_constraints:
         method="|".join(SURFACE),
+    priority: 1
     conda:
         "../envs/pinnochio.yaml"
     threads: 1

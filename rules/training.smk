@@ -1,3 +1,4 @@
+# Training comes first where it can, pretraining before all: short jobs fill the cores at the end.
 rule pretrain:
     input:
         models=of_training("<results>/cases/{case}/model.h5"),
@@ -12,6 +13,7 @@ rule pretrain:
         "<benchmarks>/pretrain/{fold}_{method}.tsv"
     wildcard_constraints:
         method="|".join(VARIANTS) or "none",
+    priority: 2
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -48,6 +50,7 @@ rule finetune:
         "<benchmarks>/finetune/{fold}_{method}.tsv"
     wildcard_constraints:
         method="|".join(VARIANTS) or "none",
+    priority: 1
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
