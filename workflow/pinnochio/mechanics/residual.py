@@ -1,4 +1,4 @@
-"""The equilibrium residual in torch: the energy of `elements`, for losses, metrics and networks."""
+"""The equilibrium residual in torch: the energy of `elements`, for losses and networks."""
 
 from dataclasses import dataclass
 
@@ -11,11 +11,11 @@ from pinnochio.mechanics.materials import Material
 
 @dataclass(frozen=True)
 class Operator:
-    """Energy, internal force and stiffness of one mesh as functions of its displacement (n, 3) in mm.
+    """Energy and internal force of one mesh as functions of its displacement (n, 3) in mm.
 
     Everything is differentiable, finite at and past inversion, and adds in float64 exactly what the compiled kernels
-    add. h_ref: mean edge length in mm; mu_ref: mean mu in kPa; mu_ref h_ref^2 is the force in mN
-    by which the physics loss is divided (methods.md 4.4).
+    add. h_ref: mean edge length in mm; mu_ref: mean mu in kPa; mu_ref h_ref^2 is the force in mN by which the physics
+    loss is divided (methods.md 4.4).
     """
 
     cells: torch.Tensor
@@ -67,7 +67,7 @@ class Operator:
         """Internal force (n, 3) in mN, the gradient of the energy; zero on free nodes in equilibrium."""
         f, cofactor, j, excess = self._strain(u)
         slope = self._log(j)[1]
-        log, patch_slope, _ = self._log(self._patch_ratio(j))
+        log, patch_slope = self._log(self._patch_ratio(j))
         pressure = (self.patch_lam * log * patch_slope)[self.patch]
         shear = self.mu + 2 * self.stiffening * excess
         stress = shear[:, None, None] * f + (pressure - self.mu * slope)[:, None, None] * cofactor
@@ -88,11 +88,10 @@ class Operator:
         return torch.zeros_like(self.patch_volumes).index_add(0, self.patch, self.volumes * j) / self.patch_volumes
 
     def _log(self, j):
-        """ln J and its first two derivatives, extended below `extension` by the Taylor polynomial there."""
+        """ln J and its derivative, extended below `extension` by the Taylor polynomial there."""
         eps = self.extension
         safe = j.clamp(min=eps)  # keeps the unused branch of torch.where finite, and so its gradient
         d = (j - eps) / eps
         inside = j >= eps
         log = torch.where(inside, safe.log(), float(np.log(eps)) + d - d**2 / 2)
-        slope = torch.where(inside, 1 / safe, (1 - d) / eps)
-        return log, slope, torch.where(inside, -1 / safe**2, torch.full_like(j, -1 / eps**2))
+        return log, torch.where(inside, 1 / safe, (1 - d) / eps)
