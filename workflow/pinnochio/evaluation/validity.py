@@ -6,6 +6,7 @@ from pinnochio.anatomy.labels import TISSUES
 from pinnochio.anatomy.model import FREE, MOVING, SLIDING, PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.evaluation.distances import signed_distances
+from pinnochio.mechanics.assembly import diagonal_blocks
 from pinnochio.mechanics.elements import Elements, jacobians, shape_gradients
 from pinnochio.mechanics.settings import FemSettings
 
@@ -28,7 +29,7 @@ def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
 def equilibrium_of(patient: PatientModel, displacement, fem: FemSettings) -> dict[str, float | str]:
     """:func:`equilibrium_metrics` of a patient's field (n, 3) mm, with the material and elements of the settings."""
     elements = Elements.build(patient.points, patient.cells, fem.material(patient.tissue), fem.volumetric)
-    force, stiffness = elements.evaluate(displacement)[1], elements.diagonal_blocks(displacement)
+    force, stiffness = elements.evaluate(displacement)[1], diagonal_blocks(elements, displacement)
     return equilibrium_metrics(force, stiffness, patient.node_type) | {"eqres_element": fem.volumetric}
 
 

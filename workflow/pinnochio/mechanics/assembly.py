@@ -1,6 +1,7 @@
 """The tangent of a mesh in a fixed symmetric sparsity pattern, upper triangle, free unknowns only."""
 
 import numpy as np
+from scipy import sparse
 
 from pinnochio.compiled import njit
 from pinnochio.mechanics.elements import Elements, deformation, extended_log, patch_bulk
@@ -112,6 +113,17 @@ class Assembler:
             *(given, pressure is not None, data, product),
         )
         return data, product[self.free]
+
+
+def diagonal_blocks(elements: Elements, displacement) -> np.ndarray:
+    """Diagonal blocks (n, 3, 3) of the tangent in mN/mm at a displacement (n, 3) mm, without any constraint."""
+    assembler = Assembler(elements, np.zeros((elements.nodes, 3), bool), np.zeros(0, int))
+    data, _ = assembler.tangent(displacement, np.zeros((0, 3, 3)))
+    tangent = sparse.csr_array((data, assembler.indices, assembler.indptr), shape=(3 * elements.nodes,) * 2)
+    blocks = np.empty((elements.nodes, 3, 3))
+    for i, j in zip(*np.triu_indices(3), strict=True):
+        blocks[:, i, j] = blocks[:, j, i] = tangent.diagonal(j - i)[i::3]
+    return blocks
 
 
 @njit(cache=True)

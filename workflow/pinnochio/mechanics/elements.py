@@ -84,16 +84,6 @@ class Elements:
         energy, least = _evaluate(np.ascontiguousarray(displacement, float), *self.arrays, force)
         return energy, force, least
 
-    def diagonal_blocks(self, displacement) -> np.ndarray:
-        """Diagonal blocks (n, 3, 3) of the tangent in mN/mm at a displacement (n, 3) mm, for block-Jacobi scaling."""
-        # V_p dJ_p/du_a gathers over the elements of the patch that hold node a.
-        pairs, place = np.unique(self.patch[:, None] * np.int64(self.nodes) + self.cells, return_inverse=True)
-        blocks, spread = np.zeros((self.nodes, 3, 3)), np.zeros((len(pairs), 3))
-        owner, node = np.divmod(pairs, self.nodes)
-        place = place.reshape(self.cells.shape)
-        _diagonal(np.ascontiguousarray(displacement, float), *self.arrays, place, owner, node, spread, blocks)
-        return blocks
-
 
 def check_mesh(points, cells) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) float and cells (m, 4) int32, or InputError that says what is wrong with them."""
@@ -203,31 +193,3 @@ def _evaluate(u, cells, gradients, volumes, patch, patch_volumes, mu, patch_lam,
                 g = gradients[e, a]
                 force[cells[e, a], i] += p0 * g[0] + p1 * g[1] + p2 * g[2]
     return energy, least
-
-
-@njit(cache=True)
-def _diagonal(
-    u, cells, gradients, volumes, patch, patch_volumes, mu, patch_lam, stiffening, extension,
-    place, owner, node, spread, blocks,
-):  # fmt: skip
-    f, cof, fg, cg = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    first, second = np.empty(len(patch_volumes)), np.empty(len(patch_volumes))
-    patch_bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second)
-    for e in range(len(cells)):
-        j, excess = deformation(u, cells[e], gradients[e], f, cof)
-        curve = mu[e] * extended_log(j, extension)[2]
-        for a in range(4):
-            g, block = gradients[e, a], blocks[cells[e, a]]
-            for i in range(3):
-                fg[i] = f[i, 0] * g[0] + f[i, 1] * g[1] + f[i, 2] * g[2]
-                cg[i] = cof[i, 0] * g[0] + cof[i, 1] * g[1] + cof[i, 2] * g[2]
-                spread[place[e, a], i] += volumes[e] * cg[i]
-                block[i, i] += volumes[e] * (mu[e] + 2 * stiffening[e] * excess) * (g[0] ** 2 + g[1] ** 2 + g[2] ** 2)
-            for i in range(3):
-                for k in range(3):
-                    block[i, k] += volumes[e] * (4 * stiffening[e] * fg[i] * fg[k] - curve * cg[i] * cg[k])
-    for row in range(len(node)):
-        stiffness = second[owner[row]] / patch_volumes[owner[row]]
-        for i in range(3):
-            for k in range(3):
-                blocks[node[row], i, k] += stiffness * spread[row, i] * spread[row, k]
