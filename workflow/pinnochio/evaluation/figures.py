@@ -1,6 +1,7 @@
 """What the project's Matplotlib figures share."""
 
 import os
+from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -12,7 +13,7 @@ from pinnochio.files import replacing
 EVERY = (1, 2, 5)  # times powers of ten, where a logarithmic axis has its marks
 
 
-def label_log(axis: Axis, marks: tuple[int, ...] = EVERY, form: str = "{x:g}") -> None:
+def label_log(axis: Axis, marks: Sequence[int] = EVERY, form: str = "{x:g}") -> None:
     """Plain numbers on a logarithmic axis."""
     axis.set_major_locator(LogLocator(subs=marks))
     axis.set_major_formatter(StrMethodFormatter(form))
