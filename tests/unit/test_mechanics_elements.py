@@ -56,7 +56,7 @@ def test_force_is_the_gradient_of_the_energy(problem, volumetric):
 
 def assembled(assembler, data):
     """The whole tangent of the free unknowns, from its upper triangle."""
-    upper = sparse.csr_matrix((data, assembler.indices, assembler.indptr), shape=(len(assembler.indptr) - 1,) * 2)
+    upper = assembler.upper(data)
     return (upper + sparse.triu(upper, 1).T).toarray()
 
 

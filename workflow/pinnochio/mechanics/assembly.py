@@ -114,12 +114,15 @@ class Assembler:
         )
         return data, product[self.free]
 
+    def upper(self, data: np.ndarray) -> sparse.csr_matrix:
+        """The upper triangle of a matrix over the free unknowns, from its values of the pattern."""
+        return sparse.csr_matrix((data, self.indices, self.indptr), shape=(len(self.indptr) - 1,) * 2)
+
 
 def diagonal_blocks(elements: Elements, displacement) -> np.ndarray:
     """Diagonal blocks (n, 3, 3) of the tangent in mN/mm at a displacement (n, 3) mm, without any constraint."""
     assembler = Assembler(elements, np.zeros((elements.nodes, 3), bool), np.zeros(0, int))
-    data, _ = assembler.tangent(displacement, np.zeros((0, 3, 3)))
-    tangent = sparse.csr_array((data, assembler.indices, assembler.indptr), shape=(3 * elements.nodes,) * 2)
+    tangent = assembler.upper(assembler.tangent(displacement, np.zeros((0, 3, 3)))[0])
     blocks = np.empty((elements.nodes, 3, 3))
     for i, j in zip(*np.triu_indices(3), strict=True):
         blocks[:, i, j] = blocks[:, j, i] = tangent.diagonal(j - i)[i::3]

@@ -35,8 +35,7 @@ class ElasticSolver:
         rest = np.zeros((elements.nodes, 3))
         self._frames = self._constraints.sliding.frames(rest, 0.0)
         whole = Assembler(elements, np.zeros(rest.shape, bool), self._nodes[1])
-        data, _ = whole.tangent(rest, self._frames)
-        upper = sparse.csr_matrix((data, whole.indices, whole.indptr), shape=(len(whole.indptr) - 1,) * 2)
+        upper = whole.upper(whole.tangent(rest, self._frames)[0])
         full = (upper + sparse.triu(upper, 1).T).tocsr()
         fixed = self._constraints.constrained[whole.free]
         own = sparse.triu(full[~fixed][:, ~fixed], format="csr")
