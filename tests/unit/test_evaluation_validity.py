@@ -12,7 +12,7 @@ from pinnochio.anatomy.predictions import Prediction
 from pinnochio.evaluation.case import evaluate_case
 from pinnochio.evaluation.tables import CASES, check
 from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, equilibrium_of, volume_metrics
-from pinnochio.evaluation.volume_error import interpolate, mean_and_p95, truth_errors
+from pinnochio.evaluation.volume_error import interpolate, mean_and_p95, node_volumes, truth_errors
 from pinnochio.mechanics.elements import jacobians, shape_gradients
 from pinnochio.mechanics.settings import FemSettings
 
@@ -163,12 +163,23 @@ def test_truth_errors_are_between_fields_on_two_meshes():
     assert truth_errors(points, u, *truth).max() < 1e-8
     errors = truth_errors(points, u + points[:, 2:] * [0, 0.05, 0], *truth)
     np.testing.assert_allclose(errors, points[:, 2] / 20, atol=1e-8)
-    assert mean_and_p95("volume_error", errors) == {
-        "volume_error_mean": pytest.approx(1),
-        "volume_error_p95": pytest.approx(2),
-    }
+    found = mean_and_p95("volume_error", errors, node_volumes(points, cells))
+    assert found == {"volume_error_mean": pytest.approx(1), "volume_error_p95": pytest.approx(2)}
     anywhere = points[:3] + 1.0  # a skin is compared where its own points are
     np.testing.assert_allclose(truth_errors(anywhere, 0 * anywhere, *truth), 0.1 * anywhere[:, 0], atol=1e-8)
+
+
+def test_errors_are_means_over_volume_however_dense_the_nodes_are():
+    """Nodes crowded at one end, where the error is small, do not make the mean smaller."""
+    points, cells = block(8)
+    crowded = points.copy()
+    crowded[:, 2] = 40 * (points[:, 2] / 40) ** 2
+    for own in (points, crowded):
+        volumes = node_volumes(own, cells)
+        assert volumes.sum() == pytest.approx(40**3) and volumes.min() > 0
+        found = mean_and_p95("volume_error", own[:, 2], volumes)
+        assert found["volume_error_mean"] == pytest.approx(20) and found["volume_error_p95"] >= 35
+    assert crowded[:, 2].mean() < 16
 
 
 LABELS = {"fold": "1", "method": "m", "code": "c", "registration_residual": 0.2}

@@ -8,11 +8,12 @@ from pinnochio.anatomy.model import FREE, NO_INTERFACE, PatientModel
 from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.predictions import Prediction
 from pinnochio.errors import InputError
+from pinnochio.evaluation.distances import vertex_areas
 from pinnochio.evaluation.regions import landmark_errors, region_errors
 from pinnochio.evaluation.surface_metrics import surface_metrics, target_samples
 from pinnochio.evaluation.tables import CASES
 from pinnochio.evaluation.validity import boundary_metrics, equilibrium_of, volume_metrics
-from pinnochio.evaluation.volume_error import mean_and_p95, truth_errors
+from pinnochio.evaluation.volume_error import mean_and_p95, node_volumes, truth_errors
 from pinnochio.mechanics.settings import FemSettings
 
 # Columns that a prediction brings along.
@@ -61,9 +62,10 @@ def evaluate_case(
         row |= _where_readable(plan.case, region_errors, patient, moved, sampled)
     if truth is not None:
         if u is not None:
-            row |= mean_and_p95("volume_error", truth_errors(patient.points, u, *truth))
+            errors = truth_errors(patient.points, u, *truth)
+            row |= mean_and_p95("volume_error", errors, node_volumes(patient.points, patient.cells))
         errors = truth_errors(patient.skin_points, moved - patient.skin_points, *truth)
-        row |= mean_and_p95("skin_error", errors)
+        row |= mean_and_p95("skin_error", errors, vertex_areas(patient.skin_points, patient.skin_faces))
         row |= _where_readable(plan.case, landmark_errors, patient, errors)
     return row
 

@@ -75,7 +75,7 @@ KINDS = {
         ),
         (
             "Error of the predicted displacement at landmarks against the virtual truth",
-            "Error against the virtual truth over the skin and over all nodes, mean and 95th percentile of a patient "
+            "Error against the virtual truth over the skin and over the tissue, mean and 95th percentile of a patient "
             "(blank for methods that predict the skin alone)",
         ),
         ("", "Skin and volume"),

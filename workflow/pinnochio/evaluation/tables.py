@@ -92,9 +92,9 @@ CASES = (
             number(f"bias_{name}", "mm", "the same, signed: positive where the prediction lies outside the target"),
         )
     ),
-    number("volume_error_mean", "mm", "mean error of all nodes against the virtual truth", TESTED),
+    number("volume_error_mean", "mm", "mean error over the tissue's volume against the virtual truth", TESTED),
     number("volume_error_p95", "mm", "95th percentile of it"),
-    number("skin_error_mean", "mm", "mean error of the skin points against the virtual truth", TESTED),
+    number("skin_error_mean", "mm", "mean error over the skin's area against the virtual truth", TESTED),
     number("skin_error_p95", "mm", "95th percentile of it"),
     *(
         number(f"landmark_{name}", "mm", f"error at {words(name)} against the virtual truth", TESTED)

@@ -12,7 +12,7 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.predictions import Prediction
 from pinnochio.evaluation.surface_metrics import surface_metrics
 from pinnochio.evaluation.validity import equilibrium_of, volume_metrics
-from pinnochio.evaluation.volume_error import truth_errors
+from pinnochio.evaluation.volume_error import node_volumes, truth_errors
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.mixed import MIXED, solve_mixed
 from pinnochio.mechanics.refine import Finish
@@ -45,10 +45,11 @@ class Reference:
         there = (moved - patient.skin_points)[judged]
         return np.linalg.norm(there - here[own], axis=1)[same]
 
-    def volume_errors(self, patient: PatientModel, displacement: np.ndarray) -> np.ndarray:
-        """Distance (n,) mm of the displacement of the patient's nodes from the one here."""
+    def volume_error(self, patient: PatientModel, displacement: np.ndarray) -> float:
+        """Mean distance in mm of a displacement (n, 3) mm of the patient from the one here, over the tissue."""
         own = self.patient
-        return truth_errors(patient.points, displacement, own.points, own.cells, self.displacement)
+        errors = truth_errors(patient.points, displacement, own.points, own.cells, self.displacement)
+        return float(np.average(errors, weights=node_volumes(patient.points, patient.cells)))
 
 
 def judge(
@@ -78,7 +79,7 @@ def judge(
     errors = reference.face_errors(patient, moved)
     row |= {"face_error": errors.mean(), "face_error_max": errors.max()}
     if u is not None:
-        row["volume_error"] = reference.volume_errors(patient, u).mean()
+        row["volume_error"] = reference.volume_error(patient, u)
         volume = volume_metrics(patient.points, patient.cells, patient.tissue, u)
         row |= {name: volume[name] for name in ("min_jacobian", "inverted")}
         row["eqres_rel"] = equilibrium_of(patient, u, fem)["eqres_rel"]

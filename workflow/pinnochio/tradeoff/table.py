@@ -22,7 +22,7 @@ TRADEOFF_CASES = (
     *(_CASE[name] for name in ("seconds", "setup_seconds", "threads", "converged", "cd")),
     number("face_error", "mm", "mean distance of the judged face from the reference solution"),
     number("face_error_max", "mm", "largest of it"),
-    number("volume_error", "mm", "mean distance of all nodes from the reference solution"),
+    number("volume_error", "mm", "mean distance from the reference solution over the tissue's volume"),
     *(_CASE[name] for name in ("eqres_rel", "min_jacobian", "inverted")),
 )
 TRADEOFF = (
@@ -37,7 +37,7 @@ TRADEOFF = (
     number("cd_sd", "mm", "its standard deviation"),
     number("face_error", "mm", "mean distance of the judged face from the reference solution"),
     number("face_error_max", "mm", "largest of it"),
-    number("volume_error", "mm", "mean distance of all nodes from the reference solution"),
+    number("volume_error", "mm", "mean distance from the reference solution over the tissue's volume"),
     number("eqres_rel", "", "mean of eqres_rel"),
     number("min_jacobian", "", "smallest volume ratio of an element", ".3f"),
     number("inverted", "", "inverted elements over all patients", ".0f"),
