@@ -133,7 +133,7 @@ def test_the_dials_turn_one_thing_at_a_time():
         ("nodes", "500"),
         ("precision", "double"),
     ]
-    assert [(s.dial, s.value) for s in own if s.method == "b"] == [("network", "network.channels 32")]
+    assert [(s.dial, s.value) for s in own if s.method == "b"] == [("network", "channels 32")]
 
 
 def test_judging_the_reference_itself_finds_no_error():

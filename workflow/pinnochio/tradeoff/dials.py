@@ -75,7 +75,7 @@ def network_settings(nodes: int, config: Mapping, variants: Mapping[str, Mapping
         found.append(Setting(method, "precision", "double", nodes, corrections=own, double=True, repeatable=False))
     for method in config["further"]:
         base = nearest(variants[method], {name: variants[name] for name in config["networks"]})
-        told = ", ".join(changes(variants[base], variants[method]))
+        told = " and ".join(change.removeprefix("network.") for change in changes(variants[base], variants[method]))
         found.append(Setting(method, "network", told, nodes, corrections=variants[method]["refine"]))
     return found
 
