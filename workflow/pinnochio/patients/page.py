@@ -24,9 +24,9 @@ TEMPLATE = """<!DOCTYPE html>
 <meta name="viewport" content="width=device-width, initial-scale=1"><title>{{ c.case }}, {{ c.plan }}</title>
 <style>
 body { font: 16px/1.45 sans-serif; max-width: 1150px; margin: 1.5em auto; padding: 0 1em; color: #222 }
-img { max-width: 100%; border: 1px solid #ddd } table { border-collapse: collapse; width: 100% }
-td, th { text-align: left; vertical-align: top; padding: .35em .7em; border-bottom: 1px solid #ddd }
-td, th, li { overflow-wrap: anywhere }
+img { max-width: 100%; border: 1px solid #ddd } table { border-collapse: collapse; display: block; overflow-x: auto }
+td, th { text-align: left; vertical-align: top; padding: .35em .5em; border-bottom: 1px solid #ddd }
+li { overflow-wrap: anywhere }
 td.n { text-align: right; white-space: nowrap } .no { font-weight: bold; color: #a40000 } .yes { color: #1a6b1a }
 .box { border: 2px solid #a40000; padding: .5em 1em; margin: 1em 0 } .box.fine { border-color: #1a6b1a }
 details { margin: 1em 0 } summary { cursor: pointer; font-weight: bold }
