@@ -12,8 +12,8 @@ from pinnochio.anatomy.predictions import Prediction
 from pinnochio.evaluation.case import evaluate_case
 from pinnochio.evaluation.tables import CASES, check
 from pinnochio.evaluation.validity import boundary_metrics, equilibrium_metrics, equilibrium_of, volume_metrics
-from pinnochio.evaluation.volume_error import interpolate, mean_and_p95, node_volumes, truth_errors
-from pinnochio.mechanics.elements import jacobians, shape_gradients
+from pinnochio.evaluation.volume_error import interpolate, mean_and_p95, truth_errors
+from pinnochio.mechanics.elements import jacobians, node_volumes, shape_gradients
 from pinnochio.mechanics.settings import FemSettings
 
 SIX = np.array([[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]])

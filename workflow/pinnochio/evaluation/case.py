@@ -13,7 +13,8 @@ from pinnochio.evaluation.regions import landmark_errors, region_errors
 from pinnochio.evaluation.surface_metrics import surface_metrics, target_samples
 from pinnochio.evaluation.tables import CASES
 from pinnochio.evaluation.validity import boundary_metrics, equilibrium_of, volume_metrics
-from pinnochio.evaluation.volume_error import mean_and_p95, node_volumes, truth_errors
+from pinnochio.evaluation.volume_error import mean_and_p95, truth_errors
+from pinnochio.mechanics.elements import node_volumes
 from pinnochio.mechanics.settings import FemSettings
 
 # Columns that a prediction brings along.

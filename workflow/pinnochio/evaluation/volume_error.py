@@ -7,7 +7,6 @@ import numpy as np
 import pyvista as pv
 
 from pinnochio.anatomy.plan import Plan
-from pinnochio.mechanics.elements import shape_gradients
 
 
 def interpolate(queries, points, cells, displacement) -> np.ndarray:
@@ -28,12 +27,6 @@ def interpolate(queries, points, cells, displacement) -> np.ndarray:
 def truth_errors(points, displacement, truth_points, truth_cells, truth) -> np.ndarray:
     """|u - truth| (k,) mm of a displacement (k, 3) mm at points (k, 3) mm; the truth is a field as in interpolate."""
     return np.linalg.norm(displacement - interpolate(points, truth_points, truth_cells, truth), axis=1)
-
-
-def node_volumes(points, cells) -> np.ndarray:
-    """Tissue (n,) mm3 that belongs to each node: a quarter of its elements."""
-    quarters = np.repeat(shape_gradients(points, cells)[1] / 4, 4)
-    return np.bincount(cells.ravel(), quarters, minlength=len(points))
 
 
 def mean_and_p95(name: str, errors: np.ndarray, weights: np.ndarray) -> dict[str, float]:

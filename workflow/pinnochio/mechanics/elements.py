@@ -112,6 +112,16 @@ def shape_gradients(points, cells) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(gradients), np.linalg.det(edges) / 6
 
 
+def lumped(cells, amounts, nodes: int) -> np.ndarray:
+    """Amounts (m,) of the cells (m, 4) at their nodes (nodes,): a quarter of each at every corner."""
+    return np.bincount(cells.ravel(), np.repeat(amounts / 4, 4), nodes)
+
+
+def node_volumes(points, cells) -> np.ndarray:
+    """Tissue (n,) mm3 that belongs to each node: a quarter of its cells."""
+    return lumped(cells, shape_gradients(points, cells)[1], len(points))
+
+
 def mean_edge(points, cells) -> float:
     """Mean length in mm of the edges of the cells."""
     pairs = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])

@@ -152,9 +152,8 @@ class Scipy:
         self._factors = None
 
 
-def symmetric_product(indptr, indices, data) -> Callable[[np.ndarray], np.ndarray]:
-    """x -> A x for a symmetric matrix given by its upper triangle in CSR."""
-    upper = sparse.csr_matrix((data, indices, indptr), shape=(len(indptr) - 1,) * 2)
+def symmetric_product(upper: sparse.csr_matrix) -> Callable[[np.ndarray], np.ndarray]:
+    """x -> A x for a symmetric matrix given by its upper triangle."""
     lower, diagonal = upper.T, upper.diagonal()
     return lambda x: upper @ x + lower @ x - diagonal * x
 

@@ -33,7 +33,7 @@ from scipy import sparse
 from scipy.special import lambertw
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elements import check_mesh, mean_edge, shape_gradients
+from pinnochio.mechanics.elements import check_mesh, lumped, mean_edge, shape_gradients
 from pinnochio.mechanics.linear import linear_solver
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.sliding import BoundaryConditions
@@ -92,13 +92,12 @@ class MixedElements:
         self.points, self.cells, self.midside_ends = corners, cells, np.zeros((0, 2), int)
         linear, volumes = shape_gradients(corners, cells)
         self._weight = volumes / 4
-        corner = np.repeat(self._weight, 4)
-        self.node_volumes = np.bincount(cells.ravel(), corner)
+        self.node_volumes = lumped(cells, volumes, len(corners))
         # Per point of the rule: shape functions of q (4,), gradients of those of u (m, nodes, 3), lam (m,).
         self._shapes = np.eye(4) if element == "averaged" else _OUTER + (_INNER - _OUTER) * np.eye(4)
         self._gradients, self._lam = [linear] * 4, [material.lam] * 4
         if element == "averaged":
-            node_lam = np.bincount(cells.ravel(), corner * np.repeat(material.lam, 4)) / self.node_volumes
+            node_lam = lumped(cells, volumes * material.lam, len(corners)) / self.node_volumes
             self._lam = list(node_lam[cells].T)
         if element == "taylor_hood":
             ends = np.sort(cells[:, EDGES], axis=2).reshape(-1, 2)

@@ -197,7 +197,7 @@ class Newton:
     def solution(self, data, force, tolerance: float, definite: bool) -> np.ndarray | None:
         """Solution for the tangent with values `data`, which is `definite`, or None if it turns out not to be."""
         if self.single:
-            product = symmetric_product(self.assembler.indptr, self.assembler.indices, data)
+            product = symmetric_product(self.assembler.upper(data))
             # Old factors serve until conjugate gradients have cost as much as new ones would.
             for fresh in (False, True) if self.factorized and self.spent < self.linear.worth else (True,):
                 if fresh and not self.factorize(data):

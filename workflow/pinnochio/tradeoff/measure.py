@@ -12,7 +12,8 @@ from pinnochio.anatomy.plan import Plan
 from pinnochio.anatomy.predictions import Prediction
 from pinnochio.evaluation.surface_metrics import surface_metrics
 from pinnochio.evaluation.validity import equilibrium_of, volume_metrics
-from pinnochio.evaluation.volume_error import node_volumes, truth_errors
+from pinnochio.evaluation.volume_error import truth_errors
+from pinnochio.mechanics.elements import node_volumes
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.mixed import MIXED, solve_mixed
 from pinnochio.mechanics.refine import Finish

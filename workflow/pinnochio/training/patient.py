@@ -19,7 +19,7 @@ from pinnochio.anatomy.model import (
     PatientModel,
 )
 from pinnochio.anatomy.plan import Plan
-from pinnochio.mechanics.elements import VOLUMETRIC
+from pinnochio.mechanics.elements import VOLUMETRIC, lumped
 from pinnochio.mechanics.lift import Lift, farthest, motion_amplitudes, node_shares
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.residual import Operator
@@ -199,9 +199,7 @@ def segment_nodes(model: PatientModel) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 def node_stiffness(model: PatientModel, material: Material, volume: np.ndarray) -> np.ndarray:
     """Logarithm (n, 1) of the shear modulus around each node, weighted by volume (m,), over the mean of the cells."""
-    modulus, weight = np.zeros((2, len(model.points)))
-    np.add.at(modulus, model.cells, (volume * material.mu)[:, None])
-    np.add.at(weight, model.cells, volume[:, None])
+    modulus, weight = (lumped(model.cells, own, len(model.points)) for own in (volume * material.mu, volume))
     return np.log(modulus / np.maximum(weight, 1e-12) / material.mu.mean() + 1e-12)[:, None]
 
 
