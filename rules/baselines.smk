@@ -27,7 +27,7 @@ rule pretrain_surface:
         network=settings_of("network"),
         training=settings_of("pretraining"),
         seed=SEED,
-        code=code_of("anatomy", "training", "evaluation", "baselines"),
+        code=code_of("pretrain_surface"),
     message:
         "Pretrain {wildcards.method} on the finite-element fields of fold {wildcards.fold}"
     script:
@@ -66,7 +66,7 @@ rule finetune_surface:
         network=settings_of("network"),
         training=settings_of("finetuning"),
         seed=SEED,
-        code=code_of("anatomy", "training", "evaluation", "baselines"),
+        code=code_of("finetune_surface"),
     message:
         "Train {wildcards.method} on the post-operative skins of fold {wildcards.fold}"
     script:
@@ -95,7 +95,7 @@ rule predict_surface:
         gpu=GPU,
     params:
         cases=held_out,
-        code=code_of("anatomy", "training", "evaluation", "baselines"),
+        code=code_of("predict_surface"),
     message:
         "Predict fold {wildcards.fold} by {wildcards.method}"
     script:
@@ -122,7 +122,7 @@ rule fit_linear:
         runtime=30,
     params:
         cases=training_cases,
-        code=code_of("anatomy", "training", "baselines"),
+        code=code_of("fit_linear"),
     message:
         "Fit the linear regression of fold {wildcards.fold}"
     script:
@@ -154,7 +154,7 @@ rule predict_rule:
         runtime=10,
     params:
         cases=held_out,
-        code=code_of("anatomy", "baselines"),
+        code=code_of("predict_rule"),
     message:
         "Predict fold {wildcards.fold} by {wildcards.method}"
     script:
@@ -180,7 +180,7 @@ rule predict_elastic:
     params:
         cases=held_out,
         fem=config["fem"],
-        code=code_of("anatomy", "mechanics"),
+        code=code_of("predict_elastic"),
     message:
         "Predict fold {wildcards.fold} by linear elasticity"
     script:

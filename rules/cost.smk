@@ -32,7 +32,7 @@ rule tabulate_training:
         folds=list(HELD_OUT),
         benchmarks=BENCHMARKS,
         cohort=COHORT,
-        code=code_of("evaluation"),
+        code=code_of("tabulate_training"),
     message:
         "List what each learned method was given"
     script:
@@ -62,7 +62,7 @@ rule time_stages:
     params:
         benchmarks=BENCHMARKS,
         cohort=COHORT,
-        code=code_of("evaluation"),
+        code=code_of("time_stages"),
     message:
         "Add up the time of every stage"
     script:

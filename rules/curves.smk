@@ -20,7 +20,7 @@ rule plot_training:
         runtime=5,
     params:
         title=lambda wildcards: f"{wildcards.method}, fold {wildcards.fold}, {COHORT}",
-        code=code_of("evaluation"),
+        code=code_of("plot_training"),
     message:
         "Draw the training of {wildcards.method} in fold {wildcards.fold}"
     script:

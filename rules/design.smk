@@ -25,7 +25,7 @@ rule compare_designs:
         variants={name: VARIANTS[name] for name in DESIGN},
         cohort=COHORT,
         seed=SEED,
-        code=code_of("evaluation"),
+        code=code_of("compare_designs"),
     message:
         "Compare the switches of {config[design][base]}"
     script:

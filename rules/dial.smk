@@ -28,7 +28,7 @@ rule refine:
         cases=held_out,
         corrections=config["dial"]["corrections"],
         fem=config["fem"],
-        code=code_of("anatomy", "mechanics"),
+        code=code_of("refine"),
     message:
         "Correct {wildcards.method} on fold {wildcards.fold}"
     script:
@@ -86,7 +86,7 @@ rule collect_dial:
         folds=len(HELD_OUT),
         cohort=COHORT,
         seed=SEED,
-        code=code_of("evaluation"),
+        code=code_of("collect_dial"),
     message:
         "Compare the predictions with their corrected fields"
     script:
@@ -107,7 +107,7 @@ rule render_dial:
         mem_mb=1000,
         runtime=5,
     params:
-        code=code_of("evaluation"),
+        code=code_of("render_dial"),
     message:
         "Draw the dial"
     script:

@@ -18,7 +18,7 @@ rule simulate_fem:
         plans=config["teaching"]["plans"],
         fem=config["fem"],
         seed=SEED,
-        code=code_of("anatomy", "mechanics"),
+        code=code_of("simulate_fem"),
     message:
         "Simulate {params.plans} plans of {wildcards.case} for pretraining"
     script:
@@ -48,7 +48,7 @@ rule solve_plan:
         runtime=30,
     params:
         fem=config["fem"],
-        code=code_of("anatomy", "mechanics"),
+        code=code_of("solve_plan"),
     message:
         "Solve the plan of {wildcards.case} by finite elements ({wildcards.arm})"
     script:

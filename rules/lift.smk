@@ -18,7 +18,7 @@ rule make_lift:
     params:
         controls=config["lift"]["controls"],
         fem=config["fem"],
-        code=code_of("anatomy", "mechanics"),
+        code=code_of("make_lift"),
     message:
         "Make the {wildcards.kind} lift of {wildcards.case}"
     script:

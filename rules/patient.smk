@@ -25,7 +25,7 @@ rule import_segmentation:
         repair=config["repair"],
         unlabelled_muscle=config["unlabelled_muscle"],
         bone_edge=config["mesh"]["bone_edge"],
-        code=code_of("anatomy"),
+        code=code_of("import_segmentation"),
     message:
         "Import the segmentation and the plan of {wildcards.case}"
     script:
@@ -53,7 +53,7 @@ rule register_postop:
         segments=config["segments"],
         nasion_above_maxilla=config["interfaces"]["nasion_above_maxilla"],
         limit=config["registration"]["limit"],
-        code=code_of("anatomy"),
+        code=code_of("register_postop"),
     message:
         "Register the post-operative skin of {wildcards.case} on the upper face"
     script:
@@ -79,7 +79,7 @@ rule check_cohort:
         runtime=5,
     params:
         cases=list(CASES),
-        code=code_of("anatomy"),
+        code=code_of("check_cohort"),
     message:
         "All {input.imports} are read and checked"
     script:
@@ -105,7 +105,7 @@ rule tetrahedralize:
     params:
         nodes=config["mesh"]["nodes"],
         minimum_dihedral=config["mesh"]["minimum_dihedral"],
-        code=code_of("anatomy", "meshing"),
+        code=code_of("tetrahedralize"),
     message:
         "Mesh muscle and superficial tissue of {wildcards.case}"
     script:
@@ -134,7 +134,7 @@ rule label_interfaces:
     params:
         segments=config["segments"],
         interfaces=config["interfaces"],
-        code=code_of("anatomy", "meshing"),
+        code=code_of("label_interfaces"),
     message:
         "Label the interfaces of {wildcards.case}"
     script:
@@ -170,7 +170,7 @@ rule refine_lips:
         segments=config["segments"],
         sliding_band=config["interfaces"]["sliding_band"],
         lip_edge=config["fem_rlse"]["lip_edge"],
-        code=code_of("anatomy", "meshing"),
+        code=code_of("refine_lips"),
     message:
         "Refine the mesh of {wildcards.case} around the mouth"
     script:
@@ -212,7 +212,7 @@ rule report_quality:
         mem_mb=2000,
         runtime=10,
     params:
-        code=code_of("anatomy", "meshing", "evaluation"),
+        code=code_of("report_quality"),
     message:
         "Report the quality of the model of {wildcards.case}"
     script:
@@ -238,7 +238,7 @@ rule collect_quality:
     params:
         segments=config["segments"],
         cohort=COHORT,
-        code=code_of("anatomy", "evaluation"),
+        code=code_of("collect_quality"),
     message:
         "Collect the quality of every patient's model"
     script:

@@ -18,7 +18,7 @@ rule describe_training:
         runtime=10,
     params:
         cases=SCANNED,
-        code=code_of("anatomy", "patients"),
+        code=code_of("describe_training"),
     message:
         "Describe anatomy and plans of the training patients"
     script:
@@ -62,7 +62,7 @@ rule pack:
             "folds": list(HELD_OUT),
             "settings": {name: config[name] for name in READ_BY_NETWORKS},
             "configuration": CONFIGURATION,
-            "code": code_of("anatomy", "meshing", "mechanics", "networks", "training"),
+            "code": code_of("import_segmentation", "label_interfaces", "predict_ensemble"),
         },
         methods={
             name: {
@@ -104,7 +104,7 @@ use rule import_segmentation as import_patient with:
         repair=config["repair"],
         unlabelled_muscle=config["unlabelled_muscle"],
         bone_edge=lambda wildcards: CHOICE.settings["mesh"]["bone_edge"],
-        code=code_of("anatomy"),
+        code=code_of("import_segmentation"),
     message:
         "Import the segmentation of the new patient {wildcards.case}"
 
@@ -125,7 +125,7 @@ rule import_plan:
         runtime=5,
     params:
         segments=config["segments"],
-        code=code_of("anatomy"),
+        code=code_of("import_plan"),
     message:
         "Import the plan {wildcards.plan} of the new patient {wildcards.case}"
     script:
@@ -143,7 +143,7 @@ use rule check_cohort as check_patient with:
         "<logs>/check_patient/{case}.log",
     params:
         cases=lambda wildcards: [wildcards.case],
-        code=code_of("anatomy"),
+        code=code_of("check_cohort"),
     message:
         "All files of the new patient {wildcards.case} are read and checked"
 
@@ -161,7 +161,7 @@ use rule tetrahedralize as mesh_patient with:
     params:
         nodes=lambda wildcards: CHOICE.settings["mesh"]["nodes"],
         minimum_dihedral=lambda wildcards: CHOICE.settings["mesh"]["minimum_dihedral"],
-        code=code_of("anatomy", "meshing"),
+        code=code_of("tetrahedralize"),
 
 
 use rule label_interfaces as label_patient with:
@@ -180,7 +180,7 @@ use rule label_interfaces as label_patient with:
     params:
         segments=config["segments"],
         interfaces=chosen("interfaces"),
-        code=code_of("anatomy", "meshing"),
+        code=code_of("label_interfaces"),
 
 
 use rule report_quality as report_patient with:
@@ -208,7 +208,7 @@ use rule make_lift as lift_patient with:
     params:
         controls=lambda wildcards: CHOICE.settings["lift"]["controls"],
         fem=chosen("fem"),
-        code=code_of("anatomy", "mechanics"),
+        code=code_of("make_lift"),
 
 
 # One plan: by every fold's network, as patients without a scan are, or by a method without training.
@@ -230,7 +230,7 @@ use rule predict_ensemble as ensemble_patient with:
         folds=lambda wildcards: CHOICE.archive.folds,
         fem=chosen("fem"),
         corrections=lambda wildcards: CHOICE.corrections,
-        code=code_of("anatomy", "mechanics", "networks", "training"),
+        code=code_of("predict_ensemble"),
     message:
         "Predict {wildcards.plan} of {wildcards.case} by every fold's {wildcards.method}"
 
@@ -252,7 +252,7 @@ use rule predict_interval as interval_patient with:
         method=config["predict"]["method"],
     params:
         fem=chosen("fem"),
-        code=code_of("anatomy", "mechanics", "evaluation"),
+        code=code_of("predict_interval"),
 
 
 use rule predict_fem as fem_patient with:
@@ -271,7 +271,7 @@ use rule predict_fem as fem_patient with:
         arm=lambda wildcards: ARMS[wildcards.method],
         fem=chosen("fem"),
         apart=0,
-        code=code_of("anatomy", "mechanics"),
+        code=code_of("predict_fem"),
     message:
         "Predict {wildcards.plan} of {wildcards.case} by {wildcards.method}"
 
@@ -292,7 +292,7 @@ use rule predict_elastic as elastic_patient with:
     params:
         cases=lambda wildcards: [wildcards.case],
         fem=chosen("fem"),
-        code=code_of("anatomy", "mechanics"),
+        code=code_of("predict_elastic"),
     message:
         "Predict {wildcards.plan} of {wildcards.case} by {wildcards.method}"
 
@@ -323,7 +323,7 @@ rule export_prediction:
         mem_mb=2000,
         runtime=5,
     params:
-        code=code_of("anatomy", "mechanics", "patients"),
+        code=code_of("export_prediction"),
     message:
         "Write the files of {wildcards.plan} of {wildcards.case}"
     script:
@@ -352,8 +352,8 @@ rule certify:
         expected=lambda wildcards: CHOICE.expected,
         archive=lambda wildcards: CHOICE.folder,
         fem=chosen("fem"),
-        code=code_of("anatomy", "meshing", "mechanics", "networks", "training"),
-        own=code_of("evaluation", "patients"),
+        code=code_of("certify"),
+        own=code_of("certify"),
     message:
         "Certify {wildcards.plan} of {wildcards.case}"
     script:
@@ -379,7 +379,7 @@ rule show_prediction:
         mem_mb=2000,
         runtime=10,
     params:
-        code=code_of("anatomy", "evaluation", "patients"),
+        code=code_of("show_prediction"),
     message:
         "Draw {wildcards.plan} of {wildcards.case}"
     script:
@@ -419,7 +419,7 @@ rule prepare_planner:
             "corrections": CHOICE.corrections,
             "fem": CHOICE.settings["fem"],
         },
-        code=code_of("planner"),
+        code=code_of("prepare_planner"),
     message:
         "Prepare {wildcards.case} for the planner"
     script:

@@ -16,7 +16,7 @@ rule predict_no_change:
         runtime=5,
     params:
         cases=held_out,
-        code=code_of("anatomy"),
+        code=code_of("predict_no_change"),
     message:
         "Predict fold {wildcards.fold} with no change at all"
     script:
@@ -48,7 +48,7 @@ rule predict_fem:
         apart=lambda wildcards: (
             config["fem_rlse"]["apart"] if wildcards.method in ON_LIPS else 0
         ),
-        code=code_of("anatomy", "mechanics"),
+        code=code_of("predict_fem"),
     message:
         "Predict fold {wildcards.fold} by {wildcards.method}"
     script:
@@ -80,7 +80,7 @@ rule predict_network:
         cases=held_out,
         fem=config["fem"],
         refine=settings_of("refine"),
-        code=code_of("anatomy", "mechanics", "networks", "training"),
+        code=code_of("predict_network"),
     message:
         "Predict fold {wildcards.fold} by {wildcards.method}"
     script:
@@ -106,7 +106,7 @@ rule predict_external:
         runtime=5,
     params:
         cases=held_out,
-        code=code_of("anatomy", "meshing"),
+        code=code_of("predict_external"),
     message:
         "Read what {wildcards.method} predicts for fold {wildcards.fold}"
     script:
@@ -138,7 +138,7 @@ rule list_folds:
     params:
         held_out=HELD_OUT,
         scanned=SCANNED,
-        code=code_of(),
+        code=code_of("list_folds"),
     message:
         "List the fold that holds each patient out"
     script:

@@ -22,7 +22,7 @@ rule render_volume:
         runtime=10,
     params:
         methods=VOLUMES,
-        code=code_of("anatomy", "mechanics", "evaluation"),
+        code=code_of("render_volume"),
     message:
         "Draw the tissue of {wildcards.case} from behind"
     script:
@@ -64,7 +64,7 @@ rule write_report:
     params:
         cases=SHOWN,
         learned=LEARNED,
-        code=code_of("evaluation", "report"),
+        code=code_of("write_report"),
     message:
         "Write the report"
     script:

@@ -40,9 +40,7 @@ rule measure_scaling:
             ]
         },
         seed=SEED,
-        code=code_of(
-            "anatomy", "mechanics", "meshing", "networks", "training", "evaluation"
-        ),
+        code=code_of("measure_scaling"),
     message:
         "Measure every stage on {wildcards.nodes} nodes"
     script:
@@ -88,7 +86,7 @@ rule tabulate_scaling:
         counts=COUNTS,
         cluster=config["scaling"]["cluster"],
         cohort=COHORT,
-        code=code_of("evaluation"),
+        code=code_of("tabulate_scaling"),
     message:
         "Fit what every stage costs, and reckon {params.cluster} patients"
     script:
@@ -110,7 +108,7 @@ rule render_scaling:
         mem_mb=1000,
         runtime=5,
     params:
-        code=code_of("evaluation"),
+        code=code_of("render_scaling"),
     message:
         "Draw what every stage costs"
     script:

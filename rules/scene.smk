@@ -24,7 +24,7 @@ rule make_scene:
         interfaces=config["interfaces"],
         fem=config["fem"],
         settings=SCENE,
-        code=code_of("anatomy", "meshing", "mechanics", "scene"),
+        code=code_of("make_scene"),
     message:
         "Decide what the plan of {wildcards.case} requires"
     script:
@@ -49,7 +49,7 @@ use rule virtual_patient as virtual_patient_with_chin with:
         segments=SCENE_SEGMENTS,
         muscles=config["virtual"]["muscles"],
         seed=SEED,
-        code=code_of("anatomy", "virtual"),
+        code=code_of("virtual_patient"),
     message:
         "Sample virtual patient {wildcards.case} with a chin segment"
 
@@ -75,7 +75,7 @@ use rule import_segmentation as import_with_chin with:
         repair=config["repair"],
         unlabelled_muscle=config["unlabelled_muscle"],
         bone_edge=config["mesh"]["bone_edge"],
-        code=code_of("anatomy"),
+        code=code_of("import_segmentation"),
     message:
         "Import {wildcards.case} with a chin segment"
 
@@ -106,7 +106,7 @@ rule measure_scene:
         fem=config["fem"],
         settings=SCENE,
         seed=SEED,
-        code=code_of("anatomy", "meshing", "mechanics", "scene", "evaluation"),
+        code=code_of("measure_scene"),
     message:
         "Measure what each reduction of the model of {wildcards.case} costs"
     script:
@@ -131,7 +131,7 @@ rule collect_scenes:
         runtime=5,
     params:
         cohort=COHORT,
-        code=code_of("evaluation"),
+        code=code_of("collect_scenes"),
     message:
         "Tabulate the scenes"
     script:

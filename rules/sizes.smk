@@ -11,7 +11,7 @@ use rule tetrahedralize as tetrahedralize_size with:
     params:
         nodes=lambda wildcards: int(wildcards.nodes),
         minimum_dihedral=config["mesh"]["minimum_dihedral"],
-        code=code_of("anatomy", "meshing"),
+        code=code_of("tetrahedralize"),
     message:
         "Mesh {wildcards.case} with {wildcards.nodes} nodes"
 

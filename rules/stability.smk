@@ -22,9 +22,7 @@ rule measure_stability:
         stability=config["stability"],
         fem=config["fem"],
         seed=SEED,
-        code=code_of(
-            "anatomy", "mechanics", "meshing", "networks", "training", "evaluation"
-        ),
+        code=code_of("stability"),
     message:
         "Take solver, elastic path and physics loss to their extremes"
     script:
@@ -45,7 +43,7 @@ rule render_stability:
         mem_mb=1000,
         runtime=5,
     params:
-        code=code_of("evaluation"),
+        code=code_of("render_stability"),
     message:
         "Draw the stability sweep"
     script:

@@ -23,9 +23,7 @@ rule evaluate:
         samples=config["evaluation"]["samples"],
         fem=config["fem"],
         seed=SEED,
-        code=code_of(
-            "anatomy", "mechanics", "meshing", "networks", "training", "evaluation"
-        ),
+        code=code_of("evaluate"),
     message:
         "Measure {wildcards.method} on fold {wildcards.fold}"
     script:
@@ -54,7 +52,7 @@ rule collect_cases:
         runtime=5,
     params:
         cohort=COHORT,
-        code=code_of("evaluation"),
+        code=code_of("collect_cases"),
     message:
         "Collect one row per case and method"
     script:
@@ -83,7 +81,7 @@ rule compare_methods:
         methods=METHODS,
         seed=SEED,
         published=True,
-        code=code_of("evaluation"),
+        code=code_of("compare_methods"),
     message:
         "Test every method against the reference"
     script:
@@ -105,7 +103,7 @@ use rule compare_methods as compare_better with:
         methods=METHODS,
         seed=SEED,
         published=False,
-        code=code_of("evaluation"),
+        code=code_of("compare_methods"),
     message:
         "Test every method against {config[design][base]}"
 
@@ -133,7 +131,7 @@ rule compare_regions:
         reference=REFERENCE,
         methods=METHODS,
         seed=SEED,
-        code=code_of("anatomy", "evaluation"),
+        code=code_of("compare_regions"),
     message:
         "Compare the methods region by region"
     script:
@@ -155,7 +153,7 @@ use rule compare_regions as compare_landmarks with:
         reference=REFERENCE,
         methods=METHODS,
         seed=SEED,
-        code=code_of("anatomy", "evaluation"),
+        code=code_of("compare_regions"),
     message:
         "Compare the methods at landmarks and throughout"
 
@@ -180,7 +178,7 @@ rule ablate:
         variants={name: VARIANTS[name] for name in config["ablation"]},
         cohort=COHORT,
         seed=SEED,
-        code=code_of("evaluation"),
+        code=code_of("ablate"),
     message:
         "Compare the network with what is left of it without its parts"
     script:
@@ -203,16 +201,7 @@ rule provenance:
         runtime=5,
     params:
         config=config,
-        code=code_of(
-            "anatomy",
-            "virtual",
-            "meshing",
-            "mechanics",
-            "scene",
-            "networks",
-            "training",
-            "evaluation",
-        ),
+        code=code_of("provenance"),
     message:
         "Record configuration, versions, code and machine"
     script:
@@ -245,7 +234,7 @@ rule render_case:
         runtime=10,
     params:
         methods=METHODS,
-        code=code_of("anatomy", "evaluation", "report"),
+        code=code_of("render_case"),
     message:
         "Draw {wildcards.case}: before, outcome and every method"
     script:

@@ -27,7 +27,7 @@ rule measure_fem:
         fem=config["fem"],
         samples=config["evaluation"]["samples"],
         seed=SEED,
-        code=code_of("anatomy", "mechanics", "evaluation", "tradeoff"),
+        code=code_of("measure_fem"),
     message:
         "Solve {wildcards.case} along the dials of finite elements"
     script:
@@ -71,9 +71,7 @@ rule measure_networks:
         fem=config["fem"],
         samples=config["evaluation"]["samples"],
         seed=SEED,
-        code=code_of(
-            "anatomy", "mechanics", "networks", "training", "evaluation", "tradeoff"
-        ),
+        code=code_of("measure_networks"),
     message:
         "Predict {wildcards.case} along the dials of the networks"
     script:
@@ -110,7 +108,7 @@ rule measure_study:
         fem=config["fem"],
         samples=config["evaluation"]["samples"],
         seed=SEED,
-        code=code_of("anatomy", "mechanics", "evaluation", "tradeoff"),
+        code=code_of("measure_study"),
     message:
         "Judge the study's other predictions of {wildcards.case}"
     script:
@@ -139,7 +137,7 @@ rule collect_tradeoff:
         budgets=TRADEOFF["budgets"],
         tolerances=TRADEOFF["allowed"],
         cohort=COHORT,
-        code=code_of("evaluation", "tradeoff"),
+        code=code_of("collect_tradeoff"),
     message:
         "Find the front of seconds and accuracy"
     script:
@@ -161,7 +159,7 @@ rule render_tradeoff:
         mem_mb=1000,
         runtime=5,
     params:
-        code=code_of("evaluation", "tradeoff"),
+        code=code_of("render_tradeoff"),
     message:
         "Draw the trade-off"
     script:

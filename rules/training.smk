@@ -27,7 +27,7 @@ rule pretrain:
         training=settings_of("pretraining"),
         fem=config["fem"],
         seed=SEED,
-        code=code_of("anatomy", "mechanics", "networks", "training"),
+        code=code_of("pretrain"),
     message:
         "Pretrain {wildcards.method} on the finite-element fields of fold {wildcards.fold}"
     script:
@@ -63,7 +63,7 @@ rule finetune:
         training=settings_of("finetuning"),
         fem=config["fem"],
         seed=SEED,
-        code=code_of("anatomy", "mechanics", "networks", "training"),
+        code=code_of("finetune"),
     message:
         "Adapt {wildcards.method} to the post-operative skins of fold {wildcards.fold}"
     script:

@@ -31,7 +31,7 @@ rule predict_ensemble:
         folds=list(HELD_OUT),
         fem=config["fem"],
         corrections=settings_of("refine"),
-        code=code_of("anatomy", "mechanics", "networks", "training"),
+        code=code_of("predict_ensemble"),
     message:
         "Predict {wildcards.case} by every fold's {wildcards.method}"
     script:
@@ -72,7 +72,7 @@ rule calibrate:
         folds=[fold_of(case) for case in SCANNED],
         level=config["uncertainty"]["level"],
         seed=SEED,
-        code=code_of("anatomy", "evaluation"),
+        code=code_of("calibrate"),
     message:
         "Calibrate the interval of {wildcards.method} on held-out errors"
     script:
@@ -97,7 +97,7 @@ rule collect_coverage:
         runtime=5,
     params:
         cohort=COHORT,
-        code=code_of("evaluation"),
+        code=code_of("collect_coverage"),
     message:
         "Tabulate the coverage of every region"
     script:
@@ -127,7 +127,7 @@ rule predict_interval:
         runtime=10,
     params:
         fem=config["fem"],
-        code=code_of("anatomy", "mechanics", "evaluation"),
+        code=code_of("predict_interval"),
     message:
         "Predict {wildcards.case} by {wildcards.method}, with its interval"
     script:

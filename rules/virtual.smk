@@ -21,7 +21,7 @@ rule virtual_patient:
         segments=config["segments"],
         muscles=config["virtual"]["muscles"],
         seed=SEED,
-        code=code_of("anatomy", "virtual"),
+        code=code_of("virtual_patient"),
     message:
         "Sample virtual patient {wildcards.case}"
     script:
@@ -49,7 +49,7 @@ rule describe_anatomy:
         mem_mb=1000,
         runtime=5,
     params:
-        code=code_of("virtual", "evaluation"),
+        code=code_of("describe_anatomy"),
     message:
         "Compare soft-tissue thickness with the literature and list the patients"
     script:
@@ -80,7 +80,7 @@ rule render_cohort:
         cases=list(CASES)[:12],
         labels=config["labels"],
         segments=config["segments"],
-        code=code_of("anatomy", "virtual", "evaluation"),
+        code=code_of("render_cohort"),
     message:
         "Render the first virtual patients"
     script:
@@ -113,7 +113,7 @@ rule virtual_outcome:
         segments=config["segments"],
         labels=config["labels"],
         seed=SEED,
-        code=code_of("anatomy", "virtual", "meshing", "mechanics", "evaluation"),
+        code=code_of("virtual_outcome"),
     message:
         "Operate on virtual patient {wildcards.case} and scan the face"
     script:
@@ -146,7 +146,7 @@ rule measure_effects:
         segments=config["segments"],
         labels=config["labels"],
         seed=SEED,
-        code=code_of("anatomy", "virtual", "meshing", "mechanics", "evaluation"),
+        code=code_of("measure_effects"),
     message:
         "Measure each effect of the outcome alone on {wildcards.case}"
     script:
@@ -174,7 +174,7 @@ rule tabulate_effects:
         runtime=5,
     params:
         reality=config["virtual"]["reality"],
-        code=code_of("virtual", "evaluation"),
+        code=code_of("tabulate_effects"),
     message:
         "Tabulate the effects of the outcome"
     script:
@@ -200,7 +200,7 @@ rule measure_ratios:
         runtime=10,
     params:
         cases=list(CASES),
-        code=code_of("anatomy", "virtual", "evaluation"),
+        code=code_of("measure_ratios"),
     message:
         "Compare soft-to-hard tissue ratios with the clinical bands"
     script:
@@ -239,7 +239,7 @@ rule data_card:
         tables=CARD_TABLES,
         settings={
             "seed": SEED,
-            "code": code_of("anatomy", "virtual", "meshing", "mechanics"),
+            "code": code_of("virtual_patient", "virtual_outcome"),
             "virtual": config["virtual"],
             "labels": {
                 name: value

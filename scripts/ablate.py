@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
-from pinnochio.evaluation.ablation import write_ablation
-from pinnochio.evaluation.tables import CASES, read_table, scanned
 from pinnochio.logs import attach_log
+from pinnochio.tables.ablation import write_ablation
+from pinnochio.tables.engine import CASES, read_table, scanned
 
 
 def ablate(cases: str, variants: Mapping[str, Mapping], cohort: str, seed: int, table: str) -> None:
@@ -16,9 +16,9 @@ def ablate(cases: str, variants: Mapping[str, Mapping], cohort: str, seed: int, 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     ablate(
-        snakemake.input.cases,
-        snakemake.params.variants,
-        snakemake.params.cohort,
-        snakemake.params.seed,
-        snakemake.output.table,
+        cases=snakemake.input.cases,
+        variants=snakemake.params.variants,
+        cohort=snakemake.params.cohort,
+        seed=snakemake.params.seed,
+        table=snakemake.output.table,
     )

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.postop import PostopSkin
-from pinnochio.anatomy.predictions import read_prediction
-from pinnochio.anatomy.regions import NAMES, regions
-from pinnochio.evaluation.conformal import coverage, half_widths, held_out
-from pinnochio.evaluation.coverage_table import COVERAGE
-from pinnochio.evaluation.interval import Calibration, read_ensemble, skin_spread, usual_spreads
-from pinnochio.evaluation.tables import write_csv
 from pinnochio.logs import attach_log
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.model.predictions import read_prediction
+from pinnochio.model.regions import NAMES, regions
+from pinnochio.statistics.conformal import coverage, half_widths, held_out
+from pinnochio.statistics.intervals import Calibration, read_ensemble, skin_spread, usual_spreads
+from pinnochio.tables.coverage import COVERAGE
+from pinnochio.tables.engine import write_csv
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ if __name__ == "__main__":
     columns = [snakemake.params.cases, snakemake.params.folds, snakemake.input.models, snakemake.input.postops]
     columns += [snakemake.input.predictions, snakemake.input.ensembles]
     calibrate(
-        [ScannedCase(*row) for row in zip(*columns, strict=True)],
-        snakemake.wildcards.method,
-        snakemake.params.level,
-        snakemake.params.seed,
-        snakemake.output.calibration,
-        snakemake.output.table,
+        cases=[ScannedCase(*row) for row in zip(*columns, strict=True)],
+        method=snakemake.wildcards.method,
+        level=snakemake.params.level,
+        seed=snakemake.params.seed,
+        calibration=snakemake.output.calibration,
+        table=snakemake.output.table,
     )

@@ -4,16 +4,16 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.evaluation.interval import Calibration
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.patient import PatientModel
 from pinnochio.patients.archive import RANGES, Archive, calibration_file
 from pinnochio.patients.certificate import RESEARCH, interval_measures, likeness, measures, plain
-from pinnochio.patients.likeness import Ranges
+from pinnochio.patients.in_distribution import Ranges
 from pinnochio.patients.result import read_result
+from pinnochio.plans.plan import Plan
+from pinnochio.statistics.intervals import Calibration
 
 
 def certify(
@@ -51,12 +51,12 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     named = {name: snakemake.wildcards[name] for name in ("case", "plan", "method")}
     certify(
-        named | {name: snakemake.params[name] for name in ("corrections", "expected", "code")},
-        snakemake.input.model,
-        snakemake.input.plan,
-        snakemake.input.quality,
-        snakemake.input.result,
-        FemSettings(**snakemake.params.fem),
-        snakemake.params.archive,
-        snakemake.output.certificate,
+        about=named | {name: snakemake.params[name] for name in ("corrections", "expected", "code")},
+        model=snakemake.input.model,
+        plan=snakemake.input.plan,
+        quality=snakemake.input.quality,
+        result=snakemake.input.result,
+        fem=FemSettings(**snakemake.params.fem),
+        folder=snakemake.params.archive,
+        certificate=snakemake.output.certificate,
     )

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from pinnochio.anatomy.repair import repaired_voxels
 from pinnochio.files import replacing
+from pinnochio.importing.repair import repaired_voxels
 from pinnochio.logs import attach_log
 
 
@@ -25,4 +25,4 @@ def check_cohort(cases: Sequence[str], reports: Sequence[str], table: str) -> No
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    check_cohort(snakemake.params.cases, snakemake.input.imports, snakemake.output.table)
+    check_cohort(cases=snakemake.params.cases, reports=snakemake.input.imports, table=snakemake.output.table)

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from pinnochio.evaluation.tables import CASES, read_table, write_cases
 from pinnochio.logs import attach_log
+from pinnochio.tables.engine import CASES, read_table, write_cases
 
 
 def collect_cases(metrics: Sequence[str], cohort: str, table: str) -> None:
@@ -15,4 +15,4 @@ def collect_cases(metrics: Sequence[str], cohort: str, table: str) -> None:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    collect_cases(snakemake.input.metrics, snakemake.params.cohort, snakemake.output.table)
+    collect_cases(metrics=snakemake.input.metrics, cohort=snakemake.params.cohort, table=snakemake.output.table)

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from pinnochio.evaluation.coverage_table import COVERAGE, write_coverage
-from pinnochio.evaluation.tables import read_table
 from pinnochio.logs import attach_log
+from pinnochio.tables.coverage import COVERAGE, write_coverage
+from pinnochio.tables.engine import read_table
 
 
 def collect_coverage(parts: Sequence[str], cohort: str, table: str) -> None:
@@ -16,4 +16,4 @@ def collect_coverage(parts: Sequence[str], cohort: str, table: str) -> None:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    collect_coverage(snakemake.input.parts, snakemake.params.cohort, snakemake.output.table)
+    collect_coverage(parts=snakemake.input.parts, cohort=snakemake.params.cohort, table=snakemake.output.table)

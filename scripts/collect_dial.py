@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from pinnochio.evaluation.dial import summarise, write_dial
-from pinnochio.evaluation.tables import CASES, read_table
 from pinnochio.logs import attach_log
+from pinnochio.tables.corrections import summarise, write_dial
+from pinnochio.tables.engine import CASES, read_table
 
 
 def collect_dial(metrics: Mapping[tuple[str, int], Sequence[str]], cohort: str, seed: int, table: str) -> None:
@@ -19,12 +19,12 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     paths, folds = iter(snakemake.input.metrics), range(snakemake.params.folds)
     collect_dial(
-        {
+        metrics={
             (method, corrections): [next(paths) for _ in folds]
             for method in snakemake.params.methods
             for corrections in snakemake.params.corrections
         },
-        snakemake.params.cohort,
-        snakemake.params.seed,
-        snakemake.output.table,
+        cohort=snakemake.params.cohort,
+        seed=snakemake.params.seed,
+        table=snakemake.output.table,
     )

@@ -4,8 +4,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from pinnochio.evaluation.quality import write_quality
 from pinnochio.logs import attach_log
+from pinnochio.metrics.quality import write_quality
 
 
 def collect_quality(reports: Sequence[str], segments: Sequence[str], cohort: str, table: str) -> None:
@@ -17,8 +17,8 @@ def collect_quality(reports: Sequence[str], segments: Sequence[str], cohort: str
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     collect_quality(
-        snakemake.input.reports,
-        snakemake.params.segments,
-        snakemake.params.cohort,
-        snakemake.output.table,
+        reports=snakemake.input.reports,
+        segments=snakemake.params.segments,
+        cohort=snakemake.params.cohort,
+        table=snakemake.output.table,
     )

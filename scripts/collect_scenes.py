@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from pinnochio.evaluation.scene_table import TRIALS, collect, write_scenes
-from pinnochio.evaluation.tables import read_table
 from pinnochio.logs import attach_log
+from pinnochio.tables.engine import read_table
+from pinnochio.tables.reductions import TRIALS, collect, write_scenes
 
 
 def collect_scenes(trials: Sequence[str], cohort: str, table: str) -> None:
@@ -14,4 +14,4 @@ def collect_scenes(trials: Sequence[str], cohort: str, table: str) -> None:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    collect_scenes(snakemake.input.trials, snakemake.params.cohort, snakemake.output.table)
+    collect_scenes(trials=snakemake.input.trials, cohort=snakemake.params.cohort, table=snakemake.output.table)

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from pinnochio.evaluation.tables import read_table, write_csv
+from pinnochio.experiments.tradeoff_choice import CHOICES, check_choices, choices_block
 from pinnochio.logs import attach_log
-from pinnochio.tradeoff.choice import CHOICES, check_choices, choices_block
-from pinnochio.tradeoff.table import TRADEOFF_CASES, summarise, write_tradeoff
+from pinnochio.tables.engine import read_table, write_csv
+from pinnochio.tables.tradeoff import TRADEOFF_CASES, summarise, write_tradeoff
 
 
 def collect_tradeoff(
@@ -33,11 +33,11 @@ def collect_tradeoff(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     collect_tradeoff(
-        snakemake.input.rows,
-        snakemake.params.budgets,
-        snakemake.params.tolerances,
-        snakemake.params.cohort,
-        snakemake.output.table,
-        snakemake.output.cases,
-        snakemake.output.choices,
+        rows=snakemake.input.rows,
+        budgets=snakemake.params.budgets,
+        tolerances=snakemake.params.tolerances,
+        cohort=snakemake.params.cohort,
+        table=snakemake.output.table,
+        cases=snakemake.output.cases,
+        choices=snakemake.output.choices,
     )

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from pinnochio.evaluation.ablation import write_design
-from pinnochio.evaluation.tables import CASES, read_table, scanned
 from pinnochio.logs import attach_log
-from pinnochio.study import changes
+from pinnochio.overlays import changes
+from pinnochio.tables.ablation import write_design
+from pinnochio.tables.engine import CASES, read_table, scanned
 
 
 def compare_designs(
@@ -23,9 +23,9 @@ def compare_designs(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     compare_designs(
-        snakemake.input.metrics,
-        snakemake.params.variants,
-        snakemake.params.cohort,
-        snakemake.params.seed,
-        snakemake.output.table,
+        metrics=snakemake.input.metrics,
+        variants=snakemake.params.variants,
+        cohort=snakemake.params.cohort,
+        seed=snakemake.params.seed,
+        table=snakemake.output.table,
     )

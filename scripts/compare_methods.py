@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from pinnochio.evaluation.accuracy import summarise, write_accuracy
-from pinnochio.evaluation.published import ordering, published_block
-from pinnochio.evaluation.tables import CASES, read_table, scanned
 from pinnochio.logs import attach_log
+from pinnochio.tables.accuracy import summarise, write_accuracy
+from pinnochio.tables.engine import CASES, read_table, scanned
+from pinnochio.tables.published import ordering, published_block
 
 
 def compare_methods(
@@ -26,11 +26,11 @@ def compare_methods(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     compare_methods(
-        snakemake.input.cases,
-        snakemake.params.methods,
-        snakemake.params.reference,
-        snakemake.params.cohort,
-        snakemake.params.seed,
-        snakemake.params.published,
-        snakemake.output.table,
+        cases=snakemake.input.cases,
+        methods=snakemake.params.methods,
+        reference=snakemake.params.reference,
+        cohort=snakemake.params.cohort,
+        seed=snakemake.params.seed,
+        published=snakemake.params.published,
+        table=snakemake.output.table,
     )

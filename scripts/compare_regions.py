@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from pinnochio.evaluation.place_tables import KINDS, summarise_places, write_places
-from pinnochio.evaluation.tables import CASES, read_table, scanned
 from pinnochio.logs import attach_log
+from pinnochio.tables.engine import CASES, read_table, scanned
+from pinnochio.tables.regions import KINDS, summarise_places, write_places
 
 
 def compare_regions(
@@ -21,11 +21,11 @@ def compare_regions(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     compare_regions(
-        snakemake.input.cases,
-        snakemake.params.kind,
-        snakemake.params.methods,
-        snakemake.params.reference,
-        snakemake.params.cohort,
-        snakemake.params.seed,
-        snakemake.output.table,
+        cases=snakemake.input.cases,
+        kind=snakemake.params.kind,
+        methods=snakemake.params.methods,
+        reference=snakemake.params.reference,
+        cohort=snakemake.params.cohort,
+        seed=snakemake.params.seed,
+        table=snakemake.output.table,
     )

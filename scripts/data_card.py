@@ -5,9 +5,9 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from pinnochio.anatomy.plan import Plan
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
+from pinnochio.plans.plan import Plan
 from pinnochio.virtual.card import data_card
 
 
@@ -41,10 +41,10 @@ def describe_cohort(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     describe_cohort(
-        snakemake.params.cases,
-        snakemake.input.files,
-        dict(zip(snakemake.params.tables, snakemake.input.tables, strict=True)),
-        snakemake.params.settings,
-        snakemake.output.card,
-        snakemake.output.checksums,
+        cases=snakemake.params.cases,
+        files=snakemake.input.files,
+        tables=dict(zip(snakemake.params.tables, snakemake.input.tables, strict=True)),
+        settings=snakemake.params.settings,
+        card=snakemake.output.card,
+        checksums=snakemake.output.checksums,
     )

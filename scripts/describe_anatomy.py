@@ -18,4 +18,6 @@ def describe_anatomy(anatomies: Sequence[str], thickness: str, patients: str) ->
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    describe_anatomy(snakemake.input.anatomies, snakemake.output.thickness, snakemake.output.patients)
+    describe_anatomy(
+        anatomies=snakemake.input.anatomies, thickness=snakemake.output.thickness, patients=snakemake.output.patients
+    )

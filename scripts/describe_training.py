@@ -4,10 +4,10 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
 from pinnochio.logs import attach_log
-from pinnochio.patients.likeness import Norm, Ranges, anatomy_quantities, plan_quantities
+from pinnochio.model.patient import PatientModel
+from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities
+from pinnochio.plans.plan import Plan
 
 
 def describe_training(
@@ -27,9 +27,9 @@ def describe_training(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     describe_training(
-        snakemake.params.cases,
-        snakemake.input.models,
-        snakemake.input.plans,
-        snakemake.input.qualities,
-        snakemake.output.ranges,
+        cases=snakemake.params.cases,
+        models=snakemake.input.models,
+        plans=snakemake.input.plans,
+        qualities=snakemake.input.qualities,
+        ranges=snakemake.output.ranges,
     )

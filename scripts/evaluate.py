@@ -5,15 +5,15 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.postop import PostopSkin
-from pinnochio.anatomy.predictions import read_prediction
-from pinnochio.evaluation.case import evaluate_case
-from pinnochio.evaluation.tables import CASES, write_csv
-from pinnochio.evaluation.volume_error import read_truth
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.metrics.cases import evaluate_case
+from pinnochio.metrics.volume import read_truth
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.model.predictions import read_prediction
+from pinnochio.plans.plan import Plan
+from pinnochio.tables.engine import CASES, write_csv
 
 
 def evaluate(
@@ -57,15 +57,15 @@ def evaluate(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     evaluate(
-        snakemake.params.cases,
-        snakemake.input.predictions,
-        snakemake.input.models,
-        snakemake.input.plans,
-        dict(zip(snakemake.params.scanned, snakemake.input.get("postops", []), strict=True)),
-        snakemake.input.get("truths", []),
-        snakemake.params.samples,
-        FemSettings(**snakemake.params.fem),
-        {name: snakemake.wildcards[name] for name in ("fold", "method")} | {"code": snakemake.params.code},
-        snakemake.params.seed,
-        snakemake.output.metrics,
+        cases=snakemake.params.cases,
+        predictions=snakemake.input.predictions,
+        models=snakemake.input.models,
+        plans=snakemake.input.plans,
+        postops=dict(zip(snakemake.params.scanned, snakemake.input.get("postops", []), strict=True)),
+        truths=snakemake.input.get("truths", []),
+        samples=snakemake.params.samples,
+        fem=FemSettings(**snakemake.params.fem),
+        labels={name: snakemake.wildcards[name] for name in ("fold", "method")} | {"code": snakemake.params.code},
+        seed=snakemake.params.seed,
+        metrics=snakemake.output.metrics,
     )

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from pinnochio.anatomy.labels import segment_name
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
 from pinnochio.logs import attach_log
+from pinnochio.model.labels import segment_name
+from pinnochio.model.patient import PatientModel
 from pinnochio.patients.exports import write_mesh, write_skin, write_surface
 from pinnochio.patients.result import read_result
+from pinnochio.plans.plan import Plan
 
 
 def export_prediction(case: str, model: str, plan: str, result: str, folder: str) -> None:
@@ -27,9 +27,9 @@ def export_prediction(case: str, model: str, plan: str, result: str, folder: str
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     export_prediction(
-        snakemake.wildcards.case,
-        snakemake.input.model,
-        snakemake.input.plan,
-        snakemake.input.result,
-        str(Path(snakemake.output.mesh).parent),
+        case=snakemake.wildcards.case,
+        model=snakemake.input.model,
+        plan=snakemake.input.plan,
+        result=snakemake.input.result,
+        folder=str(Path(snakemake.output.mesh).parent),
     )

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods.pinnochio.learner import CaseFiles, finetune_fold
 from pinnochio.seeds import derive_seed
 from pinnochio.training.device import choose_device
 from pinnochio.training.settings import TrainingSettings
-from pinnochio.training.stages import CaseFiles, finetune_fold
 
 
 def finetune(
@@ -41,15 +41,15 @@ def finetune(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     finetune(
-        snakemake.params.cases,
-        snakemake.input.models,
-        snakemake.input.get("lifts", []),
-        snakemake.input.plans,
-        snakemake.input.postops,
-        snakemake.input.network,
-        TrainingSettings(**snakemake.params.training),
-        FemSettings(**snakemake.params.fem),
-        derive_seed(snakemake.params.seed, "finetune", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
-        choose_device(snakemake.resources.gpu, snakemake.threads),
-        dict(snakemake.output.items()),
+        cases=snakemake.params.cases,
+        models=snakemake.input.models,
+        lifts=snakemake.input.get("lifts", []),
+        plans=snakemake.input.plans,
+        postops=snakemake.input.postops,
+        pretrained=snakemake.input.network,
+        training=TrainingSettings(**snakemake.params.training),
+        fem=FemSettings(**snakemake.params.fem),
+        seed=derive_seed(snakemake.params.seed, "finetune", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
+        device=choose_device(snakemake.resources.gpu, snakemake.threads),
+        outputs=dict(snakemake.output.items()),
     )

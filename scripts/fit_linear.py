@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.postop import PostopSkin
-from pinnochio.baselines.linear import fit
 from pinnochio.logs import attach_log
-from pinnochio.training.stages import CaseFiles, read_teaching
+from pinnochio.methods.pca_linear import fit
+from pinnochio.methods.pinnochio.learner import CaseFiles, read_teaching
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.plans.plan import Plan
 
 
 def fit_linear(
@@ -31,10 +31,10 @@ def fit_linear(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     fit_linear(
-        snakemake.params.cases,
-        snakemake.input.models,
-        snakemake.input.teaching,
-        snakemake.input.plans,
-        snakemake.input.postops,
-        snakemake.output.linear,
+        cases=snakemake.params.cases,
+        models=snakemake.input.models,
+        teaching=snakemake.input.teaching,
+        plans=snakemake.input.plans,
+        postops=snakemake.input.postops,
+        linear=snakemake.output.linear,
     )

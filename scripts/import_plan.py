@@ -1,9 +1,9 @@
 """Makes the checked plan, in LPS mm, of what a user gives for an imported patient."""
 
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.segmentation import check_plan, check_travel
-from pinnochio.anatomy.surfaces import BoneSurface
+from pinnochio.importing.segmentation import check_plan, check_travel
 from pinnochio.logs import attach_log
+from pinnochio.model.surfaces import BoneSurface
+from pinnochio.plans.plan import Plan
 
 
 def import_plan(case: str, given: str, bone: str, segments: tuple[str, ...], plan: str) -> None:
@@ -17,9 +17,9 @@ def import_plan(case: str, given: str, bone: str, segments: tuple[str, ...], pla
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     import_plan(
-        snakemake.wildcards.case,
-        snakemake.input.given,
-        snakemake.input.bone,
-        tuple(snakemake.params.segments),
-        snakemake.output.plan,
+        case=snakemake.wildcards.case,
+        given=snakemake.input.given,
+        bone=snakemake.input.bone,
+        segments=tuple(snakemake.params.segments),
+        plan=snakemake.output.plan,
     )

@@ -4,15 +4,15 @@ import json
 
 import numpy as np
 
-from pinnochio.anatomy.labels import internal_codes
-from pinnochio.anatomy.muscle_layer import muscle_layer
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.registration import upper_face_plane
-from pinnochio.anatomy.repair import repair
-from pinnochio.anatomy.segmentation import check_plan, check_travel, read_segmentation, write_segmentation
-from pinnochio.anatomy.surfaces import bone_surface, skin_surface, write_surface
 from pinnochio.files import replacing
+from pinnochio.importing.muscle_layer import muscle_layer
+from pinnochio.importing.registration import upper_face_plane
+from pinnochio.importing.repair import repair
+from pinnochio.importing.segmentation import check_plan, check_travel, read_segmentation, write_segmentation
 from pinnochio.logs import attach_log
+from pinnochio.model.labels import internal_codes
+from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
+from pinnochio.plans.plan import Plan
 
 
 def import_segmentation(
@@ -68,14 +68,14 @@ def import_segmentation(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     import_segmentation(
-        snakemake.wildcards.case,
-        snakemake.input.segmentation,
-        snakemake.input.get("plan"),
-        snakemake.params.labels,
-        tuple(snakemake.params.segments),
-        snakemake.params.orientation,
-        snakemake.params.repair["limit"],
-        snakemake.params.unlabelled_muscle,
-        snakemake.params.bone_edge,
-        dict(snakemake.output.items()),
+        case=snakemake.wildcards.case,
+        segmentation=snakemake.input.segmentation,
+        plan=snakemake.input.get("plan"),
+        label_values=snakemake.params.labels,
+        segments=tuple(snakemake.params.segments),
+        orientation=snakemake.params.orientation,
+        repair_limit=snakemake.params.repair["limit"],
+        unlabelled_muscle=snakemake.params.unlabelled_muscle,
+        bone_edge=snakemake.params.bone_edge,
+        outputs=dict(snakemake.output.items()),
     )

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pinnochio.anatomy.model import FIXED, MOVING, SLIDING
-from pinnochio.anatomy.segmentation import read_labels
-from pinnochio.anatomy.surfaces import BoneSurface, read_surface
+from pinnochio.importing.segmentation import read_labels
 from pinnochio.logs import attach_log
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.mesh import TetMesh
+from pinnochio.model.patient import FIXED, MOVING, SLIDING
+from pinnochio.model.surfaces import BoneSurface, read_surface
 
 
 def label_case(
@@ -49,12 +49,12 @@ def label_case(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     label_case(
-        snakemake.input.mesh,
-        snakemake.input.labels,
-        snakemake.input.bone,
-        snakemake.input.skin,
-        snakemake.input.report,
-        tuple(snakemake.params.segments),
-        snakemake.params.interfaces,
-        snakemake.output.model,
+        mesh=snakemake.input.mesh,
+        labels=snakemake.input.labels,
+        bone=snakemake.input.bone,
+        skin=snakemake.input.skin,
+        report=snakemake.input.report,
+        segments=tuple(snakemake.params.segments),
+        interfaces=snakemake.params.interfaces,
+        model=snakemake.output.model,
     )

@@ -18,4 +18,4 @@ def list_folds(held_out: Mapping[str, Sequence[str]], scanned: Collection[str], 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    list_folds(snakemake.params.held_out, snakemake.params.scanned, snakemake.output.table)
+    list_folds(held_out=snakemake.params.held_out, scanned=snakemake.params.scanned, table=snakemake.output.table)

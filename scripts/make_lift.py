@@ -2,10 +2,10 @@
 
 import logging
 
-from pinnochio.anatomy.model import PatientModel
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import make_lift
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.patient import PatientModel
 
 
 def write_lift(model: str, kind: str, controls: int, fem: FemSettings, lift: str) -> None:
@@ -19,9 +19,9 @@ def write_lift(model: str, kind: str, controls: int, fem: FemSettings, lift: str
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     write_lift(
-        snakemake.input.model,
-        snakemake.wildcards.kind,
-        snakemake.params.controls,
-        FemSettings(**snakemake.params.fem),
-        snakemake.output.lift,
+        model=snakemake.input.model,
+        kind=snakemake.wildcards.kind,
+        controls=snakemake.params.controls,
+        fem=FemSettings(**snakemake.params.fem),
+        lift=snakemake.output.lift,
     )

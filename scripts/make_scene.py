@@ -1,14 +1,14 @@
 """Makes the model that a patient's plan requires, and says what was decided and why."""
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.segmentation import read_labels
-from pinnochio.anatomy.surfaces import read_surface
+from pinnochio.importing.segmentation import read_labels
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.scene.decisions import decide, write_decisions
-from pinnochio.scene.reduction import reduced
-from pinnochio.scene.settings import SceneSettings
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.surfaces import read_surface
+from pinnochio.plans.plan import Plan
+from pinnochio.reduction.decisions import decide, write_decisions
+from pinnochio.reduction.models import reduced
+from pinnochio.reduction.settings import SceneSettings
 
 
 def make_scene(
@@ -36,11 +36,11 @@ def make_scene(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     make_scene(
-        snakemake.wildcards.case,
-        dict(snakemake.input.items()),
-        snakemake.params.interfaces,
-        FemSettings(**snakemake.params.fem),
-        SceneSettings(**snakemake.params.settings),
-        snakemake.output.scene,
-        snakemake.output.model,
+        case=snakemake.wildcards.case,
+        files=dict(snakemake.input.items()),
+        interfaces=snakemake.params.interfaces,
+        fem=FemSettings(**snakemake.params.fem),
+        settings=SceneSettings(**snakemake.params.settings),
+        scene=snakemake.output.scene,
+        model=snakemake.output.model,
     )

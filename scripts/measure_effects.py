@@ -2,11 +2,11 @@
 
 import pandas as pd
 
-from pinnochio.anatomy.surfaces import bone_surface, skin_surface
-from pinnochio.evaluation.tables import write_csv
-from pinnochio.evaluation.volume_error import read_truth
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.metrics.volume import read_truth
+from pinnochio.model.surfaces import bone_surface, skin_surface
+from pinnochio.tables.engine import write_csv
 from pinnochio.virtual.effects import CASE, measure
 from pinnochio.virtual.outcome import Operation
 
@@ -34,14 +34,14 @@ def measure_effects(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     measure_effects(
-        snakemake.wildcards.case,
-        dict(snakemake.input.items()),
-        snakemake.params.reality,
-        snakemake.params.mesh,
-        snakemake.params.interfaces,
-        FemSettings(**snakemake.params.fem),
-        snakemake.params.labels,
-        tuple(snakemake.params.segments),
-        snakemake.params.seed,
-        snakemake.output.table,
+        case=snakemake.wildcards.case,
+        inputs=dict(snakemake.input.items()),
+        reality=snakemake.params.reality,
+        mesh=snakemake.params.mesh,
+        interfaces=snakemake.params.interfaces,
+        fem=FemSettings(**snakemake.params.fem),
+        label_values=snakemake.params.labels,
+        segments=tuple(snakemake.params.segments),
+        seed=snakemake.params.seed,
+        table=snakemake.output.table,
     )

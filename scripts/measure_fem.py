@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import pandas as pd
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.postop import PostopSkin
-from pinnochio.anatomy.predictions import write_predictions
-from pinnochio.evaluation.tables import write_csv
+from pinnochio.experiments.tradeoff import Reference, judge, predict_fem
+from pinnochio.experiments.tradeoff_settings import fem_settings
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.tradeoff.dials import fem_settings
-from pinnochio.tradeoff.measure import Reference, judge, predict_fem
-from pinnochio.tradeoff.table import TRADEOFF_CASES
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.model.predictions import write_predictions
+from pinnochio.plans.plan import Plan
+from pinnochio.tables.engine import write_csv
+from pinnochio.tables.tradeoff import TRADEOFF_CASES
 
 BEFOREHAND = 0.05  # s; a solve begun and stopped, so that no timing holds the loading of compiled code
 
@@ -62,16 +62,16 @@ def measure_fem(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     measure_fem(
-        snakemake.wildcards.case,
-        dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),
-        snakemake.input.plan,
-        snakemake.input.postop,
-        snakemake.params.nodes,
-        snakemake.params.tradeoff,
-        FemSettings(**snakemake.params.fem),
-        snakemake.params.samples,
-        snakemake.params.seed,
-        snakemake.threads,
-        snakemake.output.rows,
-        snakemake.output.reference,
+        case=snakemake.wildcards.case,
+        models=dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),
+        plan=snakemake.input.plan,
+        postop=snakemake.input.postop,
+        nodes=snakemake.params.nodes,
+        config=snakemake.params.tradeoff,
+        fem=FemSettings(**snakemake.params.fem),
+        samples=snakemake.params.samples,
+        seed=snakemake.params.seed,
+        threads=snakemake.threads,
+        rows=snakemake.output.rows,
+        reference=snakemake.output.reference,
     )

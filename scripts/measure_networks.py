@@ -5,17 +5,17 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.postop import PostopSkin
-from pinnochio.anatomy.predictions import read_prediction
-from pinnochio.evaluation.tables import write_csv
+from pinnochio.experiments.tradeoff import Reference, judge, predict_network
+from pinnochio.experiments.tradeoff_settings import Setting, network_settings
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.tradeoff.dials import Setting, network_settings
-from pinnochio.tradeoff.measure import Reference, judge, predict_network
-from pinnochio.tradeoff.table import TRADEOFF_CASES
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.model.predictions import read_prediction
+from pinnochio.plans.plan import Plan
+from pinnochio.tables.engine import write_csv
+from pinnochio.tables.tradeoff import TRADEOFF_CASES
 from pinnochio.training.device import choose_device
 
 
@@ -59,19 +59,19 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     variants, nodes = snakemake.params.variants, snakemake.params.nodes
     measure_networks(
-        snakemake.wildcards.case,
-        network_settings(nodes, snakemake.params.tradeoff, variants),
-        dict(zip(snakemake.params.methods, snakemake.input.networks, strict=True)),
-        {method: variants[method]["network"]["lift"] for method in snakemake.params.methods},
-        dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),
-        dict(zip(snakemake.params.lifts, snakemake.input.lifts, strict=True)),
-        snakemake.input.plan,
-        snakemake.input.postop,
-        (snakemake.input.reference, snakemake.params.tradeoff["reference"]),
-        FemSettings(**snakemake.params.fem),
-        snakemake.params.samples,
-        snakemake.params.seed,
-        choose_device(snakemake.resources.gpu, snakemake.threads),
-        snakemake.threads,
-        snakemake.output.rows,
+        case=snakemake.wildcards.case,
+        settings=network_settings(nodes, snakemake.params.tradeoff, variants),
+        networks=dict(zip(snakemake.params.methods, snakemake.input.networks, strict=True)),
+        kinds={method: variants[method]["network"]["lift"] for method in snakemake.params.methods},
+        models=dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),
+        lifts=dict(zip(snakemake.params.lifts, snakemake.input.lifts, strict=True)),
+        plan=snakemake.input.plan,
+        postop=snakemake.input.postop,
+        reference=(snakemake.input.reference, snakemake.params.tradeoff["reference"]),
+        fem=FemSettings(**snakemake.params.fem),
+        samples=snakemake.params.samples,
+        seed=snakemake.params.seed,
+        device=choose_device(snakemake.resources.gpu, snakemake.threads),
+        threads=snakemake.threads,
+        rows=snakemake.output.rows,
     )

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from pinnochio.evaluation.volume_error import read_truth
 from pinnochio.logs import attach_log
+from pinnochio.metrics.volume import read_truth
 from pinnochio.virtual.aftermath import read_landmarks
 from pinnochio.virtual.ratios import motions, tabulate, write_ratios
 
@@ -19,4 +19,9 @@ def measure_ratios(cases: Sequence[str], landmarks: Sequence[str], truths: Seque
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    measure_ratios(snakemake.params.cases, snakemake.input.landmarks, snakemake.input.truths, snakemake.output.table)
+    measure_ratios(
+        cases=snakemake.params.cases,
+        landmarks=snakemake.input.landmarks,
+        truths=snakemake.input.truths,
+        table=snakemake.output.table,
+    )

@@ -14,13 +14,13 @@ import pandas as pd
 from torch.optim.optimizer import register_optimizer_step_post_hook
 from tqdm import tqdm
 
-from pinnochio.anatomy.predictions import read_prediction
-from pinnochio.evaluation.measuring import DONE, Cost, measure, megabytes
-from pinnochio.evaluation.scaling import SCALING
-from pinnochio.evaluation.tables import write_csv
+from pinnochio.experiments.measuring import DONE, Cost, measure, megabytes
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.predictions import read_prediction
 from pinnochio.networks.settings import NetworkSettings
+from pinnochio.tables.engine import write_csv
+from pinnochio.tables.scaling import SCALING
 from pinnochio.training.device import choose_device
 from pinnochio.training.settings import TrainingSettings
 from scripts.predict_network import predict_network
@@ -190,11 +190,11 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     os.environ.update(dict.fromkeys(THREADS, "1"))  # of the stages' processes; the job has the machine for itself
     measure_scaling(
-        snakemake.params.case,
-        int(snakemake.wildcards.nodes),
-        {name: snakemake.input.get(name) for name in GIVEN},
-        dict(zip(snakemake.params.methods, snakemake.input.get("networks", []), strict=True)),
-        snakemake.params.sections | {"variants": snakemake.params.variants},
-        snakemake.params.seed,
-        snakemake.output.table,
+        case=snakemake.params.case,
+        target=int(snakemake.wildcards.nodes),
+        given={name: snakemake.input.get(name) for name in GIVEN},
+        networks=dict(zip(snakemake.params.methods, snakemake.input.get("networks", []), strict=True)),
+        settings=snakemake.params.sections | {"variants": snakemake.params.variants},
+        seed=snakemake.params.seed,
+        table=snakemake.output.table,
     )

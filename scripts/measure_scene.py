@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.plan_sampling import role
-from pinnochio.anatomy.segmentation import read_labels
-from pinnochio.anatomy.surfaces import BoneSurface, read_surface
-from pinnochio.evaluation.scene_table import TRIALS
-from pinnochio.evaluation.tables import write_csv
+from pinnochio.experiments.reduction import face_error, solve_scene
+from pinnochio.importing.segmentation import read_labels
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
-from pinnochio.scene.decisions import Decision, decide, write_decisions
-from pinnochio.scene.plans import parts
-from pinnochio.scene.reduction import reduced
-from pinnochio.scene.settings import REDUCTIONS, SceneSettings
-from pinnochio.scene.trial import face_error, solve_scene
+from pinnochio.model.surfaces import BoneSurface, read_surface
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.sampling import role
+from pinnochio.plans.scenarios import parts
+from pinnochio.reduction.decisions import Decision, decide, write_decisions
+from pinnochio.reduction.models import reduced
+from pinnochio.reduction.settings import REDUCTIONS, SceneSettings
+from pinnochio.tables.engine import write_csv
+from pinnochio.tables.reductions import TRIALS
 
 
 def measure_scene(
@@ -106,15 +106,15 @@ def only(reduction: str, decisions: dict[str, Decision]) -> dict[str, Decision]:
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     measure_scene(
-        snakemake.wildcards.case,
-        dict(snakemake.input.items()),
-        tuple(snakemake.params.segments),
-        snakemake.params.mesh,
-        snakemake.params.interfaces,
-        FemSettings(**snakemake.params.fem),
-        SceneSettings(**snakemake.params.settings),
-        snakemake.params.seed,
-        snakemake.params.code,
-        snakemake.output.table,
-        snakemake.output.scene,
+        case=snakemake.wildcards.case,
+        files=dict(snakemake.input.items()),
+        segments=tuple(snakemake.params.segments),
+        mesh=snakemake.params.mesh,
+        interfaces=snakemake.params.interfaces,
+        fem=FemSettings(**snakemake.params.fem),
+        settings=SceneSettings(**snakemake.params.settings),
+        seed=snakemake.params.seed,
+        code=snakemake.params.code,
+        table=snakemake.output.table,
+        scene=snakemake.output.scene,
     )

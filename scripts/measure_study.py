@@ -4,15 +4,15 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.postop import PostopSkin
-from pinnochio.anatomy.predictions import read_prediction
-from pinnochio.evaluation.tables import write_csv
+from pinnochio.experiments.tradeoff import Reference, judge
+from pinnochio.experiments.tradeoff_settings import as_in_the_study
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.tradeoff.dials import as_in_the_study
-from pinnochio.tradeoff.measure import Reference, judge
-from pinnochio.tradeoff.table import TRADEOFF_CASES
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.model.predictions import read_prediction
+from pinnochio.tables.engine import write_csv
+from pinnochio.tables.tradeoff import TRADEOFF_CASES
 
 
 def measure_study(
@@ -40,14 +40,14 @@ def measure_study(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     measure_study(
-        snakemake.wildcards.case,
-        dict(zip(snakemake.params.methods, snakemake.input.predictions, strict=True)),
-        dict(zip(snakemake.params.methods, snakemake.input.models, strict=True)),
-        snakemake.input.postop,
-        snakemake.input.reference,
-        snakemake.input.reference_model,
-        FemSettings(**snakemake.params.fem),
-        snakemake.params.samples,
-        snakemake.params.seed,
-        snakemake.output.rows,
+        case=snakemake.wildcards.case,
+        predictions=dict(zip(snakemake.params.methods, snakemake.input.predictions, strict=True)),
+        models=dict(zip(snakemake.params.methods, snakemake.input.models, strict=True)),
+        postop=snakemake.input.postop,
+        reference=snakemake.input.reference,
+        reference_model=snakemake.input.reference_model,
+        fem=FemSettings(**snakemake.params.fem),
+        samples=snakemake.params.samples,
+        seed=snakemake.params.seed,
+        rows=snakemake.output.rows,
     )

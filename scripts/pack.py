@@ -48,11 +48,11 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     keys = [(method, fold) for method in snakemake.params.methods for fold in snakemake.params.about["folds"]]
     pack(
-        snakemake.params.about,
-        snakemake.params.methods,
-        dict(zip(keys, snakemake.input.networks, strict=True)),
-        dict(zip(keys, snakemake.input.metrics, strict=True)),
-        dict(zip(snakemake.params.methods, snakemake.input.calibrations, strict=True)),
-        snakemake.input.ranges,
-        str(Path(snakemake.output.manifest).parent),
+        about=snakemake.params.about,
+        methods=snakemake.params.methods,
+        networks=dict(zip(keys, snakemake.input.networks, strict=True)),
+        metrics=dict(zip(keys, snakemake.input.metrics, strict=True)),
+        calibrations=dict(zip(snakemake.params.methods, snakemake.input.calibrations, strict=True)),
+        ranges=snakemake.input.ranges,
+        archive=str(Path(snakemake.output.manifest).parent),
     )

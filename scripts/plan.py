@@ -8,12 +8,12 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).resolve().parent.parent / "workflow"))  # where Snakemake finds the library, too
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as in the workflow: idle threads leave the cores to others
 
-from pinnochio.anatomy.plan import Plan  # noqa: E402
 from pinnochio.errors import InputError  # noqa: E402
 from pinnochio.planner.forecast import Forecaster  # noqa: E402
-from pinnochio.planner.given import Given  # noqa: E402
 from pinnochio.planner.page import Page  # noqa: E402
+from pinnochio.planner.prepared import Given  # noqa: E402
 from pinnochio.planner.session import Session  # noqa: E402
+from pinnochio.plans.plan import Plan  # noqa: E402
 from pinnochio.training.device import choose_device  # noqa: E402
 
 
@@ -31,6 +31,6 @@ if __name__ == "__main__":
     parser.add_argument("--no-browser", action="store_true", help="only print the address")
     asked = parser.parse_args()
     try:
-        open_planner(Given.read(asked.prepared), asked.port, not asked.no_browser)
+        open_planner(given=Given.read(asked.prepared), port=asked.port, browser=not asked.no_browser)
     except InputError as error:
         sys.exit(str(error))

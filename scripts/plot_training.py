@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from pinnochio.evaluation.training_picture import training_picture
+from pinnochio.figures.training import training_picture
 from pinnochio.logs import attach_log
 
 
@@ -15,8 +15,8 @@ def plot_training(pretraining: str | None, finetuning: str, title: str, picture:
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     plot_training(
-        snakemake.input.get("pretraining") or None,
-        snakemake.input.finetuning,
-        snakemake.params.title,
-        snakemake.output.picture,
+        pretraining=snakemake.input.get("pretraining") or None,
+        finetuning=snakemake.input.finetuning,
+        title=snakemake.params.title,
+        picture=snakemake.output.picture,
     )

@@ -3,12 +3,12 @@
 import logging
 from collections.abc import Sequence
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.predictions import Prediction, write_predictions
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate_elastic
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction, write_predictions
+from pinnochio.plans.plan import Plan
 
 
 def predict_elastic(
@@ -32,10 +32,10 @@ def predict_elastic(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict_elastic(
-        snakemake.params.cases,
-        snakemake.input.models,
-        snakemake.input.plans,
-        FemSettings(**snakemake.params.fem),
-        snakemake.threads,
-        snakemake.output.predictions,
+        cases=snakemake.params.cases,
+        models=snakemake.input.models,
+        plans=snakemake.input.plans,
+        fem=FemSettings(**snakemake.params.fem),
+        threads=snakemake.threads,
+        predictions=snakemake.output.predictions,
     )

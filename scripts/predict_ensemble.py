@@ -3,16 +3,16 @@
 import logging
 from collections.abc import Mapping
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.predictions import Prediction, write_predictions
 from pinnochio.logs import attach_log
+from pinnochio.mechanics.corrections import Finish
 from pinnochio.mechanics.lift import Lift
-from pinnochio.mechanics.refine import Finish
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods.pinnochio.learner import predict_case
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction, write_predictions
+from pinnochio.plans.plan import Plan
 from pinnochio.training.checkpoint import load_network
 from pinnochio.training.device import choose_device
-from pinnochio.training.stages import predict_case
 
 
 def predict_ensemble(
@@ -50,14 +50,14 @@ def predict_ensemble(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict_ensemble(
-        snakemake.wildcards.case,
-        snakemake.input.model,
-        snakemake.input.plan,
-        next(iter(snakemake.input.get("lifts", [])), None),
-        dict(zip(snakemake.params.folds, snakemake.input.networks, strict=True)),
-        FemSettings(**snakemake.params.fem),
-        snakemake.params.corrections,
-        choose_device(snakemake.resources.gpu, snakemake.threads),
-        snakemake.threads,
-        snakemake.output.ensemble,
+        case=snakemake.wildcards.case,
+        model=snakemake.input.model,
+        plan=snakemake.input.plan,
+        lift=next(iter(snakemake.input.get("lifts", [])), None),
+        networks=dict(zip(snakemake.params.folds, snakemake.input.networks, strict=True)),
+        fem=FemSettings(**snakemake.params.fem),
+        corrections=snakemake.params.corrections,
+        device=choose_device(snakemake.resources.gpu, snakemake.threads),
+        threads=snakemake.threads,
+        ensemble=snakemake.output.ensemble,
     )

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from pinnochio.anatomy.predictions import read_external, write_predictions
 from pinnochio.logs import attach_log
 from pinnochio.meshing.mesh import TetMesh
+from pinnochio.model.predictions import read_external, write_predictions
 
 
 def predict_external(cases: Sequence[str], files: Sequence[str], meshes: Sequence[str], predictions: str) -> None:
@@ -19,5 +19,5 @@ def predict_external(cases: Sequence[str], files: Sequence[str], meshes: Sequenc
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict_external(
-        snakemake.params.cases, snakemake.input.files, snakemake.input.meshes, snakemake.output.predictions
+        cases=snakemake.params.cases, files=snakemake.input.files, meshes=snakemake.input.meshes, predictions=snakemake.output.predictions
     )  # fmt: skip

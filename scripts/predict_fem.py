@@ -4,12 +4,12 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.predictions import Prediction, write_predictions
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction, write_predictions
+from pinnochio.plans.plan import Plan
 
 
 def predict_fem(
@@ -49,12 +49,12 @@ def predict_fem(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict_fem(
-        snakemake.params.cases,
-        snakemake.input.models,
-        snakemake.input.plans,
-        snakemake.params.arm,
-        FemSettings(**snakemake.params.fem),
-        snakemake.threads,
-        snakemake.output.predictions,
-        snakemake.params.apart,
+        cases=snakemake.params.cases,
+        models=snakemake.input.models,
+        plans=snakemake.input.plans,
+        arm=snakemake.params.arm,
+        settings=FemSettings(**snakemake.params.fem),
+        threads=snakemake.threads,
+        predictions=snakemake.output.predictions,
+        apart=snakemake.params.apart,
     )

@@ -4,11 +4,11 @@ import logging
 
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.evaluation.interval import Calibration, guarded_interval, read_ensemble
-from pinnochio.evaluation.interval_picture import interval_picture
+from pinnochio.figures.interval import interval_picture
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.patient import PatientModel
+from pinnochio.statistics.intervals import Calibration, guarded_interval, read_ensemble
 
 
 def predict_interval(
@@ -25,11 +25,11 @@ def predict_interval(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict_interval(
-        snakemake.wildcards.case,
-        snakemake.input.model,
-        snakemake.input.ensemble,
-        snakemake.input.calibration,
-        FemSettings(**snakemake.params.fem),
-        snakemake.output.interval,
-        snakemake.output.picture,
+        case=snakemake.wildcards.case,
+        model=snakemake.input.model,
+        ensemble=snakemake.input.ensemble,
+        calibration=snakemake.input.calibration,
+        fem=FemSettings(**snakemake.params.fem),
+        result=snakemake.output.interval,
+        picture=snakemake.output.picture,
     )

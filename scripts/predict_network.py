@@ -3,16 +3,16 @@
 import logging
 from collections.abc import Sequence
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.predictions import Prediction, write_predictions
 from pinnochio.logs import attach_log
+from pinnochio.mechanics.corrections import Finish
 from pinnochio.mechanics.lift import Lift
-from pinnochio.mechanics.refine import Finish
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods.pinnochio.learner import predict_case
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction, write_predictions
+from pinnochio.plans.plan import Plan
 from pinnochio.training.checkpoint import load_network
 from pinnochio.training.device import choose_device
-from pinnochio.training.stages import predict_case
 
 
 def predict_network(
@@ -61,14 +61,14 @@ def predict_network(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict_network(
-        snakemake.params.cases,
-        snakemake.input.models,
-        snakemake.input.get("lifts", []),
-        snakemake.input.plans,
-        snakemake.input.network,
-        FemSettings(**snakemake.params.fem),
-        snakemake.params.refine,
-        choose_device(snakemake.resources.gpu, snakemake.threads),
-        snakemake.threads,
-        snakemake.output.predictions,
+        cases=snakemake.params.cases,
+        models=snakemake.input.models,
+        lifts=snakemake.input.get("lifts", []),
+        plans=snakemake.input.plans,
+        network=snakemake.input.network,
+        fem=FemSettings(**snakemake.params.fem),
+        corrections=snakemake.params.refine,
+        device=choose_device(snakemake.resources.gpu, snakemake.threads),
+        threads=snakemake.threads,
+        predictions=snakemake.output.predictions,
     )

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.predictions import Prediction, write_predictions
 from pinnochio.logs import attach_log
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction, write_predictions
 
 
 def predict_no_change(cases: Sequence[str], models: Sequence[str], predictions: str) -> None:
@@ -22,4 +22,6 @@ def predict_no_change(cases: Sequence[str], models: Sequence[str], predictions: 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    predict_no_change(snakemake.params.cases, snakemake.input.models, snakemake.output.predictions)
+    predict_no_change(
+        cases=snakemake.params.cases, models=snakemake.input.models, predictions=snakemake.output.predictions
+    )

@@ -3,12 +3,12 @@
 import time
 from collections.abc import Sequence
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.predictions import Prediction, write_predictions
-from pinnochio.baselines.linear import LinearModel, LinearPredictor
-from pinnochio.baselines.ratio import RatioRule
 from pinnochio.logs import attach_log
+from pinnochio.methods.pca_linear import LinearModel, LinearPredictor
+from pinnochio.methods.ratio import RatioRule
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction, write_predictions
+from pinnochio.plans.plan import Plan
 
 
 def predict_rule(
@@ -35,10 +35,10 @@ def predict_rule(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict_rule(
-        snakemake.params.cases,
-        snakemake.input.models,
-        snakemake.input.plans,
-        snakemake.input.get("linear") or None,
-        snakemake.threads,
-        snakemake.output.predictions,
+        cases=snakemake.params.cases,
+        models=snakemake.input.models,
+        plans=snakemake.input.plans,
+        linear=snakemake.input.get("linear") or None,
+        threads=snakemake.threads,
+        predictions=snakemake.output.predictions,
     )

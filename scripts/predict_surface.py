@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.predictions import Prediction, write_predictions
-from pinnochio.baselines.stages import load_surface_network, predict_case
 from pinnochio.logs import attach_log
+from pinnochio.methods.surface.learner import load_surface_network, predict_case
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction, write_predictions
+from pinnochio.plans.plan import Plan
 from pinnochio.training.device import choose_device
 
 
@@ -32,11 +32,11 @@ def predict_surface(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict_surface(
-        snakemake.params.cases,
-        snakemake.input.models,
-        snakemake.input.plans,
-        snakemake.input.network,
-        choose_device(snakemake.resources.gpu, snakemake.threads),
-        snakemake.threads,
-        snakemake.output.predictions,
+        cases=snakemake.params.cases,
+        models=snakemake.input.models,
+        plans=snakemake.input.plans,
+        network=snakemake.input.network,
+        device=choose_device(snakemake.resources.gpu, snakemake.threads),
+        threads=snakemake.threads,
+        predictions=snakemake.output.predictions,
     )

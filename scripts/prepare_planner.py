@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pinnochio.logs import attach_log
-from pinnochio.planner.given import Given
+from pinnochio.planner.prepared import Given
 
 
 def prepare_planner(
@@ -33,11 +33,11 @@ def prepare_planner(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     prepare_planner(
-        snakemake.wildcards.case,
-        snakemake.input.model,
-        next(iter(snakemake.input.get("lifts", [])), None),
-        snakemake.input.quality,
-        snakemake.input.get("plans", []),
-        snakemake.params.settings,
-        snakemake.output.given,
+        case=snakemake.wildcards.case,
+        model=snakemake.input.model,
+        lift=next(iter(snakemake.input.get("lifts", [])), None),
+        quality=snakemake.input.quality,
+        plans=snakemake.input.get("plans", []),
+        settings=snakemake.params.settings,
+        out=snakemake.output.given,
     )

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods.pinnochio.learner import CaseFiles, pretrain_fold
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.seeds import derive_seed
 from pinnochio.training.device import choose_device
 from pinnochio.training.settings import TrainingSettings
-from pinnochio.training.stages import CaseFiles, pretrain_fold
 
 
 def pretrain(
@@ -39,14 +39,14 @@ def pretrain(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     pretrain(
-        snakemake.params.cases,
-        snakemake.input.models,
-        snakemake.input.get("lifts", []),
-        snakemake.input.teaching,
-        NetworkSettings(**snakemake.params.network),
-        TrainingSettings(**snakemake.params.training),
-        FemSettings(**snakemake.params.fem),
-        derive_seed(snakemake.params.seed, "pretrain", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
-        choose_device(snakemake.resources.gpu, snakemake.threads),
-        dict(snakemake.output.items()),
+        cases=snakemake.params.cases,
+        models=snakemake.input.models,
+        lifts=snakemake.input.get("lifts", []),
+        teaching=snakemake.input.teaching,
+        network=NetworkSettings(**snakemake.params.network),
+        training=TrainingSettings(**snakemake.params.training),
+        fem=FemSettings(**snakemake.params.fem),
+        seed=derive_seed(snakemake.params.seed, "pretrain", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
+        device=choose_device(snakemake.resources.gpu, snakemake.threads),
+        outputs=dict(snakemake.output.items()),
     )

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 
-from pinnochio.baselines.settings import SurfaceSettings, training_settings
-from pinnochio.baselines.stages import pretrain_fold
 from pinnochio.logs import attach_log
+from pinnochio.methods.pinnochio.learner import CaseFiles
+from pinnochio.methods.surface.learner import pretrain_fold
+from pinnochio.methods.surface.settings import SurfaceSettings, training_settings
 from pinnochio.seeds import derive_seed
 from pinnochio.training.device import choose_device
 from pinnochio.training.settings import TrainingSettings
-from pinnochio.training.stages import CaseFiles
 
 
 def pretrain_surface(
@@ -31,12 +31,12 @@ def pretrain_surface(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     pretrain_surface(
-        snakemake.params.cases,
-        snakemake.input.models,
-        snakemake.input.teaching,
-        SurfaceSettings(**snakemake.params.network),
-        training_settings(snakemake.params.training),
-        derive_seed(snakemake.params.seed, "pretrain", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
-        choose_device(snakemake.resources.gpu, snakemake.threads),
-        dict(snakemake.output.items()),
+        cases=snakemake.params.cases,
+        models=snakemake.input.models,
+        teaching=snakemake.input.teaching,
+        network=SurfaceSettings(**snakemake.params.network),
+        training=training_settings(snakemake.params.training),
+        seed=derive_seed(snakemake.params.seed, "pretrain", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
+        device=choose_device(snakemake.resources.gpu, snakemake.threads),
+        outputs=dict(snakemake.output.items()),
     )

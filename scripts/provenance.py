@@ -46,4 +46,4 @@ def processor() -> str:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    provenance(snakemake.params.config, snakemake.params.code, snakemake.output[0])
+    provenance(config=snakemake.params.config, code=snakemake.params.code, output=snakemake.output[0])

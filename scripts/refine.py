@@ -5,12 +5,12 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.predictions import read_prediction, write_predictions
 from pinnochio.errors import InputError
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.refine import Refiner, interface
+from pinnochio.mechanics.corrections import Refiner, interface
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import read_prediction, write_predictions
 
 
 def refine(
@@ -57,10 +57,10 @@ def refine(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     refine(
-        snakemake.params.cases,
-        snakemake.input.predictions,
-        snakemake.input.models,
-        FemSettings(**snakemake.params.fem),
-        snakemake.threads,
-        dict(zip(snakemake.params.corrections, snakemake.output.refined, strict=True)),
+        cases=snakemake.params.cases,
+        predictions=snakemake.input.predictions,
+        models=snakemake.input.models,
+        fem=FemSettings(**snakemake.params.fem),
+        threads=snakemake.threads,
+        refined=dict(zip(snakemake.params.corrections, snakemake.output.refined, strict=True)),
     )

@@ -4,13 +4,13 @@ import logging
 
 import numpy as np
 
-from pinnochio.anatomy.segmentation import read_labels
-from pinnochio.anatomy.surfaces import BoneSurface
+from pinnochio.importing.segmentation import read_labels
 from pinnochio.logs import attach_log
 from pinnochio.meshing.interfaces import opposing_pairs
 from pinnochio.meshing.lips import bite, near_mouth
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.refinement import LONGEST_OVER_MEAN, refine
+from pinnochio.model.surfaces import BoneSurface
 
 
 def refine_lips(
@@ -33,11 +33,11 @@ def refine_lips(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     refine_lips(
-        snakemake.input.mesh,
-        snakemake.input.labels,
-        snakemake.input.bone,
-        tuple(snakemake.params.segments),
-        snakemake.params.sliding_band,
-        snakemake.params.lip_edge,
-        snakemake.output.mesh,
+        mesh=snakemake.input.mesh,
+        labels=snakemake.input.labels,
+        bone=snakemake.input.bone,
+        segments=tuple(snakemake.params.segments),
+        sliding_band=snakemake.params.sliding_band,
+        lip_edge=snakemake.params.lip_edge,
+        lips=snakemake.output.mesh,
     )

@@ -2,11 +2,11 @@
 
 import logging
 
-from pinnochio.anatomy.postop import PostopSkin
-from pinnochio.anatomy.registration import register, upper_face_plane
-from pinnochio.anatomy.segmentation import read_postop
-from pinnochio.anatomy.surfaces import BoneSurface, read_surface
+from pinnochio.importing.registration import register, upper_face_plane
+from pinnochio.importing.segmentation import read_postop
 from pinnochio.logs import attach_log
+from pinnochio.model.postop import PostopSkin
+from pinnochio.model.surfaces import BoneSurface, read_surface
 
 
 def register_postop(
@@ -35,12 +35,12 @@ def register_postop(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     register_postop(
-        snakemake.wildcards.case,
-        snakemake.input.postop,
-        snakemake.input.skin,
-        snakemake.input.bone,
-        tuple(snakemake.params.segments),
-        snakemake.params.nasion_above_maxilla,
-        snakemake.params.limit,
-        snakemake.output.postop,
+        case=snakemake.wildcards.case,
+        postop=snakemake.input.postop,
+        skin=snakemake.input.skin,
+        bone=snakemake.input.bone,
+        segments=tuple(snakemake.params.segments),
+        nasion_above_maxilla=snakemake.params.nasion_above_maxilla,
+        limit=snakemake.params.limit,
+        registered=snakemake.output.postop,
     )

@@ -5,13 +5,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.postop import PostopSkin
-from pinnochio.anatomy.predictions import read_prediction
-from pinnochio.evaluation.pictures import case_picture, surface_of
+from pinnochio.figures.patient import case_picture, surface_of
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.model.predictions import read_prediction
+from pinnochio.plans.plan import Plan
 from pinnochio.report.view import judged_errors, make_view
 
 
@@ -44,11 +44,11 @@ def render_case(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     render_case(
-        snakemake.wildcards.case,
-        dict(zip(snakemake.params.methods, snakemake.input.models, strict=True)),
-        snakemake.input.plan,
-        snakemake.input.postop,
-        dict(zip(snakemake.params.methods, snakemake.input.predictions, strict=True)),
-        snakemake.output.picture,
-        snakemake.output.view,
+        case=snakemake.wildcards.case,
+        models=dict(zip(snakemake.params.methods, snakemake.input.models, strict=True)),
+        plan=snakemake.input.plan,
+        postop=snakemake.input.postop,
+        predictions=dict(zip(snakemake.params.methods, snakemake.input.predictions, strict=True)),
+        picture=snakemake.output.picture,
+        view=snakemake.output.view,
     )

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from pinnochio.anatomy.segmentation import read_segmentation
+from pinnochio.importing.segmentation import read_segmentation
 from pinnochio.logs import attach_log
 from pinnochio.virtual.portraits import Sitter, gallery
 
@@ -35,11 +35,11 @@ def render_cohort(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     render_cohort(
-        snakemake.params.cases,
-        snakemake.input.segmentations,
-        snakemake.input.anatomies,
-        snakemake.params.labels,
-        tuple(snakemake.params.segments),
-        snakemake.output.cohort,
-        snakemake.output.heads,
+        cases=snakemake.params.cases,
+        segmentations=snakemake.input.segmentations,
+        anatomies=snakemake.input.anatomies,
+        label_values=snakemake.params.labels,
+        segments=tuple(snakemake.params.segments),
+        cohort=snakemake.output.cohort,
+        heads=snakemake.output.heads,
     )

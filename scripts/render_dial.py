@@ -1,9 +1,9 @@
 """Makes the picture of the dial's table."""
 
-from pinnochio.evaluation.dial import DIAL
-from pinnochio.evaluation.dial_picture import dial_picture
-from pinnochio.evaluation.tables import read_table
+from pinnochio.figures.corrections import dial_picture
 from pinnochio.logs import attach_log
+from pinnochio.tables.corrections import DIAL
+from pinnochio.tables.engine import read_table
 
 
 def render_dial(table: str, picture: str) -> None:
@@ -13,4 +13,4 @@ def render_dial(table: str, picture: str) -> None:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    render_dial(snakemake.input.table, snakemake.output.picture)
+    render_dial(table=snakemake.input.table, picture=snakemake.output.picture)

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from pinnochio.evaluation.scaling import SCALING
-from pinnochio.evaluation.scaling_picture import scaling_picture
-from pinnochio.evaluation.tables import read_table
+from pinnochio.figures.scaling import scaling_picture
 from pinnochio.logs import attach_log
+from pinnochio.tables.engine import read_table
+from pinnochio.tables.scaling import SCALING
 
 
 def render_scaling(table: str, pictures: Sequence[str]) -> None:
@@ -15,4 +15,4 @@ def render_scaling(table: str, pictures: Sequence[str]) -> None:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    render_scaling(snakemake.input.table, list(snakemake.output))
+    render_scaling(table=snakemake.input.table, pictures=list(snakemake.output))

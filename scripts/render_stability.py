@@ -1,9 +1,9 @@
 """Makes the picture of the stability sweep of its table."""
 
-from pinnochio.evaluation.stability import STABILITY
-from pinnochio.evaluation.stability_picture import stability_picture
-from pinnochio.evaluation.tables import read_table
+from pinnochio.experiments.stability import STABILITY
+from pinnochio.figures.stability import stability_picture
 from pinnochio.logs import attach_log
+from pinnochio.tables.engine import read_table
 
 
 def render_stability(table: str, picture: str) -> None:
@@ -13,4 +13,4 @@ def render_stability(table: str, picture: str) -> None:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    render_stability(snakemake.input.table, snakemake.output.picture)
+    render_stability(table=snakemake.input.table, picture=snakemake.output.picture)

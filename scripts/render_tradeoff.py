@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from pinnochio.evaluation.tables import read_table
+from pinnochio.figures.tradeoff import tradeoff_picture
 from pinnochio.logs import attach_log
-from pinnochio.tradeoff.picture import tradeoff_picture
-from pinnochio.tradeoff.table import TRADEOFF
+from pinnochio.tables.engine import read_table
+from pinnochio.tables.tradeoff import TRADEOFF
 
 
 def render_tradeoff(table: str, pictures: Sequence[str]) -> None:
@@ -15,4 +15,4 @@ def render_tradeoff(table: str, pictures: Sequence[str]) -> None:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    render_tradeoff(snakemake.input.table, list(snakemake.output))
+    render_tradeoff(table=snakemake.input.table, pictures=list(snakemake.output))

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.predictions import read_prediction
-from pinnochio.evaluation.pictures import volume_picture
+from pinnochio.figures.patient import volume_picture
 from pinnochio.logs import attach_log
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import read_prediction
 
 
 def render_volume(case: str, model: str, predictions: Mapping[str, str], picture: str) -> None:
@@ -17,8 +17,8 @@ def render_volume(case: str, model: str, predictions: Mapping[str, str], picture
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     render_volume(
-        snakemake.wildcards.case,
-        snakemake.input.model,
-        dict(zip(snakemake.params.methods, snakemake.input.predictions, strict=True)),
-        snakemake.output.picture,
+        case=snakemake.wildcards.case,
+        model=snakemake.input.model,
+        predictions=dict(zip(snakemake.params.methods, snakemake.input.predictions, strict=True)),
+        picture=snakemake.output.picture,
     )

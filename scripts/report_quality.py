@@ -3,11 +3,11 @@
 import json
 from pathlib import Path
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.evaluation.quality import quality
-from pinnochio.evaluation.quality_picture import quality_picture
+from pinnochio.figures.quality import quality_picture
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
+from pinnochio.metrics.quality import quality
+from pinnochio.model.patient import PatientModel
 
 
 def report_quality(model: str, imported: str, report: str, picture: str) -> None:
@@ -22,8 +22,8 @@ def report_quality(model: str, imported: str, report: str, picture: str) -> None
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     report_quality(
-        snakemake.input.model,
-        snakemake.input.imported,
-        snakemake.output.report,
-        snakemake.output.picture,
+        model=snakemake.input.model,
+        imported=snakemake.input.imported,
+        report=snakemake.output.report,
+        picture=snakemake.output.picture,
     )

@@ -6,10 +6,10 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parent.parent / "workflow"))  # where Snakemake finds the library, too
 
-from pinnochio.anatomy.labels import internal_codes  # noqa: E402
-from pinnochio.anatomy.segmentation import HEADER, write_segmentation  # noqa: E402
-from pinnochio.anatomy.thresholding import SEGMENTS, Cuts, Thresholds, read_ct, segment_ct  # noqa: E402
 from pinnochio.errors import InputError  # noqa: E402
+from pinnochio.importing.segmentation import HEADER, write_segmentation  # noqa: E402
+from pinnochio.importing.thresholding import SEGMENTS, Cuts, Thresholds, read_ct, segment_ct  # noqa: E402
+from pinnochio.model.labels import internal_codes  # noqa: E402
 
 
 def segment_file(ct: str, cuts: str, orientation: str, thresholds: Thresholds, labels: str) -> dict[str, float]:

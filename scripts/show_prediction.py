@@ -3,11 +3,11 @@
 import json
 from pathlib import Path
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
 from pinnochio.logs import attach_log
+from pinnochio.model.patient import PatientModel
 from pinnochio.patients.page import write_page
 from pinnochio.patients.result import read_result
+from pinnochio.plans.plan import Plan
 
 
 def show_prediction(case: str, model: str, plan: str, result: str, certificate: str, page: str) -> None:
@@ -20,10 +20,10 @@ def show_prediction(case: str, model: str, plan: str, result: str, certificate: 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     show_prediction(
-        snakemake.wildcards.case,
-        snakemake.input.model,
-        snakemake.input.plan,
-        snakemake.input.result,
-        snakemake.input.certificate,
-        snakemake.output.page,
+        case=snakemake.wildcards.case,
+        model=snakemake.input.model,
+        plan=snakemake.input.plan,
+        result=snakemake.input.result,
+        certificate=snakemake.input.certificate,
+        page=snakemake.output.page,
     )

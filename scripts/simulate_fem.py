@@ -4,13 +4,13 @@ import logging
 
 import h5py
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.plan_sampling import sample_plan
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
+from pinnochio.model.patient import PatientModel
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.sampling import sample_plan
 from pinnochio.seeds import generator
 
 
@@ -48,11 +48,11 @@ def simulate_fem(case: str, model: str, plan: str, plans: int, settings: FemSett
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     simulate_fem(
-        snakemake.wildcards.case,
-        snakemake.input.model,
-        snakemake.input.plan,
-        snakemake.params.plans,
-        FemSettings(**snakemake.params.fem),
-        snakemake.params.seed,
-        snakemake.output.teaching,
+        case=snakemake.wildcards.case,
+        model=snakemake.input.model,
+        plan=snakemake.input.plan,
+        plans=snakemake.params.plans,
+        settings=FemSettings(**snakemake.params.fem),
+        seed=snakemake.params.seed,
+        teaching=snakemake.output.teaching,
     )

@@ -5,14 +5,14 @@ import json
 import meshio
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.evaluation.pictures import field_picture
+from pinnochio.figures.patient import field_picture
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
+from pinnochio.model.patient import PatientModel
+from pinnochio.plans.plan import Plan
 
 
 def solve_plan(
@@ -58,12 +58,12 @@ def solve_plan(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     solve_plan(
-        snakemake.wildcards.case,
-        snakemake.input.model,
-        snakemake.input.plan,
-        snakemake.wildcards.arm,
-        FemSettings(**snakemake.params.fem),
-        snakemake.output.field,
-        snakemake.output.summary,
-        snakemake.output.picture,
+        case=snakemake.wildcards.case,
+        model=snakemake.input.model,
+        plan=snakemake.input.plan,
+        arm=snakemake.wildcards.arm,
+        settings=FemSettings(**snakemake.params.fem),
+        field=snakemake.output.field,
+        summary=snakemake.output.summary,
+        picture=snakemake.output.picture,
     )

@@ -5,12 +5,12 @@ from collections.abc import Mapping
 import torch
 from tqdm import tqdm
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.evaluation.stability import Sweep, write_stability
+from pinnochio.experiments.stability import Sweep, write_stability
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.training.losses import physics_loss
-from pinnochio.training.patient import LOSS_EXTENSION
+from pinnochio.methods.pinnochio.losses import physics_loss
+from pinnochio.methods.pinnochio.patient import LOSS_EXTENSION
+from pinnochio.model.patient import PatientModel
 
 
 def stability(case: str, model: str, config: Mapping, fem: FemSettings, seed: int, code: str, table: str) -> None:
@@ -29,11 +29,11 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     torch.set_num_threads(snakemake.threads)
     stability(
-        snakemake.params.case,
-        snakemake.input.model,
-        snakemake.params.stability,
-        FemSettings(**snakemake.params.fem),
-        snakemake.params.seed,
-        snakemake.params.code,
-        snakemake.output.table,
+        case=snakemake.params.case,
+        model=snakemake.input.model,
+        config=snakemake.params.stability,
+        fem=FemSettings(**snakemake.params.fem),
+        seed=snakemake.params.seed,
+        code=snakemake.params.code,
+        table=snakemake.output.table,
     )

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from pinnochio.evaluation.tables import read_table
 from pinnochio.logs import attach_log
+from pinnochio.tables.engine import read_table
 from pinnochio.virtual.effects import CASE, summarise, write_summary
 
 
@@ -16,4 +16,4 @@ def tabulate_effects(rows: Sequence[str], reality: str | dict, table: str) -> No
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    tabulate_effects(snakemake.input.rows, snakemake.params.reality, snakemake.output.table)
+    tabulate_effects(rows=snakemake.input.rows, reality=snakemake.params.reality, table=snakemake.output.table)

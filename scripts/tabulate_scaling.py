@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from pinnochio.evaluation.large_cohort import Measured, paragraphs
-from pinnochio.evaluation.measuring import megabytes
-from pinnochio.evaluation.scaling import SCALING, patient_runs, patients, write_scaling
-from pinnochio.evaluation.tables import read_table
+from pinnochio.experiments.measuring import megabytes
 from pinnochio.logs import attach_log
+from pinnochio.tables.engine import read_table
+from pinnochio.tables.large_cohort import Measured, paragraphs
+from pinnochio.tables.scaling import SCALING, patient_runs, patients, write_scaling
 
 
 def tabulate_scaling(
@@ -43,16 +43,16 @@ def tabulate_scaling(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     tabulate_scaling(
-        snakemake.input.sizes,
-        str(Path(snakemake.output.scaling).parents[1]),
-        snakemake.params.benchmarks,
-        snakemake.params.held_out,
-        snakemake.params.training,
-        snakemake.params.methods,
-        snakemake.params.cases,
-        snakemake.params.nodes,
-        snakemake.params.counts,
-        snakemake.params.cluster,
-        snakemake.params.cohort,
-        dict(snakemake.output.items()),
+        sizes=snakemake.input.sizes,
+        results=str(Path(snakemake.output.scaling).parents[1]),
+        benchmarks=snakemake.params.benchmarks,
+        held_out=snakemake.params.held_out,
+        training=snakemake.params.training,
+        methods=snakemake.params.methods,
+        cases=snakemake.params.cases,
+        nodes=snakemake.params.nodes,
+        counts=snakemake.params.counts,
+        cluster=snakemake.params.cluster,
+        cohort=snakemake.params.cohort,
+        outputs=dict(snakemake.output.items()),
     )

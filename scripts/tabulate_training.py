@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from pinnochio.evaluation.training_budget import budget, write_budget
 from pinnochio.logs import attach_log
+from pinnochio.tables.training import budget, write_budget
 
 
 def tabulate_training(
@@ -22,10 +22,10 @@ def tabulate_training(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     tabulate_training(
-        snakemake.input.networks,
-        snakemake.params.settings,
-        snakemake.params.folds,
-        snakemake.params.benchmarks,
-        snakemake.params.cohort,
-        snakemake.output.table,
+        networks=snakemake.input.networks,
+        settings=snakemake.params.settings,
+        folds=snakemake.params.folds,
+        benchmarks=snakemake.params.benchmarks,
+        cohort=snakemake.params.cohort,
+        table=snakemake.output.table,
     )

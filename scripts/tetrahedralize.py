@@ -2,7 +2,7 @@
 
 import logging
 
-from pinnochio.anatomy.segmentation import read_labels
+from pinnochio.importing.segmentation import read_labels
 from pinnochio.logs import attach_log
 from pinnochio.meshing.lattice import tetrahedralize
 
@@ -18,8 +18,8 @@ def mesh_case(labels: str, nodes: int, minimum_dihedral: float, mesh: str) -> No
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     mesh_case(
-        snakemake.input.labels,
-        snakemake.params.nodes,
-        snakemake.params.minimum_dihedral,
-        snakemake.output.mesh,
+        labels=snakemake.input.labels,
+        nodes=snakemake.params.nodes,
+        minimum_dihedral=snakemake.params.minimum_dihedral,
+        mesh=snakemake.output.mesh,
     )

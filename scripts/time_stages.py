@@ -1,7 +1,7 @@
 """Makes the table of time per stage of the benchmark files of the study's jobs."""
 
-from pinnochio.evaluation.benchmarks import stages, write_stages
 from pinnochio.logs import attach_log
+from pinnochio.tables.cost import stages, write_stages
 
 
 def time_stages(benchmarks: str, cohort: str, table: str) -> None:
@@ -11,4 +11,4 @@ def time_stages(benchmarks: str, cohort: str, table: str) -> None:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    time_stages(snakemake.params.benchmarks, snakemake.params.cohort, snakemake.output.table)
+    time_stages(benchmarks=snakemake.params.benchmarks, cohort=snakemake.params.cohort, table=snakemake.output.table)

@@ -5,8 +5,8 @@ import trimesh
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.virtual.ground_truth import resolve
 from pinnochio.virtual.outcome import Operation, operate, photograph
-from pinnochio.virtual.reality import resolve
 
 
 def virtual_outcome(
@@ -39,14 +39,14 @@ def virtual_outcome(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     virtual_outcome(
-        snakemake.wildcards.case,
-        dict(snakemake.input.items()),
-        snakemake.params.reality,
-        snakemake.params.mesh,
-        snakemake.params.interfaces,
-        FemSettings(**snakemake.params.fem),
-        snakemake.params.labels,
-        tuple(snakemake.params.segments),
-        snakemake.params.seed,
-        dict(snakemake.output.items()),
+        case=snakemake.wildcards.case,
+        inputs=dict(snakemake.input.items()),
+        reality=snakemake.params.reality,
+        mesh=snakemake.params.mesh,
+        interfaces=snakemake.params.interfaces,
+        fem=FemSettings(**snakemake.params.fem),
+        label_values=snakemake.params.labels,
+        segments=tuple(snakemake.params.segments),
+        seed=snakemake.params.seed,
+        outputs=dict(snakemake.output.items()),
     )

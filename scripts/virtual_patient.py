@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pinnochio.anatomy.labels import AIR, internal_codes
-from pinnochio.anatomy.segmentation import write_segmentation
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
+from pinnochio.importing.segmentation import write_segmentation
 from pinnochio.logs import attach_log
+from pinnochio.model.labels import AIR, internal_codes
 from pinnochio.seeds import generator
 from pinnochio.virtual.description import describe
 from pinnochio.virtual.head import build_head, with_segments
@@ -57,12 +57,12 @@ def virtual_patient(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     virtual_patient(
-        snakemake.wildcards.case,
-        snakemake.params.number,
-        snakemake.params.seed,
-        snakemake.params.spacing,
-        snakemake.params.labels,
-        snakemake.params.segments,
-        snakemake.params.muscles,
-        dict(snakemake.output.items()),
+        case=snakemake.wildcards.case,
+        number=snakemake.params.number,
+        seed=snakemake.params.seed,
+        spacing=snakemake.params.spacing,
+        label_values=snakemake.params.labels,
+        segments=snakemake.params.segments,
+        muscles=snakemake.params.muscles,
+        outputs=dict(snakemake.output.items()),
     )

@@ -32,11 +32,13 @@ if __name__ == "__main__":
     given = snakemake.input
     kinds = {"picture": given.pictures, "view": given.views} | ({"volume": given.volumes} if given.volumes else {})
     write_report(
-        given.template,
-        given.tables,
-        given.figures,
-        dict(zip(snakemake.params.learned, given.curves, strict=True)),
-        {case: {kind: files[i] for kind, files in kinds.items()} for i, case in enumerate(snakemake.params.cases)},
-        given.provenance,
-        snakemake.output.page,
+        template=given.template,
+        tables=given.tables,
+        figures=given.figures,
+        curves=dict(zip(snakemake.params.learned, given.curves, strict=True)),
+        patients={
+            case: {kind: files[i] for kind, files in kinds.items()} for i, case in enumerate(snakemake.params.cases)
+        },
+        provenance=given.provenance,
+        output=snakemake.output.page,
     )

@@ -12,18 +12,15 @@ from pinnochio.patients.archive import READ_BY_NETWORKS, configuration_hash
 from pinnochio.patients.choice import choose
 from pinnochio.patients.new import read_patients
 from pinnochio.report.parts import PARTS
-from pinnochio.study import (
-    assign_folds,
+from pinnochio.code import code_hash
+from pinnochio.study.cases import assign_folds, external_file, read_cases, virtual_cases
+from pinnochio.study.configuration import (
     check_config,
-    code_hash,
-    external_file,
     left_out,
-    read_cases,
     surface_networks,
     variants,
-    virtual_cases,
 )
-from pinnochio.tradeoff.dials import network_settings
+from pinnochio.experiments.tradeoff_settings import network_settings
 
 # Idle OpenMP threads of a job sleep; spinning they take the cores from the compiled loops.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
@@ -34,7 +31,9 @@ os.environ.setdefault("ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS", "1")
 validate(config, "schemas/config.schema.yaml")
 check_config(config)
 
-LIBRARY = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)) / "pinnochio"
+SCRIPTS = (
+    Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parent / "scripts"
+)
 RESULTS = config["pathvars"]["results"]
 BENCHMARKS = f"{RESULTS}/benchmarks"
 # A job of a cluster does not hear of --resources: it asks its step for a GPU only where SLURM has granted it one.
@@ -402,15 +401,12 @@ def training_cases(wildcards):
     return [name for name in SCANNED if name not in HELD_OUT[wildcards.fold]]
 
 
-def code_of(*rooms):
-    """Content hash of the library's shared modules and of the named rooms.
+def code_of(*scripts):
+    """Content hash of stage scripts and of all that they import of the project.
 
     An edit of an imported module triggers no rerun by itself; this parameter does.
     """
-    files = list(LIBRARY.glob("*.py"))
-    for room in rooms:
-        files += (LIBRARY / room).glob("*.py")
-    return code_hash(files, LIBRARY)
+    return code_hash(*(SCRIPTS / f"{script}.py" for script in scripts))
 
 
 onstart:

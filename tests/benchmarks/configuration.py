@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from pinnochio.study import overlaid
+from pinnochio.overlays import overlaid
 
 
 def read_config(paths: Iterable[Path]) -> dict:

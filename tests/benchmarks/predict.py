@@ -24,19 +24,19 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from configuration import read_config
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
+from pinnochio.mechanics.corrections import Finish
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.lift import Lift, make_lift
-from pinnochio.mechanics.refine import Finish
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.methods.pinnochio.learner import Predictor, tensors
+from pinnochio.model.patient import PatientModel
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.study import variants
+from pinnochio.plans.plan import Plan
+from pinnochio.study.configuration import variants
 from pinnochio.training.checkpoint import load_network
-from pinnochio.training.stages import Predictor, tensors
 
 
 def main() -> None:

@@ -25,7 +25,8 @@ from configuration import read_config
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.seeds import derive_seed
-from pinnochio.study import assign_folds, variants, virtual_cases
+from pinnochio.study.cases import assign_folds, virtual_cases
+from pinnochio.study.configuration import variants
 from pinnochio.training.settings import TrainingSettings
 from scripts.finetune import finetune
 from scripts.pretrain import pretrain

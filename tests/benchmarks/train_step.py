@@ -26,15 +26,15 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from configuration import read_config
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods.pinnochio.learner import tensors
+from pinnochio.methods.pinnochio.losses import boundary_loss, physics_loss, volume_loss
+from pinnochio.model.patient import PatientModel
 from pinnochio.networks import boundary
 from pinnochio.networks.attention import Attention
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.training.losses import boundary_loss, physics_loss, volume_loss
-from pinnochio.training.stages import tensors
+from pinnochio.plans.plan import Plan
 
 TOLERANCE = 1e-4
 PARTS = ("forward", "losses", "backward", "optimiser")

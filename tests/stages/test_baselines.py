@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pinnochio.baselines.settings import SurfaceSettings, training_settings
+from pinnochio.methods.surface.settings import SurfaceSettings, training_settings
 from scripts.evaluate import evaluate
 from scripts.finetune_surface import finetune_surface
 from scripts.fit_linear import fit_linear

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 import pyvista as pv
 
-from pinnochio.anatomy.predictions import read_prediction
 from pinnochio.errors import InputError
-from pinnochio.evaluation.regions import LANDMARKS, REGIONS
+from pinnochio.metrics.regions import LANDMARKS, REGIONS
+from pinnochio.model.predictions import read_prediction
 from scripts.collect_cases import collect_cases
 from scripts.compare_methods import compare_methods
 from scripts.evaluate import evaluate

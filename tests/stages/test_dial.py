@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 import torch
 
-from pinnochio.anatomy.model import FREE, PatientModel
-from pinnochio.anatomy.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.errors import InputError
-from pinnochio.evaluation.dial import DIAL
-from pinnochio.evaluation.tables import CASES, read_table
 from pinnochio.mechanics.elements import jacobians
+from pinnochio.model.patient import FREE, PatientModel
+from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
+from pinnochio.tables.corrections import DIAL
+from pinnochio.tables.engine import CASES, read_table
 from pinnochio.training.checkpoint import save_network
 from scripts.collect_dial import collect_dial
 from scripts.evaluate import evaluate

@@ -9,15 +9,15 @@ import pandas as pd
 import pytest
 import pyvista as pv
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.predictions import Prediction, write_predictions
-from pinnochio.anatomy.regions import NAMES, regions
 from pinnochio.errors import InputError
-from pinnochio.evaluation.interval import Calibration, Interval
-from pinnochio.evaluation.quality import quality
+from pinnochio.metrics.quality import quality
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction, write_predictions
+from pinnochio.model.regions import NAMES, regions
 from pinnochio.patients.archive import Archive
 from pinnochio.patients.certificate import in_words
+from pinnochio.plans.plan import Plan
+from pinnochio.statistics.intervals import Calibration, Interval
 from scripts.certify import certify
 from scripts.describe_training import describe_training
 from scripts.export_prediction import export_prediction

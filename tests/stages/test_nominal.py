@@ -4,13 +4,13 @@ import h5py
 import numpy as np
 import pytest
 
-from pinnochio.anatomy.closest import closest_points
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.surfaces import read_surface
-from pinnochio.evaluation.volume_error import read_truth
+from pinnochio.geometry.closest_points import closest_points
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.simulation import simulate
+from pinnochio.metrics.volume import read_truth
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.surfaces import read_surface
+from pinnochio.plans.plan import Plan
 from pinnochio.virtual.outcome import admissible
 from scripts.register_postop import register_postop
 from scripts.virtual_outcome import virtual_outcome

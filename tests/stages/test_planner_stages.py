@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 import torch
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.regions import NAMES
-from pinnochio.evaluation.interval import Calibration, Interval
-from pinnochio.evaluation.quality import quality
+from pinnochio.metrics.quality import quality
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.regions import NAMES
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.patients.archive import Archive, calibration_file, network_file
 from pinnochio.planner.forecast import Forecaster
-from pinnochio.planner.given import Given
-from pinnochio.planner.scene import Scene
+from pinnochio.planner.prepared import Given
+from pinnochio.planner.view import Scene
+from pinnochio.plans.plan import Plan
+from pinnochio.statistics.intervals import Calibration, Interval
 from pinnochio.training.checkpoint import save_network
 from scripts.describe_training import describe_training
 from scripts.make_lift import write_lift

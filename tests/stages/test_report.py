@@ -12,14 +12,14 @@ import pandas as pd
 import PIL.Image
 import pytest
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.postop import PostopSkin
-from pinnochio.anatomy.predictions import Prediction, write_predictions
 from pinnochio.errors import InputError
-from pinnochio.evaluation.distances import signed_distances
-from pinnochio.evaluation.tables import Column, number, views, write_csv, write_twins
+from pinnochio.geometry.distances import signed_distances
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.report.page import read_body
 from pinnochio.report.parts import PARTS
+from pinnochio.tables.engine import Column, number, views, write_csv, write_twins
 from scripts.provenance import provenance
 from scripts.render_case import render_case
 from scripts.render_volume import render_volume

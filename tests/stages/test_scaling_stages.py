@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from pinnochio.anatomy.predictions import read_prediction
-from pinnochio.evaluation.measuring import DONE
-from pinnochio.evaluation.scaling import SCALING
-from pinnochio.evaluation.tables import read_table
+from pinnochio.experiments.measuring import DONE
+from pinnochio.model.predictions import read_prediction
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
+from pinnochio.tables.engine import read_table
+from pinnochio.tables.scaling import SCALING
 from pinnochio.training.checkpoint import save_network
 from pinnochio.training.settings import TrainingSettings
 from scripts.measure_scaling import measure_scaling, training_step, warm_plan

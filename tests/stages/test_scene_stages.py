@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pinnochio.anatomy.model import CUT_PLANE, PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.evaluation.scene_table import SCENES, TRIALS
-from pinnochio.evaluation.tables import read_table
 from pinnochio.mechanics.simulation import simulate
-from pinnochio.scene.settings import REDUCTIONS, SceneSettings
+from pinnochio.model.patient import CUT_PLANE, PatientModel
+from pinnochio.plans.plan import Plan
+from pinnochio.reduction.settings import REDUCTIONS, SceneSettings
+from pinnochio.tables.engine import read_table
+from pinnochio.tables.reductions import SCENES, TRIALS
 from scripts.collect_scenes import collect_scenes
 from scripts.make_scene import make_scene
 from scripts.measure_scene import measure_scene

@@ -11,16 +11,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pinnochio.anatomy.model import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.predictions import Prediction, read_prediction, write_predictions
-from pinnochio.anatomy.segmentation import read_labels
 from pinnochio.errors import InputError
+from pinnochio.importing.segmentation import read_labels
 from pinnochio.mechanics.contact import UnilateralContact
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.meshing.mesh import TetMesh
+from pinnochio.model.patient import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
+from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.networks.settings import NetworkSettings
+from pinnochio.plans.plan import Plan
 from pinnochio.training.checkpoint import load_network
 from pinnochio.training.settings import TrainingSettings
 from scripts.check_cohort import check_cohort

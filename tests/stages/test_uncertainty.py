@@ -5,15 +5,15 @@ import pandas as pd
 import pytest
 import torch
 
-from pinnochio.anatomy.model import FREE, PatientModel
-from pinnochio.anatomy.postop import PostopSkin
-from pinnochio.anatomy.predictions import Prediction, read_prediction, write_predictions
-from pinnochio.anatomy.regions import NAMES, OTHER, regions
 from pinnochio.errors import InputError
-from pinnochio.evaluation.distances import closest_points
-from pinnochio.evaluation.interval import Calibration, Interval, read_ensemble
+from pinnochio.geometry.distances import closest_points
+from pinnochio.model.patient import FREE, PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
+from pinnochio.model.regions import NAMES, OTHER, regions
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
+from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble
 from pinnochio.training.checkpoint import save_network
 from scripts.calibrate import ScannedCase, calibrate
 from scripts.collect_coverage import collect_coverage

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from pinnochio.virtual.effects import EVERYTHING, NOTHING
-from pinnochio.virtual.reality import EFFECTS, SCAN
+from pinnochio.virtual.ground_truth import EFFECTS, SCAN
 
 FILES = ("segmentation.nii.gz", "plan.json", "landmarks.json", "anatomy.json", "postop.ply", "truth.h5")
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 import pyvista as pv
 
-from pinnochio.anatomy.predictions import read_prediction
+from pinnochio.model.predictions import read_prediction
 from tests.study.conftest import jobs
 
 OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted

@@ -16,10 +16,10 @@ import psutil
 import pytest
 from PIL import Image
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
+from pinnochio.model.patient import PatientModel
 from pinnochio.planner.forecast import Forecaster
-from pinnochio.planner.given import Given
+from pinnochio.planner.prepared import Given
+from pinnochio.plans.plan import Plan
 from tests.study.conftest import ROOT, Project
 
 CHROMIUM = shutil.which("chromium")

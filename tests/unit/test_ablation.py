@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 from test_evaluation_statistics import row
 
-from pinnochio.evaluation.ablation import ABLATION, DESIGN, write_ablation, write_design
-from pinnochio.evaluation.tables import read_table
-from pinnochio.study import changes
+from pinnochio.overlays import changes
+from pinnochio.tables.ablation import ABLATION, DESIGN, write_ablation, write_design
+from pinnochio.tables.engine import read_table
 
 FULL = {
     "network": {"decomposition": True, "lift": "none"},

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from test_regions import as_model
 
-from pinnochio.anatomy.plan import Plan, RigidMotion
-from pinnochio.anatomy.regions import NAMES, regions
-from pinnochio.baselines.linear import LinearModel, LinearPredictor, fit, ridge
-from pinnochio.baselines.ratio import RATIOS, RatioRule, named
+from pinnochio.methods.pca_linear import LinearModel, LinearPredictor, fit, ridge
+from pinnochio.methods.ratio import RATIOS, RatioRule, named
+from pinnochio.model.regions import NAMES, regions
+from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
 

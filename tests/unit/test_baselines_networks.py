@@ -7,12 +7,12 @@ from tiny_patient import tiny_patient, tiny_plan
 from torch import nn
 from torch_geometric.nn import EdgeConv
 
-from pinnochio.baselines.clouds import Given, per_patient, scaled
-from pinnochio.baselines.contrast import contrast
-from pinnochio.baselines.dgcfp import EdgeConvolution
-from pinnochio.baselines.patient import SurfacePatient
-from pinnochio.baselines.settings import ARCHITECTURES, SurfaceSettings
-from pinnochio.baselines.stages import build, supervised
+from pinnochio.methods.surface.learner import build, supervised
+from pinnochio.methods.surface.patient import SurfacePatient
+from pinnochio.methods.surface.settings import ARCHITECTURES, SurfaceSettings
+from pinnochio.networks.clouds import Given, per_patient, scaled
+from pinnochio.networks.contrast import contrast
+from pinnochio.networks.dgcfp import EdgeConvolution
 
 SMALL = {"points": 64, "neighbours": 8, "repeats": 1}
 

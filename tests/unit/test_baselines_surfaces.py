@@ -6,13 +6,13 @@ import torch
 from scipy.spatial import cKDTree
 from tiny_patient import tiny_patient, tiny_plan
 
-from pinnochio.anatomy.plan import Plan
-from pinnochio.baselines.carrying import nearest, spread
-from pinnochio.baselines.clouds import FaceGraph, PointCloud, Stage, ball_edges
-from pinnochio.baselines.losses import chamfer, density, laplacian_change, local_change
-from pinnochio.baselines.patient import SurfacePatient, Target
-from pinnochio.baselines.settings import SurfaceSettings
-from pinnochio.baselines.stages import published
+from pinnochio.geometry.scattered import nearest, spread
+from pinnochio.methods.surface.learner import published
+from pinnochio.methods.surface.losses import chamfer, density, laplacian_change, local_change
+from pinnochio.methods.surface.patient import SurfacePatient, Target
+from pinnochio.methods.surface.settings import SurfaceSettings
+from pinnochio.networks.clouds import FaceGraph, PointCloud, Stage, ball_edges
+from pinnochio.plans.plan import Plan
 
 SMALL = {"points": 64, "neighbours": 8}
 

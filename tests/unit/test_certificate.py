@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from pinnochio.anatomy.model import FREE
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.regions import CHIN, NAMES, NOSE
-from pinnochio.evaluation.interval import Calibration, Interval
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.patient import FREE
+from pinnochio.model.regions import CHIN, NAMES, NOSE
 from pinnochio.patients.archive import Archive
 from pinnochio.patients.certificate import in_words, interval_measures, likeness, measures, plain
-from pinnochio.patients.likeness import Norm, Ranges, anatomy_quantities, plan_quantities
+from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities
+from pinnochio.plans.plan import Plan
+from pinnochio.statistics.intervals import Calibration, Interval
 from tests.unit.tiny_patient import tiny_patient, tiny_plan
 
 FEM = FemSettings({"muscle": 6, "superficial": 4}, 0.49)

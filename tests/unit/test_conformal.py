@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tiny_patient import tiny_patient
 
-from pinnochio.anatomy.regions import NAMES
 from pinnochio.errors import InputError
-from pinnochio.evaluation import interval as intervals
-from pinnochio.evaluation.conformal import FACE, HeldOut, coverage, half_width, half_widths, held_out
-from pinnochio.evaluation.coverage_table import COVERAGE, write_coverage
-from pinnochio.evaluation.interval import Calibration, Interval, interval, skin_spread, usual_spreads
-from pinnochio.evaluation.interval_picture import interval_picture, scale
-from pinnochio.evaluation.tables import check, read_table
+from pinnochio.figures.interval import interval_picture, scale
+from pinnochio.model.regions import NAMES
+from pinnochio.statistics import intervals as intervals
+from pinnochio.statistics.conformal import FACE, HeldOut, coverage, half_width, half_widths, held_out
+from pinnochio.statistics.intervals import Calibration, Interval, interval, skin_spread, usual_spreads
+from pinnochio.tables.coverage import COVERAGE, write_coverage
+from pinnochio.tables.engine import check, read_table
 
 LEVEL = 0.9
 

@@ -6,10 +6,10 @@ import pytest
 from test_evaluation_statistics import row
 
 from pinnochio.errors import InputError
-from pinnochio.evaluation.dial import DIAL, summarise, write_dial
-from pinnochio.evaluation.dial_picture import dial_picture
-from pinnochio.evaluation.significance import holm, wilcoxon
-from pinnochio.evaluation.tables import read_table
+from pinnochio.figures.corrections import dial_picture
+from pinnochio.statistics.significance import holm, wilcoxon
+from pinnochio.tables.corrections import DIAL, summarise, write_dial
+from pinnochio.tables.engine import read_table
 
 COUNTS = (0, 1, 5)
 

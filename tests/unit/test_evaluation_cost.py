@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from pinnochio.evaluation.benchmarks import STAGES, read_benchmark, stages, write_stages
-from pinnochio.evaluation.tables import read_table
-from pinnochio.evaluation.training_budget import TRAINING, budget, parameters, write_budget
+from pinnochio.tables.cost import STAGES, read_benchmark, stages, write_stages
+from pinnochio.tables.engine import read_table
+from pinnochio.tables.training import TRAINING, budget, parameters, write_budget
 
 HEADER = "s\th:m:s\tmax_rss\tmax_vms\tmax_uss\tmax_pss\tio_in\tio_out\tmean_load\tcpu_time"
 

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 from test_evaluation_statistics import row
 
-from pinnochio.evaluation.accuracy import ACCURACY, summarise, write_accuracy
-from pinnochio.evaluation.published import OURS, PUBLISHED, ordering, published_block
-from pinnochio.evaluation.tables import read_table
+from pinnochio.tables.accuracy import ACCURACY, summarise, write_accuracy
+from pinnochio.tables.engine import read_table
+from pinnochio.tables.published import OURS, PUBLISHED, ordering, published_block
 
 PAPER = {"acmt": 2.19, "dgcfp": 1.71, "fem_rlse": 1.30, "pinnochio": 1.12}
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from test_regions import as_model
 
-from pinnochio.anatomy.landmarks import face_landmarks
-from pinnochio.anatomy.regions import CHIN, NAMES, regions
 from pinnochio.errors import InputError
-from pinnochio.evaluation.regions import LANDMARKS, REGIONS, landmark_errors, region_errors
-from pinnochio.evaluation.surface_metrics import surface_metrics, target_samples
+from pinnochio.metrics.regions import LANDMARKS, REGIONS, landmark_errors, region_errors
+from pinnochio.metrics.surface import surface_metrics, target_samples
+from pinnochio.model.landmarks import face_landmarks
+from pinnochio.model.regions import CHIN, NAMES, regions
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
 
@@ -43,7 +43,7 @@ def test_a_ball_in_a_ball_is_the_gap_away_and_outside_is_positive(patient, monke
     away = patient.skin_points - centre
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     codes = (np.arange(len(away)) % len(NAMES)).astype(np.int8)
-    monkeypatch.setattr("pinnochio.evaluation.regions.regions", lambda patient: codes)
+    monkeypatch.setattr("pinnochio.metrics.regions.regions", lambda patient: codes)
     ball = replace(patient, face_roi=np.ones_like(patient.face_roi))
     for gap in (2.0, -1.5):
         found = errors(ball, centre + (60 + gap) * away, centre + 60 * away)
@@ -67,7 +67,7 @@ def test_regions_are_means_over_the_samples_of_the_accuracy(patient, codes, monk
     target = patient.skin_points + [0.3, -1.0, 0.5]
     face = patient.skin_points, patient.skin_faces, patient.face_roi, target, patient.skin_faces, 5000, 1
     found, kept = target_samples(*face)[1:]
-    monkeypatch.setattr("pinnochio.evaluation.regions.regions", lambda patient: np.full_like(codes, CHIN))
+    monkeypatch.setattr("pinnochio.metrics.regions.regions", lambda patient: np.full_like(codes, CHIN))
     alone = errors(patient, patient.skin_points, target)
     assert alone["region_chin"] == pytest.approx(found.distance[kept].mean())
     assert np.isnan(alone["region_nose"]) and np.isnan(alone["bias_nose"])

@@ -10,9 +10,9 @@ import pytest
 from scipy import stats
 
 from pinnochio.errors import InputError
-from pinnochio.evaluation.accuracy import ACCURACY, summarise, write_accuracy
-from pinnochio.evaluation.significance import bootstrap_interval, compare, holm, wilcoxon
-from pinnochio.evaluation.tables import CASES, check, read_table, write_cases, write_csv
+from pinnochio.statistics.significance import bootstrap_interval, compare, holm, wilcoxon
+from pinnochio.tables.accuracy import ACCURACY, summarise, write_accuracy
+from pinnochio.tables.engine import CASES, check, read_table, write_cases, write_csv
 
 
 def test_the_exact_p_by_hand():

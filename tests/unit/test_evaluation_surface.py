@@ -5,8 +5,8 @@ import pytest
 import pyvista as pv
 
 from pinnochio.errors import InputError
-from pinnochio.evaluation.distances import closest_points, sample_surface, signed_distances, vertex_areas
-from pinnochio.evaluation.surface_metrics import surface_metrics
+from pinnochio.geometry.distances import closest_points, sample_surface, signed_distances, vertex_areas
+from pinnochio.metrics.surface import surface_metrics
 
 
 def sphere(radius, subdivisions=4):

@@ -8,10 +8,10 @@ from scipy.spatial import cKDTree
 from vtkmodules.vtkIOGeometry import vtkSTLReader
 from vtkmodules.vtkIOPLY import vtkPLYReader
 
-from pinnochio.anatomy.closed_surfaces import read_closed_surface
-from pinnochio.anatomy.plan import Plan
+from pinnochio.geometry.closed_surfaces import read_closed_surface
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.patients.exports import write_mesh, write_skin, write_surface
+from pinnochio.plans.plan import Plan
 from tests.unit.tiny_patient import tiny_patient
 
 TO_RAS = np.array([-1.0, -1.0, 1.0])

@@ -16,13 +16,13 @@ from pydicom.dataset import FileMetaDataset
 from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
 from scipy.spatial.transform import Rotation
 
-from pinnochio.anatomy.closed_surfaces import voxelised
-from pinnochio.anatomy.labels import internal_codes
-from pinnochio.anatomy.segmentation import read_segmentation
-from pinnochio.anatomy.surfaces import bone_surface, contour, skin_surface
 from pinnochio.errors import InputError
+from pinnochio.geometry.closed_surfaces import voxelised
+from pinnochio.importing.segmentation import read_segmentation
 from pinnochio.meshing.lattice import tetrahedralize
-from pinnochio.study import read_cases
+from pinnochio.model.labels import internal_codes
+from pinnochio.model.surfaces import bone_surface, contour, skin_surface
+from pinnochio.study.cases import read_cases
 
 SEGMENTS = ("lefort1", "mandible")
 STRUCTURES = tuple(internal_codes(SEGMENTS))

@@ -6,7 +6,7 @@ from test_mechanics_solver import bent_block
 
 from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import jacobians
-from pinnochio.mechanics.guard import FLOOR, damped, guard, volume_ratios
+from pinnochio.mechanics.inversion_repair import FLOOR, damped, guard, volume_ratios
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.solver import SolverOptions, solve
 
@@ -142,7 +142,9 @@ def test_damping_finds_the_closed_form():
 def test_a_repair_that_makes_it_worse_is_not_taken(bent, monkeypatch):
     points, cells, law, field, held = bent
     broken = through(points, cells, field, held_corners(cells, held, 0)[7])
-    monkeypatch.setattr("pinnochio.mechanics.guard._relaxed", lambda *given: RNG(0).normal(size=given[4].shape))
+    monkeypatch.setattr(
+        "pinnochio.mechanics.inversion_repair._relaxed", lambda *given: RNG(0).normal(size=given[4].shape)
+    )
     kept, repair = guard(points, cells, law, broken, held)
     assert repair.elements == 0 and repair.damping < 1
     np.testing.assert_allclose(kept, repair.damping * broken)

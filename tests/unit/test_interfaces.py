@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy import model as m
-from pinnochio.anatomy.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
-from pinnochio.anatomy.surfaces import bone_surface
 from pinnochio.errors import InputError
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.model import patient as m
+from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
+from pinnochio.model.surfaces import bone_surface
 
 SEGMENTS = ("lefort1", "mandible_distal", "proximal_left")
 LEFORT, DISTAL, PROXIMAL = 11, 12, 13

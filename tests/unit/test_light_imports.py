@@ -60,7 +60,7 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training.device import choose_device
 from pinnochio.training.settings import TrainingSettings
-from pinnochio.training.stages import CaseFiles, finetune_fold, pretrain_fold
+from pinnochio.methods.pinnochio.learner import CaseFiles, finetune_fold, pretrain_fold
 
 assert not COMPILED and not set(absent) & {name.split(".")[0] for name in sys.modules}
 fem = FemSettings({"muscle": 6, "superficial": 4}, 0.49, "patch", 2, 1e-6, 30, 50, "auto")

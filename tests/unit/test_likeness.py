@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from pinnochio.anatomy.plan import Plan, RigidMotion
-from pinnochio.patients.likeness import Norm, Ranges, anatomy_quantities, plan_quantities
+from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities
+from pinnochio.plans.plan import Plan, RigidMotion
 from tests.unit.tiny_patient import tiny_patient
 
 

@@ -5,13 +5,13 @@ import pytest
 from scipy import ndimage
 from test_interfaces import ORIGIN, SEGMENTS, block_face
 
-from pinnochio.anatomy import model as m
-from pinnochio.anatomy.labels import AIR, SUPERFICIAL
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.surfaces import bone_surface
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.meshing.lips import bite, lip_nodes
+from pinnochio.model import patient as m
+from pinnochio.model.labels import AIR, SUPERFICIAL
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.surfaces import bone_surface
 
 
 def labelled(labels, nodes=2500):

@@ -8,10 +8,8 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from test_mechanics_sliding import patient, plane, sphere
 
-from pinnochio.anatomy.faces import boundary_faces
-from pinnochio.anatomy.model import LOWER_LIP, SLIDING, UPPER_LIP
-from pinnochio.anatomy.plan import Plan, RigidMotion
 from pinnochio.errors import InputError
+from pinnochio.geometry.faces import boundary_faces
 from pinnochio.mechanics.contact import (
     ContactSet,
     UnilateralContact,
@@ -24,6 +22,8 @@ from pinnochio.mechanics.materials import lame
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet, boundary_conditions
 from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.model.patient import LOWER_LIP, SLIDING, UPPER_LIP
+from pinnochio.plans.plan import Plan, RigidMotion
 
 KAPPA = 40.0
 

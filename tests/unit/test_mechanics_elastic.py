@@ -5,12 +5,12 @@ import pytest
 from test_mechanics_elements import both
 from test_mechanics_sliding import patient, plane
 
-from pinnochio.anatomy.plan import Plan, RigidMotion
 from pinnochio.errors import InputError
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet, boundary_conditions
 from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.plans.plan import Plan, RigidMotion
 
 
 @both

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from tiny_patient import tiny_patient, tiny_plan
 
-from pinnochio.anatomy.faces import boundary_faces
-from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
-from pinnochio.anatomy.model import FIXED, FREE, MOVING, NO_INTERFACE, SLIDING
+from pinnochio.geometry.faces import boundary_faces
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.lift import (
     HarmonicSolver,
@@ -21,6 +19,8 @@ from pinnochio.mechanics.lift import (
 )
 from pinnochio.mechanics.materials import neo_hookean
 from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
+from pinnochio.model.labels import MUSCLE, SUPERFICIAL
+from pinnochio.model.patient import FIXED, FREE, MOVING, NO_INTERFACE, SLIDING
 
 MODEL, PLAN = tiny_patient(), tiny_plan()
 MATERIAL = neo_hookean(MODEL.tissue, {MUSCLE: 6.0, SUPERFICIAL: 4.0}, 0.49, 0)

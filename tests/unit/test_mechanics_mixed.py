@@ -9,13 +9,13 @@ import torch
 from scipy.spatial.transform import Rotation
 from scipy.special import lambertw
 
-from pinnochio.anatomy.plan import RigidMotion
 from pinnochio.errors import InputError
 from pinnochio.mechanics.materials import Material, lame
 from pinnochio.mechanics.mixed import EDGES, MIXED, MixedElements, solve_mixed
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.plans.plan import RigidMotion
 
 every = pytest.mark.parametrize("element", MIXED)
 

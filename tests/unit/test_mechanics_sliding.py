@@ -6,8 +6,6 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from test_mechanics_elements import both
 
-from pinnochio.anatomy.model import FIXED, FREE, MOVING, SLIDING, PatientModel
-from pinnochio.anatomy.plan import Plan, RigidMotion
 from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.materials import lame
@@ -20,6 +18,8 @@ from pinnochio.mechanics.sliding import (
     boundary_conditions,
 )
 from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.model.patient import FIXED, FREE, MOVING, SLIDING, PatientModel
+from pinnochio.plans.plan import Plan, RigidMotion
 
 
 def sphere(radius, count, seed=None):

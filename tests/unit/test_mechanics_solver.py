@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from test_mechanics_elements import both, material
 
 import pinnochio
-from pinnochio.anatomy.plan import RigidMotion
 from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import Elements, jacobians
 from pinnochio.mechanics.linear import linear_solver
@@ -22,6 +21,7 @@ from pinnochio.mechanics.materials import lame
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.plans.plan import RigidMotion
 
 
 def bent_block(steps=(8, 4, 3), move=6.0, degrees=10.0):

@@ -6,12 +6,12 @@ from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 from test_mechanics_verification import both, extruded, plane, solved
 
-from pinnochio.anatomy.plan import RigidMotion
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.materials import Material, lame
 from pinnochio.mechanics.problems import box
 from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet
 from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.plans.plan import RigidMotion
 
 TILT = Rotation.from_rotvec([0.5, -0.8, 0.3]).as_matrix()
 

@@ -9,13 +9,13 @@ from scipy.integrate import solve_bvp
 from scipy.spatial import ConvexHull, Delaunay
 from scipy.spatial.transform import Rotation
 
-from pinnochio.anatomy.plan import RigidMotion
 from pinnochio.mechanics.elements import VOLUMETRIC, Elements
 from pinnochio.mechanics.materials import lame
 from pinnochio.mechanics.mixed import MixedElements, solve_mixed
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet
 from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.plans.plan import RigidMotion
 
 DEFAULT = VOLUMETRIC[0]
 both = pytest.mark.parametrize("volumetric", VOLUMETRIC)

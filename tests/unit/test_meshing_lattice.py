@@ -9,11 +9,11 @@ from scipy import ndimage, sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.faces import adjacency
-from pinnochio.anatomy.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
 from pinnochio.errors import InputError
+from pinnochio.geometry.faces import adjacency
 from pinnochio.meshing.fields import is_tissue, signed_distance, without_specks
 from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
 
 ARTISYNTH = Path(__file__).resolve().parents[3] / "shared/data/artisynth_face/labels_1mm.nii.gz"
 ORIGIN = np.array([-10.0, 4.0, 7.0])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pinnochio.anatomy.faces import adjacency
+from pinnochio.geometry.faces import adjacency
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.quality import acceptable, guarded_move, neighbour_mean
 

@@ -5,8 +5,8 @@ import pytest
 from test_interfaces import ORIGIN, block_face
 from test_meshing_mesh import kuhn_cube
 
-from pinnochio.anatomy.faces import FACES, boundary_faces
 from pinnochio.errors import InputError
+from pinnochio.geometry.faces import FACES, boundary_faces
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.meshing.mesh import EDGES, TetMesh
 from pinnochio.meshing.refinement import refine

@@ -8,22 +8,22 @@ import torch
 from scipy import ndimage
 from tiny_patient import tiny_patient, tiny_plan
 
-from pinnochio.anatomy.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, TISSUES, segment_code
-from pinnochio.anatomy.model import BONE_SUPERFICIAL, FREE, MOVING, NO_INTERFACE, SLIDING, PatientModel
-from pinnochio.anatomy.muscle_layer import derive_muscle, muscle_layer
-from pinnochio.anatomy.plan import Plan, RigidMotion
-from pinnochio.anatomy.surfaces import bone_surface, skin_surface
 from pinnochio.errors import InputError
-from pinnochio.evaluation.validity import volume_metrics
+from pinnochio.importing.muscle_layer import derive_muscle, muscle_layer
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.methods.pinnochio.losses import physics_loss, volume_loss
+from pinnochio.methods.pinnochio.patient import PatientTensors
+from pinnochio.metrics.validity import volume_metrics
+from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, TISSUES, segment_code
+from pinnochio.model.patient import BONE_SUPERFICIAL, FREE, MOVING, NO_INTERFACE, SLIDING, PatientModel
+from pinnochio.model.surfaces import bone_surface, skin_surface
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.training.losses import physics_loss, volume_loss
-from pinnochio.training.patient import PatientTensors
+from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import DEFORMITIES, sample_parameters
 

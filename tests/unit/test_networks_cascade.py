@@ -7,13 +7,13 @@ import pytest
 import torch
 from tiny_patient import renumbered, tiny_patient, tiny_plan
 
-from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
-from pinnochio.anatomy.model import FIXED, MOVING, NO_INTERFACE, SLIDING
 from pinnochio.mechanics.lift import make_lift
 from pinnochio.mechanics.materials import neo_hookean
+from pinnochio.methods.pinnochio.patient import PatientTensors
+from pinnochio.model.labels import MUSCLE, SUPERFICIAL
+from pinnochio.model.patient import FIXED, MOVING, NO_INTERFACE, SLIDING
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.training.patient import PatientTensors
 
 SMALL = NetworkSettings(boundary_layers=2, volume_layers=2, rest_layers=1, channels=16, heads=2, decoder_width=16)
 

@@ -8,11 +8,11 @@ import pytest
 import yaml
 
 from pinnochio.errors import InputError
-from pinnochio.evaluation.tables import write_csv
 from pinnochio.patients.archive import Archive, configuration_hash
 from pinnochio.patients.choice import choose
 from pinnochio.patients.new import read_patients
-from pinnochio.tradeoff.table import TRADEOFF, summarise
+from pinnochio.tables.engine import write_csv
+from pinnochio.tables.tradeoff import TRADEOFF, summarise
 
 CONFIG = yaml.safe_load((Path(__file__).resolve().parents[2] / "config/config.yaml").read_text())
 

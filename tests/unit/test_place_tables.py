@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 from test_evaluation_statistics import row
 
-from pinnochio.evaluation.place_tables import KINDS, PLACES, summarise_places, write_places
-from pinnochio.evaluation.regions import LANDMARKS, REGIONS
-from pinnochio.evaluation.significance import holm, wilcoxon
-from pinnochio.evaluation.tables import CASES, read_table
+from pinnochio.metrics.regions import LANDMARKS, REGIONS
+from pinnochio.statistics.significance import holm, wilcoxon
+from pinnochio.tables.engine import CASES, read_table
+from pinnochio.tables.regions import KINDS, PLACES, summarise_places, write_places
 
 PATIENTS = 8
 METHODS = ["surface", "solid", "pinnochio"]

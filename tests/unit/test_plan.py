@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from pinnochio.anatomy.plan import Plan, RigidMotion
 from pinnochio.errors import InputError
+from pinnochio.plans.plan import Plan, RigidMotion
 
 MOTION = RigidMotion.from_degrees((10, -4, 25), (1.0, -5.0, 2.0), (3.0, 40.0, -7.0))
 POINTS = np.random.default_rng(0).normal(0, 50, (20, 3))

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pinnochio.anatomy.plan import Plan, RigidMotion
-from pinnochio.anatomy.plan_sampling import (
+from pinnochio.errors import InputError
+from pinnochio.plans.plan import Plan, RigidMotion
+from pinnochio.plans.sampling import (
     DEFORMITIES,
     EXECUTION,
     LIMITS,
@@ -14,7 +15,6 @@ from pinnochio.anatomy.plan_sampling import (
     role,
     sample_plan,
 )
-from pinnochio.errors import InputError
 
 SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right")
 
@@ -87,7 +87,7 @@ def test_jaws_are_correlated(plans):
 
 def test_rami_follow_the_distal_segment():
     """A purely sideways distal motion turns both rami to that side, a vertical one tips them up."""
-    from pinnochio.anatomy.plan_sampling import proximal_motion
+    from pinnochio.plans.sampling import proximal_motion
 
     points, segment = bones()
     anatomy = JawAnatomy.from_points(points, segment, SEGMENTS)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from tiny_patient import tiny_patient, tiny_plan
 
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.rigid import RigidMotion
 from pinnochio.errors import InputError
+from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.patients.new import read_patients
-from pinnochio.planner.given import Given
+from pinnochio.planner.prepared import Given
 from pinnochio.planner.session import QUANTITIES, REST, SIDES, Session
+from pinnochio.plans.plan import Plan
 
 PATIENT = tiny_patient()
 PLAN = tiny_plan()

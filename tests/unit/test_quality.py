@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 from tiny_patient import tiny_patient
 
-from pinnochio.anatomy.model import FIXED, FREE, INTERIOR, MOVING, SLIDING
-from pinnochio.anatomy.repair import KEPT
-from pinnochio.evaluation.quality import contact, quality, quality_columns, thickness, write_quality
-from pinnochio.evaluation.tables import read_table
+from pinnochio.importing.repair import KEPT
+from pinnochio.metrics.quality import contact, quality, quality_columns, thickness, write_quality
+from pinnochio.model.patient import FIXED, FREE, INTERIOR, MOVING, SLIDING
+from pinnochio.tables.engine import read_table
 from scripts.collect_quality import collect_quality
 from scripts.report_quality import report_quality
 

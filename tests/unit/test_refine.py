@@ -5,16 +5,16 @@ import pytest
 from test_mechanics_solver import bent_block
 from tiny_patient import tiny_patient, tiny_plan
 
-from pinnochio.anatomy.model import FIXED, FREE, NO_INTERFACE
 from pinnochio.errors import InputError
 from pinnochio.mechanics.assembly import Assembler
+from pinnochio.mechanics.corrections import Finish, Refiner, foretold_pressure, interface, newton_corrections
 from pinnochio.mechanics.elements import Elements, jacobians, patch_bulk
-from pinnochio.mechanics.guard import FLOOR
+from pinnochio.mechanics.inversion_repair import FLOOR
 from pinnochio.mechanics.problems import uniform
-from pinnochio.mechanics.refine import Finish, Refiner, foretold_pressure, interface, newton_corrections
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.model.patient import FIXED, FREE, NO_INTERFACE
 
 RNG = np.random.default_rng
 

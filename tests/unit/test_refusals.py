@@ -10,9 +10,10 @@ import pyvista as pv
 import SimpleITK as sitk
 import yaml
 
-from pinnochio.anatomy.surfaces import bone_surface, skin_surface, write_surface
 from pinnochio.errors import InputError
-from pinnochio.study import check_config, read_cases
+from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
+from pinnochio.study.cases import read_cases
+from pinnochio.study.configuration import check_config
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
 from scripts.import_segmentation import import_segmentation

@@ -8,13 +8,13 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy import model as m
-from pinnochio.anatomy.labels import AIR, SUPERFICIAL
-from pinnochio.anatomy.landmarks import face_landmarks
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.regions import CHEEK_LEFT, CHEEK_RIGHT, NAMES, NOT_JUDGED, OTHER, divide, regions
-from pinnochio.anatomy.surfaces import bone_surface, skin_surface
 from pinnochio.errors import InputError
+from pinnochio.model import patient as m
+from pinnochio.model.labels import AIR, SUPERFICIAL
+from pinnochio.model.landmarks import face_landmarks
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.regions import CHEEK_LEFT, CHEEK_RIGHT, NAMES, NOT_JUDGED, OTHER, divide, regions
+from pinnochio.model.surfaces import bone_surface, skin_surface
 from pinnochio.virtual.head import SEGMENTS, build_head
 from pinnochio.virtual.parameters import sample_parameters
 

@@ -5,9 +5,9 @@ import pytest
 import pyvista as pv
 from scipy.spatial.transform import Rotation
 
-from pinnochio.anatomy.registration import register, upper_face_plane
-from pinnochio.anatomy.surfaces import BoneSurface
 from pinnochio.errors import InputError
+from pinnochio.importing.registration import register, upper_face_plane
+from pinnochio.model.surfaces import BoneSurface
 
 PLANE = 10.0
 

@@ -6,10 +6,12 @@ import pytest
 from test_evaluation_cost import benchmark
 
 from pinnochio.errors import InputError
-from pinnochio.evaluation.growth import fit
-from pinnochio.evaluation.large_cohort import Measured, paragraphs
-from pinnochio.evaluation.measuring import DONE, measure, megabytes
-from pinnochio.evaluation.scaling import (
+from pinnochio.experiments.measuring import DONE, measure, megabytes
+from pinnochio.figures.scaling import scaling_picture
+from pinnochio.statistics.growth import fit
+from pinnochio.tables.engine import read_table
+from pinnochio.tables.large_cohort import Measured, paragraphs
+from pinnochio.tables.scaling import (
     EXPONENTS,
     PATIENTS,
     SCALING,
@@ -18,8 +20,6 @@ from pinnochio.evaluation.scaling import (
     size_growths,
     write_scaling,
 )
-from pinnochio.evaluation.scaling_picture import scaling_picture
-from pinnochio.evaluation.tables import read_table
 
 NODES = np.array([1500, 3000, 6000, 12500, 25000, 50000])
 

@@ -5,21 +5,21 @@ import pandas as pd
 import pytest
 from tiny_patient import tiny_patient, tiny_plan
 
-from pinnochio.anatomy import model as m
-from pinnochio.anatomy.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.rigid import RigidMotion
-from pinnochio.anatomy.segmentation import Segmentation
 from pinnochio.errors import InputError
-from pinnochio.evaluation.scene_table import TRIALS, summarise
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.importing.segmentation import Segmentation
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.mechanics.sliding import boundary_conditions
-from pinnochio.scene.amplitude import amplitude
-from pinnochio.scene.decisions import decide
-from pinnochio.scene.plans import parts
-from pinnochio.scene.reduction import bonded, cropped, single_layer
-from pinnochio.scene.settings import SceneSettings
+from pinnochio.model import patient as m
+from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.scenarios import parts
+from pinnochio.reduction.amplitude import amplitude
+from pinnochio.reduction.decisions import decide
+from pinnochio.reduction.models import bonded, cropped, single_layer
+from pinnochio.reduction.settings import SceneSettings
+from pinnochio.tables.reductions import TRIALS, summarise
 
 ONES, ZERO = np.ones(3), np.zeros(3)
 FEM = FemSettings(youngs_modulus={"muscle": 6, "superficial": 4}, poisson=0.45)

@@ -7,8 +7,8 @@ import pytest
 import pyvista as pv
 import SimpleITK as sitk
 
-from pinnochio.anatomy.plan import Plan, RigidMotion
-from pinnochio.anatomy.segmentation import (
+from pinnochio.errors import InputError
+from pinnochio.importing.segmentation import (
     check_plan,
     check_travel,
     read_labels,
@@ -16,8 +16,8 @@ from pinnochio.anatomy.segmentation import (
     read_segmentation,
     write_segmentation,
 )
-from pinnochio.anatomy.surfaces import BoneSurface
-from pinnochio.errors import InputError
+from pinnochio.model.surfaces import BoneSurface
+from pinnochio.plans.plan import Plan, RigidMotion
 
 SEGMENTS = ("lefort1", "chin")
 VALUES = {"superficial": 3, "muscle": 7, "cranium": 20, "lefort1": 21, "chin": 22}

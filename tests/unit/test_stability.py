@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from pinnochio.errors import InputError
-from pinnochio.evaluation import stability_problems as problems
-from pinnochio.evaluation.stability import STABILITY, Sweep, attempt, write_stability
-from pinnochio.evaluation.stability_judge import (
+from pinnochio.experiments import stability_problems as problems
+from pinnochio.experiments.stability import STABILITY, Sweep, attempt, write_stability
+from pinnochio.experiments.stability_judge import (
     CLEAN,
     CONVERGED,
     OUTCOMES,
@@ -20,14 +20,14 @@ from pinnochio.evaluation.stability_judge import (
     judge_solution,
     slope_of,
 )
-from pinnochio.evaluation.stability_picture import stability_picture
-from pinnochio.evaluation.tables import read_table
+from pinnochio.figures.stability import stability_picture
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.elements import VOLUMETRIC, jacobians
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import SolverOptions, solve
-from pinnochio.training.patient import LOSS_EXTENSION
+from pinnochio.methods.pinnochio.patient import LOSS_EXTENSION
+from pinnochio.tables.engine import read_table
 from scripts.stability import training_loss
 from tests.unit.tiny_patient import tiny_patient
 

@@ -6,19 +6,11 @@ from pathlib import Path
 import pytest
 import yaml
 
+from pinnochio.code import code_hash
 from pinnochio.errors import InputError
 from pinnochio.seeds import derive_seed
-from pinnochio.study import (
-    REGRESSION,
-    assign_folds,
-    check_config,
-    code_hash,
-    left_out,
-    read_cases,
-    surface_networks,
-    variants,
-    virtual_cases,
-)
+from pinnochio.study.cases import assign_folds, read_cases, virtual_cases
+from pinnochio.study.configuration import REGRESSION, check_config, left_out, surface_networks, variants
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from pinnochio.anatomy.surfaces import BoneSurface, bone_surface, contour, skin_surface
-from pinnochio.anatomy.triangles import enclosed_volume, face_normals
+from pinnochio.geometry.triangles import enclosed_volume, face_normals
+from pinnochio.model.surfaces import BoneSurface, bone_surface, contour, skin_surface
 
 SEGMENTS = ("ball", "box", "absent")
 SPACING, ORIGIN = np.array([1.0, 1.0, 1.5]), np.array([-40.0, 10.0, -30.0])

@@ -8,10 +8,10 @@ import pytest
 import SimpleITK as sitk
 from scipy import ndimage
 
-from pinnochio.anatomy.labels import AIR, CRANIUM, SUPERFICIAL, segment_code
-from pinnochio.anatomy.segmentation import read_labels
-from pinnochio.anatomy.thresholding import Cuts, Plane, Thresholds, read_ct, segment_ct
 from pinnochio.errors import InputError
+from pinnochio.importing.segmentation import read_labels
+from pinnochio.importing.thresholding import Cuts, Plane, Thresholds, read_ct, segment_ct
+from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, segment_code
 from scripts.segment_ct import parser, segment_file
 
 SPACING, SHAPE = np.array([2.0, 2.0, 1.25]), (70, 80, 112)

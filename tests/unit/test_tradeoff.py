@@ -5,16 +5,16 @@ import pandas as pd
 import pytest
 from tiny_patient import tiny_patient
 
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.rigid import RigidMotion
 from pinnochio.errors import InputError
-from pinnochio.evaluation.tables import check
+from pinnochio.experiments.tradeoff import Reference, judge, predict_fem
+from pinnochio.experiments.tradeoff_choice import SAFETY, check_choices, choose_setting
+from pinnochio.experiments.tradeoff_settings import Setting, as_in_the_study, fem_settings, network_settings
+from pinnochio.figures.tradeoff import tradeoff_picture
+from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.tradeoff.choice import SAFETY, check_choices, choose_setting
-from pinnochio.tradeoff.dials import Setting, as_in_the_study, fem_settings, network_settings
-from pinnochio.tradeoff.measure import Reference, judge, predict_fem
-from pinnochio.tradeoff.picture import tradeoff_picture
-from pinnochio.tradeoff.table import TRADEOFF_CASES, answers, pareto, summarise, write_tradeoff
+from pinnochio.plans.plan import Plan
+from pinnochio.tables.engine import check
+from pinnochio.tables.tradeoff import TRADEOFF_CASES, answers, pareto, summarise, write_tradeoff
 
 # method, value, seconds, cd, face error
 SETTINGS = (

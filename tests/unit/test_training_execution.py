@@ -5,15 +5,15 @@ import pytest
 import torch
 from tiny_patient import tiny_patient, tiny_plan
 
-from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
-from pinnochio.anatomy.plan import Plan, RigidMotion
-from pinnochio.anatomy.plan_sampling import EXECUTION
 from pinnochio.mechanics.lift import make_lift
 from pinnochio.mechanics.materials import neo_hookean
+from pinnochio.methods.pinnochio.execution import execution_fields, motion_field
+from pinnochio.methods.pinnochio.losses import SurfaceLoss
+from pinnochio.methods.pinnochio.patient import PatientTensors
+from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.training.execution import execution_fields, motion_field
-from pinnochio.training.losses import SurfaceLoss
-from pinnochio.training.patient import PatientTensors
+from pinnochio.plans.plan import Plan, RigidMotion
+from pinnochio.plans.sampling import EXECUTION
 
 SETTINGS = NetworkSettings(lift="elastic", volume_layers=0)
 MODEL = tiny_patient()

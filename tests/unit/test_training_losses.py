@@ -9,12 +9,9 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from tiny_patient import tiny_patient
 
-from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
-from pinnochio.anatomy.model import FREE
 from pinnochio.mechanics.materials import Material, neo_hookean
-from pinnochio.networks.cascade import Prediction
-from pinnochio.training import losses
-from pinnochio.training.losses import (
+from pinnochio.methods.pinnochio import losses
+from pinnochio.methods.pinnochio.losses import (
     FaceSamples,
     SurfaceLoss,
     border_nodes,
@@ -25,7 +22,10 @@ from pinnochio.training.losses import (
     subdivision,
     volume_loss,
 )
-from pinnochio.training.patient import PatientTensors
+from pinnochio.methods.pinnochio.patient import PatientTensors
+from pinnochio.model.labels import MUSCLE, SUPERFICIAL
+from pinnochio.model.patient import FREE
+from pinnochio.networks.cascade import Prediction
 
 
 def tensors(scale=1.0, stiffness=1.0):

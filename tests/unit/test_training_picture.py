@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pinnochio.evaluation.training_picture import TERMS, running_median, training_picture
+from pinnochio.figures.training import TERMS, running_median, training_picture
 from scripts.plot_training import plot_training
 
 

@@ -13,14 +13,14 @@ import pytest
 import torch
 from tiny_patient import tiny_patient, tiny_plan
 
-from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
-from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.mechanics.materials import neo_hookean
+from pinnochio.methods.pinnochio.learner import CaseFiles, finetune_fold, pretrain_fold
+from pinnochio.model.labels import MUSCLE, SUPERFICIAL
+from pinnochio.model.postop import PostopSkin
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training import loop
 from pinnochio.training.checkpoint import fingerprint, load_state, save_state
 from pinnochio.training.settings import TrainingSettings
-from pinnochio.training.stages import CaseFiles, finetune_fold, pretrain_fold
 
 SMALL = NetworkSettings(boundary_layers=1, volume_layers=1, rest_layers=1, channels=8, heads=2, decoder_width=8)
 # One patient of four held back, everything on that a checkpoint has to carry.
@@ -138,7 +138,7 @@ def test_killed_after_the_last_step_costs_the_last_steps_alone(cases, unbroken, 
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("pinnochio.training.stages.save_network", die)
+        patch.setattr("pinnochio.methods.pinnochio.learner.save_network", die)
         with pytest.raises(KeyboardInterrupt):
             run("pretrain", cases, tmp_path)
     assert steps_of(tmp_path / "pretrained.resume.pt") == 20

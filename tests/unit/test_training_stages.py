@@ -9,17 +9,17 @@ import pytest
 import torch
 from tiny_patient import tiny_patient, tiny_plan
 
-from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
-from pinnochio.anatomy.model import FREE, PatientModel
-from pinnochio.anatomy.postop import PostopSkin
 from pinnochio.errors import InputError
 from pinnochio.mechanics.materials import neo_hookean
+from pinnochio.methods.pinnochio.learner import CaseFiles, finetune_fold, predict, predict_case, pretrain_fold, tensors
+from pinnochio.model.labels import MUSCLE, SUPERFICIAL
+from pinnochio.model.patient import FREE, PatientModel
+from pinnochio.model.postop import PostopSkin
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training import loop
 from pinnochio.training.checkpoint import load_network
 from pinnochio.training.loop import sample_at, schedule
 from pinnochio.training.settings import TrainingSettings
-from pinnochio.training.stages import CaseFiles, finetune_fold, predict, predict_case, pretrain_fold, tensors
 
 SMALL = NetworkSettings(boundary_layers=2, volume_layers=3, rest_layers=1, channels=32, heads=2, decoder_width=32)
 SWELLING = 3.0  # mm that the post-operative skin lies above the taught one

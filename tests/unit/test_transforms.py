@@ -5,10 +5,10 @@ import pytest
 import SimpleITK as sitk
 from scipy.spatial.transform import Rotation
 
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.rigid import RigidMotion
-from pinnochio.anatomy.transforms import write_transforms
 from pinnochio.errors import InputError
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.transforms import write_transforms
 
 POINTS = np.random.default_rng(1).normal([20, -350, 900], 60, (30, 3))
 TURN = Rotation.from_rotvec([7, -3, 12], degrees=True).as_matrix()

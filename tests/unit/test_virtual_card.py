@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.rigid import RigidMotion
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
 from pinnochio.virtual.card import FILES, data_card, markdown_table, spread
+from pinnochio.virtual.ground_truth import EFFECTS
 from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE, sample_parameters
-from pinnochio.virtual.reality import EFFECTS
 from scripts.data_card import describe_cohort
 
 CASES = [f"V{number:02d}" for number in range(1, 11)]

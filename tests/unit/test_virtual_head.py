@@ -7,8 +7,8 @@ import pytest
 import pyvista as pv
 from scipy import ndimage
 
-from pinnochio.anatomy.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
-from pinnochio.anatomy.surfaces import bone_surface, skin_surface
+from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
+from pinnochio.model.surfaces import bone_surface, skin_surface
 from pinnochio.virtual.head import SEGMENTS, build_head, with_segments
 from pinnochio.virtual.muscles import MUSCLES
 from pinnochio.virtual.parameters import DEFORMITIES, TABLE, distribution, sample_parameters

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from pinnochio.anatomy.plan import Plan, RigidMotion
+from pinnochio.plans.plan import Plan, RigidMotion
+from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, alone, resolve
 from pinnochio.virtual.ratios import RATIOS, STILL, motions, tabulate
-from pinnochio.virtual.reality import EFFECTS, NOMINAL, alone, resolve
 
 DEFAULT = yaml.safe_load((Path(__file__).parents[2] / "config/config.yaml").read_text())["virtual"]["reality"]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pinnochio.anatomy.triangles import vertex_normals
+from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.virtual.scan import RIM, outer_border, scan, smooth_noise
 
 OFF = {"noise": 0.0, "holes": 0, "coverage": None, "frame": 0.0}

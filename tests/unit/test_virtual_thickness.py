@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pinnochio.evaluation.tables import read_table
 from pinnochio.seeds import generator
+from pinnochio.tables.engine import read_table
 from pinnochio.virtual.head import Head, build_head
 from pinnochio.virtual.parameters import DEFORMITIES, sample_parameters
 from pinnochio.virtual.skin import Ray

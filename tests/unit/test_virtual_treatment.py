@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.plan_sampling import LIMITS
-from pinnochio.anatomy.rigid import RigidMotion
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.sampling import LIMITS
 from pinnochio.virtual import treatment
 from pinnochio.virtual.description import anatomy_table, describe, write_anatomy
 from pinnochio.virtual.head import build_head, with_segments

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
-from pinnochio.anatomy.model import (
+from pinnochio.model.labels import MUSCLE, SUPERFICIAL
+from pinnochio.model.patient import (
     BONE_MUSCLE,
     BONE_SUPERFICIAL,
     FIXED,
@@ -12,7 +12,7 @@ from pinnochio.anatomy.model import (
     SLIDING,
     PatientModel,
 )
-from pinnochio.anatomy.plan import Plan, RigidMotion
+from pinnochio.plans.plan import Plan, RigidMotion
 
 
 def squares(number: np.ndarray) -> np.ndarray:

@@ -1,12 +1,27 @@
 """Numba where it is installed; without it the same loops run as plain Python, slower, to the same result."""
 
+import inspect
+
+from pinnochio.code import code_hash
+
 try:
     from numba import njit
 except ImportError:
+    njit = None
 
-    def njit(**_options):
-        """A decorator that leaves the function as it is."""
-        return lambda function: function
+COMPILED = njit is not None
 
 
-COMPILED = njit.__module__ != __name__
+def compiled(function=None, **options):
+    """Compile the function as numba.njit does, and keep the machine code on disk.
+
+    Numba notices an edit of the function's own file alone; here the kept code is also dropped after an edit of any
+    module of the project that this file imports, and kept where a file is merely copied.
+    """
+    if function is None:
+        return lambda function: compiled(function, **options)
+    if not COMPILED:
+        return function
+    dispatcher = njit(cache=True, **options)(function)
+    dispatcher._cache._cache_file._source_stamp = code_hash(inspect.getfile(function))
+    return dispatcher

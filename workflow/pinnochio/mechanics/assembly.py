@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import sparse
 
-from pinnochio.compiled import njit
+from pinnochio.compiled import compiled
 from pinnochio.mechanics.elements import Elements, deformation, extended_log, patch_bulk
 
 _EPSILON = np.zeros((3, 3, 3))
@@ -129,7 +129,7 @@ def diagonal_blocks(elements: Elements, displacement) -> np.ndarray:
     return blocks
 
 
-@njit(cache=True)
+@compiled
 def _pair_keys(first, members, place_first, nodes):
     keys = np.empty(place_first[-1], np.int64)
     at = 0
@@ -141,7 +141,7 @@ def _pair_keys(first, members, place_first, nodes):
     return keys
 
 
-@njit(cache=True)
+@compiled
 def _columns(indptr, indices, first, head, end):
     for a in range(len(first) - 1):
         for rank in range(first[a + 1] - first[a]):
@@ -153,7 +153,7 @@ def _columns(indptr, indices, first, head, end):
                     at += 1
 
 
-@njit(cache=True)
+@compiled
 def _hessian(f, cof, shear, stretch, bulk, curve, h):
     """d2Psi/dF2 (9, 9) = shear I + stretch F F' + bulk d2J + curve cof cof'."""
     for i in range(3):
@@ -169,7 +169,7 @@ def _hessian(f, cof, shear, stretch, bulk, curve, h):
                     h[3 * i + p, 3 * j + q] = value
 
 
-@njit(cache=True)
+@compiled
 def _cut(h):
     """h with its negative eigenvalues set to zero."""
     values, vectors = np.linalg.eigh(h)
@@ -177,7 +177,7 @@ def _cut(h):
     return scaled @ scaled.T
 
 
-@njit(cache=True)
+@compiled
 def _element(f, cof, g, v, shear, stretch, bulk, curve, cutting, fg, cg, h, k):
     """Blocks k (4, 4, 3, 3) of one element, of nodes a <= b; fg and cg (4, 3) are F and cof F times the gradients."""
     for a in range(4):
@@ -219,7 +219,7 @@ def _element(f, cof, g, v, shear, stretch, bulk, curve, cutting, fg, cg, h, k):
             k[a, b, 2, 1] -= w0
 
 
-@njit(cache=True)
+@compiled
 def _turn(dense, at, count, axes):
     """Rows and columns of the node at place `at` of a patch's matrix, upper blocks, into its own axes."""
     own = 3 * at
@@ -233,7 +233,7 @@ def _turn(dense, at, count, axes):
             dense[row, own + i] = axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
 
 
-@njit(cache=True)
+@compiled
 def _tangent(
     u,
     cells,

@@ -29,9 +29,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.rigid import RigidMotion
-from pinnochio.anatomy.triangles import closest_on_triangles, face_normals
 from pinnochio.errors import InputError
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.geometry.triangles import closest_on_triangles, face_normals
 from pinnochio.mechanics.point_surface import PointSurface
 
 # Triangles within it at rest can be touched, mm; what lips slide along each other stays below [I].

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinnochio.compiled import njit
+from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.patches import make_patches
@@ -137,7 +137,7 @@ def jacobians(points, cells, displacement) -> np.ndarray:
     return np.linalg.det(after) / np.linalg.det(before)
 
 
-@njit(cache=True)
+@compiled
 def extended_log(j, extension):
     """ln J and its first two derivatives, extended below `extension` by the Taylor polynomial there."""
     if j >= extension:
@@ -146,7 +146,7 @@ def extended_log(j, extension):
     return np.log(extension) + d - 0.5 * d * d, (1 - d) / extension, -1 / (extension * extension)
 
 
-@njit(cache=True)
+@compiled
 def deformation(u, cell, gradient, f, cof):
     """F into `f`, its cofactor into `cof`; returns J and I1 - 3 (free of cancellation near rest)."""
     excess = 0.0
@@ -165,7 +165,7 @@ def deformation(u, cell, gradient, f, cof):
     return f[0, 0] * cof[0, 0] + f[0, 1] * cof[0, 1] + f[0, 2] * cof[0, 2], excess
 
 
-@njit(cache=True)
+@compiled
 def patch_bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second):
     """dU/dJ_p and d2U/dJ_p2 of each patch, U = lam_p/2 (ln J_p)^2; returns the energy of all."""
     f, cof = np.empty((3, 3)), np.empty((3, 3))
@@ -182,7 +182,7 @@ def patch_bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, ex
     return energy
 
 
-@njit(cache=True)
+@compiled
 def _evaluate(u, cells, gradients, volumes, patch, patch_volumes, mu, patch_lam, stiffening, extension, force):
     f, cof = np.empty((3, 3)), np.empty((3, 3))
     first, second = np.empty(len(patch_volumes)), np.empty(len(patch_volumes))

@@ -9,14 +9,14 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.model import FREE, MOVING, NO_INTERFACE, SLIDING, PatientModel
-from pinnochio.anatomy.plan import Plan
 from pinnochio.files import replacing
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.elements import VOLUMETRIC, shape_gradients
 from pinnochio.mechanics.linear import linear_solver
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
+from pinnochio.model.patient import FREE, MOVING, NO_INTERFACE, SLIDING, PatientModel
+from pinnochio.plans.plan import Plan
 
 BATCH = 32  # right-hand sides solved together
 

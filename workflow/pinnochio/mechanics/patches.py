@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pinnochio.anatomy.faces import adjacency
-from pinnochio.compiled import COMPILED, njit
+from pinnochio.compiled import COMPILED, compiled
+from pinnochio.geometry.faces import adjacency
 
 SIZE = 8  # elements in a patch; the table of elements in docs/mechanics.md shows why
 TIE = 1e-4  # distances nearer to each other count as equal: above the rounding of coordinates in single precision
@@ -41,7 +41,7 @@ def _neighbours(cells, tissue) -> np.ndarray:
     return found.reshape(-1, 4)
 
 
-@njit(cache=True)
+@compiled
 def _grow(cells, centres, neighbours, patch, member, size):
     """Number of the patch of each element into `patch`; `member`: the last patch that each node belonged to."""
     count = 0
@@ -82,7 +82,7 @@ def _grow(cells, centres, neighbours, patch, member, size):
         count += 1
 
 
-@njit(cache=True)
+@compiled
 def _join(patch, neighbours, sizes, target, size):
     """The patch that each one goes into, in `target`: itself unless it is too small."""
     for e in range(len(patch)):

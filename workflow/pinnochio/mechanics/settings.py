@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinnochio.anatomy.labels import TISSUES
 from pinnochio.mechanics.elements import VOLUMETRIC
 from pinnochio.mechanics.materials import Material, neo_hookean
+from pinnochio.model.labels import TISSUES
 
 
 @dataclass(frozen=True)

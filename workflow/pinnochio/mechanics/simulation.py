@@ -4,12 +4,12 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions, solve
+from pinnochio.model.patient import PatientModel
+from pinnochio.plans.plan import Plan
 from pinnochio.timing import timed
 
 

@@ -8,13 +8,13 @@ from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.faces import boundary_faces
-from pinnochio.anatomy.labels import CRANIUM, segment_name
-from pinnochio.anatomy.model import FIXED, FREE, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
-from pinnochio.anatomy.plan import Plan, RigidMotion
 from pinnochio.errors import InputError
+from pinnochio.geometry.faces import boundary_faces
 from pinnochio.mechanics.contact import ContactSet, facing_sets, node_areas
 from pinnochio.mechanics.point_surface import PointSurface
+from pinnochio.model.labels import CRANIUM, segment_name
+from pinnochio.model.patient import FIXED, FREE, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
+from pinnochio.plans.plan import Plan, RigidMotion
 
 ARMS = ("bonded", "mucosa", "mucosa+lip")
 # Bone further than this from every tissue node of its segment cannot be slid upon. Above the largest motion, mm [I].

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, identity
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.triangles import closest_on_triangles, face_normals, vertex_normals
+from pinnochio.geometry.triangles import closest_on_triangles, face_normals, vertex_normals
 
 CANDIDATES = 24  # nearest triangles, by their centroids, among which the carrier is sought
 

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 import SimpleITK as sitk
 from scipy import ndimage
 
-from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
-from pinnochio.anatomy.repair import SPECK_VOXELS, TOUCHING
+from pinnochio.compiled import compiled
+from pinnochio.importing.repair import SPECK_VOXELS, TOUCHING
+from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 
 SHEET_SHARE = 0.5  # of the closed width: half the thickness given to thin sheets
 
@@ -121,7 +121,7 @@ class Fields:
         return np.stack(differences, axis=-1) / self.spacing
 
 
-@numba.njit(cache=True)
+@compiled
 def _trilinear(field, points, origin, spacing):
     values = np.empty(len(points))
     for row in range(len(points)):
@@ -129,7 +129,7 @@ def _trilinear(field, points, origin, spacing):
     return values
 
 
-@numba.njit(cache=True)
+@compiled
 def _clear(field, start, end, steps, limit, origin, spacing):
     clear = np.ones(len(start), np.bool_)
     point = np.empty(3)
@@ -143,7 +143,7 @@ def _clear(field, start, end, steps, limit, origin, spacing):
     return clear
 
 
-@numba.njit(cache=True)
+@compiled
 def _value(field, point, origin, spacing):
     i, right, a = _between(point[0], origin[0], spacing[0], field.shape[0] - 1)
     j, behind, b = _between(point[1], origin[1], spacing[1], field.shape[1] - 1)
@@ -157,7 +157,7 @@ def _value(field, point, origin, spacing):
     return total
 
 
-@numba.njit(cache=True)
+@compiled
 def _between(place, origin, spacing, last):
     place = min(max((place - origin) / spacing, 0.0), float(last))
     lower = min(int(place), max(last - 1, 0))

@@ -8,16 +8,16 @@ from scipy import ndimage, sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy import model as m
-from pinnochio.anatomy.labels import AIR, CRANIUM, FIRST_SEGMENT, MUSCLE, SUPERFICIAL, segment_code
-from pinnochio.anatomy.surfaces import BoneSurface
-from pinnochio.anatomy.triangles import face_normals
 from pinnochio.errors import InputError
+from pinnochio.geometry.triangles import face_normals
 from pinnochio.meshing.embedding import bridging, embed
 from pinnochio.meshing.fields import is_tissue, signed_distance
 from pinnochio.meshing.lips import bite, lip_nodes
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.splitting import simplex_points
+from pinnochio.model import patient as m
+from pinnochio.model.labels import AIR, CRANIUM, FIRST_SEGMENT, MUSCLE, SUPERFICIAL, segment_code
+from pinnochio.model.surfaces import BoneSurface
 
 LOG = logging.getLogger(__name__)
 NO_BODY = -9

@@ -10,13 +10,13 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.faces import adjacency, faces_of
-from pinnochio.anatomy.labels import MUSCLE, SUPERFICIAL
 from pinnochio.errors import InputError
+from pinnochio.geometry.faces import adjacency, faces_of
 from pinnochio.meshing.fields import Fields, is_tissue, without_specks
 from pinnochio.meshing.mesh import EDGES, TetMesh, volumes
 from pinnochio.meshing.quality import guarded_move, neighbour_mean
 from pinnochio.meshing.splitting import crowded_cells, cut_nodes, joined_pairs, pieces, simplex_points, split_nodes
+from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 
 LOG = logging.getLogger(__name__)
 NODE_TOLERANCE = 0.07  # the search stops here; the promise is 10 %

@@ -5,9 +5,9 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.model import LOWER_LIP, NOT_LIP, UPPER_LIP
-from pinnochio.anatomy.triangles import face_normals
+from pinnochio.geometry.triangles import face_normals
 from pinnochio.meshing.splitting import simplex_points
+from pinnochio.model.patient import LOWER_LIP, NOT_LIP, UPPER_LIP
 
 MOUTH = 22.0  # mm from the middle of the bite: reaches the front and the corners of the mouth, not the nostrils [I]
 DEPTH = 15.0  # mm behind the front of the bite: beyond the corners of the mouth, not the cheeks beside the molars [I]

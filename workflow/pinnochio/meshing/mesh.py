@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import meshio
 import numpy as np
 
-from pinnochio.anatomy.faces import boundary_faces
 from pinnochio.files import replacing
+from pinnochio.geometry.faces import boundary_faces
 
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 

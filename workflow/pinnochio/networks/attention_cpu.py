@@ -14,6 +14,7 @@ import torch
 from numba import njit
 from torch import Tensor
 
+from pinnochio.compiled import compiled
 from pinnochio.networks.layout import Layout
 from pinnochio.networks.vectors import (
     exponential,
@@ -82,7 +83,7 @@ def _spread_over_threads(part, count):
 
 
 _inline = njit(error_model="numpy", forceinline=True)
-_compile = njit(cache=True, error_model="numpy", nogil=True)
+_compile = compiled(error_model="numpy", nogil=True)
 
 
 @_inline

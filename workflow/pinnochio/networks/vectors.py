@@ -3,8 +3,6 @@
 Numba vectorises a loop only if it can prove that the arrays in it do not overlap, which it cannot where a loop reads
 and writes several; so the kernels say themselves what is a vector. A vector of 16 numbers is one AVX-512 register, two
 of AVX2, four of NEON. Products and sums may be fused, and sums reordered, as the instruction set likes it.
-
-Numba's cache on disk does not see changes of this file: after one, touch the files with the loops.
 """
 
 import operator

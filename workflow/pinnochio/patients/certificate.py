@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.regions import NAMES
-from pinnochio.evaluation.interval import Calibration, Interval
-from pinnochio.evaluation.validity import boundary_metrics, equilibrium_of, volume_metrics
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.metrics.validity import boundary_metrics, equilibrium_of, volume_metrics
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.regions import NAMES
 from pinnochio.patients.archive import Archive
-from pinnochio.patients.likeness import Ranges, anatomy_quantities, plan_quantities
+from pinnochio.patients.in_distribution import Ranges, anatomy_quantities, plan_quantities
+from pinnochio.plans.plan import Plan
+from pinnochio.statistics.intervals import Calibration, Interval
 
 RESEARCH = "For research only; not for planning or treating patients."
 # Metrics that the certificate compares with those of the study's held-out patients.

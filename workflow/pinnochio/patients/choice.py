@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pinnochio.errors import InputError
+from pinnochio.overlays import overlaid
 from pinnochio.patients.archive import MANIFEST, RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
-from pinnochio.study import overlaid
 
 WITHOUT_MODELS = ("elastic", "fem_bonded", "fem_sliding")
 
@@ -56,9 +56,9 @@ def choose(config: Mapping, models: str | os.PathLike, front: str | os.PathLike)
 
 def _offered(config: Mapping, folder: Path, front: str | os.PathLike) -> Choice:
     """What the front offers among the methods that need no models and those of the archive, if there is one."""
-    from pinnochio.evaluation.tables import read_table  # these take a second, which other choices are spared
-    from pinnochio.tradeoff.choice import choose_setting
-    from pinnochio.tradeoff.table import TRADEOFF
+    from pinnochio.experiments.tradeoff_choice import choose_setting
+    from pinnochio.tables.engine import read_table  # these take a second, which other choices are spared
+    from pinnochio.tables.tradeoff import TRADEOFF
 
     if not Path(front).is_file():
         raise InputError(

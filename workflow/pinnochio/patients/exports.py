@@ -13,9 +13,9 @@ import pyvista as pv
 from vtkmodules.vtkIOGeometry import vtkSTLWriter
 from vtkmodules.vtkIOPLY import vtkPLYWriter
 
-from pinnochio.anatomy.model import PatientModel
 from pinnochio.files import replacing
 from pinnochio.mechanics.elements import jacobians
+from pinnochio.model.patient import PatientModel
 
 SPACE = "SPACE=LPS"
 ABOUT = "soft-tissue prediction, research only, mm"

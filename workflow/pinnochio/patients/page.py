@@ -10,12 +10,12 @@ import jinja2
 import numpy as np
 import pyvista as pv
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.evaluation.pictures import FRONT, OBLIQUE, SIDE, SKIN, UNKNOWN, add_bone, finish, save, skin_of
+from pinnochio.figures.patient import FRONT, OBLIQUE, SIDE, SKIN, UNKNOWN, add_bone, finish, save, skin_of
 from pinnochio.files import replacing
+from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import in_words
 from pinnochio.patients.exports import SPACE
+from pinnochio.plans.plan import Plan
 
 VIEWS = {"front": FRONT, "oblique": OBLIQUE, "left side": SIDE}
 

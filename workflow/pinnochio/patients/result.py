@@ -5,10 +5,10 @@ import os
 import h5py
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.predictions import read_prediction
-from pinnochio.anatomy.regions import NOT_JUDGED
-from pinnochio.evaluation.interval import Interval
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import read_prediction
+from pinnochio.model.regions import NOT_JUDGED
+from pinnochio.statistics.intervals import Interval
 
 
 def read_result(path: str | os.PathLike, case: str, patient: PatientModel) -> Interval:

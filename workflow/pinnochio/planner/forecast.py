@@ -8,19 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.regions import regions
-from pinnochio.evaluation.interval import Calibration, Interval, guarded_interval, interval
+from pinnochio.mechanics.corrections import Finish
 from pinnochio.mechanics.lift import Lift
-from pinnochio.mechanics.refine import Finish
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods.pinnochio.learner import Predictor, tensors
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.regions import regions
 from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
 from pinnochio.patients.certificate import likeness
-from pinnochio.patients.likeness import Ranges
-from pinnochio.planner.given import Given
+from pinnochio.patients.in_distribution import Ranges
+from pinnochio.planner.prepared import Given
+from pinnochio.plans.plan import Plan
+from pinnochio.statistics.intervals import Calibration, Interval, guarded_interval, interval
 from pinnochio.training.checkpoint import load_network
-from pinnochio.training.stages import Predictor, tensors
 
 
 @dataclass(frozen=True)

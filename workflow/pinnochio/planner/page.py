@@ -13,13 +13,13 @@ from trame.widgets import html
 from trame.widgets import vtk as vtk_widgets
 from trame.widgets import vuetify3 as v3
 
-from pinnochio.anatomy.plan import Plan
 from pinnochio.errors import InputError
-from pinnochio.evaluation.interval_picture import scale
+from pinnochio.figures.interval import scale
 from pinnochio.patients.certificate import RESEARCH
 from pinnochio.planner.forecast import Forecast, Forecaster
-from pinnochio.planner.scene import AXES, COLOURS, VIEWS, Scene, bone_colour
 from pinnochio.planner.session import QUANTITIES, SIDES, Session
+from pinnochio.planner.view import AXES, COLOURS, VIEWS, Scene, bone_colour
+from pinnochio.plans.plan import Plan
 
 LOOPBACK = "127.0.0.1"
 # What a slider moves, and which way its positive end is.

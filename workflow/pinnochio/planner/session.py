@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.rigid import RigidMotion
-from pinnochio.anatomy.segmentation import check_travel
-from pinnochio.anatomy.surfaces import BoneSurface
-from pinnochio.anatomy.transforms import write_transforms
 from pinnochio.errors import InputError
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.importing.segmentation import check_travel
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.surfaces import BoneSurface
 from pinnochio.patients.new import check_name
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.transforms import write_transforms
 
 SIDES = ("A", "B")
 # Translation in mm (LPS), then the rotation vector in degrees.

@@ -13,9 +13,9 @@ import PIL.Image
 from plotly.offline import get_plotlyjs
 
 from pinnochio.errors import InputError
-from pinnochio.evaluation.tables import STYLE
 from pinnochio.files import replacing
 from pinnochio.report.parts import PARTS
+from pinnochio.tables.engine import STYLE
 
 TEMPLATE = "page.html"
 

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.evaluation.distances import signed_distances
-from pinnochio.evaluation.pictures import BONE, FARTHEST, SEGMENTS, SKIN, UNKNOWN
+from pinnochio.figures.patient import BONE, FARTHEST, SEGMENTS, SKIN, UNKNOWN
+from pinnochio.geometry.distances import signed_distances
+from pinnochio.model.patient import PatientModel
+from pinnochio.plans.plan import Plan
 
 STEP = 0.01  # mm, of displacements and errors
 NOT_JUDGED = -(2**15)  # of an error, in steps

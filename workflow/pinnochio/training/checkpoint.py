@@ -9,13 +9,13 @@ from pathlib import Path
 import torch
 from torch import nn
 
+from pinnochio.code import code_hash
 from pinnochio.files import replacing
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.study import code_hash
 
 LIBRARY = Path(__file__).resolve().parents[1]
-ROOMS = ("anatomy", "mechanics", "networks", "training", "baselines")  # what a training computes with
+LEARNERS = [LIBRARY / "methods" / name / "learner.py" for name in ("pinnochio", "surface")]
 
 
 def save_network(path: str | os.PathLike, network: nn.Module, settings: NetworkSettings, **about) -> None:
@@ -64,5 +64,4 @@ def fingerprint(network: nn.Module, inputs: Iterable[str | os.PathLike] = ()) ->
     for path in inputs:
         with open(path, "rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
-    code = [file for room in ROOMS for file in (LIBRARY / room).glob("*.py")]
-    return digest.hexdigest() + code_hash(code, LIBRARY)
+    return digest.hexdigest() + code_hash(*LEARNERS)

@@ -26,7 +26,7 @@ class TrainingSettings:
     less volumetric error for half as much residual again [X].
 
     execution_prior: in fine-tuning with a lift, explain away each training patient's error of carrying out the
-    plan, at this cost per published error (:mod:`pinnochio.training.execution`); 0 does not, as in the paper.
+    plan, at this cost per published error (:mod:`pinnochio.methods.pinnochio.execution`); 0 does not, as in the paper.
 
     validation: patients of the fold that are not trained on (never more than a quarter of them), by whose data
     term the weights are chosen; 0 takes the last weights. The paper says nothing of it. One is enough to tell

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pinnochio.anatomy.triangles import vertex_normals
+from pinnochio.geometry.triangles import vertex_normals
 
 LIP_THICKNESS = 10.0  # mm from bone at which tissue follows fully; none at the bone [I]
 # Size in mm and SD of the reach in mm, at a multiple of one.

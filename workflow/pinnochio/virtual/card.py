@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pinnochio.anatomy.plan import Plan
+from pinnochio.plans.plan import Plan
+from pinnochio.virtual.ground_truth import EFFECTS, resolve
 from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE
-from pinnochio.virtual.reality import EFFECTS, resolve
 
 # Files of a case: name, format, units and frame, content, and who may read it.
 FILES = {

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from pinnochio.anatomy.plan import Plan
-from pinnochio.evaluation.tables import Column, View, number, write_csv, write_twins
+from pinnochio.plans.plan import Plan
+from pinnochio.tables.engine import Column, View, number, write_csv, write_twins
 from pinnochio.virtual.head import Head
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.thickness import measure

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pinnochio.anatomy.closest import closest_points
-from pinnochio.anatomy.registration import register, upper_face_plane
-from pinnochio.anatomy.surfaces import BoneSurface
-from pinnochio.anatomy.triangles import face_normals
-from pinnochio.evaluation.tables import Column, View, write_csv, write_twins
-from pinnochio.evaluation.volume_error import interpolate
+from pinnochio.geometry.closest_points import closest_points
+from pinnochio.geometry.triangles import face_normals
+from pinnochio.importing.registration import register, upper_face_plane
+from pinnochio.metrics.volume import interpolate
+from pinnochio.model.surfaces import BoneSurface
+from pinnochio.tables.engine import Column, View, write_csv, write_twins
+from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, SCAN, alone, resolve
 from pinnochio.virtual.outcome import Operation, Outcome, meshed, operate, photograph
-from pinnochio.virtual.reality import EFFECTS, NOMINAL, SCAN, alone, resolve
 from pinnochio.virtual.scan import Scan
 
 REMESHED = ("nodes", "sliding_band_factor")  # effects that need a model of their own

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from pinnochio.anatomy.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
+from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
 from pinnochio.virtual.implicit import Field
 from pinnochio.virtual.muscles import MUSCLES, muscle_region
 from pinnochio.virtual.parameters import HeadParameters

@@ -9,17 +9,17 @@ from typing import Any
 import h5py
 import numpy as np
 
-from pinnochio.anatomy.model import PatientModel
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.plan_sampling import execution_error
-from pinnochio.anatomy.segmentation import Segmentation, read_segmentation
-from pinnochio.anatomy.surfaces import bone_surface, skin_surface
 from pinnochio.files import replacing
+from pinnochio.importing.segmentation import Segmentation, read_segmentation
 from pinnochio.mechanics.elements import VOLUMETRIC, jacobians
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.surfaces import bone_surface, skin_surface
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.sampling import execution_error
 from pinnochio.seeds import generator
 from pinnochio.virtual.aftermath import expression, lip_change, looseness, read_landmarks, swelling
 from pinnochio.virtual.scan import Scan, scan
@@ -104,7 +104,7 @@ def meshed(operation: Operation, reality: Mapping[str, Any]) -> PatientModel:
 
 
 def operate(operation: Operation, reality: Mapping[str, Any], patient: PatientModel | None = None) -> Outcome:
-    """Carry out the plan with the effects of `reality` (as :func:`pinnochio.virtual.reality.resolve` gives them).
+    """Carry out the plan with the effects of `reality` (as :func:`pinnochio.virtual.ground_truth.resolve` gives them).
 
     patient: the model of :func:`meshed` where the caller has it already. RuntimeError if the mechanics finds no
     solution for a few draws of the executed plan.

@@ -8,9 +8,9 @@ import numpy as np
 import pyvista as pv
 from scipy import ndimage
 
-from pinnochio.anatomy.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
-from pinnochio.anatomy.segmentation import Segmentation
-from pinnochio.evaluation.pictures import save
+from pinnochio.figures.patient import save
+from pinnochio.importing.segmentation import Segmentation
+from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
 
 SKIN, TISSUE, FLESH, BONE = "#eac3ab", "#e6c58c", "#a8483f", "#efe9d9"
 SEGMENTS = ("#e39b63", "#9a96c8", "#62b394", "#62b394", "#e58fbc")

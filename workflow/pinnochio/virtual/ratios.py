@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from pinnochio.anatomy.plan import Plan
-from pinnochio.evaluation.tables import Column, View, write_csv, write_twins
-from pinnochio.evaluation.volume_error import interpolate
+from pinnochio.metrics.volume import interpolate
+from pinnochio.plans.plan import Plan
+from pinnochio.tables.engine import Column, View, write_csv, write_twins
 
 FORWARD = np.array([0.0, -1.0, 0.0])
 LEAST = 1.0  # mm of bone motion below which a patient says nothing about a ratio

@@ -8,8 +8,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from pinnochio.anatomy.plan import RigidMotion
-from pinnochio.anatomy.triangles import face_normals, vertex_normals
+from pinnochio.geometry.triangles import face_normals, vertex_normals
+from pinnochio.plans.plan import RigidMotion
 
 # Cameras of a stereophotogrammetry rig look from 45 degrees left and right, slightly from below [R].
 CAMERAS = np.array([[0.70, -0.70, -0.14], [-0.70, -0.70, -0.14]])

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 from scipy import ndimage
 
-from pinnochio.anatomy.labels import AIR, CRANIUM
-from pinnochio.evaluation.tables import Column, View, write_csv, write_twins
+from pinnochio.model.labels import AIR, CRANIUM
+from pinnochio.tables.engine import Column, View, write_csv, write_twins
 from pinnochio.virtual.head import Head
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.skin import Ray, profile, sites

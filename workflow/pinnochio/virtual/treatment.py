@@ -4,9 +4,10 @@ from itertools import combinations
 
 import numpy as np
 
-from pinnochio.anatomy.labels import segment_code
-from pinnochio.anatomy.plan import Plan
-from pinnochio.anatomy.plan_sampling import (
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.model.labels import segment_code
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.sampling import (
     CHIN_ADVANCE,
     JawAnatomy,
     compose_plan,
@@ -15,7 +16,6 @@ from pinnochio.anatomy.plan_sampling import (
     sample_maxilla,
     truncated,
 )
-from pinnochio.anatomy.rigid import RigidMotion
 from pinnochio.virtual.head import Head
 from pinnochio.virtual.parameters import NORMAL_OVERJET, REST_GAP, TABLE, HeadParameters
 from pinnochio.virtual.skeleton import Skeleton

@@ -1,1 +1,0 @@
-"""What a patient is: labels, surfaces, plans and the model that every method reads."""

@@ -1,0 +1,65 @@
+"""Content hashes of source files together with all that they import of the project."""
+
+import ast
+import hashlib
+import os
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+LIBRARY = Path(__file__).resolve().parent
+ROOT = LIBRARY.parents[1]
+PACKAGES = {"pinnochio": LIBRARY, "scripts": ROOT / "scripts"}
+# A call named by a string, as what is run in a process of its own is: "scripts.tetrahedralize:tetrahedralize".
+CALL = re.compile(r"((?:pinnochio|scripts)(?:\.\w+)+)(?::\w+)?")
+
+
+def code_hash(*files: str | os.PathLike) -> str:
+    """Short content hash of the files and of every module of the project that they import, directly or through others.
+
+    It depends on the files' paths within the project, not on where that lies.
+    """
+    digest = hashlib.sha256()
+    for path in closure(*files):
+        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:12]
+
+
+def closure(*files: str | os.PathLike) -> list[Path]:
+    """The files and the project's own modules that they import, transitively, in order of their paths."""
+    reached, waiting = set(), [Path(file).resolve() for file in files]
+    while waiting:
+        file = waiting.pop()
+        if file not in reached:
+            reached.add(file)
+            waiting += imported_by(file)
+    return sorted(reached)
+
+
+@cache
+def imported_by(file: Path) -> frozenset[Path]:
+    """Files of the project's modules that the Python file names in an import or in the string of a call."""
+    modules = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            modules |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Import):
+            modules |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and (match := CALL.fullmatch(node.value)):
+            modules.add(match[1])
+    return frozenset(path for module in modules for path in _files(module))
+
+
+def _files(module: str) -> Iterator[Path]:
+    """The file of a module of the project, and those of the packages that it lies in."""
+    package, *parts = module.split(".")
+    if package not in PACKAGES:
+        return
+    path = PACKAGES[package]
+    for part in ["", *parts]:
+        path = path / part
+        if (path / "__init__.py").is_file():
+            yield path / "__init__.py"
+        elif path.with_suffix(".py").is_file():
+            yield path.with_suffix(".py")

@@ -1,1 +1,0 @@
-"""Metrics, significance tests and tables."""

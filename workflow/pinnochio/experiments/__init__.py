@@ -1,0 +1,1 @@
+"""Studies beyond the comparison of methods: stability, scaling, trade-off, model reduction."""

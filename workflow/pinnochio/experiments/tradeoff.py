@@ -1,0 +1,140 @@
+"""One setting on one patient: seconds, and how far the field is from the outcome and from the reference."""
+
+import os
+from dataclasses import dataclass, fields, is_dataclass, replace
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from pinnochio.experiments.tradeoff_settings import ARMS, Setting
+from pinnochio.mechanics.corrections import Finish
+from pinnochio.mechanics.elements import node_volumes
+from pinnochio.mechanics.lift import Lift
+from pinnochio.mechanics.mixed import MIXED, solve_mixed
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import simulate_elastic, solver_options
+from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.mechanics.solver import solve
+from pinnochio.methods.pinnochio.learner import Predictor, tensors
+from pinnochio.metrics.surface import surface_metrics
+from pinnochio.metrics.validity import equilibrium_of, volume_metrics
+from pinnochio.metrics.volume import truth_errors
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction
+from pinnochio.plans.plan import Plan
+from pinnochio.timing import repeated, timed
+from pinnochio.training.checkpoint import load_network
+
+SAME_PLACE = 1e-6  # mm; points of the skin are copies of those of one surface
+PATIENCE = 5.0  # s; a solve that takes longer is not repeated
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The finite-element solution that the others are judged by: patient and displacement (n, 3) mm."""
+
+    patient: PatientModel
+    displacement: np.ndarray
+
+    def face_errors(self, patient: PatientModel, moved: np.ndarray) -> np.ndarray:
+        """Distance (k,) mm of the judged points of the patient's skin, moved (s, 3) mm, from where they are here."""
+        judged = patient.judged_points
+        here = self.patient.moved_skin(self.displacement) - self.patient.skin_points
+        away, own = cKDTree(self.patient.skin_points).query(patient.skin_points[judged])
+        same = away < SAME_PLACE
+        there = (moved - patient.skin_points)[judged]
+        return np.linalg.norm(there - here[own], axis=1)[same]
+
+    def volume_error(self, patient: PatientModel, displacement: np.ndarray) -> float:
+        """Mean distance in mm of a displacement (n, 3) mm of the patient from the one here, over the tissue."""
+        own = self.patient
+        errors = truth_errors(patient.points, displacement, own.points, own.cells, self.displacement)
+        return float(np.average(errors, weights=node_volumes(patient.points, patient.cells)))
+
+
+def judge(
+    setting: Setting,
+    case: str,
+    patient: PatientModel,
+    prediction: Prediction,
+    target: tuple[np.ndarray, np.ndarray],
+    reference: Reference,
+    fem: FemSettings,
+    samples: int,
+    seed: int,
+) -> dict:
+    """One row of :data:`~pinnochio.tables.tradeoff.TRADEOFF_CASES`; a field that is not finite has no metrics.
+
+    target: points and faces of the registered post-operative skin; fem: of the study, whose residual is reported.
+    """
+    row = {"case": case, "method": setting.method, "dial": setting.dial, "value": setting.value}
+    row |= {"recipe": setting.recipe, "nodes": len(patient.points), "converged": prediction.converged}
+    row |= {"seconds": prediction.seconds, "setup_seconds": prediction.setup_seconds, "threads": prediction.threads}
+    u, moved = prediction.displacement, prediction.moved_skin(patient)
+    row |= dict.fromkeys(("cd", "face_error", "face_error_max"), np.nan)
+    row |= dict.fromkeys(("volume_error", "eqres_rel", "min_jacobian", "inverted"), np.nan)
+    if not np.isfinite(moved).all():
+        return row | {"converged": False}
+    row["cd"] = surface_metrics(moved, patient.skin_faces, patient.face_roi, *target, samples, seed, case)["cd"]
+    errors = reference.face_errors(patient, moved)
+    row |= {"face_error": errors.mean(), "face_error_max": errors.max()}
+    if u is not None:
+        row["volume_error"] = reference.volume_error(patient, u)
+        volume = volume_metrics(patient.points, patient.cells, patient.tissue, u)
+        row |= {name: volume[name] for name in ("min_jacobian", "inverted")}
+        row["eqres_rel"] = equilibrium_of(patient, u, fem)["eqres_rel"]
+    return row
+
+
+def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSettings, threads: int) -> Prediction:
+    """The plan by finite elements with the setting's dial; warm, median of repeats unless a solve takes long."""
+    own = setting.fem
+    if setting.method == "elastic":
+        displacement, seconds, setup = simulate_elastic(patient, plan, replace(fem, **own))
+        return Prediction(displacement, seconds, setup, threads)
+    boundary = boundary_conditions(patient, plan, ARMS[setting.method])
+    mesh = patient.points, patient.cells, fem.material(patient.tissue), boundary
+    if own.get("volumetric") in MIXED:
+        limits = fem.increments, fem.tolerance, fem.max_iterations
+        found, seconds = repeated(lambda: solve_mixed(*mesh, own["volumetric"], *limits), PATIENCE)
+    else:
+        options = replace(solver_options(replace(fem, **own)), reuse=not setting.double)
+        found, seconds = repeated(lambda: solve(*mesh, options), PATIENCE)
+    return Prediction(found.displacement, seconds, 0.0, threads, converged=found.converged, reason=found.reason)
+
+
+def predict_network(
+    setting: Setting,
+    file: str | os.PathLike,
+    patient: PatientModel,
+    plan: Plan,
+    fem: FemSettings,
+    lift: Lift | None,
+    device: str,
+    threads: int,
+) -> Prediction:
+    """The plan by the trained network in `file`, guarded and corrected, timed as the study times it."""
+    network, own = load_network(file, device)
+    finish = Finish(patient, fem, setting.corrections)
+
+    def prepare():
+        read = tensors(patient, fem, own, device, lift)
+        if setting.double:
+            network.double()
+            read = _in_double(read)
+        predictor = Predictor(network, read)
+        return lambda: finish(*predictor(plan))
+
+    (displacement, *_), seconds, setup = timed(prepare)
+    finish.close()
+    return Prediction(displacement, seconds, setup + (lift.seconds if lift else 0.0), threads, device)
+
+
+def _in_double(value):
+    """The value with every float32 tensor in it, however deep in dataclasses, in float64."""
+    if isinstance(value, torch.Tensor):
+        return value.double() if value.is_floating_point() else value
+    if is_dataclass(value) and not isinstance(value, PatientModel | Lift):
+        return replace(value, **{item.name: _in_double(getattr(value, item.name)) for item in fields(value)})
+    return value

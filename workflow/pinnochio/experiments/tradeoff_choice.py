@@ -1,0 +1,106 @@
+"""The setting that a budget allows or a tolerance asks for, and how well the measured front foretells it."""
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from pinnochio.errors import InputError
+from pinnochio.tables.engine import Block, Column, check, number, views
+from pinnochio.tables.tradeoff import summarise
+
+# Of the longest time measured on a patient: another one may take longer [X: docs/tradeoff.md].
+SAFETY = 1.5
+NEAR = 0.25  # of the real error
+
+CHOICES = (
+    Column("asked", str, "", "budget in seconds or tolerance in mm"),
+    Column("n", int, "", "predictions: patients for whom the others' front offers something"),
+    Column("kept", int, "", "of them, how many kept the budget, or the tolerance in the mean"),
+    Column("setting", str, "", "what was chosen, most often first"),
+    number("seconds_max", "s", "longest of them"),
+    number("cd_expected", "mm", "mean Chamfer distance foretold"),
+    number("cd", "mm", "mean Chamfer distance found"),
+    number("cd_near", "", "share of predictions whose Chamfer distance foretold is within 25 % of it", ".2f"),
+    number("face_error_expected", "mm", "mean distance from the reference solution foretold"),
+    number("face_error", "mm", "mean distance from the reference solution found"),
+)
+
+
+def choose_setting(
+    frame: pd.DataFrame, budget_seconds: float | None = None, tolerance_mm: float | None = None
+) -> pd.Series:
+    """The row of TRADEOFF to predict by: of those that can be repeated, kept the budget with a margin on every patient
+    and the tolerance (mean distance of the face from the reference solution) in the mean, the nearest to the outcome,
+    or, without a budget, the fastest.
+
+    InputError, with what can be had, if there is none.
+    """
+    sound = frame[(frame["recipe"] != "") & (frame["failed"] == 0)]
+    found = sound
+    if budget_seconds is not None:
+        found = found[SAFETY * found["seconds_max"] <= budget_seconds]
+    if tolerance_mm is not None:
+        found = found[found["face_error"] <= tolerance_mm]
+    if found.empty:
+        fastest, nearest = SAFETY * sound["seconds_max"].min(), sound["face_error"].min()
+        raise InputError(
+            "-",
+            "tables/tradeoff.csv",
+            f"no setting keeps budget_seconds {budget_seconds} and tolerance_mm {tolerance_mm}",
+            f"ask for {fastest:.2g} s or more, and {nearest:.2g} mm or more",
+        )
+    order = ["seconds", "cd"] if budget_seconds is None else ["cd", "seconds"]
+    return found.sort_values(order).iloc[0]
+
+
+def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequence[float]) -> pd.DataFrame:
+    """One row of CHOICES per budget and tolerance: each patient's choice from the front of all the others.
+
+    rows: of TRADEOFF_CASES, of two patients at least.
+    """
+    fronts = {case: summarise(rows[rows["case"] != case]) for case in rows["case"].unique()}
+    own = rows.set_index(["case", "method", "dial", "value"])
+    found = []
+    for name, limits in (("budget_seconds", budgets), ("tolerance_mm", tolerances)):
+        for limit in limits:
+            pairs = []
+            for case, front in fronts.items():
+                try:
+                    chosen = choose_setting(front, **{name: limit})
+                except InputError:
+                    continue
+                pairs.append((chosen, own.loc[(case, chosen["method"], chosen["dial"], chosen["value"])]))
+            row = {"asked": f"{name} {limit:g}", "n": len(pairs), "kept": 0, "setting": "none"}
+            if pairs:
+                expected, real = (pd.DataFrame(side).reset_index(drop=True) for side in zip(*pairs, strict=True))
+                kept = real["seconds" if name == "budget_seconds" else "face_error"] <= limit
+                settings = expected["method"] + " " + expected["dial"] + " " + expected["value"]
+                row |= {"kept": int(kept.sum()), "setting": "; ".join(settings.value_counts().index)}
+                row |= {"seconds_max": real["seconds"].max()}
+                row |= {"cd_near": ((expected["cd"] - real["cd"]).abs() <= NEAR * real["cd"]).mean()}
+                for measure in ("cd", "face_error"):
+                    row |= {f"{measure}_expected": expected[measure].mean(), measure: real[measure].mean()}
+            found.append(row)
+    frame = pd.DataFrame(found)
+    return check(frame.reindex(columns=[column.name for column in CHOICES]), CHOICES)
+
+
+def choices_block(frame: pd.DataFrame, cohort: str) -> Block:
+    """The choices as a table of the twins."""
+    headers = {
+        "asked": "Asked",
+        "setting": "Chosen",
+        "n": "Predictions",
+        "kept": "Kept",
+        "seconds_max": "Longest s",
+        "cd_expected": "CD foretold mm",
+        "cd": "CD mm",
+        "cd_near": "within 25 %",
+        "face_error_expected": "Face foretold mm",
+        "face_error": "Face mm",
+    }
+    caption = (
+        f"Choices from the front, {cohort}: for each patient from the front of all the others, whose settings kept the "
+        f"budget with a margin of {SAFETY:g}, and what the choice then took and missed on the patient."
+    )
+    return Block(frame, views(CHOICES, headers), caption, "Budgets and tolerances")

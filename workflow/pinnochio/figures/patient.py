@@ -1,0 +1,164 @@
+"""Pictures of a patient: before, outcome, predictions and their errors, rendered without a screen."""
+
+import os
+from collections.abc import Mapping
+
+import numpy as np
+import pyvista as pv
+
+from pinnochio.files import replacing
+from pinnochio.mechanics.elements import jacobians
+from pinnochio.model.patient import FIXED, MOVING, SLIDING, PatientModel
+from pinnochio.plans.plan import Plan
+
+SKIN, BONE, UNKNOWN = "#e8beac", "#efe9d9", "#cccccc"
+COLUMNS = 6  # methods side by side
+SEGMENTS = ("#d95f02", "#7570b3", "#1b9e77", "#66a61e", "#e7298a")
+NODE_TYPES = {FIXED: "#444444", MOVING: "#d95f02", SLIDING: "#1f78b4"}
+# Directions of view in LPS: the face looks to -y, the patient's left is +x.
+FRONT, OBLIQUE, SIDE = (0, -1, 0.05), (0.75, -1, 0.15), (1, -0.05, 0.05)
+BEHIND = (0.15, 1, 0.1)
+FARTHEST = 4.0  # mm, where the scale of signed distances ends
+
+
+def skin_of(patient: PatientModel, displacement: np.ndarray) -> pv.PolyData:
+    """The outer skin moved by a displacement (n, 3) mm, with smooth normals."""
+    return surface_of(patient.moved_skin(displacement), patient.skin_faces)
+
+
+def surface_of(points: np.ndarray, faces: np.ndarray) -> pv.PolyData:
+    """A surface of points (p, 3) mm and faces (f, 3), with smooth normals."""
+    mesh = pv.PolyData.from_regular_faces(points, faces)
+    return mesh.compute_normals(auto_orient_normals=False, split_vertices=False)
+
+
+def field_picture(patient: PatientModel, plan: Plan, displacement: np.ndarray, path: str | os.PathLike) -> None:
+    """Two rows of one solved plan: skin before and after, displacement in mm; bone, interfaces, skin over bone."""
+    plotter = pv.Plotter(off_screen=True, shape=(2, 3), window_size=(1500, 1100))
+    before, after = skin_of(patient, 0 * displacement), skin_of(patient, displacement)
+    magnitude = np.linalg.norm(after.points - before.points, axis=1)
+    for column, (title, skin) in enumerate((("before", before), ("after", after))):
+        plotter.subplot(0, column)
+        plotter.add_mesh(skin, color=SKIN)
+        finish(plotter, title, OBLIQUE)
+    plotter.subplot(0, 2)
+    add_field(plotter, after, magnitude, "displacement [mm]", (0, float(magnitude.max()) or 1.0), "viridis")
+    finish(plotter, "displacement", OBLIQUE)
+    plotter.subplot(1, 0)
+    add_bone(plotter, patient, plan)
+    finish(plotter, "planned bone", OBLIQUE)
+    plotter.subplot(1, 1)
+    for kind, colour in NODE_TYPES.items():
+        nodes = patient.node_type == kind
+        if nodes.any():
+            plotter.add_points(patient.points[nodes], color=colour, point_size=7, render_points_as_spheres=True)
+    finish(plotter, "fixed grey, moving orange, sliding blue", OBLIQUE)
+    plotter.subplot(1, 2)
+    plotter.add_mesh(after, color=SKIN)
+    finish(plotter, "after, side", SIDE)
+    save(plotter, path)
+
+
+def case_picture(
+    patient: PatientModel,
+    plan: Plan,
+    target: tuple[np.ndarray, np.ndarray],
+    skins: Mapping[str, pv.PolyData],
+    errors: Mapping[str, np.ndarray],
+    path: str | os.PathLike,
+) -> None:
+    """First row: before, planned bone, scan of the outcome (points, faces); then each method's face and error under it.
+
+    skins: predicted skin by method; errors: signed distance (s,) mm of each of its points to the target, NaN where it
+    is not judged.
+    """
+    columns = min(max(4, len(skins)), COLUMNS)
+    rows = 1 + 2 * -(-len(skins) // columns)
+    size = 420 * columns, 415 * rows
+    plotter = pv.Plotter(off_screen=True, shape=(rows, columns), window_size=size, border=False)
+    plotter.subplot(0, 0)
+    plotter.add_mesh(skin_of(patient, np.zeros_like(patient.points)), color=SKIN)
+    finish(plotter, "before", OBLIQUE)
+    plotter.subplot(0, 1)
+    add_bone(plotter, patient, plan)
+    finish(plotter, "planned bone", OBLIQUE)
+    plotter.subplot(0, 2)
+    plotter.add_mesh(surface_of(*target), color=SKIN)
+    finish(plotter, "outcome (scan)", OBLIQUE)
+    for number, (method, skin) in enumerate(skins.items()):
+        row, column = divmod(number, columns)
+        plotter.subplot(1 + 2 * row, column)
+        plotter.add_mesh(skin, color=SKIN)
+        finish(plotter, method, OBLIQUE)
+        plotter.subplot(2 + 2 * row, column)
+        actor = add_values(plotter, skin, errors[method], (-FARTHEST, FARTHEST), "coolwarm")
+        finish(plotter, "distance to outcome", FRONT)
+    if skins:
+        plotter.subplot(0, 3)
+        add_scale(plotter, actor, "signed distance [mm]")
+    save(plotter, path)
+
+
+def volume_picture(patient: PatientModel, displacements: Mapping[str, np.ndarray], path: str | os.PathLike) -> None:
+    """The tissue from behind, moved by each method's displacement (n, 3) mm and coloured by det F of its elements."""
+    columns = min(1 + len(displacements), COLUMNS)
+    rows = -(-(1 + len(displacements)) // columns)
+    plotter = pv.Plotter(off_screen=True, shape=(rows, columns), window_size=(420 * columns, 415 * rows), border=False)
+    for number, (method, displacement) in enumerate(displacements.items()):
+        plotter.subplot(*divmod(number, columns))
+        grid = pv.UnstructuredGrid({pv.CellType.TETRA: patient.cells}, patient.points + displacement)
+        grid.cell_data["ratio"] = ratio = jacobians(patient.points, patient.cells, displacement)
+        outside = grid.extract_surface(algorithm="dataset_surface")
+        actor = add_values(plotter, outside, outside.cell_data["ratio"], (0.5, 1.5), "PuOr")
+        finish(plotter, f"{method}: min det F {ratio.min():.2f}", BEHIND)
+    plotter.subplot(rows - 1, columns - 1)
+    add_scale(plotter, actor, "det F")
+    save(plotter, path)
+
+
+def add_bone(plotter: pv.Plotter, patient: PatientModel, plan: Plan) -> None:
+    """Bone after the plan, each segment in its colour."""
+    moved = patient.bone_points + patient.bone_displacement(plan)
+    owner = patient.bone_segment[patient.bone_faces[:, 0]]
+    for index in range(-1, len(patient.segments)):
+        faces = patient.bone_faces[owner == index]
+        if len(faces):
+            colour = BONE if index < 0 else SEGMENTS[index % len(SEGMENTS)]
+            plotter.add_mesh(pv.PolyData.from_regular_faces(moved, faces), color=colour, smooth_shading=True)
+
+
+def add_field(plotter, skin: pv.PolyData, values: np.ndarray, title: str, limits, colours: str) -> None:
+    """Skin coloured by a value per node, with its bar."""
+    bar = {"title": title, "vertical": False, "color": "black", "label_font_size": 14, "title_font_size": 14}
+    bar |= {"n_labels": 3, "position_x": 0.1, "width": 0.8, "position_y": 0.0, "height": 0.1}
+    plotter.add_mesh(skin, scalars=values, cmap=colours, clim=limits, scalar_bar_args=bar, copy_mesh=True)
+
+
+def add_values(plotter: pv.Plotter, surface: pv.PolyData, values: np.ndarray, limits, colours: str) -> pv.Actor:
+    """Surface coloured by a value per point or face, grey where it is NaN; its bar is for another panel."""
+    options = {"nan_color": UNKNOWN, "show_scalar_bar": False, "ambient": 0.2, "copy_mesh": True}
+    return plotter.add_mesh(surface, scalars=values, cmap=colours, clim=limits, **options)
+
+
+def add_scale(plotter: pv.Plotter, actor: pv.Actor, title: str) -> None:
+    """The bar of an actor's colours in a panel of its own."""
+    bar = {"vertical": True, "position_x": 0.3, "position_y": 0.1, "width": 0.16, "height": 0.8, "n_labels": 5}
+    bar |= {"color": "black", "label_font_size": 18, "title_font_size": 18, "fmt": "%.1f"}
+    plotter.add_scalar_bar(title=title, mapper=actor.mapper, **bar)
+    plotter.set_background("white")
+
+
+def finish(plotter: pv.Plotter, title: str, direction) -> None:
+    """Title and camera of the current panel."""
+    plotter.set_background("white")
+    plotter.add_text(title, position=(0.03, 0.94), viewport=True, font_size=9, color="black")
+    plotter.view_vector(direction, viewup=(0, 0, 1))
+    plotter.camera.parallel_projection = True
+    plotter.camera.zoom(1.15)
+
+
+def save(plotter: pv.Plotter, path: str | os.PathLike) -> None:
+    """Write the picture and close the plotter."""
+    with replacing(path) as temporary:
+        plotter.screenshot(temporary)
+    plotter.close()

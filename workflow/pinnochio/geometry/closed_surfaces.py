@@ -1,0 +1,137 @@
+"""Triangle surfaces that users bring: read with checks, and closed ones, one per structure, turned into voxels."""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyvista as pv
+import SimpleITK as sitk
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from pinnochio.geometry.triangles import enclosed_volume
+
+SURFACE_FORMATS = (".ply", ".stl", ".obj", ".vtp")
+SPACING = 1.0  # mm; half the thinnest plate of bone that the later stages keep
+MARGIN = 15  # voxels of air round the head where it is whole, more than the edge of a lattice cell
+CUT_AREA, CUT_FLATNESS = 1000.0, 0.2  # mm2, mm: so much skin so flat at an end of the head is a cut, as at the neck
+Refuse = Callable[..., None]  # refuse(problem, remedy, file=...) raises InputError
+
+
+def surface_files(folder: str | os.PathLike, refuse: Refuse) -> dict[str, Path]:
+    """The surface files of a folder by their stem, the name of the structure."""
+    files: dict[str, Path] = {}
+    for file in sorted(Path(folder).iterdir()):
+        if file.name.startswith(".") or file.suffix.lower() not in SURFACE_FORMATS:
+            continue
+        if file.stem in files:
+            refuse(f"{file.stem!r} has two surfaces", "keep one file per structure", file=file)
+        files[file.stem] = file
+    if not files:
+        refuse("the folder holds no surface", f"save one closed surface per structure as {', '.join(SURFACE_FORMATS)}")
+    return files
+
+
+def read_triangles(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray, np.ndarray]:
+    """Points (p, 3) and faces (f, 3) int32 of a surface file as they stand in it, equal points made one."""
+    if not Path(path).is_file():
+        refuse("the file does not exist", "correct the path in the cohort table", file=path)
+    if not str(path).lower().endswith(SURFACE_FORMATS):
+        refuse("this is no surface format known here", f"save it as one of {', '.join(SURFACE_FORMATS)}", file=path)
+    try:
+        mesh = pv.read(path)
+        if mesh.n_cells:
+            mesh = mesh.extract_surface(algorithm="dataset_surface").triangulate()
+        points, faces = np.asarray(mesh.points, float), mesh.regular_faces.astype(np.int32)
+    except Exception as error:  # the readers raise what they like
+        refuse(f"it cannot be read as a surface ({error})", "export the surface again", file=path)
+    if len(points) == 0 or len(faces) == 0:
+        refuse("the surface is empty", "export the structure as triangles", file=path)
+    if not np.isfinite(points).all():
+        refuse("it holds coordinates that are not finite", "remove these vertices and export again", file=path)
+    return _merged(points, faces)
+
+
+def read_closed_surface(path: str | os.PathLike, direction, refuse: Refuse) -> tuple[np.ndarray, np.ndarray]:
+    """A closed surface in LPS mm: every edge belongs to an even number of triangles.
+
+    direction (3, 3) turns the file's axes into LPS; None trusts the file: LPS, or RAS where 3D Slicer says so.
+    """
+    points, faces = read_triangles(path, refuse)
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    torn = int((np.unique(edges, axis=0, return_counts=True)[1] % 2).sum())
+    if torn:
+        refuse(
+            f"the surface is not closed ({torn} open edges)",
+            "close it, also where the head is cut, and export it again",
+            file=path,
+        )
+    if direction is None:
+        with open(path, "rb") as file:
+            direction = np.diag([-1.0, -1.0, 1.0] if b"SPACE=RAS" in file.read(2000) else [1.0, 1.0, 1.0])
+    return points @ np.asarray(direction).T, faces
+
+
+def voxelised(surfaces: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[sitk.Image, Iterator[np.ndarray]]:
+    """Grid of SPACING round closed surfaces (points mm, faces), and the voxels (bool [iz, iy, ix]) inside each.
+
+    The first surface is the outer skin. The grid has a margin of air, but ends at the head where the skin ends in a
+    flat cut across an axis: there the head goes on, as at the border of a scan.
+    """
+    skin = surfaces[0][0]
+    points = np.concatenate([own for own, _ in surfaces])
+    cut_low, cut_high = _cuts(*surfaces[0])
+    low = np.where(cut_low, skin.min(axis=0) + SPACING / 2, points.min(axis=0) - MARGIN * SPACING)
+    high = np.where(cut_high, skin.max(axis=0) - SPACING / 2, points.max(axis=0) + MARGIN * SPACING)
+    size = np.maximum(np.floor((high - low) / SPACING + 1e-6).astype(int) + 1, 1)
+    low = np.where(cut_high & ~cut_low, high - (size - 1) * SPACING, low)
+    grid = sitk.Image(size.tolist(), sitk.sitkUInt8)
+    grid.SetSpacing([SPACING] * 3)
+    grid.SetOrigin(low.tolist())
+    return grid, (_inside(*surface, low, size) for surface in surfaces)
+
+
+def _cuts(points, faces) -> tuple[np.ndarray, np.ndarray]:
+    """Whether the surface ends in a flat cut at the low and at the high end of each axis, (3,) bool each."""
+    corners = points[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    at_low = (corners < points.min(axis=0) + CUT_FLATNESS).all(axis=1)
+    at_high = (corners > points.max(axis=0) - CUT_FLATNESS).all(axis=1)
+    return area @ at_low > CUT_AREA, area @ at_high > CUT_AREA
+
+
+def _inside(points, faces, low, size) -> np.ndarray:
+    """Voxels inside, bool [iz, iy, ix].
+
+    Each connected sheet counts with the sign of its volume, so that teeth may overlap the jaw that holds them in one
+    file, and a cavity, whose sheet looks inward, stays hollow.
+    """
+    links = faces[:, [0, 1]].T, faces[:, [0, 2]].T
+    ties = sparse.coo_array((np.ones(2 * len(faces)), np.hstack(links)), shape=(len(points),) * 2)
+    count, sheet_of = connected_components(ties, directed=False)
+    turns = np.zeros(size[::-1], np.int16)
+    outward = np.sign(enclosed_volume(points, faces)) or 1
+    for sheet in range(count):
+        own, renumbered = np.unique(faces[sheet_of[faces[:, 0]] == sheet], return_inverse=True)
+        part, triangles = points[own], renumbered.reshape(-1, 3)
+        start = np.clip(np.floor((part.min(axis=0) - low) / SPACING).astype(int) - 1, 0, size)
+        stop = np.clip(np.ceil((part.max(axis=0) - low) / SPACING).astype(int) + 2, 0, size)
+        if (stop <= start).any():
+            continue
+        box = pv.ImageData(dimensions=stop - start, spacing=[SPACING] * 3, origin=low + start * SPACING)
+        mask = pv.PolyData.from_regular_faces(part, triangles).voxelize_binary_mask(reference_volume=box)["mask"]
+        here = tuple(slice(a, b) for a, b in zip(start[::-1], stop[::-1], strict=True))
+        turns[here] += mask.reshape((stop - start)[::-1]).astype(np.int16) * np.int16(
+            outward * np.sign(enclosed_volume(part, triangles))
+        )
+    return turns > 0
+
+
+def _merged(points, faces) -> tuple[np.ndarray, np.ndarray]:
+    """Equal points made one (STL and many scanners repeat the corners of each triangle); no degenerate face."""
+    points, renumber = np.unique(points, axis=0, return_inverse=True)
+    faces = renumber.ravel()[faces]
+    proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    used, faces = np.unique(faces[proper], return_inverse=True)
+    return points[used], faces.reshape(-1, 3).astype(np.int32)

@@ -1,0 +1,187 @@
+"""Brings the post-operative skin into the patient's frame by the part of the face that surgery leaves alone."""
+
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from pinnochio.errors import InputError
+from pinnochio.geometry.closest_points import closest_points
+from pinnochio.geometry.triangles import face_normals, vertex_normals
+from pinnochio.model.surfaces import BoneSurface
+from pinnochio.plans.plan import RigidMotion
+
+SAMPLES, COARSE_SAMPLES = 4000, 500
+FEWEST = 50  # points above the plane that a registration needs
+COARSE_KEPT = 0.7  # share of the pairs that a coarse step keeps, nearest first
+COARSE_TRIED = 12  # starts that are followed to the end
+COARSE_CUT, COARSE_REACH = 5.0, 15.0  # mm
+COARSE_LEAST = 0.15  # share of the scan that must lie on the upper face
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Rigid motion of the scan onto the skin and its residual, mm, on the part that surgery leaves alone.
+
+    median, p95: distances of the scan's points there from the skin; count: how many points.
+    """
+
+    motion: RigidMotion
+    median: float
+    p95: float
+    count: int
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Registered points (n, 3) mm."""
+        return self.motion.apply(points)
+
+
+def upper_face_plane(bone: BoneSurface, segments: tuple[str, ...], nasion_above_lefort: float) -> float:
+    """Height z (mm) of the nasion plane: nasion_above_lefort (mm) above the top of the upper jaw.
+
+    The upper jaw is every segment named after "lefort" or "maxilla"; without one, every moving segment counts.
+    """
+    upper = [i for i, name in enumerate(segments) if "lefort" in name or "maxilla" in name]
+    top = bone.points[np.isin(bone.segment, upper or range(len(segments))), 2]
+    if not len(top):
+        raise InputError("-", "bone surface", "no segment has a surface", "label the bone segments")
+    return float(top.max()) + nasion_above_lefort
+
+
+def register(
+    points, faces, skin_points, skin_faces, plane: float, *, case: str, file: object, limit: float
+) -> Registration:
+    """Robust point-to-plane registration of a scan on the skin above z = plane (mm).
+
+    points (p, 3), faces (f, 3): the scan, in any frame; skin_points, skin_faces: the skin, LPS. Coarse starts
+    (identity, the axes of both surfaces) are compared on the whole face; the best is refined on the upper face alone.
+    Raises InputError if the median residual exceeds `limit` mm.
+    """
+    points, skin_points = np.asarray(points, float), np.asarray(skin_points, float)
+    if (skin_points[:, 2] >= plane).sum() < FEWEST:
+        problem = f"hardly any skin of the segmentation lies above the nasion plane (z = {plane:.0f} mm)"
+        raise InputError(case, file, problem, "segment the head up to the forehead")
+    all_normals = vertex_normals(points, faces)
+    few = _spread(points, faces, COARSE_SAMPLES)
+    rotation, shift = _coarse(points[few], all_normals[few], skin_points, skin_faces, plane)
+    # From here on only what lies above the plane, and a margin that the scan may still turn through.
+    near = points @ rotation.T + shift
+    chosen = _spread(points, faces[(near[faces, 2] >= plane - 10).all(axis=1)], SAMPLES)
+    moving, normals = points[chosen], all_normals[chosen]
+    skin_faces = skin_faces[(skin_points[skin_faces, 2] >= plane - 20).any(axis=1)]
+    rotation, shift = _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane)
+    motion = RigidMotion(rotation, shift)
+    placed = motion.apply(moving)
+    found = closest_points(placed[placed[:, 2] >= plane], skin_points, skin_faces)
+    distance = found.distance[~found.border]
+    median = float(np.median(distance)) if len(distance) >= FEWEST else np.inf  # a few points fit anywhere
+    if median > limit:
+        raise InputError(
+            case,
+            file,
+            f"registered on the upper face it leaves a median residual of {median:.2f} mm (limit {limit:g} mm)",
+            "check that the scan is of this patient, shows the forehead and is not mirrored",
+        )
+    return Registration(motion, median, float(np.percentile(distance, 95)), len(distance))
+
+
+def _spread(points, faces, count: int) -> np.ndarray:
+    """Vertices chosen evenly over the area, in the order of z, so that dense parts weigh no more than sparse."""
+    if not len(faces):
+        return np.zeros(0, int)
+    areas = np.bincount(faces.ravel(), np.repeat(face_normals(points, faces)[1], 3), minlength=len(points))
+    order = np.argsort(points[:, 2], kind="stable")
+    share = np.cumsum(areas[order]) / areas.sum()
+    picked = np.searchsorted(share, (np.arange(count) + 0.5) / count).clip(max=len(points) - 1)
+    return order[np.unique(picked)]
+
+
+def _coarse(moving, normals, skin_points, skin_faces, plane) -> tuple[np.ndarray, np.ndarray]:
+    """Best of many starts on the vertices of the skin: a few steps on the whole face each, then the most promising
+    are followed on the upper face alone."""
+    skin_normals, tree = vertex_normals(skin_points, skin_faces), cKDTree(skin_points)
+
+    def cost(rotation, shift, low):
+        """Mean distance along the normals above z = low, cut off where nothing fits: an outlier costs the same in
+        any pose, and a pose that has hardly any point there is no fit."""
+        placed = moving @ rotation.T + shift
+        distance, near = tree.query(placed)
+        off = np.abs(np.einsum("ij,ij->i", placed - skin_points[near], skin_normals[near]))
+        facing = np.einsum("ij,ij->i", normals @ rotation.T, skin_normals[near]) > 0.5
+        off = np.where(facing & (distance < COARSE_REACH), np.minimum(off, COARSE_CUT), COARSE_CUT)
+        counted = placed[:, 2] >= low
+        return off[counted].mean() if counted.mean() > COARSE_LEAST else COARSE_CUT
+
+    def improved(rotation, shift, low, steps):
+        for _ in range(steps):
+            placed = moving @ rotation.T + shift
+            distance, near = tree.query(placed)
+            used = placed[:, 2] >= low
+            used &= np.einsum("ij,ij->i", normals @ rotation.T, skin_normals[near]) > 0
+            if used.sum() < 20:
+                break
+            used &= distance <= np.quantile(distance[used], COARSE_KEPT)
+            turn, move = _step(placed[used], skin_points[near[used]], skin_normals[near[used]])
+            rotation, shift = turn @ rotation, turn @ shift + move
+        return rotation, shift
+
+    anywhere, upper = -np.inf, plane - 10
+    starts = [improved(*start, anywhere, 5) for start in _starts(moving, skin_points)]
+    promising = sorted(starts, key=lambda start: cost(*start, anywhere))[:COARSE_TRIED]  # stable: ties stay in order
+    return min((improved(*start, upper, 25) for start in promising), key=lambda start: cost(*start, upper))
+
+
+def _starts(moving, skin_points):
+    """Identity; then turns (24 of the axes, 4 of both principal frames), each on the front of the head or beside it."""
+    yield np.eye(3), np.zeros(3)
+    front = skin_points[skin_points[:, 1] <= np.median(skin_points[:, 1])]  # a scan shows the face, not the nape
+    turns = [np.eye(3)[list(order)] * np.array(signs)[:, None]
+             for order in permutations(range(3)) for signs in product((1, -1), repeat=3)]  # fmt: skip
+    turns = [turn for turn in turns if np.linalg.det(turn) > 0]
+    axes = [np.linalg.svd(cloud - cloud.mean(axis=0), full_matrices=False)[2] for cloud in (moving, front)]
+    axes = [frame * np.sign(np.linalg.det(frame)) for frame in axes]
+    flips = [turn for turn in turns if np.count_nonzero(np.diag(turn)) == 3]
+    for rotation in turns + [axes[1].T @ flip @ axes[0] for flip in flips]:
+        for beside in ((0, 0, 0), (35, 0, 0), (-35, 0, 0), (0, 0, 35), (0, 0, -35)):  # half a face, a neck or hair
+            yield rotation, front.mean(axis=0) + beside - rotation @ moving.mean(axis=0)
+
+
+def _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane, steps: int = 40):
+    """Point-to-plane steps on exact closest points above the plane, until a step moves less than 1e-3 mm."""
+    skin_normals = face_normals(skin_points, skin_faces)[0]
+    for _ in range(steps):
+        placed = moving @ rotation.T + shift
+        upper = np.flatnonzero(placed[:, 2] >= plane)
+        if len(upper) < 20:
+            break
+        found = closest_points(placed[upper], skin_points, skin_faces)
+        facing = np.einsum("ij,ij->i", normals[upper] @ rotation.T, skin_normals[found.face]) > 0.5
+        fit = facing & ~found.border
+        if fit.sum() < 20:
+            break
+        # Tukey's weight: pairs beyond 4.7 robust deviations (hair, swelling, artefacts) count nothing, and noise
+        # alone costs 5% of the precision; a hard trim would cost far more.
+        spread = 4.685 * 1.4826 * max(np.median(found.distance[fit]), 1e-3)
+        weights = np.clip(1 - (found.distance[fit] / spread) ** 2, 0, None) ** 2
+        turn, move = _step(placed[upper[fit]], found.points[fit], skin_normals[found.face[fit]], weights)
+        change = np.abs(placed[upper] @ (turn - np.eye(3)).T + move).max()
+        rotation, shift = turn @ rotation, turn @ shift + move
+        if change < 1e-3:
+            break
+    return rotation, shift
+
+
+def _step(placed, targets, normals, weights=1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation and shift of the linearised, weighted least-squares step along the normals."""
+    centre = placed.mean(axis=0)
+    matrix = np.hstack([np.cross(placed - centre, normals), normals])
+    right = np.einsum("ij,ij->i", targets - placed, normals)
+    # A little damping: a sphere or a plane leaves turns undetermined.
+    scale = np.linalg.norm(matrix, axis=0).max()
+    weighted = (matrix * np.reshape(weights, (-1, 1))).T
+    damped = weighted @ matrix + 1e-8 * scale**2 * np.eye(6)
+    solution = np.linalg.solve(damped, weighted @ right)
+    turn = Rotation.from_rotvec(solution[:3]).as_matrix()
+    return turn, solution[3:] + centre - turn @ centre

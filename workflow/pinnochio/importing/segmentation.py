@@ -1,0 +1,262 @@
+"""Reads what users bring: segmentations, plans and post-operative surfaces, checked, in LPS millimetres."""
+
+import gzip
+import logging
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import SimpleITK as sitk
+
+from pinnochio.errors import InputError
+from pinnochio.files import replacing
+from pinnochio.geometry.closed_surfaces import read_closed_surface, read_triangles, surface_files, voxelised
+from pinnochio.geometry.rigid import LARGEST_TRANSLATION
+from pinnochio.importing.segment_files import Segment, read_segments
+from pinnochio.model.labels import AIR, TISSUES, internal_codes
+from pinnochio.model.surfaces import BoneSurface
+from pinnochio.plans.plan import Plan
+
+LOG = logging.getLogger(__name__)
+HEADER = "header"
+HEAD_EXTENT = (50.0, 600.0)  # mm; the longest side of what is labelled lies between
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """labels (nx, ny, nz) uint8 internal codes [ix, iy, iz]; spacing (3,) mm; origin (3,) centre of voxel 0, LPS."""
+
+    labels: np.ndarray
+    spacing: np.ndarray
+    origin: np.ndarray
+
+
+def read_segmentation(
+    path: str | os.PathLike,
+    case: str,
+    label_values: Mapping[str, int | str],
+    segments: Sequence[str],
+    orientation: str = HEADER,
+) -> Segmentation:
+    """Read a segmentation in any orientation into internal codes on an axis-aligned LPS grid.
+
+    path: a label map (NIfTI, NRRD, MHA), a 3D Slicer `.seg.nrrd`, a DICOM-SEG (`.dcm`), or a folder with one closed
+    surface per structure (STL, PLY, OBJ, VTP; voxels of 1 mm). label_values: of "superficial", "muscle", "cranium" and
+    of every segment the voxel value (of a DICOM-SEG the segment number; a surface then bears the name of its
+    structure), or the name that the file gives it. Where structures overlap, bone goes over muscle, muscle over
+    superficial tissue, a segment over the cranium and over segments listed before it. What is not named counts as air,
+    with a warning. Muscle may be missing in `label_values` and in the file; the result then holds none.
+
+    orientation: where the voxel axes of a file with a wrong header point, as a code such as "RAS" (first axis to the
+    patient's right, second anterior, third superior); of surfaces, where their axes point. An oblique grid is resampled
+    by nearest neighbour on an axis-aligned one of the same spacing. Raises InputError for what the user must mend.
+    """
+
+    def refuse(problem: str, remedy: str, file=path):
+        raise InputError(case, file, problem, remedy)
+
+    codes = internal_codes(tuple(segments))
+    for name in codes:
+        if name not in label_values and name != "muscle":
+            refuse(f"the configuration gives no voxel value for {name!r}", f"add {name!r} to 'labels'")
+    wanted = {name: label_values[name] for name in codes if name in label_values}
+    direction = None
+    if orientation != HEADER:
+        direction = axes_of(orientation)
+    if Path(path).is_dir():
+        files = surface_files(path, refuse)
+        wanted = {name: value if isinstance(value, str) else name for name, value in wanted.items()}
+        found = _chosen([Segment(stem) for stem in files], wanted, case, path, refuse)
+        surfaces = [read_closed_surface(files[part.name], direction, refuse) for part in found.values()]
+        _check_extent(float(max(np.ptp(points, axis=0).max() for points, _ in surfaces)), refuse)
+        image, masks = voxelised(surfaces)
+    else:
+        image, parts = read_segments(path, refuse)
+        found = _chosen(parts, wanted, case, path, refuse)
+        masks = (part.voxels() for part in found.values())
+        if direction is not None:
+            turn(image, direction)
+    values = np.full(image.GetSize()[::-1], AIR, np.uint8)
+    for name, mask in zip(found, masks, strict=True):
+        values[mask] = codes[name]
+    _check_extent(_labelled_extent(values != AIR, image.GetSpacing()), refuse)
+    coded = sitk.GetImageFromArray(values)
+    coded.SetSpacing(image.GetSpacing())
+    coded.SetOrigin(image.GetOrigin())
+    coded.SetDirection(image.GetDirection())
+    coded = _axis_aligned(coded)
+    labels = np.ascontiguousarray(sitk.GetArrayFromImage(coded).transpose(2, 1, 0))
+    for name, part in found.items():
+        if name != "muscle" and not (labels == codes[name]).any():
+            what = "tissue" if name in TISSUES else "bone"
+            refuse(f"{what} {name!r} ({part}) is empty or covered by other structures", "label it where it alone is")
+    return Segmentation(labels, np.array(coded.GetSpacing()), np.array(coded.GetOrigin()))
+
+
+def axes_of(orientation: str) -> np.ndarray:
+    """Direction (3, 3) in LPS of the axes that a code such as "RAS" names."""
+    return np.reshape(sitk.DICOMOrientImageFilter.GetDirectionCosinesFromOrientation(orientation), (3, 3))
+
+
+def turn(image: sitk.Image, direction: np.ndarray) -> None:
+    """Give an image with a wrong header these axes (3, 3); its origin turns with them."""
+    own = np.reshape(image.GetDirection(), (3, 3))
+    image.SetOrigin(tuple(direction @ np.linalg.inv(own) @ image.GetOrigin()))
+    image.SetDirection(direction.ravel().tolist())
+
+
+def _chosen(parts: Sequence[Segment], wanted: Mapping[str, int | str], case: str, path, refuse) -> dict[str, Segment]:
+    """The segment of each structure, in the order of `wanted`; "muscle" may have none."""
+    named = any(part.name is not None for part in parts)
+    listed = ", ".join(map(str, parts))
+    found = {}
+    for structure, value in wanted.items():
+        if isinstance(value, str) and not named:
+            refuse(
+                f"'labels' gives {structure!r} the name {value!r}, but a plain label map has no names",
+                f"give {structure!r} its voxel value in 'labels', or save the segmentation with names (.seg.nrrd)",
+            )
+        own = [part for part in parts if value == (part.name if isinstance(value, str) else part.value)]
+        if len(own) > 1:
+            refuse(
+                f"{len(own)} segments are called {value!r} ({', '.join(map(str, own))})",
+                f"give {structure!r} the name of its segment in 'labels', and each segment a name of its own",
+            )
+        if own:
+            found[structure] = own[0]
+        elif structure == "muscle":
+            LOG.warning("case %r: %s: nothing carries the label %r of 'muscle'; it holds %s", case, path, value, listed)
+        elif named:
+            what = "is called" if isinstance(value, str) else "has the number"
+            refuse(f"no segment {what} {value!r} ({structure!r}); it holds {listed}", "correct the name in 'labels'")
+        else:
+            what = "tissue" if structure in TISSUES else "bone"
+            refuse(
+                f"{what} {structure!r} (voxel value {value}) is empty",
+                f"label {structure!r} in the segmentation, or correct 'labels' or 'segments' in the configuration",
+            )
+    if extra := [str(part) for part in parts if part not in found.values()]:
+        what = "segments" if named else "voxel values"
+        LOG.warning("case %r: %s: %s %s are not named in 'labels'; taken as air", case, path, what, ", ".join(extra))
+    return found
+
+
+def write_segmentation(labels, spacing, origin, path: str | os.PathLike) -> None:
+    """Write labels [ix, iy, iz] as they are, axis-aligned LPS; the same labels give the same bytes."""
+    image = sitk.GetImageFromArray(np.ascontiguousarray(np.asarray(labels).transpose(2, 1, 0)))
+    image.SetSpacing([float(value) for value in spacing])
+    image.SetOrigin([float(value) for value in origin])
+    with replacing(path) as temporary:
+        if str(path).endswith(".nii.gz"):
+            # Compressed here: a gzip header normally holds the time and the name.
+            plain = temporary.with_name(temporary.name.removesuffix(".gz"))
+            try:
+                sitk.WriteImage(image, str(plain))
+                temporary.write_bytes(gzip.compress(plain.read_bytes(), compresslevel=6, mtime=0))
+            finally:
+                plain.unlink(missing_ok=True)
+        else:
+            sitk.WriteImage(image, str(temporary), useCompression=not str(path).endswith(".nii"))
+
+
+def read_labels(path: str | os.PathLike) -> Segmentation:
+    """Read what :func:`write_segmentation` wrote, without checks."""
+    image = _axis_aligned(sitk.ReadImage(str(path)))
+    labels = np.ascontiguousarray(sitk.GetArrayFromImage(image).transpose(2, 1, 0)).astype(np.uint8)
+    return Segmentation(labels, np.array(image.GetSpacing()), np.array(image.GetOrigin()))
+
+
+def check_plan(plan: Plan, segments: Sequence[str], path: str | os.PathLike) -> None:
+    """Refuse a plan that moves what is not a segment."""
+    for name in plan.motions:
+        if name not in segments:
+            raise InputError(
+                plan.case,
+                path,
+                f"it moves {name!r}, which is not a segment ({', '.join(segments)})",
+                f"rename {name!r} in the plan, or add it to 'segments' in the configuration",
+            )
+
+
+def check_travel(plan: Plan, bone: BoneSurface, segments: Sequence[str], path: str | os.PathLike) -> None:
+    """Refuse a plan that carries a bone farther than any operation, as a rotation about a far pivot may."""
+    for index, name in enumerate(segments):
+        moved = plan.motion(name).displacement(bone.points[bone.segment == index])
+        farthest = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
+        if farthest > LARGEST_TRANSLATION:
+            raise InputError(
+                plan.case,
+                path,
+                f"it carries a point of {name!r} {farthest:.0f} mm away",
+                f"check pivot, rotation and frame (LPS, mm); bones move {LARGEST_TRANSLATION:.0f} mm at most",
+            )
+
+
+def read_postop(path: str | os.PathLike, case: str, skin_points) -> tuple[np.ndarray, np.ndarray]:
+    """Read a post-operative skin (PLY, STL, OBJ, VTP): points (p, 3) mm, faces (f, 3) int32, in its own frame.
+
+    Its size is compared with that of the pre-operative skin_points (k, 3) mm: centimetres and metres are turned into
+    millimetres with a warning. Raises InputError for any other size and for what is no surface.
+    """
+
+    def refuse(problem: str, remedy: str, file=path):
+        raise InputError(case, file, problem, remedy)
+
+    points, faces = read_triangles(path, refuse)
+    ratio = _diagonal(points) / _diagonal(skin_points)
+    for unit, factor in (("metres", 1000.0), ("centimetres", 10.0)):
+        if 1 / 2.5 < ratio * factor < 2.5:
+            LOG.warning("case %r: %s: %.3g times the size of the skin in mm; taken as %s", case, path, ratio, unit)
+            points, ratio = points * factor, ratio * factor
+            break
+    if not 0.25 < ratio < 4:
+        refuse(
+            f"the surface is {ratio:.3g} times the size of the patient's skin",
+            "give the skin of this patient in millimetres, centimetres or metres, the whole face and little else",
+        )
+    return points, faces
+
+
+def _check_extent(extent: float | None, refuse) -> None:
+    """Refuse a head whose longest side (mm) is none."""
+    if extent is None or HEAD_EXTENT[0] <= extent <= HEAD_EXTENT[1]:
+        return
+    units = {-3: "metres", -1: "centimetres", -2: "centimetres", 3: "micrometres"}
+    unit = units.get(round(np.log10(extent / 200)), "another unit")
+    refuse(
+        f"the head measures {extent:.4g} mm; the voxel spacing or the coordinates seem to be in {unit}",
+        "write them in millimetres",
+    )
+
+
+def _axis_aligned(image: sitk.Image) -> sitk.Image:
+    """The image in LPS with the identity as direction; resampled by nearest neighbour only if it is oblique."""
+    image = sitk.DICOMOrient(image, "LPS")
+    direction = np.array(image.GetDirection()).reshape(3, 3)
+    if np.abs(direction - np.eye(3)).max() < 1e-4:  # what float32 headers leave of an identity
+        image.SetDirection(np.eye(3).ravel())
+        return image
+    size, spacing = np.array(image.GetSize()), np.array(image.GetSpacing())
+    corners = np.array(np.meshgrid(*[(0, n - 1) for n in size], indexing="ij")).reshape(3, -1).T.tolist()
+    places = np.array([image.TransformContinuousIndexToPhysicalPoint(corner) for corner in corners])
+    low, high = places.min(axis=0), places.max(axis=0)
+    wanted = np.ceil((high - low) / spacing - 1e-6).astype(int) + 1
+    grid = [wanted.tolist(), sitk.Transform(), sitk.sitkNearestNeighbor, low.tolist(), spacing.tolist()]
+    return sitk.Resample(image, *grid, np.eye(3).ravel().tolist(), 0.0, image.GetPixelID())
+
+
+def _labelled_extent(inside, spacing) -> float | None:
+    """Longest side in mm of the box round the voxels inside [iz, iy, ix]; None if there are none."""
+    sides = []
+    for axis, step in zip((2, 1, 0), spacing, strict=True):
+        found = np.flatnonzero(inside.any(axis=tuple({0, 1, 2} - {axis})))
+        if not len(found):
+            return None
+        sides.append((found[-1] - found[0] + 1) * step)
+    return float(max(sides))
+
+
+def _diagonal(points) -> float:
+    return float(np.linalg.norm(np.ptp(points, axis=0)))

@@ -1,0 +1,258 @@
+"""Label maps of a CT by thresholds and a few planes, for a head that nobody has segmented."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
+
+import numpy as np
+import SimpleITK as sitk
+from scipy import ndimage
+
+from pinnochio.errors import InputError
+from pinnochio.importing.segmentation import HEADER, Segmentation, axes_of, turn
+from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, segment_code
+
+SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right")
+LOOSE_CM3 = 5.0  # pieces of bone that hang on nothing and are smaller count as soft: hyoid, larynx, tubes
+LOWER, UPPER = 1, 2  # watershed basins
+PLANES = ("occlusal", "lefort", "pterygoid", "joint", "split")
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Plane through point (3,) mm with the unit normal (3,), LPS."""
+
+    point: np.ndarray
+    normal: np.ndarray
+
+    def height(self, places) -> np.ndarray:
+        """Signed distance (...,) mm of places (..., 3), positive on the side that the normal points to."""
+        return (places - self.point) @ self.normal
+
+
+@dataclass(frozen=True)
+class Cuts:
+    """Where the bones of a head are parted, LPS mm.
+
+    occlusal, normal up: between the teeth of both jaws. lefort, normal up: the LeFort I osteotomy. pterygoid, normal
+    back: behind the last upper molar, where the maxilla ends. joint, normal up: over the condyles. split, normal back:
+    the osteotomy of the rami; without it the mandible is one piece. low, high (3,): the box that is kept, infinite
+    where the scan is not cut.
+    """
+
+    occlusal: Plane
+    lefort: Plane
+    pterygoid: Plane
+    joint: Plane
+    split: Plane | None = None
+    low: np.ndarray = field(default_factory=lambda: np.full(3, -np.inf))
+    high: np.ndarray = field(default_factory=lambda: np.full(3, np.inf))
+
+    @classmethod
+    def read(cls, path: str | os.PathLike) -> "Cuts":
+        """Read JSON: {"occlusal": {"point": [x, y, z], "normal": [x, y, z]}, ..., "low": [null, null, z], ...}."""
+        try:
+            with open(path, encoding="utf-8") as file:
+                given = json.load(file)
+            planes = {name: _plane(given[name]) for name in PLANES if name in given}
+            bounds = {
+                name: np.array([empty if value is None else float(value) for value in given[name]])
+                for name, empty in (("low", -np.inf), ("high", np.inf))
+                if name in given
+            }
+            if unknown := set(given) - {item.name for item in fields(cls)}:
+                raise ValueError(f"unknown names {sorted(unknown)}")
+            if any(value.shape != (3,) for value in bounds.values()):
+                raise ValueError("low and high need three values each")
+            return cls(**planes, **bounds)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                "-", path, f"cannot be read as cuts ({error})", "name occlusal, lefort, pterygoid and joint"
+            ) from error
+
+
+def _plane(given: Mapping) -> Plane:
+    point, normal = np.array(given["point"], float), np.array(given["normal"], float)
+    if point.shape != (3,) or normal.shape != (3,) or not np.isfinite([point, normal]).all() or not normal.any():
+        raise ValueError("a plane needs a point and a normal of three numbers each")
+    return Plane(point, normal / np.linalg.norm(normal))
+
+
+def _option(meaning: str, default=MISSING):
+    return field(default=default, metadata={"meaning": meaning})
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Grey values and lengths of a segmentation; each carries its meaning as metadata."""
+
+    skin: float = _option("lowest grey value of tissue")
+    bone: float = _option("lowest grey value of bone")
+    spacing: float = _option("edge of the label map's voxels, mm", 1.5)
+    opening: float = _option("what is thinner than twice this beside the head is taken off (holder, tubes), mm", 3.0)
+    closing: float = _option("holes in bone narrower than twice this are closed, mm", 3.0)
+    depth: float = _option("soft tissue is kept as far as this from the skin, mm", 28.0)
+    aperture: float = _option(
+        "openings of the skin narrower than this are mouth and nostrils; see the tongue, too, mm", 10.0
+    )
+    margin: float = _option("bone nearer than this to the pterygoid plane is given to a jaw by the watershed, mm", 8.0)
+
+    def __post_init__(self):
+        if not self.skin < self.bone:
+            raise InputError("-", "thresholds", f"skin {self.skin} is not below bone {self.bone}", "exchange them")
+        if wrong := [item.name for item in fields(self)[2:] if not getattr(self, item.name) > 0]:
+            raise InputError("-", "thresholds", f"{', '.join(wrong)} is not positive", "give lengths in mm")
+
+    @classmethod
+    def options(cls) -> list[tuple[str, str, float | None]]:
+        """Name, meaning and default (None: required) of every threshold."""
+        return [(i.name, i.metadata["meaning"], None if i.default is MISSING else i.default) for i in fields(cls)]
+
+
+def read_ct(path: str | os.PathLike, orientation: str = HEADER) -> sitk.Image:
+    """Read a CT as an axis-aligned LPS volume; orientation as in :func:`read_segmentation`. Raises InputError."""
+    try:
+        image = sitk.ReadImage(str(path), sitk.sitkFloat32)
+        if orientation != HEADER:
+            turn(image, axes_of(orientation))
+        image = sitk.DICOMOrient(image, "LPS")
+    except (RuntimeError, ValueError) as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise InputError("-", path, f"cannot be read as a CT volume ({reason})", "give NRRD, NIfTI or MHA") from error
+    if not np.allclose(image.GetDirection(), np.eye(3).ravel(), atol=1e-4):
+        raise InputError("-", path, "its axes are oblique", "resample it to axes along the body, or name the axes")
+    return image
+
+
+def segment_ct(ct: sitk.Image, cuts: Cuts, given: Thresholds) -> Segmentation:
+    """Superficial tissue, cranium, maxilla and mandible of a CT (axis-aligned LPS), codes of SEGMENTS; no muscle.
+
+    The CT is resampled linearly to cubes before the thresholds.
+    Head. The largest piece of what is denser than air, once everything thinner than twice `opening` is taken off.
+    Bones. :func:`_bones`. Below the LeFort I plane and in front of the pterygoid plane lies the maxilla, the largest
+    piece there; behind the split plane lie the proximal segments, left and right of the middle of the mandible.
+    Soft tissue. What can be reached from the skin through soft tissue on a way of at most `depth`: neither brain nor
+    pharynx, which are left out as air. So is the tongue: what has a dental arch on its right and on its left, where
+    gaps of the arches narrower than twice `aperture` count as closed, down to `aperture` below the occlusal plane.
+    Raises InputError for cuts and thresholds that do not fit the scan.
+    """
+    spacing = given.spacing
+    ct = _isotropic(ct, spacing)
+    density = sitk.GetArrayFromImage(ct).transpose(2, 1, 0)
+    origin = np.array(ct.GetOrigin())
+    places = np.stack(np.indices(density.shape), axis=-1) * spacing + origin
+    kept = ((places >= cuts.low) & (places <= cuts.high)).all(axis=-1)
+    if not kept.any():
+        raise InputError("-", "cuts", "nothing of the scan lies between 'low' and 'high'", "correct the box")
+
+    head = _bulk(density > given.skin, given.opening / spacing)
+    upper, lower = _bones(density, head, places, cuts, given)
+    front = cuts.pterygoid.height(places) < 0
+    maxilla = _largest(upper & front & (cuts.lefort.height(places) < 0))
+    arches = _closed(maxilla | (lower & front), given.aperture / spacing)
+    oral = _between(arches) & (cuts.occlusal.height(places) > -given.aperture)
+
+    labels = np.full(density.shape, AIR, np.uint8)
+    labels[_near_skin(head, head & ~upper & ~lower & ~oral, given)] = SUPERFICIAL
+    labels[upper] = CRANIUM
+    labels[maxilla] = segment_code(0)
+    labels[lower] = segment_code(1)
+    if cuts.split is not None:
+        behind = lower & (cuts.split.height(places) > 0)
+        left = places[..., 0] > places[lower][:, 0].mean()
+        labels[behind & left] = segment_code(2)
+        labels[behind & ~left] = segment_code(3)
+    box = ndimage.find_objects(kept.astype(np.uint8))[0]
+    corner = origin + spacing * np.array([side.start for side in box])
+    return Segmentation(np.ascontiguousarray(labels[box]), np.full(3, spacing), corner)
+
+
+def _bones(density, head, places, cuts: Cuts, given: Thresholds) -> tuple[np.ndarray, np.ndarray]:
+    """Skull with upper jaw, and mandible: a watershed parts them where the bone is least dense, at the joints.
+
+    It starts from the bone below and above the occlusal plane, more than `margin` in front of the pterygoid plane, and
+    from the bone above the joint plane. The mandible is the largest piece of its basin, without what is one or two
+    voxels thin. Loose pieces of bone are soft. Holes up to twice `closing` wide are closed, in each bone by itself.
+    """
+    bony = head & (density > given.bone)
+    front = cuts.pterygoid.height(places) < -given.margin
+    above = cuts.occlusal.height(places) > 0
+    markers = np.zeros(density.shape, np.uint8)
+    markers[bony & front & ~above] = LOWER
+    markers[bony & front & above] = UPPER
+    for marker, side in ((LOWER, "below"), (UPPER, "above")):
+        if not (markers == marker).any():
+            raise InputError("-", "cuts", f"there is no bone {side} the occlusal plane", "correct the planes or 'bone'")
+    markers[bony & (cuts.joint.height(places) > 0)] = UPPER
+    lower = _bulk(bony & (_watershed(-density, markers) == LOWER), 1)
+    upper = _without_loose(bony & ~lower, LOOSE_CM3 * 1000 / given.spacing**3)
+    upper = _closed(upper, given.closing / given.spacing) & ~lower
+    return upper, _closed(lower, given.closing / given.spacing) & ~upper
+
+
+def _isotropic(ct: sitk.Image, spacing: float) -> sitk.Image:
+    extent = (np.array(ct.GetSize()) - 1) * ct.GetSpacing()
+    size = (np.floor(extent / spacing + 1e-6).astype(int) + 1).tolist()
+    grid = [size, sitk.Transform(), sitk.sitkLinear, ct.GetOrigin(), [spacing] * 3, ct.GetDirection()]
+    return sitk.Resample(sitk.Cast(ct, sitk.sitkFloat32), *grid)
+
+
+def _bulk(dense, radius: float) -> np.ndarray:
+    """The largest piece of the opened mask, with a rim of one voxel that the opening took off."""
+    core = _largest(_morphology(sitk.BinaryMorphologicalOpening, dense, radius))
+    return dense & _morphology(sitk.BinaryDilate, core, 1)
+
+
+def _closed(mask, radius: float) -> np.ndarray:
+    return _morphology(sitk.BinaryMorphologicalClosing, mask, radius)
+
+
+def _morphology(filter_, mask, radius: float) -> np.ndarray:
+    """Erosion, dilation, opening or closing by a ball of `radius` voxels; the volume goes on beyond its border."""
+    radius = int(round(radius))
+    padded = sitk.GetImageFromArray(np.pad(mask, radius + 1, mode="edge").astype(np.uint8))
+    inner = (slice(radius + 1, -radius - 1),) * 3
+    return sitk.GetArrayFromImage(filter_(padded, [radius] * 3))[inner].astype(bool)
+
+
+def _largest(mask) -> np.ndarray:
+    pieces, count = ndimage.label(mask)
+    return pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:]) if count else mask
+
+
+def _without_loose(mask, voxels: float) -> np.ndarray:
+    pieces, _ = ndimage.label(mask, np.ones((3, 3, 3)))
+    large = np.bincount(pieces.ravel()) >= voxels
+    large[0] = False
+    return large[pieces]
+
+
+def _watershed(height, markers) -> np.ndarray:
+    """Basin of each voxel, flooded from the markers up the height."""
+    images = [sitk.GetImageFromArray(np.ascontiguousarray(array)) for array in (height, markers)]
+    return sitk.GetArrayFromImage(sitk.MorphologicalWatershedFromMarkers(*images, markWatershedLine=False))
+
+
+def _between(bone) -> np.ndarray:
+    """Voxels with bone on their right and on their left."""
+    right = np.maximum.accumulate(bone, axis=0)
+    return right & np.maximum.accumulate(bone[::-1], axis=0)[::-1]
+
+
+def _near_skin(head, soft, given: Thresholds) -> np.ndarray:
+    """The largest piece of the soft voxels at most `depth` from the skin, on ways through soft tissue.
+
+    The skin is what a ball of diameter `aperture` touches from outside: neither nostril nor mouth. Outside is the air
+    that meets the front or a side of the scan; the airway meets its lower border.
+    """
+    air, _ = ndimage.label(~_closed(head, given.aperture / 2 / given.spacing))
+    borders = np.concatenate([air[:, 0].ravel(), air[0].ravel(), air[-1].ravel()])
+    outside = np.isin(air, borders[borders > 0])
+    start = np.argwhere(ndimage.binary_dilation(outside, iterations=2) & soft)
+    if not len(start):
+        raise InputError("-", "CT", "no skin lies in front of outer air", "lower 'skin', or give more of the scan")
+    speed = sitk.GetImageFromArray(soft.astype(np.float32))
+    reach = given.depth / given.spacing
+    marched = sitk.FastMarching(speed, start[:, ::-1].tolist(), stoppingValue=reach)
+    return _largest(soft & (sitk.GetArrayFromImage(marched) <= reach))

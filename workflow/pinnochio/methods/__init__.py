@@ -1,0 +1,1 @@
+"""Every method that predicts: finite elements, graph networks, surface networks, regressions and floors."""

@@ -1,0 +1,166 @@
+"""Linear regression from the plan and the principal components of the face to the displacement of its skin.
+
+Of the kind of Berends et al. 2025, who register a template to photographs before and after [S, abstract]; here the
+landmarks of the face carry the template over. Taught first by finite-element fields, then by what is left between its
+predictions and the post-operative skins.
+"""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import h5py
+import numpy as np
+from scipy.interpolate import RBFInterpolator
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from pinnochio.files import replacing
+from pinnochio.geometry.closest_points import closest_points
+from pinnochio.geometry.scattered import nearest, spread
+from pinnochio.mechanics.lift import farthest
+from pinnochio.model.landmarks import face_landmarks
+from pinnochio.model.patient import PatientModel
+from pinnochio.plans.plan import Plan
+
+TEMPLATE = 400  # points
+COMPONENTS = 5  # of the faces' shapes
+PENALTIES = 10.0 ** np.arange(-3, 5)  # of the squared coefficients, of which leaving out one patient in turn chooses
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """Template points (t, 3) and landmarks (l, 3) mm; mean (3 t,) and components (c, 3 t) of the shapes; scale (f,) of
+    the features; taught and adapted (f + 1, 3 t) coefficients, mm, of the fields and of what the skins add.
+    """
+
+    template: np.ndarray
+    landmarks: np.ndarray
+    mean: np.ndarray
+    components: np.ndarray
+    scale: np.ndarray
+    taught: np.ndarray
+    adapted: np.ndarray
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write as HDF5."""
+        with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+            for item in fields(self):
+                file.create_dataset(item.name, data=getattr(self, item.name), track_times=False)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike) -> "LinearModel":
+        """Read what :meth:`write` wrote."""
+        with h5py.File(path, "r") as file:
+            return cls(*(file[item.name][()] for item in fields(cls)))
+
+
+class LinearPredictor:
+    """A linear model on one patient: its shape is read once and serves every plan."""
+
+    def __init__(self, linear: LinearModel, model: PatientModel):
+        """InputError where the face cannot be read."""
+        self._linear, self._model = linear, model
+        self._found = corresponding(linear.template, linear.landmarks, model)
+        shape = model.skin_points[self._found]
+        self._shape = linear.components @ (centred(shape) - linear.mean)
+        self._near, self._weights = nearest(model.skin_points, shape)
+
+    def __call__(self, plan: Plan) -> np.ndarray:
+        """Displacement (s, 3) mm of the skin points."""
+        own = np.append(features(self._model, plan, self._shape) / self._linear.scale, 1)
+        moved = (own @ (self._linear.taught + self._linear.adapted)).reshape(-1, 3)
+        return spread(moved, self._near, self._weights)
+
+
+def fit(
+    models: Sequence[PatientModel],
+    taught: Sequence[Sequence[tuple[Plan, np.ndarray]]],
+    plans: Sequence[Plan],
+    skins: Sequence[tuple[np.ndarray, np.ndarray]],
+) -> LinearModel:
+    """The model of some training patients: their fields (plan, (n, 3) mm), own plans and post-operative skins.
+
+    The first patient's face is the template.
+    """
+    first = models[0]
+    face = first.judged_points
+    template = first.skin_points[face][farthest(first.skin_points[face], TEMPLATE)]
+    landmarks = marks(first)
+    found = [corresponding(template, landmarks, model) for model in models]
+    shapes = np.array([centred(model.skin_points[own]) for model, own in zip(models, found, strict=True)])
+    mean = shapes.mean(axis=0)
+    components = np.linalg.svd(shapes - mean, full_matrices=False)[2][: min(COMPONENTS, len(models) - 1)]
+    scores = (shapes - mean) @ components.T
+
+    rows, values, owner = [], [], []
+    for number, (model, own) in enumerate(zip(models, found, strict=True)):
+        for plan, field in taught[number]:
+            rows.append(features(model, plan, scores[number]))
+            values.append((model.moved_skin(field) - model.skin_points)[own].ravel())
+            owner.append(number)
+    scale = np.std(rows, axis=0)
+    scale[scale < 1e-9] = 1.0
+    coefficients = ridge(np.array(rows) / scale, np.array(values), np.array(owner))
+
+    rows, rest = [], []
+    for number, (model, own) in enumerate(zip(models, found, strict=True)):
+        rows.append(features(model, plans[number], scores[number]) / scale)
+        moved = model.skin_points[own] + (np.append(rows[-1], 1) @ coefficients).reshape(-1, 3)
+        at = closest_points(moved, *skins[number])
+        rest.append(np.where(at.border[:, None], np.nan, at.points - moved).ravel())
+    rest = np.array(rest)
+    known = np.isfinite(rest)
+    usual = np.where(known, rest, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    adapted = ridge(np.array(rows), np.where(known, rest, usual), np.arange(len(models)))
+    return LinearModel(template, landmarks, mean, components, scale, coefficients, adapted)
+
+
+def features(model: PatientModel, plan: Plan, shape: np.ndarray) -> np.ndarray:
+    """What is regressed on: of each segment the displacement of its middle, mm, and its rotation, degrees; shape."""
+    parts = []
+    for index, name in enumerate(model.segments):
+        motion, bone = plan.motion(name), model.bone_points[model.bone_segment == index]
+        middle = bone.mean(axis=0) if len(bone) else np.zeros(3)
+        parts += [motion.displacement(middle[None])[0], np.degrees(Rotation.from_matrix(motion.rotation).as_rotvec())]
+    return np.concatenate([*parts, shape])
+
+
+def ridge(rows: np.ndarray, values: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """Coefficients (f + 1, v) from rows (r, f) to values (r, v), the last for the free constant.
+
+    The penalty is the one of PENALTIES that predicts each owner's (r,) rows best from those of all others.
+    """
+    with_one = np.column_stack([rows, np.ones(len(rows))])
+
+    def solve(chosen, penalty):
+        x, y = with_one[chosen], values[chosen]
+        weight = np.append(np.full(rows.shape[1], penalty), 1e-9)
+        return np.linalg.solve(x.T @ x + np.diag(weight), x.T @ y)
+
+    def error(penalty):
+        parts = [(with_one[owner == n] @ solve(owner != n, penalty) - values[owner == n]) for n in np.unique(owner)]
+        return np.square(np.concatenate(parts)).mean()
+
+    return solve(slice(None), min(PENALTIES, key=error))
+
+
+def corresponding(template: np.ndarray, landmarks: np.ndarray, model: PatientModel) -> np.ndarray:
+    """Skin point (t,) of the judged face that stands where each template point (t, 3) does.
+
+    A thin-plate spline takes the template's landmarks to the patient's; then the nearest point of the skin counts.
+    """
+    # Smoothed a little, because on a coarse face two landmarks may fall together.
+    carried = RBFInterpolator(landmarks, marks(model), smoothing=1.0, kernel="thin_plate_spline", degree=1)(template)
+    face = model.judged_points
+    return face[cKDTree(model.skin_points[face]).query(carried)[1]]
+
+
+def marks(model: PatientModel) -> np.ndarray:
+    """Landmarks (l, 3) mm of the face."""
+    return np.vstack([np.atleast_2d(point) for point in vars(face_landmarks(model)).values()])
+
+
+def centred(points: np.ndarray) -> np.ndarray:
+    """Coordinates (3 p,) about the middle of the points."""
+    return (points - points.mean(axis=0)).ravel()

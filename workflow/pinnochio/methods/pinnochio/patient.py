@@ -1,0 +1,215 @@
+"""A patient as the networks and losses read it: graphs, interfaces and the mechanics operator, as tensors."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from pinnochio.mechanics.elements import VOLUMETRIC, lumped
+from pinnochio.mechanics.lift import Lift, farthest, motion_amplitudes, node_shares
+from pinnochio.mechanics.materials import Material
+from pinnochio.mechanics.residual import Operator
+from pinnochio.model.labels import MUSCLE
+from pinnochio.model.patient import (
+    BONE_MUSCLE,
+    BONE_SUPERFICIAL,
+    FIXED,
+    FREE,
+    MOVING,
+    MUSCLE_SUPERFICIAL,
+    NO_INTERFACE,
+    PatientModel,
+)
+from pinnochio.networks.cascade import Anatomy, Interface, LiftTensors, PlanSignal
+from pinnochio.networks.graph import Graph
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.plans.plan import Plan
+
+# Volume ratio below which the loss extends the energy: a raw network inverts elements, and a steeper extension would
+# let these few outweigh all others. Above it the residual is the solver's own [I].
+LOSS_EXTENSION = 0.1
+
+
+NODES_PER_HUB = 64  # tissue nodes for each hub of the long edges
+
+
+@dataclass(frozen=True)
+class PatientTensors:
+    """What belongs to the patient and serves every plan.
+
+    centre (3,) mm, the tissue's centroid, origin of all coordinates here; points (n, 3) mm float32; operator:
+    internal force and energy, float32; free (f,) nodes without a boundary condition, the skin included; settings of the
+    networks that will read it; motions (12 K, 3 n) of the lift, if there is one. bone_followers, followers: what moves
+    the bone and the interface nodes; reliable (n, 1), 1 where the plan fixes the motion.
+    """
+
+    model: PatientModel
+    centre: np.ndarray
+    points: Tensor
+    anatomy: Anatomy
+    operator: Operator
+    free: Tensor
+    settings: NetworkSettings
+    bone_followers: "Followers"
+    followers: "Followers"
+    reliable: Tensor
+    lift: Lift | None = None
+    motions: Tensor | None = None
+
+    @classmethod
+    def build(
+        cls,
+        model: PatientModel,
+        material: Material,
+        volumetric: str = VOLUMETRIC[0],
+        settings: NetworkSettings | None = None,
+        lift: Lift | None = None,
+        device: torch.device | str = "cpu",
+    ) -> "PatientTensors":
+        """Tensors of `model` on `device`, as networks of `settings` read them; ValueError if they miss a lift."""
+        settings = settings or NetworkSettings()
+        if (lift is None) != (settings.lift == "none"):
+            raise ValueError(f"the network's lift is {settings.lift!r}, the patient's is {'there' if lift else 'not'}")
+        corners = model.points[model.cells]
+        volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
+        centre = (corners.mean(1) * volume[:, None]).sum(0) / volume.sum()
+        points = model.points - centre
+
+        def tensor(values, dtype=torch.int64):
+            return torch.as_tensor(np.ascontiguousarray(values), dtype=dtype, device=device)
+
+        def body(cells):
+            """Nodes of the cells and their graph."""
+            nodes, local = np.unique(cells, return_inverse=True)
+            joined = hub_edges(points[nodes], settings.long_edges)
+            extra = node_stiffness(model, material, volume)[nodes] if settings.stiffness else None
+            options = {"joined": joined, "extra": extra, "edge_features": settings.edge_features}
+            return nodes, Graph.build(points[nodes], local.reshape(cells.shape), device, **options)
+
+        def interface(kind, source):
+            """Nodes of the interface with their nearest rows of the source points."""
+            nodes = np.flatnonzero(model.interface_kind == kind)
+            if not len(source):
+                nodes = nodes[:0]
+            near = np.zeros((0, 1), int)
+            if len(nodes):
+                count = np.arange(1, min(settings.neighbours, len(source)) + 1)
+                near = cKDTree(source).query(points[nodes], count)[1]
+            return Interface(tensor(nodes), tensor(near))
+
+        muscle_nodes, muscle = body(model.cells[model.tissue == MUSCLE])
+        superficial_nodes, superficial = body(model.cells[model.tissue != MUSCLE])
+        bone_points = model.bone_points - centre
+        bone, bone_segment, joined = bone_points, model.bone_segment, None
+        if settings.segment_nodes:
+            joined, middles, segments = segment_nodes(model)
+            bone = np.concatenate([bone_points, middles - centre])
+            bone_segment = np.concatenate([bone_segment, segments])
+        given = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
+        anatomy = Anatomy(
+            bone=Graph.build(bone, model.bone_faces, device, joined=joined, edge_features=settings.edge_features),
+            bone_moved=tensor(bone_segment >= 0, torch.float32)[:, None],
+            muscle=muscle,
+            muscle_nodes=tensor(muscle_nodes),
+            superficial=superficial,
+            superficial_nodes=tensor(superficial_nodes),
+            whole=body(model.cells)[1],
+            bone_muscle=interface(BONE_MUSCLE, bone_points),
+            bone_superficial=interface(BONE_SUPERFICIAL, bone_points),
+            muscle_superficial=interface(MUSCLE_SUPERFICIAL, points[muscle_nodes]),
+            given=tensor(given, torch.float32)[:, None],
+            lift=lift
+            and LiftTensors(
+                tensor(lift.contact),
+                tensor(lift.smoothing, torch.float32),
+                tensor(lift.departures.reshape(len(lift.departures), -1), torch.float32),
+            ),
+        )
+        law = replace(material, extension=LOSS_EXTENSION)
+        operator = Operator.build(points, model.cells, law, volumetric, torch.float32, device)
+        free = tensor(np.flatnonzero(model.node_type == FREE))
+        motions = None if lift is None else tensor(lift.motions.reshape(len(lift.motions), -1), torch.float32)
+        return cls(
+            model,
+            centre,
+            tensor(points, torch.float32),
+            anatomy,
+            operator,
+            free,
+            settings,
+            Followers.build(bone, np.arange(len(model.segments)) == bone_segment[:, None], device),
+            Followers.build(points, node_shares(model, settings.blend and lift is None, sliding=False), device),
+            tensor(np.isin(model.node_type, (FIXED, MOVING)), torch.float32)[:, None],
+            lift,
+            motions,
+        )
+
+    def signal(self, plan: Plan) -> PlanSignal:
+        """The plan as the networks read it."""
+
+        def amplitudes(centre):
+            values = motion_amplitudes(plan, self.model.segments, centre)
+            return torch.as_tensor(values, dtype=self.points.dtype, device=self.points.device)
+
+        own = amplitudes(self.centre)
+        bone, cue, lifted = self.bone_followers.displacement(own), self.followers.displacement(own), None
+        if self.lift is not None:
+            lifted = (amplitudes(self.lift.centre) @ self.motions).view_as(self.points)
+            contact = self.anatomy.lift.contact  # what the lift says of the sliding nodes is their cue
+            cue[contact] = lifted[contact]
+        return PlanSignal(bone, cue, self.reliable, lifted)
+
+
+@dataclass(frozen=True)
+class Followers:
+    """Points (p,) that follow segments: arms (p, 4), coordinates about the patient's centre and a one; share (p, K)."""
+
+    arms: Tensor
+    share: Tensor
+
+    @classmethod
+    def build(cls, points: np.ndarray, share: np.ndarray, device: torch.device | str) -> "Followers":
+        """Of points (p, 3) mm about the centre and the share of each segment in their motion."""
+        real = {"dtype": torch.float32, "device": device}
+        arms = np.column_stack([points, np.ones(len(points))])
+        return cls(torch.as_tensor(arms, **real), torch.as_tensor(np.ascontiguousarray(share), **real))
+
+    def displacement(self, amplitudes: Tensor) -> Tensor:
+        """Displacement (p, 3) mm under motions of these amplitudes (12 K,) about the centre."""
+        motions = amplitudes.view(-1, 12)
+        maps = torch.cat([motions[:, :9].view(-1, 3, 3), motions[:, 9:, None]], 2)  # (K, 3, 4)
+        moved = (self.arms @ maps.flatten(0, 1).T).view(len(self.arms), -1, 3)
+        return (moved * self.share[:, :, None]).sum(1)
+
+
+def segment_nodes(model: PatientModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A virtual node in the middle of each bone: edges (b, 2) from every bone point to the node of its bone, middles
+    (v, 3) mm and segments (v,) of the nodes.
+
+    Virtual nodes are numbered after the bone points, bones in the order of their segment index, the cranium first.
+    """
+    segments, bone = np.unique(model.bone_segment, return_inverse=True)
+    count = len(model.bone_points)
+    edges = np.column_stack([np.arange(count), count + bone])
+    middles = [model.bone_points[bone == index].mean(axis=0) for index in range(len(segments))]
+    return edges, np.array(middles).reshape(-1, 3), segments
+
+
+def node_stiffness(model: PatientModel, material: Material, volume: np.ndarray) -> np.ndarray:
+    """Logarithm (n, 1) of the shear modulus around each node, weighted by volume (m,), over the mean of the cells."""
+    modulus, weight = (lumped(model.cells, own, len(model.points)) for own in (volume * material.mu, volume))
+    return np.log(modulus / np.maximum(weight, 1e-12) / material.mu.mean() + 1e-12)[:, None]
+
+
+def hub_edges(points: np.ndarray, count: int) -> np.ndarray:
+    """Long edges (e, 2): each point to its `count` nearest hubs, points spread evenly, and the hubs to each other."""
+    if not count or not len(points):
+        return np.zeros((0, 2), int)
+    hubs = farthest(points, max(2, len(points) // NODES_PER_HUB))
+    near = cKDTree(points[hubs]).query(points, np.arange(1, min(count, len(hubs)) + 1))[1]
+    edges = np.column_stack([np.repeat(np.arange(len(points)), near.shape[1]), hubs[near].ravel()])
+    among = cKDTree(points[hubs]).query(points[hubs], np.arange(1, min(2 * count + 1, len(hubs)) + 1))[1]
+    between = np.column_stack([np.repeat(hubs, among.shape[1]), hubs[among].ravel()])
+    return np.concatenate([edges, between])

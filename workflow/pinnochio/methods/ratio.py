@@ -1,0 +1,52 @@
+"""Soft-to-hard tissue ratios: each region of the face follows its jaw by a fixed share, as cephalometry has it."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pinnochio.model.landmarks import face_landmarks
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.regions import NAMES, NOT_JUDGED, RIM, regions
+from pinnochio.plans.plan import Plan
+
+# Region: jaw that it follows and its share. Nose [S: PMC6173856] 0.17, [R] 0.2-0.35; lips [S] 0.21 and 0.66,
+# [R] 0.4-0.7 and 0.6-0.8; chin [R] 0.9-1.0.
+RATIOS = {"nose": ("upper", 0.25), "upper_lip": ("upper", 0.5), "lower_lip": ("lower", 0.7), "chin": ("chin", 0.95)}
+CHEEK = 0.5  # of the lower jaw below the mouth, of the upper above it, falling to none at the rim of the orbit [I]
+BLEND = 6.0  # mm over which neighbouring regions run into each other [I]
+JAWS = {"upper": ("lefort", "maxilla"), "lower": ("mandible",), "chin": ("chin", "mandible")}
+
+
+class RatioRule:
+    """The shares of one patient's skin points, which serve every plan."""
+
+    def __init__(self, model: PatientModel):
+        """InputError where the face cannot be read."""
+        codes, skin = regions(model), model.skin_points
+        marks = face_landmarks(model)
+        rim = (1 - RIM) * marks.subnasale[2] + RIM * marks.sellion[2]
+        shares = np.zeros((len(skin), len(JAWS)))
+        for region, (jaw, share) in RATIOS.items():
+            shares[codes == NAMES.index(region), list(JAWS).index(jaw)] = share
+        cheek = np.isin(codes, [NAMES.index(name) for name in ("cheek_right", "cheek_left")])
+        height = skin[cheek, 2]
+        fading = np.clip((rim - height) / (rim - marks.subnasale[2]), 0, 1)
+        upper = height > marks.stomion[2]
+        shares[cheek, 0], shares[cheek, 1] = CHEEK * upper * fading, CHEEK * ~upper
+        judged = np.flatnonzero(codes != NOT_JUDGED)
+        near = cKDTree(skin[judged]).query_ball_point(skin, BLEND)
+        found = np.array([shares[judged[own]].mean(axis=0) if len(own) else np.zeros(len(JAWS)) for own in near])
+        self._skin, self._shares = skin, found
+        self._segments = [named(model.segments, words) for words in JAWS.values()]
+
+    def __call__(self, plan: Plan) -> np.ndarray:
+        """Displacement (s, 3) mm of the skin points."""
+        moved = np.zeros_like(self._skin)
+        for segment, share in zip(self._segments, self._shares.T, strict=True):
+            if segment is not None:
+                moved += share[:, None] * plan.motion(segment).displacement(self._skin)
+        return moved
+
+
+def named(segments: tuple[str, ...], words: tuple[str, ...]) -> str | None:
+    """The first segment whose name holds the first of the words that any name holds."""
+    return next((name for word in words for name in segments if word in name), None)

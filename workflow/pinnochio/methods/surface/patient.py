@@ -1,0 +1,142 @@
+"""A patient as the surface networks and their losses read it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from pinnochio.geometry.closest_points import closest_points
+from pinnochio.geometry.distances import sample_surface
+from pinnochio.geometry.scattered import nearest, spread
+from pinnochio.geometry.triangles import vertex_normals
+from pinnochio.methods.surface.settings import SurfaceSettings
+from pinnochio.model.patient import PatientModel
+from pinnochio.networks import acmt_net as acmt
+from pinnochio.networks import dgcfp
+from pinnochio.networks.clouds import FaceGraph, Given, PointCloud, real
+from pinnochio.plans.plan import Plan
+from pinnochio.seeds import derive_seed
+
+LOCAL = 5.0  # mm: pairs of points whose distance is to be kept [S: ACMT-Net]
+BONE_LEVELS = {
+    "acmt": (acmt.SHARES, acmt.RADII),
+    "fscnet": (acmt.SHARES[: len(acmt.CODE)], acmt.RADII[: len(acmt.CODE)]),
+    "dgcfp": (dgcfp.SHARES, dgcfp.RADII),
+}
+TARGETS = 4  # target points for each point of the face, of which every step draws some
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Some points of a patient: what a network reads of them under no plan, and what the losses need.
+
+    bone (b,): index of each bone point; near, weights (n, 3): nearest skin points of each face point, and their shares;
+    pairs (p, 2) of face points close to each other.
+    """
+
+    given: Given
+    bone: np.ndarray
+    near: np.ndarray
+    weights: np.ndarray
+    pairs: Tensor
+
+
+@dataclass(frozen=True)
+class SurfacePatient:
+    """A patient in the units of a network: x = (place - centre) / unit, in mm."""
+
+    model: PatientModel
+    centre: np.ndarray
+    unit: float
+    draws: tuple[Draw, ...]
+
+    @classmethod
+    def build(cls, model: PatientModel, settings: SurfaceSettings, case: str, repeats: int) -> "SurfacePatient":
+        """`repeats` draws of the judged face and of the bone; the same for the same case."""
+        face, local = np.unique(model.skin_faces[model.face_roi], return_inverse=True)
+        faces, skin = local.reshape(-1, 3), model.skin_points[face]
+        centre, unit = skin.mean(axis=0), acmt.UNIT
+        if settings.architecture == "dgcfp":
+            unit = max(np.linalg.norm(part - centre, axis=1).max() for part in (skin, model.bone_points))
+        skin, bone = (skin - centre) / unit, (model.bone_points - centre) / unit
+        normals = vertex_normals(skin, faces)
+        draws = []
+        for repeat in range(repeats):
+            rng = np.random.default_rng(derive_seed(0, "surface points", f"{case}/{repeat}"))
+            shared = settings.points, settings.neighbours, rng
+            chosen = some(len(bone), settings.points, rng)
+            if settings.architecture == "dgcfp":
+                counts = [max(round(settings.points * dgcfp.FACE_SHARE**n), 4) for n in range(dgcfp.FACE_LEVELS)]
+                own = FaceGraph.build(skin, normals, faces, counts, dgcfp.FACE_RADII, settings.neighbours, rng)
+                points = own.levels[0].points
+            else:
+                own = cloud(skin[some(len(skin), settings.points, rng)], acmt.SHARES, acmt.RADII, *shared)
+                points = own.points
+            code = cloud(bone[chosen], *BONE_LEVELS[settings.architecture], *shared)
+            near, weights = nearest(points.numpy(), skin)
+            pairs = cKDTree(points.numpy()).query_pairs(LOCAL / unit, output_type="ndarray")
+            batch = torch.zeros(len(points), dtype=torch.int64)
+            still = torch.zeros(len(chosen), 3)
+            given = Given(own, code, still, 1, batch)
+            draws.append(Draw(given, chosen, face[near], weights, torch.as_tensor(pairs)))
+        return cls(model, centre, unit, tuple(draws))
+
+    def given(self, draw: Draw, plan: Plan) -> Given:
+        """What a network reads of a draw under a plan."""
+        moved = real(self.model.bone_displacement(plan)[draw.bone] / self.unit)
+        return replace(draw.given, movement=moved)
+
+    def carried(self, draw: Draw, skin: np.ndarray) -> Tensor:
+        """Displacement (n, 3) in units of the face points of a draw where the skin points (s, 3) move so many mm."""
+        return real(spread(skin, draw.near, draw.weights) / self.unit)
+
+
+@dataclass(frozen=True)
+class Target:
+    """Points (t, 3) in units on the part of the post-operative skin that the judged face can be compared with.
+
+    weight (t,) of each; seen: for each draw, the weight (n,) of its face points, 0 where the scan has ended before.
+    """
+
+    points: Tensor
+    weight: Tensor
+    seen: tuple[Tensor, ...]
+
+    @classmethod
+    def build(
+        cls, patient: SurfacePatient, points: np.ndarray, faces: np.ndarray, settings: SurfaceSettings, case: str
+    ) -> "Target":
+        """Of the registered post-operative skin (p, 3) mm, (f, 3). ValueError if it covers nothing of the face.
+
+        The rule is the metric's: what lies nearest to the judged face counts, and what ends on an open border does not.
+        """
+        model = patient.model
+        many = sample_surface(points, faces, 3 * TARGETS * settings.points, derive_seed(0, "surface target", case))
+        found = closest_points(many, model.skin_points, model.skin_faces)
+        many = many[model.face_roi[found.face] & ~found.border][: TARGETS * settings.points]
+        if not len(many):
+            raise ValueError("the post-operative skin covers nothing of the face: is it registered?")
+
+        def weight(places):
+            if not settings.distance_guided:
+                return np.ones(len(places))
+            moving = cKDTree(model.bone_points[model.bone_segment >= 0])
+            return np.exp(-moving.query(places)[0] / settings.distance_guided)
+
+        seen = []
+        for draw in patient.draws:
+            rest = spread(model.skin_points, draw.near, draw.weights)
+            seen.append(real(weight(rest) * ~closest_points(rest, points, faces).border))
+        return cls(real((many - patient.centre) / patient.unit), real(weight(many)), tuple(seen))
+
+
+def cloud(points, shares, radii, count: int, neighbours: int, rng: np.random.Generator) -> PointCloud:
+    """A point cloud whose levels hold these shares of `count` points."""
+    return PointCloud.build(points, [max(round(share * count), 4) for share in shares], radii, neighbours, rng)
+
+
+def some(size: int, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Indices (count,) of so many of `size` things, by lot, each once where there are enough."""
+    return rng.choice(size, count, replace=size < count)

@@ -1,0 +1,1 @@
+"""What is measured of a prediction: surface, volume, validity, regions."""

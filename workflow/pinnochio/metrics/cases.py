@@ -1,0 +1,80 @@
+"""Everything that is measured of one prediction: one row of cases.csv."""
+
+import logging
+
+import numpy as np
+
+from pinnochio.errors import InputError
+from pinnochio.geometry.distances import vertex_areas
+from pinnochio.mechanics.elements import node_volumes
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.metrics.regions import landmark_errors, region_errors
+from pinnochio.metrics.surface import surface_metrics, target_samples
+from pinnochio.metrics.validity import boundary_metrics, equilibrium_of, volume_metrics
+from pinnochio.metrics.volume import mean_and_p95, truth_errors
+from pinnochio.model.patient import FREE, NO_INTERFACE, PatientModel
+from pinnochio.model.predictions import Prediction
+from pinnochio.plans.plan import Plan
+from pinnochio.tables.engine import CASES
+
+# Columns that a prediction brings along.
+COPIED = ("device", "seconds", "setup_seconds", "threads", "converged")
+COPIED += ("raw_min_jacobian", "raw_inverted", "repaired", "damping")
+
+
+def evaluate_case(
+    patient: PatientModel,
+    plan: Plan,
+    prediction: Prediction,
+    *,
+    fem: FemSettings,
+    samples: int,
+    seed: int,
+    target: tuple[np.ndarray, np.ndarray] | None = None,
+    truth: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    labels: dict | None = None,
+) -> dict:
+    """One row of cases.csv.
+
+    target: points and faces of the registered post-operative skin; truth: points, cells, displacement; either may be
+    absent, and its columns are then empty. labels: what the caller knows (fold, method, code, registration_residual).
+    fem: material and elements of the residual.
+    A prediction of the skin alone has none of the columns of the volume. One that is not finite gives a row without
+    metrics, marked as not converged. Regions and landmarks stay empty where the face cannot be read.
+    """
+    u, moved = prediction.displacement, prediction.moved_skin(patient)
+    row = dict.fromkeys((column.name for column in CASES if column.optional), np.nan)
+    row |= {"reason": prediction.reason, "case": plan.case, "seed": seed}
+    row |= {key: getattr(prediction, key) for key in COPIED}
+    row |= {"nodes": len(patient.points), "muscle": patient.muscle} | (labels or {})
+    if not np.isfinite(moved if u is None else u).all():
+        return row | {"converged": False, "reason": f"the field is not finite ({prediction.reason})"}
+    if u is not None:
+        row |= volume_metrics(patient.points, patient.cells, patient.tissue, u)
+        row |= equilibrium_of(patient, u, fem)
+        row |= boundary_metrics(patient, plan, u)
+    if prediction.boundary is not None:
+        contact = (patient.node_type != FREE) & (patient.interface_kind != NO_INTERFACE)
+        row["interface_error"] = np.linalg.norm(u - prediction.boundary, axis=1)[contact].mean()
+    if target is not None:
+        given = moved, patient.skin_faces, patient.face_roi, *target, samples, seed
+        sampled = target_samples(*given)
+        row |= surface_metrics(*given, plan.case, sampled)
+        row |= _where_readable(plan.case, region_errors, patient, moved, sampled)
+    if truth is not None:
+        if u is not None:
+            errors = truth_errors(patient.points, u, *truth)
+            row |= mean_and_p95("volume_error", errors, node_volumes(patient.points, patient.cells))
+        errors = truth_errors(patient.skin_points, moved - patient.skin_points, *truth)
+        row |= mean_and_p95("skin_error", errors, vertex_areas(patient.skin_points, patient.skin_faces))
+        row |= _where_readable(plan.case, landmark_errors, patient, errors)
+    return row
+
+
+def _where_readable(case: str, measure, *arguments) -> dict[str, float]:
+    """What measure(*arguments) finds; nothing, and a line in the log, where the patient's face cannot be read."""
+    try:
+        return measure(*arguments)
+    except InputError as error:
+        logging.info("%s: no %s (%s)", case, measure.__name__.replace("_", " "), error)
+        return {}

@@ -1,0 +1,77 @@
+"""Whether a displacement field is one that tissue could have: volume, equilibrium, boundary."""
+
+import numpy as np
+
+from pinnochio.geometry.distances import signed_distances
+from pinnochio.mechanics.assembly import diagonal_blocks
+from pinnochio.mechanics.elements import Elements, jacobians, shape_gradients
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.labels import TISSUES
+from pinnochio.model.patient import FREE, MOVING, SLIDING, PatientModel
+from pinnochio.plans.plan import Plan
+
+
+def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
+    """min J, its 1st percentile, the count of inverted elements, and the change of volume of each tissue in %."""
+    ratio, rest = jacobians(points, cells, displacement), shape_gradients(points, cells)[1]
+    metrics = {
+        "min_jacobian": float(ratio.min()),
+        "p1_jacobian": float(np.percentile(ratio, 1)),
+        "inverted": int((ratio <= 0).sum()),
+    }
+    for name, code in TISSUES.items():
+        own = tissue == code
+        change = 100 * (np.average(ratio[own], weights=rest[own]) - 1) if own.any() else np.nan
+        metrics[f"volume_change_{name}"] = float(change)
+    return metrics
+
+
+def equilibrium_of(patient: PatientModel, displacement, fem: FemSettings) -> dict[str, float | str]:
+    """:func:`equilibrium_metrics` of a patient's field (n, 3) mm, with the material and elements of the settings."""
+    elements = Elements.build(patient.points, patient.cells, fem.material(patient.tissue), fem.volumetric)
+    force, stiffness = elements.evaluate(displacement)[1], diagonal_blocks(elements, displacement)
+    return equilibrium_metrics(force, stiffness, patient.node_type) | {"eqres_element": fem.volumetric}
+
+
+def equilibrium_metrics(force, stiffness, node_type) -> dict[str, float]:
+    """EqRes in four forms over V_free, the nodes without any boundary condition (node_type FREE).
+
+    eqres_paper: mean |f|^2, mN2; eqres_rms: its root, mN; eqres_rel: |f_free| / |f of all other nodes|, the
+    headline, 0 where no force acts at all; eqres_disp: mean |K_ii^-1 f_i|, mm, the way that a node still wants to go.
+    A sliding node counts among the others with its whole force: its tangential part, zero at equilibrium, is
+    neither free force nor reaction alone. Values of different elements are not comparable.
+    force (n, 3) mN: the internal force; stiffness (n, 3, 3) mN/mm: the diagonal blocks of the tangent.
+    """
+    free = np.asarray(node_type) == FREE
+    inside, total, reaction = force[free], np.linalg.norm(force[free]), np.linalg.norm(force[~free])
+    # Rounding: the force that moving one node by 1e-9 mm makes is no force.
+    total, reaction = (0.0 if size < 1e-9 * np.abs(stiffness).max() else size for size in (total, reaction))
+    square = np.mean((inside**2).sum(axis=1)) if len(inside) else 0.0
+    wanted = np.linalg.norm((np.linalg.pinv(stiffness[free]) @ inside[..., None])[..., 0], axis=1)
+    return {
+        "eqres_paper": float(square),
+        "eqres_rms": float(np.sqrt(square)),
+        "eqres_rel": float(total / reaction if reaction > 0 else np.inf if total > 0 else 0.0),
+        "eqres_disp": float(wanted.mean()) if len(wanted) else 0.0,
+    }
+
+
+def boundary_metrics(patient: PatientModel, plan: Plan, displacement) -> dict[str, float]:
+    """Mean error in mm of the moving nodes against the rigid plan, of the sliding nodes against the moved bone.
+
+    A sliding node should keep its signed distance to the surface of its segment; the error is the change of that
+    distance, gap and penetration alike. NaN where the patient has no such node.
+    """
+    cue, _ = patient.reference_cue(plan)
+    moving = patient.node_type == MOVING
+    slid, moved_bone = [], patient.bone_points + patient.bone_displacement(plan)
+    for index in range(len(patient.segments)):
+        nodes = (patient.node_type == SLIDING) & (patient.node_segment == index)
+        faces = patient.bone_faces[patient.bone_segment[patient.bone_faces[:, 0]] == index]
+        if nodes.any() and len(faces):
+            rest = signed_distances(patient.points[nodes], patient.bone_points, faces)
+            slid.append(signed_distances((patient.points + displacement)[nodes], moved_bone, faces) - rest)
+    return {
+        "moving_error": float(np.linalg.norm(displacement - cue, axis=1)[moving].mean()) if moving.any() else np.nan,
+        "sliding_error": float(np.abs(np.concatenate(slid)).mean()) if slid else np.nan,
+    }

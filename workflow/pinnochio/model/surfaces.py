@@ -1,0 +1,178 @@
+"""Triangle surfaces of a label map: the bone, segment by segment, and the outer skin."""
+
+import logging
+import os
+from dataclasses import dataclass
+
+import numpy as np
+import pyvista as pv
+from scipy import ndimage
+from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkQuadricDecimation
+
+from pinnochio.files import replacing
+from pinnochio.geometry.triangles import enclosed_volume, vertex_normals
+from pinnochio.model.labels import AIR, CRANIUM, segment_code
+
+LOG = logging.getLogger(__name__)
+# Gaussian in voxels: 0.7 still keeps a plate of one voxel (0.52 at its centre).
+SMOOTHING_VOXELS = (0.7, 0.85, 1.0)
+
+
+@dataclass(frozen=True)
+class BoneSurface:
+    """Closed surfaces of the bones, one after the other.
+
+    points (b, 3) mm; normals (b, 3) unit, out of the bone; faces (g, 3) int32, outward; segment (b,) int8
+    index of the segment, -1 on the cranium.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    faces: np.ndarray
+    segment: np.ndarray
+
+    def part(self, index: int) -> "BoneSurface":
+        """The surface of one segment (-1: the cranium); empty if there is none."""
+        own = self.segment == index
+        renumber = np.cumsum(own) - 1
+        faces = renumber[self.faces[own[self.faces[:, 0]]]].astype(np.int32)
+        return BoneSurface(self.points[own], self.normals[own], faces, self.segment[own])
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write as VTP, normals and segment as point data."""
+        mesh = pv.PolyData.from_regular_faces(self.points, self.faces)
+        mesh["normal"], mesh["segment"] = self.normals, self.segment
+        with replacing(path) as temporary:
+            mesh.save(temporary)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike) -> "BoneSurface":
+        """Read what :meth:`write` wrote."""
+        mesh = pv.read(path)
+        faces = mesh.regular_faces.astype(np.int32)
+        return cls(np.asarray(mesh.points, float), np.asarray(mesh["normal"]), faces, np.asarray(mesh["segment"]))
+
+
+def bone_surface(labels, spacing, origin, segments: tuple[str, ...], edge_mm: float = 2.5) -> BoneSurface:
+    """Smoothed closed surface of the cranium and of every segment, with edges of about `edge_mm`.
+
+    labels (nx, ny, nz) internal codes [ix, iy, iz]; spacing, origin (3,) mm. A label that is absent gives
+    no points. Air-filled cavities inside a bone (marrow that was not labelled) are left out. The same labels
+    give the same bytes.
+    """
+    parts = []
+    for index in range(-1, len(segments)):
+        code = CRANIUM if index < 0 else segment_code(index)
+        box = _bounding_box(labels == code)
+        if box is None:
+            continue
+        inside = labels[box] == code
+        inside |= ndimage.binary_fill_holes(inside) & (labels[box] == AIR)
+        start = np.asarray(origin) + np.asarray(spacing) * [s.start for s in box]
+        points, faces = contour(inside, spacing, start, edge_mm)
+        segment = np.full(len(points), index, np.int8)
+        parts.append(BoneSurface(points, vertex_normals(points, faces), faces, segment))
+    if not parts:
+        return BoneSurface(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int8))
+    offsets = np.cumsum([0] + [len(part.points) for part in parts[:-1]])
+    return BoneSurface(
+        np.vstack([part.points for part in parts]),
+        np.vstack([part.normals for part in parts]),
+        np.vstack([part.faces + offset for part, offset in zip(parts, offsets, strict=True)]).astype(np.int32),
+        np.concatenate([part.segment for part in parts]),
+    )
+
+
+def skin_surface(labels, spacing, origin, edge_mm: float = 2.5) -> tuple[np.ndarray, np.ndarray]:
+    """Outer skin, the border of the largest piece of the head: points (p, 3) mm, outward faces (f, 3) int32.
+
+    Open where the head is cut by the border of the volume, because the cut is not skin.
+    """
+    pieces, count = ndimage.label(np.asarray(labels) != AIR)
+    if count == 0:
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
+    largest = 1 + int(np.argmax(np.bincount(pieces.ravel())[1:]))
+    # The head goes on beyond the cut, so that the contour does not round the rim off.
+    head = np.pad(ndimage.binary_fill_holes(pieces == largest), 4, mode="edge")
+    spacing, low = np.asarray(spacing, float), np.asarray(origin, float)
+    points, faces = contour(head, spacing, low - 4 * spacing, edge_mm, smoothing=(1.0,))
+    high = low + spacing * (np.array(np.shape(labels)) - 1)
+    beyond = ((points < low - spacing / 2) | (points > high + spacing / 2)).any(axis=1)
+    faces = faces[~beyond[faces].any(axis=1)]
+    used, faces = np.unique(faces, return_inverse=True)
+    return points[used], faces.reshape(-1, 3).astype(np.int32)
+
+
+def contour(
+    inside, spacing, origin, edge_mm: float | None = None, smoothing=SMOOTHING_VOXELS
+) -> tuple[np.ndarray, np.ndarray]:
+    """Closed surface of a voxel set: points (p, 3) mm, outward faces (f, 3) int32.
+
+    Contoured at the resolution of the volume, so that plates of one voxel survive; quadric decimation then
+    brings the edges to about `edge_mm` (None: no decimation). Decimation can tear ragged plates; then the next
+    Gaussian of `smoothing` (in voxels) is tried, and the attempt with the fewest open edges is kept.
+    """
+    attempts = []
+    for sigma in smoothing:
+        surface = _reduced(_isosurface(inside, spacing, origin, sigma), edge_mm)
+        if surface.n_cells:
+            attempts.append(surface)
+            if surface.n_open_edges == 0:
+                break
+    if not attempts:
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
+    best = min(attempts, key=lambda surface: surface.n_open_edges)
+    if best.n_open_edges and len(attempts) > 1:
+        LOG.warning("surface of a ragged label keeps %d open edges", best.n_open_edges)
+    points, faces = np.asarray(best.points, float), best.regular_faces.astype(np.int32)
+    if enclosed_volume(points, faces) < 0:
+        faces = faces[:, ::-1]
+    return points, np.ascontiguousarray(faces)
+
+
+def _isosurface(inside, spacing, origin, sigma: float) -> pv.PolyData:
+    pad = 4
+    field = ndimage.gaussian_filter(np.pad(np.asarray(inside), pad).astype(np.float32), sigma)
+    start = np.asarray(origin, float) - pad * np.asarray(spacing, float)
+    image = pv.ImageData(dimensions=field.shape, spacing=spacing, origin=start)
+    image["share"] = field.ravel(order="F")
+    image.set_active_scalars("share")
+    edges = vtkFlyingEdges3D()
+    edges.SetInputData(image)
+    edges.SetValue(0, 0.5)
+    edges.ComputeNormalsOff()
+    edges.ComputeScalarsOff()
+    edges.Update()
+    surface = pv.wrap(edges.GetOutput())
+    # Taubin: takes the voxel steps off without shrinking.
+    return surface.smooth_taubin(n_iter=20, pass_band=0.1) if surface.n_cells else surface
+
+
+def _reduced(surface: pv.PolyData, edge_mm: float | None) -> pv.PolyData:
+    """Quadric decimation to the face count of equilateral triangles of `edge_mm`."""
+    wanted = surface.n_cells if edge_mm is None else max(20, int(surface.area / (np.sqrt(3) / 4 * edge_mm**2)))
+    if wanted >= surface.n_cells:
+        return surface
+    decimate = vtkQuadricDecimation()
+    decimate.SetInputData(surface)
+    decimate.SetTargetReduction(1 - wanted / surface.n_cells)
+    decimate.SetRegularize(True)  # evens out the edge lengths
+    decimate.Update()
+    return pv.wrap(decimate.GetOutput())
+
+
+def write_surface(points, faces, path: str | os.PathLike) -> None:
+    """Write points (p, 3) mm and faces (f, 3) in the format that the suffix names (VTP, PLY, STL)."""
+    with replacing(path) as temporary:
+        pv.PolyData.from_regular_faces(np.asarray(points, float), np.asarray(faces)).save(temporary)
+
+
+def read_surface(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
+    """Points (p, 3) float64 mm and faces (f, 3) int32 of a triangle surface."""
+    mesh = pv.read(path).extract_surface(algorithm="dataset_surface").triangulate()
+    return np.asarray(mesh.points, float), mesh.regular_faces.astype(np.int32)
+
+
+def _bounding_box(mask) -> tuple[slice, ...] | None:
+    found = ndimage.find_objects(np.asarray(mask).astype(np.uint8))
+    return found[0] if found else None

@@ -1,0 +1,87 @@
+"""ACMT-Net and FSC-Net: point networks that read the face, the bone and how the bone moves.
+
+After the published code (Fang et al. 2022, 2024; github RPIDIAL/Facial_Simulation) [S]; docs/baselines.md says where
+that is silent and what was chosen.
+"""
+
+import torch
+from torch import Tensor, nn
+
+from pinnochio.networks.clouds import Given, Stage
+from pinnochio.networks.pointnet import PointNet2, perceptron
+
+UNIT = 250.0  # mm: the length that is one inside these networks [I]
+REACH = 0.5  # largest component of a displacement, in units
+SHARES = (1 / 4, 3 / 32, 1 / 32)  # points of each level by those of the cloud: 1024, 384 and 128 of 4096 [S]
+RADII = (0.1, 0.2, 0.4)
+DOWN = ((64, 64, 128), (128, 128, 256), (256, 256, 512))
+WHOLE = (512, 512, 1024)
+UP = ((512, 512), (512, 256), (256, 128), (128, 128, 128))
+CODE, CODE_WHOLE = ((64, 64, 128), (128, 128, 128)), (128, 128, 128)  # FSC-Net's bone encoder
+
+
+class AcmtNet(nn.Module):
+    """Encoders of face and bone, attention of each face point over the bone, and the movement that it brings along.
+
+    The attention is the product of the features by the number of bone points, without a softmax, which the published
+    code has commented out; `softmax` puts it back.
+    """
+
+    def __init__(self, softmax: bool = False):
+        super().__init__()
+        self.softmax = softmax
+        self.face, self.bone = PointNet2(DOWN, UP, WHOLE), PointNet2(DOWN, UP, WHOLE)
+        self.face_features, self.bone_features = perceptron(UP[-1][-1], 64), perceptron(UP[-1][-1], 64)
+        self.movement = perceptron(6, 64)
+        self.displacement = nn.Linear(64, 3)
+
+    def features(self, given: Given) -> tuple[Tensor, Tensor]:
+        """Features of the face and of the bone points, (count, n, 64) and (count, b, 64)."""
+        face = self.face_features(self.face(given.face, given.count))
+        bone = self.bone_features(self.bone(given.bone, given.count))
+        return face.view(given.count, -1, 64), bone.view(given.count, -1, 64)
+
+    def forward(self, given: Given) -> list[Stage]:
+        """The displacement of every face point."""
+        face, bone = self.features(given)
+        alike = face @ bone.transpose(1, 2)
+        weights = alike.softmax(2) if self.softmax else alike / bone.shape[1]
+        moved = self.movement(torch.cat([given.bone.points, given.movement], 1))
+        brought = (weights @ moved.view(given.count, -1, 64)).flatten(0, 1)
+        return [Stage(given.face.points, bounded(self.displacement(brought)), given.batch)]
+
+
+class FscNet(nn.Module):
+    """One code of the whole bone and its movement, given to every face point."""
+
+    def __init__(self):
+        super().__init__()
+        self.face = PointNet2(DOWN, UP, WHOLE)
+        self.attention = SelfAttention(UP[-1][-1])
+        self.bone = PointNet2(CODE, (), CODE_WHOLE, inputs=6)
+        self.displacement = nn.Sequential(perceptron(UP[-1][-1] + CODE_WHOLE[-1], 128, 64), nn.Linear(64, 3))
+
+    def forward(self, given: Given) -> list[Stage]:
+        """As :meth:`AcmtNet.forward`."""
+        face = self.face(given.face, given.count)
+        face = self.attention(face.view(given.count, -1, face.shape[1])).flatten(0, 1)
+        code = self.bone(given.bone, given.count, torch.cat([given.bone.points, given.movement], 1))
+        found = self.displacement(torch.cat([face, code[given.batch]], 1))
+        return [Stage(given.face.points, bounded(found), given.batch)]
+
+
+class SelfAttention(nn.Module):
+    """Every point looks at all points of its patient and takes on what it finds there, (count, n, width) [I]."""
+
+    def __init__(self, width: int):
+        super().__init__()
+        self.query, self.key, self.value = nn.Linear(width, 64), nn.Linear(width, 64), nn.Linear(width, width)
+
+    def forward(self, features: Tensor) -> Tensor:
+        weights = (self.query(features) @ self.key(features).transpose(1, 2) / 8).softmax(2)
+        return features + weights @ self.value(features)
+
+
+def bounded(raw: Tensor) -> Tensor:
+    """Displacement in units within REACH, in full precision."""
+    return 2 * REACH * (torch.sigmoid(raw.float()) - 0.5)

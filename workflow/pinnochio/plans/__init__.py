@@ -1,0 +1,1 @@
+"""Surgical plans: one rigid motion per bone segment, read, written, sampled and taken apart."""

@@ -1,0 +1,122 @@
+"""Plans as ITK or 3D Slicer transforms: a folder with one linear transform per segment.
+
+An ITK file maps the points of the result to those of the input, because an image is resampled by asking for each new
+voxel where it came from; 3D Slicer calls this "from parent" and writes it in LPS. A bone goes the other way, so its
+motion is the inverse of the file. What Slicer shows in its Transforms module is the motion itself, in RAS: (0, 5, 0)
+there moves the bone 5 mm forward and stands in the file as (0, 5, 0) in LPS, whose inverse (0, -5, 0) is 5 mm forward.
+"""
+
+import logging
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import h5py
+import numpy as np
+import SimpleITK as sitk
+from scipy.io import whosmat
+
+from pinnochio.errors import InputError
+from pinnochio.files import replacing
+from pinnochio.geometry.rigid import LARGEST_TRANSLATION, RigidMotion
+
+LOG = logging.getLogger(__name__)
+TRANSFORM_FORMATS = (".tfm", ".txt", ".h5", ".mat")
+RIGID = 1e-4  # what files in single precision leave of R'R = I
+NO_ROTATION = 1e-6
+FARTHEST_PIVOT = 1000.0  # mm; a head lies so near to the origin of its scanner
+
+
+def read_transforms(folder: str | os.PathLike, case: str) -> dict[str, RigidMotion]:
+    """Motion of each segment, from the files `{segment}.tfm`, `.txt`, `.h5` or `.mat` of a folder; LPS, mm.
+
+    Any transform of ITK that is rigid is taken, whatever its type and centre; composites of one as well. Raises
+    InputError for what is not rigid, for several transforms in one file and for two files of one segment.
+    """
+    files: dict[str, Path] = {}
+    for file in sorted(Path(folder).iterdir()):
+        if file.name.startswith("."):
+            continue
+        if file.suffix.lower() not in TRANSFORM_FORMATS:
+            LOG.warning("case %r: %s is no transform; ignored", case, file)
+        elif file.stem in files:
+            raise InputError(case, file, f"segment {file.stem!r} has two transforms", "keep one file per segment")
+        else:
+            files[file.stem] = file
+    if not files:
+        raise InputError(
+            case,
+            folder,
+            "the folder holds no transform",
+            f"save one per segment as {{segment}}{', '.join(TRANSFORM_FORMATS)}",
+        )
+    return {segment: _read_motion(file, case) for segment, file in files.items()}
+
+
+def write_transforms(motions: Mapping[str, RigidMotion], folder: str | os.PathLike) -> None:
+    """Write `{segment}.tfm` for each motion, as 3D Slicer does: from parent, LPS, mm, an affine about the origin."""
+    for segment, motion in motions.items():
+        back = sitk.AffineTransform(3)
+        back.SetMatrix(motion.rotation.T.ravel().tolist())
+        back.SetTranslation(motion.inverse(np.zeros((1, 3)))[0].tolist())
+        with replacing(Path(folder) / f"{segment}.tfm") as temporary:
+            sitk.WriteTransform(back, str(temporary))
+
+
+def _read_motion(file: Path, case: str) -> RigidMotion:
+    def refuse(problem: str, remedy: str):
+        raise InputError(case, file, problem, remedy)
+
+    try:
+        transform, count = sitk.ReadTransform(str(file)), _count(file)
+    except (RuntimeError, OSError, ValueError) as error:
+        reason = str(error).strip().splitlines()[-1]
+        refuse(f"it cannot be read as a transform ({reason})", "save the linear transform again, with finite numbers")
+    if transform.GetTransformEnum() == sitk.sitkComposite:
+        count = sitk.CompositeTransform(transform).GetNumberOfTransforms()
+    if count != 1:
+        refuse(f"it holds {count} transforms", "harden them into one linear transform per segment")
+    if transform.GetDimension() != 3 or not transform.IsLinear():
+        refuse("it is not a linear transform of space", "save one rigid (linear) transform per segment")
+    offset = np.array(transform.TransformPoint((0.0, 0.0, 0.0)))
+    matrix = np.array([transform.TransformPoint(axis) for axis in np.eye(3).tolist()]).T - offset[:, None]
+    if not np.isfinite([*matrix.ravel(), *offset]).all():
+        refuse("it holds a number that is not finite", "write finite numbers")
+    if np.abs(matrix.T @ matrix - np.eye(3)).max() > RIGID or np.linalg.det(matrix) < 0:
+        refuse("it scales, shears or mirrors", "save a rigid transform: rotation and translation only")
+    left, _, right = np.linalg.svd(matrix)
+    motion = _about_its_axis((left @ right).T, offset, np.array(transform.GetFixedParameters()[:3]))
+    if np.linalg.norm(motion.translation) > LARGEST_TRANSLATION:
+        refuse(
+            f"it moves the bone by {np.linalg.norm(motion.translation):.0f} mm",
+            f"save translations in millimetres ({LARGEST_TRANSLATION:.0f} at most)",
+        )
+    return motion
+
+
+def _about_its_axis(rotation, offset, centre) -> RigidMotion:
+    """x_post = rotation (x_pre - offset), with the pivot nearest to the axis of the screw that the motion is.
+
+    The centre of a file is often the origin of the scanner, far from the bone, where the translation says nothing; on
+    the axis it is the smallest that any pivot gives. The pivot lies within FARTHEST_PIVOT of the centre, so that a long
+    translation with hardly any rotation is still seen as one; without rotation it is the centre.
+    """
+    centre = centre if len(centre) == 3 else np.zeros(3)
+    shift = rotation @ (centre - offset) - centre
+    turn = np.eye(3) - rotation
+    if np.abs(turn).max() < NO_ROTATION:
+        return RigidMotion(rotation, shift, centre)
+    way = np.linalg.pinv(turn, rcond=NO_ROTATION) @ shift
+    pivot = centre + way * min(1.0, FARTHEST_PIVOT / max(np.linalg.norm(way), 1e-12))
+    return RigidMotion(rotation, rotation @ (pivot - offset) - pivot, pivot)
+
+
+def _count(file: Path) -> int:
+    """Transforms in the file, of which ITK's reader would take the first."""
+    suffix = file.suffix.lower()
+    if suffix == ".h5":
+        with h5py.File(file) as content:
+            return len(content["TransformGroup"])
+    if suffix == ".mat":
+        return sum(name != "fixed" for name, *_ in whosmat(file))
+    return sum(line.startswith("Transform:") for line in file.read_text(encoding="utf-8").splitlines())

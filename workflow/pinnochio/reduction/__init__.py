@@ -1,0 +1,1 @@
+"""Models reduced to what a plan requires."""

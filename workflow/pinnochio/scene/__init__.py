@@ -1,1 +1,0 @@
-"""What a patient and a plan require to be modelled."""

@@ -1,0 +1,1 @@
+"""Significance tests, conformal half-widths, intervals and fits; knows no method."""

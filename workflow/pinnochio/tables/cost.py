@@ -1,0 +1,75 @@
+"""What the study costs: the benchmark files of its jobs, and the table of time per stage."""
+
+import os
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+
+from pinnochio.tables.engine import Column, View, number, write_csv, write_twins
+
+TOTAL = "all"
+
+
+_number = partial(number, form=".1f")
+
+
+STAGES = (
+    Column("rule", str, "", f"rule whose jobs these are; {TOTAL}: the study"),
+    Column("jobs", int, "", "jobs with a benchmark file"),
+    _number("seconds", "s", "time of all jobs together; those that ran side by side count twice"),
+    _number("mean", "s", "mean time of a job"),
+    _number("longest", "s", "time of the longest job"),
+    _number("cpu_seconds", "s", "processor time of all jobs together"),
+    _number("memory", "MB", "largest resident memory of a job", form=".0f"),
+)
+
+
+def read_benchmark(path: str | os.PathLike) -> pd.DataFrame:
+    """Seconds s, processor seconds cpu_time and memory max_rss (MB) of each run in a benchmark file of Snakemake.
+
+    NaN where it did not measure, as of jobs that were over too soon.
+    """
+    frame = pd.read_csv(path, sep="\t", na_values=["NA", "-"])
+    return frame.reindex(columns=["s", "cpu_time", "max_rss"]).apply(pd.to_numeric, errors="coerce")
+
+
+def stages(folder: str | os.PathLike) -> pd.DataFrame:
+    """One row of STAGES per folder of benchmark files, the longest stage first, and the study as the last."""
+    runs = [
+        read_benchmark(path).assign(rule=path.relative_to(folder).parts[0])
+        for path in sorted(Path(folder).glob("*/**/*.tsv"))
+    ]
+    runs = pd.concat(runs) if runs else pd.DataFrame(columns=["s", "cpu_time", "max_rss", "rule"])
+    parts = {rule: own for rule, own in runs.groupby("rule")} | {TOTAL: runs}
+    rows = [
+        {
+            "rule": rule,
+            "jobs": len(own),
+            "seconds": own["s"].sum(),
+            "mean": own["s"].mean(),
+            "longest": own["s"].max(),
+            "cpu_seconds": own["cpu_time"].sum(),
+            "memory": own["max_rss"].max(),
+        }
+        for rule, own in parts.items()
+    ]
+    frame = pd.DataFrame(rows)
+    return frame.assign(last=frame["rule"] == TOTAL).sort_values(
+        ["last", "seconds", "rule"], ascending=[True, False, True], ignore_index=True
+    )[[column.name for column in STAGES]]
+
+
+def write_stages(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
+    """Write stages.csv and its twins beside it."""
+    frame = write_csv(frame, path, STAGES)
+    headers = ("Stage", "Jobs", "Seconds", "Mean", "Longest", "CPU seconds", "Largest memory MB")
+    view = [
+        View(header, lambda row, column=column: column.text(row[column.name]))
+        for header, column in zip(headers, STAGES, strict=True)
+    ]
+    caption = (
+        f"Time per stage of the study; {cohort}. Sums are over jobs, each at its last run: jobs that run side by side "
+        "count in full, and rules whose jobs take about a second or less are not measured."
+    )
+    write_twins(frame, path, view, caption, STAGES)

@@ -1,0 +1,90 @@
+"""The paper's own Table 1, and where the ordering of its methods agrees with ours."""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+
+from pinnochio.seeds import derive_seed
+from pinnochio.statistics.significance import holm
+from pinnochio.tables.accuracy import paired, spread
+from pinnochio.tables.engine import Block, View
+
+SOURCE = "clinical cohort, Lee et al. 2026 (arXiv 2606.01572)"
+# Table 1 there, whole face, 40 patients: mean and standard deviation; distances in mm, areas in %, times in s.
+_TABLE_1 = (
+    ("ACMT-Net", 2.19, 0.79, 5.56, 2.35, 36.04, 12.98, 63.59, 14.97, 0.10),
+    ("DGCFP", 1.71, 0.62, 4.94, 2.03, 47.28, 12.36, 72.43, 12.18, 0.54),
+    ("FEM-RLSE", 1.30, 0.29, 3.16, 0.80, 50.83, 10.97, 80.90, 10.12, 12600),
+    ("PINNOCHIO", 1.12, 0.26, 2.73, 0.69, 58.36, 12.60, 86.55, 8.42, 3.24),
+)
+_MEASURES = [f"{name}_{part}" for name in ("cd", "hd", "pwr1", "pwr2") for part in ("mean", "sd")]
+PUBLISHED = pd.DataFrame(_TABLE_1, columns=["method", *_MEASURES, "seconds"])
+# Names here of the methods of that table.
+OURS = {"ACMT-Net": "acmt", "DGCFP": "dgcfp", "FEM-RLSE": "fem_rlse", "PINNOCHIO": "pinnochio"}
+
+
+def published_block() -> Block:
+    """The paper's values as a table of their own."""
+
+    def spread(name: str):
+        return lambda row: f"{row[f'{name}_mean']:.2f} ± {row[f'{name}_sd']:.2f}"
+
+    view = [
+        View("Method", lambda row: row["method"]),
+        View("CD mm", spread("cd"), -1),
+        View("HD mm", spread("hd"), -1),
+        View("PWR@1 %", spread("pwr1"), 1),
+        View("PWR@2 %", spread("pwr2"), 1),
+        View("Seconds", lambda row: f"{row['seconds']:.2f}".removesuffix(".00"), -1),
+    ]
+    caption = (
+        "Accuracy in the paper's Table 1, n = 40 patients: mean ± standard deviation. Bold: best mean. Other patients, "
+        "scans and machines than above: rows of the two tables are not to be compared one by one."
+    )
+    return Block(PUBLISHED, view, caption, f"The paper's own values: {SOURCE}")
+
+
+def ordering(
+    cases: pd.DataFrame,
+    summary: pd.DataFrame,
+    cohort: str,
+    seed: int = 0,
+    names: Mapping[str, str] = OURS,
+) -> Sequence[str]:
+    """Paragraphs on the ordering by CD: which pairs of methods stand here as in the paper, and which do not.
+
+    cases: rows of CASES that can be judged; summary: the ACCURACY table of the same; names: the method here of each
+    of the paper's. A pair is tested here as methods are against their reference, Holm-corrected over the pairs.
+    """
+    summary, theirs = summary.set_index("method"), PUBLISHED.set_index("method").sort_values("cd_mean")
+    common = [name for name in theirs.index if names[name] in summary.index and summary["n"][names[name]]]
+    absent = [name for name in names if name not in common]
+    end = f" Not in our table: {', '.join(absent)}." if absent else ""
+    title = f"Ordering by CD, {cohort} beside the paper's clinical cohort: "
+    pairs = list(combinations(common, 2))  # the paper's better one first
+    if not pairs:
+        return [f"{title}fewer than two methods are in both tables, so there is no pair to compare.{end}"]
+    tests = [
+        paired(cases, "cd", names[one], names[two], derive_seed(seed, "bootstrap", f"{names[one]}/{names[two]}"))
+        for one, two in pairs
+    ]
+    agreeing, discordant = [], []
+    for (one, two), test, p in zip(pairs, tests, holm([test.p for test in tests]), strict=True):
+        if summary["cd_mean"][names[one]] < summary["cd_mean"][names[two]]:
+            agreeing.append(f"{one} before {two}")
+            continue
+        tested = f"Holm's p = {p:.6g} ({test.statement}): {'significant' if p < 0.05 else 'not significant'}"
+        paper = " against ".join(f"{theirs['cd_mean'][name]:.2f} ± {theirs['cd_sd'][name]:.2f}" for name in (one, two))
+        ours = " against ".join(spread("cd")(summary.loc[names[name]]) for name in (one, two))
+        discordant.append(
+            f"{one} is better than {two} in the paper ({paper} mm) and not here ({names[one]} against {names[two]}: "
+            f"{ours} mm; mean difference {test.mean:+.4f} mm, n = {test.n:.0f}; "
+            f"{test.statement if np.isnan(p) else tested})."
+        )
+    first = (
+        f"{title}{len(agreeing)} of {len(pairs)} pairs of methods that both tables have stand in the same order"
+        f"{': ' if agreeing else ''}{', '.join(agreeing)}.{end}"
+    )
+    return [first, *discordant]

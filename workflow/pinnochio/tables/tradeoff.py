@@ -1,0 +1,167 @@
+"""The trade-off's tables: one row per patient and setting, their means with the Pareto fronts, and what they say."""
+
+import os
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from pinnochio.tables.engine import CASES, Block, Column, View, check, number, views, write_csv, write_twins
+
+_CASE = {column.name: column for column in CASES}
+_SETTING = (
+    Column("method", str, "", "method"),
+    Column("dial", str, "", "what is turned: nodes, element, increments, tolerance, precision, corrections, network"),
+    Column("value", str, "", "where it is turned to"),
+    Column("recipe", str, "", "the setting as JSON, for a prediction to repeat; empty where none can", optional=True),
+)
+TRADEOFF_CASES = (
+    Column("case", str, "", "patient"),
+    *_SETTING,
+    Column("nodes", int, "", "nodes of the mesh"),
+    *(_CASE[name] for name in ("seconds", "setup_seconds", "threads", "converged", "cd")),
+    number("face_error", "mm", "mean distance of the judged face from the reference solution"),
+    number("face_error_max", "mm", "largest of it"),
+    number("volume_error", "mm", "mean distance from the reference solution over the tissue's volume"),
+    *(_CASE[name] for name in ("eqres_rel", "min_jacobian", "inverted")),
+)
+TRADEOFF = (
+    *_SETTING,
+    Column("n", int, "", "patients"),
+    Column("failed", int, "", "of them, whose solver did not converge"),
+    number("nodes", "", "mean number of nodes", ".0f"),
+    number("seconds", "s", "one plan, warm: mean of the patients' medians"),
+    number("seconds_max", "s", "largest of the patients' medians"),
+    number("setup_seconds", "s", "what belongs to the patient beside the mesh: mean"),
+    number("cd", "mm", "mean Chamfer distance to the outcome"),
+    number("cd_sd", "mm", "its standard deviation"),
+    number("face_error", "mm", "mean distance of the judged face from the reference solution"),
+    number("face_error_max", "mm", "largest of it"),
+    number("volume_error", "mm", "mean distance from the reference solution over the tissue's volume"),
+    number("eqres_rel", "", "mean of eqres_rel"),
+    number("min_jacobian", "", "smallest volume ratio of an element", ".3f"),
+    number("inverted", "", "inverted elements over all patients", ".0f"),
+    Column("front_outcome", bool, "", "nothing measured is both faster and nearer to the outcome"),
+    Column("front_reference", bool, "", "nothing measured is both faster and nearer to the reference solution"),
+)
+FRONTS = {"cd": "front_outcome", "face_error": "front_reference"}
+ERRORS = {"cd": "the outcome", "face_error": "the reference solution"}
+LIMITS = (0.1, 1.0, 10.0)  # s
+LAST = 0.1  # mm
+
+
+def summarise(rows: pd.DataFrame) -> pd.DataFrame:
+    """One row of TRADEOFF per setting, in the order of their first appearance, of rows of TRADEOFF_CASES."""
+    rows = check(rows, TRADEOFF_CASES)
+    found = []
+    for key, own in rows.groupby([column.name for column in _SETTING], sort=False):
+        row = dict(zip((column.name for column in _SETTING), key, strict=True))
+        row |= {"n": len(own), "failed": int((~own["converged"]).sum())}
+        names = ("nodes", "seconds", "setup_seconds", "cd", "face_error", "volume_error", "eqres_rel")
+        row |= {name: own[name].mean() for name in names}
+        row |= {"seconds_max": own["seconds"].max(), "cd_sd": own["cd"].std(), "inverted": own["inverted"].sum()}
+        row |= {"face_error_max": own["face_error_max"].max(), "min_jacobian": own["min_jacobian"].min()}
+        found.append(row)
+    frame = pd.DataFrame(found)
+    frame.loc[frame["min_jacobian"].isna(), "inverted"] = np.nan
+    for error, front in FRONTS.items():
+        frame[front] = pareto(frame["seconds"], frame[error].where(frame["failed"] == 0))
+    return check(frame, TRADEOFF)
+
+
+def pareto(seconds, errors) -> np.ndarray:
+    """Rows (n,) bool that no other row beats in one without losing in the other; never those without a number."""
+    seconds, errors = np.asarray(seconds, float), np.asarray(errors, float)
+    front, best = np.zeros(len(seconds), bool), np.inf
+    for row in np.lexsort((errors, seconds)):
+        if errors[row] < best:  # not of NaN
+            front[row], best = True, errors[row]
+    return front
+
+
+def answers(frame: pd.DataFrame, cohort: str) -> list[str]:
+    """Paragraphs on rows of TRADEOFF: the best under each of LIMITS, the last 0.1 mm, what is dominated."""
+    sound = frame[(frame["failed"] == 0) & frame["cd"].notna()]
+    best, cost, worse = [], [], []
+    for limit in LIMITS:
+        fast = sound[sound["seconds"] < limit]
+        best += [
+            f"under {limit:g} s {_best(fast, error)} is nearest to {what}"
+            for error, what in ERRORS.items()
+            if len(fast)
+        ]
+    for error, what in ERRORS.items():
+        front = sound[sound[FRONTS[error]] & (sound[error] > 0)].sort_values("seconds")  # not the reference itself
+        last = front.iloc[-1]
+        near = front[front[error] <= last[error] + LAST].iloc[0]
+        ratio = last["seconds"] / max(near["seconds"], 1e-9)
+        cost.append(
+            f"against {what} from {_shown(near, error)} to {_shown(last, error)}, {ratio:.3g} times as long"
+            if ratio > 1
+            else f"against {what} nothing faster comes so near to the best, {_shown(last, error)}"
+        )
+    for _, own in sound.groupby("method", sort=False):
+        if not own[list(FRONTS.values())].to_numpy().any():
+            one = own.sort_values("cd").iloc[0]
+            better = sound[(sound["seconds"] <= one["seconds"]) & (sound["cd"] < one["cd"])]
+            beaten = f", beaten by {_best(better, 'cd')}" if len(better) else ""
+            worse.append(f"{_shown(one, 'cd')}{beaten}")
+    failed = [f"{named(row)} ({row['failed']} of {row['n']})" for _, row in frame[frame["failed"] > 0].iterrows()]
+    return [
+        f"Best per plan, {cohort}, n = {frame['n'].max()} patients: {'; '.join(best) or 'nothing is so fast'}.",
+        f"What the last {LAST} mm cost: {'; '.join(cost)}.",
+        f"On neither front at any setting, so not to be used for speed or accuracy: {'; '.join(worse) or 'no method'}.",
+        f"Not converged on every patient, and so on no front: {'; '.join(failed) or 'nothing'}.",
+    ]
+
+
+def named(row) -> str:
+    """A setting as it is read."""
+    return row["method"] if row["dial"] == "none" else f"{row['method']}, {row['dial']} {row['value'].split(',')[0]}"
+
+
+def _shown(row, error: str) -> str:
+    return f"{named(row)} ({row[error]:.3f} mm, {row['seconds']:.3g} s)"
+
+
+def _best(rows: pd.DataFrame, error: str) -> str:
+    return _shown(rows.sort_values([error, "seconds"]).iloc[0], error)
+
+
+def _fronts(row) -> str:
+    return " ".join(word for word, front in (("CD", "front_outcome"), ("face", "front_reference")) if row[front])
+
+
+def write_tradeoff(
+    frame: pd.DataFrame,
+    path: str | os.PathLike,
+    cohort: str = "virtual cohort",
+    further: Sequence[Block] = (),
+    paragraphs: Sequence[str] = (),
+) -> None:
+    """Write tradeoff.csv and its twins; further blocks and paragraphs stand below the answers."""
+    frame = write_csv(frame, path, TRADEOFF)
+    headers = {
+        "method": "Method",
+        "dial": "Dial",
+        "value": "Value",
+        "nodes": "Nodes",
+        "seconds": "Seconds",
+        "setup_seconds": "Set-up s",
+        "cd": "CD mm",
+        "face_error": "Face mm",
+        "face_error_max": "largest mm",
+        "volume_error": "Volume mm",
+        "eqres_rel": "EqRes",
+        "min_jacobian": "min J",
+        "failed": "Failed",
+    }
+    view = [*views(TRADEOFF, headers, {"seconds": -1, "cd": -1}), View("Front", _fronts)]
+    caption = (
+        f"Seconds against accuracy, {cohort}, n = {frame['n'].max()} held-out patients. Seconds: one plan, warm, "
+        "nothing else running (without a dial: as in the study, with other jobs beside it); set-up: what the patient "
+        "takes beside the mesh. CD: Chamfer distance to the outcome. Face, volume: distance from the reference "
+        "solution, sliding finite elements on the finest mesh. EqRes: residual of the study's elements. Front: nothing "
+        "is faster and nearer to the outcome (CD) or the reference (face)."
+    )
+    write_twins(frame, path, view, caption, TRADEOFF, further, [*answers(frame, cohort), *paragraphs])

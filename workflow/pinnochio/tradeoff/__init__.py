@@ -1,1 +1,0 @@
-"""What a second of computing buys: every method along its dials, the Pareto front, and the choice from it."""
