@@ -4,7 +4,7 @@
 rule pretrain_surface:
     input:
         models=of_training("<results>/cases/{case}/model.h5"),
-        teaching=of_training("<results>/cases/{case}/teaching.h5"),
+        fem_samples=of_training("<results>/cases/{case}/fem_samples.h5"),
     output:
         network="<results>/folds/{fold}/{method}/pretrained.pt",
         history="<results>/folds/{fold}/{method}/pretraining.csv",
@@ -105,7 +105,7 @@ rule predict_surface:
 rule fit_linear:
     input:
         models=of_training("<results>/cases/{case}/model.h5"),
-        teaching=of_training("<results>/cases/{case}/teaching.h5"),
+        fem_samples=of_training("<results>/cases/{case}/fem_samples.h5"),
         plans=of_training("<results>/cases/{case}/plan.json"),
         postops=of_training("<results>/cases/{case}/postop.h5"),
     output:

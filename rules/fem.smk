@@ -3,7 +3,7 @@ rule simulate_fem:
         model="<results>/cases/{case}/model.h5",
         plan="<results>/cases/{case}/plan.json",
     output:
-        teaching="<results>/cases/{case}/teaching.h5",
+        fem_samples="<results>/cases/{case}/fem_samples.h5",
     log:
         "<logs>/simulate_fem/{case}.log",
     benchmark:
@@ -15,7 +15,7 @@ rule simulate_fem:
         mem_mb=4000,
         runtime=60,
     params:
-        plans=config["teaching"]["plans"],
+        plans=config["fem_samples"]["plans"],
         fem=config["fem"],
         seed=SEED,
         code=code_of("simulate_fem"),

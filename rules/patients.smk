@@ -66,7 +66,7 @@ rule pack:
         },
         methods={
             name: {
-                "corrections": VARIANTS[name]["refine"],
+                "corrections": VARIANTS[name]["newton_corrections"],
                 "lift": VARIANTS[name]["network"]["lift"],
             }
             for name in PACKED

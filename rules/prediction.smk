@@ -79,7 +79,7 @@ rule predict_network:
     params:
         cases=held_out,
         fem=config["fem"],
-        refine=settings_of("refine"),
+        corrections=settings_of("newton_corrections"),
         code=code_of("predict_network"),
     message:
         "Predict fold {wildcards.fold} by {wildcards.method}"

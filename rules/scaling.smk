@@ -55,7 +55,7 @@ rule tabulate_scaling:
         scanned=expand(
             "<results>/cases/{case}/{file}",
             case=[name for name in COUNTED if name in SCANNED],
-            file=["postop.h5", "teaching.h5"] if LEARNED else ["postop.h5"],
+            file=["postop.h5", "fem_samples.h5"] if LEARNED else ["postop.h5"],
         ),
     output:
         scaling=ensure("<results>/tables/scaling.csv", non_empty=True),

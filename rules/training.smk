@@ -3,7 +3,7 @@ rule pretrain:
     input:
         models=of_training("<results>/cases/{case}/model.h5"),
         lifts=lifts_of(training_cases),
-        teaching=of_training("<results>/cases/{case}/teaching.h5"),
+        fem_samples=of_training("<results>/cases/{case}/fem_samples.h5"),
     output:
         network="<results>/folds/{fold}/{method}/pretrained.pt",
         history="<results>/folds/{fold}/{method}/pretraining.csv",

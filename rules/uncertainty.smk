@@ -30,7 +30,7 @@ rule predict_ensemble:
     params:
         folds=list(HELD_OUT),
         fem=config["fem"],
-        corrections=settings_of("refine"),
+        corrections=settings_of("newton_corrections"),
         code=code_of("predict_ensemble"),
     message:
         "Predict {wildcards.case} by every fold's {wildcards.method}"

@@ -9,7 +9,7 @@ from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.archive import RANGES, Archive, calibration_file
-from pinnochio.patients.certificate import RESEARCH, interval_measures, likeness, measures, plain
+from pinnochio.patients.certificate import RESEARCH, in_distribution, interval_measures, measures, plain
 from pinnochio.patients.in_distribution import Ranges
 from pinnochio.patients.result import read_result
 from pinnochio.plans.plan import Plan
@@ -35,14 +35,16 @@ def certify(
     found = read_result(result, about["case"], patient)
     said = {"research": RESEARCH} | dict(about) | {"frame": "LPS", "units": "mm"}
     said |= {"models": None, "measures": measures(patient, planned, found.displacement, fem)}
-    said |= {"interval": None, "likeness": None}
+    said |= {"interval": None, "in_distribution": None}
     if folder:
         archive, calibration = Archive.read(folder), Calibration.read(Path(folder) / calibration_file(about["method"]))
         said["models"] = {key: getattr(archive, key) for key in ("cohort", "patients", "configuration", "code")}
         said["models"] |= {"folds": len(archive.folds), "usual": archive.methods[about["method"]]["usual"]}
         said["interval"] = interval_measures(found, calibration)
         reported = json.loads(Path(quality).read_text(encoding="utf-8"))
-        said["likeness"] = likeness(patient, planned, reported, archive, Ranges.read(Path(folder) / RANGES))
+        said["in_distribution"] = in_distribution(
+            patient, planned, reported, archive, Ranges.read(Path(folder) / RANGES)
+        )
     with replacing(certificate) as temporary:
         temporary.write_text(json.dumps(plain(said), indent=1) + "\n", encoding="utf-8")
 

@@ -85,7 +85,7 @@ def stages(
     def file(name: str) -> str:
         return str(folder / name)
 
-    mesh, model, teaching = file("mesh.vtu"), file("model.h5"), file("teaching.h5")
+    mesh, model, fem_samples = file("mesh.vtu"), file("model.h5"), file("fem_samples.h5")
     fem = replace(FemSettings(**settings["fem"]), time_limit=settings["scaling"]["time_limit"])
     add(
         *("tetrahedralize", "job", "scripts.tetrahedralize:mesh_case", [], mesh),
@@ -103,14 +103,14 @@ def stages(
         model=model,
     )
     add(
-        *("simulate_fem", "plan", "scripts.simulate_fem:simulate_fem", [model], teaching),
+        *("simulate_fem", "plan", "scripts.simulate_fem:simulate_fem", [model], fem_samples),
         case=case,
         model=model,
         plan=given["plan"],
         plans=1,
         settings=fem,
         seed=seed,
-        teaching=teaching,
+        fem_samples=fem_samples,
     )
     kinds = {method: settings["variants"][method]["network"]["lift"] for method in networks}
     lifts = {kind: file(f"lift_{kind}.h5") for kind in sorted(set(kinds.values()) - {"none"})}
@@ -128,9 +128,9 @@ def stages(
         lift = [lifts[kinds[method]]] if kinds[method] in lifts else []
         patient = {"cases": [case], "models": [model], "lifts": lift, "fem": fem}
         add(
-            *(f"pretrain {method}", "step", "scripts.measure_scaling:training_step", [model, *lift, teaching], made),
+            *(f"pretrain {method}", "step", "scripts.measure_scaling:training_step", [model, *lift, fem_samples], made),
             **patient,
-            teaching=[teaching],
+            fem_samples=[fem_samples],
             network=NetworkSettings(**own["network"]),
             training=replace(TrainingSettings(**own["pretraining"]), steps=settings["scaling"]["steps"] + 1),
             seed=seed,
@@ -141,7 +141,7 @@ def stages(
             **patient,
             plans=[given["plan"]],
             network=network,
-            corrections=own["refine"],
+            corrections=own["newton_corrections"],
             predictions=predictions,
         )
     for method in list(networks)[:1]:  # its cost does not ask for the method

@@ -8,7 +8,7 @@ from pinnochio.figures.interval import interval_picture
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
-from pinnochio.statistics.intervals import Calibration, guarded_interval, read_ensemble
+from pinnochio.statistics.intervals import Calibration, read_ensemble, repaired_interval
 
 
 def predict_interval(
@@ -16,7 +16,7 @@ def predict_interval(
 ) -> None:
     """Write the interval of a patient whom no network has seen, no element of its mean field inverted."""
     patient, calibrated = PatientModel.read(model), Calibration.read(calibration)
-    found, repair = guarded_interval(patient, read_ensemble(ensemble), calibrated, fem)
+    found, repair = repaired_interval(patient, read_ensemble(ensemble), calibrated, fem)
     logging.info("%s: mean half-width %.3f mm; %s", case, np.nanmean(found.half_width), repair)
     found.write(result, case=case, method=calibrated.method, level=calibrated.level)
     interval_picture(patient, found, calibrated, case, picture)

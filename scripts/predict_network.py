@@ -67,7 +67,7 @@ if __name__ == "__main__":
         plans=snakemake.input.plans,
         network=snakemake.input.network,
         fem=FemSettings(**snakemake.params.fem),
-        corrections=snakemake.params.refine,
+        corrections=snakemake.params.corrections,
         device=choose_device(snakemake.resources.gpu, snakemake.threads),
         threads=snakemake.threads,
         predictions=snakemake.output.predictions,

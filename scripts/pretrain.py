@@ -15,7 +15,7 @@ def pretrain(
     cases: Sequence[str],
     models: Sequence[str],
     lifts: Sequence[str],
-    teaching: Sequence[str],
+    fem_samples: Sequence[str],
     network: NetworkSettings,
     training: TrainingSettings,
     fem: FemSettings,
@@ -28,8 +28,8 @@ def pretrain(
     lifts may be empty for a network without one.
     """
     files = [
-        CaseFiles(case, model, lift, teaching=fields)
-        for case, model, lift, fields in zip(cases, models, lifts or [None] * len(cases), teaching, strict=True)
+        CaseFiles(case, model, lift, fem_samples=fields)
+        for case, model, lift, fields in zip(cases, models, lifts or [None] * len(cases), fem_samples, strict=True)
     ]
     pretrain_fold(
         files, network, training, fem, seed=seed, device=device, out=outputs["network"], history=outputs["history"]
@@ -42,7 +42,7 @@ if __name__ == "__main__":
         cases=snakemake.params.cases,
         models=snakemake.input.models,
         lifts=snakemake.input.get("lifts", []),
-        teaching=snakemake.input.teaching,
+        fem_samples=snakemake.input.fem_samples,
         network=NetworkSettings(**snakemake.params.network),
         training=TrainingSettings(**snakemake.params.training),
         fem=FemSettings(**snakemake.params.fem),

@@ -14,7 +14,7 @@ from pinnochio.training.settings import TrainingSettings
 def pretrain_surface(
     cases: Sequence[str],
     models: Sequence[str],
-    teaching: Sequence[str],
+    fem_samples: Sequence[str],
     network: SurfaceSettings,
     training: TrainingSettings,
     seed: int,
@@ -22,7 +22,7 @@ def pretrain_surface(
     outputs: dict[str, str],
 ) -> None:
     """Train on the given cases and nothing else; outputs names the files network and history."""
-    files = [CaseFiles(*own[:2], teaching=own[2]) for own in zip(cases, models, teaching, strict=True)]
+    files = [CaseFiles(*own[:2], fem_samples=own[2]) for own in zip(cases, models, fem_samples, strict=True)]
     pretrain_fold(
         files, network, training, seed=seed, device=device, out=outputs["network"], history=outputs["history"]
     )
@@ -33,7 +33,7 @@ if __name__ == "__main__":
     pretrain_surface(
         cases=snakemake.params.cases,
         models=snakemake.input.models,
-        teaching=snakemake.input.teaching,
+        fem_samples=snakemake.input.fem_samples,
         network=SurfaceSettings(**snakemake.params.network),
         training=training_settings(snakemake.params.training),
         seed=derive_seed(snakemake.params.seed, "pretrain", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),

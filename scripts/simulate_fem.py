@@ -14,7 +14,9 @@ from pinnochio.plans.sampling import sample_plan
 from pinnochio.seeds import generator
 
 
-def simulate_fem(case: str, model: str, plan: str, plans: int, settings: FemSettings, seed: int, teaching: str) -> None:
+def simulate_fem(
+    case: str, model: str, plan: str, plans: int, settings: FemSettings, seed: int, fem_samples: str
+) -> None:
     """Solve `plans` plans with sliding interfaces; write the fields in groups plan_0, plan_1, ...
 
     plan_0 is the patient's own plan if it converges; the others are sampled from (seed, stage, case). A plan that
@@ -37,7 +39,7 @@ def simulate_fem(case: str, model: str, plan: str, plans: int, settings: FemSett
             fields.append((current, result))
     if len(fields) < plans:
         raise RuntimeError(f"case {case!r}: only {len(fields)} of {2 * plans} plans converged; see the log")
-    with replacing(teaching) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+    with replacing(fem_samples) as temporary, h5py.File(temporary, "w", track_order=True) as file:
         for number, (current, result) in enumerate(fields):
             group = file.create_group(f"plan_{number}")
             group.create_dataset("displacement", data=result.displacement, track_times=False)
@@ -54,5 +56,5 @@ if __name__ == "__main__":
         plans=snakemake.params.plans,
         settings=FemSettings(**snakemake.params.fem),
         seed=snakemake.params.seed,
-        teaching=snakemake.output.teaching,
+        fem_samples=snakemake.output.fem_samples,
     )

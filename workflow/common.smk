@@ -67,7 +67,7 @@ VARIANTS = variants(config)
 SURFACE = surface_networks(config)
 SETTINGS = VARIANTS | SURFACE
 LEARNED = [method for method in METHODS if method in SETTINGS]
-DIAL = [name for name in config["dial"]["methods"] if name in LEARNED]
+CORRECTIONS = [name for name in config["corrections"]["methods"] if name in LEARNED]
 UNCERTAIN = [name for name in config["uncertainty"]["methods"] if name in LEARNED]
 SCALED = [name for name in config["scaling"]["methods"] if name in LEARNED]
 # The patient that is carried through every size of mesh, and those whose stages are added up.
@@ -99,7 +99,7 @@ PACKED = [
 PATIENTS = read_patients(config["patient"]) if config["patient"] else {}
 PLANS = sorted({plan for patient in PATIENTS.values() for plan in patient.plans})
 # Asked for with a new patient alone: a study needs no archive.
-FRONT = config["predict"]["front"] or f"{RESULTS}/tables/tradeoff.csv"
+FRONT = config["predict"]["pareto_front"] or f"{RESULTS}/tables/tradeoff.csv"
 CHOICE = (
     choose(config, config["models"] or f"{RESULTS}/archive", FRONT)
     if PATIENTS
@@ -107,7 +107,7 @@ CHOICE = (
 )
 if CHOICE and CHOICE.expected and workflow.is_main_process:
     logger.info(
-        "Chosen from the measured front: {setting}, {seconds:.3g} s per plan ({seconds_max:.3g} s on the slowest of "
+        "Chosen from the measured Pareto front: {setting}, {seconds:.3g} s per plan ({seconds_max:.3g} s on the slowest of "
         "{patients} patients); to expect: {cd:.2f} mm from the outcome, {face_error:.2f} mm from the reference "
         "solution in the mean.".format(**CHOICE.expected)
     )

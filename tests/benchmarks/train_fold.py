@@ -3,7 +3,7 @@
 python tests/benchmarks/train_fold.py --cases results/paper/cases --out fold --fold 1 --method pinnochio
     --config config/config.yaml config/paper.yaml --device cuda
 
-Reads model.h5, teaching.h5, plan.json and postop.h5 of the fold's training patients below --cases (and their lifts,
+Reads model.h5, fem_samples.h5, plan.json and postop.h5 of the fold's training patients below --cases (and their lifts,
 where the variant has one) with torch, torch_geometric, numpy, scipy and h5py, and writes what the study's rules write:
 pretrained.pt, pretraining.csv, network.pt, finetuning.csv. Logs steps per second, prints the seconds of each phase and
 the memory of the GPU. Killed, by `timeout` before a machine is taken away, and started again it goes on.
@@ -59,7 +59,7 @@ def main() -> None:
     common = {"fem": FemSettings(**config["fem"]), "device": asked.device}
     phases = {
         "pretraining": ("pretrained.pt", lambda phase: pretrain(
-            cases, files("model.h5"), lifts, files("teaching.h5"), NetworkSettings(**settings["network"]),
+            cases, files("model.h5"), lifts, files("fem_samples.h5"), NetworkSettings(**settings["network"]),
             seed=derive_seed(config["seed"], "pretrain", f"{asked.fold}/{asked.method}"), **phase,
         )),
         "finetuning": ("network.pt", lambda phase: finetune(

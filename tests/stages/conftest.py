@@ -39,7 +39,7 @@ class Patient:
 
 
 def make_patient(case: str, number: int, folder: Path) -> Patient:
-    """A 2 mm head on 700 nodes with its outcome, registered scan and two teaching plans."""
+    """A 2 mm head on 700 nodes with its outcome, registered scan and two fem_samples plans."""
 
     def file(name: str) -> str:
         return str(folder / name)
@@ -76,7 +76,7 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
     register_postop(
         case, made["postop"], imported["skin"], imported["bone"], SEGMENTS, 20.0, 1.5, file("postop.h5")
     )  # fmt: skip
-    simulate_fem(case, file("model.h5"), imported["plan"], 2, fem, SEED, file("teaching.h5"))
+    simulate_fem(case, file("model.h5"), imported["plan"], 2, fem, SEED, file("fem_samples.h5"))
     return Patient(case, folder, fem)
 
 

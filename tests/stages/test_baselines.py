@@ -31,7 +31,7 @@ def test_a_surface_network_from_fields_and_skin_to_a_row_of_the_table(patient, t
     training = training_settings(CONFIG["surface"]["networks"][architecture]["finetuning"] | {"steps": 3, "batch": 2})
     first, last = ({name: str(tmp_path / f"{phase}_{name}") for name in ("network", "history")} for phase in "ab")
     own = [patient.case], [patient.model]
-    pretrain_surface(*own, [patient.teaching], settings, training, 1, "cpu", first)
+    pretrain_surface(*own, [patient.fem_samples], settings, training, 1, "cpu", first)
     finetune_surface(*own, [patient.plan], [patient.postop], first["network"], settings, training, 2, "cpu", last)
     predictions, metrics = str(tmp_path / "predictions.h5"), str(tmp_path / "metrics.csv")
     predict_surface(*own, [patient.plan], last["network"], "cpu", 1, predictions)
@@ -43,7 +43,7 @@ def test_a_surface_network_from_fields_and_skin_to_a_row_of_the_table(patient, t
 def test_floors_need_no_network(patient, tmp_path):
     own, rows = ([patient.case], [patient.model], [patient.plan]), {}
     linear = str(tmp_path / "linear.h5")
-    fit_linear([patient.case], [patient.model], [patient.teaching], [patient.plan], [patient.postop], linear)
+    fit_linear([patient.case], [patient.model], [patient.fem_samples], [patient.plan], [patient.postop], linear)
     predict_rule(*own, None, 1, str(tmp_path / "ratio.h5"))
     predict_rule(*own, linear, 1, str(tmp_path / "pca_linear.h5"))
     predict_elastic(*own, patient.fem, 1, str(tmp_path / "elastic.h5"))

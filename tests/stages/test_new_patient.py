@@ -121,7 +121,7 @@ def test_the_certificate_of_a_patient_of_the_training(patient, archive, result, 
     said = certified(patient, archive, result, tmp_path)
     assert said["measures"]["inverted"] == 0 and said["measures"]["min_jacobian"] == pytest.approx(1)
     assert said["measures"]["skin_mean_mm"] == pytest.approx(2) and said["interval"]["median_mm"] == 1.5
-    assert said["likeness"]["like"] and said["models"]["folds"] == 2
+    assert said["in_distribution"]["like"] and said["models"]["folds"] == 2
     assert certified(patient, archive, result, tmp_path / "again") == said
 
 
@@ -130,8 +130,8 @@ def test_a_plan_of_its_own_kind_is_called_unlike(patient, archive, result, tmp_p
     plan["segments"]["lefort1"]["translation"] = [0, 20, 0]
     (tmp_path / "plan.json").write_text(json.dumps(plan))
     said = certified(patient, archive, result, tmp_path, plan=str(tmp_path / "plan.json"))
-    assert not said["likeness"]["like"] and said["likeness"]["anatomy"]["like"]
-    assert said["likeness"]["plan"]["outside"][0] == "forward_lefort1_mm"
+    assert not said["in_distribution"]["like"] and said["in_distribution"]["anatomy"]["like"]
+    assert said["in_distribution"]["plan"]["outside"][0] == "forward_lefort1_mm"
 
 
 def test_a_method_without_training_has_neither_interval_nor_likeness(patient, archive, tmp_path):
@@ -139,7 +139,7 @@ def test_a_method_without_training_has_neither_interval_nor_likeness(patient, ar
     result = tmp_path / "predictions.h5"
     write_predictions(result, {patient.case: Prediction(np.zeros_like(model.points))})
     said = certified(patient, archive, str(result), tmp_path, learned=False)
-    assert said["interval"] is said["likeness"] is said["models"] is None
+    assert said["interval"] is said["in_distribution"] is said["models"] is None
     assert said["measures"]["eqres_rel"] == 0 and "No interval is calibrated" in str(in_words(said))
 
 

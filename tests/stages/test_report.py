@@ -56,17 +56,17 @@ def report(patient, drawn, tmp_path_factory):
     frame = pd.DataFrame(
         {"method": ["no_change", FORWARD]} | {f"column_{n}": [n + 100.25, n + 100.5] for n in range(12)}
     )
-    for name in ("accuracy", "dial"):
+    for name in ("accuracy", "corrections"):
         write_csv(frame, folder / f"{name}.csv", SCHEMA)
         view = views(SCHEMA, {column.name: column.name for column in SCHEMA}, {"column_0": -1})
         write_twins(frame, folder / f"{name}.csv", view, f"What {name} says: two methods, " + 20 * "word ", SCHEMA)
-    PIL.Image.new("RGB", (640, 480), "teal").save(folder / "dial.png")
+    PIL.Image.new("RGB", (640, 480), "teal").save(folder / "corrections.png")
     provenance(CONFIG, "0123456789ab", str(folder / "provenance.json"))
     write_report(
         str(CAPTIONS / "page.html"),
-        [str(folder / f"{name}.html") for name in ("dial", "accuracy")],
-        [str(folder / "dial.png")],
-        {method: str(folder / "dial.png") for method in ("acmt", "pinnochio")},
+        [str(folder / f"{name}.html") for name in ("corrections", "accuracy")],
+        [str(folder / "corrections.png")],
+        {method: str(folder / "corrections.png") for method in ("acmt", "pinnochio")},
         {patient.case: drawn},
         str(folder / "provenance.json"),
         str(folder / "report.html"),
@@ -94,12 +94,12 @@ class Elements(HTMLParser):
 def test_the_page_holds_the_tables_and_figures_that_there_are_and_no_others(report, patient):
     page = Elements(report.read_text(encoding="utf-8"))
     sections = [given["id"] for tag, given in page.found if tag == "section"]
-    assert sections == ["accuracy", "dial", "training", "patients", "provenance"]
+    assert sections == ["accuracy", "corrections", "training", "patients", "provenance"]
     for n in range(12):
         assert page.words.count(f"{n + 100.25:.4f}") == page.words.count(f"{n + 100.5:.4f}") == 2
     pictures = [given["alt"] for tag, given in page.found if tag == "img"]
-    assert pictures == [PARTS["dial"], "Training: acmt", "Training: pinnochio", "T0: picture", "T0: volume"]
-    for said in ("0123456789ab", "simulated cohort", "For research only", "youngs_modulus", "What dial says"):
+    assert pictures == [PARTS["corrections"], "Training: acmt", "Training: pinnochio", "T0: picture", "T0: volume"]
+    for said in ("0123456789ab", "simulated cohort", "For research only", "youngs_modulus", "What corrections says"):
         assert said in page.words
     assert patient.case in page.words
 
@@ -136,9 +136,9 @@ def test_the_view_holds_what_is_predicted_and_its_error(patient, drawn):
 
 
 def test_a_table_without_a_body_is_refused(tmp_path):
-    (tmp_path / "dial.html").write_text("<p>1.0</p>")
+    (tmp_path / "corrections.html").write_text("<p>1.0</p>")
     with pytest.raises(InputError, match="not the HTML twin of a table"):
-        read_body(tmp_path / "dial.html")
+        read_body(tmp_path / "corrections.html")
 
 
 def test_every_part_has_a_caption():

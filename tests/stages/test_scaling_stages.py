@@ -53,7 +53,7 @@ def test_a_stage_that_fails_and_those_that_need_it_say_so(patient, tmp_path):
     assert rows[["nodes", "seconds", "memory", "written"]].isna().all(None)
 
 
-PHASES = {"pretraining": {"steps": 1, "learning_rate": 1e-3}, "refine": 0}
+PHASES = {"pretraining": {"steps": 1, "learning_rate": 1e-3}, "newton_corrections": 0}
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def arguments(patient) -> dict:
 def test_a_step_is_timed_between_steps(patient, arguments, tmp_path):
     outputs = {"network": str(tmp_path / "network.pt"), "history": str(tmp_path / "history.csv")}
     seconds, cpu = training_step(
-        **arguments, teaching=[patient.teaching], network=NETWORK, training=TRAINING, seed=SEED, outputs=outputs
+        **arguments, fem_samples=[patient.fem_samples], network=NETWORK, training=TRAINING, seed=SEED, outputs=outputs
     )
     assert seconds > 0 and cpu > 0 and Path(outputs["network"]).exists()
     assert len(Path(outputs["history"]).read_text().splitlines()) >= 1 + TRAINING.steps

@@ -124,7 +124,7 @@ def test_interfaces_know_their_bone(patient):
 
 def test_teaching_fields_follow_their_plans(patient):
     model = PatientModel.read(patient.model)
-    with h5py.File(patient.teaching) as file:
+    with h5py.File(patient.fem_samples) as file:
         assert sorted(file) == ["plan_0", "plan_1"]
         for group in file.values():
             plan = Plan.from_json(group.attrs["plan"])
@@ -158,7 +158,7 @@ def predicted(patients, tmp_path_factory) -> dict[str, str]:
     one, two = patients
     training = TrainingSettings(steps=15, learning_rate=2e-3)
     files = {"network": str(folder / "pretrained.pt"), "history": str(folder / "pretraining.csv")}
-    pretrain([two.case], [two.model], [], [two.teaching], NETWORK, training, two.fem, SEED, "cpu", files)
+    pretrain([two.case], [two.model], [], [two.fem_samples], NETWORK, training, two.fem, SEED, "cpu", files)
     tuned = {"network": str(folder / "network.pt"), "history": str(folder / "finetuning.csv")}
     finetune(
         [two.case], [two.model], [], [two.plan], [two.postop], files["network"], training, two.fem, SEED, "cpu", tuned

@@ -132,7 +132,9 @@ def test_a_new_patient_gets_field_interval_and_picture(patient, ensembles, calib
     judged = found.region >= 0
     widths = np.array(list(Calibration.read(calibration[0]).half_width.values()))
     assert found.displacement.shape == model.points.shape and found.spread.shape == (len(model.points),)
-    assert np.median(np.abs(found.displacement - fields.mean(axis=0))) < 1e-12  # but for what the guard mended
+    assert (
+        np.median(np.abs(found.displacement - fields.mean(axis=0))) < 1e-12
+    )  # but for what the inversion repair mended
     assert (found.half_width[judged] >= widths[found.region[judged]]).all() and np.isnan(
         found.half_width[~judged]
     ).all()

@@ -56,7 +56,7 @@ def test_patients_without_a_scan_are_predicted_and_measured_but_never_trained_on
         files = jobs[f"folds/{fold}/pinnochio/network.pt"]
         assert cases_read(files, "model.h5") == cases_read(files, "postop.h5") == training
         files = jobs[f"folds/{fold}/pinnochio/pretrained.pt"]
-        assert cases_read(files, "model.h5") == cases_read(files, "teaching.h5") == training
+        assert cases_read(files, "model.h5") == cases_read(files, "fem_samples.h5") == training
     assert sorted(name for cases in held_out.values() for name in cases) == sorted([*SCANNED, *UNSCANNED])
     assert "tables/accuracy.csv" in jobs and not any(f"cases/{name}/postop.h5" in jobs for name in UNSCANNED)
     write_cohort(project, SCANNED, [])
@@ -76,7 +76,7 @@ def test_too_few_scans_leave_the_learned_method_out_and_nothing_else(project, sc
     learned += "pinnochio_unified, pinnochio_no_physics, pinnochio, pinnochio_plus"
     assert f"Left out: {learned}. Training by cross-validation needs a post-operative scan of" in said
     assert f"{len(scanned)} of {len(scanned) + 4} patients have one" in said
-    assert not any("pinnochio" in path or "acmt" in path or path.endswith((".pt", "teaching.h5")) for path in jobs)
+    assert not any("pinnochio" in path or "acmt" in path or path.endswith((".pt", "fem_samples.h5")) for path in jobs)
     made = {path.split("/")[2] for path in jobs if path.endswith("metrics.csv")}
     assert made == {"no_change", "ratio", "elastic", "fem_bonded", "fem_sliding"} | ON_LIPS
     assert "tables/cases.csv" in jobs and "provenance.json" in jobs
@@ -145,7 +145,7 @@ def test_scaling_asks_for_every_size_and_for_the_stages_of_the_first_patients(pr
     sources = jobs["tables/scaling.csv"]
     assert {"scaling/500.csv", "scaling/900.csv"} <= sources and "tables/cases.csv" not in jobs
     assert cases_read(sources, "quality.json") == set(cases)
-    assert cases_read(sources, "teaching.h5") == cases_read(sources, "postop.h5") == set(cases) & set(scanned)
+    assert cases_read(sources, "fem_samples.h5") == cases_read(sources, "postop.h5") == set(cases) & set(scanned)
     # The networks have not seen the patient that they are measured on.
     networks = {path for path in jobs["scaling/900.csv"] if path.endswith("network.pt")}
     assert cases_read(jobs["scaling/900.csv"], "labels.nii.gz") == {cases[0]}

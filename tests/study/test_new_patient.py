@@ -49,8 +49,10 @@ def test_an_archive_alone_predicts_two_plans_of_one_patient(clinic):
         assert (folder / "index.html").stat().st_size > 200_000
         for name in ("deformed.vtu", "skin.ply", "skin.stl", "skin.vtp", "bone_lefort1.stl"):
             assert (folder / name).stat().st_size > 1000
-    assert said["treat"]["likeness"]["like"]  # it is one of the training
-    assert not said["extreme"]["likeness"]["plan"]["like"] and said["extreme"]["likeness"]["anatomy"]["like"]
+    assert said["treat"]["in_distribution"]["like"]  # it is one of the training
+    assert (
+        not said["extreme"]["in_distribution"]["plan"]["like"] and said["extreme"]["in_distribution"]["anatomy"]["like"]
+    )
     assert "Nothing to be done" in predict(clinic, "models=models").stdout
 
 
@@ -65,7 +67,7 @@ def test_a_plan_that_is_added_later_shares_the_patient(clinic):
     assert made.pop("elastic_patient") == 3 and made.pop("import_plan") == 1 and made.pop("check_patient") == 1
     assert not made.keys() & {*SHARED, *TRAINING}
     folder = clinic.folder / "results/quick/patients/P01/again/elastic"
-    assert json.loads((folder / "certificate.json").read_text())["likeness"] is None
+    assert json.loads((folder / "certificate.json").read_text())["in_distribution"] is None
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ FULL = {
     "network": {"decomposition": True, "lift": "none"},
     "pretraining": {"weights": {"physics": 1, "data": 2}},
     "finetuning": {"weights": {"physics": 1, "data": 2}},
-    "refine": 0,
+    "newton_corrections": 0,
 }
 SILENT = {"pretraining": {"weights": {"physics": 0, "data": 2}}, "finetuning": {"weights": {"physics": 0, "data": 2}}}
 VARIANTS = {

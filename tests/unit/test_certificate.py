@@ -9,7 +9,7 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import FREE
 from pinnochio.model.regions import CHIN, NAMES, NOSE
 from pinnochio.patients.archive import Archive
-from pinnochio.patients.certificate import in_words, interval_measures, likeness, measures, plain
+from pinnochio.patients.certificate import in_distribution, in_words, interval_measures, measures, plain
 from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration, Interval
@@ -21,7 +21,12 @@ QUALITY = {"volume_cm3": {"left": 1.0}, "thickness_mm": {}, "contact_cm2": {"lef
 
 
 def certificate(displacement, plan, **parts):
-    said = {"measures": measures(PATIENT, plan, displacement, FEM), "models": None, "interval": None, "likeness": None}
+    said = {
+        "measures": measures(PATIENT, plan, displacement, FEM),
+        "models": None,
+        "interval": None,
+        "in_distribution": None,
+    }
     return json.loads(json.dumps(plain(said | parts), allow_nan=False))
 
 
@@ -76,16 +81,16 @@ def test_a_plan_far_beyond_the_training_is_called_so(factor, like):
         Norm.of([anatomy] * 4), Norm.of([plan_quantities(PATIENT, plan) for plan in plans], True), ["labelled"]
     )
     archive = Archive("virtual cohort", 4, ["left"], ["1"], {}, {}, "", "")
-    found = likeness(PATIENT, tiny_plan(0, -4 * factor, 0, pitch=1), QUALITY, archive, ranges)
+    found = in_distribution(PATIENT, tiny_plan(0, -4 * factor, 0, pitch=1), QUALITY, archive, ranges)
     assert found["like"] == found["plan"]["like"] == like and found["anatomy"]["like"] and found["muscle"]["like"]
     models = {"cohort": "virtual cohort", "usual": {"min_jacobian": [0.1, 0.2, 0.3]}}
     interval = {"level": 0.9, "patients": 4, "median_mm": 1.0, "largest_mm": 2.0, "widened_percent": 0.0}
     said = certificate(
-        np.zeros_like(PATIENT.points), plans[0], models=models, interval=interval, likeness=found
+        np.zeros_like(PATIENT.points), plans[0], models=models, interval=interval, in_distribution=found
     )  # fmt: skip
     assert judgements(said)["Plan"] is like and judgements(said)["Bone segments"]
     words = {row.what: row.meaning for row in in_words(said)}
     assert ("do not rely on it" in words["Interval"]) != like and "0.10 to 0.30, median 0.20" in str(words)
     assert ("forward_left_mm is 2" in words["Plan"]) != like
-    stranger = likeness(PATIENT, plans[0], QUALITY, Archive("c", 4, ["chin"], [], {}, {}, "", ""), ranges)
+    stranger = in_distribution(PATIENT, plans[0], QUALITY, Archive("c", 4, ["chin"], [], {}, {}, "", ""), ranges)
     assert not stranger["like"] and not stranger["segments"]["like"]

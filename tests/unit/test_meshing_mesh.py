@@ -5,7 +5,7 @@ import pytest
 
 from pinnochio.geometry.faces import adjacency
 from pinnochio.meshing.mesh import TetMesh
-from pinnochio.meshing.quality import acceptable, guarded_move, neighbour_mean
+from pinnochio.meshing.quality import acceptable, acceptable_move, neighbour_mean
 
 REGULAR = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
 
@@ -60,22 +60,22 @@ def test_file_returns_the_same_mesh(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["mesh.vtu"]
 
 
-def test_guarded_move_keeps_every_cell_acceptable():
+def test_acceptable_move_keeps_every_cell_acceptable():
     mesh = kuhn_cube(4)
     rng = np.random.default_rng(3)
     target = mesh.points + rng.normal(0, 0.15, mesh.points.shape)
     assert not acceptable(target, mesh.cells, 15).all()
-    moved = guarded_move(mesh.points, target, mesh.cells, 15)
+    moved = acceptable_move(mesh.points, target, mesh.cells, 15)
     assert acceptable(moved, mesh.cells, 15).all()
     done = np.linalg.norm(moved - mesh.points, axis=1) / np.linalg.norm(target - mesh.points, axis=1)
     assert set(np.round(done, 6)) <= {0, *(np.round(0.5**k, 6) for k in range(6))}
     assert done.mean() > 0.1
 
 
-def test_guarded_move_goes_all_the_way_where_it_may():
+def test_acceptable_move_goes_all_the_way_where_it_may():
     mesh = kuhn_cube(3)
     target = mesh.points * [1.0, 1.1, 1.0] + 0.3
-    assert np.allclose(guarded_move(mesh.points, target, mesh.cells, 12), target, atol=1e-15)
+    assert np.allclose(acceptable_move(mesh.points, target, mesh.cells, 12), target, atol=1e-15)
 
 
 def test_neighbour_mean_of_a_path():

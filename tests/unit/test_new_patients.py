@@ -168,7 +168,7 @@ def test_a_budget_is_met_from_the_front_by_what_the_archive_has(tmp_path):
 
 
 def test_a_wish_that_nothing_keeps_and_a_front_that_is_not_there_are_said(tmp_path):
-    with pytest.raises(InputError, match="no measured front"):
+    with pytest.raises(InputError, match="no measured Pareto front"):
         chosen(tmp_path, budget_seconds=1)
     measured(tmp_path)
     with pytest.raises(InputError, match="ask for 0.45 s or more, and 0.1 mm or more"):

@@ -47,7 +47,7 @@ def test_npz_is_read_in_the_order_of_the_mesh(tmp_path):
     assert back.seconds == 2.5 and np.isnan(back.setup_seconds) and back.device == "external"
 
 
-def test_a_networks_prediction_keeps_its_interface_and_what_the_guard_did(tmp_path):
+def test_a_networks_prediction_keeps_its_interface_and_what_the_inversion_repair_did(tmp_path):
     given = Prediction(FIELD, boundary=2 * FIELD, raw_min_jacobian=-0.5, raw_inverted=3, repaired=40, damping=1.0)
     write_predictions(tmp_path / "predictions.h5", {"P1": given, "P2": Prediction(FIELD)})
     back, bare = (read_prediction(tmp_path / "predictions.h5", case) for case in ("P1", "P2"))

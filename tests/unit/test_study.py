@@ -85,7 +85,9 @@ def test_learned_methods_need_a_scanned_patient_per_fold():
 
 def test_variants_are_overlays_and_leave_the_rest_alone():
     found = variants(DEFAULTS)
-    assert found["pinnochio"] == {key: DEFAULTS[key] for key in ("network", "pretraining", "finetuning", "refine")}
+    assert found["pinnochio"] == {
+        key: DEFAULTS[key] for key in ("network", "pretraining", "finetuning", "newton_corrections")
+    }
     silent = found["pinnochio_no_physics"]
     assert silent["pretraining"]["weights"] == DEFAULTS["pretraining"]["weights"] | {"physics": 0}
     assert silent["network"] == DEFAULTS["network"]

@@ -123,7 +123,10 @@ def test_the_dials_turn_one_thing_at_a_time():
     assert [s.method for s in base] == ["elastic", "fem_bonded", "fem_sliding"]
     assert all(s.nodes == 1000 for s in own if s.dial != "nodes")
     assert json.loads(next(s for s in own if s.dial == "tolerance").recipe)["fem"] == {"tolerance": 0.1}
-    variants = {"a": {"refine": 1, "network": {"channels": 64}}, "b": {"refine": 1, "network": {"channels": 32}}}
+    variants = {
+        "a": {"newton_corrections": 1, "network": {"channels": 64}},
+        "b": {"newton_corrections": 1, "network": {"channels": 32}},
+    }
     network = {"networks": ["a"], "further": ["b"], "corrections": [0, 2], "nodes": [500, 1000, 9000]}
     own = network_settings(1000, network | {"largest_network": 1000}, variants)
     assert [(s.dial, s.value) for s in own if s.method == "a"] == [

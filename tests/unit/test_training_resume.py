@@ -43,11 +43,11 @@ def make_cases(folder: Path, count: int = 4) -> list[CaseFiles]:
     found = []
     for seed in range(count):
         model, plan = tiny_patient(seed, (5, 4, 3)), replace(tiny_plan(x=float(seed)), case=f"tiny{seed}")
-        paths = {name: folder / f"{name}_{seed}" for name in ("model", "teaching", "plan", "postop")}
+        paths = {name: folder / f"{name}_{seed}" for name in ("model", "fem_samples", "plan", "postop")}
         model.write(paths["model"])
         plan.write(paths["plan"])
         field = plan.motion("left").displacement(model.points) * (0.8, 0.9, 1.0)
-        with h5py.File(paths["teaching"], "w") as file:
+        with h5py.File(paths["fem_samples"], "w") as file:
             file["plan_0/displacement"] = field
             file["plan_0"].attrs["plan"] = plan.to_json()
         PostopSkin(model.points + field + [0, 0, 1], model.skin_faces, 0.0).write(paths["postop"])
@@ -167,7 +167,7 @@ def test_checkpoint_of_something_else_is_not_taken_up(cases, tmp_path, monkeypat
     slower = replace(TRAINING, learning_rate=1e-3)
     assert [first_step(), first_step(), first_step(training=slower), first_step(training=slower)] == [0, 5, 0, 5]
     other = make_cases(tmp_path)
-    with h5py.File(other[0].teaching, "a") as file:
+    with h5py.File(other[0].fem_samples, "a") as file:
         file["plan_0/displacement"][0, 0] += 1e-3
     assert first_step(other, slower) == 0
 

@@ -48,10 +48,10 @@ def cases(tmp_path_factory):
     folder, found = tmp_path_factory.mktemp("cases"), []
     for seed in range(2):
         model, plans = tiny_patient(seed), [tiny_plan(), tiny_plan(x=-2.0, y=1.0, pitch=-3.0)]
-        paths = {name: folder / f"{name}_{seed}" for name in ("model", "teaching", "plan", "postop")}
+        paths = {name: folder / f"{name}_{seed}" for name in ("model", "fem_samples", "plan", "postop")}
         model.write(paths["model"])
         plans[0].write(paths["plan"])
-        with h5py.File(paths["teaching"], "w") as file:
+        with h5py.File(paths["fem_samples"], "w") as file:
             for number, plan in enumerate(plans):
                 group = file.create_group(f"plan_{number}")
                 group["displacement"] = smooth_field(model, plan)
@@ -84,9 +84,9 @@ def same(a, b):
 
 def test_overfits_one_patient(cases, tmp_path):
     data_alone = {"physics": 0.0, "data": 2.0, "boundary": 1.0}
-    with h5py.File(tmp_path / "one.h5", "w") as file, h5py.File(cases[0].teaching) as source:
+    with h5py.File(tmp_path / "one.h5", "w") as file, h5py.File(cases[0].fem_samples) as source:
         source.copy("plan_0", file)
-    one = CaseFiles("tiny", cases[0].model, teaching=tmp_path / "one.h5")
+    one = CaseFiles("tiny", cases[0].model, fem_samples=tmp_path / "one.h5")
     out, history = pretrain([one], tmp_path, 200, weights=data_alone, mirror=False)
     rows = read(history)
     assert float(rows[-1]["total"]) < 0.01 * float(rows[0]["total"])
@@ -172,7 +172,7 @@ def test_prediction_that_is_not_finite_raises(cases, tmp_path):
 def test_empty_teaching_and_unregistered_skin_name_the_case(cases, tmp_path):
     h5py.File(tmp_path / "none.h5", "w").close()
     with pytest.raises(InputError, match="tiny.*none.h5"):
-        pretrain([CaseFiles("tiny", cases[0].model, teaching=tmp_path / "none.h5")], tmp_path)
+        pretrain([CaseFiles("tiny", cases[0].model, fem_samples=tmp_path / "none.h5")], tmp_path)
     model = PatientModel.read(cases[0].model)
     PostopSkin(model.points + 200, model.skin_faces, 0.0).write(tmp_path / "far.h5")
     far = CaseFiles("tiny", cases[0].model, plan=cases[0].plan, postop=tmp_path / "far.h5")

@@ -114,7 +114,7 @@ def predict_network(
     device: str,
     threads: int,
 ) -> Prediction:
-    """The plan by the trained network in `file`, guarded and corrected, timed as the study times it."""
+    """The plan by the trained network in `file`, repaired and corrected, timed as the study times it."""
     network, own = load_network(file, device)
     finish = Finish(patient, fem, setting.corrections)
 

@@ -1,4 +1,4 @@
-"""The setting that a budget allows or a tolerance asks for, and how well the measured front foretells it."""
+"""The setting that a budget allows or a tolerance asks for, and how well the measured Pareto front predicts it."""
 
 from collections.abc import Sequence
 
@@ -18,10 +18,10 @@ CHOICES = (
     Column("kept", int, "", "of them, how many kept the budget, or the tolerance in the mean"),
     Column("setting", str, "", "what was chosen, most often first"),
     number("seconds_max", "s", "longest of them"),
-    number("cd_expected", "mm", "mean Chamfer distance foretold"),
+    number("cd_expected", "mm", "mean Chamfer distance expected"),
     number("cd", "mm", "mean Chamfer distance found"),
-    number("cd_near", "", "share of predictions whose Chamfer distance foretold is within 25 % of it", ".2f"),
-    number("face_error_expected", "mm", "mean distance from the reference solution foretold"),
+    number("cd_near", "", "share of predictions whose Chamfer distance expected is within 25 % of it", ".2f"),
+    number("face_error_expected", "mm", "mean distance from the reference solution expected"),
     number("face_error", "mm", "mean distance from the reference solution found"),
 )
 
@@ -93,10 +93,10 @@ def choices_block(frame: pd.DataFrame, cohort: str) -> Block:
         "n": "Predictions",
         "kept": "Kept",
         "seconds_max": "Longest s",
-        "cd_expected": "CD foretold mm",
+        "cd_expected": "CD expected mm",
         "cd": "CD mm",
         "cd_near": "within 25 %",
-        "face_error_expected": "Face foretold mm",
+        "face_error_expected": "Face expected mm",
         "face_error": "Face mm",
     }
     caption = (

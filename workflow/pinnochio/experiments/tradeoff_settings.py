@@ -63,7 +63,7 @@ def network_settings(nodes: int, config: Mapping, variants: Mapping[str, Mapping
     """
     found = []
     for method in config["networks"]:
-        own = variants[method]["refine"]
+        own = variants[method]["newton_corrections"]
         for count in sorted({own, *config["corrections"]}):
             value = f"{count}, {BASE}" if count == own else str(count)
             found.append(Setting(method, "corrections", value, nodes, corrections=count))
@@ -76,7 +76,7 @@ def network_settings(nodes: int, config: Mapping, variants: Mapping[str, Mapping
     for method in config["further"]:
         base = nearest(variants[method], {name: variants[name] for name in config["networks"]})
         told = " and ".join(change.removeprefix("network.") for change in changes(variants[base], variants[method]))
-        found.append(Setting(method, "network", told, nodes, corrections=variants[method]["refine"]))
+        found.append(Setting(method, "network", told, nodes, corrections=variants[method]["newton_corrections"]))
     return found
 
 

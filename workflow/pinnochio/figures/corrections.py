@@ -16,8 +16,8 @@ PANELS = (
 )
 
 
-def dial_picture(frame: pd.DataFrame, path: str | os.PathLike) -> None:
-    """Draw the means of dial.csv over the mean seconds; the numbers beside the marks are the corrections."""
+def corrections_picture(frame: pd.DataFrame, path: str | os.PathLike) -> None:
+    """Draw the means of corrections.csv over the mean seconds; the numbers beside the marks are the corrections."""
     figure = Figure(figsize=(10, 4.4), dpi=130, layout="constrained")
     panels = figure.subplots(1, len(PANELS), sharex=True)
     for axes, (name, label, logarithmic) in zip(panels, PANELS, strict=True):

@@ -8,7 +8,7 @@ import numpy as np
 from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import VOLUMETRIC, Elements, deformation, patch_bulk
-from pinnochio.mechanics.inversion_repair import Repair, guard
+from pinnochio.mechanics.inversion_repair import Repair, repair_inversions
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import BoundaryConditions
@@ -70,7 +70,7 @@ class Refiner:
         (residual) or none gets any further.
 
         prescribed (p, 3) mm: where the prescribed nodes belong. Where that turns an element inside out which no free
-        node can save, they belong where :func:`~pinnochio.mechanics.inversion_repair.guard` puts them. InputError if a field
+        node can save, they belong where :func:`~pinnochio.mechanics.inversion_repair.repair_inversions` puts them. InputError if a field
         does not fit the mesh or is not finite.
         """
         newton, start = self._newton, np.array(start, float)
@@ -94,7 +94,7 @@ class Refiner:
             if not share:
                 return found
             if len(found) < steps:
-                newton.pressure = foretold_pressure(newton.elements, last.u, state.u - last.u)
+                newton.pressure = expected_pressure(newton.elements, last.u, state.u - last.u)
                 newton.tame = 0.0  # equilibrium is approached by the whole tangent
 
     def close(self) -> None:
@@ -105,7 +105,7 @@ class Refiner:
         """The state after one correction and the share of its step that was taken; 0 where none helps.
 
         The way of the prescribed nodes is a part of the step. The tangent takes the patches' pressures that the last
-        step foretold to first order: those of the volumes hold the second-order error of that step, times lambda, which
+        step expected to first order: those of the volumes hold the second-order error of that step, times lambda, which
         makes tangents indefinite and Newton's method slow where lambda is large against mu [R: Magisano, Leonetti,
         Garcea 2017, for all stresses]. Equilibrium is the same. From 25 elastic fields a residual of 1e-3 took 2 to 5
         corrections so, 2 to 8 by Newton's own tangent [X].
@@ -131,20 +131,20 @@ class Refiner:
         """Where the prescribed nodes (p, 3) mm can go without an inverted element."""
         moved, interface = start.copy(), np.zeros(len(start), bool)
         moved[self._nodes], interface[self._nodes] = prescribed, True
-        return guard(*self._mesh, moved, interface, self._newton.options.volumetric)[0][self._nodes]
+        return repair_inversions(*self._mesh, moved, interface, self._newton.options.volumetric)[0][self._nodes]
 
 
 class Finish:
-    """What becomes of a network's fields on one patient before they are given out: the guard, then corrections."""
+    """What becomes of a network's fields on one patient before they are given out: the inversion repair, then corrections."""
 
     def __init__(self, patient: PatientModel, settings: FemSettings, steps: int):
         self._patient, self._settings, self._steps, self._refiner = patient, settings, steps, None
 
     def __call__(self, displacement, boundary) -> tuple[np.ndarray, np.ndarray, Repair, int]:
-        """Displacement and boundary (n, 3) mm, what the guard did, and how many corrections were made."""
+        """Displacement and boundary (n, 3) mm, what the inversion repair did, and how many corrections were made."""
         patient, law = self._patient, self._settings.material(self._patient.tissue)
         mesh, held = (patient.points, patient.cells, law), patient.node_type != FREE
-        displacement, repair = guard(*mesh, displacement, held, self._settings.volumetric)
+        displacement, repair = repair_inversions(*mesh, displacement, held, self._settings.volumetric)
         if not self._steps:
             return displacement, boundary, repair, 0
         nodes, prescribed = interface(patient, boundary)
@@ -177,7 +177,7 @@ def newton_corrections(
         refiner.close()
 
 
-def foretold_pressure(elements: Elements, displacement, change) -> np.ndarray:
+def expected_pressure(elements: Elements, displacement, change) -> np.ndarray:
     """Pressure (p,) in kPa of every patch after a change (n, 3) mm of the displacement (n, 3) mm, to first order."""
     pressure, slope, rates = (np.zeros(len(elements.patch_volumes)) for _ in range(3))
     u, step = (np.ascontiguousarray(x, float) for x in (displacement, change))

@@ -24,7 +24,7 @@ OPTIONS = SolverOptions(tolerance=1e-3, restart=False, time_limit=np.inf)
 
 @dataclass(frozen=True)
 class Repair:
-    """What the guard found and did: least J and inverted elements of the field before; least J after.
+    """What the inversion repair found and did: least J and inverted elements of the field before; least J after.
 
     elements: those that were solved again; nodes: those that have moved, interface: those of the interface among them;
     change: the largest way of one, mm; damping: factor on the whole field, 1 for none.
@@ -40,7 +40,7 @@ class Repair:
     damping: float = 1.0
 
 
-def guard(
+def repair_inversions(
     points, cells, material: Material, displacement, interface, volumetric: str = VOLUMETRIC[0]
 ) -> tuple[np.ndarray, Repair]:
     """The displacement (n, 3) mm with every J above 0, and what was done to it: nothing where all are above FLOOR.

@@ -14,7 +14,7 @@ from pinnochio.errors import InputError
 from pinnochio.geometry.faces import adjacency, faces_of
 from pinnochio.meshing.fields import Fields, is_tissue, without_specks
 from pinnochio.meshing.mesh import EDGES, TetMesh, volumes
-from pinnochio.meshing.quality import guarded_move, neighbour_mean
+from pinnochio.meshing.quality import acceptable_move, neighbour_mean
 from pinnochio.meshing.splitting import crowded_cells, cut_nodes, joined_pairs, pieces, simplex_points, split_nodes
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 
@@ -195,7 +195,7 @@ def _mesh(fields, divisions, shift, minimum) -> TetMesh:
         points, cells, free, label = _compact(points, cells, free, label, touched)
         target = _targets(points, cells, label, free, fields, size, fraction)
         middle, _, _ = _slit(points, free, np.arange(len(points)), fields, NEAR_SLIT * size)
-        points = guarded_move(points, np.where(np.isnan(middle), target, middle), cells, minimum)
+        points = acceptable_move(points, np.where(np.isnan(middle), target, middle), cells, minimum)
     label = _without_pinches(points, cells, _classified(points, cells, fields), fields)
     points, cells, free, label = _compact(points, cells, free, label, label > 0)
     # Draw the cuts onto the middle of the thin voids, then open them.
@@ -203,7 +203,7 @@ def _mesh(fields, divisions, shift, minimum) -> TetMesh:
         pairs = joined_pairs(points, cells, fields)
         middle, normal, half = _slit(points, free, cut_nodes(cells, *pairs), fields, 0.7 * size)
         if not last:
-            points = guarded_move(points, np.where(np.isnan(middle), points, middle), cells, minimum)
+            points = acceptable_move(points, np.where(np.isnan(middle), points, middle), cells, minimum)
     keep, split, old = _opened(points, cells, pairs)
     LOG.info("dropped %d of %d cells that hang on nothing or pinch an edge", (~keep).sum(), len(keep))
     points, middle, normal, half, free = (array[old] for array in (points, middle, normal, half, free))
@@ -212,7 +212,7 @@ def _mesh(fields, divisions, shift, minimum) -> TetMesh:
     for fraction in (0.5, 0.3, 0.0):
         target = _targets(points, cells, label, free, fields, size, fraction)
         target = np.where(np.isnan(lips), target, lips)
-        points = guarded_move(points, target, cells, minimum)
+        points = acceptable_move(points, target, cells, minimum)
     return TetMesh(points, cells.astype(np.int32), label.astype(np.int8))
 
 

@@ -14,7 +14,7 @@ def acceptable(points, cells, minimum_dihedral: float) -> np.ndarray:
     return good & (volumes(points, cells) > 0)
 
 
-def guarded_move(points, target, cells, minimum_dihedral: float) -> np.ndarray:
+def acceptable_move(points, target, cells, minimum_dihedral: float) -> np.ndarray:
     """Points moved toward `target` as far as every cell stays acceptable.
 
     A node of a cell that the move would spoil goes half as far, and so on; after five halvings it stays. Cells that

@@ -53,7 +53,7 @@ def interval_measures(found: Interval, calibration: Calibration) -> dict:
     }
 
 
-def likeness(patient: PatientModel, plan: Plan, quality: Mapping, archive: Archive, ranges: Ranges) -> dict:
+def in_distribution(patient: PatientModel, plan: Plan, quality: Mapping, archive: Archive, ranges: Ranges) -> dict:
     """Whether segments, muscle, anatomy and plan are like those of the training, and the numbers that say so."""
     found = {
         "segments": {
@@ -91,8 +91,8 @@ def in_words(certificate: Mapping) -> list[Row]:
         return [*rows, Row("Likeness", "not asked", "The method has not been trained on anybody.")]
     return [
         *rows,
-        _interval_row(certificate["interval"], certificate["likeness"]["like"]),
-        *_likeness_rows(certificate["likeness"], certificate["models"]["cohort"]),
+        _interval_row(certificate["interval"], certificate["in_distribution"]["like"]),
+        *_distribution_rows(certificate["in_distribution"], certificate["models"]["cohort"]),
     ]
 
 
@@ -135,7 +135,7 @@ def _interval_row(interval: Mapping, like: bool) -> Row:
     return Row("Interval", f"± {interval['median_mm']:.1f} mm median, {interval['largest_mm']:.1f} mm at most", meaning)
 
 
-def _likeness_rows(found: Mapping, cohort: str) -> list[Row]:
+def _distribution_rows(found: Mapping, cohort: str) -> list[Row]:
     rows = []
     for name, title in (("segments", "Bone segments"), ("muscle", "Muscle layer")):
         value, trained = (found[name][key] for key in ("value", "trained"))

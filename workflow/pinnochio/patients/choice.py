@@ -19,7 +19,7 @@ class Choice:
 
     Of a learned method also lift, the kind that its network wants; the archive and its folder; networks, one of each
     fold in the order of archive.folds; calibration. These are plain files: no rule makes them.
-    expected: what was asked of the measured front, the setting that it offered, and the seconds and errors to expect.
+    expected: what was asked of the measured Pareto front, the setting that it offered, and the seconds and errors to expect.
     """
 
     method: str
@@ -64,8 +64,8 @@ def _offered(config: Mapping, folder: Path, front: str | os.PathLike) -> Choice:
         raise InputError(
             "-",
             front,
-            "there is no measured front to choose from",
-            "measure it (snakemake tradeoff) or name it in predict.front; or ask for neither budget nor tolerance",
+            "there is no measured Pareto front to choose from",
+            "measure it (snakemake tradeoff) or name it in predict.pareto_front; or ask for neither budget nor tolerance",
         )
     frame = read_table(front, TRADEOFF)
     archive = Archive.read(folder) if (folder / MANIFEST).is_file() else None

@@ -52,16 +52,16 @@ details { margin: 1em 0 } summary { cursor: pointer; font-weight: bold }
 <td class="{{ 'yes' if good else 'no' }}">{{ "" if good is none else "✓" if good else "✗" }}</td></tr>
 {% endfor -%}
 </table>
-{% if c.likeness -%}
+{% if c.in_distribution -%}
 <details><summary>Every quantity that is compared with the training</summary>
 <p>Excess: how far a value lies outside the range of the training patients, as a share of the range's width. The
 ranges of movements begin at rest.</p>
 {% for title in ("anatomy", "plan") -%}
-<h3>{{ title }}: up to {{ "%.2f" | format(c.likeness[title].threshold) }} is usual</h3>
+<h3>{{ title }}: up to {{ "%.2f" | format(c.in_distribution[title].threshold) }} is usual</h3>
 <table><tr><th>Quantity</th><th>This patient</th><th>Lowest</th><th>Highest</th><th>Excess</th></tr>
-{% for name, q in c.likeness[title].quantities.items() -%}
+{% for name, q in c.in_distribution[title].quantities.items() -%}
 <tr><td>{{ name }}</td>{% for key in ("value", "low", "high") %}<td class="n">{{ number(q[key]) }}</td>{% endfor %}
-<td class="n {{ 'no' if q.excess is none or q.excess > c.likeness[title].threshold }}">{{ number(q.excess) }}</td></tr>
+<td class="n {{ 'no' if q.excess is none or q.excess > c.in_distribution[title].threshold }}">{{ number(q.excess) }}</td></tr>
 {% endfor -%}
 </table>
 {% endfor -%}
@@ -107,7 +107,7 @@ def write_page(
     rows = in_words(certificate)
     bad = [what for what, _, _, good in rows if good is False]
     verdict = "No check failed: the elements are valid"
-    verdict += ", and patient and plan are like those of the training." if certificate["likeness"] else "."
+    verdict += ", and patient and plan are like those of the training." if certificate["in_distribution"] else "."
     if bad:
         verdict = f"Take care. Not as it should be, see the certificate: {', '.join(bad).lower()}."
     page = jinja2.Environment(autoescape=True).from_string(TEMPLATE)

@@ -15,11 +15,11 @@ from pinnochio.methods.pinnochio.learner import Predictor, tensors
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
 from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
-from pinnochio.patients.certificate import likeness
+from pinnochio.patients.certificate import in_distribution
 from pinnochio.patients.in_distribution import Ranges
 from pinnochio.planner.prepared import Given
 from pinnochio.plans.plan import Plan
-from pinnochio.statistics.intervals import Calibration, Interval, guarded_interval, interval
+from pinnochio.statistics.intervals import Calibration, Interval, interval, repaired_interval
 from pinnochio.training.checkpoint import load_network
 
 
@@ -75,7 +75,7 @@ class Forecaster:
         for field in fields:
             finished.append(self._finish(*field)[0])
             yield None
-        found, repair = guarded_interval(self.patient, finished, self.calibration, self._fem, self._region)
+        found, repair = repaired_interval(self.patient, finished, self.calibration, self._fem, self._region)
         yield self._forecast(plan, found, repair.least, began)
 
     def __call__(self, plan: Plan) -> Forecast:
@@ -84,7 +84,7 @@ class Forecaster:
         return found
 
     def _forecast(self, plan: Plan, found: Interval, least: float | None, began: float) -> Forecast:
-        compared = likeness(self.patient, plan, self._quality, self._archive, self._ranges)
+        compared = in_distribution(self.patient, plan, self._quality, self._archive, self._ranges)
         unlike = tuple(part for part in ("segments", "muscle", "anatomy", "plan") if not compared[part]["like"])
         skin = self.patient.moved_skin(found.displacement)
         moved = np.linalg.norm(skin - self.patient.skin_points, axis=1)[self._judged]

@@ -7,7 +7,7 @@ PARTS = {
     "regions": "Regions of the face",
     "landmarks": "Landmarks, skin and volume",
     "tradeoff": "Seconds against accuracy",
-    "dial": "Newton corrections after the network",
+    "corrections": "Newton corrections after the network",
     "design": "Switches of the better network",
     "coverage": "Coverage of the intervals",
     "scene": "Models of what a plan requires",

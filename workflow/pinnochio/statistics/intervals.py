@@ -13,7 +13,7 @@ from scipy.stats import norm
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.geometry.triangles import vertex_normals
-from pinnochio.mechanics.inversion_repair import Repair, guard
+from pinnochio.mechanics.inversion_repair import Repair, repair_inversions
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.regions import NAMES, regions
@@ -137,11 +137,11 @@ def interval(patient: PatientModel, displacements, calibration: Calibration, reg
     return Interval(mean, spread, np.sqrt(q[region] ** 2 + z**2 * excess), region)
 
 
-def guarded_interval(
+def repaired_interval(
     patient: PatientModel, displacements, calibration: Calibration, fem: FemSettings, region=None
 ) -> tuple[Interval, Repair]:
     """The interval of :func:`interval` with no element of the mean field inverted, and what that took."""
     found = interval(patient, displacements, calibration, region)
     mesh, held = (patient.points, patient.cells, fem.material(patient.tissue)), patient.node_type != FREE
-    displacement, repair = guard(*mesh, found.displacement, held, fem.volumetric)
+    displacement, repair = repair_inversions(*mesh, found.displacement, held, fem.volumetric)
     return replace(found, displacement=displacement), repair

@@ -21,12 +21,12 @@ PRETRAINED = "_pretrained"  # ends the name of a surface network that finite-ele
 
 
 def variants(config: Mapping) -> dict[str, dict]:
-    """Settings of every learned method by its name: network, pretraining, finetuning, refine.
+    """Settings of every learned method by its name: network, pretraining, finetuning, newton_corrections.
 
     Those of `variants` are overlays of the configuration's own sections, those of `design.switches`, named
     design_{switch}, overlays of the variant `design.base`.
     """
-    own = {key: config[key] for key in ("network", "pretraining", "finetuning", "refine")}
+    own = {key: config[key] for key in ("network", "pretraining", "finetuning", "newton_corrections")}
     found = {name: overlaid(own, overlay) for name, overlay in config["variants"].items()}
     design = config["design"]
     if base := found.get(design["base"]):
@@ -92,7 +92,7 @@ def check_config(config: Mapping) -> None:
     named = {
         "ablation": config["ablation"],
         "design.base": [config["design"]["base"]],
-        "dial.methods": config["dial"]["methods"],
+        "corrections.methods": config["corrections"]["methods"],
         "uncertainty.methods": config["uncertainty"]["methods"],
         "tradeoff.networks": config["tradeoff"]["networks"],
         "scaling.methods": config["scaling"]["methods"],

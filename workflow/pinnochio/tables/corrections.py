@@ -20,7 +20,7 @@ def _column(name: str, of: str, description: str) -> Column:
     return Column(name, float, _CASE[of].unit, description, _CASE[of].summary, optional=True)
 
 
-DIAL = (
+CORRECTIONS = (
     Column("method", str, "", "learned method whose predictions are corrected"),
     Column("corrections", int, "", "Newton corrections; 0 is the method's own prediction"),
     Column("n", int, "", "patients"),
@@ -40,18 +40,18 @@ DIAL = (
     Column("p_holm", float, "", "p after Holm's correction over the method's corrections", ".6g", optional=True),
     Column("test", str, "", "how p came about, or why there is none"),
 )
-_DIAL = {column.name: column for column in DIAL}
+_CORRECTIONS = {column.name: column for column in CORRECTIONS}
 
 
 def summarise(rows: Mapping[tuple[str, int], pd.DataFrame], seed: int = 0) -> pd.DataFrame:
-    """One row of DIAL per method and number of corrections, in the order given, of the CASES rows of its patients.
+    """One row of CORRECTIONS per method and number of corrections, in the order given, of the CASES rows of its patients.
 
     Every method needs its rows without correction, which the others are compared with, patient by patient.
     """
     found = []
     for (method, corrections), cases in rows.items():
         if (method, 0) not in rows:
-            raise InputError("-", "dial", f"{method!r} has no rows without correction", "add its own metrics")
+            raise InputError("-", "corrections", f"{method!r} has no rows without correction", "add its own metrics")
         own = check(cases, CASES)
         row = {"method": method, "corrections": corrections, "n": len(own)}
         for name in AVERAGED:
@@ -69,15 +69,15 @@ def summarise(rows: Mapping[tuple[str, int], pd.DataFrame], seed: int = 0) -> pd
         found.append(row)
     frame = pd.DataFrame(found)
     frame["p_holm"] = frame.groupby("method")["p"].transform(holm)
-    return check(frame, DIAL)
+    return check(frame, CORRECTIONS)
 
 
-def write_dial(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
-    """Write dial.csv and its twins."""
-    frame = write_csv(frame, path, DIAL)
+def write_corrections(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
+    """Write corrections.csv and its twins."""
+    frame = write_csv(frame, path, CORRECTIONS)
 
     def one(name):
-        return lambda row: _DIAL[name].text(row[name])
+        return lambda row: _CORRECTIONS[name].text(row[name])
 
     def difference(row):
         if np.isnan(row["cd_difference"]):
@@ -88,15 +88,15 @@ def write_dial(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virt
     view = [
         View("Method", one("method")),
         View("Corrections", one("corrections")),
-        View("CD mm", spread("cd", _DIAL)),
+        View("CD mm", spread("cd", _CORRECTIONS)),
         View("CD difference mm", difference),
-        View("PWR@1 %", spread("pwr1", _DIAL)),
-        View("Volume error mm", spread("volume_error_mean", _DIAL)),
+        View("PWR@1 %", spread("pwr1", _CORRECTIONS)),
+        View("Volume error mm", spread("volume_error_mean", _CORRECTIONS)),
         View("EqRes", one("eqres_rel_mean")),
         View("largest EqRes", one("eqres_rel_max")),
-        View("min J", spread("min_jacobian", _DIAL)),
+        View("min J", spread("min_jacobian", _CORRECTIONS)),
         View("Inverted", one("inverted")),
-        View("Seconds", spread("seconds", _DIAL)),
+        View("Seconds", spread("seconds", _CORRECTIONS)),
     ]
     caption = (
         f"Newton corrections of the networks' fields on their own interface, {cohort}, {count(frame['n'])} patients: "
@@ -104,4 +104,4 @@ def write_dial(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virt
         "test, Holm-corrected per method. EqRes: residual of the free nodes over the force of all others. Seconds: "
         "network and corrections."
     )
-    write_twins(frame, path, view, caption, DIAL)
+    write_twins(frame, path, view, caption, CORRECTIONS)

@@ -47,7 +47,7 @@ class CaseFiles:
     case: str
     model: str | os.PathLike
     lift: str | os.PathLike | None = None
-    teaching: str | os.PathLike | None = None
+    fem_samples: str | os.PathLike | None = None
     plan: str | os.PathLike | None = None
     postop: str | os.PathLike | None = None
 
@@ -70,7 +70,7 @@ def pretrain_fold(
     samples, checks = [], []
     for files, held in zip(cases, held_back([files.case for files in cases], training.validation), strict=True):
         patient = read_patient(files, mechanics, network, device)
-        for plan, field in read_teaching(files):
+        for plan, field in read_fem_samples(files):
             sample = patient, patient.signal(plan), torch.as_tensor(field, dtype=torch.float32, device=device)
             (checks if held else samples).append(sample)
     torch.manual_seed(derive_seed(seed, "pretrain", "weights"))
@@ -90,7 +90,7 @@ def pretrain_fold(
     logging.info("pretrain: %d patients, %d fields, %d held back", len(cases), len(samples), len(checks))
     run_phase(
         model, network, averaged(terms), len(samples), training, "pretrain", seed, out, history,
-        validate if checks else None, [path for files in cases for path in (files.model, files.teaching)],
+        validate if checks else None, [path for files in cases for path in (files.model, files.fem_samples)],
     )  # fmt: skip
 
 
@@ -238,17 +238,17 @@ def read_patient(files: CaseFiles, mechanics: Mechanics, network: NetworkSetting
     return tensors(PatientModel.read(files.model), mechanics, network, device, lift)
 
 
-def read_teaching(files: CaseFiles) -> list[tuple[Plan, np.ndarray]]:
+def read_fem_samples(files: CaseFiles) -> list[tuple[Plan, np.ndarray]]:
     """Plans and displacement fields (n, 3) mm of the teacher, in the order of their numbers."""
-    with h5py.File(files.teaching, "r") as file:
+    with h5py.File(files.fem_samples, "r") as file:
         groups = sorted(file, key=lambda name: int(name.rsplit("_", 1)[-1]))
         found = [
-            (Plan.from_json(file[name].attrs["plan"], files.teaching), file[name]["displacement"][()])
+            (Plan.from_json(file[name].attrs["plan"], files.fem_samples), file[name]["displacement"][()])
             for name in groups
             if file[name].attrs.get("converged", True)
         ]
     if not found:
-        raise InputError(files.case, files.teaching, "holds no converged field", "simulate more plans")
+        raise InputError(files.case, files.fem_samples, "holds no converged field", "simulate more plans")
     return found
 
 

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.scattered import nearest, spread
-from pinnochio.methods.pinnochio.learner import CaseFiles, read_teaching, run_phase
+from pinnochio.methods.pinnochio.learner import CaseFiles, read_fem_samples, run_phase
 from pinnochio.methods.surface.losses import chamfer, density, laplacian_change, local_change
 from pinnochio.methods.surface.patient import SurfacePatient, Target
 from pinnochio.methods.surface.settings import SurfaceSettings
@@ -62,7 +62,7 @@ def pretrain_fold(
     """Train a new network on how the skin moves in the cases' finite-element fields. Loss: mean squared error, mm^2."""
 
     def read(files, patient):
-        for plan, field in read_teaching(files):
+        for plan, field in read_fem_samples(files):
             skin = patient.model.moved_skin(field) - patient.model.skin_points
             yield [(patient.given(draw, plan), patient.carried(draw, skin), patient.unit) for draw in patient.draws]
 
@@ -70,7 +70,7 @@ def pretrain_fold(
     torch.manual_seed(derive_seed(seed, "pretrain", "weights"))
     _train(
         build(settings).to(device), settings, samples, checks, field_loss, training, phase="pretrain", seed=seed,
-        device=device, out=out, history=history, inputs=[path for own in cases for path in (own.model, own.teaching)],
+        device=device, out=out, history=history, inputs=[path for own in cases for path in (own.model, own.fem_samples)],
     )  # fmt: skip
 
 

@@ -13,21 +13,21 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import read_prediction, write_predictions
 
 
-def refine(
+def correct(
     cases: Sequence[str],
     predictions: str,
     models: Sequence[str],
     fem: FemSettings,
     threads: int,
-    refined: Mapping[int, str],
+    corrected: Mapping[int, str],
 ) -> None:
-    """Write each case's field after some Newton corrections to the file that `refined` names for their number.
+    """Write each case's field after some Newton corrections to the file that `corrected` names for their number.
 
     One pass makes them all; where it meets the tolerance earlier, larger numbers hold the same field. The seconds are
-    those of the network and of the corrections. The first case is refined once more beforehand, so that no timing
+    those of the network and of the corrections. The first case is corrected once more beforehand, so that no timing
     holds the loading of compiled code.
     """
-    found: dict[int, dict] = {count: {} for count in refined}
+    found: dict[int, dict] = {count: {} for count in corrected}
     for case, path in zip([cases[0], *cases], [models[0], *models], strict=True):
         patient, prediction = PatientModel.read(path), read_prediction(predictions, case)
         if prediction.boundary is None:
@@ -37,9 +37,9 @@ def refine(
         law = fem.material(patient.tissue)
         refiner = Refiner(patient.points, patient.cells, law, nodes, fem.volumetric, fem.linear_solver)
         setup = prediction.setup_seconds + time.perf_counter() - began
-        states = refiner.corrections(prediction.displacement, prescribed, max(refined), fem.tolerance)
+        states = refiner.corrections(prediction.displacement, prescribed, max(corrected), fem.tolerance)
         refiner.close()
-        for count in refined:
+        for count in corrected:
             made = min(count, len(states) - 1)
             found[count][case] = replace(
                 prediction,
@@ -50,17 +50,17 @@ def refine(
                 iterations=prediction.iterations + made,
             )
         logging.info("%s: residuals %s", case, " ".join(f"{state.residual:.1e}" for state in states))
-    for count, path in refined.items():
+    for count, path in corrected.items():
         write_predictions(path, found[count])
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    refine(
+    correct(
         cases=snakemake.params.cases,
         predictions=snakemake.input.predictions,
         models=snakemake.input.models,
         fem=FemSettings(**snakemake.params.fem),
         threads=snakemake.threads,
-        refined=dict(zip(snakemake.params.corrections, snakemake.output.refined, strict=True)),
+        corrected=dict(zip(snakemake.params.corrections, snakemake.output.corrected, strict=True)),
     )

@@ -2,20 +2,20 @@
 
 
 # Timed, so each of these jobs has the machine for itself.
-rule refine:
+rule correct:
     input:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
         models=of_held_out("<results>/cases/{case}/model.h5"),
     output:
-        refined=expand(
-            "<results>/folds/{fold}/{method}/refined_{corrections}.h5",
-            corrections=config["dial"]["corrections"],
+        corrected=expand(
+            "<results>/folds/{fold}/{method}/corrected_{corrections}.h5",
+            corrections=config["corrections"]["counts"],
             allow_missing=True,
         ),
     log:
-        "<logs>/refine/{fold}_{method}.log",
+        "<logs>/correct/{fold}_{method}.log",
     benchmark:
-        "<benchmarks>/refine/{fold}_{method}.tsv"
+        "<benchmarks>/correct/{fold}_{method}.tsv"
     wildcard_constraints:
         method="|".join(VARIANTS) or "none",
     conda:
@@ -26,54 +26,54 @@ rule refine:
         runtime=60,
     params:
         cases=held_out,
-        corrections=config["dial"]["corrections"],
+        corrections=config["corrections"]["counts"],
         fem=config["fem"],
-        code=code_of("refine"),
+        code=code_of("correct"),
     message:
         "Correct {wildcards.method} on fold {wildcards.fold}"
     script:
-        "../scripts/refine.py"
+        "../scripts/correct.py"
 
 
-use rule evaluate as evaluate_refined with:
+use rule evaluate as evaluate_corrected with:
     input:
-        predictions="<results>/folds/{fold}/{method}/refined_{corrections}.h5",
+        predictions="<results>/folds/{fold}/{method}/corrected_{corrections}.h5",
         models=of_held_out("<results>/cases/{case}/model.h5"),
         plans=of_held_out("<results>/cases/{case}/plan.json"),
         postops=of_scanned("<results>/cases/{case}/postop.h5"),
         truths=of_held_out("<results>/virtual/{case}/truth.h5") if VIRTUAL else [],
     output:
         metrics=ensure(
-            "<results>/folds/{fold}/{method}/refined_{corrections}.csv", non_empty=True
+            "<results>/folds/{fold}/{method}/corrected_{corrections}.csv", non_empty=True
         ),
     log:
-        "<logs>/evaluate_refined/{fold}_{method}_{corrections}.log",
+        "<logs>/evaluate_corrected/{fold}_{method}_{corrections}.log",
     benchmark:
-        "<benchmarks>/evaluate_refined/{fold}_{method}_{corrections}.tsv"
+        "<benchmarks>/evaluate_corrected/{fold}_{method}_{corrections}.tsv"
     wildcard_constraints:
         corrections=r"\d+",
     message:
         "Measure {wildcards.method} after {wildcards.corrections} corrections on fold {wildcards.fold}"
 
 
-rule collect_dial:
+rule tabulate_corrections:
     input:
         metrics=[
             f"<results>/folds/{fold}/{method}/{name}.csv"
-            for method in DIAL
+            for method in CORRECTIONS
             for name in [
                 "metrics",
-                *(f"refined_{count}" for count in config["dial"]["corrections"]),
+                *(f"corrected_{count}" for count in config["corrections"]["counts"]),
             ]
             for fold in HELD_OUT
         ],
     output:
-        table=ensure("<results>/tables/dial.csv", non_empty=True),
-        markdown="<results>/tables/dial.md",
-        latex="<results>/tables/dial.tex",
-        html=captioned("<results>/tables/dial.html"),
+        table=ensure("<results>/tables/corrections.csv", non_empty=True),
+        markdown="<results>/tables/corrections.md",
+        latex="<results>/tables/corrections.tex",
+        html=captioned("<results>/tables/corrections.html"),
     log:
-        "<logs>/collect_dial.log",
+        "<logs>/tabulate_corrections.log",
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -81,25 +81,25 @@ rule collect_dial:
         mem_mb=1000,
         runtime=5,
     params:
-        methods=DIAL,
-        corrections=[0, *config["dial"]["corrections"]],
+        methods=CORRECTIONS,
+        corrections=[0, *config["corrections"]["counts"]],
         folds=len(HELD_OUT),
         cohort=COHORT,
         seed=SEED,
-        code=code_of("collect_dial"),
+        code=code_of("tabulate_corrections"),
     message:
         "Compare the predictions with their corrected fields"
     script:
-        "../scripts/collect_dial.py"
+        "../scripts/tabulate_corrections.py"
 
 
-rule render_dial:
+rule render_corrections:
     input:
-        table="<results>/tables/dial.csv",
+        table="<results>/tables/corrections.csv",
     output:
-        picture=captioned("<results>/figures/dial.png"),
+        picture=captioned("<results>/figures/corrections.png"),
     log:
-        "<logs>/render_dial.log",
+        "<logs>/render_corrections.log",
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -107,16 +107,16 @@ rule render_dial:
         mem_mb=1000,
         runtime=5,
     params:
-        code=code_of("render_dial"),
+        code=code_of("render_corrections"),
     message:
         "Draw the dial"
     script:
-        "../scripts/render_dial.py"
+        "../scripts/render_corrections.py"
 
 
-rule dial:
+rule corrections:
     input:
-        rules.collect_dial.output,
-        rules.render_dial.output,
+        rules.tabulate_corrections.output,
+        rules.render_corrections.output,
     message:
         "The dial is measured"

@@ -7,7 +7,7 @@ from tiny_patient import tiny_patient, tiny_plan
 
 from pinnochio.errors import InputError
 from pinnochio.mechanics.assembly import Assembler
-from pinnochio.mechanics.corrections import Finish, Refiner, foretold_pressure, interface, newton_corrections
+from pinnochio.mechanics.corrections import Finish, Refiner, expected_pressure, interface, newton_corrections
 from pinnochio.mechanics.elements import Elements, jacobians, patch_bulk
 from pinnochio.mechanics.inversion_repair import FLOOR
 from pinnochio.mechanics.problems import uniform
@@ -90,8 +90,8 @@ def test_carried_pressure_needs_fewer_corrections_than_newton_and_no_cut_tangent
         state = newton.measured(state.u + newton.predict(state, 1.0), 1.0)
         cut.append(newton.cut)
     assert cut[0] and carried[-1].residual < 0.1 * state.residual
-    one = refiner.corrections(start, told, 2)[1].displacement  # the second stands on what the first foretold
-    np.testing.assert_allclose(newton.pressure, foretold_pressure(newton.elements, start, one - start), rtol=1e-9)
+    one = refiner.corrections(start, told, 2)[1].displacement  # the second stands on what the first expected
+    np.testing.assert_allclose(newton.pressure, expected_pressure(newton.elements, start, one - start), rtol=1e-9)
     refiner.close()
 
 
@@ -101,14 +101,14 @@ def test_a_tangent_that_is_given_its_own_pressure_is_the_tangent(bent):
     held[nodes] = True
     assembler, frames = Assembler(elements, held, []), np.zeros((0, 3, 3))
     u = field + 0.1 * RNG(0).normal(size=field.shape)
-    own = foretold_pressure(elements, u, np.zeros_like(u))
+    own = expected_pressure(elements, u, np.zeros_like(u))
     plain, given, none = (assembler.tangent(u, frames, pressure=p)[0] for p in (None, own, 0 * own))
     np.testing.assert_allclose(given, plain, rtol=1e-12, atol=1e-9)
     assert np.abs(none - plain).max() > 1e-2 * np.abs(plain).max()
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_foretold_pressure_is_the_first_order(bent, seed):
+def test_expected_pressure_is_the_first_order(bent, seed):
     points, cells, law, _, _, field = bent
     elements = Elements.build(points, cells, law)
     change = RNG(seed).normal(size=field.shape)
@@ -123,7 +123,7 @@ def test_foretold_pressure_is_the_first_order(bent, seed):
 
     h = 1e-6
     slope = (pressure(field + h * change) - pressure(field - h * change)) / (2 * h)
-    rate = foretold_pressure(elements, field, change) - pressure(field)
+    rate = expected_pressure(elements, field, change) - pressure(field)
     np.testing.assert_allclose(rate, slope, rtol=1e-5, atol=1e-5 * np.abs(slope).max())
 
 
@@ -208,7 +208,7 @@ def test_interface_nodes_are_told_and_cut_planes_rest(patient):
 
 
 @pytest.mark.parametrize("steps", [0, 1, 4])
-def test_finish_guards_and_corrects_a_networks_field(patient, steps):
+def test_finish_repairs_and_corrects_a_networks_field(patient, steps):
     model, fem, field = patient
     off = field + 0.02 * RNG(0).normal(size=field.shape)
     boundary = np.where((model.node_type != FREE)[:, None], field, 0)

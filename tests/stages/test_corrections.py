@@ -1,4 +1,4 @@
-"""The guard on a network's prediction, and the dial from that prediction to its table, on one coarse patient."""
+"""The inversion repair on a network's prediction, and the dial from that prediction to its table, on one coarse patient."""
 
 import h5py
 import numpy as np
@@ -11,14 +11,14 @@ from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.tables.corrections import DIAL
+from pinnochio.tables.corrections import CORRECTIONS
 from pinnochio.tables.engine import CASES, read_table
 from pinnochio.training.checkpoint import save_network
-from scripts.collect_dial import collect_dial
+from scripts.correct import correct
 from scripts.evaluate import evaluate
 from scripts.predict_network import predict_network
-from scripts.refine import refine
-from scripts.render_dial import render_dial
+from scripts.render_corrections import render_corrections
+from scripts.tabulate_corrections import tabulate_corrections
 from tests.stages.conftest import SEED
 
 NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
@@ -51,25 +51,25 @@ def test_no_prediction_leaves_with_an_inverted_element(patient, wild_network, co
 
 
 @pytest.fixture(scope="module")
-def refined(patient, tmp_path_factory):
+def corrected(patient, tmp_path_factory):
     """A prediction made of the teacher's field and noise, corrected."""
-    folder, model = tmp_path_factory.mktemp("dial"), PatientModel.read(patient.model)
-    with h5py.File(patient.teaching) as file:
+    folder, model = tmp_path_factory.mktemp("corrections"), PatientModel.read(patient.model)
+    with h5py.File(patient.fem_samples) as file:
         field = file["plan_0/displacement"][()]
     boundary = np.where((model.node_type != FREE)[:, None], field, 0.0)
     start = field + 0.05 * np.random.default_rng(0).normal(size=field.shape)
     made = Prediction(start, 0.1, 0.5, boundary=boundary, raw_min_jacobian=0.1, raw_inverted=0, repaired=0, damping=1)
     write_predictions(folder / "predictions.h5", {patient.case: made})
-    files = {count: str(folder / f"refined_{count}.h5") for count in COUNTS}
-    refine([patient.case], str(folder / "predictions.h5"), [patient.model], patient.fem, 1, files)
+    files = {count: str(folder / f"corrected_{count}.h5") for count in COUNTS}
+    correct([patient.case], str(folder / "predictions.h5"), [patient.model], patient.fem, 1, files)
     return {0: str(folder / "predictions.h5"), **files}
 
 
-def test_more_corrections_come_nearer_to_the_field_in_equilibrium(patient, refined):
+def test_more_corrections_come_nearer_to_the_field_in_equilibrium(patient, corrected):
     model = PatientModel.read(patient.model)
-    with h5py.File(patient.teaching) as file:
+    with h5py.File(patient.fem_samples) as file:
         field = file["plan_0/displacement"][()]
-    found = {count: read_prediction(path, patient.case) for count, path in refined.items()}
+    found = {count: read_prediction(path, patient.case) for count, path in corrected.items()}
     away = [np.abs(found[count].displacement - field).max() for count in (0, *COUNTS)]
     assert away[0] > 0.1 > away[1] > away[2] >= away[3] and away[3] < 1e-4
     held = model.node_type != FREE
@@ -83,13 +83,13 @@ def test_a_method_without_an_interface_is_refused(patient, tmp_path):
     model = PatientModel.read(patient.model)
     write_predictions(tmp_path / "fem.h5", {patient.case: Prediction(np.zeros_like(model.points))})
     with pytest.raises(InputError, match=f"'{patient.case}'.*gives no interface.*Remedy"):
-        refine([patient.case], str(tmp_path / "fem.h5"), [patient.model], patient.fem, 1, {1: str(tmp_path / "a.h5")})
+        correct([patient.case], str(tmp_path / "fem.h5"), [patient.model], patient.fem, 1, {1: str(tmp_path / "a.h5")})
     assert not (tmp_path / "a.h5").exists()
 
 
-def test_the_table_and_the_picture_come_from_the_fields(patient, refined, tmp_path):
+def test_the_table_and_the_picture_come_from_the_fields(patient, corrected, tmp_path):
     metrics = {}
-    for count, path in refined.items():
+    for count, path in corrected.items():
         metrics["pinnochio", count] = [str(tmp_path / f"{count}.csv")]
         evaluate(
             [patient.case],
@@ -106,11 +106,11 @@ def test_the_table_and_the_picture_come_from_the_fields(patient, refined, tmp_pa
         )
     first = read_table(metrics["pinnochio", 0][0], CASES).iloc[0]
     assert first["raw_min_jacobian"] == 0.1 and first["interface_error"] > 0.05 and first["damping"] == 1
-    collect_dial(metrics, "virtual cohort", SEED, str(tmp_path / "dial.csv"))
-    table = read_table(tmp_path / "dial.csv", DIAL)
+    tabulate_corrections(metrics, "virtual cohort", SEED, str(tmp_path / "corrections.csv"))
+    table = read_table(tmp_path / "corrections.csv", CORRECTIONS)
     assert list(table["corrections"]) == [0, *COUNTS] and (table["inverted"] == 0).all()
     residual = table["eqres_rel_mean"].to_numpy()
     assert residual[0] > 0.1 > 1e-3 > residual[2] >= residual[3] and residual[3] < 1e-6
     assert table["interface_error_mean"][1:].max() < 1e-9
-    render_dial(str(tmp_path / "dial.csv"), str(tmp_path / "dial.png"))
-    assert (tmp_path / "dial.png").stat().st_size > 20_000
+    render_corrections(str(tmp_path / "corrections.csv"), str(tmp_path / "corrections.png"))
+    assert (tmp_path / "corrections.png").stat().st_size > 20_000

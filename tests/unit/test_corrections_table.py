@@ -6,9 +6,9 @@ import pytest
 from test_evaluation_statistics import row
 
 from pinnochio.errors import InputError
-from pinnochio.figures.corrections import dial_picture
+from pinnochio.figures.corrections import corrections_picture
 from pinnochio.statistics.significance import holm, wilcoxon
-from pinnochio.tables.corrections import DIAL, summarise, write_dial
+from pinnochio.tables.corrections import CORRECTIONS, summarise, write_corrections
 from pinnochio.tables.engine import read_table
 
 COUNTS = (0, 1, 5)
@@ -69,16 +69,18 @@ def test_a_method_without_its_own_prediction_is_refused(rows):
 
 
 def test_files_and_picture(rows, tmp_path):
-    write_dial(summarise(rows), tmp_path / "dial.csv", "made-up cohort")
-    back = read_table(tmp_path / "dial.csv", DIAL)
+    write_corrections(summarise(rows), tmp_path / "corrections.csv", "made-up cohort")
+    back = read_table(tmp_path / "corrections.csv", CORRECTIONS)
     assert len(back) == 6
-    text = (tmp_path / "dial.md").read_text()
+    text = (tmp_path / "corrections.md").read_text()
     assert "made-up cohort, n = 8 patients" in text and "-0.0450 (p = 0.015625)" in text and "1.5000 ± " in text
     assert all((tmp_path / f"dial.{suffix}").stat().st_size > 500 for suffix in ("tex", "html"))
-    dial_picture(back, tmp_path / "dial.png")
-    assert (tmp_path / "dial.png").stat().st_size > 20_000
+    corrections_picture(back, tmp_path / "corrections.png")
+    assert (tmp_path / "corrections.png").stat().st_size > 20_000
 
 
 def test_few_patients_are_said_to_be_few(tmp_path):
-    write_dial(summarise({("plain", count): cases("plain", count, 2) for count in COUNTS}), tmp_path / "dial.csv")
-    assert "n = 2 < 6: not tested" in (tmp_path / "dial.md").read_text()
+    write_corrections(
+        summarise({("plain", count): cases("plain", count, 2) for count in COUNTS}), tmp_path / "corrections.csv"
+    )
+    assert "n = 2 < 6: not tested" in (tmp_path / "corrections.md").read_text()

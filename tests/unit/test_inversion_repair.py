@@ -1,4 +1,4 @@
-"""The inversion guard: wild fields come out valid, near ones untouched, interfaces stay where they can."""
+"""The inversion repair: wild fields come out valid, near ones untouched, interfaces stay where they can."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from test_mechanics_solver import bent_block
 
 from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import jacobians
-from pinnochio.mechanics.inversion_repair import FLOOR, damped, guard, volume_ratios
+from pinnochio.mechanics.inversion_repair import FLOOR, damped, repair_inversions, volume_ratios
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.solver import SolverOptions, solve
 
@@ -46,7 +46,7 @@ def test_ratios_are_the_jacobians(seed):
 
 def test_a_sound_field_is_handed_back_as_it_is(bent):
     points, cells, law, field, held = bent
-    kept, repair = guard(points, cells, law, field, held)
+    kept, repair = repair_inversions(points, cells, law, field, held)
     assert kept is field
     assert (repair.elements, repair.nodes, repair.damping, repair.raw_inverted) == (0, 0, 1.0, 0)
     assert repair.raw_least == repair.least == pytest.approx(jacobians(points, cells, field).min())
@@ -59,7 +59,7 @@ def test_one_collapsed_element_is_mended_where_it_is(bent, volumetric, seed):
     points, cells, law, field, held = bent
     cell = RNG(seed).choice(held_corners(cells, held, 0))
     broken = through(points, cells, field, cell)
-    kept, repair = guard(points, cells, law, broken, held, volumetric)
+    kept, repair = repair_inversions(points, cells, law, broken, held, volumetric)
     assert repair.raw_inverted >= 1 and repair.raw_least < 0 < FLOOR <= repair.least
     assert repair.damping == 1 and repair.interface == 0 and repair.elements < len(cells) / 4
     np.testing.assert_array_equal(kept[held], field[held])
@@ -76,7 +76,7 @@ def test_an_element_below_the_floor_counts_as_bad_and_one_above_it_does_not(bent
     ways = [(way, jacobians(points, cells, through(points, cells, field, cell, way=way)).min()) for way in (0.5, 0.97)]
     assert 0 < ways[1][1] < FLOOR < ways[0][1]
     for way, least in ways:
-        kept, repair = guard(points, cells, law, through(points, cells, field, cell, way=way), held)
+        kept, repair = repair_inversions(points, cells, law, through(points, cells, field, cell, way=way), held)
         assert (repair.elements > 0) == (least < FLOOR) and repair.least >= FLOOR and repair.raw_inverted == 0
 
 
@@ -87,7 +87,7 @@ def test_an_interface_that_is_itself_the_cause_is_freed_there_and_nowhere_else(b
     whole = held.copy()
     whole[cells[cell]] = True  # now no node of the element is free
     broken = through(points, cells, field, cell, corner)
-    kept, repair = guard(points, cells, law, broken, whole)
+    kept, repair = repair_inversions(points, cells, law, broken, whole)
     assert repair.least >= FLOOR and repair.damping == 1 and 1 <= repair.interface <= 8
     moved = np.flatnonzero((kept != broken).any(axis=1) & whole)
     near = np.unique(cells[(broken != field).any(axis=1)[cells].any(axis=1)])
@@ -100,7 +100,7 @@ def test_noise_is_mended_without_damping(bent, noise, interface_too):
     """The edges are 2.5 mm long."""
     points, cells, law, field, held = bent
     rough = field + noise * RNG(2).normal(size=field.shape) * (interface_too | ~held)[:, None]
-    kept, repair = guard(points, cells, law, rough, held)
+    kept, repair = repair_inversions(points, cells, law, rough, held)
     assert jacobians(points, cells, kept).min() > 0 and repair.damping == 1
     assert repair.least == pytest.approx(jacobians(points, cells, kept).min())
     assert repair.raw_inverted == (jacobians(points, cells, rough) <= 0).sum() > 0
@@ -124,7 +124,7 @@ def test_noise_is_mended_without_damping(bent, noise, interface_too):
 def test_what_nothing_mends_is_damped_as_little_as_that_takes(bent, field):
     points, cells, law, _, held = bent
     wild = field(points)
-    kept, repair = guard(points, cells, law, wild, held)
+    kept, repair = repair_inversions(points, cells, law, wild, held)
     assert 0 < repair.damping < 1 and jacobians(points, cells, kept).min() >= FLOOR * (1 - 1e-9)
     np.testing.assert_allclose(kept, repair.damping * wild)
     for more in (1.001, 1.01):
@@ -145,15 +145,15 @@ def test_a_repair_that_makes_it_worse_is_not_taken(bent, monkeypatch):
     monkeypatch.setattr(
         "pinnochio.mechanics.inversion_repair._relaxed", lambda *given: RNG(0).normal(size=given[4].shape)
     )
-    kept, repair = guard(points, cells, law, broken, held)
+    kept, repair = repair_inversions(points, cells, law, broken, held)
     assert repair.elements == 0 and repair.damping < 1
     np.testing.assert_allclose(kept, repair.damping * broken)
 
 
-def test_the_guard_knows_no_chance(bent):
+def test_the_inversion_repair_knows_no_chance(bent):
     points, cells, law, field, held = bent
     rough = field + 0.8 * RNG(5).normal(size=field.shape)
-    first, second = (guard(points, cells, law, rough, held) for _ in range(2))
+    first, second = (repair_inversions(points, cells, law, rough, held) for _ in range(2))
     np.testing.assert_array_equal(first[0], second[0])
     assert first[1] == second[1]
 
@@ -162,11 +162,11 @@ def test_a_mesh_that_nothing_holds_is_mended_or_damped(bent):
     """Rings that reach every node of a mesh without interface leave a part that no solver holds."""
     points, cells, law, field, held = bent
     rough = field + 0.5 * RNG(1).normal(size=field.shape)
-    kept, _ = guard(points, cells, law, rough, np.zeros(len(points), bool))
+    kept, _ = repair_inversions(points, cells, law, rough, np.zeros(len(points), bool))
     assert jacobians(points, cells, kept).min() > 0
     points, cells = box((4, 4, 4), (1, 1, 1))
     collapsed = np.where(points == 0, 6.0, 0.0)
-    kept, repair = guard(points, cells, uniform(6), collapsed, np.zeros(8, bool))
+    kept, repair = repair_inversions(points, cells, uniform(6), collapsed, np.zeros(8, bool))
     assert repair.raw_inverted and repair.damping < 1 and jacobians(points, cells, kept).min() > 0
 
 
@@ -176,6 +176,6 @@ def test_a_field_that_is_none_is_refused(bent, value):
     bad = field.copy()
     bad[3, 1] = value
     with pytest.raises(InputError, match="not finite"):
-        guard(points, cells, law, bad, held)
+        repair_inversions(points, cells, law, bad, held)
     with pytest.raises(InputError, match="shape"):
-        guard(points, cells, law, field[:-1], held)
+        repair_inversions(points, cells, law, field[:-1], held)
