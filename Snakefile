@@ -13,7 +13,6 @@ include: "workflow/common.smk"
 include: "rules/virtual.smk"
 include: "rules/patient.smk"
 include: "rules/fem.smk"
-include: "rules/lift.smk"
 include: "rules/training.smk"
 include: "rules/baselines.smk"
 include: "rules/curves.smk"
@@ -21,7 +20,6 @@ include: "rules/prediction.smk"
 include: "rules/tables.smk"
 include: "rules/corrections.smk"
 include: "rules/design.smk"
-include: "rules/sizes.smk"
 include: "rules/tradeoff.smk"
 include: "rules/uncertainty.smk"
 include: "rules/patients.smk"
@@ -33,11 +31,13 @@ include: "rules/report.smk"
 
 
 wildcard_constraints:
-    case="|".join([*CASES, *PATIENTS]),
-    plan="|".join(PLANS) or "none",
-    fold="|".join(HELD_OUT),
+    home="cases|chin|patients",
+    case="|".join([*STUDY.cases, *STUDY.patients]),
+    mesh=r"|/lips|/nodes_\d+",
+    plan="|" + any_of(f"/{plan}" for plan in STUDY.plans),
+    fold="|".join(STUDY.held_out),
     nodes=r"\d+",
-    method="|".join([*METHODS, *SETTINGS, config["predict"]["method"]]),
+    method="|".join([*STUDY.registry, config["predict"]["method"]]),
 
 
 rule all:

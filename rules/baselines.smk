@@ -3,8 +3,8 @@
 
 rule pretrain_surface:
     input:
-        models=of_training("<results>/cases/{case}/model.h5"),
-        fem_samples=of_training("<results>/cases/{case}/fem_samples.h5"),
+        models=STUDY.of_training("<results>/cases/{case}/model.h5"),
+        fem_samples=STUDY.of_training("<results>/cases/{case}/fem_samples.h5"),
     output:
         network="<results>/folds/{fold}/{method}/pretrained.pt",
         history="<results>/folds/{fold}/{method}/pretraining.csv",
@@ -41,9 +41,9 @@ rule finetune_surface:
             if "pretraining" in SURFACE[wildcards.method]
             else []
         ),
-        models=of_training("<results>/cases/{case}/model.h5"),
-        plans=of_training("<results>/cases/{case}/plan.json"),
-        postops=of_training("<results>/cases/{case}/postop.h5"),
+        models=STUDY.of_training("<results>/cases/{case}/model.h5"),
+        plans=STUDY.of_training("<results>/cases/{case}/plan.json"),
+        postops=STUDY.of_training("<results>/cases/{case}/postop.h5"),
     output:
         network="<results>/folds/{fold}/{method}/network.pt",
         history="<results>/folds/{fold}/{method}/finetuning.csv",
@@ -76,8 +76,8 @@ rule finetune_surface:
 rule predict_surface:
     input:
         network="<results>/folds/{fold}/{method}/network.pt",
-        models=of_held_out("<results>/cases/{case}/model.h5"),
-        plans=of_held_out("<results>/cases/{case}/plan.json"),
+        models=STUDY.of_held_out("<results>/cases/{case}/model.h5"),
+        plans=STUDY.of_held_out("<results>/cases/{case}/plan.json"),
     output:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
     log:
@@ -104,10 +104,10 @@ rule predict_surface:
 
 rule fit_linear:
     input:
-        models=of_training("<results>/cases/{case}/model.h5"),
-        fem_samples=of_training("<results>/cases/{case}/fem_samples.h5"),
-        plans=of_training("<results>/cases/{case}/plan.json"),
-        postops=of_training("<results>/cases/{case}/postop.h5"),
+        models=STUDY.of_training("<results>/cases/{case}/model.h5"),
+        fem_samples=STUDY.of_training("<results>/cases/{case}/fem_samples.h5"),
+        plans=STUDY.of_training("<results>/cases/{case}/plan.json"),
+        postops=STUDY.of_training("<results>/cases/{case}/postop.h5"),
     output:
         linear="<results>/folds/{fold}/pca_linear/linear.h5",
     log:
@@ -136,8 +136,8 @@ rule predict_rule:
             if wildcards.method == "pca_linear"
             else []
         ),
-        models=of_held_out("<results>/cases/{case}/model.h5"),
-        plans=of_held_out("<results>/cases/{case}/plan.json"),
+        models=STUDY.of_held_out("<results>/cases/{case}/model.h5"),
+        plans=STUDY.of_held_out("<results>/cases/{case}/plan.json"),
     output:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
     log:
@@ -163,8 +163,8 @@ rule predict_rule:
 
 rule predict_elastic:
     input:
-        models=lambda wildcards: model_of(HELD_OUT[wildcards.fold], "elastic"),
-        plans=of_held_out("<results>/cases/{case}/plan.json"),
+        models=lambda wildcards: model_of(STUDY.held_out[wildcards.fold], "elastic"),
+        plans=STUDY.of_held_out("<results>/cases/{case}/plan.json"),
     output:
         predictions="<results>/folds/{fold}/elastic/predictions.h5",
     log:

@@ -1,14 +1,14 @@
-# The dial between a network and finite elements on its interface; not part of `all`.
+# Newton corrections between a network's field and equilibrium on its interface; not part of `all`.
 
 
 # Timed, so each of these jobs has the machine for itself.
 rule correct:
     input:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
-        models=of_held_out("<results>/cases/{case}/model.h5"),
+        models=STUDY.of_held_out("<results>/cases/{case}/model.h5"),
     output:
         corrected=expand(
-            "<results>/folds/{fold}/{method}/corrected_{corrections}.h5",
+            "<results>/folds/{fold}/{method}/corrected_{corrections}/predictions.h5",
             corrections=config["corrections"]["counts"],
             allow_missing=True,
         ),
@@ -17,15 +17,15 @@ rule correct:
     benchmark:
         "<benchmarks>/correct/{fold}_{method}.tsv"
     wildcard_constraints:
-        method="|".join(VARIANTS) or "none",
+        method=any_of(NETWORKS),
     conda:
         "../envs/pinnochio.yaml"
-    threads: workflow.cores
+    threads: ALL_CORES
     resources:
         mem_mb=4000,
         runtime=60,
     params:
-        cases=held_out,
+        cases=STUDY.held_out_cases,
         corrections=config["corrections"]["counts"],
         fem=config["fem"],
         code=code_of("correct"),
@@ -35,37 +35,16 @@ rule correct:
         "../scripts/correct.py"
 
 
-use rule evaluate as evaluate_corrected with:
-    input:
-        predictions="<results>/folds/{fold}/{method}/corrected_{corrections}.h5",
-        models=of_held_out("<results>/cases/{case}/model.h5"),
-        plans=of_held_out("<results>/cases/{case}/plan.json"),
-        postops=of_scanned("<results>/cases/{case}/postop.h5"),
-        truths=of_held_out("<results>/virtual/{case}/truth.h5") if VIRTUAL else [],
-    output:
-        metrics=ensure(
-            "<results>/folds/{fold}/{method}/corrected_{corrections}.csv", non_empty=True
-        ),
-    log:
-        "<logs>/evaluate_corrected/{fold}_{method}_{corrections}.log",
-    benchmark:
-        "<benchmarks>/evaluate_corrected/{fold}_{method}_{corrections}.tsv"
-    wildcard_constraints:
-        corrections=r"\d+",
-    message:
-        "Measure {wildcards.method} after {wildcards.corrections} corrections on fold {wildcards.fold}"
-
-
 rule tabulate_corrections:
     input:
         metrics=[
-            f"<results>/folds/{fold}/{method}/{name}.csv"
-            for method in CORRECTIONS
-            for name in [
-                "metrics",
-                *(f"corrected_{count}" for count in config["corrections"]["counts"]),
+            f"<results>/folds/{fold}/{method}{corrected}/metrics.csv"
+            for method in STUDY.asked("corrections")
+            for corrected in [
+                "",
+                *(f"/corrected_{count}" for count in config["corrections"]["counts"]),
             ]
-            for fold in HELD_OUT
+            for fold in STUDY.held_out
         ],
     output:
         table=ensure("<results>/tables/corrections.csv", non_empty=True),
@@ -81,9 +60,9 @@ rule tabulate_corrections:
         mem_mb=1000,
         runtime=5,
     params:
-        methods=CORRECTIONS,
+        methods=STUDY.asked("corrections"),
         corrections=[0, *config["corrections"]["counts"]],
-        folds=len(HELD_OUT),
+        folds=len(STUDY.held_out),
         cohort=COHORT,
         seed=SEED,
         code=code_of("tabulate_corrections"),
@@ -109,7 +88,7 @@ rule render_corrections:
     params:
         code=code_of("render_corrections"),
     message:
-        "Draw the dial"
+        "Draw what the corrections buy"
     script:
         "../scripts/render_corrections.py"
 
@@ -119,4 +98,4 @@ rule corrections:
         rules.tabulate_corrections.output,
         rules.render_corrections.output,
     message:
-        "The dial is measured"
+        "The corrections are measured"

@@ -5,8 +5,8 @@ rule tabulate_training:
     input:
         networks=expand(
             "<results>/folds/{fold}/{method}/network.pt",
-            method=LEARNED,
-            fold=HELD_OUT,
+            method=STUDY.learned,
+            fold=STUDY.held_out,
         ),
     output:
         table=ensure("<results>/tables/training.csv", non_empty=True),
@@ -24,12 +24,12 @@ rule tabulate_training:
     params:
         settings={
             method: {
-                phase: SETTINGS[method].get(phase)
+                phase: STUDY.registry[method].settings.get(phase)
                 for phase in ("pretraining", "finetuning")
             }
-            for method in LEARNED
+            for method in STUDY.learned
         },
-        folds=list(HELD_OUT),
+        folds=list(STUDY.held_out),
         benchmarks=BENCHMARKS,
         cohort=COHORT,
         code=code_of("tabulate_training"),
@@ -45,7 +45,7 @@ rule time_stages:
         rules.tables.input,
         rules.quality.input,
         rules.unscanned.input,
-        rules.tabulate_training.output if LEARNED else [],
+        rules.tabulate_training.output if STUDY.learned else [],
     output:
         table=ensure("<results>/tables/stages.csv", non_empty=True),
         markdown="<results>/tables/stages.md",
@@ -72,6 +72,6 @@ rule time_stages:
 rule cost:
     input:
         rules.time_stages.output,
-        rules.tabulate_training.output if LEARNED else [],
+        rules.tabulate_training.output if STUDY.learned else [],
     message:
         "The cost of the study is known"

@@ -2,7 +2,7 @@ rule plot_training:
     input:
         pretraining=lambda wildcards: (
             "<results>/folds/{fold}/{method}/pretraining.csv"
-            if "pretraining" in SETTINGS[wildcards.method]
+            if "pretraining" in STUDY.registry[wildcards.method].settings
             else []
         ),
         finetuning="<results>/folds/{fold}/{method}/finetuning.csv",
@@ -11,7 +11,7 @@ rule plot_training:
     log:
         "<logs>/plot_training/{fold}_{method}.log",
     wildcard_constraints:
-        method="|".join(SETTINGS),
+        method=any_of(STUDY.of_family("graph network", "surface network")),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -31,8 +31,8 @@ rule curves:
     input:
         expand(
             "<results>/folds/{fold}/{method}/training.png",
-            fold=HELD_OUT,
-            method=LEARNED,
+            fold=STUDY.held_out,
+            method=STUDY.learned,
         ),
     message:
         "The trainings are drawn"

@@ -5,8 +5,8 @@ rule compare_designs:
     input:
         metrics=expand(
             "<results>/folds/{fold}/{method}/metrics.csv",
-            fold=list(HELD_OUT)[: config["design"]["folds"]],
-            method=DESIGN,
+            fold=list(STUDY.held_out)[: config["design"]["folds"]],
+            method=STUDY.design,
         ),
     output:
         table=ensure("<results>/tables/design.csv", non_empty=True),
@@ -22,7 +22,7 @@ rule compare_designs:
         mem_mb=1000,
         runtime=5,
     params:
-        variants={name: VARIANTS[name] for name in DESIGN},
+        variants={name: NETWORKS[name] for name in STUDY.design},
         cohort=COHORT,
         seed=SEED,
         code=code_of("compare_designs"),

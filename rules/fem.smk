@@ -57,13 +57,13 @@ rule solve_plan:
 
 rule fem:
     input:
-        expand("<results>/cases/{case}/fem/mucosa.json", case=CASES),
+        expand("<results>/cases/{case}/fem/mucosa.json", case=STUDY.cases),
     message:
         "Every patient's plan is solved by finite elements"
 
 
 rule unscanned:
     input:
-        expand("<results>/cases/{case}/fem/mucosa.json", case=UNSCANNED),
+        expand("<results>/cases/{case}/fem/mucosa.json", case=STUDY.unscanned),
     message:
         "The patients without a scan are solved by finite elements"

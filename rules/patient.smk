@@ -1,17 +1,18 @@
+# What belongs to a patient, once for all plans: of the study (cases), with a chin segment (chin) or new (patients).
+
+
 rule import_segmentation:
     input:
-        segmentation=segmentation_of,
-        plan=plan_of,
+        segmentation=STUDY.segmentation,
     output:
-        labels="<results>/cases/{case}/labels.nii.gz",
-        bone="<results>/cases/{case}/bone.vtp",
-        skin="<results>/cases/{case}/skin.vtp",
-        plan="<results>/cases/{case}/plan.json",
-        report="<results>/cases/{case}/import.json",
+        labels="<results>/{home}/{case}/labels.nii.gz",
+        bone="<results>/{home}/{case}/bone.vtp",
+        skin="<results>/{home}/{case}/skin.vtp",
+        report="<results>/{home}/{case}/import.json",
     log:
-        "<logs>/import_segmentation/{case}.log",
+        "<logs>/import_segmentation/{home}/{case}.log",
     benchmark:
-        "<benchmarks>/import_segmentation/{case}.tsv"
+        "<benchmarks>/import_segmentation/{home}/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -20,21 +21,44 @@ rule import_segmentation:
         runtime=10,
     params:
         labels=config["labels"],
-        segments=config["segments"],
-        orientation=config["orientation"],
+        segments=STUDY.of_patient("segments"),
+        orientation=STUDY.of_patient("orientation"),
         repair=config["repair"],
         unlabelled_muscle=config["unlabelled_muscle"],
-        bone_edge=config["mesh"]["bone_edge"],
+        bone_edge=STUDY.of_patient("mesh", "bone_edge"),
         code=code_of("import_segmentation"),
     message:
-        "Import the segmentation and the plan of {wildcards.case}"
+        "Import the segmentation of {wildcards.case}"
     script:
         "../scripts/import_segmentation.py"
 
 
+rule import_plan:
+    input:
+        source=STUDY.plan,
+        bone="<results>/{home}/{case}/bone.vtp",
+    output:
+        plan="<results>/{home}/{case}{plan}/plan.json",
+    log:
+        "<logs>/import_plan/{home}/{case}{plan}.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        segments=STUDY.of_patient("segments"),
+        code=code_of("import_plan"),
+    message:
+        "Import the plan of {wildcards.case}{wildcards.plan}"
+    script:
+        "../scripts/import_plan.py"
+
+
 rule register_postop:
     input:
-        postop=postop_of,
+        postop=STUDY.postop,
         skin="<results>/cases/{case}/skin.vtp",
         bone="<results>/cases/{case}/bone.vtp",
     output:
@@ -63,9 +87,11 @@ rule register_postop:
 # Every file that a user gave has been read and checked before any heavy work starts.
 rule check_cohort:
     input:
-        imports=expand("<results>/cases/{case}/import.json", case=CASES),
-        postops=(
-            [] if VIRTUAL else expand("<results>/cases/{case}/postop.h5", case=SCANNED)
+        imports=expand("<results>/cases/{case}/import.json", case=STUDY.cases),
+        plans=expand("<results>/cases/{case}/plan.json", case=STUDY.cases),
+        postops=expand(
+            "<results>/cases/{case}/postop.h5",
+            case=[] if STUDY.virtual else STUDY.scanned,
         ),
     output:
         table=ensure("<results>/cohort.csv", non_empty=True),
@@ -78,7 +104,7 @@ rule check_cohort:
         mem_mb=1000,
         runtime=5,
     params:
-        cases=list(CASES),
+        cases=list(STUDY.cases),
         code=code_of("check_cohort"),
     message:
         "All {input.imports} are read and checked"
@@ -88,14 +114,16 @@ rule check_cohort:
 
 rule tetrahedralize:
     input:
-        labels="<results>/cases/{case}/labels.nii.gz",
-        checked=ancient("<results>/cohort.csv"),
+        labels="<results>/{home}/{case}/labels.nii.gz",
+        checked=ancient(STUDY.checked),
     output:
-        mesh="<results>/cases/{case}/mesh.vtu",
+        mesh="<results>/{home}/{case}{mesh}/mesh.vtu",
     log:
-        "<logs>/tetrahedralize/{case}.log",
+        "<logs>/tetrahedralize/{home}/{case}{mesh}.log",
     benchmark:
-        "<benchmarks>/tetrahedralize/{case}.tsv"
+        "<benchmarks>/tetrahedralize/{home}/{case}{mesh}.tsv"
+    wildcard_constraints:
+        mesh=r"|/nodes_\d+",
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -103,52 +131,16 @@ rule tetrahedralize:
         mem_mb=4000,
         runtime=20,
     params:
-        nodes=config["mesh"]["nodes"],
-        minimum_dihedral=config["mesh"]["minimum_dihedral"],
+        nodes=STUDY.nodes,
+        minimum_dihedral=STUDY.of_patient("mesh", "minimum_dihedral"),
         code=code_of("tetrahedralize"),
     message:
-        "Mesh muscle and superficial tissue of {wildcards.case}"
+        "Mesh muscle and superficial tissue of {wildcards.case} with {params.nodes} nodes"
     script:
         "../scripts/tetrahedralize.py"
 
 
-rule label_interfaces:
-    input:
-        mesh="<results>/cases/{case}/mesh.vtu",
-        labels="<results>/cases/{case}/labels.nii.gz",
-        bone="<results>/cases/{case}/bone.vtp",
-        skin="<results>/cases/{case}/skin.vtp",
-        report="<results>/cases/{case}/import.json",
-    output:
-        model="<results>/cases/{case}/model.h5",
-    log:
-        "<logs>/label_interfaces/{case}.log",
-    benchmark:
-        "<benchmarks>/label_interfaces/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=2000,
-        runtime=10,
-    params:
-        segments=config["segments"],
-        interfaces=config["interfaces"],
-        code=code_of("label_interfaces"),
-    message:
-        "Label the interfaces of {wildcards.case}"
-    script:
-        "../scripts/label_interfaces.py"
-
-
-rule meshes:
-    input:
-        expand("<results>/cases/{case}/model.h5", case=CASES),
-    message:
-        "All patients are meshed and labelled"
-
-
-# The mesh and the model of the methods that resolve the lips.
+# The mesh of the methods that resolve the lips.
 rule refine_lips:
     input:
         mesh="<results>/cases/{case}/mesh.vtu",
@@ -177,34 +169,80 @@ rule refine_lips:
         "../scripts/refine_lips.py"
 
 
-use rule label_interfaces as label_lips with:
+rule label_interfaces:
     input:
-        mesh="<results>/cases/{case}/lips/mesh.vtu",
-        labels="<results>/cases/{case}/labels.nii.gz",
-        bone="<results>/cases/{case}/bone.vtp",
-        skin="<results>/cases/{case}/skin.vtp",
-        report="<results>/cases/{case}/import.json",
+        mesh="<results>/{home}/{case}{mesh}/mesh.vtu",
+        labels="<results>/{home}/{case}/labels.nii.gz",
+        bone="<results>/{home}/{case}/bone.vtp",
+        skin="<results>/{home}/{case}/skin.vtp",
+        report="<results>/{home}/{case}/import.json",
     output:
-        model="<results>/cases/{case}/lips/model.h5",
+        model="<results>/{home}/{case}{mesh}/model.h5",
     log:
-        "<logs>/label_lips/{case}.log",
+        "<logs>/label_interfaces/{home}/{case}{mesh}.log",
     benchmark:
-        "<benchmarks>/label_lips/{case}.tsv"
+        "<benchmarks>/label_interfaces/{home}/{case}{mesh}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        segments=STUDY.of_patient("segments"),
+        interfaces=STUDY.of_patient("interfaces"),
+        code=code_of("label_interfaces"),
     message:
-        "Label the interfaces of {wildcards.case} on the mesh that resolves the lips"
+        "Label the interfaces of {wildcards.case}{wildcards.mesh}"
+    script:
+        "../scripts/label_interfaces.py"
+
+
+rule meshes:
+    input:
+        expand("<results>/cases/{case}/model.h5", case=STUDY.cases),
+    message:
+        "All patients are meshed and labelled"
+
+
+rule make_lift:
+    input:
+        model="<results>/{home}/{case}{mesh}/model.h5",
+    output:
+        lift="<results>/{home}/{case}{mesh}/lift_{kind}.h5",
+    log:
+        "<logs>/make_lift/{home}/{case}{mesh}_{kind}.log",
+    benchmark:
+        "<benchmarks>/make_lift/{home}/{case}{mesh}_{kind}.tsv"
+    wildcard_constraints:
+        kind="harmonic|elastic",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        controls=STUDY.of_patient("lift", "controls"),
+        fem=STUDY.of_patient("fem"),
+        code=code_of("make_lift"),
+    message:
+        "Make the {wildcards.kind} lift of {wildcards.case}{wildcards.mesh}"
+    script:
+        "../scripts/make_lift.py"
 
 
 rule report_quality:
     input:
-        model="<results>/cases/{case}/model.h5",
-        imported="<results>/cases/{case}/import.json",
+        model="<results>/{home}/{case}/model.h5",
+        imported="<results>/{home}/{case}/import.json",
     output:
-        report="<results>/cases/{case}/quality.json",
-        picture="<results>/cases/{case}/quality.png",
+        report="<results>/{home}/{case}/quality.json",
+        picture="<results>/{home}/{case}/quality.png",
     log:
-        "<logs>/report_quality/{case}.log",
+        "<logs>/report_quality/{home}/{case}.log",
     benchmark:
-        "<benchmarks>/report_quality/{case}.tsv"
+        "<benchmarks>/report_quality/{home}/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -221,7 +259,7 @@ rule report_quality:
 
 rule collect_quality:
     input:
-        reports=expand("<results>/cases/{case}/quality.json", case=CASES),
+        reports=expand("<results>/cases/{case}/quality.json", case=STUDY.cases),
     output:
         table=ensure("<results>/tables/quality.csv", non_empty=True),
         markdown="<results>/tables/quality.md",
@@ -248,6 +286,6 @@ rule collect_quality:
 rule quality:
     input:
         rules.collect_quality.output,
-        expand("<results>/cases/{case}/quality.png", case=CASES),
+        expand("<results>/cases/{case}/quality.png", case=STUDY.cases),
     message:
         "The quality of every patient's model is reported"

@@ -3,7 +3,7 @@
 
 rule predict_no_change:
     input:
-        models=of_held_out("<results>/cases/{case}/model.h5"),
+        models=STUDY.of_held_out("<results>/cases/{case}/model.h5"),
     output:
         predictions="<results>/folds/{fold}/no_change/predictions.h5",
     log:
@@ -26,7 +26,7 @@ rule predict_no_change:
 rule predict_fem:
     input:
         models=models_of_held_out,
-        plans=of_held_out("<results>/cases/{case}/plan.json"),
+        plans=STUDY.of_held_out("<results>/cases/{case}/plan.json"),
     output:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
     log:
@@ -58,9 +58,9 @@ rule predict_fem:
 rule predict_network:
     input:
         network="<results>/folds/{fold}/{method}/network.pt",
-        models=of_held_out("<results>/cases/{case}/model.h5"),
+        models=STUDY.of_held_out("<results>/cases/{case}/model.h5"),
         lifts=lifts_of(held_out),
-        plans=of_held_out("<results>/cases/{case}/plan.json"),
+        plans=STUDY.of_held_out("<results>/cases/{case}/plan.json"),
     output:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
     log:
@@ -68,7 +68,7 @@ rule predict_network:
     benchmark:
         "<benchmarks>/predict_network/{fold}_{method}.tsv"
     wildcard_constraints:
-        method="|".join(VARIANTS) or "none",
+        method=any_of(NETWORKS),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -91,13 +91,13 @@ rule predict_network:
 rule predict_external:
     input:
         files=external_files,
-        meshes=of_held_out("<results>/cases/{case}/mesh.vtu"),
+        meshes=STUDY.of_held_out("<results>/cases/{case}/mesh.vtu"),
     output:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
     log:
         "<logs>/predict_external/{fold}_{method}.log",
     wildcard_constraints:
-        method="|".join(EXTERNAL) or "none",
+        method=any_of(EXTERNAL),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -117,8 +117,8 @@ rule predictions:
     input:
         expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=HELD_OUT,
-            method=METHODS,
+            fold=STUDY.held_out,
+            method=STUDY.methods,
         ),
     message:
         "Every held-out patient is predicted by every method"
@@ -136,8 +136,8 @@ rule list_folds:
         mem_mb=500,
         runtime=5,
     params:
-        held_out=HELD_OUT,
-        scanned=SCANNED,
+        held_out=STUDY.held_out,
+        scanned=STUDY.scanned,
         code=code_of("list_folds"),
     message:
         "List the fold that holds each patient out"
@@ -150,10 +150,10 @@ rule inputs:
     input:
         expand(
             "<results>/cases/{case}/{file}",
-            case=CASES,
+            case=STUDY.cases,
             file=["mesh.vtu", "model.h5", "plan.json"],
         ),
-        expand("<results>/cases/{case}/postop.h5", case=SCANNED),
+        expand("<results>/cases/{case}/postop.h5", case=STUDY.scanned),
         "<results>/folds.csv",
     message:
         "Everything is there that a method may read"

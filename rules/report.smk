@@ -7,8 +7,8 @@ rule render_volume:
         model="<results>/cases/{case}/model.h5",
         predictions=lambda wildcards: expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=fold_of(wildcards.case),
-            method=VOLUMES,
+            fold=STUDY.fold_of(wildcards.case),
+            method=STUDY.volumes,
         ),
     output:
         picture=captioned("<results>/figures/{case}_volume.png", "volume"),
@@ -21,7 +21,7 @@ rule render_volume:
         mem_mb=2000,
         runtime=10,
     params:
-        methods=VOLUMES,
+        methods=STUDY.volumes,
         code=code_of("render_volume"),
     message:
         "Draw the tissue of {wildcards.case} from behind"
@@ -31,18 +31,21 @@ rule render_volume:
 
 rule write_report:
     input:
-        tables=tables_of_report,
-        figures=figures_of_report,
+        tables=expand("<results>/tables/{part}.html", part=STUDY.reported),
+        figures=expand(
+            "<results>/figures/{part}.png",
+            part=[part for part in STUDY.reported if part in FIGURES],
+        ),
         curves=expand(
             "<results>/folds/{fold}/{method}/training.png",
-            fold=FIRST,
-            method=LEARNED,
+            fold=STUDY.first_fold,
+            method=STUDY.learned,
         ),
-        pictures=expand("<results>/figures/{case}.png", case=SHOWN),
-        views=expand("<results>/figures/{case}.json", case=SHOWN),
+        pictures=expand("<results>/figures/{case}.png", case=STUDY.shown),
+        views=expand("<results>/figures/{case}.json", case=STUDY.shown),
         volumes=(
-            expand("<results>/figures/{case}_volume.png", case=SHOWN)
-            if VOLUMES
+            expand("<results>/figures/{case}_volume.png", case=STUDY.shown)
+            if STUDY.volumes
             else []
         ),
         provenance="<results>/provenance.json",
@@ -62,8 +65,8 @@ rule write_report:
         mem_mb=2000,
         runtime=10,
     params:
-        cases=SHOWN,
-        learned=LEARNED,
+        cases=STUDY.shown,
+        learned=STUDY.learned,
         code=code_of("write_report"),
     message:
         "Write the report"

@@ -4,17 +4,17 @@
 # Timed, so each of these jobs has the machine for itself; its stages run on one thread.
 rule measure_scaling:
     input:
-        labels=f"<results>/cases/{MEASURED}/labels.nii.gz",
-        bone=f"<results>/cases/{MEASURED}/bone.vtp",
-        skin=f"<results>/cases/{MEASURED}/skin.vtp",
-        report=f"<results>/cases/{MEASURED}/import.json",
-        plan=f"<results>/cases/{MEASURED}/plan.json",
-        postop=f"<results>/cases/{MEASURED}/postop.h5" if SCANNED else [],
-        truth=f"<results>/virtual/{MEASURED}/truth.h5" if VIRTUAL else [],
+        labels=f"<results>/cases/{STUDY.measured}/labels.nii.gz",
+        bone=f"<results>/cases/{STUDY.measured}/bone.vtp",
+        skin=f"<results>/cases/{STUDY.measured}/skin.vtp",
+        report=f"<results>/cases/{STUDY.measured}/import.json",
+        plan=f"<results>/cases/{STUDY.measured}/plan.json",
+        postop=f"<results>/cases/{STUDY.measured}/postop.h5" if STUDY.scanned else [],
+        truth=f"<results>/virtual/{STUDY.measured}/truth.h5" if STUDY.virtual else [],
         networks=expand(
             "<results>/folds/{fold}/{method}/network.pt",
-            fold=fold_of(MEASURED),
-            method=SCALED,
+            fold=STUDY.fold_of(STUDY.measured),
+            method=STUDY.asked("scaling"),
         ),
     output:
         table=ensure("<results>/scaling/{nodes}.csv", non_empty=True),
@@ -24,14 +24,14 @@ rule measure_scaling:
         "<benchmarks>/measure_scaling/{nodes}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: workflow.cores
+    threads: ALL_CORES
     resources:
         mem_mb=12000,
         runtime=120,
     params:
-        case=MEASURED,
-        methods=SCALED,
-        variants={method: VARIANTS[method] for method in SCALED},
+        case=STUDY.measured,
+        methods=STUDY.asked("scaling"),
+        variants={method: NETWORKS[method] for method in STUDY.asked("scaling")},
         sections={
             name: config[name]
             for name in [
@@ -51,11 +51,11 @@ rule measure_scaling:
 rule tabulate_scaling:
     input:
         sizes=expand("<results>/scaling/{nodes}.csv", nodes=config["scaling"]["nodes"]),
-        qualities=expand("<results>/cases/{case}/quality.json", case=COUNTED),
+        qualities=expand("<results>/cases/{case}/quality.json", case=STUDY.counted),
         scanned=expand(
             "<results>/cases/{case}/{file}",
-            case=[name for name in COUNTED if name in SCANNED],
-            file=["postop.h5", "fem_samples.h5"] if LEARNED else ["postop.h5"],
+            case=[name for name in STUDY.counted if name in STUDY.scanned],
+            file=["postop.h5", "fem_samples.h5"] if STUDY.learned else ["postop.h5"],
         ),
     output:
         scaling=ensure("<results>/tables/scaling.csv", non_empty=True),
@@ -75,15 +75,15 @@ rule tabulate_scaling:
     params:
         results=lambda wildcards: RESULTS,
         benchmarks=BENCHMARKS,
-        held_out=HELD_OUT,
+        held_out=STUDY.held_out,
         training={
-            fold: len([name for name in SCANNED if name not in cases])
-            for fold, cases in HELD_OUT.items()
+            fold: len([name for name in STUDY.scanned if name not in cases])
+            for fold, cases in STUDY.held_out.items()
         },
-        methods=METHODS,
-        cases=list(CASES),
+        methods=STUDY.methods,
+        cases=list(STUDY.cases),
         nodes=config["mesh"]["nodes"],
-        counts=COUNTS,
+        counts=STUDY.counts,
         cluster=config["scaling"]["cluster"],
         cohort=COHORT,
         code=code_of("tabulate_scaling"),

@@ -23,7 +23,7 @@ rule make_scene:
     params:
         interfaces=config["interfaces"],
         fem=config["fem"],
-        settings=SCENE,
+        settings=STUDY.reduction,
         code=code_of("make_scene"),
     message:
         "Decide what the plan of {wildcards.case} requires"
@@ -31,61 +31,12 @@ rule make_scene:
         "../scripts/make_scene.py"
 
 
-# The same heads as in the cohort, with the chin cut off as a further segment.
-use rule virtual_patient as virtual_patient_with_chin with:
-    output:
-        segmentation="<results>/scene/{case}/segmentation.nii.gz",
-        plan="<results>/scene/{case}/given.json",
-        landmarks="<results>/scene/{case}/landmarks.json",
-        anatomy="<results>/scene/{case}/anatomy.json",
-    log:
-        "<logs>/virtual_patient_with_chin/{case}.log",
-    benchmark:
-        "<benchmarks>/virtual_patient_with_chin/{case}.tsv"
-    params:
-        number=lambda wildcards: list(CASES).index(wildcards.case),
-        spacing=config["virtual"]["spacing"],
-        labels=config["labels"],
-        segments=SCENE_SEGMENTS,
-        muscles=config["virtual"]["muscles"],
-        seed=SEED,
-        code=code_of("virtual_patient"),
-    message:
-        "Sample virtual patient {wildcards.case} with a chin segment"
-
-
-use rule import_segmentation as import_with_chin with:
-    input:
-        segmentation="<results>/scene/{case}/segmentation.nii.gz",
-        plan="<results>/scene/{case}/given.json",
-    output:
-        labels="<results>/scene/{case}/labels.nii.gz",
-        bone="<results>/scene/{case}/bone.vtp",
-        skin="<results>/scene/{case}/skin.vtp",
-        plan="<results>/scene/{case}/plan.json",
-        report="<results>/scene/{case}/import.json",
-    log:
-        "<logs>/import_with_chin/{case}.log",
-    benchmark:
-        "<benchmarks>/import_with_chin/{case}.tsv"
-    params:
-        labels=config["labels"],
-        segments=SCENE_SEGMENTS,
-        orientation="header",
-        repair=config["repair"],
-        unlabelled_muscle=config["unlabelled_muscle"],
-        bone_edge=config["mesh"]["bone_edge"],
-        code=code_of("import_segmentation"),
-    message:
-        "Import {wildcards.case} with a chin segment"
-
-
 rule measure_scene:
     input:
-        labels=f"<results>/{SCENE_FOLDER}/{{case}}/labels.nii.gz",
-        bone=f"<results>/{SCENE_FOLDER}/{{case}}/bone.vtp",
-        skin=f"<results>/{SCENE_FOLDER}/{{case}}/skin.vtp",
-        plan=f"<results>/{SCENE_FOLDER}/{{case}}/plan.json",
+        labels=f"<results>/{STUDY.reduced_home}/{{case}}/labels.nii.gz",
+        bone=f"<results>/{STUDY.reduced_home}/{{case}}/bone.vtp",
+        skin=f"<results>/{STUDY.reduced_home}/{{case}}/skin.vtp",
+        plan=f"<results>/{STUDY.reduced_home}/{{case}}/plan.json",
     output:
         table=ensure("<results>/scene/{case}/trials.csv", non_empty=True),
         scene="<results>/scene/{case}/scene.json",
@@ -100,11 +51,11 @@ rule measure_scene:
         mem_mb=4000,
         runtime=60,
     params:
-        segments=SCENE_SEGMENTS,
+        segments=STUDY.all_segments,
         mesh=config["mesh"],
         interfaces=config["interfaces"],
         fem=config["fem"],
-        settings=SCENE,
+        settings=STUDY.reduction,
         seed=SEED,
         code=code_of("measure_scene"),
     message:
@@ -115,7 +66,7 @@ rule measure_scene:
 
 rule collect_scenes:
     input:
-        trials=expand("<results>/scene/{case}/trials.csv", case=SCENE_CASES),
+        trials=expand("<results>/scene/{case}/trials.csv", case=STUDY.reduced_cases),
     output:
         table=ensure("<results>/tables/scene.csv", non_empty=True),
         markdown="<results>/tables/scene.md",

@@ -1,7 +1,7 @@
 # What the mechanics does at the extremes; a cell that is wrong fails the job, which says which.
 rule measure_stability:
     input:
-        model=f"<results>/cases/{next(iter(CASES))}/model.h5",
+        model=f"<results>/cases/{next(iter(STUDY.cases))}/model.h5",
     output:
         table=ensure("<results>/tables/stability.csv", non_empty=True),
         markdown="<results>/tables/stability.md",
@@ -18,7 +18,7 @@ rule measure_stability:
         mem_mb=4000,
         runtime=60,
     params:
-        case=next(iter(CASES)),
+        case=next(iter(STUDY.cases)),
         stability=config["stability"],
         fem=config["fem"],
         seed=SEED,

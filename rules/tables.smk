@@ -1,16 +1,24 @@
 rule evaluate:
     input:
-        predictions="<results>/folds/{fold}/{method}/predictions.h5",
-        models=models_of_held_out,
-        plans=of_held_out("<results>/cases/{case}/plan.json"),
-        postops=of_scanned("<results>/cases/{case}/postop.h5"),
-        truths=of_held_out("<results>/virtual/{case}/truth.h5") if VIRTUAL else [],
+        predictions="<results>/folds/{fold}/{method}{corrected}/predictions.h5",
+        models=STUDY.models_of_held_out,
+        plans=STUDY.of_held_out("<results>/cases/{case}/plan.json"),
+        postops=STUDY.of_judged("<results>/cases/{case}/postop.h5"),
+        truths=(
+            STUDY.of_held_out("<results>/virtual/{case}/truth.h5")
+            if STUDY.virtual
+            else []
+        ),
     output:
-        metrics=ensure("<results>/folds/{fold}/{method}/metrics.csv", non_empty=True),
+        metrics=ensure(
+            "<results>/folds/{fold}/{method}{corrected}/metrics.csv", non_empty=True
+        ),
     log:
-        "<logs>/evaluate/{fold}_{method}.log",
+        "<logs>/evaluate/{fold}_{method}{corrected}.log",
     benchmark:
-        "<benchmarks>/evaluate/{fold}_{method}.tsv"
+        "<benchmarks>/evaluate/{fold}_{method}{corrected}.tsv"
+    wildcard_constraints:
+        corrected=r"|/corrected_\d+",
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -18,14 +26,14 @@ rule evaluate:
         mem_mb=4000,
         runtime=30,
     params:
-        cases=held_out,
-        scanned=scanned_of,
+        cases=STUDY.held_out_cases,
+        scanned=STUDY.judged_cases,
         samples=config["evaluation"]["samples"],
         fem=config["fem"],
         seed=SEED,
         code=code_of("evaluate"),
     message:
-        "Measure {wildcards.method} on fold {wildcards.fold}"
+        "Measure {wildcards.method}{wildcards.corrected} on fold {wildcards.fold}"
     script:
         "../scripts/evaluate.py"
 
@@ -34,8 +42,8 @@ rule collect_cases:
     input:
         metrics=expand(
             "<results>/folds/{fold}/{method}/metrics.csv",
-            fold=HELD_OUT,
-            method=METHODS,
+            fold=STUDY.held_out,
+            method=STUDY.methods,
         ),
     output:
         table=ensure("<results>/tables/cases.csv", non_empty=True),
@@ -77,8 +85,8 @@ rule compare_methods:
         runtime=5,
     params:
         cohort=COHORT,
-        reference=REFERENCE,
-        methods=METHODS,
+        reference=STUDY.reference,
+        methods=STUDY.methods,
         seed=SEED,
         published=True,
         code=code_of("compare_methods"),
@@ -100,7 +108,7 @@ use rule compare_methods as compare_better with:
     params:
         cohort=COHORT,
         reference=config["design"]["base"],
-        methods=METHODS,
+        methods=STUDY.methods,
         seed=SEED,
         published=False,
         code=code_of("compare_methods"),
@@ -128,8 +136,8 @@ rule compare_regions:
     params:
         kind="regions",
         cohort=COHORT,
-        reference=REFERENCE,
-        methods=METHODS,
+        reference=STUDY.reference,
+        methods=STUDY.methods,
         seed=SEED,
         code=code_of("compare_regions"),
     message:
@@ -150,8 +158,8 @@ use rule compare_regions as compare_landmarks with:
     params:
         kind="landmarks",
         cohort=COHORT,
-        reference=REFERENCE,
-        methods=METHODS,
+        reference=STUDY.reference,
+        methods=STUDY.methods,
         seed=SEED,
         code=code_of("compare_regions"),
     message:
@@ -175,7 +183,7 @@ rule ablate:
         mem_mb=1000,
         runtime=5,
     params:
-        variants={name: VARIANTS[name] for name in config["ablation"]},
+        variants={name: NETWORKS[name] for name in config["ablation"]},
         cohort=COHORT,
         seed=SEED,
         code=code_of("ablate"),
@@ -188,7 +196,7 @@ rule ablate:
 rule provenance:
     input:
         "<results>/tables/cases.csv",
-        "<results>/tables/accuracy.csv" if SCANNED else [],
+        "<results>/tables/accuracy.csv" if STUDY.scanned else [],
     output:
         "<results>/provenance.json",
     log:
@@ -201,7 +209,7 @@ rule provenance:
         runtime=5,
     params:
         config=config,
-        code=code_of("provenance"),
+        code=code_of(*STAGES),
     message:
         "Record configuration, versions, code and machine"
     script:
@@ -212,14 +220,14 @@ rule provenance:
 rule render_case:
     input:
         models=lambda wildcards: [
-            model_of(wildcards.case, method)[0] for method in METHODS
+            STUDY.model_of(wildcards.case, method) for method in STUDY.methods
         ],
         plan="<results>/cases/{case}/plan.json",
         postop="<results>/cases/{case}/postop.h5",
         predictions=lambda wildcards: expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=fold_of(wildcards.case),
-            method=METHODS,
+            fold=STUDY.fold_of(wildcards.case),
+            method=STUDY.methods,
         ),
     output:
         picture=captioned("<results>/figures/{case}.png", "picture"),
@@ -233,7 +241,7 @@ rule render_case:
         mem_mb=2000,
         runtime=10,
     params:
-        methods=METHODS,
+        methods=STUDY.methods,
         code=code_of("render_case"),
     message:
         "Draw {wildcards.case}: before, outcome and every method"
@@ -244,10 +252,10 @@ rule render_case:
 rule tables:
     input:
         rules.collect_cases.output,
-        rules.compare_methods.output if SCANNED else [],
-        rules.compare_better.output if BETTER else [],
-        rules.compare_regions.output if SCANNED else [],
-        rules.compare_landmarks.output if SCANNED and VIRTUAL else [],
-        rules.ablate.output if ABLATED else [],
+        rules.compare_methods.output if STUDY.scanned else [],
+        rules.compare_better.output if STUDY.better else [],
+        rules.compare_regions.output if STUDY.scanned else [],
+        rules.compare_landmarks.output if STUDY.scanned and STUDY.virtual else [],
+        rules.ablate.output if STUDY.ablated else [],
     message:
         "The tables are made"

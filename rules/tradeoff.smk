@@ -4,7 +4,7 @@
 # Timed, so each of these jobs has the machine for itself.
 rule measure_fem:
     input:
-        models=[sized(nodes, "model.h5") for nodes in SIZES],
+        models=[STUDY.sized(nodes, "model.h5") for nodes in STUDY.sizes],
         plan="<results>/cases/{case}/plan.json",
         postop="<results>/cases/{case}/postop.h5",
     output:
@@ -16,14 +16,14 @@ rule measure_fem:
         "<benchmarks>/measure_fem/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: workflow.cores
+    threads: ALL_CORES
     resources:
         mem_mb=8000,
         runtime=60,
     params:
-        sizes=SIZES,
+        sizes=STUDY.sizes,
         nodes=config["mesh"]["nodes"],
-        tradeoff=TRADEOFF,
+        tradeoff=config["tradeoff"],
         fem=config["fem"],
         samples=config["evaluation"]["samples"],
         seed=SEED,
@@ -38,11 +38,13 @@ rule measure_networks:
     input:
         networks=expand(
             "<results>/folds/{fold}/{method}/network.pt",
-            fold=FIRST,
-            method=TRADED_NETWORKS,
+            fold=STUDY.first_fold,
+            method=STUDY.traded_networks,
         ),
-        models=[sized(nodes, "model.h5") for nodes in SIZES],
-        lifts=[sized(nodes, f"lift_{kind}.h5") for kind, nodes in LIFTS],
+        models=[STUDY.sized(nodes, "model.h5") for nodes in STUDY.sizes],
+        lifts=[
+            STUDY.sized(nodes, f"lift_{kind}.h5") for kind, nodes in STUDY.traded_lifts
+        ],
         plan="<results>/cases/{case}/plan.json",
         postop="<results>/cases/{case}/postop.h5",
         reference="<results>/tradeoff/{case}/reference.h5",
@@ -54,20 +56,21 @@ rule measure_networks:
         "<benchmarks>/measure_networks/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: workflow.cores
+    threads: ALL_CORES
     resources:
         mem_mb=8000,
         runtime=60,
         gpu=GPU,
     params:
-        methods=TRADED_NETWORKS,
+        methods=STUDY.traded_networks,
         variants={
-            name: VARIANTS[name] for name in [*TRADEOFF["networks"], *TRADED_NETWORKS]
+            name: NETWORKS[name]
+            for name in [*config["tradeoff"]["networks"], *STUDY.traded_networks]
         },
-        lifts=LIFTS,
-        sizes=SIZES,
+        lifts=STUDY.traded_lifts,
+        sizes=STUDY.sizes,
         nodes=config["mesh"]["nodes"],
-        tradeoff=TRADEOFF,
+        tradeoff=config["tradeoff"],
         fem=config["fem"],
         samples=config["evaluation"]["samples"],
         seed=SEED,
@@ -82,15 +85,15 @@ rule measure_study:
     input:
         predictions=expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=FIRST,
-            method=AS_THEY_ARE,
+            fold=STUDY.first_fold,
+            method=STUDY.as_they_are,
         ),
         models=lambda wildcards: [
-            path for method in AS_THEY_ARE for path in model_of(wildcards.case, method)
+            STUDY.model_of(wildcards.case, method) for method in STUDY.as_they_are
         ],
         postop="<results>/cases/{case}/postop.h5",
         reference="<results>/tradeoff/{case}/reference.h5",
-        reference_model=sized(TRADEOFF["reference"], "model.h5"),
+        reference_model=STUDY.sized(config["tradeoff"]["reference"], "model.h5"),
     output:
         rows="<results>/tradeoff/{case}/study.csv",
     log:
@@ -104,7 +107,7 @@ rule measure_study:
         mem_mb=4000,
         runtime=20,
     params:
-        methods=AS_THEY_ARE,
+        methods=STUDY.as_they_are,
         fem=config["fem"],
         samples=config["evaluation"]["samples"],
         seed=SEED,
@@ -117,7 +120,7 @@ rule measure_study:
 
 rule collect_tradeoff:
     input:
-        rows=rows_of_traded,
+        rows=STUDY.rows_of_traded,
     output:
         table=ensure("<results>/tables/tradeoff.csv", non_empty=True),
         markdown="<results>/tables/tradeoff.md",
@@ -134,8 +137,8 @@ rule collect_tradeoff:
         mem_mb=1000,
         runtime=5,
     params:
-        budgets=TRADEOFF["budgets"],
-        tolerances=TRADEOFF["allowed"],
+        budgets=config["tradeoff"]["budgets"],
+        tolerances=config["tradeoff"]["allowed"],
         cohort=COHORT,
         code=code_of("collect_tradeoff"),
     message:

@@ -1,9 +1,9 @@
 # Training comes first where it can, pretraining before all: short jobs fill the cores at the end.
 rule pretrain:
     input:
-        models=of_training("<results>/cases/{case}/model.h5"),
+        models=STUDY.of_training("<results>/cases/{case}/model.h5"),
         lifts=lifts_of(training_cases),
-        fem_samples=of_training("<results>/cases/{case}/fem_samples.h5"),
+        fem_samples=STUDY.of_training("<results>/cases/{case}/fem_samples.h5"),
     output:
         network="<results>/folds/{fold}/{method}/pretrained.pt",
         history="<results>/folds/{fold}/{method}/pretraining.csv",
@@ -12,7 +12,7 @@ rule pretrain:
     benchmark:
         "<benchmarks>/pretrain/{fold}_{method}.tsv"
     wildcard_constraints:
-        method="|".join(VARIANTS) or "none",
+        method=any_of(NETWORKS),
     priority: 2
     conda:
         "../envs/pinnochio.yaml"
@@ -37,10 +37,10 @@ rule pretrain:
 rule finetune:
     input:
         network="<results>/folds/{fold}/{method}/pretrained.pt",
-        models=of_training("<results>/cases/{case}/model.h5"),
+        models=STUDY.of_training("<results>/cases/{case}/model.h5"),
         lifts=lifts_of(training_cases),
-        plans=of_training("<results>/cases/{case}/plan.json"),
-        postops=of_training("<results>/cases/{case}/postop.h5"),
+        plans=STUDY.of_training("<results>/cases/{case}/plan.json"),
+        postops=STUDY.of_training("<results>/cases/{case}/postop.h5"),
     output:
         network="<results>/folds/{fold}/{method}/network.pt",
         history="<results>/folds/{fold}/{method}/finetuning.csv",
@@ -49,7 +49,7 @@ rule finetune:
     benchmark:
         "<benchmarks>/finetune/{fold}_{method}.tsv"
     wildcard_constraints:
-        method="|".join(VARIANTS) or "none",
+        method=any_of(NETWORKS),
     priority: 1
     conda:
         "../envs/pinnochio.yaml"
@@ -73,7 +73,9 @@ rule finetune:
 rule networks:
     input:
         expand(
-            "<results>/folds/{fold}/{method}/network.pt", fold=HELD_OUT, method=LEARNED
+            "<results>/folds/{fold}/{method}/network.pt",
+            fold=STUDY.held_out,
+            method=STUDY.learned,
         ),
     message:
         "All networks are trained"

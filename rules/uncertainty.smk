@@ -4,22 +4,16 @@
 # Of a patient of the cohort all but one network have seen the outcome; of one without a scan none has.
 rule predict_ensemble:
     input:
-        model="<results>/cases/{case}/model.h5",
-        plan="<results>/cases/{case}/plan.json",
-        lifts=lifts_of(lambda wildcards: [wildcards.case]),
-        networks=expand(
-            "<results>/folds/{fold}/{method}/network.pt",
-            fold=HELD_OUT,
-            allow_missing=True,
-        ),
+        model="<results>/{home}/{case}/model.h5",
+        plan="<results>/{home}/{case}{plan}/plan.json",
+        lifts=STUDY.of_ensemble("lifts"),
+        networks=STUDY.of_ensemble("networks"),
     output:
-        ensemble="<results>/cases/{case}/ensemble_{method}.h5",
+        ensemble="<results>/{home}/{case}{plan}/{method}/ensemble.h5",
     log:
-        "<logs>/predict_ensemble/{case}_{method}.log",
+        "<logs>/predict_ensemble/{home}/{case}{plan}_{method}.log",
     benchmark:
-        "<benchmarks>/predict_ensemble/{case}_{method}.tsv"
-    wildcard_constraints:
-        method="|".join(VARIANTS) or "none",
+        "<benchmarks>/predict_ensemble/{home}/{case}{plan}_{method}.tsv"
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -28,28 +22,27 @@ rule predict_ensemble:
         runtime=20,
         gpu=GPU,
     params:
-        folds=list(HELD_OUT),
-        fem=config["fem"],
-        corrections=settings_of("newton_corrections"),
+        folds=STUDY.of_ensemble("folds"),
+        settings=STUDY.of_ensemble("settings"),
         code=code_of("predict_ensemble"),
     message:
-        "Predict {wildcards.case} by every fold's {wildcards.method}"
+        "Predict {wildcards.case}{wildcards.plan} by every fold's {wildcards.method}"
     script:
         "../scripts/predict_ensemble.py"
 
 
 rule calibrate:
     input:
-        models=expand("<results>/cases/{case}/model.h5", case=SCANNED),
-        postops=expand("<results>/cases/{case}/postop.h5", case=SCANNED),
+        models=expand("<results>/cases/{case}/model.h5", case=STUDY.scanned),
+        postops=expand("<results>/cases/{case}/postop.h5", case=STUDY.scanned),
         predictions=expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=[fold_of(case) for case in SCANNED],
+            fold=[STUDY.fold_of(case) for case in STUDY.scanned],
             allow_missing=True,
         ),
         ensembles=expand(
-            "<results>/cases/{case}/ensemble_{method}.h5",
-            case=SCANNED,
+            "<results>/cases/{case}/{method}/ensemble.h5",
+            case=STUDY.scanned,
             allow_missing=True,
         ),
     output:
@@ -60,7 +53,7 @@ rule calibrate:
     benchmark:
         "<benchmarks>/calibrate/{method}.tsv"
     wildcard_constraints:
-        method="|".join(VARIANTS) or "none",
+        method=any_of(NETWORKS),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -68,8 +61,8 @@ rule calibrate:
         mem_mb=2000,
         runtime=20,
     params:
-        cases=SCANNED,
-        folds=[fold_of(case) for case in SCANNED],
+        cases=STUDY.scanned,
+        folds=[STUDY.fold_of(case) for case in STUDY.scanned],
         level=config["uncertainty"]["level"],
         seed=SEED,
         code=code_of("calibrate"),
@@ -81,7 +74,10 @@ rule calibrate:
 
 rule collect_coverage:
     input:
-        parts=expand("<results>/methods/{method}/coverage.csv", method=UNCERTAIN),
+        parts=expand(
+            "<results>/methods/{method}/coverage.csv",
+            method=STUDY.asked("uncertainty"),
+        ),
     output:
         table=ensure("<results>/tables/coverage.csv", non_empty=True),
         markdown="<results>/tables/coverage.md",
@@ -106,19 +102,16 @@ rule collect_coverage:
 
 rule predict_interval:
     input:
-        model="<results>/cases/{case}/model.h5",
-        ensemble="<results>/cases/{case}/ensemble_{method}.h5",
-        calibration="<results>/methods/{method}/calibration.json",
+        model="<results>/{home}/{case}/model.h5",
+        ensemble="<results>/{home}/{case}{plan}/{method}/ensemble.h5",
+        calibration=STUDY.of_ensemble("calibration"),
     output:
-        interval="<results>/cases/{case}/interval_{method}.h5",
-        picture="<results>/cases/{case}/interval_{method}.png",
+        interval="<results>/{home}/{case}{plan}/{method}/interval.h5",
+        picture="<results>/{home}/{case}{plan}/{method}/interval.png",
     log:
-        "<logs>/predict_interval/{case}_{method}.log",
+        "<logs>/predict_interval/{home}/{case}{plan}_{method}.log",
     benchmark:
-        "<benchmarks>/predict_interval/{case}_{method}.tsv"
-    wildcard_constraints:
-        case="|".join(UNSCANNED) or "none",
-        method="|".join(VARIANTS) or "none",
+        "<benchmarks>/predict_interval/{home}/{case}{plan}_{method}.tsv"
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -126,21 +119,21 @@ rule predict_interval:
         mem_mb=2000,
         runtime=10,
     params:
-        fem=config["fem"],
+        fem=STUDY.of_patient("fem"),
         code=code_of("predict_interval"),
     message:
-        "Predict {wildcards.case} by {wildcards.method}, with its interval"
+        "Predict {wildcards.case}{wildcards.plan} by {wildcards.method}, with its interval"
     script:
         "../scripts/predict_interval.py"
 
 
 rule uncertainty:
     input:
-        rules.collect_coverage.output if UNCERTAIN else [],
+        rules.collect_coverage.output if STUDY.asked("uncertainty") else [],
         expand(
-            "<results>/cases/{case}/interval_{method}.{kind}",
-            case=UNSCANNED,
-            method=UNCERTAIN,
+            "<results>/cases/{case}/{method}/interval.{kind}",
+            case=STUDY.unscanned,
+            method=STUDY.asked("uncertainty"),
             kind=["h5", "png"],
         ),
     message:

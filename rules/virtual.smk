@@ -1,13 +1,16 @@
+# The cohort, and the same heads with the chin cut off as a further segment (virtual_chin).
 rule virtual_patient:
     output:
-        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
-        plan="<results>/virtual/{case}/plan.json",
-        landmarks="<results>/virtual/{case}/landmarks.json",
-        anatomy="<results>/virtual/{case}/anatomy.json",
+        segmentation="<results>/{cohort}/{case}/segmentation.nii.gz",
+        plan="<results>/{cohort}/{case}/plan.json",
+        landmarks="<results>/{cohort}/{case}/landmarks.json",
+        anatomy="<results>/{cohort}/{case}/anatomy.json",
     log:
-        "<logs>/virtual_patient/{case}.log",
+        "<logs>/virtual_patient/{cohort}_{case}.log",
     benchmark:
-        "<benchmarks>/virtual_patient/{case}.tsv"
+        "<benchmarks>/virtual_patient/{cohort}_{case}.tsv"
+    wildcard_constraints:
+        cohort="virtual|virtual_chin",
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -15,10 +18,14 @@ rule virtual_patient:
         mem_mb=4000,
         runtime=10,
     params:
-        number=lambda wildcards: list(CASES).index(wildcards.case),
+        number=lambda wildcards: list(STUDY.cases).index(wildcards.case),
         spacing=config["virtual"]["spacing"],
         labels=config["labels"],
-        segments=config["segments"],
+        segments=lambda wildcards: (
+            STUDY.all_segments
+            if wildcards.cohort == "virtual_chin"
+            else config["segments"]
+        ),
         muscles=config["virtual"]["muscles"],
         seed=SEED,
         code=code_of("virtual_patient"),
@@ -30,7 +37,7 @@ rule virtual_patient:
 
 rule describe_anatomy:
     input:
-        anatomies=expand("<results>/virtual/{case}/anatomy.json", case=CASES),
+        anatomies=expand("<results>/virtual/{case}/anatomy.json", case=STUDY.cases),
     output:
         thickness=ensure("<results>/virtual/thickness.csv", non_empty=True),
         thickness_markdown="<results>/virtual/thickness.md",
@@ -60,9 +67,11 @@ rule describe_anatomy:
 rule render_cohort:
     input:
         segmentations=expand(
-            "<results>/virtual/{case}/segmentation.nii.gz", case=list(CASES)[:12]
+            "<results>/virtual/{case}/segmentation.nii.gz", case=list(STUDY.cases)[:12]
         ),
-        anatomies=expand("<results>/virtual/{case}/anatomy.json", case=list(CASES)[:12]),
+        anatomies=expand(
+            "<results>/virtual/{case}/anatomy.json", case=list(STUDY.cases)[:12]
+        ),
     output:
         cohort="<results>/figures/cohort.png",
         heads="<results>/figures/heads.png",
@@ -77,7 +86,7 @@ rule render_cohort:
         mem_mb=4000,
         runtime=10,
     params:
-        cases=list(CASES)[:12],
+        cases=list(STUDY.cases)[:12],
         labels=config["labels"],
         segments=config["segments"],
         code=code_of("render_cohort"),
@@ -157,7 +166,7 @@ rule tabulate_effects:
     input:
         rows=expand(
             "<results>/virtual/{case}/effects.csv",
-            case=list(CASES)[: config["virtual"]["effects"]],
+            case=list(STUDY.cases)[: config["virtual"]["effects"]],
         ),
     output:
         table=ensure("<results>/virtual/effects.csv", non_empty=True),
@@ -183,8 +192,8 @@ rule tabulate_effects:
 
 rule measure_ratios:
     input:
-        landmarks=expand("<results>/virtual/{case}/landmarks.json", case=CASES),
-        truths=expand("<results>/virtual/{case}/truth.h5", case=CASES),
+        landmarks=expand("<results>/virtual/{case}/landmarks.json", case=STUDY.cases),
+        truths=expand("<results>/virtual/{case}/truth.h5", case=STUDY.cases),
     output:
         table=ensure("<results>/virtual/ratios.csv", non_empty=True),
         markdown="<results>/virtual/ratios.md",
@@ -199,7 +208,7 @@ rule measure_ratios:
         mem_mb=2000,
         runtime=10,
     params:
-        cases=list(CASES),
+        cases=list(STUDY.cases),
         code=code_of("measure_ratios"),
     message:
         "Compare soft-to-hard tissue ratios with the clinical bands"
@@ -212,7 +221,7 @@ rule data_card:
     input:
         files=expand(
             "<results>/virtual/{case}/{file}",
-            case=CASES,
+            case=STUDY.cases,
             file=[
                 "segmentation.nii.gz",
                 "plan.json",
@@ -222,7 +231,7 @@ rule data_card:
                 "truth.h5",
             ],
         ),
-        tables=expand("<results>/virtual/{table}.md", table=CARD_TABLES),
+        tables=expand("<results>/virtual/{table}.md", table=STUDY.card_tables),
     output:
         card="<results>/virtual/README.md",
         checksums="<results>/virtual/SHA256SUMS",
@@ -235,8 +244,8 @@ rule data_card:
         mem_mb=1000,
         runtime=10,
     params:
-        cases=list(CASES),
-        tables=CARD_TABLES,
+        cases=list(STUDY.cases),
+        tables=STUDY.card_tables,
         settings={
             "seed": SEED,
             "code": code_of("virtual_patient", "virtual_outcome"),
@@ -255,6 +264,6 @@ rule data_card:
 
 rule cohort:
     input:
-        rules.data_card.output if VIRTUAL else [],
+        rules.data_card.output if STUDY.virtual else [],
     message:
         "The virtual cohort is made"

@@ -51,9 +51,15 @@ def certify(
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    named = {name: snakemake.wildcards[name] for name in ("case", "plan", "method")}
     certify(
-        about=named | {name: snakemake.params[name] for name in ("corrections", "expected", "code")},
+        about={
+            "case": snakemake.wildcards.case,
+            "plan": snakemake.wildcards.plan.removeprefix("/"),
+            "method": snakemake.wildcards.method,
+            "corrections": snakemake.params.corrections,
+            "expected": snakemake.params.expected,
+            "code": snakemake.params.predicts,
+        },
         model=snakemake.input.model,
         plan=snakemake.input.plan,
         quality=snakemake.input.quality,

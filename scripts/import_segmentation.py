@@ -1,4 +1,4 @@
-"""Makes repaired and checked labels, bone and skin surfaces in LPS mm of a patient's segmentation and plan."""
+"""Makes repaired and checked labels, bone and skin surfaces in LPS mm of a patient's segmentation."""
 
 import json
 
@@ -8,17 +8,15 @@ from pinnochio.files import replacing
 from pinnochio.importing.muscle_layer import muscle_layer
 from pinnochio.importing.registration import upper_face_plane
 from pinnochio.importing.repair import repair
-from pinnochio.importing.segmentation import check_plan, check_travel, read_segmentation, write_segmentation
+from pinnochio.importing.segmentation import read_segmentation, write_segmentation
 from pinnochio.logs import attach_log
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
-from pinnochio.plans.plan import Plan
 
 
 def import_segmentation(
     case: str,
     segmentation: str,
-    plan: str | None,
     label_values: dict[str, int | str],
     segments: tuple[str, ...],
     orientation: str,
@@ -27,22 +25,18 @@ def import_segmentation(
     bone_edge: float,
     outputs: dict[str, str],
 ) -> None:
-    """Read, repair and check one patient; write labels, bone, skin, plan and a report of volumes and repairs.
+    """Read, repair and check one patient; write labels, bone, skin and a report of volumes and repairs.
 
     label_values maps each structure's name to its voxel value or to its name in the file; orientation is "header", or
     where the voxel axes point if the header is wrong; repair_limit is the share of a structure in percent that repairs
     may change; unlabelled_muscle (derived | single | refuse) serves where no muscle is labelled; bone_edge is the edge
-    length of the bone surface in mm; outputs names the files labels, bone, skin, plan and report. Without a plan none
-    is written: the plans of a new patient are imported one by one. Raises InputError for what the user must mend.
+    length of the bone surface in mm; outputs names the files labels, bone, skin and report. Raises InputError for what the user must mend.
     """
-    checked = Plan.read(plan, case) if plan else Plan(case, {})
-    check_plan(checked, segments, plan)
     head = read_segmentation(segmentation, case, label_values, segments, orientation)
     grid = head.spacing, head.origin
     voxel = float(np.prod(head.spacing))
     labels, repairs = repair(head.labels, segments, repair_limit, case, segmentation, voxel)
     bone = bone_surface(labels, *grid, segments, bone_edge)
-    check_travel(checked, bone, segments, plan)
     top = upper_face_plane(bone, segments, 0.0)
     labels, muscle = muscle_layer(labels, *grid, top, unlabelled_muscle, case, segmentation)
     report = {
@@ -59,8 +53,6 @@ def import_segmentation(
     write_segmentation(labels, *grid, outputs["labels"])
     bone.write(outputs["bone"])
     write_surface(*skin_surface(labels, *grid), outputs["skin"])
-    if plan:
-        checked.write(outputs["plan"])
     with replacing(outputs["report"]) as temporary:
         temporary.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
 
@@ -70,7 +62,6 @@ if __name__ == "__main__":
     import_segmentation(
         case=snakemake.wildcards.case,
         segmentation=snakemake.input.segmentation,
-        plan=snakemake.input.get("plan"),
         label_values=snakemake.params.labels,
         segments=tuple(snakemake.params.segments),
         orientation=snakemake.params.orientation,

@@ -39,5 +39,5 @@ if __name__ == "__main__":
         quality=snakemake.input.quality,
         plans=snakemake.input.get("plans", []),
         settings=snakemake.params.settings,
-        out=snakemake.output.given,
+        out=snakemake.output.prepared,
     )

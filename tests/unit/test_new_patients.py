@@ -9,8 +9,8 @@ import yaml
 
 from pinnochio.errors import InputError
 from pinnochio.patients.archive import Archive, configuration_hash
-from pinnochio.patients.choice import choose
-from pinnochio.patients.new import read_patients
+from pinnochio.study.choice import choose
+from pinnochio.study.new_patients import read_patients
 from pinnochio.tables.engine import write_csv
 from pinnochio.tables.tradeoff import TRADEOFF, summarise
 

@@ -8,7 +8,7 @@ from tiny_patient import tiny_patient, tiny_plan
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.patients.new import read_patients
+from pinnochio.study.new_patients import read_patients
 from pinnochio.planner.prepared import Given
 from pinnochio.planner.session import QUANTITIES, REST, SIDES, Session
 from pinnochio.plans.plan import Plan

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pinnochio.errors import StorageError
+from pinnochio.errors import InputError, StorageError
 
 # Bytes; a disk with less counts as full. On one that is, HDF5 and VTK end the process, SimpleITK and VTK's PLY writer
 # leave half a file without a word, and logs cannot say why a stage has failed.
@@ -54,3 +54,9 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_name(case: str, name: str, path: str | os.PathLike) -> None:
+    """Refuse a name of a patient or plan that a file cannot bear everywhere."""
+    if not name.replace("_", "").replace("-", "").isalnum():
+        raise InputError(case, path, f"the name {name!r} is not of letters, digits, '-' and '_'", "rename it")

@@ -17,3 +17,7 @@ PARTS = {
     "stages": "Time of every stage",
     "quality": "Quality of the patients' models",
 }
+
+# Parts with a figure, and those that further targets make.
+FIGURES = ("tradeoff", "corrections", "stability", "scaling")
+FURTHER = ("tradeoff", "corrections", "design", "coverage", "scene", "stability", "scaling")

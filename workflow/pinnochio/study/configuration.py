@@ -1,63 +1,12 @@
-"""The checks of a study's configuration that a schema cannot express, and the settings of its learned methods."""
+"""The checks of a study's configuration that a schema cannot express."""
 
 import itertools
 from collections.abc import Mapping
 
 from pinnochio.errors import InputError
+from pinnochio.methods.registry import BUILT_IN, graph_networks, surface_networks
 from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.overlays import overlaid
-
-UNTRAINED = (
-    *("no_change", "ratio", "elastic", "fem_bonded", "fem_sliding"),
-    *("fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse"),
-)
-
-
-REGRESSION = "pca_linear"
-
-
-PRETRAINED = "_pretrained"  # ends the name of a surface network that finite-element fields have taught first
-
-
-def variants(config: Mapping) -> dict[str, dict]:
-    """Settings of every learned method by its name: network, pretraining, finetuning, newton_corrections.
-
-    Those of `variants` are overlays of the configuration's own sections, those of `design.switches`, named
-    design_{switch}, overlays of the variant `design.base`.
-    """
-    own = {key: config[key] for key in ("network", "pretraining", "finetuning", "newton_corrections")}
-    found = {name: overlaid(own, overlay) for name, overlay in config["variants"].items()}
-    design = config["design"]
-    if base := found.get(design["base"]):
-        found |= {f"design_{name}": overlaid(base, overlay) for name, overlay in design["switches"].items()}
-    return found
-
-
-def surface_networks(config: Mapping) -> dict[str, dict]:
-    """Settings of every surface network by its name: network, finetuning, and pretraining where the name says so."""
-    found = {}
-    for name, own in config["surface"]["networks"].items():
-        switches = {key: value for key, value in own.items() if key not in ("pretraining", "finetuning")}
-        network = {key: config["surface"][key] for key in ("points", "neighbours", "repeats")} | switches
-        found[name] = {"network": network, "finetuning": own["finetuning"]}
-        found[name + PRETRAINED] = found[name] | {"pretraining": own["pretraining"]}
-    return found
-
-
-def left_out(config: Mapping, scanned: int) -> list[str]:
-    """The learned methods, where fewer patients have a post-operative scan than there are folds to train in turn."""
-    learned = {REGRESSION, *config["variants"], *surface_networks(config)}
-    found = [method for method in config["methods"] if method in learned and scanned < config["folds"]]
-    if len(found) == len(config["methods"]) and not config["external"]:
-        raise InputError(
-            "-",
-            "configuration",
-            f"none of 'methods' is left: {scanned} scanned patients do not fill {config['folds']} folds to train on",
-            "add a method that needs no training, or lower 'folds'",
-        )
-    return found
-
 
 def check_config(config: Mapping) -> None:
     """Refuse a configuration whose keys contradict each other; the message names the keys."""
@@ -72,7 +21,8 @@ def check_config(config: Mapping) -> None:
     values = [labels[name] for name in known if name in labels]
     if len(set(values)) < len(values):
         refuse("two structures share one value in 'labels'", "give each structure its own value")
-    learned, surface, built_in = config["variants"], surface_networks(config), (*UNTRAINED, REGRESSION)
+    learned, surface = config["variants"], surface_networks(config)
+    built_in = tuple(method.name for method in BUILT_IN)
     if unknown := [name for name in config["methods"] if name not in {*built_in, *learned, *surface}]:
         refuse(
             f"method {unknown[0]!r} is none of {built_in} and not among 'variants' and 'surface.networks'",
@@ -100,14 +50,14 @@ def check_config(config: Mapping) -> None:
     for section, names in named.items():
         if unknown := [name for name in names if name not in learned]:
             refuse(f"{section} names {unknown[0]!r}, which is not among 'variants'", "name a learned method")
-    if unknown := [name for name in config["tradeoff"]["further"] if name not in variants(config)]:
+    if unknown := [name for name in config["tradeoff"]["further"] if name not in graph_networks(config)]:
         refuse(f"tradeoff.further names {unknown[0]!r}, which is no variant and no design_ switch", "correct its name")
     for name, settings in surface.items():
         try:
             SurfaceSettings(**settings["network"])
         except ValueError as error:
             refuse(f"the network of {name!r} cannot be built: {error}", "change its keys in 'surface'")
-    for name, settings in variants(config).items():
+    for name, settings in graph_networks(config).items():
         try:
             NetworkSettings(**settings["network"])
         except ValueError as error:

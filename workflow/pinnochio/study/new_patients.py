@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pinnochio.errors import InputError
+from pinnochio.files import check_name
 from pinnochio.study.cases import read_cases
 
 
@@ -31,15 +32,15 @@ def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
     """
     path = Path(path)
     if path.is_dir():
-        found = [_of_folder(path)]
+        patients = [_of_folder(path)]
     elif path.is_file():
-        found = [
+        patients = [
             NewPatient(case.name, case.segmentation, _plans(case.name, case.plan), str(path.parent / case.name))
             for case in read_cases(path)
         ]
     else:
         raise InputError("-", path, "there is no such folder or table", "name the patient's folder: patient=FOLDER")
-    return {patient.name: patient for patient in found}
+    return {patient.name: patient for patient in patients}
 
 
 def _of_folder(folder: Path) -> NewPatient:
@@ -52,9 +53,9 @@ def _of_folder(folder: Path) -> NewPatient:
             name, folder, f"it holds {listed}", "keep one: segmentation.nii.gz, .nrrd, .mha, .dcm, or a folder"
         )
     plans = {}
-    for given in ("plan.json", "plan", "plans"):
-        if (folder / given).exists():
-            own = _plans(name, folder / given)
+    for entry in ("plan.json", "plan", "plans"):
+        if (folder / entry).exists():
+            own = _plans(name, folder / entry)
             if twice := sorted(own.keys() & plans.keys()):
                 raise InputError(name, folder, f"plan {twice[0]!r} is there twice", "give each plan a name of its own")
             plans |= own
@@ -75,9 +76,3 @@ def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
             raise InputError(case, plan, f"plan {plan.stem!r} is there twice", "give each plan a name of its own")
         plans[plan.stem] = str(plan)
     return plans
-
-
-def check_name(case: str, name: str, path: str | os.PathLike) -> None:
-    """Refuse a name of a patient or plan that a file cannot bear everywhere."""
-    if not name.replace("_", "").replace("-", "").isalnum():
-        raise InputError(case, path, f"the name {name!r} is not of letters, digits, '-' and '_'", "rename it")

@@ -1,0 +1,120 @@
+"""What every method is: the one table that configuration, rules and studies ask.
+
+Stage scripts do not read it: what a job needs of its method reaches it by params, so that a further method reruns no
+job of another one.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from pinnochio.overlays import overlaid
+
+PRETRAINED = "_pretrained"  # ends the name of a surface network that is pretrained on finite-element fields
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method that predicts how the soft tissue follows a plan.
+
+    module: of the library, with the method's Predictor and, where it trains, its `fit` or Learner. sections: of the
+    configuration that it reads; options: further values, fixed. mesh: "study", or "lips" for the mesh that resolves the
+    lips. trains: "no", "at once" or "by steps". new_patients: whether it predicts patients of no study; dials: what the
+    trade-off changes of it; reduced: whether a reduced model serves it. settings: values of the sections and options,
+    by section, once the configuration is known.
+    """
+
+    name: str
+    family: str
+    module: str
+    sections: tuple[str, ...] = ()
+    options: Mapping[str, object] = field(default_factory=dict)
+    mesh: str = "study"
+    trains: str = "no"
+    new_patients: bool = False
+    dials: tuple[str, ...] = ()
+    reduced: bool = False
+    settings: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def lift(self) -> str:
+        """Kind of the lift that the method's network wants."""
+        return self.settings.get("network", {}).get("lift", "none")
+
+
+def _finite_elements(name: str, contact: str, **more) -> Method:
+    return Method(
+        name, "finite elements", "pinnochio.methods.finite_elements", ("fem",), {"contact": contact, "apart": 0.0}, **more
+    )
+
+
+_WHOLE = {"new_patients": True, "reduced": True}
+_LIPS = {"mesh": "lips"}
+BUILT_IN = (
+    Method("no_change", "floor", "pinnochio.methods.no_change"),
+    Method("ratio", "floor", "pinnochio.methods.ratio"),
+    Method("pca_linear", "regression", "pinnochio.methods.pca_linear", trains="at once"),
+    Method("elastic", "finite elements", "pinnochio.methods.elastic", ("fem",), dials=("nodes",), **_WHOLE),
+    _finite_elements("fem_bonded", "bonded", dials=("nodes", "element"), **_WHOLE),
+    _finite_elements(
+        "fem_sliding", "mucosa", dials=("nodes", "element", "increments", "tolerance", "precision"), **_WHOLE
+    ),
+    _finite_elements("fem_rlse_bonded", "bonded", **_LIPS),
+    _finite_elements("fem_rlse_mucosa", "mucosa", **_LIPS),
+    _finite_elements("fem_rlse", "mucosa+lip", **_LIPS),
+)
+# Those that the configuration names: in `variants` and `design.switches`, in `surface.networks`, in `external`.
+GRAPH_NETWORK = Method(
+    "",
+    "graph network",
+    "pinnochio.methods.pinnochio",
+    ("network", "pretraining", "finetuning", "newton_corrections", "fem"),
+    trains="by steps",
+    new_patients=True,
+    dials=("corrections", "nodes", "precision"),
+)
+SURFACE_NETWORK = Method("", "surface network", "pinnochio.methods.surface", trains="by steps")
+EXTERNAL = Method("", "external", "pinnochio.methods.external")
+
+
+def registry(config: Mapping) -> dict[str, Method]:
+    """Every method that the configuration knows by its name, with its settings."""
+    methods = {method.name: replace(method, settings=_settings(method, config)) for method in BUILT_IN}
+    for name, settings in graph_networks(config).items():
+        methods[name] = replace(GRAPH_NETWORK, name=name, settings=settings | {"fem": config["fem"]})
+    for name, settings in surface_networks(config).items():
+        methods[name] = replace(SURFACE_NETWORK, name=name, settings=settings)
+    return methods | {name: replace(EXTERNAL, name=name) for name in config["external"]}
+
+
+def _settings(method: Method, config: Mapping) -> dict:
+    settings = {name: config[name] for name in method.sections} | method.options
+    if method.mesh == "lips":
+        lips = config["fem_rlse"]
+        solver = {name: lips[name] for name in ("increments", "tolerance", "time_limit")}
+        settings |= {"fem": settings["fem"] | solver, "apart": lips["apart"]}
+    return settings
+
+
+def graph_networks(config: Mapping) -> dict[str, dict]:
+    """Settings of every graph network by its name: network, pretraining, finetuning, newton_corrections.
+
+    Those of `variants` are overlays of the configuration's own sections, those of `design.switches`, named
+    design_{switch}, overlays of the variant `design.base`.
+    """
+    own = {name: config[name] for name in GRAPH_NETWORK.sections if name != "fem"}
+    networks = {name: overlaid(own, overlay) for name, overlay in config["variants"].items()}
+    design = config["design"]
+    if base := networks.get(design["base"]):
+        networks |= {f"design_{name}": overlaid(base, overlay) for name, overlay in design["switches"].items()}
+    return networks
+
+
+def surface_networks(config: Mapping) -> dict[str, dict]:
+    """Settings of every surface network by its name: network, finetuning, and pretraining where the name says so."""
+    networks = {}
+    for name, own in config["surface"]["networks"].items():
+        switches = {key: value for key, value in own.items() if key not in ("pretraining", "finetuning")}
+        network = {key: config["surface"][key] for key in ("points", "neighbours", "repeats")} | switches
+        networks[name] = {"network": network, "finetuning": own["finetuning"]}
+        networks[name + PRETRAINED] = networks[name] | {"pretraining": own["pretraining"]}
+    return networks

@@ -1,0 +1,524 @@
+"""One study as its workflow asks for it: cases, folds, methods and the files that jobs read, from the configuration."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import SimpleNamespace
+
+from pinnochio.errors import InputError
+from pinnochio.experiments.tradeoff_settings import network_settings
+from pinnochio.methods.registry import Method, graph_networks, registry
+from pinnochio.patients.archive import configuration_hash
+from pinnochio.report.parts import FURTHER, PARTS
+from pinnochio.study.cases import Case, assign_folds, external_file, read_cases, virtual_cases
+from pinnochio.study.choice import Choice, choose
+from pinnochio.study.new_patients import NewPatient, read_patients
+
+STUDY_FILES = "<results>/cases/{case}"
+# Sections of the configuration that say where files lie and who is predicted, not what the models are.
+NOT_OF_MODELS = ("pathvars", "patient", "models", "predict", "report")
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that the configuration, its case table and the new patients that it names decide.
+
+    Patterns begin with <results>/, which Snakemake fills in. `wildcards` of the functions below are those of a job:
+    `home` is the folder of imported patients below the results: cases of the study, patients that are new, virtual ones
+    with a chin segment (chin), and `case` the name; `mesh` is empty, /lips or /nodes_N; `plan` is empty for the study's
+    own plan, /NAME for one of a new patient; `batch` is what is predicted in one job: folds/N, or patients/NAME/PLAN.
+    """
+
+    config: Mapping
+    results: str
+
+    @cached_property
+    def virtual(self) -> bool:
+        return self.config["cohort"] == "virtual"
+
+    @property
+    def cohort(self) -> str:
+        """What tables call the cohort."""
+        return "virtual cohort" if self.virtual else Path(self.config["cohort"]).stem
+
+    @cached_property
+    def cases(self) -> dict[str, Case]:
+        """The patients of the cohort by name."""
+        if self.virtual:
+            cases = virtual_cases(self.config["virtual"]["patients"], f"{self.results}/virtual")
+        else:
+            cases = read_cases(self.config["cohort"])
+        return {case.name: case for case in cases}
+
+    @cached_property
+    def scanned(self) -> list[str]:
+        """Patients with a post-operative scan; every patient is predicted, but only these train and judge."""
+        return [name for name, case in self.cases.items() if case.postop]
+
+    @cached_property
+    def unscanned(self) -> list[str]:
+        return [name for name, case in self.cases.items() if not case.postop]
+
+    @cached_property
+    def held_out(self) -> dict[str, list[str]]:
+        """Held-out patients of each fold."""
+        return assign_folds(self.scanned, self.unscanned, self.config["folds"], self.config["seed"])
+
+    def fold_of(self, case: str) -> str:
+        """The fold that holds the case out."""
+        return next(fold for fold, cases in self.held_out.items() if case in cases)
+
+    def training(self, fold: str) -> list[str]:
+        """Patients that the fold trains on."""
+        return [name for name in self.scanned if name not in self.held_out[fold]]
+
+    def judged(self, fold: str) -> list[str]:
+        """Held-out patients of the fold that have a scan."""
+        return [name for name in self.held_out[fold] if name in self.scanned]
+
+    @cached_property
+    def registry(self) -> dict[str, Method]:
+        """Every method that the configuration knows."""
+        return registry(self.config)
+
+    @cached_property
+    def left_out(self) -> list[str]:
+        """Methods that train, where fewer patients have a scan than there are folds to train in turn."""
+        named = self.config["methods"]
+        few = len(self.scanned) < self.config["folds"]
+        names = [name for name in named if self.registry[name].trains != "no"] if few else []
+        if len(names) == len(named) and not self.config["external"]:
+            raise InputError(
+                "-",
+                "configuration",
+                f"none of 'methods' is left: {len(self.scanned)} scanned patients do not fill {self.config['folds']} "
+                "folds to train on",
+                "add a method that needs no training, or lower 'folds'",
+            )
+        return names
+
+    @cached_property
+    def methods(self) -> list[str]:
+        """Methods that predict the cohort, in the order of the configuration."""
+        return [name for name in [*self.config["methods"], *self.config["external"]] if name not in self.left_out]
+
+    def of_family(self, *families: str) -> list[str]:
+        """Known methods of the families."""
+        return [name for name, method in self.registry.items() if method.family in families]
+
+    @cached_property
+    def learned(self) -> list[str]:
+        """Methods of the study that are trained by steps."""
+        return [name for name in self.methods if self.registry[name].trains == "by steps"]
+
+    def asked(self, section: str) -> list[str]:
+        """Methods that a section of the configuration names and that the study trains."""
+        return [name for name in self.config[section]["methods"] if name in self.learned]
+
+    @property
+    def reference(self) -> str | None:
+        """The method that tables test the others against."""
+        return self.config["reference"] if self.config["reference"] in self.methods else None
+
+    @property
+    def better(self) -> bool:
+        """Whether the better network is there to be compared with."""
+        return bool(self.scanned) and self.config["design"]["base"] in self.methods
+
+    @property
+    def ablated(self) -> bool:
+        """Whether the ablation has all of its variants."""
+        names = self.config["ablation"]
+        return bool(self.scanned and names) and set(names) <= set(self.learned)
+
+    @cached_property
+    def design(self) -> list[str]:
+        """The variants of the design study."""
+        names = graph_networks(self.config)
+        return [self.config["design"]["base"], *(name for name in names if name.startswith("design_"))]
+
+    @cached_property
+    def packed(self) -> list[str]:
+        """What is packed for new patients: every method with an interval, and the one that shall predict them."""
+        names = dict.fromkeys([*self.config["uncertainty"]["methods"], self.config["predict"]["method"]])
+        return [name for name in names if name in self.of_family("graph network") and name in self.learned]
+
+    @property
+    def shown(self) -> list[str]:
+        """Patients in the report."""
+        return self.scanned[: self.config["report"]["patients"]]
+
+    @property
+    def volumes(self) -> list[str]:
+        """Networks whose volume the report shows: with and without physics, and the better one."""
+        names = dict.fromkeys([*self.config["ablation"], self.config["design"]["base"]])
+        return [name for name in names if name in self.learned]
+
+    @property
+    def reported(self) -> list[str]:
+        """Parts of the report, in its order: the study's own tables and what the configuration adds."""
+        absent = set(FURTHER) - set(self.config["report"]["further"])
+        absent |= set() if self.scanned else {"accuracy", "regions"}
+        absent |= set() if self.better else {"better"}
+        absent |= set() if self.scanned and self.virtual else {"landmarks"}
+        absent |= set() if self.ablated else {"ablation"}
+        absent |= set() if self.learned else {"training"}
+        return [part for part in PARTS if part not in absent]
+
+    @property
+    def card_tables(self) -> list[str]:
+        """Tables of the data card; the effects are measured on as many patients as the configuration says."""
+        return ["thickness", "ratios", *(["effects"] if self.config["virtual"]["effects"] else [])]
+
+    # The trade-off measures held-out patients of the first fold.
+
+    @property
+    def first_fold(self) -> str:
+        return next(iter(self.held_out))
+
+    @cached_property
+    def traded(self) -> list[str]:
+        """Patients of the trade-off."""
+        return self.judged(self.first_fold)[: self.config["tradeoff"]["patients"]]
+
+    @cached_property
+    def traded_networks(self) -> list[str]:
+        tradeoff = self.config["tradeoff"]
+        return [*tradeoff["networks"], *tradeoff["further"]] if self.traded else []
+
+    @cached_property
+    def as_they_are(self) -> list[str]:
+        """Methods that the trade-off takes as the study predicts by them, for it changes nothing of them."""
+        changed = [name for name, method in self.registry.items() if method.dials and method.trains == "no"]
+        return [name for name in self.methods if name not in (*changed, *self.traded_networks)]
+
+    @cached_property
+    def sizes(self) -> list[int]:
+        """Nodes of the meshes of the trade-off."""
+        tradeoff = self.config["tradeoff"]
+        return sorted({self.config["mesh"]["nodes"], tradeoff["reference"], *tradeoff["nodes"]})
+
+    @cached_property
+    def traded_lifts(self) -> list[tuple[str, int]]:
+        """Kind and nodes of the lifts that the trade-off's networks want."""
+        if not self.traded:
+            return []
+        settings = network_settings(self.config["mesh"]["nodes"], self.config["tradeoff"], graph_networks(self.config))
+        return sorted(
+            {(kind, own.nodes) for own in settings if (kind := self.registry[own.method].lift) != "none"}
+        )
+
+    # Scaling and model reduction.
+
+    @property
+    def measured(self) -> str:
+        """The patient that is carried through every size of mesh."""
+        return next(iter(self.scanned or self.cases))
+
+    @cached_property
+    def counts(self) -> list[int]:
+        """Numbers of patients whose stages are added up."""
+        return sorted({min(count, len(self.cases)) for count in self.config["scaling"]["patients"]})
+
+    @property
+    def counted(self) -> list[str]:
+        """Patients whose stages are added up."""
+        return list(self.cases)[: self.counts[-1]]
+
+    @property
+    def reduced_cases(self) -> list[str]:
+        """Patients on whom model reduction is measured."""
+        return list(self.cases)[: self.config["scene"]["patients"]]
+
+    @property
+    def reduction(self) -> dict:
+        """How models are reduced to what a plan requires."""
+        return {name: value for name, value in self.config["scene"].items() if name not in ("mode", "patients")}
+
+    @property
+    def reduced_home(self) -> str:
+        """Folder of these patients, of the virtual ones with a chin segment."""
+        return "chin" if self.virtual else "cases"
+
+    @cached_property
+    def all_segments(self) -> list[str]:
+        """Segments of the study and, in a virtual cohort, the chin."""
+        return list(dict.fromkeys([*self.config["segments"], *(["chin"] if self.virtual else [])]))
+
+    # New patients.
+
+    @cached_property
+    def patients(self) -> dict[str, NewPatient]:
+        """The new patients that the configuration names."""
+        return read_patients(self.config["patient"]) if self.config["patient"] else {}
+
+    @cached_property
+    def plans(self) -> list[str]:
+        """Names of the new patients' plans."""
+        return sorted({plan for patient in self.patients.values() for plan in patient.plans})
+
+    @cached_property
+    def choice(self) -> Choice | None:
+        """What predicts the new patients: read from the archive that the configuration names, for them alone."""
+        if not self.patients:
+            return None
+        front = self.config["predict"]["pareto_front"] or f"{self.results}/tables/tradeoff.csv"
+        return choose(self.config, self.config["models"] or f"{self.results}/archive", front)
+
+    @property
+    def configuration(self) -> str:
+        """Hash of what decides about the models, not of where files lie and who is predicted."""
+        return configuration_hash({name: own for name, own in self.config.items() if name not in NOT_OF_MODELS})
+
+    def archived(self, wildcards) -> list[str]:
+        """The archive of the study, where it trains what is to be packed."""
+        if not self.packed:
+            raise InputError(
+                "-",
+                "configuration",
+                "no method of uncertainty.methods and predict.method is trained here",
+                "add one to 'methods', with a scan of at least one patient per fold",
+            )
+        return ["<results>/archive/archive.json"]
+
+    def named_patients(self) -> list[NewPatient]:
+        """The new patients; InputError where none is named."""
+        if not self.patients:
+            raise InputError("-", "configuration", "no new patient is named", "add --config patient=FOLDER")
+        return list(self.patients.values())
+
+    def results_of_patients(self, wildcards) -> list[str]:
+        """What is handed over of every new patient and plan."""
+        for patient in self.named_patients():
+            if not patient.plans:
+                raise InputError(
+                    patient.name,
+                    patient.home,
+                    "there is no plan",
+                    "add plan.json, or plans/NAME.json for several, or make one with the planner (make planner)",
+                )
+        return [
+            f"<results>/patients/{patient.name}/{plan}/{self.choice.method}/{name}"
+            for patient in self.patients.values()
+            for plan in patient.plans
+            for name in ("certificate.json", "index.html", "deformed.vtu")
+        ]
+
+    def planners_of_patients(self, wildcards) -> list[str]:
+        """What the planner needs of every new patient."""
+        files = [f"<results>/patients/{patient.name}/planner.json" for patient in self.named_patients()]
+        if not self.choice.archive:
+            raise InputError(
+                "-",
+                "configuration",
+                f"the planner shows the interval of a trained method, and {self.choice.method} has none",
+                "leave predict.method, budget_seconds and tolerance_mm as they are, or name a method of the archive",
+            )
+        return files
+
+    def planner_settings(self, wildcards) -> dict:
+        """What the planner needs to know of the patient and its models."""
+        choice = self.choice
+        return {
+            "home": self.patients[wildcards.case].home,
+            "archive": choice.folder,
+            "method": choice.method,
+            "corrections": choice.corrections,
+            "fem": choice.settings["fem"],
+        }
+
+    # A patient's files.
+
+    def config_of(self, home: str) -> Mapping:
+        """The configuration that patients are made with: new ones with the settings that their models were trained
+        with, virtual ones with a chin segment as they are sampled."""
+        if home == "patients":
+            return {**self.config, **self.choice.settings}
+        if home == "chin":
+            return {**self.config, "segments": self.all_segments, "orientation": "header"}
+        return self.config
+
+    def of_patient(self, *keys: str) -> Callable:
+        """Params function: a value of the patient's configuration."""
+
+        def value(wildcards):
+            section = self.config_of(wildcards.home)
+            for key in keys:
+                section = section[key]
+            return section
+
+        return value
+
+    def nodes(self, wildcards) -> int:
+        """Nodes of the mesh."""
+        own = wildcards.mesh.removeprefix("/nodes_")
+        return int(own) if own else self.config_of(wildcards.home)["mesh"]["nodes"]
+
+    def sized(self, nodes: int, file: str) -> str:
+        """A file of the patient on the mesh of so many nodes."""
+        own = "" if nodes == self.config["mesh"]["nodes"] else f"/nodes_{nodes}"
+        return f"{STUDY_FILES}{own}/{file}"
+
+    def segmentation(self, wildcards) -> str:
+        if wildcards.home == "chin":
+            return f"<results>/virtual_chin/{wildcards.case}/segmentation.nii.gz"
+        return (self.patients if wildcards.home == "patients" else self.cases)[wildcards.case].segmentation
+
+    def plan(self, wildcards) -> str:
+        """The plan as the user, or the virtual cohort, brings it."""
+        if wildcards.home == "chin":
+            return f"<results>/virtual_chin/{wildcards.case}/plan.json"
+        if wildcards.home == "patients":
+            return self.patients[wildcards.case].plans[wildcards.plan[1:]]
+        return self.cases[wildcards.case].plan
+
+    def postop(self, wildcards) -> str:
+        case = self.cases[wildcards.case]
+        if not case.postop:
+            raise InputError(
+                case.name,
+                self.config["cohort"],
+                "there is no post-operative scan",
+                "ask for fem/mucosa.png, or give a scan",
+            )
+        return case.postop
+
+    def checked(self, wildcards) -> list[str]:
+        """What is read and checked before the patient is meshed: every file that the user brings."""
+        if wildcards.home == "patients":
+            plans = self.patients[wildcards.case].plans
+            return [f"<results>/patients/{wildcards.case}/{plan}/plan.json" for plan in plans]
+        return ["<results>/cohort.csv"]
+
+    def model_of(self, case: str, method: str) -> str:
+        """The model of the study's patient that the method predicts on."""
+        own = self.registry[method]
+        reduced = own.reduced and self.config["scene"]["mode"] == "auto"
+        return f"<results>/cases/{case}{'/lips' if own.mesh == 'lips' else '/scene' if reduced else ''}/model.h5"
+
+    # Input functions of training and prediction.
+
+    def of_training(self, pattern: str) -> Callable:
+        """`pattern` for each training case of the fold, which no held-out case is."""
+        return lambda wildcards: filled(pattern, self.training(wildcards.fold))
+
+    def of_held_out(self, pattern: str) -> Callable:
+        """`pattern` for each held-out case of the fold."""
+        return lambda wildcards: filled(pattern, self.held_out[wildcards.fold])
+
+    def of_judged(self, pattern: str) -> Callable:
+        """`pattern` for each held-out case of the fold that can be judged."""
+        return lambda wildcards: filled(pattern, self.judged(wildcards.fold))
+
+    def lifts_of_training(self, wildcards) -> list[str]:
+        return self._lifts(wildcards.method, self.training(wildcards.fold))
+
+    def training_cases(self, wildcards) -> list[str]:
+        return self.training(wildcards.fold)
+
+    def held_out_cases(self, wildcards) -> list[str]:
+        return self.held_out[wildcards.fold]
+
+    def judged_cases(self, wildcards) -> list[str]:
+        return self.judged(wildcards.fold)
+
+    def models_of_held_out(self, wildcards) -> list[str]:
+        """The models that the method predicts the held-out cases of the fold on."""
+        return [self.model_of(case, wildcards.method) for case in self.held_out[wildcards.fold]]
+
+    def _lifts(self, method: str, cases: Iterable[str]) -> list[str]:
+        kind = self.registry[method].lift
+        return [] if kind == "none" else filled(f"{STUDY_FILES}/lift_{kind}.h5", cases)
+
+    def pretrained(self, wildcards) -> str | list:
+        """The network that finite-element fields have pretrained, where the method has such a phase."""
+        own = "pretraining" in self.registry[wildcards.method].settings
+        return f"<results>/folds/{wildcards.fold}/{wildcards.method}/pretrained.pt" if own else []
+
+    def predicted(self, wildcards) -> SimpleNamespace:
+        """What a batch holds: cases with their files, the trained file, and the method's settings."""
+        method = self.registry[wildcards.method]
+        if wildcards.batch.startswith("patients/"):
+            _, name, plan = wildcards.batch.split("/")
+            folder = f"<results>/patients/{name}"
+            own = registry(self.config_of("patients"))[wildcards.method]
+            return SimpleNamespace(
+                cases=[name],
+                models=[f"{folder}/model.h5"],
+                plans=[f"{folder}/{plan}/plan.json"],
+                lifts=[],
+                trained=[],
+                settings=own.settings,
+            )
+        fold = wildcards.batch.removeprefix("folds/")
+        cases = self.held_out[fold]
+        name = {"no": "", "at once": "fitted.h5", "by steps": "network.pt"}[method.trains]
+        return SimpleNamespace(
+            cases=cases,
+            models=[self.model_of(case, wildcards.method) for case in cases],
+            plans=filled(f"{STUDY_FILES}/plan.json", cases),
+            lifts=self._lifts(wildcards.method, cases),
+            trained=[f"<results>/{wildcards.batch}/{wildcards.method}/{name}"] if name else [],
+            settings=method.settings,
+        )
+
+    def of_batch(self, name: str) -> Callable:
+        """Input or params function: one entry of :meth:`predicted`."""
+        return lambda wildcards: getattr(self.predicted(wildcards), name)
+
+    def ensemble(self, wildcards) -> SimpleNamespace:
+        """The networks that predict a patient together: of every fold of the study, or of the archive."""
+        if wildcards.home == "patients":
+            choice = self.choice
+            lift = f"<results>/patients/{wildcards.case}/lift_{choice.lift}.h5"
+            lifts = [] if choice.lift == "none" else [lift]
+            own = self.registry.get(choice.method)
+            settings = {"fem": choice.settings["fem"], "newton_corrections": choice.corrections}
+            return SimpleNamespace(
+                folds=choice.archive.folds,
+                networks=choice.networks,
+                lifts=lifts,
+                settings=(own.settings if own else {}) | settings,
+                calibration=choice.calibration,
+            )
+        case, method = wildcards.case, wildcards.method
+        return SimpleNamespace(
+            folds=list(self.held_out),
+            networks=[f"<results>/folds/{fold}/{method}/network.pt" for fold in self.held_out],
+            lifts=self._lifts(method, [case]),
+            settings=self.registry[method].settings,
+            calibration=f"<results>/methods/{method}/calibration.json",
+        )
+
+    def of_ensemble(self, name: str) -> Callable:
+        """Input or params function: one entry of :meth:`ensemble`."""
+        return lambda wildcards: getattr(self.ensemble(wildcards), name)
+
+    def result_of_patient(self, wildcards) -> str:
+        """The file that holds a new patient's displacement, and the interval of a learned method."""
+        name = "interval" if self.choice.archive else "predictions"
+        return f"<results>/patients/{wildcards.case}{wildcards.plan}/{wildcards.method}/{name}.h5"
+
+    def external_files(self, wildcards) -> list[str]:
+        """The files in which an external method delivers the held-out cases of the fold."""
+        folder = self.config["external"][wildcards.method]
+        return [external_file(folder, case) for case in self.held_out[wildcards.fold]]
+
+    def rows_of_traded(self, wildcards) -> list[str]:
+        """The rows of the trade-off; InputError where it has too few patients."""
+        if len(self.traded) < 2:
+            raise InputError(
+                "-",
+                self.config["cohort"],
+                f"{len(self.traded)} patients of fold {self.first_fold} have a post-operative scan, and the trade-off "
+                "wants two",
+                "lower 'folds', raise tradeoff.patients, or give more scans",
+            )
+        families = ("fem", "networks", "study")
+        return [f"<results>/tradeoff/{case}/{family}.csv" for case in self.traded for family in families]
+
+
+def filled(pattern: str, cases: Iterable[str]) -> list[str]:
+    """The pattern for each case."""
+    return [pattern.replace("{case}", case) for case in cases]
