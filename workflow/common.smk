@@ -29,7 +29,7 @@ STUDY = Study(config, RESULTS)
 NETWORKS = graph_networks(config)
 SEED, COHORT = config["seed"], STUDY.cohort
 # Jobs that are timed have the machine for themselves; no number of cores is given where nothing runs, as by --list.
-ALL_CORES = workflow.cores or 1
+ALL_CORES = workflow.resource_settings.cores or 1
 # A job of a cluster does not hear of --resources: it asks its step for a GPU only where SLURM has granted it one.
 GPU = int(not workflow.remote_exec or "SLURM_GPUS_ON_NODE" in os.environ)
 if workflow.is_main_process and STUDY.left_out:

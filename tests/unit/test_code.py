@@ -1,0 +1,97 @@
+"""Code hashes cover what a script really imports, and nothing else."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from pinnochio import code
+from pinnochio.code import ROOT, closure, code_hash, source_file
+
+SCRIPTS = sorted(ROOT.glob("scripts/[a-z]*.py"))
+# Imports every script in a fork of its own, after the heavy packages, and says which of the project's files it loads.
+LOADED = """
+import json, os, sys
+import h5py, igl, jsonschema, matplotlib.pyplot, meshio, numba, numpy, pandas, pyvista, scipy, SimpleITK, torch, trimesh
+loaded = {}
+for script in sys.argv[1:]:
+    reader, writer = os.pipe()
+    if not os.fork():
+        __import__("scripts." + script)
+        names = [m.__file__ for n, m in list(sys.modules.items()) if n.split(".")[0] in ("pinnochio", "scripts")]
+        os.write(writer, json.dumps(sorted({name for name in names if name})).encode())
+        os._exit(0)
+    os.close(writer)
+    with os.fdopen(reader, "rb") as pipe:
+        loaded[script] = json.loads(pipe.read())
+    os.wait()
+print(json.dumps(loaded))
+"""
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    """Files of the project that the import of each script loads."""
+    names = [script.stem for script in SCRIPTS]
+    paths = {"PYTHONPATH": f"{ROOT / 'workflow'}:{ROOT}", "PATH": "/usr/bin:/bin", "HOME": "/tmp"}
+    done = subprocess.run(
+        [sys.executable, "-c", LOADED, *names], env=paths, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_the_closure_holds_all_that_an_import_of_the_script_loads(loaded, script):
+    files = {str(path) for path in closure(script)}
+    assert set(loaded[script.stem]) - {str(ROOT / "scripts/__init__.py")} <= files
+
+
+def test_an_edit_changes_the_hashes_of_the_scripts_that_reach_it_and_of_no_other(monkeypatch):
+    before = {script: code_hash(script) for script in SCRIPTS}
+    module = source_file("pinnochio.mechanics.materials")
+    read = type(module).read_bytes
+    monkeypatch.setattr(type(module), "read_bytes", lambda path: read(path) + b"#" * (path == module))
+    changed = {script for script in SCRIPTS if code_hash(script) != before[script]}
+    assert changed == {script for script in SCRIPTS if module in closure(script)}
+    assert 5 < len(changed) < len(SCRIPTS) - 5
+
+
+def write(folder, files):
+    """A library in the folder: text of each file by its path."""
+    for name, text in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+
+
+def test_imports_of_every_form_are_followed(tmp_path, monkeypatch):
+    write(
+        tmp_path / "pinnochio",
+        {
+            "a.py": "import pinnochio.b\n",
+            "b.py": "def later():\n    from pinnochio.room import c\n",
+            "room/__init__.py": "from os import path\n",
+            "room/c.py": "CALL = 'pinnochio.room.d:call'\nTEXT = 'pinnochio.room.e is only named'\n",
+            "room/d.py": "",
+            "room/e.py": "",
+        },
+    )
+    monkeypatch.setattr(code, "PACKAGES", {"pinnochio": tmp_path / "pinnochio"})
+    monkeypatch.setattr(code, "ROOT", tmp_path)
+    files = closure(tmp_path / "pinnochio/a.py")
+    names = {path.relative_to(tmp_path / "pinnochio").as_posix() for path in files}
+    assert names == {"a.py", "b.py", "room/__init__.py", "room/c.py", "room/d.py"}
+
+
+def test_the_hash_does_not_depend_on_where_the_project_lies(tmp_path, monkeypatch):
+    hashes = []
+    for place in ("one", "two"):
+        write(tmp_path / place / "pinnochio", {"a.py": "from pinnochio.b import x\n", "b.py": "x = 1\n"})
+        monkeypatch.setattr(code, "PACKAGES", {"pinnochio": tmp_path / place / "pinnochio"})
+        monkeypatch.setattr(code, "ROOT", tmp_path / place)
+        hashes.append(code_hash(tmp_path / place / "pinnochio/a.py"))
+    assert hashes[0] == hashes[1]
+    (tmp_path / "two/pinnochio/b.py").write_text("x = 2\n")
+    assert code_hash(tmp_path / "two/pinnochio/a.py") != hashes[0]
