@@ -13,7 +13,8 @@ from pinnochio.patients.choice import choose
 from pinnochio.patients.new import read_patients
 from pinnochio.report.parts import PARTS
 from pinnochio.code import code_hash
-from pinnochio.study.cases import assign_folds, external_file, read_cases, virtual_cases
+from pinnochio.importing.cohort import read_cases
+from pinnochio.study.cases import assign_folds, external_file, virtual_cases
 from pinnochio.study.configuration import (
     check_config,
     left_out,

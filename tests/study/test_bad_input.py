@@ -1,6 +1,6 @@
 """Bad input stops the study before any heavy work: one clear error, nothing half-written.
 
-What else is refused, and in which words, is in tests/unit/test_refusals.py.
+What else is refused, and in which words, is in tests/unit/importing/test_refusals.py.
 """
 
 import json

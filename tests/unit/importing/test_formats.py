@@ -18,11 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.closed_surfaces import voxelised
+from pinnochio.importing.cohort import read_cases
 from pinnochio.importing.segmentation import read_segmentation
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.surfaces import bone_surface, contour, skin_surface
-from pinnochio.study.cases import read_cases
 
 SEGMENTS = ("lefort1", "mandible")
 STRUCTURES = tuple(internal_codes(SEGMENTS))

@@ -10,8 +10,8 @@ import SimpleITK as sitk
 import yaml
 
 from pinnochio.errors import InputError
+from pinnochio.importing.cohort import read_cases
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
-from pinnochio.study.cases import read_cases
 from pinnochio.study.configuration import check_config
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters

@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pinnochio.code import code_hash
+from pinnochio import code
 from pinnochio.errors import InputError
+from pinnochio.importing.cohort import read_cases
 from pinnochio.seeds import derive_seed
-from pinnochio.study.cases import assign_folds, read_cases, virtual_cases
+from pinnochio.study.cases import assign_folds, virtual_cases
 from pinnochio.study.configuration import REGRESSION, check_config, left_out, surface_networks, variants
 from tests.helpers.settings import ROOT
 
@@ -157,11 +158,12 @@ def test_an_external_method_may_be_the_reference_and_labels_may_lack_muscle():
     check_config(DEFAULTS | {"external": {"mine": "elsewhere"}, "reference": "mine", "labels": labels})
 
 
-def test_code_hash_sees_content_and_survives_a_move(tmp_path):
+def test_code_hash_sees_content_and_survives_a_move(tmp_path, monkeypatch):
     def tree(name, text):
         folder = tmp_path / name
         folder.mkdir()
         (folder / "a.py").write_text(text)
-        return code_hash([folder / "a.py"], folder)
+        monkeypatch.setattr(code, "ROOT", folder)
+        return code.code_hash(folder / "a.py")
 
     assert tree("one", "x = 1") == tree("two", "x = 1") != tree("three", "x = 2")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pinnochio.errors import InputError
-from pinnochio.study.cases import read_cases
+from pinnochio.importing.cohort import read_cases
 
 
 @dataclass(frozen=True)
