@@ -1,54 +1,15 @@
 """Every command of the README and the pages is understood: planned by Snakemake or make, or its options known."""
 
-import re
-import shlex
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import yaml
 
 from pinnochio.patients.archive import RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
-from tests.config.test_readme import PAGES
-from tests.study.conftest import ROOT, Project
-
-FENCE = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.M | re.S)
-# What the pages leave to the reader to fill in.
-FILLED_IN = {
-    "patient=FOLDER": "patient=P01",
-    "path/to/archive": "results/archive",
-    "path/to/folder": "elsewhere",
-    "NAME": "ours",
-    "{nodes}": "500",
-    "[--device cuda]": "--device cuda",
-}
-
-
-def commands(page: Path) -> set[tuple[str, ...]]:
-    """The commands of a page, filled in: lines of its bash blocks, and code that begins with a program or an option."""
-    text, found = page.read_text(encoding="utf-8"), []
-    for language, block in FENCE.findall(text):
-        if language == "bash":
-            found += block.replace("\\\n", " ").splitlines()
-    for span in (" ".join(span.split()) for span in re.findall(r"`([^`]+)`", FENCE.sub("", text))):
-        if re.match(r"(snakemake|make|python) ", span):
-            found.append(span)
-        elif re.match(r"--(config|configfile|resources|default-resources) ", span):
-            found.append(f"snakemake {span}")
-        elif re.match(r"\w+\.py -", span):
-            found.append(f"python tests/benchmarks/{span}")
-    for place, filled_in in FILLED_IN.items():
-        found = [command.replace(place, filled_in) for command in found]
-    found = [re.sub(r" --cores \d+", "", command) for command in found]
-    return {tuple(shlex.split(command, comments=True)) for command in found} - {()}
-
-
-def named_blocks(page: Path) -> dict[str, str]:
-    """The blocks of a page whose first line is a comment that names their file, by that name."""
-    blocks = (block.partition("\n") for _, block in FENCE.findall(page.read_text(encoding="utf-8")))
-    return {first[2:]: rest for first, _, rest in blocks if re.fullmatch(r"# [\w./]+\.\w+", first)}
-
+from tests.helpers.documents import PAGES, commands, named_blocks
+from tests.helpers.settings import ROOT
+from tests.helpers.study import Project
 
 WRITTEN = sorted(set().union(*map(commands, PAGES)))
 

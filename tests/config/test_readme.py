@@ -6,11 +6,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGES = [
-    *(ROOT / f"{folder}README.md" for folder in ("", "config/", "results/")),
-    *sorted((ROOT / "docs").glob("*.md")),
-]
+from tests.helpers.documents import PAGES
+from tests.helpers.settings import ROOT
 
 
 def test_readme_holds_the_reference_table():

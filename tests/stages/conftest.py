@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-import yaml
 
 from pinnochio.mechanics.settings import FemSettings
 from scripts.import_segmentation import import_segmentation
@@ -14,12 +13,7 @@ from scripts.simulate_fem import simulate_fem
 from scripts.tetrahedralize import mesh_case
 from scripts.virtual_outcome import virtual_outcome
 from scripts.virtual_patient import virtual_patient
-
-ROOT = Path(__file__).resolve().parents[2]
-CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text())
-SEGMENTS = tuple(CONFIG["segments"])
-SEED = 7
-MESH = {"nodes": 700, "minimum_dihedral": 12.0, "bone_edge": 6.0}
+from tests.helpers.settings import CONFIG, MESH, SEED, SEGMENTS
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from scripts.predict_no_change import predict_no_change
 from scripts.predict_rule import predict_rule
 from scripts.predict_surface import predict_surface
 from scripts.pretrain_surface import pretrain_surface
-from tests.stages.conftest import CONFIG, SEED
+from tests.helpers.settings import CONFIG, SEED
 
 
 def measured(patient, predictions, metrics):

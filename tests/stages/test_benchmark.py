@@ -16,7 +16,7 @@ from scripts.evaluate import evaluate
 from scripts.list_folds import list_folds
 from scripts.predict_external import predict_external
 from scripts.predict_fem import predict_fem
-from tests.stages.conftest import SEED
+from tests.helpers.settings import SEED
 
 OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
 ACCURACY = ["cd", "cd_sum", "cd_sq", "cd_vertex", "hd95", "hdmax", "hd_mean_oneway"]

@@ -19,7 +19,7 @@ from scripts.evaluate import evaluate
 from scripts.predict_network import predict_network
 from scripts.render_corrections import render_corrections
 from scripts.tabulate_corrections import tabulate_corrections
-from tests.stages.conftest import SEED
+from tests.helpers.settings import SEED
 
 NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
 COUNTS = (1, 3, 8)

@@ -24,7 +24,7 @@ from scripts.export_prediction import export_prediction
 from scripts.import_plan import import_plan
 from scripts.pack import pack
 from scripts.show_prediction import show_prediction
-from tests.stages.conftest import CONFIG, SEGMENTS
+from tests.helpers.settings import CONFIG, SEGMENTS
 
 METHOD = "pinnochio_plus"
 

@@ -14,7 +14,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.virtual.outcome import admissible
 from scripts.register_postop import register_postop
 from scripts.virtual_outcome import virtual_outcome
-from tests.stages.conftest import CONFIG, MESH, SEED, SEGMENTS
+from tests.helpers.settings import CONFIG, MESH, SEED, SEGMENTS
 
 
 @pytest.fixture(scope="module")

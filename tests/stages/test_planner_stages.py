@@ -24,7 +24,7 @@ from scripts.make_lift import write_lift
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
 from scripts.prepare_planner import prepare_planner
-from tests.stages.conftest import CONFIG, SEGMENTS
+from tests.helpers.settings import CONFIG, SEGMENTS
 
 METHOD = "pinnochio_plus"
 SMALL = NetworkSettings(

@@ -24,7 +24,7 @@ from scripts.provenance import provenance
 from scripts.render_case import render_case
 from scripts.render_volume import render_volume
 from scripts.write_report import write_report
-from tests.stages.conftest import CONFIG, ROOT
+from tests.helpers.settings import CONFIG, ROOT
 
 FORWARD = "pinnochio_plus"  # carries every node 2 mm forward
 CAPTIONS = ROOT / "workflow/report"

@@ -16,7 +16,7 @@ from pinnochio.tables.scaling import SCALING
 from pinnochio.training.checkpoint import save_network
 from pinnochio.training.settings import TrainingSettings
 from scripts.measure_scaling import measure_scaling, training_step, warm_plan
-from tests.stages.conftest import CONFIG, SEED, SEGMENTS
+from tests.helpers.settings import CONFIG, SEED, SEGMENTS
 
 NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
 TRAINING = TrainingSettings(steps=4, learning_rate=1e-3)

@@ -16,7 +16,7 @@ from pinnochio.tables.reductions import SCENES, TRIALS
 from scripts.collect_scenes import collect_scenes
 from scripts.make_scene import make_scene
 from scripts.measure_scene import measure_scene
-from tests.stages.conftest import CONFIG, MESH, SEED, SEGMENTS
+from tests.helpers.settings import CONFIG, MESH, SEED, SEGMENTS
 
 LEFORT = "lefort1"
 

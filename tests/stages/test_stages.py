@@ -42,7 +42,7 @@ from scripts.solve_plan import solve_plan
 from scripts.tabulate_training import tabulate_training
 from scripts.time_stages import time_stages
 from scripts.virtual_patient import virtual_patient
-from tests.stages.conftest import CONFIG, SEED, SEGMENTS
+from tests.helpers.settings import CONFIG, SEED, SEGMENTS
 
 NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
 

@@ -19,7 +19,7 @@ from scripts.calibrate import ScannedCase, calibrate
 from scripts.collect_coverage import collect_coverage
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
-from tests.stages.conftest import SEED
+from tests.helpers.settings import SEED
 
 NETWORK = NetworkSettings(boundary_layers=1, volume_layers=1, channels=16, heads=2)
 FOLDS = ("1", "2", "3")

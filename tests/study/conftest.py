@@ -1,79 +1,15 @@
 """The real workflow, run in a temporary copy of the project."""
 
-import re
 import shlex
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-DATA = ROOT.parent / "shared/data"  # real heads, which are not part of the project
-SOON = ("--max-jobs-per-timespan", "2000/2s")  # Snakemake ends one time span after its last job
-PARTS = ("Snakefile", "rules", "scripts", "workflow", "config", "profiles", "envs", "examples")
-
-
-class Project:
-    """A copy of the project in which Snakemake can be run; compiled loops come along where there are any."""
-
-    def __init__(self, folder: Path):
-        self.folder = folder
-        for part in PARTS:
-            source = ROOT / part
-            if source.is_dir():
-                shutil.copytree(source, folder / part, ignore=shutil.ignore_patterns("*.pyc"))
-            elif source.exists():
-                shutil.copy(source, folder / part)
-
-    def snakemake(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
-        """Run Snakemake with the arguments; its output is in `stdout` (both streams)."""
-        return subprocess.run(
-            [sys.executable, "-m", "snakemake", "--cores", str(cores), *SOON, *arguments],
-            cwd=self.folder,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            check=False,
-        )
-
-    def start(self, *arguments: str, **options) -> subprocess.Popen:
-        """Begin to run Snakemake; its output, both streams, goes to `said.txt` of the folder."""
-        with open(self.folder / "said.txt", "w", encoding="utf-8") as said:
-            return subprocess.Popen(
-                [sys.executable, "-m", "snakemake", *SOON, *arguments],
-                cwd=self.folder,
-                stdout=said,
-                stderr=subprocess.STDOUT,
-                **options,
-            )
-
-    @property
-    def said(self) -> str:
-        return (self.folder / "said.txt").read_text(encoding="utf-8")
-
-    def repeatable(self, table: str) -> pd.DataFrame:
-        """A table, named by its path below `results`, without timings."""
-        return without_timings(pd.read_csv(self.folder / "results" / table))
-
-    def quick(self, *arguments: str) -> str:
-        """Run the quick study; returns the output, fails if Snakemake does."""
-        done = self.snakemake("--configfile", "config/quick.yaml", *arguments)
-        assert done.returncode == 0, done.stdout[-4000:]
-        return done.stdout
-
-
-def without_timings(table: pd.DataFrame) -> pd.DataFrame:
-    """A table without the columns that differ from run to run."""
-    return table[[column for column in table if not re.search(r"seconds|threads", column)]]
-
-
-def jobs(said: str) -> dict[str, int]:
-    """Number of jobs of each rule, from what Snakemake says at the start of a run."""
-    table = said.split("Job stats:")[1].split("\n\n")[0]
-    return {name: int(count) for name, count in re.findall(r"^(\w+) +(\d+)$", table, re.M) if name != "total"}
+from tests.helpers.settings import DATA
+from tests.helpers.study import Project
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -4,8 +4,9 @@ import h5py
 import numpy as np
 import pandas as pd
 
-from tests.config.test_commands import ROOT, named_blocks
-from tests.study.test_bad_input import write_case
+from tests.helpers.documents import named_blocks
+from tests.helpers.settings import ROOT
+from tests.helpers.study import write_case
 
 
 def test_a_method_added_as_the_page_says_is_a_row_of_the_table(project):

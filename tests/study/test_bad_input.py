@@ -1,43 +1,17 @@
 """Bad input stops the study before any heavy work: one clear error, nothing half-written.
 
-What else is refused, and in which words, is in tests/unit/test_refusals.py.
+What else is refused, and in which words, is in tests/unit/importing/test_refusals.py.
 """
 
 import json
 
 import numpy as np
 import pytest
-import SimpleITK as sitk
-import trimesh
+
+from tests.helpers.study import good_labels, write_case
 
 CODES = {"superficial": 1, "muscle": 2, "cranium": 10, "lefort1": 11, "mandible_distal": 12}
 CODES |= {"proximal_left": 13, "proximal_right": 14}
-
-
-def write_case(folder, name="P1", *, labels=None, plan=None, scale=1.0):
-    """A small head: nested boxes with every structure, its plan and its post-operative skin."""
-    if labels is None:
-        labels = good_labels()
-    image = sitk.GetImageFromArray(labels.transpose(2, 1, 0))
-    image.SetSpacing((3.0, 3.0, 3.0))
-    sitk.WriteImage(image, str(folder / f"{name}.nii.gz"))
-    motion = {"rotation": np.eye(3).tolist(), "translation": [0, -5, 0], "pivot": [0, 0, 0]}
-    (folder / f"{name}.json").write_text(json.dumps(plan or {"case": name, "segments": {"lefort1": motion}}))
-    sphere = trimesh.creation.box(extents=(100, 100, 100))
-    sphere.apply_translation((60, 60, 60))
-    sphere.apply_scale(scale)
-    sphere.export(folder / f"{name}.ply")
-    return f"{name}\t{name}.nii.gz\t{name}.json\t{name}.ply\n"
-
-
-def good_labels():
-    labels = np.zeros((40, 40, 40), np.uint8)
-    labels[4:36, 4:36, 4:36] = 1
-    labels[7:33, 7:33, 7:33] = 2
-    for code, low in ((10, 28), (11, 22), (12, 10)):
-        labels[10:30, 10:30, low : low + 5] = code
-    labels[30:32, 10:30, 12:20], labels[8:10, 10:30, 12:20] = 13, 14
-    return labels
 
 
 def without(code):

@@ -10,7 +10,7 @@ import pytest
 import pyvista as pv
 
 from pinnochio.model.predictions import read_prediction
-from tests.study.conftest import jobs
+from tests.helpers.study import jobs
 
 OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
 

@@ -5,7 +5,7 @@ import subprocess
 import pytest
 
 from pinnochio.files import ROOM
-from tests.study.test_bad_input import write_case
+from tests.helpers.study import write_case
 
 CONFIG = ("--config", "cohort=cases.tsv", "folds=2")
 MODEL = "results/cases/P1/model.h5"

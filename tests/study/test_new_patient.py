@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from tests.study.conftest import jobs
+from tests.helpers.study import jobs
 
 METHOD = "pinnochio_plus"
 SHARED = ("import_patient", "check_patient", "mesh_patient", "label_patient", "report_patient", "lift_patient")

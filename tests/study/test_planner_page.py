@@ -20,7 +20,8 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.planner.forecast import Forecaster
 from pinnochio.planner.prepared import Given
 from pinnochio.plans.plan import Plan
-from tests.study.conftest import ROOT, Project
+from tests.helpers.settings import ROOT
+from tests.helpers.study import Project
 
 CHROMIUM = shutil.which("chromium")
 MISSING = [name for name in ("trame", "trame_vtk", "trame_vuetify", "playwright") if not importlib.util.find_spec(name)]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tests.study.conftest import jobs, without_timings
+from tests.helpers.study import jobs, without_timings
 
 LEARNED = ["pinnochio_unified", "pinnochio_no_physics", "pinnochio", "pinnochio_plus"]
 SURFACE = ["acmt", "acmt_pretrained", "dgcfp", "dgcfp_pretrained"]

@@ -2,7 +2,7 @@
 
 import re
 
-from tests.study.conftest import jobs
+from tests.helpers.study import jobs
 
 
 def made(studied, *arguments) -> str:

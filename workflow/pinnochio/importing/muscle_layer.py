@@ -10,7 +10,7 @@ from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
 
 LOG = logging.getLogger(__name__)
 LABELLED, DERIVED, SINGLE, REFUSE = "labelled", "derived", "single", "refuse"
-# The rule; its volume and overlap on the labelled muscles of virtual heads are in tests/unit/test_muscle_layer.py.
+# The rule; volume and overlap on labelled muscles of virtual heads are in tests/unit/importing/test_muscle_layer.py.
 BELOW_SKIN = 3.5  # mm
 OFF_MUCOSA = 2.0  # mm
 OPENING = 8.0  # mm; air behind a narrower opening is mouth, not outside

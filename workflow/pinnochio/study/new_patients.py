@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pinnochio.errors import InputError
 from pinnochio.files import check_name
-from pinnochio.study.cases import read_cases
+from pinnochio.importing.cohort import read_cases
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from pinnochio.experiments.tradeoff_settings import network_settings
 from pinnochio.methods.registry import Method, graph_networks, registry
 from pinnochio.patients.archive import configuration_hash
 from pinnochio.report.parts import FURTHER, PARTS
-from pinnochio.study.cases import Case, assign_folds, external_file, read_cases, virtual_cases
+from pinnochio.importing.cohort import Case, read_cases
+from pinnochio.study.cases import assign_folds, external_file, virtual_cases
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, read_patients
 

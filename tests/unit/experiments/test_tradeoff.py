@@ -1,0 +1,190 @@
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pinnochio.errors import InputError
+from pinnochio.experiments.tradeoff import Reference, judge, predict_fem
+from pinnochio.experiments.tradeoff_choice import SAFETY, check_choices, choose_setting
+from pinnochio.experiments.tradeoff_settings import Setting, as_in_the_study, fem_settings, network_settings
+from pinnochio.figures.tradeoff import tradeoff_picture
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.plans.plan import Plan
+from pinnochio.tables.engine import check
+from pinnochio.tables.tradeoff import TRADEOFF_CASES, answers, pareto, summarise, write_tradeoff
+from tests.helpers.patients import tiny_patient
+
+# method, value, seconds, cd, face error
+SETTINGS = (
+    ("fast", "1", 0.01, 0.9, 0.5),
+    ("middle", "1", 0.2, 0.7, 0.2),
+    ("middle", "2", 0.5, 0.65, 0.1),
+    ("bad", "1", 0.6, 0.8, 0.3),
+    ("slow", "1", 8.0, 0.6, 0.0),
+)
+
+
+def rows(factors=None) -> pd.DataFrame:
+    """Rows of TRADEOFF_CASES: SETTINGS on patients whose seconds and errors are multiples."""
+    found = []
+    for case, (time, error) in (factors or {"A": (1, 1), "B": (1.1, 0.9), "C": (0.9, 1.1)}).items():
+        for method, value, seconds, cd, face in SETTINGS:
+            recipe = "" if method == "bad" else json.dumps({"method": method})
+            row = {"case": case, "method": method, "dial": "turn", "value": value, "recipe": recipe, "nodes": 100}
+            row |= {"seconds": seconds * time, "setup_seconds": 0, "threads": 1, "converged": True, "cd": cd * error}
+            row |= {"face_error": face * error, "face_error_max": 3 * face, "volume_error": face, "eqres_rel": 0.1}
+            found.append(row | {"min_jacobian": 0.5, "inverted": 0})
+    return pd.DataFrame(found)
+
+
+def test_the_front_is_what_comparing_all_pairs_leaves():
+    rng = np.random.default_rng(3)
+    seconds = rng.integers(1, 30, 200).astype(float)
+    errors = 30 - seconds + rng.integers(0, 12, 200)
+    errors[::17] = np.nan
+    front = pareto(seconds, errors)
+    for i in range(len(seconds)):
+        beaten = (seconds <= seconds[i]) & (errors <= errors[i]) & ((seconds < seconds[i]) | (errors < errors[i]))
+        twin = (seconds == seconds[i]) & (errors == errors[i]) & (np.arange(len(seconds)) < i)
+        assert front[i] == (np.isfinite(errors[i]) and not beaten.any() and not twin.any())
+    assert 5 < front.sum() < 30
+
+
+def test_means_over_patients_and_both_fronts():
+    frame = summarise(rows()).set_index(["method", "value"])
+    assert frame["n"].eq(3).all()
+    assert frame.loc[("fast", "1"), "seconds"] == pytest.approx(0.01)
+    assert frame.loc[("slow", "1"), "seconds_max"] == pytest.approx(8.8)
+    assert frame["front_outcome"].tolist() == [True, True, True, False, True]
+    assert frame["front_reference"].tolist() == [True, True, True, False, True]
+
+
+def test_what_fails_on_one_patient_is_on_no_front():
+    own = rows()
+    own.loc[(own["case"] == "B") & (own["method"] == "slow"), "converged"] = False
+    frame = summarise(own).set_index("method")
+    assert frame.loc["slow", "failed"] == 1 and not frame.loc["slow", "front_outcome"]
+    assert "slow, turn 1 (1 of 3)" in answers(summarise(own), "virtual cohort")[3]
+
+
+def test_the_three_questions_are_answered_from_the_rows():
+    best, cost, worse, failed = answers(summarise(rows()), "virtual cohort")
+    assert "under 0.1 s fast, turn 1 (0.900 mm, 0.01 s) is nearest to the outcome" in best
+    assert "under 1 s middle, turn 2 (0.650 mm, 0.5 s) is nearest to the outcome" in best
+    assert "under 10 s slow, turn 1 (0.600 mm, 8 s)" in best and "n = 3 patients" in best
+    # 0.7 mm is the first within 0.1 mm of 0.6, at a fortieth of its time.
+    assert "against the outcome from middle, turn 1 (0.700 mm, 0.2 s) to slow, turn 1 (0.600 mm, 8 s), 40 times" in cost
+    assert "bad, turn 1 (0.800 mm, 0.6 s), beaten by middle, turn 2" in worse and "slow" not in worse
+    assert failed.endswith("nothing.")
+
+
+def test_a_choice_keeps_the_budget_with_a_margin_on_every_patient():
+    frame = summarise(rows())
+    assert choose_setting(frame, budget_seconds=SAFETY * 0.56)["value"] == "2"  # 0.5 s took 0.55 on patient B
+    assert choose_setting(frame, budget_seconds=SAFETY * 0.54)["value"] == "1"
+    assert choose_setting(frame, tolerance_mm=0.21)["seconds"] == pytest.approx(0.2)
+    assert choose_setting(frame, budget_seconds=100, tolerance_mm=0.05)["method"] == "slow"
+    assert choose_setting(frame, tolerance_mm=0.35)["method"] == "middle"  # `bad` cannot be repeated
+
+
+def test_an_impossible_wish_is_told_what_is_possible():
+    with pytest.raises(InputError, match="budget_seconds 0.001.*ask for 0.017 s or more"):
+        choose_setting(summarise(rows()), budget_seconds=1e-3)
+    with pytest.raises(InputError, match="tolerance_mm 0.01"):
+        choose_setting(summarise(rows()), budget_seconds=1, tolerance_mm=0.01)
+
+
+def test_choices_are_tried_on_patients_that_the_front_does_not_know():
+    own = rows({"A": (1, 1), "B": (1, 1), "C": (10, 2)})
+    tried = check_choices(own, [1.0], [0.1]).set_index("asked")
+    budget = tried.loc["budget_seconds 1"]
+    # A and B see C's 5 s and take the setting of 0.2 s, 2 s on C, not; C takes what the others need 0.5 s for: 5 s.
+    assert (budget["n"], budget["kept"]) == (3, 2)
+    assert budget["seconds_max"] == pytest.approx(5)
+    assert budget["cd_expected"] == pytest.approx((1.35 + 1.35 + 0.65) / 3)
+    assert budget["cd"] == pytest.approx((0.9 + 0.9 + 1.3) / 3)
+    assert budget["cd_near"] == 0
+    assert tried.loc["tolerance_mm 0.1", "kept"] == 2  # C's error is twice what A and B foretell
+
+
+def test_a_budget_that_nothing_keeps_is_said_so():
+    row = check_choices(rows(), [1e-4], []).iloc[0]
+    assert (row["n"], row["kept"], row["setting"]) == (0, 0, "none") and np.isnan(row["cd"])
+
+
+def test_the_dials_turn_one_thing_at_a_time():
+    config = {"reference": 9000, "nodes": [500, 1000], "mixed": ["taylor_hood"], "increments": [4], "tolerances": [0.1]}
+    own = fem_settings(1000, config)
+    assert (own[0].method, own[0].nodes) == ("fem_sliding", 9000)
+    assert len({(s.method, s.dial, s.value) for s in own}) == len(own)
+    base = [s for s in own if s.dial == "nodes" and s.nodes == 1000]
+    assert [s.method for s in base] == ["elastic", "fem_bonded", "fem_sliding"]
+    assert all(s.nodes == 1000 for s in own if s.dial != "nodes")
+    assert json.loads(next(s for s in own if s.dial == "tolerance").recipe)["fem"] == {"tolerance": 0.1}
+    variants = {
+        "a": {"newton_corrections": 1, "network": {"channels": 64}},
+        "b": {"newton_corrections": 1, "network": {"channels": 32}},
+    }
+    network = {"networks": ["a"], "further": ["b"], "corrections": [0, 2], "nodes": [500, 1000, 9000]}
+    own = network_settings(1000, network | {"largest_network": 1000}, variants)
+    assert [(s.dial, s.value) for s in own if s.method == "a"] == [
+        ("corrections", "0"),
+        ("corrections", "1, as in the study"),
+        ("corrections", "2"),
+        ("nodes", "500"),
+        ("precision", "double"),
+    ]
+    assert [(s.dial, s.value) for s in own if s.method == "b"] == [("network", "channels 32")]
+
+
+def test_judging_the_reference_itself_finds_no_error():
+    """And a face moved by a known vector is as far off as that vector is long."""
+    patient = tiny_patient(3)
+    plan = Plan("tiny", {name: RigidMotion(translation=np.array([0, -1.0, 0])) for name in patient.segments})
+    fem = FemSettings({"muscle": 6, "superficial": 4}, 0.45)
+    solved = predict_fem(Setting("fem_bonded", "nodes", "", 0), patient, plan, fem, 1)
+    assert solved.converged and solved.seconds > 0
+    reference = Reference(patient, solved.displacement)
+    target = patient.moved_skin(solved.displacement), patient.skin_faces
+    row = judge(as_in_the_study("x", 0), "tiny", patient, solved, target, reference, fem, 500, 1)
+    assert row["face_error"] == 0 and row["volume_error"] < 1e-9 and row["cd"] < 1e-9
+    assert row["eqres_rel"] < fem.tolerance and row["recipe"] == ""
+    off = patient.moved_skin(solved.displacement) + [0.3, 0, 0.4]
+    assert reference.face_errors(patient, off) == pytest.approx(0.5)
+
+
+def test_linear_elasticity_is_near_finite_elements_for_a_small_move():
+    patient = tiny_patient(3)
+    plan = Plan("tiny", {name: RigidMotion(translation=np.array([0, -0.01, 0])) for name in patient.segments})
+    fem = FemSettings({"muscle": 6, "superficial": 4}, 0.45)
+    linear, solved = (
+        predict_fem(Setting(method, "nodes", "", 0), patient, plan, fem, 1) for method in ("elastic", "fem_sliding")
+    )
+    assert np.abs(linear.displacement - solved.displacement).max() < 1e-4
+
+
+def test_another_element_gives_nearly_the_same_field():
+    patient = tiny_patient(3)
+    plan = Plan("tiny", {name: RigidMotion(translation=np.array([0, -1.0, 0])) for name in patient.segments})
+    fem = FemSettings({"muscle": 6, "superficial": 4}, 0.45)
+    own, *others = (
+        predict_fem(Setting("fem_bonded", "element", name, 0, {"volumetric": name}), patient, plan, fem, 1).displacement
+        for name in ("taylor_hood", "patch", "averaged", "p1")
+    )
+    size = np.linalg.norm(own, axis=1).mean()
+    errors = [np.linalg.norm(other - own, axis=1).mean() / size for other in others]
+    assert 0 < max(errors[:2]) < 0.2  # of elements that do not lock, on a block of four layers
+    assert max(errors[:2]) < errors[2] < 0.4
+
+
+def test_table_and_pictures_are_written(tmp_path):
+    frame = summarise(rows())
+    write_tradeoff(frame, tmp_path / "tradeoff.csv", paragraphs=["And more."])
+    text = (tmp_path / "tradeoff.md").read_text()
+    assert "virtual cohort, n = 3 held-out patients" in text and "What the last 0.1 mm cost" in text
+    assert text.rstrip().endswith("And more.")
+    tradeoff_picture(frame, [tmp_path / "a.png", tmp_path / "a.svg"])
+    assert (tmp_path / "a.png").stat().st_size > 20_000 and "<svg" in (tmp_path / "a.svg").read_text()[:500]
+    assert len(check(rows(), TRADEOFF_CASES)) == 15

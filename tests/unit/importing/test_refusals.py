@@ -1,0 +1,337 @@
+"""What users bring in wrong: each is refused at import, by the name of case and file, with a remedy."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+import pyvista as pv
+import SimpleITK as sitk
+import yaml
+
+from pinnochio.errors import InputError
+from pinnochio.importing.cohort import read_cases
+from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
+from pinnochio.study.configuration import check_config
+from pinnochio.virtual.head import build_head
+from pinnochio.virtual.parameters import sample_parameters
+from scripts.import_segmentation import import_segmentation
+from scripts.register_postop import register_postop
+from tests.helpers.settings import ROOT
+
+SEGMENTS = ("lefort1", "mandible")
+CODES = {"superficial": 1, "muscle": 2, "cranium": 10, "lefort1": 11, "mandible": 12}
+PLAIN = ".nii.gz"
+
+
+def head():
+    """Nested blocks, 3 mm voxels: skin, muscle, three bones."""
+    labels = np.zeros((40, 40, 40), np.uint8)
+    labels[4:36, 4:36, 4:36] = 1
+    labels[7:33, 7:33, 7:33] = 2
+    for code, low in ((10, 28), (11, 20), (12, 10)):
+        labels[10:30, 10:30, low : low + 5] = code
+    return labels
+
+
+def changed(*box, code, clear=None):
+    """The head with a box of voxels set to `code`; `clear`: a code that becomes superficial first."""
+    labels = head()
+    if clear is not None:
+        labels[labels == clear] = 1
+    if box:
+        labels[box] = code
+    return labels
+
+
+def write_image(path, labels, spacing=3.0):
+    image = sitk.GetImageFromArray(np.asarray(labels).transpose(2, 1, 0))
+    image.SetSpacing((spacing,) * 3)
+    sitk.WriteImage(image, str(path))
+    return path
+
+
+def motion(**parts):
+    return {"rotation": np.eye(3).tolist(), "translation": [0, -5, 0], "pivot": [0, 0, 0]} | parts
+
+
+def plan_text(segment="lefort1", case="P1", head=None, **parts):
+    return json.dumps({"case": case} | (head or {}) | {"segments": {segment: motion(**parts)}})
+
+
+def run_import(folder, segmentation=None, plan=None, values=CODES, segments=SEGMENTS, unlabelled="derived", limit=2.0):
+    """Import a case into folder/out; segmentation and plan are paths, by default good ones."""
+    if segmentation is None:
+        segmentation = write_image(folder / f"P1{PLAIN}", head())
+    if plan is None:
+        plan = folder / "P1.json"
+        plan.write_text(plan_text())
+    names = ("labels.nii.gz", "bone.vtp", "skin.vtp", "plan.json", "report.json")
+    outputs = {name.split(".")[0]: str(folder / "out" / name) for name in names}
+    import_segmentation(
+        "P1", str(segmentation), str(plan), values, segments, "header", limit, unlabelled, 6.0, outputs
+    )  # fmt: skip
+
+
+def of_labels(labels, spacing=3.0, suffix=PLAIN, **settings):
+    """Imports the map `labels`."""
+    return lambda folder: run_import(folder, write_image(folder / f"P1{suffix}", labels, spacing), **settings)
+
+
+def of_text(name, text):
+    """Imports a segmentation file that holds text."""
+
+    def act(folder):
+        (folder / name).write_text(text)
+        run_import(folder, folder / name)
+
+    return act
+
+
+def of_plan(text):
+    def act(folder):
+        (folder / "P1.json").write_text(text)
+        run_import(folder, plan=folder / "P1.json")
+
+    return act
+
+
+def of_transforms(**transforms):
+    """Imports with a folder of transforms by file name (a dot is written as two underscores)."""
+
+    def act(folder):
+        (folder / "plan").mkdir()
+        for name, transform in transforms.items():
+            sitk.WriteTransform(transform, str(folder / "plan" / name.replace("__", ".")))
+        run_import(folder, plan=folder / "plan")
+
+    return act
+
+
+def scaling():
+    transform = sitk.AffineTransform(3)
+    transform.Scale((1.1, 1.1, 1.1))
+    return transform
+
+
+def slicer_names(*names):
+    """Imports a .seg.nrrd whose segments bear these names, in the order of CODES."""
+
+    def act(folder):
+        image = sitk.GetImageFromArray(head().transpose(2, 1, 0))
+        image.SetSpacing((3.0,) * 3)
+        for number, (name, value) in enumerate(zip(names, CODES.values(), strict=True)):
+            for key, text in (("ID", f"s{number}"), ("Name", name), ("LabelValue", str(value)), ("Layer", "0")):
+                image.SetMetaData(f"Segment{number}_{key}", text)
+        sitk.WriteImage(image, str(folder / "P1.seg.nrrd"))
+        run_import(folder, folder / "P1.seg.nrrd", values={name: name for name in CODES})
+
+    return act
+
+
+def surfaces(make):
+    """Imports a folder of closed surfaces that `make` fills."""
+
+    def act(folder):
+        (folder / "P1").mkdir()
+        make(folder / "P1")
+        run_import(folder, folder / "P1")
+
+    return act
+
+
+def open_surfaces(folder):
+    for name in CODES:
+        sphere = pv.Sphere(radius=60, theta_resolution=20, phi_resolution=20)
+        if name == "lefort1":
+            sphere = sphere.clip("z", origin=(0, 0, 10))
+        sphere.extract_surface(algorithm="dataset_surface").triangulate().save(folder / f"{name}.stl")
+
+
+@cache
+def patient(number):
+    """Bone and skin of a coarse virtual patient whose brow is wavy, so that left and right differ."""
+    made = build_head(sample_parameters(np.random.default_rng(number), "asymmetry"), 3.0)
+    grid = made.spacing, made.origin
+    points, faces = skin_surface(made.labels, *grid, 4.0)
+    points[:, 1] += 4 * np.sin(points[:, 0] / 12)
+    return made.segments, bone_surface(made.labels, *grid, made.segments, 8.0), (points, faces)
+
+
+def run_register(folder, scan, limit=1.5, top=1e9):
+    """Register the scan at path `scan` on patient 1, whose skin ends at height `top`."""
+    segments, bone, (points, faces) = patient(1)
+    faces = faces[(points[faces, 2] < top).all(axis=1)]
+    used, faces = np.unique(faces, return_inverse=True)
+    (folder / "given").mkdir()
+    bone.write(folder / "given/bone.vtp")
+    write_surface(points[used], faces.reshape(-1, 3), folder / "given/skin.vtp")
+    (folder / "out").mkdir()
+    given = str(folder / "given/skin.vtp"), str(folder / "given/bone.vtp")
+    register_postop("P1", str(scan), *given, segments, 20.0, limit, str(folder / "out/postop.h5"))
+
+
+def of_scan(points, faces=None, suffix="ply", **settings):
+    def act(folder):
+        points_, faces_ = points() if callable(points) else (points, faces)
+        write_surface(points_, faces_, folder / f"P1.{suffix}")
+        run_register(folder, folder / f"P1.{suffix}", **settings)
+
+    return act
+
+
+def of_scan_file(name, text=None):
+    def act(folder):
+        if text is not None:
+            (folder / name).write_text(text)
+        run_register(folder, folder / name)
+
+    return act
+
+
+def skin_of(number, factor=1.0, mirrored=False):
+    def make():
+        points, faces = patient(number)[2]
+        return (points * [-1, 1, 1], faces[:, ::-1]) if mirrored else (factor * points, faces)
+
+    return make
+
+
+def with_nan():
+    points, faces = skin_of(1)()
+    points = points.copy()
+    points[7] = np.nan
+    return points, faces
+
+
+def of_table(text, *files):
+    """Reads a cohort table; the files exist."""
+
+    def act(folder):
+        for file in files:
+            (folder / file).touch()
+        if text is not None:
+            (folder / "cases.tsv").write_text(text)
+        read_cases(folder / "cases.tsv")
+
+    return act
+
+
+HEADER = "case\tsegmentation\tplan\tpostop\n"
+ROW = "P1\ta.nii.gz\ta.json\t\n"
+FILES = ("a.nii.gz", "a.json")
+
+
+def of_config(**change):
+    defaults = ROOT / "config/config.yaml"
+    config = yaml.safe_load(defaults.read_text(encoding="utf-8"))
+    config |= {"segments": list(SEGMENTS), "labels": CODES, "methods": ["no_change"], "reference": "no_change"}
+    return lambda folder: check_config(config | change)
+
+
+noise = np.random.default_rng(0)
+noisy = head()
+noisy[tuple(noise.integers(11, 29, (3, 900)))] = 12
+
+# What is wrong: what is done with it, the case and the file of the error, words of its message.
+BAD = {
+    # the segmentation file
+    "no segmentation": (lambda f: run_import(f, f / "P1.nrrd"), "P1", "P1.nrrd", "does not exist"),
+    "a picture": (of_text("P1.jpg", "JFIF"), "P1", "P1.jpg", "no image format known here"),
+    "text as NIfTI": (of_text("P1.nii", "labels"), "P1", "P1.nii", "cannot be read as an image"),
+    "one slice": (of_labels(head()[:, :, 12:13]), "P1", "P1.nii.gz", "not a volume"),
+    "NaN voxels": (of_labels(np.where(head() == 0, np.nan, head())), "P1", "P1.nii.gz", "NaN or infinite"),
+    "the scan itself": (of_labels(head() * 0.37), "P1", "P1.nii.gz", "not whole numbers"),
+    "all air": (of_labels(0 * head()), "P1", "P1.nii.gz", "every voxel is 0"),
+    "metres": (of_labels(head(), 0.003, ".mha"), "P1", "P1.mha", "0.096 mm.*metres"),
+    "centimetres": (of_labels(head(), 0.3, ".nrrd"), "P1", "P1.nrrd", "9.6 mm.*centimetres"),
+    "micrometres": (of_labels(head(), 3000.0), "P1", "P1.nii.gz", "9.6e[+]04 mm.*micrometres"),
+    "no mandible": (of_labels(changed(code=0, clear=12)), "P1", "P1.nii.gz", "bone 'mandible' .* 12. is empty"),
+    "no skin": (of_labels(np.where(head() == 1, 0, head())), "P1", "P1.nii.gz", "tissue 'superficial' .* is empty"),
+    "unnamed segment": (of_labels(head(), segments=(*SEGMENTS, "chin")), "P1", "P1.nii.gz", "no voxel value.* 'chin'"),
+    "name without names": (of_labels(head(), values=CODES | {"mandible": "Jaw"}), "P1", "P1.nii.gz", "'Jaw'.*no names"),
+    "Slicer name missing": (slicer_names("superficial", "muscle", "cranium", "lefort1", "jaw"), "P1", "P1.seg.nrrd",
+                            "is called 'mandible'.* 'jaw'"),
+    "Slicer name twice": (slicer_names("superficial", "muscle", "lefort1", "lefort1", "mandible"), "P1", "P1.seg.nrrd",
+                          "cranium"),
+    "folder without surfaces": (surfaces(lambda folder: None), "P1", "P1", "holds no surface"),
+    "open surface": (surfaces(open_surfaces), "P1", "lefort1.stl", "not closed"),
+    # what the labels show
+    "no muscle where it is wanted": (of_labels(changed(code=0, clear=2), unlabelled="refuse"), "P1", "P1.nii.gz",
+                                     "no muscle is labelled"),
+    "jaw in two halves": (of_labels(changed(np.s_[18:22], np.s_[10:30], np.s_[10:15], code=2)), "P1", "P1.nii.gz",
+                          "'mandible' is in pieces of 800 and 800 voxels.*mandible_left"),
+    "fragments": (of_labels(changed(np.s_[8:14], np.s_[8:14], np.s_[26:28], code=11)), "P1", "P1.nii.gz",
+                  "3.47 % of 'lefort1' .72 of 2072 voxels; the limit is 2 %."),
+    "salt and pepper": (of_labels(noisy), "P1", "P1.nii.gz", "stray voxels.* of 'mandible'"),
+    "holes": (of_labels(changed(np.s_[14:17], np.s_[14:17], np.s_[11:14], code=0), spacing=2.0, limit=1.0), "P1",
+              "P1.nii.gz", "1.37 % of 'mandible' .27 of 1973"),
+    "two faces": (of_labels(changed(np.s_[:], np.s_[:], np.s_[16:18], code=0)), "P1", "P1.nii.gz",
+                  "'soft tissue' is in pieces.*one body"),
+    "a segment of a few voxels": (of_labels(changed(np.s_[20:22], np.s_[20:22], np.s_[12:15], code=12, clear=12)), "P1",
+                                  "P1.nii.gz", "100 % of 'mandible'"),
+    # the plan
+    "plan is no JSON": (of_plan("lefort1: 5 mm"), "P1", "P1.json", "is not JSON"),
+    "plan without segments": (of_plan('{"case": "P1"}'), "P1", "P1.json", "no 'segments'"),
+    "plan in RAS": (of_plan(plan_text(head={"frame": "RAS"})), "P1", "P1.json", "frame is 'RAS'"),
+    "plan in cm": (of_plan(plan_text(head={"units": "cm"})), "P1", "P1.json", "units is 'cm'"),
+    "plan of another case": (of_plan(plan_text(case="P2")), "P1", "P1.json", "belongs to case 'P2'"),
+    "plan for no such segment": (of_plan(plan_text("chin")), "P1", "P1.json", "'chin', which is not a segment"),
+    "scaled rotation": (of_plan(plan_text(rotation=(2 * np.eye(3)).tolist())), "P1", "P1.json", "not a rotation"),
+    "mirroring": (of_plan(plan_text(rotation=np.diag([-1, 1, 1]).tolist())), "P1", "P1.json", "not a rotation"),
+    "NaN translation": (of_plan(plan_text(translation=[0, float("nan"), 0])), "P1", "P1.json", "not finite"),
+    "400 mm translation": (of_plan(plan_text(translation=[0, 400, 0])), "P1", "P1.json", "400 mm"),
+    "far pivot": (of_plan(plan_text(rotation=[[0, -1, 0], [1, 0, 0], [0, 0, 1]], pivot=[0, 900, 0])), "P1", "P1.json",
+                  "carries a point of 'lefort1'"),
+    "two-number translation": (of_plan(plan_text(translation=[0, 5])), "P1", "P1.json", "needs rotation"),
+    "folder without transforms": (of_transforms(), "P1", "plan", "holds no transform"),
+    "scaling transform": (of_transforms(lefort1__tfm=scaling()), "P1", "lefort1.tfm", "scales, shears or mirrors"),
+    "two transforms": (of_transforms(lefort1__tfm=sitk.Euler3DTransform(), lefort1__h5=sitk.Euler3DTransform()), "P1",
+                       "lefort1.tfm", "two transforms"),
+    "transform of no segment": (of_transforms(chin__tfm=sitk.Euler3DTransform()), "P1", "plan", "'chin'"),
+    # the post-operative scan
+    "no scan": (of_scan_file("P1.stl"), "P1", "P1.stl", "does not exist"),
+    "point cloud": (of_scan_file("P1.xyz", "0 0 0\n"), "P1", "P1.xyz", "no surface format known here"),
+    "scan without triangles": (of_scan(np.eye(3), np.zeros((0, 3), int), "vtp"), "P1", "P1.vtp", "surface is empty"),
+    "scan with NaN": (of_scan(with_nan), "P1", "P1.ply", "not finite"),
+    "scan in micrometres": (of_scan(skin_of(1, 1000.0)), "P1", "P1.ply", "1e[+]03 times the size"),
+    "another patient's scan": (of_scan(skin_of(2), limit=0.3), "P1", "P1.ply", r"of \d\.\d\d mm .limit 0.3 mm"),
+    "mirrored scan": (of_scan(skin_of(1, mirrored=True)), "P1", "P1.ply", r"residual of \d\.\d\d mm .*mirrored"),
+    "head without a forehead": (of_scan(skin_of(1), top=-10.0), "P1", "P1.ply", "up to the forehead"),
+    # the cohort table and the configuration
+    "no table": (of_table(None), "-", "cases.tsv", "does not exist"),
+    "commas for tabs": (of_table("case,segmentation,plan,postop\n"), "-", "cases.tsv", "columns are"),
+    "no case": (of_table(HEADER), "-", "cases.tsv", "no case"),
+    "a name twice": (of_table(HEADER + 2 * ROW, *FILES), "P1", "cases.tsv", "two rows"),
+    "a path as name": (of_table(HEADER + ROW.replace("P1", "../P1"), *FILES), "../P1", "cases.tsv", "name is not of"),
+    "no plan in the table": (of_table(HEADER + "P1\ta.nii.gz\t\t\n", *FILES), "P1", "cases.tsv", "plan is empty"),
+    "a wrong path": (of_table(HEADER + ROW, "a.nii.gz"), "P1", "a.json", "the plan file does not exist"),
+    "segment without label": (of_config(segments=[*SEGMENTS, "chin"]), "-", "configuration", "'chin'.* no entry"),
+    "one label for two": (of_config(labels=CODES | {"muscle": 12}), "-", "configuration", "share one value"),
+    "no such reference": (of_config(reference="fem_sliding"), "-", "configuration", "'fem_sliding' is not among"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", BAD)
+def test_bad_input_is_refused_by_name(wrong, tmp_path):
+    act, case, file, words = BAD[wrong]
+    with pytest.raises(InputError, match=words) as caught:
+        act(tmp_path)
+    error = caught.value
+    assert error.case == case and error.file.endswith(file) and f"'{case}'" in str(error) and file in str(error)
+    assert len(error.remedy) > 10 and str(error).endswith(f"Remedy: {error.remedy}.")
+    assert not list((tmp_path / "out").glob("*")), "a refused case leaves no file"
+
+
+def test_the_same_without_the_fault_goes_in(tmp_path):
+    run_import(tmp_path)
+    said = json.loads((tmp_path / "out/report.json").read_text())
+    assert said["muscle"] == "labelled" and said["repairs"] == []
+    (tmp_path / "unlabelled").mkdir()
+    of_labels(changed(code=0, clear=2), unlabelled="single")(tmp_path / "unlabelled")
+    assert json.loads((tmp_path / "unlabelled/out/report.json").read_text())["muscle"] == "single"
+    (tmp_path / "scan").mkdir()
+    of_scan(skin_of(1), limit=0.05)(tmp_path / "scan")
+    assert (tmp_path / "scan/out/postop.h5").exists()
+    of_table(HEADER + ROW, *FILES)(tmp_path)
+    of_config()(tmp_path)

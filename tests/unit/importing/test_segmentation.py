@@ -1,0 +1,257 @@
+"""Import of label maps, plans and scans: every orientation lands in one place, every fault is named."""
+
+import numpy as np
+import pytest
+import pyvista as pv
+import SimpleITK as sitk
+
+from pinnochio.errors import InputError
+from pinnochio.importing.segmentation import (
+    check_plan,
+    check_travel,
+    read_labels,
+    read_postop,
+    read_segmentation,
+    write_segmentation,
+)
+from pinnochio.model.surfaces import BoneSurface
+from pinnochio.plans.plan import Plan, RigidMotion
+from tests.helpers.settings import DATA
+
+SEGMENTS = ("lefort1", "chin")
+VALUES = {"superficial": 3, "muscle": 7, "cranium": 20, "lefort1": 21, "chin": 22}
+SPACING, ORIGIN = np.array([4.0, 5.0, 6.0]), np.array([-30.0, 12.0, 100.0])
+ARTISYNTH = DATA / "artisynth_face/labels_1mm.nii.gz"
+
+
+def user_volume():
+    """A phantom without any symmetry, [ix, iy, iz], in the user's values."""
+    volume = np.zeros((16, 18, 20), np.int16)
+    volume[1:14, 2:17, 1:19] = 3
+    volume[2:9, 4:12, 2:15] = 7
+    volume[3:6, 10:15, 12:18] = 20
+    volume[4:7, 5:8, 6:10] = 21
+    volume[8:12, 3:5, 2:4] = 22
+    return volume
+
+
+def expected():
+    volume = user_volume()
+    out = np.zeros(volume.shape, np.uint8)
+    for value, code in zip((3, 7, 20, 21, 22), (1, 2, 10, 11, 12), strict=True):
+        out[volume == value] = code
+    return out
+
+
+def image(volume=None, spacing=SPACING):
+    made = sitk.GetImageFromArray(np.ascontiguousarray((user_volume() if volume is None else volume).T))
+    made.SetSpacing([float(s) for s in spacing])
+    made.SetOrigin([float(o) for o in ORIGIN])
+    return made
+
+
+def stored(path, made):
+    sitk.WriteImage(made, str(path))
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["nii.gz", "nrrd", "mha"])
+@pytest.mark.parametrize("orientation", ["LPS", "RAS", "LPI", "PIR", "SAL"])
+def test_any_orientation_and_format_gives_the_same_labels_in_the_same_place(tmp_path, orientation, suffix):
+    turned = sitk.DICOMOrient(image(), orientation)
+    path = stored(tmp_path / f"head.{suffix}", turned)
+    found = read_segmentation(path, "P1", VALUES, SEGMENTS)
+    assert found.labels.dtype == np.uint8
+    np.testing.assert_array_equal(found.labels, expected())
+    np.testing.assert_allclose(found.spacing, SPACING, atol=1e-6)
+    np.testing.assert_allclose(found.origin, ORIGIN, atol=1e-4)
+
+
+def test_an_oblique_grid_is_resampled_to_the_place_where_it_was(tmp_path):
+    centres = []
+    for angle in (0.0, 0.3):
+        fine = image(np.kron(user_volume(), np.ones((3, 3, 3), np.int16)), SPACING / 3)
+        c, s = np.cos(angle), np.sin(angle)
+        fine.SetDirection([c, -s, 0, s, c, 0, 0, 0, 1])
+        found = read_segmentation(stored(tmp_path / f"{angle}.nii.gz", fine), "P1", VALUES, SEGMENTS)
+        inside = np.argwhere(found.labels == 11)
+        centres.append(found.origin + inside.mean(axis=0) * found.spacing)
+        assert len(inside) == pytest.approx(3 * 3 * 4 * 27, rel=0.05)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    np.testing.assert_allclose(centres[1], turn @ (centres[0] - ORIGIN) + ORIGIN, atol=0.3)
+
+
+def test_floats_that_hold_integers_pass_and_unknown_values_are_air_with_a_warning(tmp_path, caplog):
+    volume = user_volume().astype(np.float32)
+    volume[0, 0, 0], volume[0, 1, 0] = 99, 41
+    found = read_segmentation(stored(tmp_path / "head.mha", image(volume)), "P1", VALUES, SEGMENTS)
+    np.testing.assert_array_equal(found.labels, expected())
+    assert "41, 99" in caplog.text and "P1" in caplog.text
+
+
+def without(value):
+    volume = user_volume()
+    volume[volume == value] = 0
+    return volume
+
+
+def nan_volume():
+    volume = user_volume().astype(np.float32)
+    volume[0, 0, 0] = np.nan
+    return volume
+
+
+BAD = {
+    "nan": (lambda p: stored(p, image(nan_volume())), "NaN", "replace"),
+    "fraction": (lambda p: stored(p, image(user_volume() * np.float32(0.3))), "not whole numbers", "label map"),
+    "no segment": (lambda p: stored(p, image(without(22))), r"bone 'chin' \(voxel value 22\) is empty", "label 'chin'"),
+    "no cranium": (lambda p: stored(p, image(without(20))), r"'cranium' \(voxel value 20\)", "label 'cranium'"),
+    "no tissue": (lambda p: stored(p, image(without(3))), r"tissue 'superficial' \(voxel value 3\)", "label 'superf"),
+    "nothing": (lambda p: stored(p, image(user_volume() * 0)), "every voxel is 0", "save"),
+    "metres": (lambda p: stored(p, image(spacing=SPACING / 1000)), "metres", "millimetres"),
+    "centimetres": (lambda p: stored(p, image(spacing=SPACING / 10)), "centimetres", "millimetres"),
+    "too large": (lambda p: stored(p, image(spacing=SPACING * 10)), "measures", "millimetres"),
+    "flat": (lambda p: stored(p, image()[:, :, 5]), "not a volume", "one 3-D label map"),
+    "colours": (lambda p: stored(p, sitk.Compose(image(), image())), r"2 channel", "one channel"),
+    "rubbish": (lambda p: p.write_bytes(b"not an image"), "cannot be read", "export"),
+    "absent": (lambda p: None, "does not exist", "correct the path"),
+}
+
+
+@pytest.mark.parametrize("fault", BAD)
+def test_a_bad_segmentation_is_refused_by_case_file_and_remedy(tmp_path, fault):
+    make, problem, remedy = BAD[fault]
+    make(tmp_path / "head.mha")
+    with pytest.raises(InputError, match=rf"case 'P1': .*head\.mha: .*{problem}.*Remedy: .*{remedy}"):
+        read_segmentation(tmp_path / "head.mha", "P1", VALUES, SEGMENTS)
+
+
+def test_an_unknown_format_and_a_value_that_the_configuration_lacks_are_refused(tmp_path):
+    (tmp_path / "head.txt").write_text("x")
+    with pytest.raises(InputError, match=r"head\.txt.*no image format.*Remedy: save it as"):
+        read_segmentation(tmp_path / "head.txt", "P1", VALUES, SEGMENTS)
+    path = stored(tmp_path / "head.nrrd", image())
+    with pytest.raises(InputError, match=r"no voxel value for 'ramus'.*Remedy: add 'ramus'"):
+        read_segmentation(path, "P1", VALUES, (*SEGMENTS, "ramus"))
+
+
+@pytest.mark.parametrize("values", [VALUES, {name: code for name, code in VALUES.items() if name != "muscle"}])
+def test_a_head_without_muscle_comes_in_without_it(tmp_path, values, caplog):
+    path = stored(tmp_path / "head.nrrd", image(without(7)))
+    found = read_segmentation(path, "P1", values, SEGMENTS)
+    assert not (found.labels == 2).any()
+    np.testing.assert_array_equal(found.labels, np.where(expected() == 2, 0, expected()))
+    assert ("nothing carries the label 7 of 'muscle'" in caplog.text) == ("muscle" in values)
+
+
+def test_muscle_that_the_configuration_does_not_name_is_air_with_a_warning(tmp_path, caplog):
+    values = {name: value for name, value in VALUES.items() if name != "muscle"}
+    found = read_segmentation(stored(tmp_path / "head.nrrd", image()), "P1", values, SEGMENTS)
+    assert not (found.labels[expected() == 2]).any() and "voxel values 7 are not named" in caplog.text
+
+
+@pytest.mark.parametrize("suffix", ["nii.gz", "nrrd", "mha", "nii"])
+def test_written_labels_come_back_voxel_by_voxel_and_byte_by_byte(tmp_path, suffix):
+    first, second = tmp_path / f"a.{suffix}", tmp_path / f"b.{suffix}"
+    for path in (first, second):
+        write_segmentation(expected(), SPACING, ORIGIN, path)
+    found = read_labels(first)
+    np.testing.assert_array_equal(found.labels, expected())
+    np.testing.assert_allclose(found.origin, ORIGIN)
+    np.testing.assert_allclose(found.spacing, SPACING)
+    assert first.read_bytes() == second.read_bytes()
+    assert sorted(p.name for p in tmp_path.iterdir()) == [first.name, second.name]
+
+
+def test_a_plan_for_an_unknown_segment_is_refused():
+    check_plan(Plan("P1", {"chin": RigidMotion()}), SEGMENTS, "plan.json")
+    with pytest.raises(InputError, match=r"case 'P1': plan\.json: .*'ramus'.*Remedy: rename 'ramus'"):
+        check_plan(Plan("P1", {"ramus": RigidMotion()}), SEGMENTS, "plan.json")
+
+
+def face():
+    mesh = pv.Sphere(radius=80, theta_resolution=20, phi_resolution=20)
+    return np.asarray(mesh.points, float), mesh
+
+
+@pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "vtp"])
+def test_a_scan_is_read_with_shared_vertices(tmp_path, suffix):
+    points, mesh = face()
+    mesh.save(tmp_path / f"face.{suffix}")
+    found, faces = read_postop(tmp_path / f"face.{suffix}", "P1", points)
+    again = pv.PolyData.from_regular_faces(found, faces)
+    assert len(found) == len(points) and len(faces) == mesh.n_cells
+    assert again.n_open_edges == 0
+    assert again.volume == pytest.approx(mesh.volume, rel=1e-5)
+
+
+@pytest.mark.parametrize("binary", [True, False])
+@pytest.mark.parametrize("scale", [1.0, 0.1, 0.001])
+def test_an_stl_in_any_metric_unit_comes_in_as_millimetres_with_each_vertex_once(tmp_path, caplog, scale, binary):
+    points, mesh = face()
+    corners = mesh.regular_faces
+    mesh = pv.PolyData.from_regular_faces(
+        scale * points[corners].reshape(-1, 3), np.arange(corners.size).reshape(-1, 3)
+    )
+    assert mesh.n_points == 3 * mesh.n_cells
+    mesh.save(tmp_path / "face.stl", binary=binary)
+    assert (tmp_path / "face.stl").read_bytes().startswith(b"solid") != binary
+    found, faces = read_postop(tmp_path / "face.stl", "P1", points)
+    again = pv.PolyData.from_regular_faces(found, faces)
+    assert len(found) == len(points) and again.n_open_edges == 0
+    np.testing.assert_allclose(again.bounds, pv.PolyData(points).bounds, atol=1e-3)
+    assert ("taken as" in caplog.text) == (scale != 1)
+
+
+def scan_in(path, scale=1.0, poison=None):
+    _, mesh = face()
+    mesh.points = mesh.points * scale
+    if poison is not None:
+        mesh.points[5] = poison
+    mesh.save(path)
+
+
+BAD_SCAN = {
+    "micrometres": (lambda p: scan_in(p, 1e3), "1e.03 times the size", "millimetres, centimetres or metres"),
+    "inches": (lambda p: scan_in(p, 1 / 25.4), "0.0394 times the size", "millimetres, centimetres or metres"),
+    "tiny": (lambda p: scan_in(p, 0.01), "0.01 times the size", "millimetres, centimetres or metres"),
+    "huge": (lambda p: scan_in(p, 20), "20 times the size", "millimetres"),
+    "nan": (lambda p: scan_in(p, 1, np.nan), "not finite", "remove these"),
+    "empty": (lambda p: p.write_text("ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\n"
+                                     "property float z\nend_header\n"), "empty", "export"),
+    "cloud": (lambda p: pv.PolyData(face()[0]).save(p), "empty", "triangles"),
+    "absent": (lambda p: None, "does not exist", "correct the path"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", BAD_SCAN)
+def test_a_bad_scan_is_refused_by_case_file_and_remedy(tmp_path, fault):
+    make, problem, remedy = BAD_SCAN[fault]
+    make(tmp_path / "face.ply")
+    with pytest.raises(InputError, match=rf"case 'P1': .*face\.ply: .*{problem}.*Remedy: .*{remedy}"):
+        read_postop(tmp_path / "face.ply", "P1", face()[0])
+
+
+def test_the_artisynth_face_imports():
+    if not ARTISYNTH.exists():
+        pytest.skip(f"{ARTISYNTH} is not on this machine")
+    values = {"superficial": 1, "muscle": 2, "cranium": 10, "maxilla": 11, "mandible": 12}
+    found = read_segmentation(ARTISYNTH, "A", values, ("maxilla", "mandible"))
+    stored_image = sitk.ReadImage(str(ARTISYNTH))
+    raw = sitk.GetArrayFromImage(stored_image).transpose(2, 1, 0)
+    for code in (1, 2, 10, 11, 12):
+        place = found.origin + np.argwhere(found.labels == code).mean(axis=0) * found.spacing
+        index = np.argwhere(raw == code).mean(axis=0).tolist()
+        np.testing.assert_allclose(place, stored_image.TransformContinuousIndexToPhysicalPoint(index), atol=1e-3)
+    mandible = np.argwhere(found.labels == 12).mean(axis=0)
+    maxilla = np.argwhere(found.labels == 11).mean(axis=0)
+    assert mandible[2] < maxilla[2]
+
+
+def test_a_rotation_about_a_far_pivot_is_no_operation():
+    points = np.array([[0.0, -90, -40], [0, -70, -60]])
+    bone = BoneSurface(points, points, np.zeros((0, 3), np.int32), np.zeros(2, np.int8))
+    near, far = (RigidMotion.from_degrees((5, 0, 0), (0, -4, 0), (0, y, 0)) for y in (0, 1500.0))
+    check_travel(Plan("P1", {"maxilla": near}), bone, ("maxilla",), "plan.json")
+    with pytest.raises(InputError, match=r"P1.*plan.json.*'maxilla' 1\d\d mm away.*Remedy: check pivot"):
+        check_travel(Plan("P1", {"maxilla": far}), bone, ("maxilla",), "plan.json")

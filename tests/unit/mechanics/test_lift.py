@@ -1,0 +1,111 @@
+"""The lift: linear extensions of the bone's motion, against the solver that they shorten."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from pinnochio.geometry.faces import boundary_faces
+from pinnochio.mechanics.elastic import ElasticSolver
+from pinnochio.mechanics.lift import (
+    HarmonicSolver,
+    Lift,
+    blend_weights,
+    control_weights,
+    farthest,
+    make_lift,
+    motion_amplitudes,
+)
+from pinnochio.mechanics.materials import neo_hookean
+from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
+from pinnochio.model.labels import MUSCLE, SUPERFICIAL
+from pinnochio.model.patient import FIXED, FREE, MOVING, NO_INTERFACE, SLIDING
+from tests.helpers.patients import tiny_patient, tiny_plan
+
+MODEL, PLAN = tiny_patient(), tiny_plan()
+MATERIAL = neo_hookean(MODEL.tissue, {MUSCLE: 6.0, SUPERFICIAL: 4.0}, 0.49, 0)
+
+
+@pytest.fixture(scope="module", params=["elastic", "harmonic"])
+def lift(request):
+    return make_lift(MODEL, MATERIAL, request.param, controls=12)
+
+
+def carried(lift, plan=PLAN):
+    return np.tensordot(motion_amplitudes(plan, MODEL.segments, lift.centre), lift.motions, 1)
+
+
+def test_elastic_lift_is_the_elastic_solution_of_any_plan():
+    lift = make_lift(MODEL, MATERIAL, "elastic", controls=12)
+    for plan in (PLAN, tiny_plan(x=-4.0, z=0.0, pitch=8.0)):
+        boundary = boundary_conditions(MODEL, plan, "mucosa")
+        direct = ElasticSolver(MODEL.points, MODEL.cells, MATERIAL, boundary).solve(boundary)
+        assert np.abs(direct).max() > 1
+        assert np.allclose(carried(lift, plan), direct, atol=1e-5)
+
+
+def test_told_nodes_follow_the_plan(lift):
+    field = carried(lift)
+    moving = MODEL.node_type == MOVING
+    assert np.allclose(field[moving], PLAN.motion("left").displacement(MODEL.points[moving]), atol=1e-5)
+    assert np.abs(field[MODEL.node_type == FIXED]).max() < 1e-6
+    free = np.linalg.norm(field[MODEL.node_type == FREE], axis=1)
+    assert free.max() > 1 and free.max() < np.linalg.norm(field[moving], axis=1).max() + 0.5
+
+
+def test_departure_of_the_contact_is_carried_inwards_and_not_into_cut_planes(lift):
+    amplitudes = lift.smoothing @ np.tile([0.0, 0.0, 1.0], (len(lift.contact), 1))
+    field = np.tensordot(amplitudes.ravel(), lift.departures, 1)
+    assert np.allclose(field[lift.contact], [0, 0, 1], atol=0.05)
+    cut = (MODEL.node_type == FIXED) & (MODEL.interface_kind == NO_INTERFACE)
+    assert cut.any() and np.abs(field[cut]).max() == 0
+    free = MODEL.node_type == FREE
+    assert field[free, 2].min() > -0.3 and 0.2 < field[free, 2].mean() < 1.1
+
+
+def test_elastic_departure_is_in_equilibrium():
+    lift = make_lift(MODEL, MATERIAL, "elastic", controls=12)
+    told = np.flatnonzero(MODEL.node_type != FREE)
+    amplitudes = np.random.default_rng(0).normal(size=len(lift.departures)).astype(np.float32)
+    field = np.tensordot(amplitudes, lift.departures, 1)
+    boundary = BoundaryConditions(told, field[told])
+    direct = ElasticSolver(MODEL.points, MODEL.cells, MATERIAL, boundary).solve(boundary)
+    assert np.allclose(field, direct, atol=1e-4)
+
+
+def test_harmonic_solver_reproduces_a_linear_field():
+    nodes = np.unique(boundary_faces(MODEL.cells)[0])
+    assert len(nodes) < len(MODEL.points)
+    linear = MODEL.points @ np.array([[0.1, 0.2, 0.0], [0.0, -0.1, 0.3], [0.2, 0.0, 0.1]])
+    told = np.where(np.isin(np.arange(len(linear)), nodes)[:, None], linear, np.nan)
+    found = HarmonicSolver(MODEL.points, MODEL.cells, nodes).spread(told[None])[0]
+    assert np.allclose(found, linear, atol=1e-9)
+
+
+def test_lift_survives_the_file(lift, tmp_path):
+    lift.write(tmp_path / "lift.h5")
+    again = Lift.read(tmp_path / "lift.h5")
+    for item in fields(Lift):
+        assert np.array_equal(getattr(again, item.name), getattr(lift, item.name))
+    assert lift.seconds > 0
+
+
+def test_blend_leans_to_the_nearer_bone():
+    nodes, weights = blend_weights(MODEL)
+    assert np.array_equal(nodes, np.flatnonzero(MODEL.node_type == SLIDING))
+    assert weights.min() >= 0 and weights.sum(1).max() <= 1
+    away = [
+        np.linalg.norm(MODEL.bone_points[MODEL.bone_segment == index] - MODEL.points[nodes, None], axis=2).min(1)
+        for index in (0, -1)
+    ]
+    assert np.allclose(weights[:, 0], away[0] ** -2 / (away[0] ** -2 + away[1] ** -2))
+
+
+def test_control_points_are_spread_and_add_up_to_one():
+    points = np.random.default_rng(0).uniform(0, 30, (200, 3))
+    weights = control_weights(points, 20)
+    assert weights.shape == (200, 20) and np.allclose(weights.sum(1), 1) and weights.min() >= 0
+    chosen = points[farthest(points, 20)]
+    apart = np.linalg.norm(chosen[:, None] - chosen, axis=2) + 1e9 * np.eye(20)
+    assert apart.min() > np.linalg.norm(points[:, None] - chosen, axis=2).min(1).max() - 1e-9
+    assert control_weights(points[:1], 5).shape == (1, 1)

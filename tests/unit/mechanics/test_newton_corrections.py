@@ -1,0 +1,226 @@
+"""The dial: from a field to the equilibrium on its interface, correction by correction."""
+
+import numpy as np
+import pytest
+
+from pinnochio.errors import InputError
+from pinnochio.mechanics.assembly import Assembler
+from pinnochio.mechanics.corrections import Finish, Refiner, expected_pressure, interface, newton_corrections
+from pinnochio.mechanics.elements import Elements, jacobians, patch_bulk
+from pinnochio.mechanics.inversion_repair import FLOOR
+from pinnochio.mechanics.problems import uniform
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import simulate
+from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.model.patient import FIXED, FREE, NO_INTERFACE
+from tests.helpers.patients import tiny_patient, tiny_plan
+from tests.helpers.solids import bent_block
+
+RNG = np.random.default_rng
+
+
+@pytest.fixture(scope="module")
+def bent():
+    """Mesh, law, prescribed nodes and motion, and equilibrium of a bent block."""
+    points, cells, boundary = bent_block((12, 6, 5))
+    law = uniform(len(cells))
+    found = solve(points, cells, law, boundary, SolverOptions(tolerance=1e-10))
+    assert found.converged
+    return points, cells, law, boundary.prescribed_nodes, boundary.displacement(1.0), found.displacement
+
+
+def rough(bent, noise, jump=0.0, seed=0):
+    """The equilibrium with noise on the free nodes and with the prescribed ones moved off by `jump`, mm."""
+    points, _, _, nodes, _, field = bent
+    off = noise * RNG(seed).normal(size=points.shape)
+    off[nodes] = jump * RNG(seed + 1).normal(size=(len(nodes), 3))
+    return field + off
+
+
+@pytest.mark.parametrize("volumetric", ["patch", "p1"])
+@pytest.mark.parametrize("seed", range(2))
+def test_many_corrections_are_finite_elements_on_the_interface(bent, volumetric, seed):
+    points, cells, law, nodes, told, _ = bent
+    boundary = bent_block((12, 6, 5))[2]
+    wanted = solve(points, cells, law, boundary, SolverOptions(volumetric, tolerance=1e-11)).displacement
+    start = rough(bent, 0.1, 0.1, seed)
+    found = newton_corrections(points, cells, law, nodes, told, start, 15, volumetric)
+    assert found[-1].residual < 1e-9 and found[-1].gap == 0
+    np.testing.assert_allclose(found[-1].displacement, wanted, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(found[-1].displacement[nodes], told)
+
+
+def test_no_correction_is_the_field_untouched(bent):
+    points, cells, law, nodes, told, _ = bent
+    start = rough(bent, 0.1, 0.1)
+    (only,) = newton_corrections(points, cells, law, nodes, told, start, 0)
+    np.testing.assert_array_equal(only.displacement, start)
+    assert only.seconds == 0 and only.least == pytest.approx(jacobians(points, cells, start).min())
+    assert only.gap == pytest.approx(np.linalg.norm(start[nodes] - told, axis=1).max())
+
+
+def test_the_first_correction_takes_the_interface_along_and_each_says_what_it_is(bent):
+    points, cells, law, nodes, told, _ = bent
+    found = newton_corrections(points, cells, law, nodes, told, rough(bent, 0.1, 0.1), 5)
+    assert len(found) == 6 and found[1].share == 1 and found[1].gap == 0
+    elements, free = Elements.build(points, cells, law), np.setdiff1d(np.arange(len(points)), nodes)
+    for state in found:
+        force = elements.evaluate(state.displacement)[1]
+        assert state.residual == pytest.approx(np.linalg.norm(force[free]) / np.linalg.norm(force[nodes]))
+        assert state.least == pytest.approx(jacobians(points, cells, state.displacement).min())
+    residuals, seconds = [state.residual for state in found], [state.seconds for state in found]
+    assert residuals[-1] < 1e-6 * residuals[0] and (np.diff(seconds) > 0).all()
+    _, far = newton_corrections(points, cells, law, nodes, told, -0.1 * bent[-1], 1)
+    assert far.share == 1 and far.gap == 0  # to the last bit
+    assert residuals[5] < 1e-2 * residuals[4] < 1e-4 * residuals[3]  # quadratic at the end
+
+
+def test_carried_pressure_needs_fewer_corrections_than_newton_and_no_cut_tangent(bent):
+    """Nearly incompressible: the tangent of a rough field is indefinite, that with the carried pressure is not."""
+    points, cells, _, nodes, told, _ = bent
+    law = uniform(len(cells), poisson=0.499)
+    start = rough(bent, 0.05)
+    refiner = Refiner(points, cells, law, nodes)
+    carried = refiner.corrections(start, told, 4)
+    newton = refiner._newton
+    assert not newton.cut
+    newton.pressure, state = None, newton.measured(start, 1.0)
+    cut = []
+    for _ in range(4):
+        state = newton.measured(state.u + newton.predict(state, 1.0), 1.0)
+        cut.append(newton.cut)
+    assert cut[0] and carried[-1].residual < 0.1 * state.residual
+    one = refiner.corrections(start, told, 2)[1].displacement  # the second stands on what the first expected
+    np.testing.assert_allclose(newton.pressure, expected_pressure(newton.elements, start, one - start), rtol=1e-9)
+    refiner.close()
+
+
+def test_a_tangent_that_is_given_its_own_pressure_is_the_tangent(bent):
+    points, cells, law, nodes, _, field = bent
+    elements, held = Elements.build(points, cells, law), np.zeros(points.shape, bool)
+    held[nodes] = True
+    assembler, frames = Assembler(elements, held, []), np.zeros((0, 3, 3))
+    u = field + 0.1 * RNG(0).normal(size=field.shape)
+    own = expected_pressure(elements, u, np.zeros_like(u))
+    plain, given, none = (assembler.tangent(u, frames, pressure=p)[0] for p in (None, own, 0 * own))
+    np.testing.assert_allclose(given, plain, rtol=1e-12, atol=1e-9)
+    assert np.abs(none - plain).max() > 1e-2 * np.abs(plain).max()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_expected_pressure_is_the_first_order(bent, seed):
+    points, cells, law, _, _, field = bent
+    elements = Elements.build(points, cells, law)
+    change = RNG(seed).normal(size=field.shape)
+
+    def pressure(u):
+        first, second = (np.zeros(len(elements.patch_volumes)) for _ in range(2))
+        e = elements
+        patch_bulk(
+            u, e.cells, e.gradients, e.volumes, e.patch, e.patch_volumes, e.patch_lam, law.extension, first, second
+        )
+        return first
+
+    h = 1e-6
+    slope = (pressure(field + h * change) - pressure(field - h * change)) / (2 * h)
+    rate = expected_pressure(elements, field, change) - pressure(field)
+    np.testing.assert_allclose(rate, slope, rtol=1e-5, atol=1e-5 * np.abs(slope).max())
+
+
+def test_no_correction_turns_an_element_inside_out_on_an_interface_that_would(bent):
+    """The interface moves four nodes of one element through each other: it is met but there."""
+    points, cells, law, nodes, told, field = bent
+    held = np.isin(np.arange(len(points)), nodes)
+    cell = cells[held[cells].sum(axis=1) == 3][2]
+    wild, place = told.copy(), np.flatnonzero(np.isin(nodes, cell))[0]
+    wild[place] += 12 * np.array([np.sign(20 - points[nodes[place], 0]), 0, 0])  # deep into the block
+    moved = field.copy()
+    moved[nodes] = wild
+    assert jacobians(points, cells, moved).min() < 0
+    found = newton_corrections(points, cells, law, nodes, wild, field, 25)
+    assert all(state.least > 0 for state in found)
+    last = found[-1].displacement
+    assert found[-1].gap < 1e-9 and found[-1].residual < 1e-6
+    met = np.linalg.norm(last[nodes] - wild, axis=1) < 1e-9
+    assert met.mean() > 0.8 and found[-1].least > FLOOR / 2
+
+
+def test_plans_do_not_know_of_each_other(bent):
+    points, cells, law, nodes, told, _ = bent
+    starts = [rough(bent, 0.02, 0.01, seed) for seed in (0, 5)]  # alike: the factors of one would do for the other
+    refiner = Refiner(points, cells, law, nodes)
+    both = [refiner.corrections(start, told, 1)[-1].displacement for start in starts]
+    refiner.close()
+    for start, found in zip(starts, both, strict=True):
+        alone = newton_corrections(points, cells, law, nodes, told, start, 1)[-1].displacement
+        np.testing.assert_array_equal(found, alone)
+
+
+def test_scipy_gives_what_pardiso_gives(bent):
+    points, cells, law, nodes, told, _ = bent
+    fields = []
+    for kind in ("pardiso", "scipy"):
+        refiner = Refiner(points, cells, law, nodes, linear_solver=kind)
+        fields.append(refiner.corrections(rough(bent, 0.1, 0.1), told, 8)[-1].displacement)
+        refiner.close()
+    np.testing.assert_allclose(*fields, rtol=0, atol=1e-6)
+
+
+def test_corrections_end_where_the_tolerance_is_met_or_nothing_is_left_to_gain(bent):
+    points, cells, law, nodes, told, field = bent
+    refiner = Refiner(points, cells, law, nodes)
+    found = refiner.corrections(rough(bent, 0.05, 0.05), told, 20, 1e-6)
+    assert found[-1].residual <= 1e-6 < found[-2].residual and len(found) < 9
+    assert len(refiner.corrections(field, told, 20, 1e-6)) == 1
+    # In equilibrium, but with another interface than it is asked for.
+    found = refiner.corrections(field, told + [0, 0, 10 * np.pi], 20, 1e-6)
+    assert len(found) > 1 and found[-1].residual <= 1e-6 and all(state.gap == 0 for state in found[1:])
+    np.testing.assert_allclose(found[-1].displacement, field + [0, 0, 10 * np.pi], atol=1e-4)
+    refiner.close()
+
+
+def test_what_does_not_fit_is_refused(bent):
+    points, cells, law, nodes, told, field = bent
+    refiner = Refiner(points, cells, law, nodes)
+    with pytest.raises(InputError, match="do not fit"):
+        refiner.corrections(field[:-1], told, 1)
+    with pytest.raises(InputError, match="do not fit"):
+        refiner.corrections(field, told[:-1], 1)
+    with pytest.raises(InputError, match="not finite"):
+        refiner.corrections(field * np.nan, told, 1)
+    refiner.close()
+
+
+@pytest.fixture(scope="module")
+def patient():
+    """A tiny patient, its law and the equilibrium under its plan with sliding nodes."""
+    model, fem = tiny_patient(), FemSettings({"muscle": 6, "superficial": 4}, 0.49)
+    return model, fem, simulate(model, tiny_plan(), "mucosa", fem).displacement
+
+
+def test_interface_nodes_are_told_and_cut_planes_rest(patient):
+    model, _, field = patient
+    nodes, prescribed = interface(model, field + 1.0)
+    np.testing.assert_array_equal(nodes, np.flatnonzero(model.node_type != FREE))
+    cut = ((model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE))[nodes]
+    assert cut.any() and not prescribed[cut].any()
+    np.testing.assert_array_equal(prescribed[~cut], (field + 1.0)[nodes[~cut]])
+
+
+@pytest.mark.parametrize("steps", [0, 1, 4])
+def test_finish_repairs_and_corrects_a_networks_field(patient, steps):
+    model, fem, field = patient
+    off = field + 0.02 * RNG(0).normal(size=field.shape)
+    boundary = np.where((model.node_type != FREE)[:, None], field, 0)
+    free = np.flatnonzero((model.node_type == FREE) & ~np.isin(np.arange(len(off)), model.skin_faces))
+    off[free[0]] += [0, 0, 9]  # a node through its neighbours
+    assert jacobians(model.points, model.cells, off).min() < 0
+    finish = Finish(model, fem, steps)
+    for _ in range(2):
+        found, given, repair, made = finish(off, boundary)
+        assert given is boundary and repair.raw_inverted > 0 < repair.elements
+        assert made == steps or 1 < made < steps == 4  # the tolerance of the settings is met
+        assert jacobians(model.points, model.cells, found).min() > 0
+        away = np.linalg.norm(found - field, axis=1).max()
+        assert (away < 1e-3) == (steps == 4)
+    finish.close()

@@ -1,0 +1,223 @@
+"""Sliding on planes, spheres and a patient's bone against closed forms."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from pinnochio.errors import InputError
+from pinnochio.mechanics.elements import Elements
+from pinnochio.mechanics.materials import lame
+from pinnochio.mechanics.problems import box, uniform
+from pinnochio.mechanics.sliding import (
+    BoundaryConditions,
+    PointSurface,
+    SlidingContact,
+    SlidingSet,
+    boundary_conditions,
+)
+from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.model.patient import FIXED, FREE, MOVING, SLIDING
+from pinnochio.plans.plan import Plan, RigidMotion
+from tests.helpers.patients import slab_patient
+from tests.helpers.solids import both, plane, sphere
+
+
+def test_point_surface_is_exact_on_a_plane_and_close_on_a_sphere():
+    rng = np.random.default_rng(0)
+    points, normals = plane([1, 2, -0.5], [3.0, 1, 2])
+    x = rng.uniform(-10, 10, (50, 3))
+    distance, gradient = PointSurface(points, normals).distance(x)
+    np.testing.assert_allclose(distance, (x - [3.0, 1, 2]) @ normals[0], atol=1e-12)
+    np.testing.assert_allclose(gradient, np.tile(normals[0], (50, 1)), atol=1e-12)
+    points, normals = sphere(20.0, 2000)
+    away = rng.normal(size=(200, 3))
+    x = away / np.linalg.norm(away, axis=1, keepdims=True) * rng.uniform(19, 22, (200, 1))
+    distance, gradient = PointSurface(points, normals).distance(x)
+    np.testing.assert_allclose(distance, np.linalg.norm(x, axis=1) - 20, atol=5e-3)
+    cosine = (gradient * x).sum(axis=1) / np.linalg.norm(x, axis=1) / np.linalg.norm(gradient, axis=1)
+    assert cosine.min() > 0.99999
+
+
+def test_point_surface_gradient_and_projection():
+    points, normals = sphere(20.0, 500)
+    surface = PointSurface(points, normals)
+    x = np.random.default_rng(1).normal(size=(100, 3))
+    x *= 21 / np.linalg.norm(x, axis=1, keepdims=True)
+    gradient = surface.distance(x)[1]
+    for axis in range(3):
+        step = 1e-6 * np.eye(3)[axis]
+        slope = (surface.distance(x + step)[0] - surface.distance(x - step)[0]) / 2e-6
+        np.testing.assert_allclose(gradient[:, axis], slope, atol=1e-6)
+    level = np.linspace(-1, 1.5, 100)
+    projected = surface.project(x, level)
+    np.testing.assert_allclose(surface.distance(projected)[0], level, atol=1e-8)
+    assert np.linalg.norm(projected - x, axis=1).max() < 2.2
+
+
+@both
+def test_block_pressed_between_sliding_planes(volumetric):
+    """An inclined plane presses a block against a fixed one; both slide, so the block is in uniaxial stress."""
+    points, cells = box((12, 9, 9), (4, 3, 3), jitter=0.2)
+    turn = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
+    points = points @ turn.T  # x of the block is the inclined normal turn[:, 0]
+    mu, lam = lame(5.0, 0.49)
+    stretch = 0.8
+    across = brentq(lambda a: mu * (a**2 - 1) + lam * np.log(stretch * a**2), 0.9, 1.5, xtol=1e-14)
+    f = turn @ np.diag([stretch, across, across]) @ turn.T
+    exact = points @ (f - np.eye(3)).T
+    local = points @ turn
+    bottom, top = (np.flatnonzero(np.abs(local[:, 0] - x) < 1e-9) for x in (0, 12))
+    held = bottom[[0, 3]]  # the closed form itself: carries no reaction, stops the rigid motions
+    # While it presses, the upper plane also travels and turns within itself: that must leave no trace.
+    normal = turn[:, 0]
+    motion = RigidMotion(
+        Rotation.from_rotvec(0.4 * normal).as_matrix(), -2.4 * normal + 5.0 * turn[:, 1], turn @ [12.0, 2, 3]
+    )
+    fixed = SlidingSet(np.setdiff1d(bottom, held), *plane(-normal, np.zeros(3)), RigidMotion().fraction)
+    pressing = SlidingSet(top, *plane(normal, 12 * normal), motion.fraction)
+    boundary = BoundaryConditions(held, exact[held], [fixed, pressing])
+    law = uniform(len(cells))
+    result = solve(points, cells, law, boundary, SolverOptions(volumetric, tolerance=1e-10))
+    assert result.converged
+    np.testing.assert_allclose(result.displacement, exact, rtol=0, atol=1e-7)
+    assert result.violation < 1e-8
+    force = Elements.build(points, cells, law, volumetric).evaluate(result.displacement)[1][top].sum(axis=0)
+    nominal = mu * (stretch - 1 / stretch) + lam * np.log(stretch * across**2) / stretch
+    np.testing.assert_allclose(force, nominal * 81 * normal, rtol=0, atol=1e-6 * abs(nominal * 81))
+
+
+def shell():
+    """A cap of tissue, 8 mm thick, over a sphere of 20 mm; rim fixed, inner side on the sphere."""
+    flat, cells = box((1, 1, 8), (8, 8, 3))
+    angle = (flat[:, :2] - 0.5) * 1.6
+    points = np.stack([np.tan(angle[:, 0]), np.tan(angle[:, 1]), np.ones(len(flat))], axis=1)
+    points *= ((20 + flat[:, 2]) / np.linalg.norm(points, axis=1))[:, None]
+    rim = ((flat[:, :2] == 0) | (flat[:, :2] == 1)).any(axis=1)
+    return points, cells, rim, (flat[:, 2] == 0) & ~rim
+
+
+@both
+def test_sliding_nodes_keep_their_distance_to_a_moved_sphere(volumetric):
+    points, cells, rim, inner = shell()
+    motion = RigidMotion.from_degrees([5.0, 0, 15], [2.5, 1.0, 2.0], [0, 0, 0])
+    contact = SlidingSet(np.flatnonzero(inner), *sphere(20.0, 4000), motion.fraction)
+    told = np.flatnonzero(rim)
+    law = uniform(len(cells))
+    options = SolverOptions(volumetric, tolerance=1e-8)
+    slid = solve(points, cells, law, BoundaryConditions(told, np.zeros((len(told), 3)), [contact]), options)
+    assert slid.converged
+    assert slid.violation < 0.01
+    assert slid.iterations <= 12  # without the bend of the surface in the tangent each digit costs an iteration
+    reached = np.linalg.norm((points + slid.displacement)[inner] - motion.apply(np.zeros((1, 3))), axis=1)
+    np.testing.assert_allclose(reached, 20.0, atol=0.011)
+    # Bonded to the sphere the tissue follows its turn and must be strained more.
+    both_sets = np.flatnonzero(rim | inner)
+    moved = np.where(inner[both_sets, None], motion.displacement(points[both_sets]), 0.0)
+    bonded = solve(points, cells, law, BoundaryConditions(both_sets, moved), options)
+    assert bonded.converged
+    elements = Elements.build(points, cells, law, volumetric)
+    energy = [elements.evaluate(result.displacement)[0] for result in (slid, bonded)]
+    assert energy[0] < 0.8 * energy[1]
+    # At the minimum nothing pulls along the sphere, while the sphere pushes along its normal.
+    force = elements.evaluate(slid.displacement)[1][inner]
+    contact = SlidingContact(points, [contact])
+    axes = np.einsum("sij,sj->si", contact.frames(slid.displacement, 1.0), force)
+    assert np.abs(axes[:, 1:]).max() < 1e-2 * np.abs(axes[:, 0]).max()
+    assert np.abs(contact.violation(0 * points)).max() > 2  # and where nothing has moved, the gaps are reported
+
+
+def test_arms_of_a_plan():
+    model = slab_patient()
+    motion = RigidMotion.from_degrees([0, 4, 0], [3.0, -1, -1], [12, 6, 0])
+    plan = Plan("P01", {"mandible_distal": motion})
+    law = uniform(len(model.cells))
+    own, slides = model.node_segment == 1, model.node_type == SLIDING
+    # No element can follow two bones: bonded, the nodes where one sliding zone meets the other stay free.
+    bridging = np.isin(model.points[:, 0], (9, 12))
+    fields = {}
+    for arm in ("bonded", "mucosa"):
+        boundary = boundary_conditions(model, plan, arm)
+        result = solve(model.points, model.cells, law, boundary)
+        assert result.converged
+        fields[arm] = result.displacement
+        told = np.zeros(len(model.points), bool)
+        told[boundary.prescribed_nodes] = True
+        assert told[(model.node_type == MOVING) | (model.node_type == FIXED)].all()
+        assert not told[model.node_type == FREE].any()
+        np.testing.assert_array_equal(told[slides], ~bridging[slides] if arm == "bonded" else False)
+        assert result.violation < 1e-6
+    expected = motion.displacement(model.points)
+    bonded = own & slides & ~bridging
+    np.testing.assert_allclose(fields["bonded"][bonded], expected[bonded], atol=1e-12)
+    moving = own & (model.node_type == MOVING)
+    np.testing.assert_allclose(fields["mucosa"][moving], expected[moving], atol=1e-12)
+    fixed = model.node_type == FIXED
+    np.testing.assert_array_equal(fields["mucosa"][fixed], 0)
+    # Sliding: on the moved plane, but not where the bone went.
+    here = motion.inverse((model.points + fields["mucosa"])[own & slides])
+    np.testing.assert_allclose(here[:, 2], 0, atol=1e-6)
+    assert np.linalg.norm((fields["mucosa"] - expected)[own & slides], axis=1).max() > 0.3
+    still = (model.node_segment == 0) & slides
+    np.testing.assert_allclose(fields["mucosa"][still, 2], 0, atol=1e-6)
+    assert np.abs(fields["mucosa"][still, 0]).max() > 0.05
+
+
+@pytest.mark.parametrize(("apart", "free"), [(0, (9, 12)), (2.9, (9, 12)), (6.5, (6, 9, 12, 15))])
+def test_bonded_nodes_near_the_other_jaw_are_free(apart, free):
+    model = slab_patient()
+    boundary = boundary_conditions(model, Plan("P01", {}), "bonded", apart=apart)
+    let = np.setdiff1d(np.flatnonzero(model.node_type == SLIDING), boundary.prescribed_nodes)
+    assert set(model.points[let, 0]) == set(free) and (model.points[let, 1] < 4).all()
+    # The other arms hold no sliding node to its bone anyway.
+    both = [boundary_conditions(model, Plan("P01", {}), "mucosa", apart=value).prescribed_nodes for value in (0, apart)]
+    np.testing.assert_array_equal(*both)
+
+
+def test_bad_arms_plans_and_surfaces_are_refused():
+    model = slab_patient()
+    with pytest.raises(InputError, match="arm"):
+        boundary_conditions(model, Plan("P01", {}), "glued")
+    with pytest.raises(InputError, match="no segment"):
+        boundary_conditions(model, Plan("P01", {"genioplasty": RigidMotion()}), "bonded")
+    with pytest.raises(InputError, match="points"):
+        PointSurface(np.zeros((2, 3)), np.ones((2, 3)))
+    with pytest.raises(InputError, match="finite"):
+        PointSurface(np.zeros((9, 3)), np.zeros((9, 3)))
+    points, cells = box((6, 6, 6), (2, 2, 2))
+    ends = np.array([0, 1, 2])
+    contact = SlidingSet(ends, *plane([0, 0, 1], np.zeros(3)), RigidMotion().fraction)
+    with pytest.raises(InputError, match="twice"):
+        solve(points, cells, uniform(len(cells)), BoundaryConditions(ends, np.zeros((3, 3)), [contact]))
+
+
+def plate(thickness=2.0, spacing=2.0):
+    """Both faces of a thin plate, finely sampled in a corner and coarsely elsewhere."""
+    coarse = np.stack(np.meshgrid(np.arange(-30, 31, 3 * spacing), np.arange(-30, 31, 3 * spacing)), -1).reshape(-1, 2)
+    fine = np.stack(np.meshgrid(np.arange(-8, 9, spacing), np.arange(-8, 9, spacing)), -1).reshape(-1, 2) + 0.3
+    flat = np.vstack([coarse, fine])
+    faces = [np.column_stack([flat, np.full(len(flat), z)]) for z in (thickness / 2, -thickness / 2)]
+    normals = np.zeros((2 * len(flat), 3))
+    normals[: len(flat), 2], normals[len(flat) :, 2] = 1, -1
+    return np.vstack(faces), normals
+
+
+def test_the_surface_has_no_steps_where_points_lie_densely():
+    """Over steps of 1e-4 mm the distance changes by no more than its gradient says: no point drops out with weight."""
+    surface = PointSurface(*plate())
+    walk = np.column_stack([np.arange(-12, 12, 1e-3), np.full(24000, 0.7), np.full(24000, 1.6)])
+    value, gradient = surface.distance(walk)
+    change = np.diff(value) - 0.5 * (gradient[1:, 0] + gradient[:-1, 0]) * 1e-3
+    assert np.abs(change).max() < 1e-6
+
+
+def test_projection_reaches_its_level_where_the_gradient_is_small():
+    """Between two walls that face each other the gradient falls to nothing; the level is still met to 1e-9 mm."""
+    points, normals = plate(thickness=4.0)
+    surface = PointSurface(points, -normals)  # outward is into the gap
+    rng = np.random.default_rng(0)
+    start = np.column_stack([rng.uniform(-6, 6, (200, 2)), rng.uniform(0.15, 1.5, 200)])
+    value, gradient = surface.distance(start)
+    assert np.linalg.norm(gradient, axis=1).min() < 0.35
+    found = surface.project(start + rng.normal(0, 0.1, start.shape) * [1, 1, 0.5], value)
+    assert np.abs(surface.distance(found)[0] - value).max() < 1e-9

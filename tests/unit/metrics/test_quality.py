@@ -1,0 +1,109 @@
+"""The quality report: each figure against a block of tissue whose thickness, contact and elements are known."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pinnochio.importing.repair import KEPT
+from pinnochio.metrics.quality import contact, quality, quality_columns, thickness, write_quality
+from pinnochio.model.patient import FIXED, FREE, INTERIOR, MOVING, SLIDING
+from pinnochio.tables.engine import read_table
+from scripts.collect_quality import collect_quality
+from scripts.report_quality import report_quality
+from tests.helpers.patients import tiny_patient
+
+SEGMENTS = ("left",)
+REPAIRS = [
+    {"structure": "left", "what": "fragment to muscle", "voxels": 30},
+    {"structure": "air", "what": KEPT, "voxels": 5000},
+]
+
+
+def block():
+    """Nodes 5 mm apart, bone plate 1 mm below z = 40, skin at z = 55; cranium beyond x = 35."""
+    model = tiny_patient()
+    points = np.round((model.points - [10, -80, 40]) / 5) * 5 + [10, -80, 40]
+    plate = model.bone_points * [1, 1, 0] + [0, 0, 39]
+    return replace(model, points=points, skin_points=points, bone_points=plate)
+
+
+def imported(case="P1"):
+    volumes = {"superficial": 7.25, "muscle": 1.5, "cranium": 2.0, "left": 3.0}
+    return {"case": case, "muscle": "labelled", "volume_cm3": volumes, "repairs": REPAIRS}
+
+
+def test_thickness_is_the_way_from_bone_to_skin():
+    found = thickness(block())
+    # The plate's edge looks at the border of the skin, which may go on.
+    assert found == {name: {"mean": 16.0, "p5": 16.0, "p95": 16.0} for name in ("cranium", "left")}
+
+
+def test_thickness_follows_the_skin_and_ignores_bone_that_looks_away():
+    model = block()
+    skin = model.points.copy()
+    wide = skin[:, 0] > 17
+    skin[wide & (skin[:, 2] == 55), 2] = 65
+    found = thickness(replace(model, skin_points=skin))
+    assert found["left"]["p5"] == 16 and 20 < found["left"]["p95"] < 26 and 23 < found["cranium"]["mean"] <= 26
+    away = thickness(replace(model, bone_normals=-model.bone_normals))
+    assert away == {"cranium": None, "left": None}
+    bare = thickness(replace(model, bone_points=model.bone_points + [0, 0, 15.5]))
+    assert bare == {"cranium": None, "left": None}
+
+
+def test_contact_is_the_area_of_the_nodes_by_bone_and_type():
+    model = block()
+    index = np.round((model.points - [10, -80, 40]) / 5).astype(int)
+    inner = (index[:, 2] == 0) & (index[:, 0] % 6 > 0) & (index[:, 1] % 4 > 0)
+    assert inner.sum() == 15
+    kind, beyond = np.full(len(inner), FREE), np.full(len(inner), INTERIOR)
+    beyond[inner] = np.where(index[inner, 0] == 5, 10, 11)
+    kind[inner] = np.select(
+        [index[inner, 0] < 3, index[inner, 0] == 3, index[inner, 0] == 4], [MOVING, SLIDING, FREE], FIXED
+    )
+    found = contact(replace(model, node_type=kind, node_beyond=beyond))
+    # 25 mm2 each: two rows of three move, one slides, one is released, one is on the cranium.
+    assert found == {
+        "cranium": {"fixed": 0.75, "released": 0.0},
+        "left": {"moving": 1.5, "sliding": 0.75, "released": 0.75},
+    }
+
+
+def test_the_report_holds_the_mesh_and_what_was_repaired():
+    model = replace(block(), muscle="derived")
+    found = quality(model, imported())
+    assert found["smallest_volume_mm3"] == pytest.approx(125 / 6, abs=1e-4)
+    assert found["shortest_edge_mm"] == 5 and found["smallest_dihedral_deg"] == pytest.approx(45, abs=1e-3)
+    assert found["nodes"] == 7 * 5 * 4 and found["elements"] == 6 * 6 * 4 * 3
+    assert found["repaired_voxels"] == 30 and found["repairs"] == REPAIRS and found["muscle"] == "derived"
+    assert json.loads(json.dumps(found)) == found
+
+
+def test_the_table_has_one_row_per_case_and_its_twins(tmp_path):
+    path = tmp_path / "quality.csv"
+    model = block()
+    looking_away = replace(model, bone_normals=-model.bone_normals, muscle="single")
+    write_quality([quality(model, imported("P2")), quality(looking_away, imported("P1"))], path, SEGMENTS)
+    frame = read_table(path, quality_columns(SEGMENTS)).set_index("case")
+    assert list(frame.index) == ["P1", "P2"] and list(frame["muscle"]) == ["single", "labelled"]
+    assert frame.loc["P2", "thickness_left_p95"] == 16 and np.isnan(frame.loc["P1", "thickness_left_p95"])
+    assert frame.loc["P1", "volume_muscle"] == 1.5 and frame.loc["P1", "contact_left_moving"] > 0
+    for suffix in ("md", "tex", "html"):
+        assert "16.00" in path.with_suffix(f".{suffix}").read_text()
+
+
+def test_report_and_table_are_written_and_repeat_their_bytes(tmp_path):
+    block().write(tmp_path / "model.h5")
+    (tmp_path / "import.json").write_text(json.dumps(imported()))
+    made = []
+    for number in (1, 2):
+        files = [str(tmp_path / f"{number}.{suffix}") for suffix in ("json", "png")]
+        report_quality(str(tmp_path / "model.h5"), str(tmp_path / "import.json"), *files)
+        made.append([Path(file).read_bytes() for file in files])
+    assert made[0] == made[1] and len(made[0][1]) > 20_000
+    collect_quality([str(tmp_path / "1.json")], SEGMENTS, "clinic", str(tmp_path / "quality.csv"))
+    assert len(pd.read_csv(tmp_path / "quality.csv")) == 1 and "clinic" in (tmp_path / "quality.md").read_text()

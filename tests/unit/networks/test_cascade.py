@@ -1,0 +1,257 @@
+"""The cascade: what it sees, where it starts, and what it must not depend on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from pinnochio.mechanics.lift import make_lift
+from pinnochio.mechanics.materials import neo_hookean
+from pinnochio.methods.pinnochio.patient import PatientTensors
+from pinnochio.model.labels import MUSCLE, SUPERFICIAL
+from pinnochio.model.patient import FIXED, MOVING, NO_INTERFACE, SLIDING
+from pinnochio.networks.cascade import build
+from pinnochio.networks.settings import NetworkSettings
+from tests.helpers.patients import renumbered, tiny_patient, tiny_plan
+
+SMALL = NetworkSettings(boundary_layers=2, volume_layers=2, rest_layers=1, channels=16, heads=2, decoder_width=16)
+
+
+LIFTED = replace(SMALL, lift="elastic", volume_layers=0)
+
+
+def tensors(model, neighbours=8, **switches):
+    material = neo_hookean(model.tissue, {MUSCLE: 6.0, SUPERFICIAL: 4.0}, 0.49, 0)
+    settings = replace(SMALL, neighbours=neighbours, **switches)
+    lift = None if settings.lift == "none" else make_lift(model, material, settings.lift, controls=10)
+    return PatientTensors.build(model, material, "patch", settings, lift)
+
+
+def shaken(settings=SMALL, seed=0):
+    """A network whose zero-initialised last layers are filled, so that it does something."""
+    torch.manual_seed(seed)
+    network = build(settings)
+    for name, weight in network.named_parameters():
+        if weight.abs().max() == 0:
+            torch.nn.init.normal_(weight, std=0.3)
+        assert weight.abs().max() > 0, name
+    return network
+
+
+@pytest.mark.parametrize("decomposition", [True, False])
+def test_untrained_network_moves_nothing_and_returns_the_cue(decomposition):
+    patient, plan = tensors(tiny_patient()), tiny_plan()
+    network = build(replace(SMALL, decomposition=decomposition))
+    prediction = network(patient.anatomy, patient.signal(plan))
+    assert prediction.displacement.abs().max() == 0
+    cue, reliable = patient.model.reference_cue(plan)
+    assert np.allclose(prediction.boundary.detach().numpy(), cue, atol=1e-5)
+    assert np.abs(cue[reliable]).max() > 1
+    assert (patient.operator.jacobians(prediction.displacement) - 1).abs().max() < 1e-6
+
+
+@pytest.mark.parametrize("decomposition", [True, False])
+def test_prediction_follows_a_renumbering_of_the_nodes(decomposition):
+    model, plan = tiny_patient(), tiny_plan()
+    order = np.random.default_rng(0).permutation(len(model.points))
+    network = shaken(replace(SMALL, decomposition=decomposition))
+    results = []
+    for each in (model, renumbered(model, order)):
+        patient = tensors(each)
+        results.append(network(patient.anatomy, patient.signal(plan)).displacement.detach().numpy())
+    assert np.abs(results[0]).max() > 0.1
+    assert np.allclose(results[0][order], results[1], atol=1e-4)
+
+
+def test_mirrored_pass_equals_mirrored_patient():
+    model, plan = tiny_patient(), tiny_plan()
+    flip = np.array([-1.0, 1.0, 1.0])
+    patient = tensors(model)
+    signal = patient.signal(plan)
+    twin = replace(
+        tensors(
+            replace(
+                model,
+                points=model.points * flip,
+                bone_points=model.bone_points * flip,
+                cells=model.cells[:, [0, 2, 1, 3]],
+            )
+        )
+    )
+    mirrored = torch.tensor(flip, dtype=torch.float32)
+    twin_signal = replace(signal, bone=signal.bone * mirrored, cue=signal.cue * mirrored)
+    network = shaken()
+    direct = network(patient.anatomy, signal, mirror=True).displacement
+    assert torch.allclose(direct, network(twin.anatomy, twin_signal).displacement * mirrored, atol=1e-4)
+    assert not torch.allclose(direct, network(patient.anatomy, signal).displacement, atol=1e-2)
+
+
+def test_neighbours_are_the_nearest_source_nodes():
+    model = tiny_patient()
+    anatomy = tensors(model, neighbours=5).anatomy
+    sources = {name: model.bone_points for name in ("bone_muscle", "bone_superficial")}
+    sources["muscle_superficial"] = model.points[anatomy.muscle_nodes.numpy()]
+    for name, source in sources.items():
+        link = getattr(anatomy, name)
+        assert len(link.nodes)
+        for node, near in zip(link.nodes.tolist(), link.neighbours.tolist(), strict=True):
+            distance = np.linalg.norm(source - model.points[node], axis=1)
+            assert set(near) == set(np.argsort(distance)[:5])
+
+
+def test_volume_networks_see_zero_on_free_nodes_and_the_mask_on_interfaces(monkeypatch):
+    patient, plan = tensors(tiny_patient()), tiny_plan()
+    network, seen = shaken(), {}
+    for name in ("muscle", "superficial"):
+        network.get_submodule(name).register_forward_pre_hook(lambda _, inputs, name=name: seen.update({name: inputs}))
+    prediction = network(patient.anatomy, patient.signal(plan))
+    model = patient.model
+    given = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
+    bone = np.isin(model.interface_kind, (1, 2))
+    known = {"muscle": given | bone, "superficial": given | (model.interface_kind > 0)}
+    for name, (_, _, sparse, mask) in seen.items():
+        expected = known[name][getattr(patient.anatomy, f"{name}_nodes").numpy()]
+        assert np.array_equal(mask[:, 0].numpy() > 0, expected)
+        sparse = sparse.detach().abs().sum(1).numpy()
+        assert (sparse[~expected] == 0).all() and (sparse[expected] > 0).any()
+    assert np.array_equal(prediction.known[:, 0].numpy() > 0, known["superficial"])
+    assert prediction.boundary.detach().numpy()[given].any() == 0
+    assert (model.node_type == SLIDING).any()
+    assert np.abs(prediction.boundary.detach().numpy()[model.node_type == SLIDING]).min() > 0
+
+
+def test_shared_nodes_take_the_mean_of_both_tissues():
+    patient, plan = tensors(tiny_patient()), tiny_plan()
+    network, found = shaken(), {}
+    for name in ("muscle", "superficial"):
+        network.get_submodule(name).register_forward_hook(lambda *a, name=name: found.update({name: a[2]}))
+    whole = network(patient.anatomy, patient.signal(plan)).displacement
+    fields = torch.full((2, *whole.shape), torch.nan)
+    fields[0, patient.anatomy.muscle_nodes] = found["muscle"]
+    fields[1, patient.anatomy.superficial_nodes] = found["superficial"]
+    assert torch.isfinite(fields).all(0).all(1).sum() > 5
+    assert torch.allclose(whole, fields.nanmean(0), atol=1e-6)
+
+
+def test_patient_without_muscle_is_solved():
+    model = tiny_patient()
+    kind = np.array([0, 2, 2, 0], np.int8)[model.interface_kind]
+    model = replace(model, tissue=np.full_like(model.tissue, SUPERFICIAL), interface_kind=kind)
+    patient = tensors(model)
+    displacement = shaken()(patient.anatomy, patient.signal(tiny_plan())).displacement
+    assert torch.isfinite(displacement).all() and displacement.abs().min() > 0
+
+
+@pytest.mark.parametrize("lift", ["harmonic", "elastic"])
+@pytest.mark.parametrize("volume_layers", [0, 2])
+def test_untrained_network_with_a_lift_returns_the_lift(lift, volume_layers):
+    patient, plan = tensors(tiny_patient(), lift=lift), tiny_plan()
+    signal = patient.signal(plan)
+    network = build(replace(SMALL, lift=lift, volume_layers=volume_layers))
+    prediction = network(patient.anatomy, signal)
+    assert torch.allclose(prediction.displacement, signal.lifted, atol=1e-5)
+    assert torch.allclose(prediction.boundary, signal.lifted * prediction.known, atol=1e-5)
+    sliding = patient.model.node_type == SLIDING
+    assert signal.cue[sliding].abs().max() > 0.1 and signal.reliable[sliding].max() == 0
+
+
+def test_interface_with_a_lift_moves_the_volume_and_only_by_the_interface():
+    patient, plan = tensors(tiny_patient(), lift="elastic"), tiny_plan()
+    signal, network = patient.signal(plan), shaken(LIFTED)
+    prediction = network(patient.anatomy, signal)
+    added = (prediction.displacement - signal.lifted).detach().numpy()
+    assert np.abs(added).max() > 0.1
+    known = prediction.known[:, 0].numpy() > 0
+    assert torch.allclose(prediction.displacement[known], prediction.boundary[known], atol=1e-5)
+    moved = (added.reshape(1, -1) @ np.linalg.pinv(patient.lift.departures.reshape(30, -1))).reshape(30, 1, 1)
+    assert np.allclose((moved * patient.lift.departures).sum(0), added, atol=1e-3)
+
+
+@pytest.mark.parametrize("switches", [{}, {"lift": "elastic"}])
+def test_hard_boundary_keeps_the_plan_where_it_is_reliable(switches):
+    model, plan = tiny_patient(), tiny_plan()
+    patient = tensors(model, **switches)
+    network = shaken(replace(SMALL, boundary="hard", **switches))
+    prediction = network(patient.anatomy, patient.signal(plan))
+    cue, reliable = model.reference_cue(plan)
+    contact = reliable & (model.interface_kind > 0)
+    assert np.allclose(prediction.displacement.detach().numpy()[contact], cue[contact], atol=1e-5)
+    sliding = model.node_type == SLIDING
+    assert np.abs(prediction.boundary.detach().numpy()[sliding]).min() > 1e-3
+    soft = shaken(replace(SMALL, **switches))(patient.anatomy, patient.signal(plan))
+    assert not np.allclose(soft.displacement.detach().numpy()[contact], cue[contact], atol=0.05)
+
+
+@pytest.mark.parametrize(
+    "switches",
+    [{"blend": True}, {"segment_nodes": True}, {"edge_features": False}, {"long_edges": 2}, {"stiffness": True}],
+)
+def test_each_switch_changes_what_the_network_sees(switches):
+    model, plan = tiny_patient(), tiny_plan()
+    plain, switched = tensors(model), tensors(model, **switches)
+    torch.manual_seed(0)
+    networks = [build(SMALL), build(replace(SMALL, **switches))]
+    for network in networks:
+        for seed, weight in enumerate(network.parameters()):
+            torch.nn.init.normal_(weight, std=0.1, generator=torch.Generator().manual_seed(seed))
+    fields = [
+        network(patient.anatomy, patient.signal(plan)).displacement
+        for network, patient in zip(networks, (plain, switched), strict=True)
+    ]
+    assert torch.isfinite(fields[1]).all() and not torch.allclose(*fields, atol=1e-4)
+
+
+def test_blend_lies_between_the_motions_around():
+    model, plan = tiny_patient(), tiny_plan()
+    cue = tensors(model, blend=True).signal(plan).cue.numpy()
+    sliding, moving = model.node_type == SLIDING, model.node_type == MOVING
+    length = np.linalg.norm(cue, axis=1)
+    assert length[sliding].min() > 0 and length[sliding].max() < length[moving].max() + 1
+    assert np.abs(tensors(model).signal(plan).cue.numpy()[sliding]).max() == 0
+
+
+def test_virtual_segment_nodes_carry_the_motion_of_their_bone():
+    model, plan = tiny_patient(), tiny_plan()
+    patient = tensors(model, segment_nodes=True)
+    count = len(model.bone_points)
+    signal, graph = patient.signal(plan), patient.anatomy.bone
+    assert len(graph.points) == count + 2 == len(signal.bone) == len(patient.anatomy.bone_moved)
+    assert patient.anatomy.bone_moved[count:, 0].tolist() == [0, 1]  # cranium, then the segment
+    middle = model.bone_points[model.bone_segment == 0].mean(axis=0)
+    assert np.allclose(signal.bone[count + 1], plan.motion("left").displacement(middle[None])[0], atol=1e-4)
+    own = graph.edges[0][graph.edges[1] == count + 1].numpy()
+    assert set(own) == {*np.flatnonzero(model.bone_segment == 0), count + 1}
+
+
+def test_mirrored_pass_through_a_lift_equals_the_mirrored_patient():
+    model, plan = tiny_patient(), tiny_plan()
+    flip = torch.tensor([-1.0, 1.0, 1.0])
+    patient = tensors(model, lift="elastic")
+    signal, network = patient.signal(plan), shaken(LIFTED)
+    mirrored = network(patient.anatomy, signal, mirror=True).displacement
+    # The same network on the mirrored patient: everything it reads is mirrored, the departures too.
+    anatomy = patient.anatomy
+    departures = anatomy.lift.departures.view(-1, 3, len(model.points), 3) * flip[None, :, None, None] * flip
+    twin = replace(
+        anatomy,
+        bone=anatomy.bone.mirrored(flip),
+        lift=replace(anatomy.lift, departures=departures.reshape(anatomy.lift.departures.shape)),
+    )
+    twin_signal = replace(signal, bone=signal.bone * flip, cue=signal.cue * flip, lifted=signal.lifted * flip)
+    assert torch.allclose(mirrored, network(twin, twin_signal).displacement * flip, atol=1e-4)
+
+
+def test_settings_refuse_what_cannot_be_built():
+    with pytest.raises(ValueError, match="multiple of heads"):
+        NetworkSettings(channels=10, heads=4)
+    with pytest.raises(ValueError, match="lift"):
+        NetworkSettings(lift="sideways")
+    with pytest.raises(ValueError, match="boundary"):
+        NetworkSettings(boundary="firm")
+    with pytest.raises(ValueError, match="interface to lift"):
+        NetworkSettings(decomposition=False, lift="elastic")
+    with pytest.raises(ValueError, match="choose a lift"):
+        NetworkSettings(volume_layers=0)
+    with pytest.raises(ValueError, match="lift is 'none'"):
+        PatientTensors.build(*(tiny_patient(), None), settings=SMALL, lift=tensors(tiny_patient(), lift="elastic").lift)

@@ -1,0 +1,96 @@
+"""What the certificate measures of known fields, and what it says of them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.patient import FREE
+from pinnochio.model.regions import CHIN, NAMES, NOSE
+from pinnochio.patients.archive import Archive
+from pinnochio.patients.certificate import in_distribution, in_words, interval_measures, measures, plain
+from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities
+from pinnochio.plans.plan import Plan
+from pinnochio.statistics.intervals import Calibration, Interval
+from tests.helpers.patients import tiny_patient, tiny_plan
+
+FEM = FemSettings({"muscle": 6, "superficial": 4}, 0.49)
+PATIENT = tiny_patient()
+QUALITY = {"volume_cm3": {"left": 1.0}, "thickness_mm": {}, "contact_cm2": {"left": {"moving": 2.0}}}
+
+
+def certificate(displacement, plan, **parts):
+    said = {
+        "measures": measures(PATIENT, plan, displacement, FEM),
+        "models": None,
+        "interval": None,
+        "in_distribution": None,
+    }
+    return json.loads(json.dumps(plain(said | parts), allow_nan=False))
+
+
+def judgements(said):
+    return {row.what: row.good for row in in_words(said)}
+
+
+def test_rest_is_valid_in_equilibrium_and_where_a_plan_of_nothing_wants_it():
+    said = certificate(np.zeros_like(PATIENT.points), Plan("tiny", {}))
+    of = said["measures"]
+    assert (of["inverted"], of["eqres_rel"], of["moving_error"], of["skin_max_mm"]) == (0, 0, 0, 0)
+    assert of["min_jacobian"] == pytest.approx(1) and of["elements"] == len(PATIENT.cells)
+    assert judgements(said)["Elements turned inside out"] and judgements(said)["Smallest volume ratio (min J)"]
+
+
+def test_a_field_that_ignores_the_plan_is_off_by_the_plan():
+    plan = tiny_plan(0, -3, 0, pitch=0)
+    said = certificate(np.zeros_like(PATIENT.points), plan)
+    assert said["measures"]["moving_error"] == pytest.approx(3)
+    assert "3.000 mm" in [row.value for row in in_words(said)]
+    moved = certificate(np.tile([0.0, -3, 0], (len(PATIENT.points), 1)), plan)["measures"]
+    assert moved["moving_error"] == pytest.approx(0, abs=1e-9)
+    assert (moved["skin_mean_mm"], moved["skin_max_mm"]) == pytest.approx((3, 3))
+
+
+def test_an_element_turned_inside_out_is_found():
+    field = np.zeros_like(PATIENT.points)
+    cell = PATIENT.cells[(PATIENT.node_type[PATIENT.cells] == FREE).any(axis=1)][0]
+    node = cell[PATIENT.node_type[cell] == FREE][0]
+    field[node] = 2 * (PATIENT.points[cell[cell != node]].mean(axis=0) - PATIENT.points[node])
+    said = certificate(field, Plan("tiny", {}))
+    assert said["measures"]["inverted"] >= 1 and said["measures"]["min_jacobian"] < 0
+    found = judgements(said)
+    assert found["Elements turned inside out"] is False and found["Smallest volume ratio (min J)"] is False
+    assert found["Residual"] is None
+
+
+def test_the_interval_counts_where_it_is_widened():
+    calibration = Calibration("m", 0.9, 12, 5, {name: 1.0 for name in NAMES} | {"nose": None}, {})
+    region = np.array([CHIN] * 3 + [NOSE, -1], np.int8)
+    found = Interval(np.zeros((1, 3)), np.zeros(1), np.array([1.0, 1.05, 2.5, np.nan, np.nan]), region)
+    said = interval_measures(found, calibration)
+    assert (said["median_mm"], said["largest_mm"], said["patients"]) == (1.05, 2.5, 12)
+    assert said["widened_percent"] == pytest.approx(100 / 3)
+
+
+@pytest.mark.parametrize(("factor", "like"), [(1.0, True), (6.0, False)])
+def test_a_plan_far_beyond_the_training_is_called_so(factor, like):
+    plans = [tiny_plan(0, -y, 0, pitch=1) for y in (2, 3, 4, 5)]
+    anatomy = anatomy_quantities(PATIENT, QUALITY)
+    ranges = Ranges(
+        Norm.of([anatomy] * 4), Norm.of([plan_quantities(PATIENT, plan) for plan in plans], True), ["labelled"]
+    )
+    archive = Archive("virtual cohort", 4, ["left"], ["1"], {}, {}, "", "")
+    found = in_distribution(PATIENT, tiny_plan(0, -4 * factor, 0, pitch=1), QUALITY, archive, ranges)
+    assert found["like"] == found["plan"]["like"] == like and found["anatomy"]["like"] and found["muscle"]["like"]
+    models = {"cohort": "virtual cohort", "usual": {"min_jacobian": [0.1, 0.2, 0.3]}}
+    interval = {"level": 0.9, "patients": 4, "median_mm": 1.0, "largest_mm": 2.0, "widened_percent": 0.0}
+    said = certificate(
+        np.zeros_like(PATIENT.points), plans[0], models=models, interval=interval, in_distribution=found
+    )  # fmt: skip
+    assert judgements(said)["Plan"] is like and judgements(said)["Bone segments"]
+    words = {row.what: row.meaning for row in in_words(said)}
+    assert ("do not rely on it" in words["Interval"]) != like and "0.10 to 0.30, median 0.20" in str(words)
+    assert ("forward_left_mm is 2" in words["Plan"]) != like
+    stranger = in_distribution(PATIENT, plans[0], QUALITY, Archive("c", 4, ["chin"], [], {}, {}, "", ""), ranges)
+    assert not stranger["like"] and not stranger["segments"]["like"]

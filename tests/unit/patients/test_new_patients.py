@@ -1,0 +1,185 @@
+"""Folders and tables of new patients, and the choice of what predicts them."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from pinnochio.errors import InputError
+from pinnochio.patients.archive import Archive, configuration_hash
+from pinnochio.study.choice import choose
+from pinnochio.study.new_patients import read_patients
+from pinnochio.tables.engine import write_csv
+from pinnochio.tables.tradeoff import TRADEOFF, summarise
+from tests.helpers.settings import CONFIG
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A patient with a segmentation and no plan."""
+    (tmp_path / "P01").mkdir()
+    (tmp_path / "P01/segmentation.nii.gz").touch()
+    return tmp_path / "P01"
+
+
+def plans_of(path):
+    (patient,) = read_patients(path).values()
+    return {name: Path(plan).relative_to(path).as_posix() for name, plan in patient.plans.items()}
+
+
+def test_a_folder_holds_one_plan_or_several(folder):
+    (folder / "plan.json").touch()
+    assert plans_of(folder) == {"plan": "plan.json"}
+    (folder / "plans/slicer").mkdir(parents=True)
+    (folder / "plans/slicer/lefort1.tfm").touch()
+    (folder / "plans/setback.json").touch()
+    assert plans_of(folder) == {
+        "plan": "plan.json", "setback": "plans/setback.json", "slicer": "plans/slicer"
+    }  # fmt: skip
+    patient = read_patients(f"{folder}/")["P01"]
+    assert patient.segmentation == str(folder / "segmentation.nii.gz") and patient.home == str(folder)
+
+
+def test_a_patient_may_have_no_plan_yet(folder):
+    assert plans_of(folder) == {}
+    (folder / "plans").mkdir()
+    assert plans_of(folder) == {}
+
+
+def test_a_folder_of_transforms_is_one_plan_and_one_of_surfaces_a_segmentation(folder):
+    (folder / "segmentation.nii.gz").unlink()
+    for name in ("segmentation/lefort1.stl", "plan/lefort1.tfm", "plan/mandible_distal.tfm"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).touch()
+    assert plans_of(folder) == {"plan": "plan"}
+    assert read_patients(folder)["P01"].segmentation == str(folder / "segmentation")
+
+
+def test_a_table_names_several_patients(folder):
+    (folder / "plans").mkdir()
+    for name in ("a", "b"):
+        (folder / f"plans/{name}.json").touch()
+    table = folder.parent / "new.tsv"
+    rows = ["case\tsegmentation\tplan\tpostop", "P01\tP01/segmentation.nii.gz\tP01/plans\t"]
+    table.write_text("\n".join([*rows, "P02\tP01/segmentation.nii.gz\tP01/plans/a.json\t"]) + "\n")
+    found = read_patients(table)
+    assert {name: sorted(patient.plans) for name, patient in found.items()} == {"P01": ["a", "b"], "P02": ["a"]}
+    assert {patient.home for patient in found.values()} == {str(folder), str(folder.parent / "P02")}
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (["plan.json", "segmentation.nrrd"], "segmentation.nii.gz, segmentation.nrrd"),
+        (["plan.json", "plans/plan.json"], "plan 'plan' is there twice"),
+        (["plans/my plan.json"], "'my plan' is not of letters"),
+    ],
+)
+def test_what_is_missing_or_there_twice_is_said(folder, made, said):
+    for name in made:
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).mkdir() if name.endswith("/") else (folder / name).touch()
+    with pytest.raises(InputError, match=said) as caught:
+        read_patients(folder)
+    assert caught.value.case == "P01"
+
+
+def test_no_such_folder_is_said(tmp_path):
+    with pytest.raises(InputError, match="no such folder or table"):
+        read_patients(tmp_path / "P09")
+
+
+def archive(folder, segments=CONFIG["segments"]):
+    settings = {name: CONFIG[name] | {} for name in ("mesh", "interfaces", "fem", "lift")}
+    settings["mesh"]["nodes"] = 1234
+    methods = {"pinnochio_plus": {"corrections": 2, "lift": "elastic", "usual": {}}}
+    Archive("clinic", 12, list(segments), ["1", "2"], methods, settings, "abc", "def").write(folder)
+
+
+def measured(folder):
+    """A front: plus in 0.1 s (0.2 mm from the reference), sliding elements in 1 s (0.1 mm) and 0.3 s."""
+    rows = [
+        ("pinnochio_plus", 3000, {}, 2, 0.1, 0.5, 0.2),
+        ("fem_sliding", 5000, {}, None, 1.0, 0.6, 0.1),
+        ("fem_sliding", 2000, {"tolerance": 0.01}, None, 0.3, 0.7, 0.15),
+    ]
+    found = []
+    for case in ("A", "B"):
+        for method, nodes, fem, corrections, seconds, cd, face in rows:
+            recipe = json.dumps({"method": method, "nodes": nodes, "fem": fem, "corrections": corrections})
+            row = {"case": case, "method": method, "dial": "nodes", "value": str(nodes), "recipe": recipe}
+            row |= {"nodes": nodes, "seconds": seconds, "setup_seconds": 0, "threads": 1, "converged": True, "cd": cd}
+            row |= {"face_error": face, "face_error_max": 1, "volume_error": 1, "eqres_rel": 0.1}
+            found.append(row | {"min_jacobian": 0.5, "inverted": 0})
+    folder.mkdir(parents=True, exist_ok=True)
+    write_csv(summarise(pd.DataFrame(found)), folder / "tradeoff.csv", TRADEOFF)
+
+
+def chosen(folder, **predict):
+    return choose(CONFIG | {"predict": CONFIG["predict"] | predict}, folder, Path(folder) / "tradeoff.csv")
+
+
+def test_a_learned_method_is_used_as_it_was_trained(tmp_path, monkeypatch):
+    archive(tmp_path / "models")
+    monkeypatch.chdir(tmp_path)
+    found = chosen("models")
+    assert (found.method, found.corrections, found.lift) == ("pinnochio_plus", 2, "elastic")
+    assert found.settings["mesh"]["nodes"] == 1234 and found.archive.cohort == "clinic"
+    # Absolute, so that no rule of the study makes them.
+    assert found.networks == [str(tmp_path / f"models/pinnochio_plus/{fold}.pt") for fold in "12"]
+    assert all(Path(file).is_absolute() for file in [*found.files, found.calibration])
+
+
+def test_missing_models_are_said_with_both_remedies(tmp_path):
+    with pytest.raises(InputError) as caught:
+        chosen(tmp_path / "nowhere")
+    assert "snakemake archive" in caught.value.remedy and "'models'" in caught.value.remedy
+    archive(tmp_path)
+    with pytest.raises(InputError, match="the archive has no 'pinnochio', but pinnochio_plus"):
+        chosen(tmp_path, method="pinnochio")
+
+
+def test_other_segments_are_refused_unless_asked_for(tmp_path):
+    archive(tmp_path, ["mandible"])
+    with pytest.raises(InputError, match="the models were trained with mandible"):
+        chosen(tmp_path)
+    assert chosen(tmp_path, other_segments="predict").archive.segments == ["mandible"]
+    archive(tmp_path, reversed(CONFIG["segments"]))
+    assert chosen(tmp_path).archive.segments[0] == CONFIG["segments"][-1]
+
+
+def test_a_budget_is_met_from_the_front_by_what_the_archive_has(tmp_path):
+    measured(tmp_path)
+    alone = chosen(tmp_path, budget_seconds=0.5)  # 1.5 times 0.3 s; no models, so no network
+    assert (alone.method, alone.settings["mesh"]["nodes"]) == ("fem_sliding", 2000)
+    assert alone.settings["fem"] == CONFIG["fem"] | {"tolerance": 0.01} and not alone.networks
+    archive(tmp_path)
+    found = chosen(tmp_path, budget_seconds=0.5)  # two folds: 0.2 s
+    assert (found.method, found.corrections, found.settings["mesh"]["nodes"]) == ("pinnochio_plus", 2, 3000)
+    assert found.expected == {
+        "budget_seconds": 0.5, "setting": "pinnochio_plus, nodes 3000", "patients": 2,
+        "seconds": 0.2, "seconds_max": 0.2, "cd": 0.5, "face_error": 0.2,
+    }  # fmt: skip
+    assert chosen(tmp_path, tolerance_mm=0.12).settings["mesh"]["nodes"] == 5000
+    assert chosen(tmp_path).expected is None
+
+
+def test_a_wish_that_nothing_keeps_and_a_front_that_is_not_there_are_said(tmp_path):
+    with pytest.raises(InputError, match="no measured Pareto front"):
+        chosen(tmp_path, budget_seconds=1)
+    measured(tmp_path)
+    with pytest.raises(InputError, match="ask for 0.45 s or more, and 0.1 mm or more"):
+        chosen(tmp_path, budget_seconds=0.2)
+
+
+@pytest.mark.parametrize("method", ["fem_sliding", "fem_bonded", "elastic"])
+def test_a_method_without_training_needs_no_archive(tmp_path, method):
+    found = chosen(tmp_path / "nowhere", method=method)
+    assert found.settings["mesh"] == CONFIG["mesh"] and not found.files and not found.networks
+
+
+def test_the_hash_of_a_configuration_knows_values_and_not_their_order():
+    turned = dict(reversed(CONFIG.items()))
+    assert configuration_hash(turned) == configuration_hash(json.loads(json.dumps(CONFIG)))
+    assert configuration_hash(CONFIG | {"seed": 2}) != configuration_hash(CONFIG)

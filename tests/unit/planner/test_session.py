@@ -1,0 +1,165 @@
+"""Editing plans by hand: motions and pivots, undo, two sides, saving; and what the planner is given."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from pinnochio.errors import InputError
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.study.new_patients import read_patients
+from pinnochio.planner.prepared import Given
+from pinnochio.planner.session import QUANTITIES, REST, SIDES, Session
+from pinnochio.plans.plan import Plan
+from tests.helpers.patients import tiny_patient, tiny_plan
+
+PATIENT = tiny_patient()
+PLAN = tiny_plan()
+MIDDLE = PATIENT.bone_points[PATIENT.bone_segment == 0].mean(axis=0)
+
+
+@pytest.fixture
+def session(tmp_path):
+    return Session(PATIENT, "tiny", {"given": PLAN}, tmp_path)
+
+
+def bone(plan):
+    return PATIENT.bone_displacement(plan)
+
+
+def test_a_motion_about_another_pivot_is_the_same_motion():
+    motion = RigidMotion.from_degrees([4, -2, 9], [1, 2, 3], [15, -70, 39])
+    other = motion.about(np.array([-40.0, 3.0, 8.0]))
+    np.testing.assert_allclose(other.apply(PATIENT.points), motion.apply(PATIENT.points), atol=1e-9)
+    np.testing.assert_allclose(motion.degrees, [4, -2, 9], atol=1e-9)
+    assert other.pivot.tolist() == [-40, 3, 8] and np.linalg.norm(other.translation - motion.translation) > 1
+
+
+def test_a_session_starts_with_the_given_plan_beside_nothing_moved(session):
+    assert list(session.plans) == [REST, "given"]
+    np.testing.assert_allclose(bone(session.drafts["A"].plan), bone(PLAN), atol=1e-9)
+    assert not bone(session.drafts["B"].plan).any()
+    assert session.values("left") == pytest.approx(dict(zip(QUANTITIES, [1, -3, 1.5, 2, 0, 0], strict=True)), abs=1e-9)
+    assert session.draft.plan.motion("left").pivot.tolist() == [15, -70, 39]
+    session.side = "B"
+    np.testing.assert_allclose(session.draft.plan.motion("left").pivot, MIDDLE)
+
+
+def test_a_pivot_far_from_the_bone_is_brought_to_its_middle(tmp_path):
+    far = Plan("tiny", {"left": PLAN.motion("left").about(np.array([0.0, 900.0, 0.0]))})
+    session = Session(PATIENT, "tiny", {"far": far}, tmp_path)
+    np.testing.assert_allclose(session.draft.plan.motion("left").pivot, MIDDLE)
+    np.testing.assert_allclose(bone(session.draft.plan), bone(PLAN), atol=1e-9)
+
+
+def test_one_value_changes_alone_and_a_new_pivot_changes_no_place(session):
+    session.change("left", "yaw", -7.5)
+    expected = RigidMotion.from_degrees([2, 0, -7.5], [1, -3, 1.5], [15, -70, 39])
+    np.testing.assert_allclose(session.draft.plan.motion("left").rotation, expected.rotation, atol=1e-12)
+    before = bone(session.draft.plan)
+    session.move_pivot("left", [20, -60, 45])
+    np.testing.assert_allclose(bone(session.draft.plan), before, atol=1e-9)
+    session.change("left", "yaw", 0.0)  # now about the new pivot
+    expected = RigidMotion.from_degrees([2, 0, 0], session.draft.plan.motion("left").translation, [20, -60, 45])
+    np.testing.assert_allclose(bone(session.draft.plan), bone(Plan("", {"left": expected})), atol=1e-9)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_no_number_changes_nothing(session, value):
+    with pytest.raises(ValueError):
+        session.change("left", "x", value)
+    with pytest.raises(ValueError):
+        session.move_pivot("left", [0, value, 0])
+    assert not session.draft.can_undo
+
+
+def test_one_pull_of_a_slider_is_one_step_of_undo(session):
+    start = session.draft.plan
+    for value in (1.5, 2.0, 2.5):
+        session.change("left", "x", value)
+    session.draft.settle()
+    session.change("left", "x", 4.0)
+    session.change("left", "z", 0.0)
+    seen = []
+    while session.draft.can_undo:
+        seen.append(session.values("left")["x"])
+        session.draft.undo()
+    assert seen == pytest.approx([4.0, 4.0, 2.5]) and session.draft.plan is start
+    session.draft.undo()
+    assert session.draft.plan is start
+    session.draft.redo()
+    session.draft.redo()
+    assert session.values("left")["x"] == pytest.approx(4.0) and session.draft.can_redo
+    session.change("left", "x", 9.0)  # after an undo a change is a step of its own, and ends what could be done again
+    assert not session.draft.can_redo
+    session.draft.undo()
+    assert session.values("left")["x"] == pytest.approx(4.0)
+
+
+def test_each_side_has_its_own_plan_and_its_own_undo(session):
+    session.change("left", "y", -9.0)
+    session.side = "B"
+    assert not session.draft.can_undo
+    session.take_other()
+    assert session.draft.plan is session.drafts["A"].plan
+    session.stay("left")
+    assert not bone(session.draft.plan).any() and bone(session.drafts["A"].plan).any()
+    session.draft.undo()
+    session.draft.undo()
+    assert not bone(session.draft.plan).any() and session.drafts["A"].can_undo
+    session.open("given")
+    np.testing.assert_allclose(bone(session.draft.plan), bone(PLAN), atol=1e-9)
+    assert {side: draft.can_undo for side, draft in session.drafts.items()} == dict.fromkeys(SIDES, True)
+
+
+def test_a_saved_plan_reads_back_from_both_forms(session, tmp_path):
+    session.change("left", "pitch", 11.0)
+    file, folder = session.save("mine")
+    assert (file, folder) == (tmp_path / "plans/mine.json", tmp_path / "transforms/mine")
+    wanted = bone(session.draft.plan)
+    for path in (file, folder):
+        np.testing.assert_allclose(bone(Plan.read(path, "tiny")), wanted, atol=1e-6)
+    (tmp_path / "segmentation.nii.gz").touch()
+    (patient,) = read_patients(tmp_path).values()
+    assert patient.plans == {"mine": str(file)}  # so that `snakemake predict` finds it, and finds it once
+    session.change("left", "pitch", 3.0)
+    session.save("mine")  # one's own plan may be saved again
+    session.open("mine")
+    np.testing.assert_allclose(bone(Plan.read(file, "tiny")), bone(session.draft.plan), atol=1e-9)
+    assert not np.allclose(bone(session.draft.plan), wanted)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("given", "'given' already"), ("there", "'there' already"), ("../up", "not of letters"), ("", "not of letters")],
+)
+def test_no_other_plan_and_no_other_folder_is_written_to(session, tmp_path, name, said):
+    (tmp_path / "plans").mkdir()
+    (tmp_path / "plans/there.json").touch()
+    with pytest.raises(InputError, match=said):
+        session.save(name)
+    assert [path.name for path in tmp_path.rglob("*.*")] == ["there.json"]
+
+
+def test_a_plan_that_could_not_be_imported_is_not_saved(session, tmp_path):
+    session.change("left", "x", 51.0)
+    with pytest.raises(InputError, match="carries a point of 'left'"):
+        session.save("far")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_the_planner_is_given_reads_back_and_a_missing_file_is_said(tmp_path):
+    for name in ("model.h5", "quality.json", "plan.json"):
+        (tmp_path / name).touch()
+    files = {name: str(tmp_path / file) for name, file in (("model", "model.h5"), ("quality", "quality.json"))}
+    plans = {"a": str(tmp_path / "plan.json")}
+    given = Given(
+        "tiny", lift=None, plans=plans, home="h", archive=str(tmp_path), method="m", corrections=1, fem={}, **files
+    )
+    given.write(tmp_path / "planner.json")
+    assert asdict(Given.read(tmp_path / "planner.json")) == asdict(given)
+    (tmp_path / "plan.json").unlink()
+    with pytest.raises(InputError, match="plan.json: it is no longer there.*make planner"):
+        Given.read(tmp_path / "planner.json")
+    with pytest.raises(InputError, match="no patient is prepared.*make planner"):
+        Given.read(tmp_path / "nothing.json")

@@ -1,0 +1,169 @@
+"""Cohort tables, folds, seeds and the configuration's cross-checks."""
+
+import copy
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pinnochio import code
+from pinnochio.errors import InputError
+from pinnochio.importing.cohort import read_cases
+from pinnochio.seeds import derive_seed
+from pinnochio.study.cases import assign_folds, virtual_cases
+from pinnochio.study.configuration import REGRESSION, check_config, left_out, surface_networks, variants
+from tests.helpers.settings import ROOT
+
+DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+HEADER = "case\tsegmentation\tplan\tpostop\n"
+
+
+def write_table(folder: Path, text: str) -> Path:
+    for name in ("a.nii.gz", "plan.json", "post.ply"):
+        (folder / name).touch()
+    table = folder / "cases.tsv"
+    table.write_text(text)
+    return table
+
+
+def test_table_paths_are_relative_to_the_table(tmp_path):
+    cases = read_cases(write_table(tmp_path, HEADER + "P1\ta.nii.gz\tplan.json\tpost.ply\nP2\ta.nii.gz\tplan.json\t\n"))
+    assert [case.name for case in cases] == ["P1", "P2"]
+    assert cases[0].postop == str(tmp_path / "post.ply") and cases[1].postop == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("case\tplan\n", "columns"),
+        (HEADER, "no case"),
+        (HEADER + "P1\tb.nii.gz\tplan.json\t\n", "b.nii.gz"),
+        (HEADER + "P1\ta.nii.gz\t\t\n", "column plan is empty"),
+        (HEADER + "P1\ta.nii.gz\tplan.json\tpast.ply\n", "past.ply"),
+        (HEADER + "P1\ta.nii.gz\tplan.json\t\nP1\ta.nii.gz\tplan.json\t\n", "two rows carry this name"),
+        (HEADER + "P/1\ta.nii.gz\tplan.json\t\n", "letters"),
+    ],
+)
+def test_bad_table_is_refused(tmp_path, text, problem):
+    with pytest.raises(InputError) as caught:
+        read_cases(write_table(tmp_path, text))
+    assert problem in str(caught.value) and "Remedy: " in str(caught.value)
+
+
+def test_missing_table_is_refused(tmp_path):
+    with pytest.raises(InputError, match="does not exist"):
+        read_cases(tmp_path / "none.tsv")
+
+
+def test_folds_hold_every_case_out_once_and_evenly():
+    names = [case.name for case in virtual_cases(40, "x")]
+    folds = assign_folds(names, [], 5, seed=1)
+    assert sorted(name for fold in folds.values() for name in fold) == names
+    assert {len(fold) for fold in folds.values()} == {8}
+    assert folds == assign_folds(names, [], 5, seed=1) != assign_folds(names, [], 5, seed=2)
+    # The folds of the published results.
+    assert folds["1"] == ["V07", "V10", "V16", "V27", "V32", "V35", "V37", "V39"]
+
+
+@pytest.mark.parametrize("scanned", [0, 2, 7, 10])
+def test_patients_without_a_scan_join_the_folds_and_move_nobody(scanned):
+    names, others = [f"S{i}" for i in range(scanned)], [f"U{i}" for i in range(6)]
+    folds, alone = assign_folds(names, others, 5, seed=1), assign_folds(names, [], 5, seed=1)
+    assert {fold: [n for n in cases if n in names] for fold, cases in folds.items() if fold in alone} == alone
+    assert sorted(name for fold in folds.values() for name in fold) == sorted([*names, *others])
+    sizes = [len(fold) for fold in folds.values()]
+    assert max(sizes) - min(sizes) <= 1 and list(folds) == list("12345")
+
+
+def test_learned_methods_need_a_scanned_patient_per_fold():
+    trained = {REGRESSION, *DEFAULTS["variants"], *surface_networks(DEFAULTS)}
+    learned = [name for name in DEFAULTS["methods"] if name in trained]
+    assert left_out(DEFAULTS, 5) == [] and left_out(DEFAULTS, 4) == left_out(DEFAULTS, 0) == learned != []
+    assert left_out(DEFAULTS | {"methods": ["no_change", "fem_sliding"]}, 0) == []
+    with pytest.raises(InputError, match="none of 'methods' is left"):
+        left_out(DEFAULTS | {"methods": ["pinnochio"]}, 0)
+
+
+def test_variants_are_overlays_and_leave_the_rest_alone():
+    found = variants(DEFAULTS)
+    assert found["pinnochio"] == {
+        key: DEFAULTS[key] for key in ("network", "pretraining", "finetuning", "newton_corrections")
+    }
+    silent = found["pinnochio_no_physics"]
+    assert silent["pretraining"]["weights"] == DEFAULTS["pretraining"]["weights"] | {"physics": 0}
+    assert silent["network"] == DEFAULTS["network"]
+    plus, hard = found["pinnochio_plus"], found["design_hard_boundary"]
+    assert hard == plus | {"network": plus["network"] | {"boundary": "hard"}}
+    assert DEFAULTS["network"]["lift"] == "none" and plus["network"]["lift"] == "elastic"
+
+
+def test_a_surface_network_is_two_methods_that_differ_in_their_pretraining():
+    found = surface_networks(DEFAULTS)
+    assert sorted(found) == ["acmt", "acmt_pretrained", "dgcfp", "dgcfp_pretrained", "fscnet", "fscnet_pretrained"]
+    alone, taught = found["dgcfp"], found["dgcfp_pretrained"]
+    assert taught == alone | {"pretraining": DEFAULTS["surface"]["networks"]["dgcfp"]["pretraining"]}
+    sizes = {key: DEFAULTS["surface"][key] for key in ("points", "neighbours", "repeats")}
+    assert alone["network"] == sizes | {"architecture": "dgcfp", "mixed_precision": True}
+
+
+def test_seed_depends_on_base_stage_and_key():
+    assert derive_seed(1, "a", "b") == 7298789200918546523
+    assert (
+        len(
+            {
+                derive_seed(1, "a", "b"),
+                derive_seed(2, "a", "b"),
+                derive_seed(1, "b", "b"),
+                derive_seed(1, "a", "c"),
+            }
+        )
+        == 4
+    )
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "problem"),
+    [
+        (("segments",), ["lefort1", "ramus"], "ramus"),
+        (("labels", "muscle"), 1, "share one value"),
+        (("reference",), "fscnet", "not among 'methods'"),
+        (("external",), {"fem_sliding": "elsewhere"}, "'fem_sliding' is the name of a built-in"),
+        (("methods",), ["no_change", "pinocchio"], "'pinocchio' is none of"),
+        (("variants", "no_change"), {}, "built-in"),
+        (("external",), {"pinnochio": "elsewhere"}, "'external' and in 'variants'"),
+        (("external",), {"dgcfp_pretrained": "elsewhere"}, "'external' and in 'surface.networks'"),
+        (("variants", "acmt"), {}, "'variants' and in 'surface.networks'"),
+        (("surface", "networks", "dgcfp", "softmax"), True, "'dgcfp' cannot be built"),
+        (("ablation",), ["pinnochio", "other"], "ablation names 'other'"),
+        (("design", "base"), "other", "design.base names 'other'"),
+        (("network", "heads"), 7, "multiple"),
+        (("variants", "pinnochio_unified", "network", "lift"), "elastic", "'pinnochio_unified' cannot be built"),
+        (("variants", "pinnochio", "finetuning"), {"execution_prior": 1}, "'pinnochio' has an execution_prior"),
+        (("virtual", "patients"), 3, "fewer virtual patients"),
+    ],
+)
+def test_contradictions_in_the_configuration_are_refused(keys, value, problem):
+    config = copy.deepcopy(DEFAULTS)
+    check_config(config)
+    node = config
+    for key in keys[:-1]:
+        node = node[key]
+    node[keys[-1]] = value
+    with pytest.raises(InputError, match=problem):
+        check_config(config)
+
+
+def test_an_external_method_may_be_the_reference_and_labels_may_lack_muscle():
+    labels = {name: value for name, value in DEFAULTS["labels"].items() if name != "muscle"}
+    check_config(DEFAULTS | {"external": {"mine": "elsewhere"}, "reference": "mine", "labels": labels})
+
+
+def test_code_hash_sees_content_and_survives_a_move(tmp_path, monkeypatch):
+    def tree(name, text):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "a.py").write_text(text)
+        monkeypatch.setattr(code, "ROOT", folder)
+        return code.code_hash(folder / "a.py")
+
+    assert tree("one", "x = 1") == tree("two", "x = 1") != tree("three", "x = 2")

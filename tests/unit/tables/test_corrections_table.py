@@ -1,0 +1,86 @@
+"""The dial's table and picture: means, tests against no correction, files."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pinnochio.errors import InputError
+from pinnochio.figures.corrections import corrections_picture
+from pinnochio.statistics.significance import holm, wilcoxon
+from pinnochio.tables.corrections import CORRECTIONS, summarise, write_corrections
+from pinnochio.tables.engine import read_table
+from tests.helpers.rows import row
+
+COUNTS = (0, 1, 5)
+
+
+def cases(method, count, patients=8):
+    """Corrections take 0.01 mm times the patient's number off, and three decimals of the residual."""
+    base = np.linspace(1, 2, patients)
+    shift = 0.01 * np.arange(1, patients + 1) * (count > 0)
+    more = [{"eqres_rel": 10.0 ** (-count - i % 2), "seconds": 0.1 + 0.08 * count} for i in range(patients)]
+    return pd.DataFrame(
+        [row(f"V{i}", method, c - s, **m) for i, (c, s, m) in enumerate(zip(base, shift, more, strict=True))]
+    )
+
+
+@pytest.fixture
+def rows():
+    return {(method, count): cases(method, count) for method in ("plain", "plus") for count in COUNTS}
+
+
+def test_every_row_is_the_mean_of_its_patients_and_tested_against_no_correction(rows):
+    frame = summarise(rows, 3)
+    assert list(zip(frame["method"], frame["corrections"], strict=True)) == list(rows)
+    for (_, found), own in zip(frame.iterrows(), rows.values(), strict=True):
+        assert found["n"] == 8 and found["inverted"] == 16
+        for name in ("cd", "pwr1", "eqres_rel", "seconds"):
+            assert found[f"{name}_mean"] == pytest.approx(own[name].mean())
+            assert found[f"{name}_sd"] == pytest.approx(own[name].std())
+        assert found["eqres_rel_max"] == pytest.approx(10.0 ** -found["corrections"])
+    start = frame[frame["corrections"] == 0]
+    assert start[["pairs", "cd_difference", "p", "p_holm"]].isna().all(axis=None)
+    tested = frame[frame["corrections"] > 0]
+    p = wilcoxon(-np.arange(1, 9))[0]
+    np.testing.assert_allclose(tested["cd_difference"], -0.045)
+    np.testing.assert_allclose(tested["p"], p)
+    np.testing.assert_allclose(tested["p_holm"], np.tile(holm([p, p]), 2))
+    assert (tested["cd_low"] < -0.045).all() and (tested["cd_high"] > -0.045).all() and (tested["pairs"] == 8).all()
+
+
+def test_the_comparison_is_by_patient_not_by_place(rows):
+    rows["plain", 1] = rows["plain", 1].iloc[::-1]
+    frame = summarise(rows).set_index(["method", "corrections"])
+    assert frame.loc[("plain", 1), "p"] == frame.loc[("plus", 1), "p"]
+
+
+def test_a_patient_without_scan_counts_but_is_not_compared(rows):
+    for count in COUNTS:
+        rows["plain", count].loc[2, "cd"] = np.nan
+    frame = summarise(rows).set_index(["method", "corrections"])
+    assert tuple(frame.loc[("plain", 5), ["n", "pairs"]]) == (8, 7)
+    assert frame.loc[("plain", 5), "cd_mean"] == pytest.approx(rows["plain", 5]["cd"].mean())
+
+
+def test_a_method_without_its_own_prediction_is_refused(rows):
+    del rows["plus", 0]
+    with pytest.raises(InputError, match="'plus' has no rows without correction"):
+        summarise(rows)
+
+
+def test_files_and_picture(rows, tmp_path):
+    write_corrections(summarise(rows), tmp_path / "corrections.csv", "made-up cohort")
+    back = read_table(tmp_path / "corrections.csv", CORRECTIONS)
+    assert len(back) == 6
+    text = (tmp_path / "corrections.md").read_text()
+    assert "made-up cohort, n = 8 patients" in text and "-0.0450 (p = 0.015625)" in text and "1.5000 ± " in text
+    assert all((tmp_path / f"dial.{suffix}").stat().st_size > 500 for suffix in ("tex", "html"))
+    corrections_picture(back, tmp_path / "corrections.png")
+    assert (tmp_path / "corrections.png").stat().st_size > 20_000
+
+
+def test_few_patients_are_said_to_be_few(tmp_path):
+    write_corrections(
+        summarise({("plain", count): cases("plain", count, 2) for count in COUNTS}), tmp_path / "corrections.csv"
+    )
+    assert "n = 2 < 6: not tested" in (tmp_path / "corrections.md").read_text()

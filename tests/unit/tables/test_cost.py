@@ -1,0 +1,75 @@
+"""Time per stage and training budget, from a few files made by hand."""
+
+import numpy as np
+import pytest
+import torch
+
+from pinnochio.tables.cost import STAGES, read_benchmark, stages, write_stages
+from pinnochio.tables.engine import read_table
+from pinnochio.tables.training import TRAINING, budget, parameters, write_budget
+from tests.helpers.rows import benchmark
+
+
+@pytest.fixture
+def benchmarks(tmp_path):
+    folder = tmp_path / "benchmarks"
+    for fold, seconds in (("1", 10), ("2", 30)):
+        benchmark(folder / f"pretrain/{fold}_net.tsv", seconds, 1.5 * seconds, 500 + seconds)
+    benchmark(folder / "finetune/1_net.tsv", 5, 4, 900)
+    benchmark(folder / "report/V01.tsv", 0.04, "NA", "NA")
+    benchmark(folder / "report/deep/V02.tsv", 0.06, "-", 80)
+    return folder
+
+
+def test_stages_add_up_longest_first(benchmarks, tmp_path):
+    found = stages(benchmarks).set_index("rule")
+    assert list(found.index) == ["pretrain", "finetune", "report", "all"]
+    assert found.loc["pretrain"].tolist() == [2, 40, 20, 30, 60, 530]
+    assert found.loc["finetune"].tolist() == [1, 5, 5, 5, 4, 900]
+    assert found.loc["report"].tolist() == [2, pytest.approx(0.1), pytest.approx(0.05), 0.06, 0, 80]
+    assert found.loc["all"].tolist() == [5, pytest.approx(45.1), pytest.approx(9.02), 30, 64, 900]
+    write_stages(found.reset_index(), tmp_path / "stages.csv", "test clinic")
+    assert len(read_table(tmp_path / "stages.csv", STAGES)) == 4
+    assert "| pretrain | 2 | 40.0 | 20.0 | 30.0 | 60.0 | 530 |" in (tmp_path / "stages.md").read_text()
+    assert "test clinic" in (tmp_path / "stages.html").read_text() and (tmp_path / "stages.tex").exists()
+
+
+def test_what_was_not_measured_is_nan(benchmarks):
+    found = read_benchmark(benchmarks / "report/V01.tsv")
+    assert found["s"].tolist() == [0.04] and found[["cpu_time", "max_rss"]].isna().all(None)
+
+
+def test_a_study_without_benchmarks_has_a_row_of_zeros(tmp_path):
+    found = stages(tmp_path / "nowhere")
+    assert found["rule"].tolist() == ["all"] and found.loc[0, ["jobs", "seconds"]].tolist() == [0, 0]
+    write_stages(found, tmp_path / "stages.csv")
+
+
+def network(path):
+    net = torch.nn.Sequential(torch.nn.Linear(3, 4), torch.nn.BatchNorm1d(4))
+    torch.save({"state": net.state_dict() | {"index": torch.arange(7)}, "network": {}}, path)
+    return str(path)
+
+
+def test_parameters_are_the_trained_floats(tmp_path):
+    assert parameters(network(tmp_path / "network.pt")) == 3 * 4 + 4 + 4 + 4
+
+
+def test_the_budget_of_methods_with_and_without_a_batch(benchmarks, tmp_path):
+    files = [network(tmp_path / f"{fold}.pt") for fold in (1, 2)]
+    phase = {"steps": 200, "validation": 1, "patience": 3, "learning_rate": 1e-3}
+    settings = {
+        "net": {"pretraining": phase, "finetuning": phase | {"batch": 4}},
+        "once": {"pretraining": phase, "finetuning": None},
+    }
+    found = budget(settings, dict.fromkeys(settings, files), ["1", "2"], str(benchmarks))
+    net, once = found.to_dict("records")
+    assert (net["method"], net["parameters"], net["folds"]) == ("net", 24, 2)
+    assert (net["pretraining_samples"], net["finetuning_steps"], net["finetuning_samples"]) == (200, 200, 800)
+    assert (net["pretraining_seconds"], net["finetuning_seconds"], net["finetuning_patience"]) == (20, 5, 3)
+    assert np.isnan([once["finetuning_steps"], once["finetuning_samples"], once["pretraining_seconds"]]).all()
+    write_budget(found, tmp_path / "training.csv", "test clinic")
+    assert len(read_table(tmp_path / "training.csv", TRAINING)) == 2
+    text = (tmp_path / "training.md").read_text()
+    assert "| net | 24 | 200 + 200 | 200 + 800 | 20.0 + 5.0 | 1 + 1 | 3 + 3 |" in text
+    assert "| once | 24 | 200 + none | 200 + none | none + none |" in text

@@ -1,0 +1,86 @@
+"""The library's rooms stand in one order, and no module imports from a room above its own."""
+
+import ast
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from tests.helpers.settings import ROOT
+
+LIBRARY = ROOT / "workflow/pinnochio"
+# From the bottom to the top; rooms of one line do not import each other. The modules at the root stand below all.
+ORDER = (
+    {"geometry"},
+    {"plans"},
+    {"model"},
+    {"importing", "mechanics"},
+    {"meshing"},
+    {"networks"},
+    {"training"},
+    {"reduction"},
+    {"methods"},
+    {"metrics"},
+    {"statistics"},
+    {"tables"},
+    {"experiments"},
+    {"figures"},
+    {"virtual"},
+    {"patients"},
+    {"planner"},
+    {"report"},
+    {"study"},
+)
+FLOOR = {room: number for number, rooms in enumerate(ORDER, 1) for room in rooms}
+MODULES = sorted(path for path in LIBRARY.rglob("*.py") if path.name != "__init__.py")
+
+
+def room(path: Path) -> str:
+    """Room of a file of the library; "" at its root."""
+    return path.relative_to(LIBRARY).parts[0] if path.parent != LIBRARY else ""
+
+
+@cache
+def imported(path: Path) -> frozenset[str]:
+    """Full names of all that a file imports, wherever in it."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {name.name for name in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            names |= {f"{node.module}.{name.name}" for name in node.names}
+    return frozenset(names)
+
+
+def rooms_imported(path: Path) -> set[str]:
+    """Rooms of the library from which a file imports; modules at the root are left out."""
+    parts = [name.split(".")[1] for name in imported(path) if name.startswith("pinnochio.")]
+    return {part for part in parts if (LIBRARY / part).is_dir()}
+
+
+def test_every_room_has_its_place():
+    folders = {path.name for path in LIBRARY.iterdir() if (path / "__init__.py").exists()}
+    assert folders == set(FLOOR)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(LIBRARY)))
+def test_no_module_imports_upwards(path):
+    own = room(path)
+    for other in rooms_imported(path) - {own}:
+        assert FLOOR[other] < FLOOR.get(own, 0), f"{own or 'the root'} imports {other}"
+
+
+def test_networks_know_geometry_alone():
+    for path in (LIBRARY / "networks").rglob("*.py"):
+        assert rooms_imported(path) <= {"geometry", "networks"}, path
+
+
+def test_metrics_and_statistics_know_no_method():
+    for path in [*(LIBRARY / "metrics").rglob("*.py"), *(LIBRARY / "statistics").rglob("*.py")]:
+        assert "methods" not in rooms_imported(path), path
+
+
+def test_the_library_knows_neither_snakemake_nor_the_scripts():
+    for path in MODULES:
+        assert not {name.split(".")[0] for name in imported(path)} & {"snakemake", "scripts", "rules", "tests"}, path
