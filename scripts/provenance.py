@@ -8,14 +8,15 @@ import sys
 from datetime import UTC, datetime
 from importlib.metadata import distributions
 
+from pinnochio.code import ROOT
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 
 
 def provenance(config: dict, code: str, output: str) -> None:
     """Write the record as JSON; `code` is the content hash of the library."""
-    commit = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False)
-    changed = subprocess.run(["git", "status", "--porcelain"], capture_output=True, text=True, check=False)
+    commit = subprocess.run(["git", "-C", ROOT, "rev-parse", "HEAD"], capture_output=True, text=True, check=False)
+    changed = subprocess.run(["git", "-C", ROOT, "status", "--porcelain"], capture_output=True, text=True, check=False)
     record = {
         "written": datetime.now(UTC).isoformat(timespec="seconds"),
         "code": code,

@@ -7,10 +7,10 @@ import pytest
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.study.new_patients import read_patients
 from pinnochio.planner.prepared import Given
 from pinnochio.planner.session import QUANTITIES, REST, SIDES, Session
 from pinnochio.plans.plan import Plan
+from pinnochio.study.new_patients import read_patients
 from tests.helpers.patients import tiny_patient, tiny_plan
 
 PATIENT = tiny_patient()

@@ -6,12 +6,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pinnochio import code
 from pinnochio.errors import InputError
 from pinnochio.importing.cohort import read_cases
 from pinnochio.seeds import derive_seed
 from pinnochio.study.cases import assign_folds, virtual_cases
-from pinnochio.study.configuration import REGRESSION, check_config, left_out, surface_networks, variants
+from pinnochio.study.configuration import check_config
 from tests.helpers.settings import ROOT
 
 DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
@@ -75,37 +74,6 @@ def test_patients_without_a_scan_join_the_folds_and_move_nobody(scanned):
     assert max(sizes) - min(sizes) <= 1 and list(folds) == list("12345")
 
 
-def test_learned_methods_need_a_scanned_patient_per_fold():
-    trained = {REGRESSION, *DEFAULTS["variants"], *surface_networks(DEFAULTS)}
-    learned = [name for name in DEFAULTS["methods"] if name in trained]
-    assert left_out(DEFAULTS, 5) == [] and left_out(DEFAULTS, 4) == left_out(DEFAULTS, 0) == learned != []
-    assert left_out(DEFAULTS | {"methods": ["no_change", "fem_sliding"]}, 0) == []
-    with pytest.raises(InputError, match="none of 'methods' is left"):
-        left_out(DEFAULTS | {"methods": ["pinnochio"]}, 0)
-
-
-def test_variants_are_overlays_and_leave_the_rest_alone():
-    found = variants(DEFAULTS)
-    assert found["pinnochio"] == {
-        key: DEFAULTS[key] for key in ("network", "pretraining", "finetuning", "newton_corrections")
-    }
-    silent = found["pinnochio_no_physics"]
-    assert silent["pretraining"]["weights"] == DEFAULTS["pretraining"]["weights"] | {"physics": 0}
-    assert silent["network"] == DEFAULTS["network"]
-    plus, hard = found["pinnochio_plus"], found["design_hard_boundary"]
-    assert hard == plus | {"network": plus["network"] | {"boundary": "hard"}}
-    assert DEFAULTS["network"]["lift"] == "none" and plus["network"]["lift"] == "elastic"
-
-
-def test_a_surface_network_is_two_methods_that_differ_in_their_pretraining():
-    found = surface_networks(DEFAULTS)
-    assert sorted(found) == ["acmt", "acmt_pretrained", "dgcfp", "dgcfp_pretrained", "fscnet", "fscnet_pretrained"]
-    alone, taught = found["dgcfp"], found["dgcfp_pretrained"]
-    assert taught == alone | {"pretraining": DEFAULTS["surface"]["networks"]["dgcfp"]["pretraining"]}
-    sizes = {key: DEFAULTS["surface"][key] for key in ("points", "neighbours", "repeats")}
-    assert alone["network"] == sizes | {"architecture": "dgcfp", "mixed_precision": True}
-
-
 def test_seed_depends_on_base_stage_and_key():
     assert derive_seed(1, "a", "b") == 7298789200918546523
     assert (
@@ -156,14 +124,3 @@ def test_contradictions_in_the_configuration_are_refused(keys, value, problem):
 def test_an_external_method_may_be_the_reference_and_labels_may_lack_muscle():
     labels = {name: value for name, value in DEFAULTS["labels"].items() if name != "muscle"}
     check_config(DEFAULTS | {"external": {"mine": "elsewhere"}, "reference": "mine", "labels": labels})
-
-
-def test_code_hash_sees_content_and_survives_a_move(tmp_path, monkeypatch):
-    def tree(name, text):
-        folder = tmp_path / name
-        folder.mkdir()
-        (folder / "a.py").write_text(text)
-        monkeypatch.setattr(code, "ROOT", folder)
-        return code.code_hash(folder / "a.py")
-
-    assert tree("one", "x = 1") == tree("two", "x = 1") != tree("three", "x = 2")

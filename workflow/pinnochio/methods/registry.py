@@ -43,7 +43,12 @@ class Method:
 
 def _finite_elements(name: str, contact: str, **more) -> Method:
     return Method(
-        name, "finite elements", "pinnochio.methods.finite_elements", ("fem",), {"contact": contact, "apart": 0.0}, **more
+        name,
+        "finite elements",
+        "pinnochio.methods.finite_elements",
+        ("fem",),
+        {"contact": contact, "apart": 0.0},
+        **more,
     )
 
 

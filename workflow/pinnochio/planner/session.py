@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from pinnochio.errors import InputError
+from pinnochio.files import check_name
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.importing.segmentation import check_travel
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import BoneSurface
-from pinnochio.files import check_name
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.transforms import write_transforms
 

@@ -8,6 +8,7 @@ from pinnochio.methods.registry import BUILT_IN, graph_networks, surface_network
 from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.networks.settings import NetworkSettings
 
+
 def check_config(config: Mapping) -> None:
     """Refuse a configuration whose keys contradict each other; the message names the keys."""
 

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 
 from pinnochio.errors import InputError
 from pinnochio.experiments.tradeoff_settings import network_settings
+from pinnochio.importing.cohort import Case, read_cases
 from pinnochio.methods.registry import Method, graph_networks, registry
 from pinnochio.patients.archive import configuration_hash
 from pinnochio.report.parts import FURTHER, PARTS
-from pinnochio.importing.cohort import Case, read_cases
 from pinnochio.study.cases import assign_folds, external_file, virtual_cases
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, read_patients
@@ -206,9 +206,7 @@ class Study:
         if not self.traded:
             return []
         settings = network_settings(self.config["mesh"]["nodes"], self.config["tradeoff"], graph_networks(self.config))
-        return sorted(
-            {(kind, own.nodes) for own in settings if (kind := self.registry[own.method].lift) != "none"}
-        )
+        return sorted({(kind, own.nodes) for own in settings if (kind := self.registry[own.method].lift) != "none"})
 
     # Scaling and model reduction.
 

@@ -1,0 +1,105 @@
+"""What a study asks for, from its configuration and cases alone."""
+
+from types import SimpleNamespace
+
+import pytest
+import yaml
+
+from pinnochio.errors import InputError
+from pinnochio.importing.cohort import Case
+from pinnochio.study.study import Study
+from tests.helpers.settings import ROOT
+
+DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+
+
+def study(scanned=10, unscanned=2, **changes) -> Study:
+    """A study of made-up patients S0, S1 ... with a scan and U0, U1 ... without."""
+    made = Study(DEFAULTS | {"cohort": "clinic.tsv"} | changes, "results")
+    names = {f"S{n}": "scan.ply" for n in range(scanned)} | {f"U{n}": "" for n in range(unscanned)}
+    vars(made)["cases"] = {name: Case(name, f"{name}.nii.gz", f"{name}.json", scan) for name, scan in names.items()}
+    return made
+
+
+def job(**wildcards) -> SimpleNamespace:
+    return SimpleNamespace(**wildcards)
+
+
+def test_learned_methods_need_a_scanned_patient_per_fold():
+    learned = [name for name in DEFAULTS["methods"] if study().registry[name].trains != "no"]
+    assert study(5).left_out == [] and study(4).left_out == study(0).left_out == learned != []
+    assert study(0, 5, methods=["no_change", "fem_sliding"]).left_out == []
+    with pytest.raises(InputError, match="none of 'methods' is left"):
+        _ = study(0, 5, methods=["pinnochio"]).left_out
+
+
+def test_a_fold_trains_on_no_patient_that_it_holds_out():
+    made = study()
+    for fold, held_out in made.held_out.items():
+        assert not set(made.training(fold)) & set(held_out)
+        assert set(made.training(fold)) | set(made.judged(fold)) == set(made.scanned)
+        wildcards = job(fold=fold, method="pinnochio_plus", batch=f"folds/{fold}")
+        assert made.of_training("<results>/cases/{case}/x")(wildcards) == [
+            f"<results>/cases/{case}/x" for case in made.training(fold)
+        ]
+        batch = made.predicted(wildcards)
+        assert batch.cases == held_out and batch.trained == [f"<results>/folds/{fold}/pinnochio_plus/network.pt"]
+        assert batch.lifts == [f"<results>/cases/{case}/lift_elastic.h5" for case in held_out]
+
+
+def test_each_method_predicts_on_its_own_mesh():
+    assert study().model_of("S1", "fem_sliding") == "<results>/cases/S1/model.h5"
+    assert study().model_of("S1", "fem_rlse") == "<results>/cases/S1/lips/model.h5"
+    reduced = study(scene=DEFAULTS["scene"] | {"mode": "auto"})
+    assert reduced.model_of("S1", "fem_sliding") == "<results>/cases/S1/scene/model.h5"
+    assert reduced.model_of("S1", "pinnochio") == "<results>/cases/S1/model.h5"
+
+
+def test_the_mesh_has_the_nodes_that_its_name_says():
+    made = study()
+    assert made.nodes(job(home="cases", mesh="/nodes_900")) == 900
+    assert made.nodes(job(home="cases", mesh="")) == DEFAULTS["mesh"]["nodes"]
+    assert made.sized(DEFAULTS["mesh"]["nodes"], "model.h5") == "<results>/cases/{case}/model.h5"
+    assert made.sized(900, "model.h5") == "<results>/cases/{case}/nodes_900/model.h5"
+
+
+def test_a_virtual_patient_with_a_chin_is_sampled_with_a_further_segment():
+    made = study(cohort="virtual")
+    assert made.of_patient("segments")(job(home="cases")) == DEFAULTS["segments"]
+    assert made.of_patient("segments")(job(home="chin")) == [*DEFAULTS["segments"], "chin"]
+    assert made.segmentation(job(home="chin", case="V01")) == "<results>/virtual_chin/V01/segmentation.nii.gz"
+
+
+def test_the_report_holds_the_studys_own_tables_and_the_further_ones_that_are_named():
+    parts = ["accuracy", "better", "ablation", "regions", "training", "stages", "quality"]
+    assert study().reported == parts
+    assert study(report={"patients": 1, "further": ["stability"]}).reported == [*parts[:4], "stability", *parts[4:]]
+    assert study(0, 5).reported == ["stages", "quality"]
+
+
+@pytest.mark.parametrize("of", ["results_of_patients", "planners_of_patients"])
+def test_new_patients_must_be_named(of):
+    with pytest.raises(InputError, match="no new patient is named"):
+        getattr(study(), of)(job())
+
+
+def test_new_patients_by_finite_elements_need_no_archive(tmp_path):
+    folder = tmp_path / "anna"
+    folder.mkdir()
+    (folder / "segmentation.nii.gz").touch()
+    (folder / "plan.json").touch()
+    chosen = DEFAULTS["predict"] | {"method": "fem_sliding"}
+    made = study(patient=str(folder), predict=chosen)
+    assert made.plans == ["plan"] and made.choice.method == "fem_sliding"
+    wildcards = job(home="patients", case="anna", plan="/plan", method="fem_sliding", batch="patients/anna/plan")
+    assert made.plan(wildcards) == str(folder / "plan.json")
+    assert made.checked(wildcards) == ["<results>/patients/anna/plan/plan.json"]
+    assert made.result_of_patient(wildcards) == "<results>/patients/anna/plan/fem_sliding/predictions.h5"
+    batch = made.predicted(wildcards)
+    assert batch.models == ["<results>/patients/anna/model.h5"] and batch.settings["contact"] == "mucosa"
+
+
+def test_the_tradeoff_takes_as_they_are_what_it_changes_nothing_of():
+    names = study().as_they_are
+    assert {"no_change", "ratio", "fem_rlse", "pinnochio_unified"} <= set(names)
+    assert not {"elastic", "fem_bonded", "fem_sliding", "pinnochio"} & set(names)
