@@ -402,7 +402,7 @@ rule prepare_planner:
         plans=plans_of_patient,
         archive=lambda wildcards: CHOICE.files,
     output:
-        given="<results>/patients/{case}/planner.json",
+        prepared="<results>/patients/{case}/planner.json",
     log:
         "<logs>/prepare_planner/{case}.log",
     conda:

@@ -31,15 +31,15 @@ def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
     """
     path = Path(path)
     if path.is_dir():
-        found = [_of_folder(path)]
+        patients = [_of_folder(path)]
     elif path.is_file():
-        found = [
+        patients = [
             NewPatient(case.name, case.segmentation, _plans(case.name, case.plan), str(path.parent / case.name))
             for case in read_cases(path)
         ]
     else:
         raise InputError("-", path, "there is no such folder or table", "name the patient's folder: patient=FOLDER")
-    return {patient.name: patient for patient in found}
+    return {patient.name: patient for patient in patients}
 
 
 def _of_folder(folder: Path) -> NewPatient:
@@ -52,9 +52,9 @@ def _of_folder(folder: Path) -> NewPatient:
             name, folder, f"it holds {listed}", "keep one: segmentation.nii.gz, .nrrd, .mha, .dcm, or a folder"
         )
     plans = {}
-    for given in ("plan.json", "plan", "plans"):
-        if (folder / given).exists():
-            own = _plans(name, folder / given)
+    for place in ("plan.json", "plan", "plans"):
+        if (folder / place).exists():
+            own = _plans(name, folder / place)
             if twice := sorted(own.keys() & plans.keys()):
                 raise InputError(name, folder, f"plan {twice[0]!r} is there twice", "give each plan a name of its own")
             plans |= own
