@@ -68,7 +68,9 @@ def test_quantities_of_a_plan():
     """A turn about the middle of the segment leaves that where it is; the rest is the translation."""
     patient = tiny_patient()
     middle = patient.bone_points[patient.bone_segment == 0].mean(axis=0)
-    quantities = plan_quantities(patient, Plan("tiny", {"left": RigidMotion.from_degrees([3, 0, 4], [-2, -6, 1], middle)}))
+    quantities = plan_quantities(
+        patient, Plan("tiny", {"left": RigidMotion.from_degrees([3, 0, 4], [-2, -6, 1], middle)})
+    )
     expected = {"sideways_left_mm": 2, "forward_left_mm": 6, "up_left_mm": 1, "rotation_left_deg": 5}
     assert quantities == pytest.approx(expected)
     assert plan_quantities(patient, Plan("tiny", {})) == pytest.approx(dict.fromkeys(expected, 0), abs=1e-12)
@@ -84,6 +86,10 @@ def test_quantities_of_an_anatomy():
     }
     quantities = anatomy_quantities(patient, quality)
     assert (quantities["width_mm"], quantities["height_mm"]) == pytest.approx((30, 45), abs=3)
-    assert (quantities["volume_superficial_cm3"], quantities["thickness_left_mm"], quantities["contact_left_cm2"]) == (5, 4, 2.5)
+    assert (quantities["volume_superficial_cm3"], quantities["thickness_left_mm"], quantities["contact_left_cm2"]) == (
+        5,
+        4,
+        2.5,
+    )
     assert np.isnan(quantities["thickness_cranium_mm"])
     json.dumps(Norm.of([quantities, quantities]).compare(quantities), allow_nan=False)

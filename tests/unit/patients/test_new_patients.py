@@ -98,15 +98,15 @@ def archive(folder, segments=CONFIG["segments"]):
 
 
 def measured(folder):
-    """A front: plus in 0.1 s (0.2 mm from the reference), sliding elements in 1 s (0.1 mm) and 0.3 s."""
-    rows = [
+    """A Pareto front: plus in 0.1 s (0.2 mm from the reference), sliding elements in 1 s (0.1 mm) and 0.3 s."""
+    settings = [
         ("pinnochio_plus", 3000, {}, 2, 0.1, 0.5, 0.2),
         ("fem_sliding", 5000, {}, None, 1.0, 0.6, 0.1),
         ("fem_sliding", 2000, {"tolerance": 0.01}, None, 0.3, 0.7, 0.15),
     ]
     rows = []
     for case in ("A", "B"):
-        for method, nodes, fem, corrections, seconds, cd, face in rows:
+        for method, nodes, fem, corrections, seconds, cd, face in settings:
             recipe = json.dumps({"method": method, "nodes": nodes, "fem": fem, "corrections": corrections})
             row = {"case": case, "method": method, "dial": "nodes", "value": str(nodes), "recipe": recipe}
             row |= {"nodes": nodes, "seconds": seconds, "setup_seconds": 0, "threads": 1, "converged": True, "cd": cd}

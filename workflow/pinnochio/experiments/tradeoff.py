@@ -94,25 +94,14 @@ def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSet
         displacement, seconds, setup = simulate_elastic(patient, plan, replace(fem, **own))
         return Prediction(displacement, seconds, setup, threads)
     boundary = boundary_conditions(patient, plan, ARMS[setting.method])
-    material = fem.material(patient.tissue)
-
-    def solution():
-        if own.get("volumetric") not in MIXED:
-            options = replace(solver_options(replace(fem, **own)), reuse=not setting.double)
-            return solve(patient.points, patient.cells, material, boundary, options)
-        return solve_mixed(
-            patient.points,
-            patient.cells,
-            material,
-            boundary,
-            own["volumetric"],
-            fem.increments,
-            fem.tolerance,
-            fem.max_iterations,
-        )
-
-    result, seconds = repeated(solution, PATIENCE)
-    return Prediction(result.displacement, seconds, 0.0, threads, converged=result.converged, reason=result.reason)
+    mesh = patient.points, patient.cells, fem.material(patient.tissue), boundary
+    if own.get("volumetric") in MIXED:
+        limits = fem.increments, fem.tolerance, fem.max_iterations
+        found, seconds = repeated(lambda: solve_mixed(*mesh, own["volumetric"], *limits), PATIENCE)
+    else:
+        options = replace(solver_options(replace(fem, **own)), reuse=not setting.double)
+        found, seconds = repeated(lambda: solve(*mesh, options), PATIENCE)
+    return Prediction(found.displacement, seconds, 0.0, threads, converged=found.converged, reason=found.reason)
 
 
 def predict_network(
