@@ -156,10 +156,8 @@ def test_a_person_moves_compares_undoes_and_saves(clinic, page, tmp_path):
     model = PatientModel.read(clinic.folder / "results/patients/P01/model.h5")
     np.testing.assert_allclose(*(model.bone_displacement(plan) for plan in plans), atol=1e-6)
     prepared = Prepared.read(clinic.folder / "results/patients/P01/planner.json")
-    forecast = Forecaster(prepared, "cpu")(plans[0])
-    assert (
-        f"moves {forecast.mean:.2f} mm in the mean, {forecast.most:.2f} mm at most" in turned
-    )  # the page showed this plan
+    expected = Forecaster(prepared, "cpu")(plans[0])  # the page showed this plan
+    assert f"moves {expected.mean:.2f} mm in the mean, {expected.most:.2f} mm at most" in turned
 
     page.locator("#name").fill("no/name")
     page.click("#save")
