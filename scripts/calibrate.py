@@ -44,10 +44,21 @@ def calibrate(cases: Sequence[ScannedCase], method: str, level: float, seed: int
         spreads.append((skin_spread(patient, read_ensemble(files.ensemble)), region))
         logging.info("%s: %.3f mm on %d points", files.case, errors[-1].error.mean(), len(errors[-1].error))
     folds = len({files.fold for files in cases})
-    found = [half_widths(errors, level), usual_spreads(spreads)]
-    named = [{name: float(x) if np.isfinite(x) else None for name, x in zip(NAMES, row, strict=True)} for row in found]
-    Calibration(method, level, len(cases), folds, *named).write(calibration)
+    values = Calibration(
+        method=method,
+        level=level,
+        patients=len(cases),
+        folds=folds,
+        half_width=by_region(half_widths(errors, level)),
+        usual_spread=by_region(usual_spreads(spreads)),
+    )
+    values.write(calibration)
     write_csv(coverage(errors, level, seed).assign(method=method), table, COVERAGE)
+
+
+def by_region(values: np.ndarray) -> dict[str, float | None]:
+    """Values (r,) by the names of the regions; None where there is none."""
+    return {name: float(x) if np.isfinite(x) else None for name, x in zip(NAMES, values, strict=True)}
 
 
 if __name__ == "__main__":

@@ -28,25 +28,35 @@ def certify(
 ) -> None:
     """Write the certificate as JSON.
 
-    about: case, plan (its name), method, corrections, expected (of a choice from the front), code. folder: the archive
-    of a learned method, else None.
+    about: case, plan (its name), method, corrections, expected (of a choice from the Pareto front), code.
+    folder: the archive of a learned method, else None.
     """
     patient, planned = PatientModel.read(model), Plan.read(plan, about["case"])
-    found = read_result(result, about["case"], patient)
-    said = {"research": RESEARCH} | dict(about) | {"frame": "LPS", "units": "mm"}
-    said |= {"models": None, "measures": measures(patient, planned, found.displacement, fem)}
-    said |= {"interval": None, "in_distribution": None}
+    prediction = read_result(result, about["case"], patient)
+    content = {
+        "research": RESEARCH,
+        **about,
+        "frame": "LPS",
+        "units": "mm",
+        "models": None,
+        "measures": measures(patient, planned, prediction.displacement, fem),
+        "interval": None,
+        "in_distribution": None,
+    }
     if folder:
         archive, calibration = Archive.read(folder), Calibration.read(Path(folder) / calibration_file(about["method"]))
-        said["models"] = {key: getattr(archive, key) for key in ("cohort", "patients", "configuration", "code")}
-        said["models"] |= {"folds": len(archive.folds), "usual": archive.methods[about["method"]]["usual"]}
-        said["interval"] = interval_measures(found, calibration)
-        reported = json.loads(Path(quality).read_text(encoding="utf-8"))
-        said["in_distribution"] = in_distribution(
-            patient, planned, reported, archive, Ranges.read(Path(folder) / RANGES)
+        content["models"] = {key: getattr(archive, key) for key in ("cohort", "patients", "configuration", "code")}
+        content["models"] |= {"folds": len(archive.folds), "usual": archive.methods[about["method"]]["usual"]}
+        content["interval"] = interval_measures(prediction, calibration)
+        content["in_distribution"] = in_distribution(
+            patient=patient,
+            plan=planned,
+            quality=json.loads(Path(quality).read_text(encoding="utf-8")),
+            archive=archive,
+            ranges=Ranges.read(Path(folder) / RANGES),
         )
     with replacing(certificate) as temporary:
-        temporary.write_text(json.dumps(plain(said), indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(plain(content), indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

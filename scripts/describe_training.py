@@ -20,8 +20,10 @@ def describe_training(
         anatomies.append(anatomy_quantities(patient, json.loads(Path(quality).read_text(encoding="utf-8"))))
         movements.append(plan_quantities(patient, Plan.read(plan, case)))
         muscle.add(patient.muscle)
-    found = Norm.of(anatomies, from_rest=False), Norm.of(movements, from_rest=True)
-    Ranges(*found, sorted(muscle)).write(ranges)
+    norms = Ranges(
+        anatomy=Norm.of(anatomies, from_rest=False), plan=Norm.of(movements, from_rest=True), muscle=sorted(muscle)
+    )
+    norms.write(ranges)
 
 
 if __name__ == "__main__":

@@ -13,10 +13,16 @@ from pinnochio.plans.plan import Plan
 def export_prediction(case: str, model: str, plan: str, result: str, folder: str) -> None:
     """Write deformed.vtu, skin.vtp, skin.ply, skin.stl and bone_{segment}.stl into the folder, LPS mm."""
     patient, planned, out = PatientModel.read(model), Plan.read(plan, case), Path(folder)
-    found = read_result(result, case, patient)
-    write_mesh(patient, found.displacement, out / "deformed.vtu")
-    files = [out / f"skin.{kind}" for kind in ("vtp", "ply", "stl")]
-    write_skin(patient, found.displacement, found.half_width, *files)
+    prediction = read_result(result, case, patient)
+    write_mesh(patient, prediction.displacement, out / "deformed.vtu")
+    write_skin(
+        patient=patient,
+        displacement=prediction.displacement,
+        half_width=prediction.half_width,
+        vtp=out / "skin.vtp",
+        ply=out / "skin.ply",
+        stl=out / "skin.stl",
+    )
     moved = patient.bone_points + patient.bone_displacement(planned)
     owner = patient.bone_segment[patient.bone_faces[:, 0]]
     for index in range(-1, len(patient.segments)):

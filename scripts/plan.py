@@ -11,17 +11,17 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as in the workflow: idle 
 from pinnochio.errors import InputError  # noqa: E402
 from pinnochio.planner.forecast import Forecaster  # noqa: E402
 from pinnochio.planner.page import Page  # noqa: E402
-from pinnochio.planner.prepared import Given  # noqa: E402
+from pinnochio.planner.prepared import Prepared  # noqa: E402
 from pinnochio.planner.session import Session  # noqa: E402
 from pinnochio.plans.plan import Plan  # noqa: E402
 from pinnochio.training.device import choose_device  # noqa: E402
 
 
-def open_planner(given: Given, port: int, browser: bool) -> None:
+def open_planner(prepared: Prepared, port: int, browser: bool) -> None:
     """Load patient and models, then serve the page on the loopback until the process is ended; InputError if not."""
-    forecaster = Forecaster(given, choose_device(0, os.cpu_count()))
-    plans = {name: Plan.read(path, given.case) for name, path in given.plans.items()}
-    Page(Session(forecaster.patient, given.case, plans, given.home), forecaster).serve(port, browser)
+    forecaster = Forecaster(prepared, choose_device(0, os.cpu_count()))
+    plans = {name: Plan.read(path, prepared.case) for name, path in prepared.plans.items()}
+    Page(Session(forecaster.patient, prepared.case, plans, prepared.home), forecaster).serve(port, browser)
 
 
 if __name__ == "__main__":
@@ -31,6 +31,6 @@ if __name__ == "__main__":
     parser.add_argument("--no-browser", action="store_true", help="only print the address")
     asked = parser.parse_args()
     try:
-        open_planner(given=Given.read(asked.prepared), port=asked.port, browser=not asked.no_browser)
+        open_planner(prepared=Prepared.read(asked.prepared), port=asked.port, browser=not asked.no_browser)
     except InputError as error:
         sys.exit(str(error))

@@ -16,10 +16,10 @@ def predict_interval(
 ) -> None:
     """Write the interval of a patient whom no network has seen, no element of its mean field inverted."""
     patient, calibrated = PatientModel.read(model), Calibration.read(calibration)
-    found, repair = repaired_interval(patient, read_ensemble(ensemble), calibrated, fem)
-    logging.info("%s: mean half-width %.3f mm; %s", case, np.nanmean(found.half_width), repair)
-    found.write(result, case=case, method=calibrated.method, level=calibrated.level)
-    interval_picture(patient, found, calibrated, case, picture)
+    interval, repair = repaired_interval(patient, read_ensemble(ensemble), calibrated, fem)
+    logging.info("%s: mean half-width %.3f mm; %s", case, np.nanmean(interval.half_width), repair)
+    interval.write(result, case=case, method=calibrated.method, level=calibrated.level)
+    interval_picture(patient, interval, calibrated, case, picture)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pinnochio.logs import attach_log
-from pinnochio.planner.prepared import Given
+from pinnochio.planner.prepared import Prepared
 
 
 def prepare_planner(
@@ -18,16 +18,25 @@ def prepare_planner(
 ) -> None:
     """Write the list with absolute paths, so that the planner can be started from any folder.
 
-    plans: checked plan files, `{name}/plan.json`; settings: home, archive, method, corrections and fem of a Given.
+    plans: checked plan files, `{name}/plan.json`; settings: home, archive, method, corrections and fem of a Prepared.
     """
 
     def absolute(path: str) -> str:
         return str(Path(path).resolve())
 
-    given = {Path(plan).parent.name: absolute(plan) for plan in plans}
-    places = {name: absolute(settings[name]) for name in ("home", "archive")}
-    files = absolute(model), lift and absolute(lift), absolute(quality)
-    Given(case, *files, plans=given, **settings | places).write(out)
+    prepared = Prepared(
+        case=case,
+        model=absolute(model),
+        lift=lift and absolute(lift),
+        quality=absolute(quality),
+        plans={Path(plan).parent.name: absolute(plan) for plan in plans},
+        home=absolute(settings["home"]),
+        archive=absolute(settings["archive"]),
+        method=settings["method"],
+        corrections=settings["corrections"],
+        fem=settings["fem"],
+    )
+    prepared.write(out)
 
 
 if __name__ == "__main__":

@@ -12,9 +12,16 @@ from pinnochio.plans.plan import Plan
 
 def show_prediction(case: str, model: str, plan: str, result: str, certificate: str, page: str) -> None:
     """Write pictures, maps and the certificate in words as one HTML file."""
-    patient, said = PatientModel.read(model), json.loads(Path(certificate).read_text(encoding="utf-8"))
-    found = read_result(result, case, patient)
-    write_page(patient, Plan.read(plan, case), found.displacement, found.half_width, said, page)
+    patient = PatientModel.read(model)
+    prediction = read_result(result, case, patient)
+    write_page(
+        patient=patient,
+        plan=Plan.read(plan, case),
+        displacement=prediction.displacement,
+        half_width=prediction.half_width,
+        certificate=json.loads(Path(certificate).read_text(encoding="utf-8")),
+        path=page,
+    )
 
 
 if __name__ == "__main__":

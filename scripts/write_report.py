@@ -23,22 +23,28 @@ def write_report(
     """
     by_part = {Path(path).stem: {Path(path).stem: path} for path in figures}
     by_part |= {"training": curves} if curves else {}
-    by_name = {Path(path).stem: path for path in tables}
-    write_page(Path(template).parent, by_name, by_part, patients, provenance, output)
+    write_page(
+        folder=Path(template).parent,
+        tables={Path(path).stem: path for path in tables},
+        figures=by_part,
+        patients=patients,
+        provenance=provenance,
+        path=output,
+    )
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    given = snakemake.input
-    kinds = {"picture": given.pictures, "view": given.views} | ({"volume": given.volumes} if given.volumes else {})
+    files = {kind: snakemake.input[f"{kind}s"] for kind in ("picture", "view", "volume")}
     write_report(
-        template=given.template,
-        tables=given.tables,
-        figures=given.figures,
-        curves=dict(zip(snakemake.params.learned, given.curves, strict=True)),
+        template=snakemake.input.template,
+        tables=snakemake.input.tables,
+        figures=snakemake.input.figures,
+        curves=dict(zip(snakemake.params.learned, snakemake.input.curves, strict=True)),
         patients={
-            case: {kind: files[i] for kind, files in kinds.items()} for i, case in enumerate(snakemake.params.cases)
+            case: {kind: paths[number] for kind, paths in files.items() if paths}
+            for number, case in enumerate(snakemake.params.cases)
         },
-        provenance=given.provenance,
+        provenance=snakemake.input.provenance,
         output=snakemake.output.page,
     )

@@ -82,17 +82,17 @@ def test_an_archive_holds_what_prediction_needs(archive):
         f"{METHOD}/calibration.json"
     }
     assert [(folder / METHOD / f"{fold}.pt").read_bytes() for fold in "12"] == [b"\0", b"\1"]
-    found = Archive.read(folder).methods[METHOD]
-    assert found["usual"] == {"min_jacobian": [0.2, 0.7, 1.2], "eqres_rel": [0.1] * 3, "moving_error": [0.3] * 3}
-    assert found["corrections"] == 1
+    method = Archive.read(folder).methods[METHOD]
+    assert method["usual"] == {"min_jacobian": [0.2, 0.7, 1.2], "eqres_rel": [0.1] * 3, "moving_error": [0.3] * 3}
+    assert method["corrections"] == 1
 
 
 def test_a_plan_is_checked_against_the_bone(patient, tmp_path):
-    given, out = Path(patient.given), tmp_path / "plan.json"
-    import_plan(patient.case, str(given), patient.bone, SEGMENTS, str(out))
-    one, two = (Plan.read(path, patient.case) for path in (given, out))
+    source, out = Path(patient.given), tmp_path / "plan.json"
+    import_plan(patient.case, str(source), patient.bone, SEGMENTS, str(out))
+    one, two = (Plan.read(path, patient.case) for path in (source, out))
     assert all(np.array_equal(one.motion(name).translation, two.motion(name).translation) for name in SEGMENTS)
-    far = json.loads(given.read_text())
+    far = json.loads(source.read_text())
     far["segments"]["lefort1"]["translation"] = [0, -49, 0]
     far["segments"]["lefort1"]["rotation"] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     (tmp_path / "far.json").write_text(json.dumps(far))
@@ -121,7 +121,7 @@ def test_the_certificate_of_a_patient_of_the_training(patient, archive, result, 
     said = certified(patient, archive, result, tmp_path)
     assert said["measures"]["inverted"] == 0 and said["measures"]["min_jacobian"] == pytest.approx(1)
     assert said["measures"]["skin_mean_mm"] == pytest.approx(2) and said["interval"]["median_mm"] == 1.5
-    assert said["in_distribution"]["like"] and said["models"]["folds"] == 2
+    assert said["in_distribution"]["within"] and said["models"]["folds"] == 2
     assert certified(patient, archive, result, tmp_path / "again") == said
 
 
@@ -130,7 +130,7 @@ def test_a_plan_of_its_own_kind_is_called_unlike(patient, archive, result, tmp_p
     plan["segments"]["lefort1"]["translation"] = [0, 20, 0]
     (tmp_path / "plan.json").write_text(json.dumps(plan))
     said = certified(patient, archive, result, tmp_path, plan=str(tmp_path / "plan.json"))
-    assert not said["in_distribution"]["like"] and said["in_distribution"]["anatomy"]["like"]
+    assert not said["in_distribution"]["within"] and said["in_distribution"]["anatomy"]["within"]
     assert said["in_distribution"]["plan"]["outside"][0] == "forward_lefort1_mm"
 
 

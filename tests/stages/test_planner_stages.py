@@ -14,8 +14,8 @@ from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.patients.archive import Archive, calibration_file, network_file
 from pinnochio.planner.forecast import Forecaster
-from pinnochio.planner.prepared import Given
-from pinnochio.planner.view import Scene
+from pinnochio.planner.prepared import Prepared
+from pinnochio.planner.view import View
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration, Interval
 from pinnochio.training.checkpoint import save_network
@@ -33,14 +33,14 @@ SMALL = NetworkSettings(
 
 
 @pytest.fixture(scope="module")
-def given(patients, tmp_path_factory):
+def prepared(patients, tmp_path_factory):
     """The first of two patients, prepared for the planner with an archive of two networks that nobody has trained."""
     patient, folder = patients[0], tmp_path_factory.mktemp("planner")
     reports = []
     for own in patients:
         reports.append(str(folder / f"{own.case}.json"))
-        found = quality(PatientModel.read(own.model), json.loads(Path(own.report).read_text()))
-        Path(reports[-1]).write_text(json.dumps(found))
+        report = quality(PatientModel.read(own.model), json.loads(Path(own.report).read_text()))
+        Path(reports[-1]).write_text(json.dumps(report))
     columns = ([getattr(own, name) for own in patients] for name in ("case", "model", "plan"))
     archive = folder / "archive"
     archive.mkdir()
@@ -64,31 +64,31 @@ def given(patients, tmp_path_factory):
     settings |= {"fem": vars(patient.fem)}
     out = str(folder / "planner.json")
     prepare_planner(patient.case, patient.model, lift, reports[0], [str(folder / "set/plan.json")], settings, out)
-    return Given.read(out)
+    return Prepared.read(out)
 
 
 @pytest.fixture(scope="module")
-def forecaster(given):
-    return Forecaster(given, "cpu")
+def forecaster(prepared):
+    return Forecaster(prepared, "cpu")
 
 
-def test_a_forecast_is_the_prediction_of_the_workflow(given, forecaster, patient, tmp_path):
+def test_a_forecast_is_the_prediction_of_the_workflow(prepared, forecaster, patient, tmp_path):
     ensemble, result = str(tmp_path / "ensemble.h5"), str(tmp_path / "interval.h5")
-    networks = {fold: f"{given.archive}/{network_file(METHOD, fold)}" for fold in "12"}
-    assert list(given.plans) == ["set"]
-    plan = given.plans["set"]
-    predict_ensemble(given.case, given.model, plan, given.lift, networks, patient.fem, 1, "cpu", 1, ensemble)
-    calibration = f"{given.archive}/{calibration_file(METHOD)}"
-    predict_interval(given.case, given.model, ensemble, calibration, patient.fem, result, str(tmp_path / "p.png"))
-    expected, found = Interval.read(result), forecaster(Plan.read(plan, given.case))
-    np.testing.assert_allclose(found.interval.displacement, expected.displacement, atol=1e-4)
-    np.testing.assert_allclose(found.interval.half_width, expected.half_width, atol=1e-4)
-    assert np.linalg.norm(expected.displacement, axis=1).max() > 3 and found.least > 0
-    assert np.nanmax(found.interval.half_width) > 1.51  # the two networks do not agree
+    networks = {fold: f"{prepared.archive}/{network_file(METHOD, fold)}" for fold in "12"}
+    assert list(prepared.plans) == ["set"]
+    plan = prepared.plans["set"]
+    predict_ensemble(prepared.case, prepared.model, plan, prepared.lift, networks, patient.fem, 1, "cpu", 1, ensemble)
+    calibration = f"{prepared.archive}/{calibration_file(METHOD)}"
+    predict_interval(prepared.case, prepared.model, ensemble, calibration, patient.fem, result, str(tmp_path / "p.png"))
+    expected, forecast = Interval.read(result), forecaster(Plan.read(plan, prepared.case))
+    np.testing.assert_allclose(forecast.interval.displacement, expected.displacement, atol=1e-4)
+    np.testing.assert_allclose(forecast.interval.half_width, expected.half_width, atol=1e-4)
+    assert np.linalg.norm(expected.displacement, axis=1).max() > 3 and forecast.least > 0
+    assert np.nanmax(forecast.interval.half_width) > 1.51  # the two networks do not agree
 
 
-def test_a_first_look_comes_before_the_corrections_and_shows_nearly_the_same(given, forecaster):
-    plan = Plan.read(given.plans["set"], given.case)
+def test_a_first_look_comes_before_the_corrections_and_shows_nearly_the_same(prepared, forecaster):
+    plan = Plan.read(prepared.plans["set"], prepared.case)
     first, *between, last = forecaster.steps(plan)
     assert first.least is None and between == [None, None] and last.least is not None
     assert first.seconds < last.seconds and first.plan is last.plan is plan
@@ -97,28 +97,28 @@ def test_a_first_look_comes_before_the_corrections_and_shows_nearly_the_same(giv
     assert 0 < difference.mean() < 0.2 * moved.mean()
 
 
-def test_a_plan_unlike_the_training_is_said(given, forecaster):
-    plan = Plan.read(given.plans["set"], given.case)
-    assert forecaster(plan).unlike == ()
+def test_a_plan_unlike_the_training_is_said(prepared, forecaster):
+    plan = Plan.read(prepared.plans["set"], prepared.case)
+    assert forecaster(plan).out_of_distribution == ()
     motion = plan.motion("lefort1")
     far = Plan(
-        given.case,
+        prepared.case,
         plan.motions | {"lefort1": type(motion)(motion.rotation, motion.translation + [0, 20, 0], motion.pivot)},
     )
-    assert forecaster(far).unlike == ("plan",)
+    assert forecaster(far).out_of_distribution == ("plan",)
 
 
-def test_the_picture_follows_the_plan(given, forecaster):
-    scene, still = Scene(forecaster.patient, 2.0), forecaster(Plan(given.case, {}))
+def test_the_picture_follows_the_plan(prepared, forecaster):
+    view, still = View(forecaster.patient, 2.0), forecaster(Plan(prepared.case, {}))
     for side in "AB":
-        scene.show(side, still)
-    scene.mark("A", forecaster.patient.skin_points.mean(axis=0))
+        view.show(side, still)
+    view.mark("A", forecaster.patient.skin_points.mean(axis=0))
 
     def picture(interval=False, bones=False, both=False, side="A"):
-        scene.compare(both, side)
-        scene.overlay(interval, bones)
-        scene.plotter.render()
-        return scene.plotter.screenshot(return_img=True).astype(int)
+        view.compare(both, side)
+        view.overlay(interval, bones)
+        view.plotter.render()
+        return view.plotter.screenshot(return_img=True).astype(int)
 
     def differ(one, other):
         return (np.abs(one - other).max(axis=2) > 20).mean()
@@ -128,10 +128,10 @@ def test_the_picture_follows_the_plan(given, forecaster):
     halves = np.split(marked, 2, axis=1)
     assert 0.003 < differ(*halves) < 0.03  # pivot and axes on the left alone, in front of the skin
     assert differ(before, picture(interval=True)) > 0.05 and differ(before, picture(bones=True)) > 0.05
-    scene.show("A", forecaster(Plan.read(given.plans["set"], given.case)))
+    view.show("A", forecaster(Plan.read(prepared.plans["set"], prepared.case)))
     assert differ(before, picture()) > 0.004
     assert differ(halves[1], np.split(picture(both=True), 2, axis=1)[1]) == 0
-    scene.look("front")
+    view.look("front")
     front = picture(side="B")
     assert differ(front, front[:, ::-1]) < 0.5 * differ(before, before[:, ::-1])  # a face is symmetric
-    scene.plotter.close()
+    view.plotter.close()

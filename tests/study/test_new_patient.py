@@ -49,9 +49,10 @@ def test_an_archive_alone_predicts_two_plans_of_one_patient(clinic):
         assert (folder / "index.html").stat().st_size > 200_000
         for name in ("deformed.vtu", "skin.ply", "skin.stl", "skin.vtp", "bone_lefort1.stl"):
             assert (folder / name).stat().st_size > 1000
-    assert said["treat"]["in_distribution"]["like"]  # it is one of the training
+    assert said["treat"]["in_distribution"]["within"]  # it is one of the training
     assert (
-        not said["extreme"]["in_distribution"]["plan"]["like"] and said["extreme"]["in_distribution"]["anatomy"]["like"]
+        not said["extreme"]["in_distribution"]["plan"]["within"]
+        and said["extreme"]["in_distribution"]["anatomy"]["within"]
     )
     assert "Nothing to be done" in predict(clinic, "models=models").stdout
 

@@ -19,5 +19,5 @@ def test_a_real_head_is_predicted_and_called_unlike_the_training(request, packed
     (path,) = (project.folder / "results").glob(f"{example.name}/patients/{head}/*/pinnochio_plus/certificate.json")
     said = json.loads(path.read_text())
     assert said["measures"]["inverted"] == 0 and said["measures"]["min_jacobian"] > 0
-    assert not said["in_distribution"]["like"] and not said["in_distribution"]["anatomy"]["like"]
+    assert not said["in_distribution"]["within"] and not said["in_distribution"]["anatomy"]["within"]
     assert (path.parent / "index.html").is_file()

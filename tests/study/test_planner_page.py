@@ -18,7 +18,7 @@ from PIL import Image
 
 from pinnochio.model.patient import PatientModel
 from pinnochio.planner.forecast import Forecaster
-from pinnochio.planner.prepared import Given
+from pinnochio.planner.prepared import Prepared
 from pinnochio.plans.plan import Plan
 from tests.helpers.settings import ROOT
 from tests.helpers.study import Project
@@ -45,8 +45,8 @@ def clinic(tmp_path_factory):
     return project
 
 
-def make_planner(clinic, *given, **options):
-    command = ["make", "planner", f"BIN={Path(sys.executable).parent}", "MODELS=results/quick/archive", *given]
+def make_planner(clinic, *variables, **options):
+    command = ["make", "planner", f"BIN={Path(sys.executable).parent}", "MODELS=results/quick/archive", *variables]
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
     return subprocess.Popen(command, cwd=clinic.folder, env=environment, text=True, **options)
 
@@ -60,10 +60,10 @@ def address(clinic):
             clinic, "PATIENT=P01", "PLANNER=--port 0 --no-browser", stdout=stream, stderr=subprocess.STDOUT,
             start_new_session=True,
         )  # fmt: skip
-    while not (found := re.search(r"Local: +(http://\S+)", said.read_text())):
+    while not (address := re.search(r"Local: +(http://\S+)", said.read_text())):
         assert process.poll() is None, said.read_text()[-4000:]
         time.sleep(0.5)
-    yield found[1]
+    yield address[1]
     os.killpg(process.pid, signal.SIGTERM)
     process.wait()
 
@@ -155,9 +155,9 @@ def test_a_person_moves_compares_undoes_and_saves(clinic, page, tmp_path):
     np.testing.assert_allclose([*motion.translation, *motion.degrees], [0, -8, 0, 3.5, 0, 0], atol=1e-6)
     model = PatientModel.read(clinic.folder / "results/patients/P01/model.h5")
     np.testing.assert_allclose(*(model.bone_displacement(plan) for plan in plans), atol=1e-6)
-    given = Given.read(clinic.folder / "results/patients/P01/planner.json")
-    found = Forecaster(given, "cpu")(plans[0])
-    assert f"moves {found.mean:.2f} mm in the mean, {found.most:.2f} mm at most" in turned  # the page showed this plan
+    prepared = Prepared.read(clinic.folder / "results/patients/P01/planner.json")
+    expected = Forecaster(prepared, "cpu")(plans[0])  # the page showed this plan
+    assert f"moves {expected.mean:.2f} mm in the mean, {expected.most:.2f} mm at most" in turned
 
     page.locator("#name").fill("no/name")
     page.click("#save")
@@ -175,7 +175,7 @@ def test_it_listens_on_the_loopback_alone_and_asks_nobody_else(address, page):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("variables", "said"),
     [
         ((), "PATIENT=FOLDER"),
         (("PATIENT=P02",), "no such folder or table"),
@@ -183,8 +183,8 @@ def test_it_listens_on_the_loopback_alone_and_asks_nobody_else(address, page):
     ],
     ids=["unnamed", "no patient", "no models"],
 )
-def test_what_is_missing_is_said(clinic, given, said):
-    out, _ = make_planner(clinic, *given, stdout=subprocess.PIPE, stderr=subprocess.STDOUT).communicate()
+def test_what_is_missing_is_said(clinic, variables, said):
+    out, _ = make_planner(clinic, *variables, stdout=subprocess.PIPE, stderr=subprocess.STDOUT).communicate()
     assert said in out, out[-2000:]
 
 

@@ -59,38 +59,39 @@ def test_an_element_turned_inside_out_is_found():
     field[node] = 2 * (PATIENT.points[cell[cell != node]].mean(axis=0) - PATIENT.points[node])
     said = certificate(field, Plan("tiny", {}))
     assert said["measures"]["inverted"] >= 1 and said["measures"]["min_jacobian"] < 0
-    found = judgements(said)
-    assert found["Elements turned inside out"] is False and found["Smallest volume ratio (min J)"] is False
-    assert found["Residual"] is None
+    good = judgements(said)
+    assert good["Elements turned inside out"] is False and good["Smallest volume ratio (min J)"] is False
+    assert good["Residual"] is None
 
 
 def test_the_interval_counts_where_it_is_widened():
     calibration = Calibration("m", 0.9, 12, 5, {name: 1.0 for name in NAMES} | {"nose": None}, {})
     region = np.array([CHIN] * 3 + [NOSE, -1], np.int8)
-    found = Interval(np.zeros((1, 3)), np.zeros(1), np.array([1.0, 1.05, 2.5, np.nan, np.nan]), region)
-    said = interval_measures(found, calibration)
+    interval = Interval(np.zeros((1, 3)), np.zeros(1), np.array([1.0, 1.05, 2.5, np.nan, np.nan]), region)
+    said = interval_measures(interval, calibration)
     assert (said["median_mm"], said["largest_mm"], said["patients"]) == (1.05, 2.5, 12)
     assert said["widened_percent"] == pytest.approx(100 / 3)
 
 
-@pytest.mark.parametrize(("factor", "like"), [(1.0, True), (6.0, False)])
-def test_a_plan_far_beyond_the_training_is_called_so(factor, like):
+@pytest.mark.parametrize(("factor", "within"), [(1.0, True), (6.0, False)])
+def test_a_plan_far_beyond_the_training_is_called_so(factor, within):
     plans = [tiny_plan(0, -y, 0, pitch=1) for y in (2, 3, 4, 5)]
     anatomy = anatomy_quantities(PATIENT, QUALITY)
     ranges = Ranges(
         Norm.of([anatomy] * 4), Norm.of([plan_quantities(PATIENT, plan) for plan in plans], True), ["labelled"]
     )
     archive = Archive("virtual cohort", 4, ["left"], ["1"], {}, {}, "", "")
-    found = in_distribution(PATIENT, tiny_plan(0, -4 * factor, 0, pitch=1), QUALITY, archive, ranges)
-    assert found["like"] == found["plan"]["like"] == like and found["anatomy"]["like"] and found["muscle"]["like"]
+    compared = in_distribution(PATIENT, tiny_plan(0, -4 * factor, 0, pitch=1), QUALITY, archive, ranges)
+    assert compared["within"] == compared["plan"]["within"] == within
+    assert compared["anatomy"]["within"] and compared["muscle"]["within"]
     models = {"cohort": "virtual cohort", "usual": {"min_jacobian": [0.1, 0.2, 0.3]}}
     interval = {"level": 0.9, "patients": 4, "median_mm": 1.0, "largest_mm": 2.0, "widened_percent": 0.0}
     said = certificate(
-        np.zeros_like(PATIENT.points), plans[0], models=models, interval=interval, in_distribution=found
+        np.zeros_like(PATIENT.points), plans[0], models=models, interval=interval, in_distribution=compared
     )  # fmt: skip
-    assert judgements(said)["Plan"] is like and judgements(said)["Bone segments"]
+    assert judgements(said)["Plan"] is within and judgements(said)["Bone segments"]
     words = {row.what: row.meaning for row in in_words(said)}
-    assert ("do not rely on it" in words["Interval"]) != like and "0.10 to 0.30, median 0.20" in str(words)
-    assert ("forward_left_mm is 2" in words["Plan"]) != like
-    stranger = in_distribution(PATIENT, plans[0], QUALITY, Archive("c", 4, ["chin"], [], {}, {}, "", ""), ranges)
-    assert not stranger["like"] and not stranger["segments"]["like"]
+    assert ("do not rely on it" in words["Interval"]) != within and "0.10 to 0.30, median 0.20" in str(words)
+    assert ("forward_left_mm is 2" in words["Plan"]) != within
+    beyond = in_distribution(PATIENT, plans[0], QUALITY, Archive("c", 4, ["chin"], [], {}, {}, "", ""), ranges)
+    assert not beyond["within"] and not beyond["segments"]["within"]

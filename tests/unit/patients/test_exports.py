@@ -18,7 +18,7 @@ TO_RAS = np.array([-1.0, -1.0, 1.0])
 
 
 def as_in_slicer(path):
-    """Points (p, 3) in Slicer's world, RAS, found as its model reader finds them; and the vectors it shows.
+    """Points (p, 3) in Slicer's world, RAS, as its model reader finds them; and the vectors it shows.
 
     vtkMRMLModelStorageNode: SPACE=LPS or SPACE=RAS in a comment of PLY or the header of STL, or as field data.
     """
@@ -67,8 +67,8 @@ def test_the_own_reader_takes_a_closed_surface_back_as_it_was(tmp_path):
     points = np.asarray(box.vertices) + [10, -80, 40]
     for name in ("bone.ply", "bone.stl"):
         write_surface(points, box.faces.astype(np.int32), tmp_path / name)
-        found, _ = read_closed_surface(tmp_path / name, None, pytest.fail)
-        assert np.allclose(found.mean(axis=0), points.mean(axis=0), atol=1e-3) and len(found) == len(points)
+        corners, _ = read_closed_surface(tmp_path / name, None, pytest.fail)
+        assert np.allclose(corners.mean(axis=0), points.mean(axis=0), atol=1e-3) and len(corners) == len(points)
 
 
 def test_the_mesh_is_deformed_and_holds_its_fields(patient, tmp_path):

@@ -17,19 +17,19 @@ def norm(*values, **options):
 
 def test_the_threshold_by_hand():
     """Of 0, 10, 40 the ends lie 10 / 30 and 30 / 10 outside the range of the other two."""
-    found = norm(0.0, 10.0, 40.0)
-    assert (found.low["a_mm"], found.high["a_mm"], found.patients) == (0, 40, 3)
-    assert found.threshold == pytest.approx(3) and found.false_alarm == pytest.approx(1 / 4)
-    assert found.compare({"a_mm": 160.0})["like"] and not found.compare({"a_mm": 161.0})["like"]
-    said = found.compare({"a_mm": -20.0})
+    usual = norm(0.0, 10.0, 40.0)
+    assert (usual.low["a_mm"], usual.high["a_mm"], usual.patients) == (0, 40, 3)
+    assert usual.threshold == pytest.approx(3) and usual.false_alarm == pytest.approx(1 / 4)
+    assert usual.compare({"a_mm": 160.0})["within"] and not usual.compare({"a_mm": 161.0})["within"]
+    said = usual.compare({"a_mm": -20.0})
     assert said["quantities"]["a_mm"]["excess"] == pytest.approx(0.5) and said["outside"] == ["a_mm"]
-    assert found.compare({"a_mm": 25.0})["outside"] == []
+    assert usual.compare({"a_mm": 25.0})["outside"] == []
 
 
 def test_half_a_movement_is_usual_and_the_opposite_one_is_not():
-    found = norm(*np.linspace(8, 10, 9), from_rest=True)
-    assert found.compare({"a_mm": 4.0})["quantities"]["a_mm"]["excess"] == 0
-    assert found.compare({"a_mm": -4.0})["quantities"]["a_mm"]["excess"] == pytest.approx(0.4)
+    usual = norm(*np.linspace(8, 10, 9), from_rest=True)
+    assert usual.compare({"a_mm": 4.0})["quantities"]["a_mm"]["excess"] == 0
+    assert usual.compare({"a_mm": -4.0})["quantities"]["a_mm"]["excess"] == pytest.approx(0.4)
 
 
 def test_a_range_is_never_narrower_than_what_voxels_can_tell():
@@ -38,11 +38,11 @@ def test_a_range_is_never_narrower_than_what_voxels_can_tell():
 
 
 def test_what_only_one_side_has_cannot_be_compared():
-    found = Norm.of([{"a": 1.0, "b": 2.0}, {"a": 2.0, "b": np.nan}])
-    said = found.compare({"a": 1.5, "c": 3.0})
-    assert not said["like"] and said["incomparable"] == ["c"] and said["quantities"]["c"]["low"] is None
-    said = found.compare({"a": np.nan})
-    assert not said["like"] and said["incomparable"] == ["a"] and said["quantities"]["a"]["value"] is None
+    usual = Norm.of([{"a": 1.0, "b": 2.0}, {"a": 2.0, "b": np.nan}])
+    said = usual.compare({"a": 1.5, "c": 3.0})
+    assert not said["within"] and said["incomparable"] == ["c"] and said["quantities"]["c"]["low"] is None
+    said = usual.compare({"a": np.nan})
+    assert not said["within"] and said["incomparable"] == ["a"] and said["quantities"]["a"]["value"] is None
 
 
 def test_the_false_alarms_are_as_many_as_promised():
@@ -52,9 +52,9 @@ def test_the_false_alarms_are_as_many_as_promised():
     for _ in range(60):
         draws = np.exp(rng.normal(size=(70, len(names)))) * 100
         people = [dict(zip(names, row, strict=True)) for row in draws]
-        found = Norm.of(people[:40])
-        alarms.append(np.mean([not found.compare(person)["like"] for person in people[40:]]))
-    assert found.false_alarm == pytest.approx(2 / 41)
+        usual = Norm.of(people[:40])
+        alarms.append(np.mean([not usual.compare(person)["within"] for person in people[40:]]))
+    assert usual.false_alarm == pytest.approx(2 / 41)
     assert 0.025 < np.mean(alarms) < 0.08
 
 
@@ -68,9 +68,11 @@ def test_quantities_of_a_plan():
     """A turn about the middle of the segment leaves that where it is; the rest is the translation."""
     patient = tiny_patient()
     middle = patient.bone_points[patient.bone_segment == 0].mean(axis=0)
-    found = plan_quantities(patient, Plan("tiny", {"left": RigidMotion.from_degrees([3, 0, 4], [-2, -6, 1], middle)}))
+    quantities = plan_quantities(
+        patient, Plan("tiny", {"left": RigidMotion.from_degrees([3, 0, 4], [-2, -6, 1], middle)})
+    )
     expected = {"sideways_left_mm": 2, "forward_left_mm": 6, "up_left_mm": 1, "rotation_left_deg": 5}
-    assert found == pytest.approx(expected)
+    assert quantities == pytest.approx(expected)
     assert plan_quantities(patient, Plan("tiny", {})) == pytest.approx(dict.fromkeys(expected, 0), abs=1e-12)
 
 
@@ -82,8 +84,12 @@ def test_quantities_of_an_anatomy():
         "thickness_mm": {"cranium": None, "left": {"mean": 4.0, "p5": 1, "p95": 9}},
         "contact_cm2": {"left": {"moving": 2.0, "sliding": 0.5, "released": 7.0}},
     }
-    found = anatomy_quantities(patient, quality)
-    assert (found["width_mm"], found["height_mm"]) == pytest.approx((30, 45), abs=3)
-    assert (found["volume_superficial_cm3"], found["thickness_left_mm"], found["contact_left_cm2"]) == (5, 4, 2.5)
-    assert np.isnan(found["thickness_cranium_mm"])
-    json.dumps(Norm.of([found, found]).compare(found), allow_nan=False)
+    quantities = anatomy_quantities(patient, quality)
+    assert (quantities["width_mm"], quantities["height_mm"]) == pytest.approx((30, 45), abs=3)
+    assert (quantities["volume_superficial_cm3"], quantities["thickness_left_mm"], quantities["contact_left_cm2"]) == (
+        5,
+        4,
+        2.5,
+    )
+    assert np.isnan(quantities["thickness_cranium_mm"])
+    json.dumps(Norm.of([quantities, quantities]).compare(quantities), allow_nan=False)

@@ -63,9 +63,9 @@ def test_a_table_names_several_patients(folder):
     table = folder.parent / "new.tsv"
     rows = ["case\tsegmentation\tplan\tpostop", "P01\tP01/segmentation.nii.gz\tP01/plans\t"]
     table.write_text("\n".join([*rows, "P02\tP01/segmentation.nii.gz\tP01/plans/a.json\t"]) + "\n")
-    found = read_patients(table)
-    assert {name: sorted(patient.plans) for name, patient in found.items()} == {"P01": ["a", "b"], "P02": ["a"]}
-    assert {patient.home for patient in found.values()} == {str(folder), str(folder.parent / "P02")}
+    patients = read_patients(table)
+    assert {name: sorted(patient.plans) for name, patient in patients.items()} == {"P01": ["a", "b"], "P02": ["a"]}
+    assert {patient.home for patient in patients.values()} == {str(folder), str(folder.parent / "P02")}
 
 
 @pytest.mark.parametrize(
@@ -98,22 +98,22 @@ def archive(folder, segments=CONFIG["segments"]):
 
 
 def measured(folder):
-    """A front: plus in 0.1 s (0.2 mm from the reference), sliding elements in 1 s (0.1 mm) and 0.3 s."""
-    rows = [
+    """A Pareto front: plus in 0.1 s (0.2 mm from the reference), sliding elements in 1 s (0.1 mm) and 0.3 s."""
+    settings = [
         ("pinnochio_plus", 3000, {}, 2, 0.1, 0.5, 0.2),
         ("fem_sliding", 5000, {}, None, 1.0, 0.6, 0.1),
         ("fem_sliding", 2000, {"tolerance": 0.01}, None, 0.3, 0.7, 0.15),
     ]
-    found = []
+    rows = []
     for case in ("A", "B"):
-        for method, nodes, fem, corrections, seconds, cd, face in rows:
+        for method, nodes, fem, corrections, seconds, cd, face in settings:
             recipe = json.dumps({"method": method, "nodes": nodes, "fem": fem, "corrections": corrections})
             row = {"case": case, "method": method, "dial": "nodes", "value": str(nodes), "recipe": recipe}
             row |= {"nodes": nodes, "seconds": seconds, "setup_seconds": 0, "threads": 1, "converged": True, "cd": cd}
             row |= {"face_error": face, "face_error_max": 1, "volume_error": 1, "eqres_rel": 0.1}
-            found.append(row | {"min_jacobian": 0.5, "inverted": 0})
+            rows.append(row | {"min_jacobian": 0.5, "inverted": 0})
     folder.mkdir(parents=True, exist_ok=True)
-    write_csv(summarise(pd.DataFrame(found)), folder / "tradeoff.csv", TRADEOFF)
+    write_csv(summarise(pd.DataFrame(rows)), folder / "tradeoff.csv", TRADEOFF)
 
 
 def chosen(folder, **predict):
@@ -123,12 +123,12 @@ def chosen(folder, **predict):
 def test_a_learned_method_is_used_as_it_was_trained(tmp_path, monkeypatch):
     archive(tmp_path / "models")
     monkeypatch.chdir(tmp_path)
-    found = chosen("models")
-    assert (found.method, found.corrections, found.lift) == ("pinnochio_plus", 2, "elastic")
-    assert found.settings["mesh"]["nodes"] == 1234 and found.archive.cohort == "clinic"
+    choice = chosen("models")
+    assert (choice.method, choice.corrections, choice.lift) == ("pinnochio_plus", 2, "elastic")
+    assert choice.settings["mesh"]["nodes"] == 1234 and choice.archive.cohort == "clinic"
     # Absolute, so that no rule of the study makes them.
-    assert found.networks == [str(tmp_path / f"models/pinnochio_plus/{fold}.pt") for fold in "12"]
-    assert all(Path(file).is_absolute() for file in [*found.files, found.calibration])
+    assert choice.networks == [str(tmp_path / f"models/pinnochio_plus/{fold}.pt") for fold in "12"]
+    assert all(Path(file).is_absolute() for file in [*choice.files, choice.calibration])
 
 
 def test_missing_models_are_said_with_both_remedies(tmp_path):
@@ -155,9 +155,9 @@ def test_a_budget_is_met_from_the_front_by_what_the_archive_has(tmp_path):
     assert (alone.method, alone.settings["mesh"]["nodes"]) == ("fem_sliding", 2000)
     assert alone.settings["fem"] == CONFIG["fem"] | {"tolerance": 0.01} and not alone.networks
     archive(tmp_path)
-    found = chosen(tmp_path, budget_seconds=0.5)  # two folds: 0.2 s
-    assert (found.method, found.corrections, found.settings["mesh"]["nodes"]) == ("pinnochio_plus", 2, 3000)
-    assert found.expected == {
+    choice = chosen(tmp_path, budget_seconds=0.5)  # two folds: 0.2 s
+    assert (choice.method, choice.corrections, choice.settings["mesh"]["nodes"]) == ("pinnochio_plus", 2, 3000)
+    assert choice.expected == {
         "budget_seconds": 0.5, "setting": "pinnochio_plus, nodes 3000", "patients": 2,
         "seconds": 0.2, "seconds_max": 0.2, "cd": 0.5, "face_error": 0.2,
     }  # fmt: skip
@@ -175,8 +175,8 @@ def test_a_wish_that_nothing_keeps_and_a_front_that_is_not_there_are_said(tmp_pa
 
 @pytest.mark.parametrize("method", ["fem_sliding", "fem_bonded", "elastic"])
 def test_a_method_without_training_needs_no_archive(tmp_path, method):
-    found = chosen(tmp_path / "nowhere", method=method)
-    assert found.settings["mesh"] == CONFIG["mesh"] and not found.files and not found.networks
+    choice = chosen(tmp_path / "nowhere", method=method)
+    assert choice.settings["mesh"] == CONFIG["mesh"] and not choice.files and not choice.networks
 
 
 def test_the_hash_of_a_configuration_knows_values_and_not_their_order():

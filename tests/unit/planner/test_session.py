@@ -1,4 +1,4 @@
-"""Editing plans by hand: motions and pivots, undo, two sides, saving; and what the planner is given."""
+"""Editing plans by hand: motions and pivots, undo, two sides, saving; and what is prepared for it."""
 
 from dataclasses import asdict
 
@@ -7,7 +7,7 @@ import pytest
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.planner.prepared import Given
+from pinnochio.planner.prepared import Prepared
 from pinnochio.planner.session import QUANTITIES, REST, SIDES, Session
 from pinnochio.plans.plan import Plan
 from pinnochio.study.new_patients import read_patients
@@ -148,18 +148,18 @@ def test_a_plan_that_could_not_be_imported_is_not_saved(session, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_what_the_planner_is_given_reads_back_and_a_missing_file_is_said(tmp_path):
+def test_what_is_prepared_reads_back_and_a_missing_file_is_said(tmp_path):
     for name in ("model.h5", "quality.json", "plan.json"):
         (tmp_path / name).touch()
     files = {name: str(tmp_path / file) for name, file in (("model", "model.h5"), ("quality", "quality.json"))}
     plans = {"a": str(tmp_path / "plan.json")}
-    given = Given(
+    prepared = Prepared(
         "tiny", lift=None, plans=plans, home="h", archive=str(tmp_path), method="m", corrections=1, fem={}, **files
     )
-    given.write(tmp_path / "planner.json")
-    assert asdict(Given.read(tmp_path / "planner.json")) == asdict(given)
+    prepared.write(tmp_path / "planner.json")
+    assert asdict(Prepared.read(tmp_path / "planner.json")) == asdict(prepared)
     (tmp_path / "plan.json").unlink()
     with pytest.raises(InputError, match="plan.json: it is no longer there.*make planner"):
-        Given.read(tmp_path / "planner.json")
+        Prepared.read(tmp_path / "planner.json")
     with pytest.raises(InputError, match="no patient is prepared.*make planner"):
-        Given.read(tmp_path / "nothing.json")
+        Prepared.read(tmp_path / "nothing.json")

@@ -74,7 +74,7 @@ def test_files_and_picture(rows, tmp_path):
     assert len(back) == 6
     text = (tmp_path / "corrections.md").read_text()
     assert "made-up cohort, n = 8 patients" in text and "-0.0450 (p = 0.015625)" in text and "1.5000 ± " in text
-    assert all((tmp_path / f"dial.{suffix}").stat().st_size > 500 for suffix in ("tex", "html"))
+    assert all((tmp_path / f"corrections.{suffix}").stat().st_size > 500 for suffix in ("tex", "html"))
     corrections_picture(back, tmp_path / "corrections.png")
     assert (tmp_path / "corrections.png").stat().st_size > 20_000
 

@@ -76,7 +76,7 @@ class Sweep:
     block_fields: dict = field(default_factory=dict)
 
     def rows(self) -> Iterator[dict]:
-        """One row per cell, in the order of the table, logged as it is found."""
+        """One row per cell, in the order of the table, logged as it is measured."""
         for family in FAMILIES:
             for value in self.config[family]:
                 for row in self.setting(family, float(value)):
@@ -97,9 +97,9 @@ class Sweep:
                 for method, verdict, seconds in self.cells(problem, element, precision, family, value, known):
                     rows.append(
                         key
-                        | {"method": method, "element": element, "precision": precision, "outcome": verdict.outcome}
-                        | {"reason": verdict.reason, "min_jacobian": verdict.min_jacobian}
-                        | {"residual": verdict.residual, "seconds": seconds, "case": case}
+                        | {"method": method, "element": element, "precision": precision}
+                        | vars(verdict)
+                        | {"seconds": seconds, "case": case}
                     )
         return sorted(rows, key=lambda row: METHODS.index(row["method"]))
 
@@ -109,17 +109,18 @@ class Sweep:
         known: fields in mm by method that later ones must agree with; the first of each method is added to it.
         """
         options = replace(solver_options(self.fem), volumetric=element)
-        arrays = problem.points, problem.cells, problem.material, problem.boundary
 
         def linear():
-            solver = ElasticSolver(*arrays, element, self.fem.linear_solver)
+            solver = ElasticSolver(
+                problem.points, problem.cells, problem.material, problem.boundary, element, self.fem.linear_solver
+            )
             try:
                 return solver.solve(problem.boundary)
             finally:
                 solver.close()
 
         elastic, verdict, seconds = attempt(
-            linear, lambda found, _: judge_elastic(problem, element, found, known.get("elastic"))
+            linear, lambda field, _: judge_elastic(problem, element, field, known.get("elastic"))
         )
         if elastic is not None:
             known.setdefault("elastic", elastic * problem.millimetres)
@@ -141,12 +142,15 @@ class Sweep:
         # A long movement has several equilibria: sliding nodes can settle on either side of an edge of the bone.
         unique = family not in MOVEMENTS
 
-        def judge(found, seconds):
-            return judge_solution(problem, element, found, seconds, options, known.get("solver"), unique)
+        def newton():
+            return solve(problem.points, problem.cells, problem.material, problem.boundary, options, start)
 
-        found, verdict, seconds = attempt(lambda: solve(*arrays, options, start), judge)
+        def judge(result, seconds):
+            return judge_solution(problem, element, result, seconds, options, known.get("solver"), unique)
+
+        result, verdict, seconds = attempt(newton, judge)
         if verdict.outcome == CONVERGED:
-            known.setdefault("solver", found.displacement * problem.millimetres)
+            known.setdefault("solver", result.displacement * problem.millimetres)
         yield "solver", verdict, seconds
 
         single = state.astype(np.float32).astype(float)
@@ -154,9 +158,9 @@ class Sweep:
         def loss(kind):
             return slope_of(problem, element, kind, single, self.extension, self.loss)
 
-        def judge_slope(found, _):
-            exact = found if precision == "float64" else loss("float64")
-            return judge_loss(problem, element, precision, single, found, exact, self.extension, rng)
+        def judge_slope(slope, _):
+            exact = slope if precision == "float64" else loss("float64")
+            return judge_loss(problem, element, precision, single, slope, exact, self.extension, rng)
 
         _, verdict, seconds = attempt(lambda: loss(precision), judge_slope, refusals=(InputError,))
         yield "loss", verdict, seconds
@@ -193,9 +197,9 @@ def attempt(
     """
     began = time.perf_counter()
     try:
-        found = compute()
+        result = compute()
         seconds = time.perf_counter() - began
-        return found, judge(found, seconds), seconds
+        return result, judge(result, seconds), seconds
     except Exception as error:
         outcome = CLEAN if type(error) in refusals and str(error) else WRONG
         reason = str(error) if outcome == CLEAN else f"{type(error).__name__}: {error}"

@@ -103,10 +103,10 @@ def conditions(problem: Problem, operator, displacement, force, linear: bool = F
 
     linear: of the linearised problem, whose sliding nodes keep to the normals at rest.
     """
-    told = np.asarray(problem.boundary.prescribed_nodes, int)
+    prescribed = np.asarray(problem.boundary.prescribed_nodes, int)
     extent = np.ptp(problem.points, axis=0).max()
     complaints = []
-    error = np.abs(displacement[told] - problem.boundary.displacement(1.0)).max(initial=0.0)
+    error = np.abs(displacement[prescribed] - problem.boundary.displacement(1.0)).max(initial=0.0)
     if error > PRESCRIBED * extent:
         complaints.append(f"prescribed nodes are {error:.1e} off")
     sliding = SlidingContact(problem.points, problem.boundary.sliding)
@@ -120,13 +120,13 @@ def conditions(problem: Problem, operator, displacement, force, linear: bool = F
     away = np.abs(opened).max(initial=0.0)
     if away * problem.millimetres > SLIDING:
         complaints.append(f"sliding nodes are {away:.1e} off their surface")
-    held = np.zeros_like(force)
-    held[told] = force[told]
-    held[sliding.nodes] = np.einsum("si,si->s", force[sliding.nodes], normals)[:, None] * normals
+    reaction = np.zeros_like(force)
+    reaction[prescribed] = force[prescribed]
+    reaction[sliding.nodes] = np.einsum("si,si->s", force[sliding.nodes], normals)[:, None] * normals
     # The reaction at a strain of 1e-4: the measure where the load asks for no force.
-    count = 3 * len(told) + len(sliding.nodes)
+    count = 3 * len(prescribed) + len(sliding.nodes)
     least = 1e-4 * operator.mu_ref * operator.h_ref**2 * np.sqrt(count)
-    return float(np.linalg.norm(force - held) / max(np.linalg.norm(held), least)), complaints
+    return float(np.linalg.norm(force - reaction) / max(np.linalg.norm(reaction), least)), complaints
 
 
 def slopes(sliding: SlidingContact, displacement, fraction: float) -> np.ndarray:
@@ -172,12 +172,12 @@ def judge_loss(
     element: str,
     precision: str,
     state: np.ndarray,
-    found: tuple[float, np.ndarray],
+    slope: tuple[float, np.ndarray],
     exact: tuple[float, np.ndarray],
     extension: float,
     rng: np.random.Generator,
 ) -> Verdict:
-    """Verdict on the value and gradient `found` at a state (n, 3), which float32 holds; exact: those in float64.
+    """Verdict on the value and gradient `slope` at a state (n, 3), which float32 represents; exact: those in float64.
 
     residual: the largest of the relative errors.
     """
@@ -187,7 +187,7 @@ def judge_loss(
     def compiled(displacement) -> float:
         return float(((kernels.evaluate(displacement)[1][problem.free] / scale) ** 2).sum(axis=1).mean())
 
-    least, (value, gradient) = kernels.evaluate(state)[2], found
+    least, (value, gradient) = kernels.evaluate(state)[2], slope
     if not (np.isfinite(value) and np.isfinite(gradient).all()):
         return Verdict(WRONG, "the loss or its gradient is not finite", least)
     if precision == "float64":
@@ -197,8 +197,8 @@ def judge_loss(
             way = rng.normal(size=state.shape)
             # Where an element passes the extension of its energy on the way, the gradient has a kink, and the longer
             # step is off.
-            found_slopes = [difference(compiled, state, way, step * kernels.edge) for step in (1e-6, 1e-7)]
-            gap = max(gap, min(abs((gradient * way).sum() - slope) for slope in found_slopes))
+            differences = [difference(compiled, state, way, step * kernels.edge) for step in (1e-6, 1e-7)]
+            gap = max(gap, min(abs((gradient * way).sum() - value) for value in differences))
         errors["gradient"] = (gap / max(size, TINY), DIFFERENCE)
     else:
         force, truth = np.sqrt(value), np.sqrt(exact[0])

@@ -78,10 +78,10 @@ def block(
     dihedral: float | None = None,
     millimetres: float = 1.0,
 ) -> Problem:
-    """The block problem: bottom held on the left, lifted by 8 mm and turned by 5 degrees on the right.
+    """The block problem: bottom fixed on the left, lifted by 8 mm and turned by 5 degrees on the right.
 
     stiffness: modulus of the upper half over that of the lower. dihedral: smallest dihedral angle in degrees.
-    millimetres: length of the unit in which everything is given.
+    millimetres: length of the unit of all lengths.
     """
     points, cells = box(BLOCK, steps)
     whole = block_boundary(points)
@@ -144,8 +144,8 @@ def tangled(problem: Problem, field: np.ndarray, share: float, rng: np.random.Ge
 
     high = next((way for way in np.linspace(0, 3, 301) if inverted(way) > share), None)
     if high is None:
-        found = f"no start has {100 * share:g} % of its elements inverted"
-        raise InputError("-", "configuration", found, "lower the share, or take more cubes")
+        problem = f"no start has {100 * share:g} % of its elements inverted"
+        raise InputError("-", "configuration", problem, "lower the share, or take more cubes")
     low = max(high - 0.01, 0.0)
     # Not to the last digit, which rounding the field to float32 would undo.
     for _ in range(6):

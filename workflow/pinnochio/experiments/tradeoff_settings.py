@@ -38,46 +38,49 @@ class Setting:
 
 def fem_settings(nodes: int, config: Mapping) -> list[Setting]:
     """Finite elements along their dials; nodes: of the study; config: section `tradeoff` of the configuration."""
-    found = [Setting("fem_sliding", "nodes", str(config["reference"]), config["reference"])]
+    settings = [Setting("fem_sliding", "nodes", str(config["reference"]), config["reference"])]
     for method in ("elastic", "fem_bonded", "fem_sliding"):
-        found.append(Setting(method, "nodes", f"{nodes}, {BASE}", nodes))
-        found += [Setting(method, "nodes", str(size), size) for size in config["nodes"] if size != nodes]
-    found += [
+        settings.append(Setting(method, "nodes", f"{nodes}, {BASE}", nodes))
+        settings += [Setting(method, "nodes", str(size), size) for size in config["nodes"] if size != nodes]
+    settings += [
         Setting("fem_lips", "arm", "mucosa+lip", nodes, repeatable=False),
         Setting("fem_sliding", "element", "p1", nodes, {"volumetric": "p1"}),
         Setting("fem_bonded", "element", "p1", nodes, {"volumetric": "p1"}),
-        *(
-            Setting("fem_bonded", "element", name, nodes, {"volumetric": name}, repeatable=False)
-            for name in config["mixed"]
-        ),
-        *(Setting("fem_sliding", "increments", str(n), nodes, {"increments": n}) for n in config["increments"]),
-        *(Setting("fem_sliding", "tolerance", f"{x:g}", nodes, {"tolerance": x}) for x in config["tolerances"]),
-        Setting("fem_sliding", "precision", "double factors", nodes, double=True, repeatable=False),
     ]
-    return found
+    settings += [
+        Setting("fem_bonded", "element", name, nodes, {"volumetric": name}, repeatable=False)
+        for name in config["mixed"]
+    ]
+    settings += [Setting("fem_sliding", "increments", str(n), nodes, {"increments": n}) for n in config["increments"]]
+    settings += [Setting("fem_sliding", "tolerance", f"{x:g}", nodes, {"tolerance": x}) for x in config["tolerances"]]
+    return [*settings, Setting("fem_sliding", "precision", "double factors", nodes, double=True, repeatable=False)]
 
 
 def network_settings(nodes: int, config: Mapping, variants: Mapping[str, Mapping]) -> list[Setting]:
     """Learned methods along their dials: those of `networks` by mesh, corrections and precision, those of `further`
     (other widths, depths, lifts) as they are. variants: settings by method, as pinnochio.study.variants gives them.
     """
-    found = []
+    settings = []
     for method in config["networks"]:
         own = variants[method]["newton_corrections"]
         for count in sorted({own, *config["corrections"]}):
             value = f"{count}, {BASE}" if count == own else str(count)
-            found.append(Setting(method, "corrections", value, nodes, corrections=count))
-        found += [
+            settings.append(Setting(method, "corrections", value, nodes, corrections=count))
+        settings += [
             Setting(method, "nodes", str(size), size, corrections=own)
             for size in config["nodes"]
             if size != nodes and size <= config["largest_network"]
         ]
-        found.append(Setting(method, "precision", "double", nodes, corrections=own, double=True, repeatable=False))
+        settings.append(Setting(method, "precision", "double", nodes, corrections=own, double=True, repeatable=False))
     for method in config["further"]:
         base = nearest(variants[method], {name: variants[name] for name in config["networks"]})
-        told = " and ".join(change.removeprefix("network.") for change in changes(variants[base], variants[method]))
-        found.append(Setting(method, "network", told, nodes, corrections=variants[method]["newton_corrections"]))
-    return found
+        differences = " and ".join(
+            change.removeprefix("network.") for change in changes(variants[base], variants[method])
+        )
+        settings.append(
+            Setting(method, "network", differences, nodes, corrections=variants[method]["newton_corrections"])
+        )
+    return settings
 
 
 def nearest(settings: Mapping, bases: Mapping[str, Mapping]) -> str:

@@ -136,8 +136,16 @@ def add_field(plotter, skin: pv.PolyData, values: np.ndarray, title: str, limits
 
 def add_values(plotter: pv.Plotter, surface: pv.PolyData, values: np.ndarray, limits, colours: str) -> pv.Actor:
     """Surface coloured by a value per point or face, grey where it is NaN; its bar is for another panel."""
-    options = {"nan_color": UNKNOWN, "show_scalar_bar": False, "ambient": 0.2, "copy_mesh": True}
-    return plotter.add_mesh(surface, scalars=values, cmap=colours, clim=limits, **options)
+    return plotter.add_mesh(
+        surface,
+        scalars=values,
+        cmap=colours,
+        clim=limits,
+        nan_color=UNKNOWN,
+        show_scalar_bar=False,
+        ambient=0.2,
+        copy_mesh=True,
+    )
 
 
 def add_scale(plotter: pv.Plotter, actor: pv.Actor, title: str) -> None:

@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pyvista as pv
 
-from pinnochio.figures.patient import BONE, FRONT, NODE_TYPES, SEGMENTS, SIDE, add_bone, finish, save, skin_of
+from pinnochio.figures.patient import BONE, FRONT, NODE_TYPES, SEGMENTS, SIDE, SKIN, add_bone, finish, save, skin_of
 from pinnochio.model.labels import TISSUES, segment_name
 from pinnochio.model.patient import FIXED, MOVING, SLIDING, PatientModel
 from pinnochio.plans.plan import Plan
@@ -22,13 +22,11 @@ def quality_picture(patient: PatientModel, case: str, path: str | os.PathLike) -
     names = {segment_name(i, patient.segments): BONE if i < 0 else SEGMENTS[i % len(SEGMENTS)] for i in present}
     for column, (view, direction) in enumerate((("front", FRONT), ("left side", SIDE))):
         plotter.subplot(0, column)
-        plotter.add_mesh(skin, color="#e8beac", opacity=0.45)
+        plotter.add_mesh(skin, color=SKIN, opacity=0.45)
         add_bone(plotter, patient, Plan(case, {}))
         _panel(plotter, f"{case}: bones under the skin, {view}", direction, names)
 
-    kinds = np.full((len(patient.cells), 1), 4)
-    cells = np.hstack([kinds, patient.cells]).ravel()
-    mesh = pv.UnstructuredGrid(cells, np.full(len(patient.cells), pv.CellType.TETRA, np.uint8), patient.points)
+    mesh = pv.UnstructuredGrid({pv.CellType.TETRA: patient.cells}, patient.points)
     mesh.cell_data["tissue"] = patient.tissue
     middle = 0.5 * (patient.skin_points[:, 0].min() + patient.skin_points[:, 0].max())
     half = mesh.clip("-x", origin=(middle, 0, 0))
@@ -44,13 +42,8 @@ def quality_picture(patient: PatientModel, case: str, path: str | os.PathLike) -
         nodes = (patient.node_type == code) & (patient.points[:, 0] > middle)
         if nodes.any():
             plotter.add_points(patient.points[nodes], color=colour, point_size=7, render_points_as_spheres=True)
-    words = {"fixed": FIXED, "moving": MOVING, "sliding": SLIDING}
-    _panel(
-        plotter,
-        "Left half of the mesh; types of its nodes",
-        INWARD,
-        {word: NODE_TYPES[code] for word, code in words.items()},
-    )
+    types = {"fixed": NODE_TYPES[FIXED], "moving": NODE_TYPES[MOVING], "sliding": NODE_TYPES[SLIDING]}
+    _panel(plotter, "Left half of the mesh; types of its nodes", INWARD, types)
     save(plotter, path)
 
 

@@ -17,6 +17,8 @@ from pinnochio.statistics.intervals import Calibration, Interval
 RESEARCH = "For research only; not for planning or treating patients."
 # Metrics that the certificate compares with those of the study's held-out patients.
 USUAL = ("min_jacobian", "eqres_rel", "moving_error", "sliding_error")
+# What is compared with the training.
+PARTS = ("segments", "muscle", "anatomy", "plan")
 WIDENED = 1.1  # half-width by the calibrated one from which it counts as widened
 
 
@@ -31,17 +33,21 @@ class Row(NamedTuple):
 
 def measures(patient: PatientModel, plan: Plan, displacement: np.ndarray, fem: FemSettings) -> dict:
     """Elements, equilibrium, boundary and movement of a field (n, 3) mm; the names are those of cases.csv."""
-    found = {"nodes": len(patient.points), "elements": len(patient.cells)}
-    found |= volume_metrics(patient.points, patient.cells, patient.tissue, displacement)
-    found |= equilibrium_of(patient, displacement, fem)
-    found |= boundary_metrics(patient, plan, displacement)
     moved = np.linalg.norm(patient.moved_skin(displacement) - patient.skin_points, axis=1)[patient.judged_points]
-    return found | {"skin_mean_mm": moved.mean(), "skin_max_mm": moved.max()}
+    return {
+        "nodes": len(patient.points),
+        "elements": len(patient.cells),
+        **volume_metrics(patient.points, patient.cells, patient.tissue, displacement),
+        **equilibrium_of(patient, displacement, fem),
+        **boundary_metrics(patient, plan, displacement),
+        "skin_mean_mm": moved.mean(),
+        "skin_max_mm": moved.max(),
+    }
 
 
-def interval_measures(found: Interval, calibration: Calibration) -> dict:
+def interval_measures(interval: Interval, calibration: Calibration) -> dict:
     """The half-width over the judged face, and on how much of it the disagreement of the fold models widened it."""
-    half_width, region = found.half_width, found.region
+    half_width = interval.half_width
     known = np.isfinite(half_width)
     calibrated = np.array([calibration.half_width[name] or np.nan for name in NAMES])
     return {
@@ -49,27 +55,30 @@ def interval_measures(found: Interval, calibration: Calibration) -> dict:
         "patients": calibration.patients,
         "median_mm": np.median(half_width[known]),
         "largest_mm": half_width[known].max(),
-        "widened_percent": 100 * np.mean(half_width[known] > WIDENED * calibrated[region[known]]),
+        "widened_percent": 100 * np.mean(half_width[known] > WIDENED * calibrated[interval.region[known]]),
     }
 
 
 def in_distribution(patient: PatientModel, plan: Plan, quality: Mapping, archive: Archive, ranges: Ranges) -> dict:
-    """Whether segments, muscle, anatomy and plan are like those of the training, and the numbers that say so."""
-    found = {
+    """Whether each of PARTS is in the distribution of the training (`within`), all of them are, and by which numbers.
+
+    quality: the patient's quality report.
+    """
+    parts = {
         "segments": {
             "value": list(patient.segments),
             "trained": list(archive.segments),
-            "like": set(patient.segments) == set(archive.segments),
+            "within": set(patient.segments) == set(archive.segments),
         },
         "muscle": {
             "value": patient.muscle,
             "trained": list(ranges.muscle),
-            "like": patient.muscle in ranges.muscle,
+            "within": patient.muscle in ranges.muscle,
         },
         "anatomy": ranges.anatomy.compare(anatomy_quantities(patient, quality)),
         "plan": ranges.plan.compare(plan_quantities(patient, plan)),
     }
-    return {"like": all(part["like"] for part in found.values())} | found
+    return {"within": all(part["within"] for part in parts.values())} | parts
 
 
 def plain(value):
@@ -87,11 +96,11 @@ def in_words(certificate: Mapping) -> list[Row]:
     """The certificate as a table that needs no other explanation."""
     rows = _field_rows(certificate["measures"], certificate["models"])
     if not certificate["models"]:
-        rows.append(Row("Interval", "none", "No interval is calibrated for this method."))
-        return [*rows, Row("Likeness", "not asked", "The method has not been trained on anybody.")]
+        none = Row("Interval", "none", "No interval is calibrated for this method.")
+        return [*rows, none, Row("In distribution", "not asked", "The method has not been trained on anybody.")]
     return [
         *rows,
-        _interval_row(certificate["interval"], certificate["in_distribution"]["like"]),
+        _interval_row(certificate["interval"], certificate["in_distribution"]["within"]),
         *_distribution_rows(certificate["in_distribution"], certificate["models"]["cohort"]),
     ]
 
@@ -127,35 +136,31 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Row]:
     ]
 
 
-def _interval_row(interval: Mapping, like: bool) -> Row:
+def _interval_row(interval: Mapping, within: bool) -> Row:
     meaning = f"{100 * interval['level']:g} % of a region's points should lie this near to the outcome, as they did on "
     meaning += f"{interval['patients']} held-out patients, if patient and plan are like theirs. "
-    meaning += "" if like else "They are not: do not rely on it. "
+    meaning += "" if within else "They are not: do not rely on it. "
     meaning += f"Widened on {interval['widened_percent']:.0f} % of the face, where the fold models disagree."
     return Row("Interval", f"± {interval['median_mm']:.1f} mm median, {interval['largest_mm']:.1f} mm at most", meaning)
 
 
-def _distribution_rows(found: Mapping, cohort: str) -> list[Row]:
+def _distribution_rows(compared: Mapping, cohort: str) -> list[Row]:
     rows = []
     for name, title in (("segments", "Bone segments"), ("muscle", "Muscle layer")):
-        value, trained = (found[name][key] for key in ("value", "trained"))
+        value, trained = (compared[name][key] for key in ("value", "trained"))
         value = value if isinstance(value, str) else ", ".join(value)
-        rows.append(Row(title, value, f"In training: {', '.join(trained)}.", found[name]["like"]))
+        rows.append(Row(title, value, f"In training: {', '.join(trained)}.", compared[name]["within"]))
     for name, title in (("anatomy", "Anatomy"), ("plan", "Plan")):
-        part = found[name]
+        part = compared[name]
         outside, quantities = part["outside"], part["quantities"]
         meaning = f"{len(outside)} of {len(quantities)} quantities lie outside the range of the {part['patients']} "
         meaning += f"patients of the {cohort}."
         if outside:
             own = quantities[outside[0]]
-            meaning += (
-                f" Farthest: {outside[0]} is {own['value']:.1f}, there {own['low']:.1f} to {own['high']:.1f}, so "
-            )
-            meaning += (
-                f"{own['excess']:.2f} widths of that range beyond it. Up to {part['threshold']:.2f} is usual: some "
-            )
-            meaning += f"{100 * part['false_alarm']:.0f} of 100 such patients have more."
+            meaning += f" Farthest: {outside[0]} is {own['value']:.1f}, there {own['low']:.1f} to {own['high']:.1f}"
+            meaning += f", so {own['excess']:.2f} widths of that range beyond it. Up to {part['threshold']:.2f} is "
+            meaning += f"usual: some {100 * part['false_alarm']:.0f} of 100 such patients have more."
         if part["incomparable"]:
             meaning += f" {len(part['incomparable'])} have no counterpart in the training, or could not be measured."
-        rows.append(Row(title, f"{'like' if part['like'] else 'unlike'} the training's", meaning, part["like"]))
+        rows.append(Row(title, f"{'like' if part['within'] else 'unlike'} the training's", meaning, part["within"]))
     return rows

@@ -1,10 +1,10 @@
-"""Whether a new patient and plan are like those that the models were trained on, and by which numbers.
+"""Whether a new patient and plan are in the distribution that the models were trained on, and by which numbers.
 
 Every quantity is compared with its range over the training patients; what counts is how far the farthest one lies
 outside, as a share of its range's width. Some of the quantities of a perfectly usual patient lie outside too. How far
-is what the training patients themselves show: each is held against all others in the same way, and the threshold is
-what 95 of 100 stay below. So some 5 of 100 patients of the same kind are called unlike, however many quantities are
-looked at (the conformal way, each patient left out in turn [R: Vovk, Gammerman, Shafer 2005]).
+is what the training patients themselves show: each is compared with all others in the same way, and the threshold is
+what 95 of 100 stay below. So some 5 of 100 patients of the same kind are called out-of-distribution, however many
+quantities are looked at (the conformal way, each patient left out in turn [R: Vovk, Gammerman, Shafer 2005]).
 """
 
 import json
@@ -61,7 +61,7 @@ class Norm:
     def compare(self, values: Mapping[str, float]) -> dict:
         """How a patient's values compare, as JSON holds it.
 
-        like: whether no excess is above the threshold and every quantity can be compared; outside: the quantities
+        within: whether no excess is above the threshold and every quantity can be compared; outside: the quantities
         outside their range, the farthest first; incomparable: those that the patient or the training lacks.
         """
         rows, excess = {}, {}
@@ -73,7 +73,7 @@ class Norm:
             rows[name] = {"value": float(value) if known else None, "low": low, "high": high}
             rows[name]["excess"] = excess.get(name)
         return {
-            "like": len(excess) == len(rows) and max(excess.values(), default=0.0) <= self.threshold,
+            "within": len(excess) == len(rows) and max(excess.values(), default=0.0) <= self.threshold,
             "outside": sorted((name for name in excess if excess[name] > 0), key=lambda name: -excess[name]),
             "incomparable": [name for name in rows if name not in excess],
             "threshold": self.threshold,
@@ -99,8 +99,8 @@ class Ranges:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Ranges":
         """Read what :meth:`write` wrote."""
-        found = json.loads(Path(path).read_text(encoding="utf-8"))
-        return cls(Norm(**found["anatomy"]), Norm(**found["plan"]), found["muscle"])
+        ranges = json.loads(Path(path).read_text(encoding="utf-8"))
+        return cls(Norm(**ranges["anatomy"]), Norm(**ranges["plan"]), ranges["muscle"])
 
 
 def _range(values: np.ndarray, from_rest: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -118,16 +118,16 @@ def _excess(values, low, high) -> np.ndarray:
 def anatomy_quantities(patient: PatientModel, quality: Mapping) -> dict[str, float]:
     """Extents (mm), volumes (cm3), thickness of the soft tissue over each bone (mm) and its contact with it (cm2).
 
-    quality: the patient's quality report (evaluation.quality).
+    quality: the patient's quality report (metrics.quality).
     """
     extent = np.ptp(patient.points, axis=0)
-    found = dict(zip(("width_mm", "depth_mm", "height_mm"), extent.tolist(), strict=True))
-    found |= {f"volume_{name}_cm3": float(value) for name, value in quality["volume_cm3"].items()}
+    quantities = dict(zip(("width_mm", "depth_mm", "height_mm"), extent.tolist(), strict=True))
+    quantities |= {f"volume_{name}_cm3": float(value) for name, value in quality["volume_cm3"].items()}
     for bone, values in quality["thickness_mm"].items():
-        found[f"thickness_{bone}_mm"] = float(values["mean"]) if values else np.nan
+        quantities[f"thickness_{bone}_mm"] = float(values["mean"]) if values else np.nan
     for bone, areas in quality["contact_cm2"].items():
-        found[f"contact_{bone}_cm2"] = sum(area for kind, area in areas.items() if kind != BESIDE_CONTACT)
-    return found
+        quantities[f"contact_{bone}_cm2"] = sum(area for kind, area in areas.items() if kind != BESIDE_CONTACT)
+    return quantities
 
 
 def plan_quantities(patient: PatientModel, plan: Plan) -> dict[str, float]:
@@ -135,12 +135,12 @@ def plan_quantities(patient: PatientModel, plan: Plan) -> dict[str, float]:
 
     Sideways either way, because networks are trained on mirror images too.
     """
-    found = {}
+    quantities = {}
     for index, name in enumerate(patient.segments):
         motion = plan.motion(name)
         middle = patient.bone_points[patient.bone_segment == index].mean(axis=0)
         left, back, up = motion.displacement(middle[None])[0].tolist()
         turned = math.degrees(Rotation.from_matrix(motion.rotation).magnitude())
-        found |= {f"sideways_{name}_mm": abs(left), f"forward_{name}_mm": -back, f"up_{name}_mm": up}
-        found[f"rotation_{name}_deg"] = turned
-    return found
+        quantities |= {f"sideways_{name}_mm": abs(left), f"forward_{name}_mm": -back, f"up_{name}_mm": up}
+        quantities[f"rotation_{name}_deg"] = turned
+    return quantities

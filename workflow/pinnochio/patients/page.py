@@ -61,14 +61,15 @@ ranges of movements begin at rest.</p>
 <table><tr><th>Quantity</th><th>This patient</th><th>Lowest</th><th>Highest</th><th>Excess</th></tr>
 {% for name, q in c.in_distribution[title].quantities.items() -%}
 <tr><td>{{ name }}</td>{% for key in ("value", "low", "high") %}<td class="n">{{ number(q[key]) }}</td>{% endfor %}
-<td class="n {{ 'no' if q.excess is none or q.excess > c.in_distribution[title].threshold }}">{{ number(q.excess) }}</td></tr>
+{% set far = q.excess is none or q.excess > c.in_distribution[title].threshold -%}
+<td class="n {{ 'no' if far }}">{{ number(q.excess) }}</td></tr>
 {% endfor -%}
 </table>
 {% endfor -%}
 </details>
 {%- endif %}
 <h2>Files</h2>
-<p>In the frame of the given segmentation: LPS (x to the patient's left, y backwards, z up), millimetres. Each file says
+<p>In the frame of the segmentation: LPS (x to the patient's left, y backwards, z up), millimetres. Each file says
 so ({{ space }}), and 3D Slicer from 4.11 on shows it in place beside the scan; ParaView shows the numbers as they
 stand.</p>
 <ul>{% for name, words in files.items() %}<li><code>{{ name }}</code>: {{ words }}</li>{% endfor %}</ul>
@@ -128,7 +129,7 @@ def write_page(
 def _faces(before: pv.PolyData, after: pv.PolyData) -> bytes:
     """Two rows: the skin before and after, from three sides."""
     plotter = _panels(2)
-    for row, (title, skin) in enumerate((("before", before), ("after", after))):
+    for row, (title, skin) in enumerate({"before": before, "after": after}.items()):
         for column, (view, direction) in enumerate(VIEWS.items()):
             plotter.subplot(row, column)
             plotter.add_mesh(skin, color=SKIN)
@@ -154,8 +155,16 @@ def _map(skin: pv.PolyData, values: np.ndarray) -> bytes:
     bar |= {"n_labels": 4, "fmt": "%.1f", "position_x": 0.04, "position_y": 0.1, "height": 0.7, "width": 0.08}
     for column, (view, direction) in enumerate(VIEWS.items()):
         plotter.subplot(0, column)
-        options = {"nan_color": UNKNOWN, "show_scalar_bar": not column, "scalar_bar_args": bar, "copy_mesh": True}
-        plotter.add_mesh(skin, scalars=values, cmap="viridis", clim=limits, **options)
+        plotter.add_mesh(
+            skin,
+            scalars=values,
+            cmap="viridis",
+            clim=limits,
+            nan_color=UNKNOWN,
+            show_scalar_bar=not column,
+            scalar_bar_args=bar,
+            copy_mesh=True,
+        )
         finish(plotter, view, direction)
         plotter.camera.zoom(0.9)
     return _png(plotter)

@@ -15,9 +15,9 @@ from pinnochio.methods.pinnochio.learner import Predictor, tensors
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
 from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
-from pinnochio.patients.certificate import in_distribution
+from pinnochio.patients.certificate import PARTS, in_distribution
 from pinnochio.patients.in_distribution import Ranges
-from pinnochio.planner.prepared import Given
+from pinnochio.planner.prepared import Prepared
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration, Interval, interval, repaired_interval
 from pinnochio.training.checkpoint import load_network
@@ -28,8 +28,8 @@ class Forecast:
     """What is predicted of a plan.
 
     interval: displacement of the nodes and half-widths of the skin; skin (s, 3) mm: points of the moved skin; mean,
-    most: movement of the judged face, mm; least: smallest volume ratio of an element, None of a first look; unlike:
-    what of patient and plan is not like the training (segments, muscle, anatomy, plan); seconds: since the beginning.
+    most: movement of the judged face, mm; least: smallest volume ratio of an element, None of a first look;
+    out_of_distribution: what of patient and plan is (segments, muscle, anatomy, plan); seconds: since the beginning.
     """
 
     plan: Plan
@@ -38,28 +38,28 @@ class Forecast:
     mean: float
     most: float
     least: float | None
-    unlike: tuple[str, ...]
+    out_of_distribution: tuple[str, ...]
     seconds: float
 
 
 class Forecaster:
     """The networks of every fold of an archive on one patient, as `snakemake predict` uses them."""
 
-    def __init__(self, given: Given, device: str):
-        self.patient, self._fem = PatientModel.read(given.model), FemSettings(**given.fem)
-        self._archive, folder = Archive.read(given.archive), Path(given.archive)
-        self.calibration = Calibration.read(folder / calibration_file(given.method))
+    def __init__(self, prepared: Prepared, device: str):
+        self.patient, self._fem = PatientModel.read(prepared.model), FemSettings(**prepared.fem)
+        self._archive, folder = Archive.read(prepared.archive), Path(prepared.archive)
+        self.calibration = Calibration.read(folder / calibration_file(prepared.method))
         self._ranges = Ranges.read(folder / RANGES)
-        self._quality = json.loads(Path(given.quality).read_text(encoding="utf-8"))
+        self._quality = json.loads(Path(prepared.quality).read_text(encoding="utf-8"))
         self._region = regions(self.patient)
         self._judged = self.patient.judged_points
-        files = [folder / network_file(given.method, fold) for fold in self._archive.folds]
+        files = [folder / network_file(prepared.method, fold) for fold in self._archive.folds]
         networks, settings = zip(*(load_network(file, device) for file in files), strict=True)
-        lift = Lift.read(given.lift) if given.lift else None
+        lift = Lift.read(prepared.lift) if prepared.lift else None
         shared = tensors(self.patient, self._fem, settings[0], device, lift)  # the folds' networks have one form
         self._networks = [Predictor(network, shared) for network in networks]
-        self._finish = Finish(self.patient, self._fem, given.corrections)
-        self(Plan(given.case, {}))  # so that no plan waits for code to be compiled
+        self._finish = Finish(self.patient, self._fem, prepared.corrections)
+        self(Plan(prepared.case, {}))  # so that no plan waits for code to be compiled
 
     def steps(self, plan: Plan) -> Iterator[Forecast | None]:
         """A first look at a plan, from the networks' raw fields; None after each field that is corrected; the forecast.
@@ -75,18 +75,25 @@ class Forecaster:
         for field in fields:
             finished.append(self._finish(*field)[0])
             yield None
-        found, repair = repaired_interval(self.patient, finished, self.calibration, self._fem, self._region)
-        yield self._forecast(plan, found, repair.least, began)
+        result, repair = repaired_interval(self.patient, finished, self.calibration, self._fem, self._region)
+        yield self._forecast(plan, result, repair.least, began)
 
     def __call__(self, plan: Plan) -> Forecast:
         """The forecast of a plan."""
-        *_, found = self.steps(plan)
-        return found
+        *_, forecast = self.steps(plan)
+        return forecast
 
-    def _forecast(self, plan: Plan, found: Interval, least: float | None, began: float) -> Forecast:
+    def _forecast(self, plan: Plan, result: Interval, least: float | None, began: float) -> Forecast:
         compared = in_distribution(self.patient, plan, self._quality, self._archive, self._ranges)
-        unlike = tuple(part for part in ("segments", "muscle", "anatomy", "plan") if not compared[part]["like"])
-        skin = self.patient.moved_skin(found.displacement)
+        skin = self.patient.moved_skin(result.displacement)
         moved = np.linalg.norm(skin - self.patient.skin_points, axis=1)[self._judged]
-        seconds = time.perf_counter() - began
-        return Forecast(plan, found, skin, float(moved.mean()), float(moved.max()), least, unlike, seconds)
+        return Forecast(
+            plan=plan,
+            interval=result,
+            skin=skin,
+            mean=float(moved.mean()),
+            most=float(moved.max()),
+            least=least,
+            out_of_distribution=tuple(part for part in PARTS if not compared[part]["within"]),
+            seconds=time.perf_counter() - began,
+        )

@@ -18,7 +18,7 @@ from pinnochio.figures.interval import scale
 from pinnochio.patients.certificate import RESEARCH
 from pinnochio.planner.forecast import Forecast, Forecaster
 from pinnochio.planner.session import QUANTITIES, SIDES, Session
-from pinnochio.planner.view import AXES, COLOURS, VIEWS, Scene, bone_colour
+from pinnochio.planner.view import AXES, COLOURS, VIEWS, View, bone_colour
 from pinnochio.plans.plan import Plan
 
 LOOPBACK = "127.0.0.1"
@@ -38,7 +38,7 @@ SWITCH = {"hide_details": True, "density": "compact", "color": "primary", "class
 FIELD = {"hide_details": True, "density": "compact", "variant": "outlined"}
 SMALL = {"size": "small", "variant": "tonal"}
 FIRST_LOOK = "first look"
-UNLIKE = "Unlike the training in {}: do not rely on the interval."
+OUTSIDE = "Unlike the training in {}: do not rely on the interval."
 
 
 class Page(TrameApp):
@@ -48,7 +48,7 @@ class Page(TrameApp):
         super().__init__()
         self.session, self.forecaster = session, forecaster
         self.calibration = forecaster.calibration
-        self.scene = Scene(forecaster.patient, scale(self.calibration))
+        self.view = View(forecaster.patient, scale(self.calibration))
         self._worker, self._following = ThreadPoolExecutor(1), False
         self._shown: dict[str, Forecast] = {}
         self._refused: dict[str, Plan] = {}
@@ -148,12 +148,12 @@ class Page(TrameApp):
 
     @change("both", "interval", "bones")
     def _arrange(self, both, interval, bones, **_):
-        self.scene.compare(both, self.session.side)
-        self.scene.overlay(interval, bones)
+        self.view.compare(both, self.session.side)
+        self.view.overlay(interval, bones)
         self._draw()
 
     def _look(self, view: str) -> None:
-        self.scene.look(view)
+        self.view.look(view)
         self._draw()
 
     # What the page does.
@@ -164,12 +164,12 @@ class Page(TrameApp):
 
     def _draw(self) -> None:
         """Render and send the picture."""
-        self._view.update()
+        self._remote.update()
         asynchronous.create_task(self._send())
 
     async def _send(self) -> None:
         """Send the picture as soon as it is encoded; the view itself would look for it after half a second."""
-        name = self.state[f"{self._view.ref_name}Id"]
+        name = self.state[f"{self._remote.ref_name}Id"]
         for _ in range(25):
             if not (self._images and self._images.last_stale_time.get(name)):
                 return
@@ -190,8 +190,8 @@ class Page(TrameApp):
                 self.state[name] = value
         self.state.pivot = [round(value, 2) for value in motion.pivot.tolist()]
         self.state.reach = max(REACH, *(float(np.ceil(abs(value))) for value in values.values()))
-        self.scene.mark(self.session.side, motion.pivot + motion.translation)
-        self.scene.compare(self.state.both, self.session.side)
+        self.view.mark(self.session.side, motion.pivot + motion.translation)
+        self.view.compare(self.state.both, self.session.side)
 
     def _follow(self) -> None:
         """Show the session as it stands now; its forecasts as soon as they are made."""
@@ -208,11 +208,11 @@ class Page(TrameApp):
             while behind := [side for side in SIDES if self._behind(side)]:
                 side = self.session.side if self.session.side in behind else behind[0]
                 plan = self.session.drafts[side].plan
-                steps, found = self.forecaster.steps(plan), None
+                steps, forecast = self.forecaster.steps(plan), None
                 try:
-                    while found is not False and plan is self.session.drafts[side].plan:
-                        if found := await loop.run_in_executor(self._worker, next, steps, False):
-                            self._show(side, found)
+                    while forecast is not False and plan is self.session.drafts[side].plan:
+                        if forecast := await loop.run_in_executor(self._worker, next, steps, False):
+                            self._show(side, forecast)
                 except (FloatingPointError, InputError) as error:
                     self._refused[side] = plan
                     with self.state:
@@ -221,11 +221,11 @@ class Page(TrameApp):
             with self.state:
                 self._following = self.state.busy = False
 
-    def _show(self, side: str, found: Forecast) -> None:
-        self._shown[side] = found
-        self.scene.show(side, found)
+    def _show(self, side: str, forecast: Forecast) -> None:
+        self._shown[side] = forecast
+        self.view.show(side, forecast)
         with self.state:
-            self.state.about = self.state.about | {side: self._about(found)}
+            self.state.about = self.state.about | {side: self._about(forecast)}
         self._draw()
 
     def _behind(self, side: str) -> bool:
@@ -235,15 +235,15 @@ class Page(TrameApp):
             return False
         return shown is None or shown.plan is not plan or shown.least is None
 
-    def _about(self, found: Forecast) -> dict:
+    def _about(self, forecast: Forecast) -> dict:
         """A forecast in words."""
-        half_width = found.interval.half_width
+        half_width = forecast.interval.half_width
         words = f"interval ± {np.nanmedian(half_width):.2f} mm median, {np.nanmax(half_width):.2f} mm at most; "
-        words += FIRST_LOOK if found.least is None else f"smallest volume ratio {found.least:.2f}"
+        words += FIRST_LOOK if forecast.least is None else f"smallest volume ratio {forecast.least:.2f}"
         return {
-            "moved": f"face moves {found.mean:.2f} mm in the mean, {found.most:.2f} mm at most",
-            "more": f"{words}; after {found.seconds:.2f} s",
-            "unlike": UNLIKE.format(", ".join(found.unlike)) if found.unlike else "",
+            "moved": f"face moves {forecast.mean:.2f} mm in the mean, {forecast.most:.2f} mm at most",
+            "more": f"{words}; after {forecast.seconds:.2f} s",
+            "outside": OUTSIDE.format(", ".join(forecast.out_of_distribution)) if forecast.out_of_distribution else "",
         }
 
     # What the page looks like.
@@ -271,8 +271,8 @@ class Page(TrameApp):
                 self._build_files()
             with v3.VMain(classes="d-flex flex-column", style="height: 100vh"):
                 self._build_captions()
-                self._view = vtk_widgets.VtkRemoteView(
-                    self.scene.plotter.render_window, interactive_ratio=1, interactive_quality=70,
+                self._remote = vtk_widgets.VtkRemoteView(
+                    self.view.plotter.render_window, interactive_ratio=1, interactive_quality=70,
                     style="flex: 1; min-height: 0",
                 )  # fmt: skip
                 self._build_legend()
@@ -328,7 +328,7 @@ class Page(TrameApp):
                 with html.Div(v_if=(f"both || side == '{side}'",), id=f"about_{side}", classes="pa-2", style="flex: 1"):
                     html.B(f"Plan {side}: {{{{ about.{side}.moved }}}}")
                     html.Div(f"{{{{ about.{side}.more }}}}")
-                    html.Div(f"{{{{ about.{side}.unlike }}}}", style="color: #a40000")
+                    html.Div(f"{{{{ about.{side}.outside }}}}", style="color: #a40000")
 
     def _build_legend(self) -> None:
         """The colours of the half-width in mm, and those of the axes."""

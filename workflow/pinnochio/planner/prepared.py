@@ -11,8 +11,8 @@ from pinnochio.files import replacing
 
 
 @dataclass(frozen=True)
-class Given:
-    """Files and settings, as a rule writes them down.
+class Prepared:
+    """A patient and its models: files and settings, as the rule `prepare_planner` writes them.
 
     model, lift (None for networks without one), quality: files of the patient; plans: checked plan files by name; home:
     folder that plans are saved in; archive: folder of the models; method, corrections, fem: what predicts, and how.
@@ -35,13 +35,14 @@ class Given:
             temporary.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
 
     @classmethod
-    def read(cls, path: str | os.PathLike) -> "Given":
+    def read(cls, path: str | os.PathLike) -> "Prepared":
         """Read what :meth:`write` wrote; InputError where it, or a file that it names, is not there."""
         remedy = "prepare the patient: make planner PATIENT=FOLDER"
         if not Path(path).is_file():
             raise InputError("-", path, "no patient is prepared for the planner", remedy)
-        found = cls(**json.loads(Path(path).read_text(encoding="utf-8")))
-        for file in filter(None, (found.model, found.lift, found.quality, found.archive, *found.plans.values())):
+        prepared = cls(**json.loads(Path(path).read_text(encoding="utf-8")))
+        files = [prepared.model, prepared.lift, prepared.quality, prepared.archive, *prepared.plans.values()]
+        for file in filter(None, files):
             if not Path(file).exists():
-                raise InputError(found.case, file, "it is no longer there", remedy)
-        return found
+                raise InputError(prepared.case, file, "it is no longer there", remedy)
+        return prepared

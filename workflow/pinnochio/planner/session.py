@@ -67,7 +67,7 @@ class Draft:
 class Session:
     """The plans A and B of a patient, of which `side` is the one that is edited.
 
-    A starts as the first of the given plans (by name), B with nothing moved. Saved plans go to
+    A starts as the first of `plans` (by name), B with nothing moved. Saved plans go to
     `home`/plans/{name}.json, where `snakemake predict` finds them, and `home`/transforms/{name}/{segment}.tfm for 3D
     Slicer.
     """
@@ -80,7 +80,7 @@ class Session:
         }
         rest = {REST: self._for_hands(Plan(case, {}))}
         self.plans = rest | {name: self._for_hands(plan) for name, plan in plans.items()}
-        self._given = set(plans)
+        self._opened = set(plans)
         first = next(iter(plans), REST)
         self.drafts = {side: Draft(self.plans[name]) for side, name in zip(SIDES, (first, REST), strict=True)}
 
@@ -129,8 +129,8 @@ class Session:
         plan, patient = self.draft.plan, self.patient
         file, folder = self.home / f"plans/{name}.json", self.home / f"transforms/{name}"
         check_name(self.case, name, file)
-        own = name in self.plans and name not in self._given
-        if name in self._given or (file.exists() and not own):
+        own = name in self.plans and name not in self._opened
+        if name in self._opened or (file.exists() and not own):
             raise InputError(self.case, file, f"there is a plan {name!r} already", "choose another name")
         bone = BoneSurface(patient.bone_points, patient.bone_normals, patient.bone_faces, patient.bone_segment)
         check_travel(plan, bone, patient.segments, file)

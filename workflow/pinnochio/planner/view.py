@@ -2,7 +2,7 @@
 
 import numpy as np
 import pyvista as pv
-from vtkmodules.vtkRenderingCore import vtkRenderer
+from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
 
 from pinnochio.figures.patient import BONE, OBLIQUE, SEGMENTS, SKIN
 from pinnochio.geometry.triangles import vertex_normals
@@ -20,31 +20,32 @@ NARROW = 1.4  # how much smaller heads are in half a window
 FAR = 1000.0  # mm from the camera to the head
 
 
-class Scene:
+class View:
     """A window with a renderer for each side; limit: upper end of the colours of the half-width, mm."""
 
     def __init__(self, patient: PatientModel, limit: float):
         self.plotter = pv.Plotter(off_screen=True, shape=(1, len(SIDES)), border=False, window_size=(1100, 800))
         self.plotter.render_window.SetMultiSamples(0)  # smoothed edges take four times as long without a GPU [X]
-        self._patient, self._sides, self._both = patient, {}, False
+        self._patient, self._both = patient, False
+        self._sides: dict[str, Side] = {}
         for column, side in enumerate(SIDES):
             self.plotter.subplot(0, column)
             self._sides[side] = Side(self.plotter, patient, limit)
         self.plotter.link_views()
-        for side in self._sides.values():
-            side.add_marks(self.plotter.render_window)
+        window = self.plotter.render_window
+        self._marks = {name: Marks(window, side.renderer.camera) for name, side in self._sides.items()}
         self.look("oblique")
 
-    def show(self, side: str, found: Forecast) -> None:
+    def show(self, side: str, forecast: Forecast) -> None:
         """Show a forecast on one side."""
-        self._sides[side].show(found)
+        self._sides[side].show(forecast)
 
     def mark(self, side: str, place: np.ndarray) -> None:
         """Put pivot and axes at a place (3,) mm of one side, and nowhere else."""
-        for name, own in self._sides.items():
-            for mark in own.marks:
-                mark.SetPosition(*place)
-                mark.SetVisibility(name == side)
+        for name, marks in self._marks.items():
+            for actor in marks.actors:
+                actor.SetPosition(*place)
+                actor.SetVisibility(name == side)
 
     def overlay(self, interval: bool, bones: bool) -> None:
         """Whether the skin shows the half-width of the interval, and whether bones are seen through it."""
@@ -59,7 +60,7 @@ class Scene:
         """Show both sides beside each other, or one alone."""
         for column, (name, own) in enumerate(self._sides.items()):
             viewport = (column / len(SIDES), 0, (column + 1) / len(SIDES), 1) if both else (0, 0, 1, 1)
-            for renderer in (own.renderer, own.above):
+            for renderer in (own.renderer, self._marks[name].renderer):
                 renderer.SetViewport(*viewport)
                 renderer.SetDraw(both or name == side)
         if both != self._both:
@@ -81,7 +82,7 @@ class Scene:
 
 
 class Side:
-    """What is drawn of one plan: skin, bones, and in front of them the marks: pivot and axes."""
+    """What is drawn of one plan: skin and bones."""
 
     def __init__(self, plotter: pv.Plotter, patient: PatientModel, limit: float):
         self._patient, self.renderer = patient, plotter.renderer
@@ -100,30 +101,33 @@ class Side:
             self._bone_meshes[index] = pv.PolyData.from_regular_faces(patient.bone_points[own], faces)
             self.bones.append(plotter.add_mesh(self._bone_meshes[index], color=bone_colour(index)))
 
-    def show(self, found: Forecast) -> None:
+    def show(self, forecast: Forecast) -> None:
         """Move skin and bones to where the forecast sees them."""
-        self._mesh.points = found.skin
-        self._mesh.point_data.active_normals = vertex_normals(found.skin, self._patient.skin_faces)
-        self._mesh.point_data["half_width"] = found.interval.half_width
-        moved = self._patient.bone_points + self._patient.bone_displacement(found.plan)
+        self._mesh.points = forecast.skin
+        self._mesh.point_data.active_normals = vertex_normals(forecast.skin, self._patient.skin_faces)
+        self._mesh.point_data["half_width"] = forecast.interval.half_width
+        moved = self._patient.bone_points + self._patient.bone_displacement(forecast.plan)
         for index, mesh in self._bone_meshes.items():
             mesh.points = moved[self._patient.bone_segment == index]
 
-    def add_marks(self, window) -> None:
-        """Add the marks in a layer of their own, which no skin hides."""
-        self.above = vtkRenderer()
-        self.above.SetLayer(window.GetNumberOfLayers())
+
+class Marks:
+    """Pivot and axes in a layer of their own, which no skin hides, seen from the camera of a side."""
+
+    def __init__(self, window: vtkRenderWindow, camera: pv.Camera):
+        self.renderer = vtkRenderer()
+        self.renderer.SetLayer(window.GetNumberOfLayers())
         window.SetNumberOfLayers(window.GetNumberOfLayers() + 1)
-        self.above.SetActiveCamera(self.renderer.camera)
-        self.above.InteractiveOff()
-        window.AddRenderer(self.above)
+        self.renderer.SetActiveCamera(camera)
+        self.renderer.InteractiveOff()
+        window.AddRenderer(self.renderer)
         parts = [(pv.Sphere(radius=2.5), "#212121")]
         for axis, colour in zip(np.eye(3), AXES.values(), strict=True):
             arrow = pv.Arrow(direction=axis, scale=ARROW, tip_length=0.18, tip_radius=0.045, shaft_radius=0.016)
             parts.append((arrow, colour))
-        self.marks = [pv.Actor(pv.DataSetMapper(mesh), pv.Property(color=colour)) for mesh, colour in parts]
-        for actor in self.marks:
-            self.above.AddActor(actor)
+        self.actors = [pv.Actor(pv.DataSetMapper(mesh), pv.Property(color=colour)) for mesh, colour in parts]
+        for actor in self.actors:
+            self.renderer.AddActor(actor)
 
 
 def bone_colour(index: int) -> str:

@@ -20,7 +20,7 @@ class Choice:
 
     Of a learned method also lift, the kind that its network wants; the archive and its folder; networks, one of each
     fold in the order of archive.folds; calibration. These are plain files: no rule makes them.
-    expected: what was asked of the measured Pareto front, the setting that it offered, and the seconds and errors to expect.
+    expected: what was asked of the measured Pareto front, what it offered, and the seconds and errors to expect.
     """
 
     method: str
@@ -40,40 +40,40 @@ class Choice:
         return [str(Path(self.folder) / name) for name in named] if self.folder else []
 
 
-def choose(config: Mapping, models: str | os.PathLike, front: str | os.PathLike) -> Choice:
-    """The choice of a configuration; models: folder of the archive; front: the measured trade-off, tradeoff.csv.
+def choose(config: Mapping, models: str | os.PathLike, pareto_front: str | os.PathLike) -> Choice:
+    """The choice of a configuration; models: folder of the archive; pareto_front: tradeoff.csv.
 
-    With a budget or a tolerance in `predict` the front offers the setting, else it is predict.method as in the study. A
-    learned method is used as it was trained: with the settings of the archive, not with those of `config`.
+    With a budget or a tolerance in `predict` the Pareto front offers the setting, else it is predict.method as in the
+    study. A learned method is used as it was trained: with the settings of the archive, not with those of `config`.
     InputError where the archive is missing, lacks the method or was trained with other segments, where there is no
-    front, or where nothing on it keeps what is asked.
+    Pareto front, or where nothing on it keeps what is asked.
     """
     # Absolute, so that no rule of the study makes these files: a prediction never starts a training.
     folder, wanted = Path(models).resolve(), config["predict"]
     if wanted["budget_seconds"] or wanted["tolerance_mm"]:
-        return _offered(config, folder, front)
+        return _offered(config, folder, pareto_front)
     return _as_in_the_study(config, folder, wanted["method"])
 
 
-def _offered(config: Mapping, folder: Path, front: str | os.PathLike) -> Choice:
-    """What the front offers among the methods that need no models and those of the archive, if there is one."""
+def _offered(config: Mapping, folder: Path, pareto_front: str | os.PathLike) -> Choice:
+    """What the Pareto front offers among the methods that need no models and those of the archive, if there is one."""
     from pinnochio.experiments.tradeoff_choice import choose_setting
     from pinnochio.tables.engine import read_table  # these take a second, which other choices are spared
     from pinnochio.tables.tradeoff import TRADEOFF
 
-    if not Path(front).is_file():
+    if not Path(pareto_front).is_file():
         raise InputError(
             "-",
-            front,
+            pareto_front,
             "there is no measured Pareto front to choose from",
-            "measure it (snakemake tradeoff) or name it in predict.pareto_front; or ask for neither budget nor tolerance",
+            "measure it (snakemake tradeoff), name it in predict.pareto_front, or ask for neither budget nor tolerance",
         )
-    frame = read_table(front, TRADEOFF)
+    frame = read_table(pareto_front, TRADEOFF)
     archive = Archive.read(folder) if (folder / MANIFEST).is_file() else None
     method = frame["recipe"].map(lambda text: json.loads(text)["method"] if text else "")
     learned = method.isin(list(archive.methods) if archive else [])
     frame["recipe"] = frame["recipe"].where(learned | method.isin(WITHOUT_MODELS), "")
-    # The networks of all folds predict a new patient; the front was measured with one.
+    # The networks of all folds predict a new patient; the Pareto front was measured with one.
     times = ["seconds", "seconds_max"]
     frame.loc[learned, times] *= len(archive.folds) if archive else 1
     asked = {name: config["predict"][name] or None for name in ("budget_seconds", "tolerance_mm")}
@@ -108,8 +108,13 @@ def _as_in_the_study(config: Mapping, folder: Path, method: str) -> Choice:
             "patient is unlike the training",
         )
     own = archive.methods[method]
-    networks = [str(folder / network_file(method, fold)) for fold in archive.folds]
-    calibration = str(folder / calibration_file(method))
     return Choice(
-        method, archive.settings, own["corrections"], own["lift"], archive, str(folder), networks, calibration
+        method=method,
+        settings=archive.settings,
+        corrections=own["corrections"],
+        lift=own["lift"],
+        archive=archive,
+        folder=str(folder),
+        networks=[str(folder / network_file(method, fold)) for fold in archive.folds],
+        calibration=str(folder / calibration_file(method)),
     )
