@@ -73,7 +73,8 @@ def test_imports_of_every_form_are_followed(tmp_path, monkeypatch):
             "a.py": "import pinnochio.b\n",
             "b.py": "def later():\n    from pinnochio.room import c\n",
             "room/__init__.py": "from os import path\n",
-            "room/c.py": "CALL = 'pinnochio.room.d:call'\nTEXT = 'pinnochio.room.e is only named'\n",
+            "room/page.html": "",
+            "room/c.py": "PAGE = 'page.html', 'no_page.html'\nCALL = 'pinnochio.room.d:call'\nTEXT = 'pinnochio.room.e is only named'\n",
             "room/d.py": "",
             "room/e.py": "",
         },
@@ -82,7 +83,7 @@ def test_imports_of_every_form_are_followed(tmp_path, monkeypatch):
     monkeypatch.setattr(code, "ROOT", tmp_path)
     files = closure(tmp_path / "pinnochio/a.py")
     names = {path.relative_to(tmp_path / "pinnochio").as_posix() for path in files}
-    assert names == {"a.py", "b.py", "room/__init__.py", "room/c.py", "room/d.py"}
+    assert names == {"a.py", "b.py", "room/__init__.py", "room/c.py", "room/d.py", "room/page.html"}
 
 
 def test_the_hash_does_not_depend_on_where_the_project_lies(tmp_path, monkeypatch):

@@ -13,6 +13,8 @@ ROOT = LIBRARY.parents[1]
 PACKAGES = {"pinnochio": LIBRARY, "scripts": ROOT / "scripts"}
 # A call named by a string, as what is run in a process of its own is: "scripts.tetrahedralize:tetrahedralize".
 CALL = re.compile(r"((?:pinnochio|scripts)(?:\.\w+)+)(?::\w+)?")
+# A data file beside the module that names it.
+DATA = re.compile(r"[\w/]+\.(?:html|js|css|md|tex|json)(?:\.j2)?")
 
 
 def code_hash(*files: str | os.PathLike) -> str:
@@ -45,16 +47,21 @@ def source_file(name: str) -> Path:
 
 @cache
 def imported_by(file: Path) -> frozenset[Path]:
-    """Files of the project's modules that the Python file names in an import or in the string of a call."""
-    modules = set()
+    """Files that the Python file names: modules of the project in an import or a call's string, data beside it."""
+    if file.suffix != ".py":
+        return frozenset()
+    modules, data = set(), set()
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module and not node.level:
             modules |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
         elif isinstance(node, ast.Import):
             modules |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and (match := CALL.fullmatch(node.value)):
-            modules.add(match[1])
-    return frozenset(path for module in modules for path in _files(module))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            if match := CALL.fullmatch(node.value):
+                modules.add(match[1])
+            elif DATA.fullmatch(node.value) and (file.parent / node.value).is_file():
+                data.add(file.parent / node.value)
+    return frozenset(data.union(path for module in modules for path in _files(module)))
 
 
 def _files(module: str) -> Iterator[Path]:
