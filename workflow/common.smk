@@ -12,7 +12,7 @@ from pinnochio.patients.archive import READ_BY_NETWORKS, configuration_hash
 from pinnochio.patients.choice import choose
 from pinnochio.patients.new import read_patients
 from pinnochio.report.parts import PARTS
-from pinnochio.code import code_hash
+from pinnochio.code import code_hash, source_file
 from pinnochio.study.cases import assign_folds, external_file, read_cases, virtual_cases
 from pinnochio.study.configuration import (
     check_config,
@@ -31,9 +31,6 @@ os.environ.setdefault("ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS", "1")
 validate(config, "schemas/config.schema.yaml")
 check_config(config)
 
-SCRIPTS = (
-    Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parent / "scripts"
-)
 RESULTS = config["pathvars"]["results"]
 BENCHMARKS = f"{RESULTS}/benchmarks"
 # A job of a cluster does not hear of --resources: it asks its step for a GPU only where SLURM has granted it one.
@@ -145,6 +142,32 @@ ARMS = {
     "fem_rlse_mucosa": "mucosa",
     "fem_rlse": "mucosa+lip",
 }
+METHOD = "pinnochio.methods"
+NETWORK_PREDICTOR = f"{METHOD}.pinnochio.predictor"
+MODULES = {name: {"predictor": f"{METHOD}.finite_elements"} for name in ARMS}
+MODULES |= {
+    name: {"predictor": f"{METHOD}.{name}"}
+    for name in ("no_change", "ratio", "pca_linear", "elastic")
+}
+for family, names in {"pinnochio": VARIANTS, "surface": SURFACE}.items():
+    own = {role: f"{METHOD}.{family}.{role}" for role in ("learner", "predictor")}
+    MODULES |= dict.fromkeys(names, own)
+# Sections that a method's module reads.
+SECTIONS = {
+    f"{METHOD}.finite_elements": {"fem", "contact", "apart"},
+    f"{METHOD}.elastic": {"fem"},
+    NETWORK_PREDICTOR: {
+        "network",
+        "pretraining",
+        "finetuning",
+        "newton_corrections",
+        "fem",
+    },
+    f"{METHOD}.surface.predictor": {"network", "pretraining", "finetuning"},
+}
+SECTIONS |= {f"{METHOD}.{name}": set() for name in ("no_change", "ratio", "pca_linear")}
+FITTED = ["pca_linear"]
+PRETRAINED = [name for name in SETTINGS if "pretraining" in SETTINGS[name]]
 # How models are reduced to what a plan requires, and the patients on whom that is measured.
 SCENE = {
     key: value
@@ -222,27 +245,47 @@ def lifts_of(names):
     """Input function: the lifts of the cases that names(wildcards) gives, if the method's network wants one."""
 
     def found(wildcards):
-        lift = VARIANTS[wildcards.method]["network"]["lift"]
+        lift = VARIANTS.get(wildcards.method, {}).get("network", {}).get("lift", "none")
         pattern = f"<results>/cases/{{case}}/lift_{lift}.h5"
         return [] if lift == "none" else expand(pattern, case=names(wildcards))
 
     return found
 
 
-def fem_of(wildcards):
-    """The settings of finite elements of the method."""
-    if wildcards.method not in ON_LIPS:
-        return config["fem"]
-    own = {
-        key: config["fem_rlse"][key]
-        for key in ("increments", "tolerance", "time_limit")
-    }
-    return config["fem"] | own
+def settings_of(*sections):
+    """Params function: these sections of the settings of the method, as far as it has them."""
+
+    def values(wildcards):
+        own = {"fem": config["fem"], "apart": 0} | SETTINGS.get(wildcards.method, {})
+        own["contact"] = ARMS.get(wildcards.method)
+        if wildcards.method in ON_LIPS:
+            lips = config["fem_rlse"]
+            solver = {
+                key: lips[key] for key in ("increments", "tolerance", "time_limit")
+            }
+            own |= {"fem": config["fem"] | solver, "apart": lips["apart"]}
+        reads = SECTIONS[MODULES[wildcards.method]["predictor"]]
+        return {name: own[name] for name in sections if name in own and name in reads}
+
+    return values
 
 
-def settings_of(section):
-    """Params function: a section of the settings of the method."""
-    return lambda wildcards: SETTINGS[wildcards.method][section]
+def module_of(role):
+    """Params function: the module of the method that holds its Predictor ("predictor") or Learner ("learner")."""
+    return lambda wildcards: MODULES[wildcards.method][role]
+
+
+def pretrained(wildcards):
+    """The network that finite-element samples have pretrained, where the method has such a phase."""
+    own = "<results>/folds/{fold}/{method}/pretrained.pt"
+    return own if wildcards.method in PRETRAINED else []
+
+
+def trained(wildcards):
+    """The file of what the fold trained, where the method trains."""
+    name = "fitted.h5" if wildcards.method in FITTED else "network.pt"
+    own = f"<results>/folds/{{fold}}/{{method}}/{name}"
+    return own if wildcards.method in (*FITTED, *SETTINGS) else []
 
 
 def archived(wildcards):
@@ -401,12 +444,17 @@ def training_cases(wildcards):
     return [name for name in SCANNED if name not in HELD_OUT[wildcards.fold]]
 
 
-def code_of(*scripts):
-    """Content hash of stage scripts and of all that they import of the project.
+def code_of(*names):
+    """Content hash of stage scripts, and modules of the library, with all that they import of the project.
 
     An edit of an imported module triggers no rerun by itself; this parameter does.
     """
-    return code_hash(*(SCRIPTS / f"{script}.py" for script in scripts))
+    return code_hash(*map(source_file, names))
+
+
+def code_with_method(script, role):
+    """Params function: the same with the module of the job's method, which the script imports by its name."""
+    return lambda wildcards: code_of(script, MODULES[wildcards.method][role])
 
 
 onstart:

@@ -37,6 +37,12 @@ def closure(*files: str | os.PathLike) -> list[Path]:
     return sorted(reached)
 
 
+def source_file(name: str) -> Path:
+    """File of a stage script by its name, or of a module of the library by its dotted one."""
+    *_, file = _files(name if name.startswith("pinnochio.") else f"scripts.{name}")
+    return file
+
+
 @cache
 def imported_by(file: Path) -> frozenset[Path]:
     """Files of the project's modules that the Python file names in an import or in the string of a call."""
