@@ -62,7 +62,12 @@ rule pack:
             "folds": list(HELD_OUT),
             "settings": {name: config[name] for name in READ_BY_NETWORKS},
             "configuration": CONFIGURATION,
-            "code": code_of("import_segmentation", "label_interfaces", "predict_ensemble"),
+            "code": code_of(
+                "import_segmentation",
+                "label_interfaces",
+                "predict_ensemble",
+                NETWORK_PREDICTOR,
+            ),
         },
         methods={
             name: {
@@ -228,9 +233,12 @@ use rule predict_ensemble as ensemble_patient with:
         method=config["predict"]["method"],
     params:
         folds=lambda wildcards: CHOICE.archive.folds,
-        fem=chosen("fem"),
-        corrections=lambda wildcards: CHOICE.corrections,
-        code=code_of("predict_ensemble"),
+        module=NETWORK_PREDICTOR,
+        settings=lambda wildcards: {
+            "fem": CHOICE.settings["fem"],
+            "newton_corrections": CHOICE.corrections,
+        },
+        code=code_of("predict_ensemble", NETWORK_PREDICTOR),
     message:
         "Predict {wildcards.plan} of {wildcards.case} by every fold's {wildcards.method}"
 
@@ -255,44 +263,24 @@ use rule predict_interval as interval_patient with:
         code=code_of("predict_interval"),
 
 
-use rule predict_fem as fem_patient with:
+use rule predict_cases as predict_patient with:
     input:
         models=["<results>/patients/{case}/model.h5"],
         plans=["<results>/patients/{case}/{plan}/plan.json"],
     output:
         predictions="<results>/patients/{case}/{plan}/{method}/predictions.h5",
     log:
-        "<logs>/fem_patient/{case}_{plan}_{method}.log",
+        "<logs>/predict_patient/{case}_{plan}_{method}.log",
     benchmark:
-        "<benchmarks>/fem_patient/{case}_{plan}_{method}.tsv"
-    threads: 1
-    params:
-        cases=lambda wildcards: [wildcards.case],
-        arm=lambda wildcards: ARMS[wildcards.method],
-        fem=chosen("fem"),
-        apart=0,
-        code=code_of("predict_fem"),
-    message:
-        "Predict {wildcards.plan} of {wildcards.case} by {wildcards.method}"
-
-
-use rule predict_elastic as elastic_patient with:
-    input:
-        models=["<results>/patients/{case}/model.h5"],
-        plans=["<results>/patients/{case}/{plan}/plan.json"],
-    output:
-        predictions="<results>/patients/{case}/{plan}/{method}/predictions.h5",
-    log:
-        "<logs>/elastic_patient/{case}_{plan}_{method}.log",
-    benchmark:
-        "<benchmarks>/elastic_patient/{case}_{plan}_{method}.tsv"
+        "<benchmarks>/predict_patient/{case}_{plan}_{method}.tsv"
     wildcard_constraints:
-        method="elastic",
-    threads: 1
+        method="elastic|fem_bonded|fem_sliding",
     params:
         cases=lambda wildcards: [wildcards.case],
-        fem=chosen("fem"),
-        code=code_of("predict_elastic"),
+        module=module_of("predictor"),
+        settings=lambda wildcards: settings_of("fem", "contact", "apart")(wildcards)
+        | {"fem": CHOICE.settings["fem"]},
+        code=code_with_method("predict", "predictor"),
     message:
         "Predict {wildcards.plan} of {wildcards.case} by {wildcards.method}"
 

@@ -1,90 +1,34 @@
 # One core each, so that their seconds compare; undisturbed ones are those of the trade-off.
-
-
-rule predict_no_change:
+rule predict_cases:
     input:
-        models=of_held_out("<results>/cases/{case}/model.h5"),
-    output:
-        predictions="<results>/folds/{fold}/no_change/predictions.h5",
-    log:
-        "<logs>/predict_no_change/{fold}.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        cases=held_out,
-        code=code_of("predict_no_change"),
-    message:
-        "Predict fold {wildcards.fold} with no change at all"
-    script:
-        "../scripts/predict_no_change.py"
-
-
-rule predict_fem:
-    input:
+        trained=trained,
         models=models_of_held_out,
+        lifts=lifts_of(held_out),
         plans=of_held_out("<results>/cases/{case}/plan.json"),
     output:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
     log:
-        "<logs>/predict_fem/{fold}_{method}.log",
+        "<logs>/predict/{fold}_{method}.log",
     benchmark:
-        "<benchmarks>/predict_fem/{fold}_{method}.tsv"
+        "<benchmarks>/predict/{fold}_{method}.tsv"
     wildcard_constraints:
-        method="|".join(ARMS),
+        method="|".join(MODULES),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
     resources:
         mem_mb=4000,
         runtime=60,
+        gpu=lambda wildcards: GPU if wildcards.method in SETTINGS else 0,
     params:
         cases=held_out,
-        arm=lambda wildcards: ARMS[wildcards.method],
-        fem=fem_of,
-        apart=lambda wildcards: (
-            config["fem_rlse"]["apart"] if wildcards.method in ON_LIPS else 0
-        ),
-        code=code_of("predict_fem"),
+        module=module_of("predictor"),
+        settings=settings_of("fem", "newton_corrections", "contact", "apart"),
+        code=code_with_method("predict", "predictor"),
     message:
         "Predict fold {wildcards.fold} by {wildcards.method}"
     script:
-        "../scripts/predict_fem.py"
-
-
-rule predict_network:
-    input:
-        network="<results>/folds/{fold}/{method}/network.pt",
-        models=of_held_out("<results>/cases/{case}/model.h5"),
-        lifts=lifts_of(held_out),
-        plans=of_held_out("<results>/cases/{case}/plan.json"),
-    output:
-        predictions="<results>/folds/{fold}/{method}/predictions.h5",
-    log:
-        "<logs>/predict_network/{fold}_{method}.log",
-    benchmark:
-        "<benchmarks>/predict_network/{fold}_{method}.tsv"
-    wildcard_constraints:
-        method="|".join(VARIANTS) or "none",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=4000,
-        runtime=20,
-        gpu=GPU,
-    params:
-        cases=held_out,
-        fem=config["fem"],
-        corrections=settings_of("newton_corrections"),
-        code=code_of("predict_network"),
-    message:
-        "Predict fold {wildcards.fold} by {wildcards.method}"
-    script:
-        "../scripts/predict_network.py"
+        "../scripts/predict.py"
 
 
 # Made by others with the files of `inputs`; the timings in the files are their authors'.

@@ -12,7 +12,7 @@ rule pretrain:
     benchmark:
         "<benchmarks>/pretrain/{fold}_{method}.tsv"
     wildcard_constraints:
-        method="|".join(VARIANTS) or "none",
+        method="|".join(PRETRAINED) or "none",
     priority: 2
     conda:
         "../envs/pinnochio.yaml"
@@ -23,20 +23,19 @@ rule pretrain:
         gpu=GPU,
     params:
         cases=training_cases,
-        network=settings_of("network"),
-        training=settings_of("pretraining"),
-        fem=config["fem"],
+        module=module_of("learner"),
+        settings=settings_of("network", "pretraining", "fem"),
         seed=SEED,
-        code=code_of("pretrain"),
+        code=code_with_method("pretrain", "learner"),
     message:
-        "Pretrain {wildcards.method} on the finite-element fields of fold {wildcards.fold}"
+        "Pretrain {wildcards.method} on the finite-element samples of fold {wildcards.fold}"
     script:
         "../scripts/pretrain.py"
 
 
 rule finetune:
     input:
-        network="<results>/folds/{fold}/{method}/pretrained.pt",
+        network=pretrained,
         models=of_training("<results>/cases/{case}/model.h5"),
         lifts=lifts_of(training_cases),
         plans=of_training("<results>/cases/{case}/plan.json"),
@@ -49,7 +48,7 @@ rule finetune:
     benchmark:
         "<benchmarks>/finetune/{fold}_{method}.tsv"
     wildcard_constraints:
-        method="|".join(VARIANTS) or "none",
+        method="|".join(SETTINGS) or "none",
     priority: 1
     conda:
         "../envs/pinnochio.yaml"
@@ -60,14 +59,44 @@ rule finetune:
         gpu=GPU,
     params:
         cases=training_cases,
-        training=settings_of("finetuning"),
-        fem=config["fem"],
+        module=module_of("learner"),
+        settings=settings_of("network", "finetuning", "fem"),
         seed=SEED,
-        code=code_of("finetune"),
+        code=code_with_method("finetune", "learner"),
     message:
         "Adapt {wildcards.method} to the post-operative skins of fold {wildcards.fold}"
     script:
         "../scripts/finetune.py"
+
+
+rule fit:
+    input:
+        models=of_training("<results>/cases/{case}/model.h5"),
+        fem_samples=of_training("<results>/cases/{case}/fem_samples.h5"),
+        plans=of_training("<results>/cases/{case}/plan.json"),
+        postops=of_training("<results>/cases/{case}/postop.h5"),
+    output:
+        fitted="<results>/folds/{fold}/{method}/fitted.h5",
+    log:
+        "<logs>/fit/{fold}_{method}.log",
+    benchmark:
+        "<benchmarks>/fit/{fold}_{method}.tsv"
+    wildcard_constraints:
+        method="|".join(FITTED),
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        cases=training_cases,
+        module=module_of("predictor"),
+        code=code_with_method("fit", "predictor"),
+    message:
+        "Fit {wildcards.method} to the training patients of fold {wildcards.fold}"
+    script:
+        "../scripts/fit.py"
 
 
 rule networks:

@@ -29,9 +29,9 @@ rule predict_ensemble:
         gpu=GPU,
     params:
         folds=list(HELD_OUT),
-        fem=config["fem"],
-        corrections=settings_of("newton_corrections"),
-        code=code_of("predict_ensemble"),
+        module=module_of("predictor"),
+        settings=settings_of("fem", "newton_corrections"),
+        code=code_with_method("predict_ensemble", "predictor"),
     message:
         "Predict {wildcards.case} by every fold's {wildcards.method}"
     script:

@@ -99,10 +99,13 @@ class Learner:
         each = [_terms(network, sample, step) for sample in samples]
         return {name: sum(terms[name] for terms in each) / len(each) for name in each[0]}
 
-    def error(self, network: nn.Module, sample: Sample) -> Tensor:
+    def error(self, network: nn.Module, samples: Sequence[Sample]) -> Tensor:
         """The data term."""
-        displacement = network(sample.patient.anatomy, sample.signal).displacement
-        return sample.data(displacement, np.random.default_rng(0))
+        errors = []
+        for sample in samples:
+            displacement = network(sample.patient.anatomy, sample.signal).displacement
+            errors.append(sample.data(displacement, np.random.default_rng(0)))
+        return torch.stack(errors).mean()
 
     def _patient(self, files: CaseFiles) -> PatientTensors:
         """Tensors of a patient's model and, if the network wants one, its lift."""

@@ -117,9 +117,10 @@ class Learner:
         self._architecture.set_momentum(network, step.share)
         return {"data": self._data(network, [draws[step.rng.integers(len(draws))] for draws in samples], step)}
 
-    def error(self, network: nn.Module, sample: Sequence) -> Tensor:
-        """The data term of the first draw."""
-        return self._data(network, sample[:1], Step((0,), False, False, 1.0, 1.0, np.random.default_rng(0)))
+    def error(self, network: nn.Module, samples: Sequence) -> Tensor:
+        """The data term of each one's first draw."""
+        still = Step((0,), False, False, 1.0, 1.0, np.random.default_rng(0))
+        return torch.stack([self._data(network, draws[:1], still) for draws in samples]).mean()
 
     def _patient(self, files: CaseFiles) -> SurfacePatient:
         return SurfacePatient.build(PatientModel.read(files.model), self.network, files.case, self.network.repeats)
