@@ -9,6 +9,7 @@ import yaml
 from pinnochio.mechanics.settings import FemSettings
 from scripts.import_segmentation import import_segmentation
 from scripts.label_interfaces import label_case
+from scripts.predict import predict
 from scripts.register_postop import register_postop
 from scripts.simulate_fem import simulate_fem
 from scripts.tetrahedralize import mesh_case
@@ -78,6 +79,22 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
     )  # fmt: skip
     simulate_fem(case, file("model.h5"), imported["plan"], 2, fem, SEED, file("fem_samples.h5"))
     return Patient(case, folder, fem)
+
+
+def predict_by(module: str, patient: Patient, predictions: str, model: str | None = None, trained=None, **settings):
+    """Write the predictions of a patient by the method of a module, on its model or another one."""
+    predict(
+        module=f"pinnochio.methods.{module}",
+        settings=settings,
+        trained=trained,
+        cases=[patient.case],
+        models=[model or patient.model],
+        lifts=[],
+        plans=[patient.plan],
+        device="cpu",
+        threads=1,
+        predictions=predictions,
+    )
 
 
 @pytest.fixture(scope="session")

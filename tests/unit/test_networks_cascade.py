@@ -12,7 +12,7 @@ from pinnochio.mechanics.materials import neo_hookean
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 from pinnochio.model.patient import FIXED, MOVING, NO_INTERFACE, SLIDING
-from pinnochio.networks.cascade import build
+from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 
 SMALL = NetworkSettings(boundary_layers=2, volume_layers=2, rest_layers=1, channels=16, heads=2, decoder_width=16)

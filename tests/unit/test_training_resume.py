@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import h5py
@@ -13,13 +13,13 @@ import pytest
 import torch
 from tiny_patient import tiny_patient, tiny_plan
 
-from pinnochio.mechanics.materials import neo_hookean
-from pinnochio.methods.pinnochio.learner import CaseFiles, finetune_fold, pretrain_fold
-from pinnochio.model.labels import MUSCLE, SUPERFICIAL
+from pinnochio.methods.pinnochio.learner import Learner
 from pinnochio.model.postop import PostopSkin
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training import loop
+from pinnochio.training.cases import CaseFiles
 from pinnochio.training.checkpoint import fingerprint, load_state, save_state
+from pinnochio.training.fold import finetune_fold, pretrain_fold
 from pinnochio.training.settings import TrainingSettings
 
 SMALL = NetworkSettings(boundary_layers=1, volume_layers=1, rest_layers=1, channels=8, heads=2, decoder_width=8)
@@ -27,20 +27,13 @@ SMALL = NetworkSettings(boundary_layers=1, volume_layers=1, rest_layers=1, chann
 TRAINING = TrainingSettings(
     24, 3e-3, physics_ramp=0.2, physics_target=0.5, validation=1, validate_every=4, checkpoint_every=5
 )
+FEM = {"youngs_modulus": {"muscle": 6.0, "superficial": 4.0}, "poisson": 0.49}
 PHASES = {"pretrain": ("pretrained.pt", "pretraining.csv"), "finetune": ("network.pt", "finetuning.csv")}
-
-
-@dataclass(frozen=True)
-class Mechanics:
-    volumetric: str = "patch"
-
-    def material(self, tissue):
-        return neo_hookean(tissue, {MUSCLE: 6.0, SUPERFICIAL: 4.0}, 0.49, 0)
 
 
 def make_cases(folder: Path, count: int = 4) -> list[CaseFiles]:
     """Files of tiny patients: the whole block follows the bone, more or less, and the skin swells by 1 mm."""
-    found = []
+    cases = []
     for seed in range(count):
         model, plan = tiny_patient(seed, (5, 4, 3)), replace(tiny_plan(x=float(seed)), case=f"tiny{seed}")
         paths = {name: folder / f"{name}_{seed}" for name in ("model", "fem_samples", "plan", "postop")}
@@ -51,18 +44,22 @@ def make_cases(folder: Path, count: int = 4) -> list[CaseFiles]:
             file["plan_0/displacement"] = field
             file["plan_0"].attrs["plan"] = plan.to_json()
         PostopSkin(model.points + field + [0, 0, 1], model.skin_faces, 0.0).write(paths["postop"])
-        found.append(CaseFiles(plan.case, **paths))
-    return found
+        cases.append(CaseFiles(plan.case, **paths))
+    return cases
 
 
-def run(phase: str, cases: list[CaseFiles], folder: Path, training: TrainingSettings = TRAINING) -> None:
+def run(
+    phase: str, cases: list[CaseFiles], folder: Path, training: TrainingSettings = TRAINING, code: str = "code"
+) -> None:
     """Do a phase in `folder`; fine-tuning starts from the network that is there."""
     out, history = (folder / name for name in PHASES[phase])
-    options = {"seed": 3, "device": "cpu", "out": out, "history": history}
+    plain = dict.fromkeys(("pretraining", "finetuning"), asdict(training))
+    learner = Learner({"network": asdict(SMALL), "fem": FEM} | plain, "cpu")
+    options = {"seed": 3, "code": code, "out": out, "history": history}
     if phase == "pretrain":
-        pretrain_fold(cases, SMALL, training, Mechanics(), **options)
+        pretrain_fold(learner, cases, **options)
     else:
-        finetune_fold(cases, folder / PHASES["pretrain"][0], training, Mechanics(), **options)
+        finetune_fold(learner, cases, folder / PHASES["pretrain"][0], **options)
 
 
 def run_and_hang(phase: str, inputs: str, folder: str, threads: str, at: str) -> None:
@@ -138,7 +135,7 @@ def test_killed_after_the_last_step_costs_the_last_steps_alone(cases, unbroken, 
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("pinnochio.methods.pinnochio.learner.save_network", die)
+        patch.setattr("pinnochio.training.fold.save_network", die)
         with pytest.raises(KeyboardInterrupt):
             run("pretrain", cases, tmp_path)
     assert steps_of(tmp_path / "pretrained.resume.pt") == 20
@@ -149,7 +146,7 @@ def test_killed_after_the_last_step_costs_the_last_steps_alone(cases, unbroken, 
 def test_checkpoint_of_something_else_is_not_taken_up(cases, tmp_path, monkeypatch):
     sample_at = loop.sample_at
 
-    def first_step(cases=cases, training=TRAINING):
+    def first_step(cases=cases, training=TRAINING, code="code"):
         """Step that a run begins with which breaks off in step 7, after a checkpoint at 5."""
         seen = []
 
@@ -161,28 +158,30 @@ def test_checkpoint_of_something_else_is_not_taken_up(cases, tmp_path, monkeypat
 
         monkeypatch.setattr(loop, "sample_at", dying)
         with pytest.raises(KeyboardInterrupt):
-            run("pretrain", cases, tmp_path, training)
+            run("pretrain", cases, tmp_path, training, code)
         return seen[0]
 
     slower = replace(TRAINING, learning_rate=1e-3)
     assert [first_step(), first_step(), first_step(training=slower), first_step(training=slower)] == [0, 5, 0, 5]
+    assert [first_step(training=slower, code="other"), first_step(training=slower, code="other")] == [0, 5]
     other = make_cases(tmp_path)
     with h5py.File(other[0].fem_samples, "a") as file:
         file["plan_0/displacement"][0, 0] += 1e-3
     assert first_step(other, slower) == 0
 
 
-def test_fingerprint_knows_weights_and_inputs(tmp_path):
+def test_fingerprint_knows_weights_inputs_and_code(tmp_path):
     torch.manual_seed(0)
     network, file = torch.nn.Linear(2, 2), tmp_path / "input"
     file.write_bytes(b"one")
-    first = fingerprint(network, [file])
-    assert first == fingerprint(network, [file])
+    first = fingerprint(network, [file], "code")
+    assert first == fingerprint(network, [file], "code")
     file.write_bytes(b"two")
-    assert first != fingerprint(network, [file])
+    assert first != fingerprint(network, [file], "code")
     file.write_bytes(b"one")
+    assert first != fingerprint(network, [file], "other")
     network.weight.data[0, 0] += 1e-3
-    assert first != fingerprint(network, [file])
+    assert first != fingerprint(network, [file], "code")
 
 
 def test_half_written_checkpoint_is_never_read_and_does_not_stay(tmp_path):
