@@ -7,7 +7,7 @@ from pinnochio.logs import attach_log
 from pinnochio.seeds import derive_seed
 from pinnochio.training.cases import case_files
 from pinnochio.training.device import choose_device
-from pinnochio.training.fold import finetune_fold
+from pinnochio.training.fold import train_fold
 
 
 def finetune(
@@ -25,8 +25,9 @@ def finetune(
     outputs: Mapping[str, str],
 ) -> None:
     """Adapt the network at `pretrained`, or a new one, to the given cases; the rest as of pretrain."""
-    finetune_fold(
-        import_module(module).Learner(settings, device),
+    train_fold(
+        import_module(module).Learner(settings, "finetune", device),
+        "finetune",
         case_files(cases, lifts, model=models, plan=plans, postop=postops),
         pretrained,
         seed=seed,

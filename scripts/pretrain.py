@@ -7,7 +7,7 @@ from pinnochio.logs import attach_log
 from pinnochio.seeds import derive_seed
 from pinnochio.training.cases import case_files
 from pinnochio.training.device import choose_device
-from pinnochio.training.fold import pretrain_fold
+from pinnochio.training.fold import train_fold
 
 
 def pretrain(
@@ -27,8 +27,9 @@ def pretrain(
     settings: values of the sections that its Learner reads; lifts may be empty for a network without one; code: hash of
     what trains.
     """
-    pretrain_fold(
-        import_module(module).Learner(settings, device),
+    train_fold(
+        import_module(module).Learner(settings, "pretrain", device),
+        "pretrain",
         case_files(cases, lifts, model=models, fem_samples=fem_samples),
         seed=seed,
         code=code,

@@ -59,17 +59,19 @@ from pinnochio.mechanics.patches import make_patches
 from pinnochio.methods.pinnochio.learner import Learner
 from pinnochio.training.cases import CaseFiles
 from pinnochio.training.device import choose_device
-from pinnochio.training.fold import finetune_fold, pretrain_fold
+from pinnochio.training.fold import train_fold
 
 assert not COMPILED and not set(absent) & {name.split(".")[0] for name in sys.modules}
 settings = {name: json.loads((inputs / f"{name}.json").read_text()) for name in ("network", "fem", "training")}
 phases = {"pretraining": settings["training"], "finetuning": settings["training"]}
-learner = Learner(settings | phases, choose_device(0, int(sys.argv[4])))
+options, device = {"seed": 3, "code": "code"}, choose_device(0, int(sys.argv[4]))
 cases = [CaseFiles(**files) for files in json.loads((inputs / "cases.json").read_text())]
-options = {"seed": 3, "code": "code"}
 first, last = out / "pretrained.pt", out / "network.pt"
-pretrain_fold(learner, cases, out=first, history=out / "pretraining.csv", **options)
-finetune_fold(learner, cases, first, out=last, history=out / "finetuning.csv", **options)
+start = None
+for phase, name, history in (("pretrain", first, "pretraining.csv"), ("finetune", last, "finetuning.csv")):
+    learner = Learner(settings | phases, phase, device)
+    train_fold(learner, phase, cases, start, out=name, history=out / history, **options)
+    start = name
 mesh = json.loads((inputs / "mesh.json").read_text())
 print(json.dumps(make_patches(mesh["points"], mesh["cells"], mesh["tissue"]).tolist()))
 """

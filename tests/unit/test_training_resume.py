@@ -19,7 +19,7 @@ from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training import loop
 from pinnochio.training.cases import CaseFiles
 from pinnochio.training.checkpoint import fingerprint, load_state, save_state
-from pinnochio.training.fold import finetune_fold, pretrain_fold
+from pinnochio.training.fold import train_fold
 from pinnochio.training.settings import TrainingSettings
 
 SMALL = NetworkSettings(boundary_layers=1, volume_layers=1, rest_layers=1, channels=8, heads=2, decoder_width=8)
@@ -54,12 +54,9 @@ def run(
     """Do a phase in `folder`; fine-tuning starts from the network that is there."""
     out, history = (folder / name for name in PHASES[phase])
     plain = dict.fromkeys(("pretraining", "finetuning"), asdict(training))
-    learner = Learner({"network": asdict(SMALL), "fem": FEM} | plain, "cpu")
-    options = {"seed": 3, "code": code, "out": out, "history": history}
-    if phase == "pretrain":
-        pretrain_fold(learner, cases, **options)
-    else:
-        finetune_fold(learner, cases, folder / PHASES["pretrain"][0], **options)
+    learner = Learner({"network": asdict(SMALL), "fem": FEM} | plain, phase, "cpu")
+    start = None if phase == "pretrain" else folder / PHASES["pretrain"][0]
+    train_fold(learner, phase, cases, start, seed=3, code=code, out=out, history=history)
 
 
 def run_and_hang(phase: str, inputs: str, folder: str, threads: str, at: str) -> None:

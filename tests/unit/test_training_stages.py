@@ -20,7 +20,7 @@ from pinnochio.model.postop import PostopSkin
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training import loop
 from pinnochio.training.cases import CaseFiles
-from pinnochio.training.fold import finetune_fold, pretrain_fold
+from pinnochio.training.fold import PHASES, train_fold
 from pinnochio.training.loop import sample_at, schedule
 from pinnochio.training.settings import TrainingSettings
 
@@ -32,7 +32,7 @@ FEM = {"youngs_modulus": {"muscle": 6.0, "superficial": 4.0}, "poisson": 0.49}
 
 
 def learner(phase, training):
-    return Learner({"network": asdict(SMALL), "fem": FEM, phase: asdict(training)}, "cpu")
+    return Learner({"network": asdict(SMALL), "fem": FEM, PHASES[phase]: asdict(training)}, phase, "cpu")
 
 
 def predict(network, settings, model, plan):
@@ -72,7 +72,8 @@ def cases(tmp_path_factory):
 def pretrain(cases, folder, steps=8, seed=3, **options):
     training = TrainingSettings(steps, 3e-3, **options)
     out, history = folder / "network.pt", folder / "history.csv"
-    pretrain_fold(learner("pretraining", training), cases, seed=seed, code="code", out=out, history=history)
+    own = learner("pretrain", training)
+    train_fold(own, "pretrain", cases, seed=seed, code="code", out=out, history=history)
     return out, history
 
 
@@ -136,8 +137,8 @@ def test_finetuning_lowers_the_chamfer_distance(cases, tmp_path):
     pretrained, _ = pretrain(cases, tmp_path, 40)
     training = TrainingSettings(60, 1e-3)
     out, history = tmp_path / "tuned.pt", tmp_path / "tuned.csv"
-    own = learner("finetuning", training)
-    finetune_fold(own, cases, pretrained, seed=0, code="code", out=out, history=history)
+    own = learner("finetune", training)
+    train_fold(own, "finetune", cases, pretrained, seed=0, code="code", out=out, history=history)
     values = [float(row["data"]) for row in read(history)]
     assert np.mean(values[-6:]) < 0.5 * np.mean(values[:6])
     assert not same(weights(pretrained), weights(out))
@@ -188,7 +189,7 @@ def test_empty_samples_and_unregistered_skin_name_the_case(cases, tmp_path):
     pretrained, training = pretrain(cases, tmp_path, 1)[0], TrainingSettings(1, 1e-3)
     options = {"seed": 0, "code": "code", "out": tmp_path / "o.pt", "history": tmp_path / "h.csv"}
     with pytest.raises(InputError, match="far.h5.*registered"):
-        finetune_fold(learner("finetuning", training), [far], pretrained, **options)
+        train_fold(learner("finetune", training), "finetune", [far], pretrained, **options)
 
 
 def test_schedule_and_sample_order():

@@ -25,6 +25,11 @@ class CaseFiles:
     plan: File | None = None
     postop: File | None = None
 
+    @property
+    def inputs(self) -> list[File]:
+        """The files that are there, but for the lift, which the model decides."""
+        return [path for path in (self.model, self.fem_samples, self.plan, self.postop) if path]
+
 
 def case_files(cases: Sequence[str], lifts: Sequence[str], **files: Sequence[str]) -> list[CaseFiles]:
     """Of each case; lifts may be empty; files: by the names of :class:`CaseFiles`, each in the order of the cases."""

@@ -16,31 +16,27 @@ from pinnochio.training.loop import Step, train
 from pinnochio.training.settings import TrainingSettings
 from pinnochio.training.validation import held_back
 
+PHASES = {"pretrain": "pretraining", "finetune": "finetuning"}  # and the section of its settings
+
 
 class Learner(Protocol):
-    """A method that trains by steps, made of its settings (values by section) and the device.
+    """A method that trains by steps, in one phase: made of its settings (values by section), the phase and the device.
 
-    network: plain values, a dataclass that is stored with the network. A sample is what one step shows of one patient
-    and plan; its kind is the learner's own.
+    network: plain values, a dataclass that is stored with the network; build(network): the network, freshly initialised
+    from torch's random state. A sample is what one step shows of one patient and plan; its kind is the learner's own.
     """
 
     device: str
     network: Any
+    training: TrainingSettings
+    build: Callable[[Any], nn.Module]
 
-    def training(self, phase: str) -> TrainingSettings:
-        """Of the "pretraining" or the "finetuning"."""
-
-    def build(self, network: Any) -> nn.Module:
-        """The network of such plain values, freshly initialised from torch's random state."""
-
-    def fem_samples(self, files: CaseFiles) -> list:
-        """A sample for each of the patient's finite-element samples."""
-
-    def outcomes(self, files: CaseFiles) -> list:
-        """A sample of the patient's own plan and post-operative skin; InputError where the two do not fit."""
+    def read(self, files: CaseFiles) -> list:
+        """A sample for each of the patient's finite-element samples, or one of its own plan and post-operative skin;
+        InputError where the files do not fit each other."""
 
     def explained(self, samples: list, seed: int) -> list:
-        """The training samples of fine-tuning, freed of what no plan explains."""
+        """The samples that are trained on, freed of what no plan explains."""
 
     def terms(self, network: nn.Module, samples: Sequence, step: Step) -> Mapping[str, Tensor]:
         """Loss terms of the samples of a step, see :func:`~pinnochio.training.loop.train`."""
@@ -49,81 +45,32 @@ class Learner(Protocol):
         """Mean error of the network on samples that are not trained on; the same at every call."""
 
 
-def pretrain_fold(
-    learner: Learner, cases: Sequence[CaseFiles], *, seed: int, code: str, out: File, history: File
-) -> None:
-    """Train a new network on the cases' finite-element samples; write it to `out` and the losses to `history`.
-
-    code: hash of the code that trains, see :func:`~pinnochio.training.loop.train`.
-    """
-    training = learner.training("pretraining")
-    samples, checks = _read(cases, training.validation, learner.fem_samples)
-    network = _new(learner, seed, "pretrain")
-    inputs = [path for files in cases for path in (files.model, files.fem_samples)]
-    _train(
-        learner, network, samples, checks, training, "pretrain", inputs, seed=seed, code=code, out=out, history=history
-    )
-
-
-def finetune_fold(
+def train_fold(
     learner: Learner,
+    phase: str,
     cases: Sequence[CaseFiles],
-    pretrained: File | None,
+    pretrained: File | None = None,
     *,
     seed: int,
     code: str,
     out: File,
     history: File,
 ) -> None:
-    """Adapt the network at `pretrained`, or a new one, to the cases' post-operative skins, and to nothing else of the
-    outcome; the rest as of :func:`pretrain_fold`.
+    """Train the network at `pretrained`, or a new one, on the cases; write it to `out` and the losses to `history`.
+
+    phase: one of PHASES; code: hash of the code that trains, see :func:`~pinnochio.training.loop.train`. The checkpoint
+    goes when the network is there, so that a kill at any time costs little.
     """
-    training = learner.training("finetuning")
-    samples, checks = _read(cases, training.validation, learner.outcomes)
+    training, checkpoint = learner.training, Path(out).with_suffix(".resume.pt")
+    samples, checks = [], []
+    for files, checked in zip(cases, held_back([own.case for own in cases], training.validation), strict=True):
+        (checks if checked else samples).extend(learner.read(files))
     if pretrained is None:
-        network = _new(learner, seed, "finetune")
+        torch.manual_seed(derive_seed(seed, phase, "weights"))
+        network = learner.build(learner.network).to(learner.device)
     else:
         network, _ = read_network(pretrained, type(learner.network), learner.build, learner.device)
     samples = learner.explained(samples, seed)
-    inputs = [path for files in cases for path in (files.model, files.plan, files.postop)]
-    _train(
-        learner, network, samples, checks, training, "finetune", inputs, seed=seed, code=code, out=out, history=history
-    )
-
-
-def _read(cases: Sequence[CaseFiles], validation: int, read: Callable[[CaseFiles], list]) -> tuple[list, list]:
-    """Samples that are trained on, and those of the patients that are held back."""
-    samples, checks = [], []
-    for files, held in zip(cases, held_back([files.case for files in cases], validation), strict=True):
-        (checks if held else samples).extend(read(files))
-    return samples, checks
-
-
-def _new(learner: Learner, seed: int, phase: str) -> nn.Module:
-    torch.manual_seed(derive_seed(seed, phase, "weights"))
-    return learner.build(learner.network).to(learner.device)
-
-
-def _train(
-    learner: Learner,
-    network: nn.Module,
-    samples: list,
-    checks: list,
-    training: TrainingSettings,
-    phase: str,
-    inputs: list[File],
-    *,
-    seed: int,
-    code: str,
-    out: File,
-    history: File,
-) -> None:
-    """Train, write the network, then drop the checkpoint, so that a kill at any time costs little."""
-    checkpoint = Path(out).with_suffix(".resume.pt")
-
-    def validate() -> float:
-        return learner.error(network, checks).item()
-
     logging.info("%s: %d samples, %d held back", phase, len(samples), len(checks))
     train(
         network,
@@ -135,8 +82,8 @@ def _train(
         code=code,
         checkpoint=checkpoint,
         history=history,
-        validate=validate if checks else None,
-        inputs=inputs,
+        validate=(lambda: learner.error(network, checks).item()) if checks else None,
+        inputs=[path for files in cases for path in files.inputs],
     )
     plain = asdict(training) | {"weights": dict(training.weights)}
     save_network(out, network, learner.network, training=plain, seed=seed)

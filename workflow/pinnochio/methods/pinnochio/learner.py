@@ -20,6 +20,7 @@ from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.signals import PlanSignal
 from pinnochio.plans.plan import Plan
 from pinnochio.training.cases import CaseFiles, read_fem_samples
+from pinnochio.training.fold import PHASES
 from pinnochio.training.loop import Step
 from pinnochio.training.settings import TrainingSettings
 
@@ -38,7 +39,6 @@ class Sample:
     data: DataTerm
     anchor: Tensor
     anchored: Tensor
-    training: TrainingSettings
 
 
 class Learner:
@@ -48,55 +48,27 @@ class Learner:
     finite-element sample; fine-tuning: Chamfer distance, anchored to the reference cue.
     """
 
-    def __init__(self, settings: Mapping, device: str):
+    build = staticmethod(build)
+
+    def __init__(self, settings: Mapping, phase: str, device: str):
+        """ValueError where the phase does not fit the network."""
         self.device, self.network = device, NetworkSettings(**settings["network"])
-        self._fem, self._settings = FemSettings(**settings["fem"]), settings
-
-    def training(self, phase: str) -> TrainingSettings:
-        """Settings of "pretraining" or "finetuning"; ValueError where they do not fit the network."""
-        training = TrainingSettings(**self._settings[phase])
-        if training.execution_prior and self.network.lift == "none":
-            raise ValueError(
-                "execution_prior needs a network with a lift, which carries the segments' errors to the skin"
-            )
-        return training
-
-    def build(self, network: NetworkSettings) -> nn.Module:
-        """A new network."""
-        return build(network)
-
-    def fem_samples(self, files: CaseFiles) -> list[Sample]:
-        """One for each finite-element sample."""
-        patient, training, samples = self._patient(files), self.training("pretraining"), []
-        for plan, displacement in read_fem_samples(files.fem_samples, files.case):
-            field = torch.as_tensor(displacement, dtype=torch.float32, device=self.device)
-            everywhere = torch.ones_like(patient.reliable)
-            samples.append(Sample(patient, patient.signal(plan), _to_field(field), field, everywhere, training))
-        return samples
-
-    def outcomes(self, files: CaseFiles) -> list[Sample]:
-        """The patient's own plan with its post-operative skin, tried once on the patient at rest."""
-        patient, training = self._patient(files), self.training("finetuning")
-        skin = PostopSkin.read(files.postop).surface
-        try:
-            surface = SurfaceLoss(patient, *skin, training.surface_samples, training.surface_cutoff)
-            surface(torch.zeros_like(patient.points), np.random.default_rng(0))
-        except ValueError as error:
-            raise InputError(files.case, files.postop, str(error), "check registration and face region") from error
-        signal = patient.signal(Plan.read(files.plan, files.case))
-        return [Sample(patient, signal, surface, signal.cue, signal.reliable, training)]
+        self._fem, self.training = FemSettings(**settings["fem"]), TrainingSettings(**settings[PHASES[phase]])
+        self.read = self._fem_samples if phase == "pretrain" else self._outcome
+        if self.training.execution_prior and self.network.lift == "none":
+            raise ValueError("execution_prior needs a network with a lift, which carries the errors to the skin")
 
     def explained(self, samples: list[Sample], seed: int) -> list[Sample]:
         """Without the errors of carrying out the plan, where the settings ask for it."""
-        prior = self.training("finetuning").execution_prior
-        if not prior:
+        if not self.training.execution_prior:
             return samples
-        fields = execution_fields([(own.patient, own.signal, own.data) for own in samples], prior, seed)
+        own = [(sample.patient, sample.signal, sample.data) for sample in samples]
+        fields = execution_fields(own, self.training.execution_prior, seed)
         return [replace(own, data=_moved(own.data, field)) for own, field in zip(samples, fields, strict=True)]
 
     def terms(self, network: nn.Module, samples: Sequence[Sample], step: Step) -> dict[str, Tensor]:
         """Each the mean over the samples."""
-        each = [_terms(network, sample, step) for sample in samples]
+        each = [self._terms(network, sample, step) for sample in samples]
         return {name: sum(terms[name] for terms in each) / len(each) for name in each[0]}
 
     def error(self, network: nn.Module, samples: Sequence[Sample]) -> Tensor:
@@ -107,15 +79,43 @@ class Learner:
             errors.append(sample.data(displacement, np.random.default_rng(0)))
         return torch.stack(errors).mean()
 
+    def _fem_samples(self, files: CaseFiles) -> list[Sample]:
+        """One for each finite-element sample."""
+        patient, samples = self._patient(files), []
+        for plan, displacement in read_fem_samples(files.fem_samples, files.case):
+            field = torch.as_tensor(displacement, dtype=torch.float32, device=self.device)
+            everywhere = torch.ones_like(patient.reliable)
+            samples.append(Sample(patient, patient.signal(plan), _to_field(field), field, everywhere))
+        return samples
+
+    def _outcome(self, files: CaseFiles) -> list[Sample]:
+        """The patient's own plan with its post-operative skin, tried once on the patient at rest."""
+        patient, skin = self._patient(files), PostopSkin.read(files.postop).surface
+        try:
+            surface = SurfaceLoss(patient, *skin, self.training.surface_samples, self.training.surface_cutoff)
+            surface(torch.zeros_like(patient.points), np.random.default_rng(0))
+        except ValueError as error:
+            raise InputError(files.case, files.postop, str(error), "check registration and face region") from error
+        signal = patient.signal(Plan.read(files.plan, files.case))
+        return [Sample(patient, signal, surface, signal.cue, signal.reliable)]
+
     def _patient(self, files: CaseFiles) -> PatientTensors:
         """Tensors of a patient's model and, if the network wants one, its lift."""
-        lift = None
-        if self.network.lift != "none":
-            if files.lift is None:
-                wanted = f"the network wants a lift, {self.network.lift}"
-                raise InputError(files.case, files.model, wanted, "make it first")
-            lift = Lift.read(files.lift)
+        wanted = self.network.lift != "none"
+        if wanted and files.lift is None:
+            raise InputError(files.case, files.model, f"the network wants a lift, {self.network.lift}", "make it first")
+        lift = Lift.read(files.lift) if wanted else None
         return tensors(PatientModel.read(files.model), self._fem, self.network, self.device, lift)
+
+    def _terms(self, network: nn.Module, sample: Sample, step: Step) -> dict[str, Tensor]:
+        patient, training = sample.patient, self.training
+        prediction = network(patient.anatomy, sample.signal, step.mirror)
+        data = sample.data(prediction.displacement, step.rng)
+        terms = {"data": data, "boundary": boundary_loss(prediction, sample.anchor, sample.anchored)}
+        if step.physics:
+            bulk, u = bulk_factor(patient.operator, training.poisson_start, step.anneal), prediction.displacement
+            terms["physics"] = physics_loss(patient.operator, patient.free, u, training.physics_robust, bulk)
+        return terms
 
 
 def _to_field(field: Tensor) -> DataTerm:
@@ -124,16 +124,3 @@ def _to_field(field: Tensor) -> DataTerm:
 
 def _moved(data: DataTerm, field: Tensor) -> DataTerm:
     return lambda displacement, rng: data(displacement + field, rng)
-
-
-def _terms(network: nn.Module, sample: Sample, step: Step) -> dict[str, Tensor]:
-    patient, training = sample.patient, sample.training
-    prediction = network(patient.anatomy, sample.signal, step.mirror)
-    data = sample.data(prediction.displacement, step.rng)
-    terms = {"data": data, "boundary": boundary_loss(prediction, sample.anchor, sample.anchored)}
-    if step.physics:
-        bulk = bulk_factor(patient.operator, training.poisson_start, step.anneal)
-        terms["physics"] = physics_loss(
-            patient.operator, patient.free, prediction.displacement, training.physics_robust, bulk
-        )
-    return terms

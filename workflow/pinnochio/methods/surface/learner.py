@@ -20,8 +20,10 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.networks.clouds import Stage, SurfaceInputs, per_patient, scaled, to_device
 from pinnochio.networks.contrast import contrast
+from pinnochio.networks.signals import mirror_signs
 from pinnochio.plans.plan import Plan
 from pinnochio.training.cases import CaseFiles, read_fem_samples
+from pinnochio.training.fold import PHASES
 from pinnochio.training.loop import Step
 from pinnochio.training.settings import TrainingSettings
 
@@ -68,45 +70,16 @@ class Learner:
     A sample is a list of draws of one patient under one plan, of which a step shows one.
     """
 
-    def __init__(self, settings: Mapping, device: str):
+    build = staticmethod(build)
+
+    def __init__(self, settings: Mapping, phase: str, device: str):
+        """Adam without warm-up and weight decay, and one loss term."""
         self.device, self.network = device, SurfaceSettings(**settings["network"])
-        self._settings, self._architecture = settings, architecture(self.network)
-        self._flips = torch.tensor([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]], device=device)
-
-    def training(self, phase: str) -> TrainingSettings:
-        """Of "pretraining" or "finetuning": Adam without warm-up and weight decay, and one loss term."""
-        weights = {"physics": 0.0, "data": 1.0, "boundary": 0.0}
-        return TrainingSettings(**self._settings[phase], weights=weights, warmup=0.0, weight_decay=0.0)
-
-    def build(self, network: SurfaceSettings) -> nn.Module:
-        """A new network."""
-        return build(network)
-
-    def fem_samples(self, files: CaseFiles) -> list[list[FieldDraw]]:
-        """How the skin moves in each finite-element sample."""
-        patient, samples = self._patient(files), []
-        for plan, field in read_fem_samples(files.fem_samples, files.case):
-            skin = patient.model.moved_skin(field) - patient.model.skin_points
-            draws = [
-                FieldDraw(patient.inputs(draw, plan), patient.carried(draw, skin), patient.unit, self.network.contrast)
-                for draw in patient.draws
-            ]
-            samples.append([to_device(draw, self.device) for draw in draws])
-        return samples
-
-    def outcomes(self, files: CaseFiles) -> list[list[SkinDraw]]:
-        """The patient's own plan with its post-operative skin."""
-        patient, skin = self._patient(files), PostopSkin.read(files.postop)
-        try:
-            target = Target.build(patient, *skin.surface, self.network, files.case)
-        except ValueError as error:
-            raise InputError(files.case, files.postop, str(error), "check registration and face region") from error
-        plan = Plan.read(files.plan, files.case)
-        draws = [
-            SkinDraw(patient.inputs(draw, plan), draw.pairs, seen, target.points, target.weight, self._architecture)
-            for draw, seen in zip(patient.draws, target.seen, strict=True)
-        ]
-        return [[to_device(draw, self.device) for draw in draws]]
+        plain = {"weights": {"physics": 0.0, "data": 1.0, "boundary": 0.0}, "warmup": 0.0, "weight_decay": 0.0}
+        self.training = TrainingSettings(**settings[PHASES[phase]], **plain)
+        self.read = self._fem_samples if phase == "pretrain" else self._outcome
+        self._architecture = architecture(self.network)
+        self._flips = mirror_signs().to(device)
 
     def explained(self, samples: list, seed: int) -> list:
         """The samples as they are."""
@@ -121,6 +94,32 @@ class Learner:
         """The data term of each one's first draw."""
         still = Step((0,), False, False, 1.0, 1.0, np.random.default_rng(0))
         return torch.stack([self._data(network, draws[:1], still) for draws in samples]).mean()
+
+    def _fem_samples(self, files: CaseFiles) -> list[list[FieldDraw]]:
+        """How the skin moves in each finite-element sample."""
+        patient, weight, samples = self._patient(files), self.network.contrast, []
+        for plan, field in read_fem_samples(files.fem_samples, files.case):
+            skin = patient.model.moved_skin(field) - patient.model.skin_points
+            samples.append(
+                [
+                    FieldDraw(patient.inputs(draw, plan), patient.carried(draw, skin), patient.unit, weight)
+                    for draw in patient.draws
+                ]
+            )
+        return [[to_device(draw, self.device) for draw in draws] for draws in samples]
+
+    def _outcome(self, files: CaseFiles) -> list[list[SkinDraw]]:
+        """The patient's own plan with its post-operative skin."""
+        patient, plan = self._patient(files), Plan.read(files.plan, files.case)
+        try:
+            target = Target.build(patient, *PostopSkin.read(files.postop).surface, self.network, files.case)
+        except ValueError as error:
+            raise InputError(files.case, files.postop, str(error), "check registration and face region") from error
+        draws = [
+            SkinDraw(patient.inputs(draw, plan), draw.pairs, seen, target.points, target.weight, self._architecture)
+            for draw, seen in zip(patient.draws, target.seen, strict=True)
+        ]
+        return [[to_device(draw, self.device) for draw in draws]]
 
     def _patient(self, files: CaseFiles) -> SurfacePatient:
         return SurfacePatient.build(PatientModel.read(files.model), self.network, files.case, self.network.repeats)
