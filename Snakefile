@@ -14,7 +14,6 @@ include: "rules/virtual.smk"
 include: "rules/patient.smk"
 include: "rules/fem.smk"
 include: "rules/training.smk"
-include: "rules/baselines.smk"
 include: "rules/curves.smk"
 include: "rules/prediction.smk"
 include: "rules/tables.smk"
@@ -36,6 +35,9 @@ wildcard_constraints:
     mesh=r"|/lips|/nodes_\d+",
     plan="|" + any_of(f"/{plan}" for plan in STUDY.plans),
     fold="|".join(STUDY.held_out),
+    batch="folds/({})|patients/({})/({})".format(
+        "|".join(STUDY.held_out), any_of(STUDY.patients), any_of(STUDY.plans)
+    ),
     nodes=r"\d+",
     method="|".join([*STUDY.registry, config["predict"]["method"]]),
 

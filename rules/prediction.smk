@@ -1,103 +1,49 @@
 # One core each, so that their seconds compare; undisturbed ones are those of the trade-off.
-
-
-rule predict_no_change:
+rule predict_cases:
     input:
-        models=STUDY.of_held_out("<results>/cases/{case}/model.h5"),
+        trained=STUDY.of_batch("trained"),
+        models=STUDY.of_batch("models"),
+        lifts=STUDY.of_batch("lifts"),
+        plans=STUDY.of_batch("plans"),
     output:
-        predictions="<results>/folds/{fold}/no_change/predictions.h5",
+        predictions="<results>/{batch}/{method}/predictions.h5",
     log:
-        "<logs>/predict_no_change/{fold}.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        cases=held_out,
-        code=code_of("predict_no_change"),
-    message:
-        "Predict fold {wildcards.fold} with no change at all"
-    script:
-        "../scripts/predict_no_change.py"
-
-
-rule predict_fem:
-    input:
-        models=models_of_held_out,
-        plans=STUDY.of_held_out("<results>/cases/{case}/plan.json"),
-    output:
-        predictions="<results>/folds/{fold}/{method}/predictions.h5",
-    log:
-        "<logs>/predict_fem/{fold}_{method}.log",
+        "<logs>/predict/{batch}_{method}.log",
     benchmark:
-        "<benchmarks>/predict_fem/{fold}_{method}.tsv"
+        "<benchmarks>/predict/{batch}_{method}.tsv"
     wildcard_constraints:
-        method="|".join(ARMS),
+        method=any_of(STUDY.predicting),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
     resources:
         mem_mb=4000,
         runtime=60,
-    params:
-        cases=held_out,
-        arm=lambda wildcards: ARMS[wildcards.method],
-        fem=fem_of,
-        apart=lambda wildcards: (
-            config["fem_rlse"]["apart"] if wildcards.method in ON_LIPS else 0
+        gpu=lambda wildcards: (
+            GPU if wildcards.method in STUDY.trained("by steps") else 0
         ),
-        code=code_of("predict_fem"),
-    message:
-        "Predict fold {wildcards.fold} by {wildcards.method}"
-    script:
-        "../scripts/predict_fem.py"
-
-
-rule predict_network:
-    input:
-        network="<results>/folds/{fold}/{method}/network.pt",
-        models=STUDY.of_held_out("<results>/cases/{case}/model.h5"),
-        lifts=lifts_of(held_out),
-        plans=STUDY.of_held_out("<results>/cases/{case}/plan.json"),
-    output:
-        predictions="<results>/folds/{fold}/{method}/predictions.h5",
-    log:
-        "<logs>/predict_network/{fold}_{method}.log",
-    benchmark:
-        "<benchmarks>/predict_network/{fold}_{method}.tsv"
-    wildcard_constraints:
-        method=any_of(NETWORKS),
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=4000,
-        runtime=20,
-        gpu=GPU,
     params:
-        cases=held_out,
-        fem=config["fem"],
-        corrections=settings_of("newton_corrections"),
-        code=code_of("predict_network"),
+        cases=STUDY.of_batch("cases"),
+        module=STUDY.module,
+        settings=STUDY.of_batch("settings"),
+        code=code_with_method("predict"),
     message:
-        "Predict fold {wildcards.fold} by {wildcards.method}"
+        "Predict {wildcards.batch} by {wildcards.method}"
     script:
-        "../scripts/predict_network.py"
+        "../scripts/predict.py"
 
 
 # Made by others with the files of `inputs`; the timings in the files are their authors'.
 rule predict_external:
     input:
-        files=external_files,
+        files=STUDY.external_files,
         meshes=STUDY.of_held_out("<results>/cases/{case}/mesh.vtu"),
     output:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
     log:
         "<logs>/predict_external/{fold}_{method}.log",
     wildcard_constraints:
-        method=any_of(EXTERNAL),
+        method=any_of(config["external"]),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -105,7 +51,7 @@ rule predict_external:
         mem_mb=1000,
         runtime=5,
     params:
-        cases=held_out,
+        cases=STUDY.held_out_cases,
         code=code_of("predict_external"),
     message:
         "Read what {wildcards.method} predicts for fold {wildcards.fold}"

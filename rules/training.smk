@@ -2,7 +2,7 @@
 rule pretrain:
     input:
         models=STUDY.of_training("<results>/cases/{case}/model.h5"),
-        lifts=lifts_of(training_cases),
+        lifts=STUDY.lifts_of_training,
         fem_samples=STUDY.of_training("<results>/cases/{case}/fem_samples.h5"),
     output:
         network="<results>/folds/{fold}/{method}/pretrained.pt",
@@ -12,7 +12,7 @@ rule pretrain:
     benchmark:
         "<benchmarks>/pretrain/{fold}_{method}.tsv"
     wildcard_constraints:
-        method=any_of(NETWORKS),
+        method=any_of(STUDY.pretrained_first),
     priority: 2
     conda:
         "../envs/pinnochio.yaml"
@@ -22,23 +22,22 @@ rule pretrain:
         runtime=240,
         gpu=GPU,
     params:
-        cases=training_cases,
-        network=settings_of("network"),
-        training=settings_of("pretraining"),
-        fem=config["fem"],
+        cases=STUDY.training_cases,
+        module=STUDY.learner,
+        settings=STUDY.settings("network", "pretraining", "fem"),
         seed=SEED,
-        code=code_of("pretrain"),
+        code=code_with_method("pretrain", "learner"),
     message:
-        "Pretrain {wildcards.method} on the finite-element fields of fold {wildcards.fold}"
+        "Pretrain {wildcards.method} on the finite-element samples of fold {wildcards.fold}"
     script:
         "../scripts/pretrain.py"
 
 
 rule finetune:
     input:
-        network="<results>/folds/{fold}/{method}/pretrained.pt",
+        network=STUDY.pretrained,
         models=STUDY.of_training("<results>/cases/{case}/model.h5"),
-        lifts=lifts_of(training_cases),
+        lifts=STUDY.lifts_of_training,
         plans=STUDY.of_training("<results>/cases/{case}/plan.json"),
         postops=STUDY.of_training("<results>/cases/{case}/postop.h5"),
     output:
@@ -49,7 +48,7 @@ rule finetune:
     benchmark:
         "<benchmarks>/finetune/{fold}_{method}.tsv"
     wildcard_constraints:
-        method=any_of(NETWORKS),
+        method=any_of(STUDY.trained("by steps")),
     priority: 1
     conda:
         "../envs/pinnochio.yaml"
@@ -59,15 +58,45 @@ rule finetune:
         runtime=240,
         gpu=GPU,
     params:
-        cases=training_cases,
-        training=settings_of("finetuning"),
-        fem=config["fem"],
+        cases=STUDY.training_cases,
+        module=STUDY.learner,
+        settings=STUDY.settings("network", "finetuning", "fem"),
         seed=SEED,
-        code=code_of("finetune"),
+        code=code_with_method("finetune", "learner"),
     message:
         "Adapt {wildcards.method} to the post-operative skins of fold {wildcards.fold}"
     script:
         "../scripts/finetune.py"
+
+
+rule fit:
+    input:
+        models=STUDY.of_training("<results>/cases/{case}/model.h5"),
+        fem_samples=STUDY.of_training("<results>/cases/{case}/fem_samples.h5"),
+        plans=STUDY.of_training("<results>/cases/{case}/plan.json"),
+        postops=STUDY.of_training("<results>/cases/{case}/postop.h5"),
+    output:
+        fitted="<results>/folds/{fold}/{method}/fitted.h5",
+    log:
+        "<logs>/fit/{fold}_{method}.log",
+    benchmark:
+        "<benchmarks>/fit/{fold}_{method}.tsv"
+    wildcard_constraints:
+        method=any_of(STUDY.trained("at once")),
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        cases=STUDY.training_cases,
+        module=STUDY.learner,
+        code=code_with_method("fit", "learner"),
+    message:
+        "Fit {wildcards.method} to the training patients of fold {wildcards.fold}"
+    script:
+        "../scripts/fit.py"
 
 
 rule networks:

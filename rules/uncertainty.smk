@@ -23,8 +23,9 @@ rule predict_ensemble:
         gpu=GPU,
     params:
         folds=STUDY.of_ensemble("folds"),
+        module=STUDY.module,
         settings=STUDY.of_ensemble("settings"),
-        code=code_of("predict_ensemble"),
+        code=code_with_method("predict_ensemble"),
     message:
         "Predict {wildcards.case}{wildcards.plan} by every fold's {wildcards.method}"
     script:

@@ -1,55 +1,55 @@
-"""Makes a fold's final network: the pretrained one adapted to the training patients' post-operative skins."""
+"""Makes a fold's final network: the pretrained one, or a new one, adapted to the training patients' outcomes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from importlib import import_module
 
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.settings import FemSettings
-from pinnochio.methods.pinnochio.learner import CaseFiles, finetune_fold
 from pinnochio.seeds import derive_seed
+from pinnochio.training.cases import case_files
 from pinnochio.training.device import choose_device
-from pinnochio.training.settings import TrainingSettings
+from pinnochio.training.fold import train_fold
 
 
 def finetune(
+    module: str,
+    settings: Mapping,
     cases: Sequence[str],
     models: Sequence[str],
     lifts: Sequence[str],
     plans: Sequence[str],
     postops: Sequence[str],
-    pretrained: str,
-    training: TrainingSettings,
-    fem: FemSettings,
+    pretrained: str | None,
     seed: int,
+    code: str,
     device: str,
-    outputs: dict[str, str],
+    outputs: Mapping[str, str],
 ) -> None:
-    """Adapt the network at `pretrained` to the given cases; outputs names the files network and history.
-
-    lifts may be empty for a network without one.
-    """
-    files = [
-        CaseFiles(case, model, lift, plan=plan, postop=postop)
-        for case, model, lift, plan, postop in zip(
-            cases, models, lifts or [None] * len(cases), plans, postops, strict=True
-        )
-    ]
-    finetune_fold(
-        files, pretrained, training, fem, seed=seed, device=device, out=outputs["network"], history=outputs["history"]
+    """Adapt the network at `pretrained`, or a new one, to the given cases; the rest as of pretrain."""
+    train_fold(
+        import_module(module).Learner(settings, "finetune", device),
+        "finetune",
+        case_files(cases, lifts, model=models, plan=plans, postop=postops),
+        pretrained,
+        seed=seed,
+        code=code,
+        out=outputs["network"],
+        history=outputs["history"],
     )
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     finetune(
+        module=snakemake.params.module,
+        settings=snakemake.params.settings,
         cases=snakemake.params.cases,
         models=snakemake.input.models,
-        lifts=snakemake.input.get("lifts", []),
+        lifts=snakemake.input.lifts,
         plans=snakemake.input.plans,
         postops=snakemake.input.postops,
-        pretrained=snakemake.input.network,
-        training=TrainingSettings(**snakemake.params.training),
-        fem=FemSettings(**snakemake.params.fem),
+        pretrained=snakemake.input.get("network") or None,
         seed=derive_seed(snakemake.params.seed, "finetune", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
+        code=snakemake.params.code,
         device=choose_device(snakemake.resources.gpu, snakemake.threads),
         outputs=dict(snakemake.output.items()),
     )

@@ -10,6 +10,7 @@ from pinnochio.experiments.tradeoff_settings import Setting, network_settings
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
@@ -48,8 +49,8 @@ def measure_networks(
     for setting in settings:
         patient, kind = patients[setting.nodes], kinds[setting.method]
         lift = None if kind == "none" else Lift.read(lifts[kind, setting.nodes])
-        given = networks[setting.method], patient, motion, fem, lift, device, threads
-        prediction = predict_network(setting, *given)
+        planned = Planned(case, patient, motion, lift)
+        prediction = predict_network(setting, networks[setting.method], planned, fem, device, threads)
         found.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
         logging.info("%(method)s, %(dial)s %(value)s: %(seconds).3f s, %(face_error).3f mm", found[-1])
     write_csv(pd.DataFrame(found), rows, TRADEOFF_CASES)

@@ -18,16 +18,14 @@ from pinnochio.experiments.measuring import DONE, Cost, measure, megabytes
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.predictions import read_prediction
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.tables.engine import write_csv
 from pinnochio.tables.scaling import SCALING
 from pinnochio.training.device import choose_device
-from pinnochio.training.settings import TrainingSettings
-from scripts.predict_network import predict_network
+from scripts.predict import predict
 from scripts.pretrain import pretrain
 
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-GIVEN = ("labels", "bone", "skin", "report", "plan", "postop", "truth")
+FILES = ("labels", "bone", "skin", "report", "plan", "postop", "truth")
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Stage:
 def measure_scaling(
     case: str,
     target: int,
-    given: Mapping[str, str],
+    files: Mapping[str, str],
     networks: Mapping[str, str],
     settings: Mapping,
     seed: int,
@@ -53,13 +51,13 @@ def measure_scaling(
 ) -> None:
     """Write a row of SCALING per stage of the patient on a mesh of `target` nodes.
 
-    given: its files labels, bone, skin, report, plan and, where there are any, postop and truth; networks: a trained
+    files: its labels, bone, skin, report, plan and, where there are any, postop and truth; networks: a trained
     one of each method; settings: sections of the configuration, `variants` those of the methods. What the stages make
     is thrown away; a stage that lacks what an earlier one did not make says so.
     """
     rows, limit = [], settings["scaling"]["time_limit"]
     with tempfile.TemporaryDirectory(dir=Path(table).parent) as folder:
-        for stage in tqdm(stages(case, target, given, networks, settings, seed, Path(folder))):
+        for stage in tqdm(stages(case, target, files, networks, settings, seed, Path(folder))):
             missing = [Path(path).stem for path in stage.needs if not Path(path).exists()]
             before = megabytes(folder)
             cost = Cost(f"not run: no {missing[0]}") if missing else measure(stage.function, stage.arguments, limit)
@@ -74,13 +72,13 @@ def measure_scaling(
 
 
 def stages(
-    case: str, target: int, given: Mapping, networks: Mapping, settings: Mapping, seed: int, folder: Path
+    case: str, target: int, files: Mapping, networks: Mapping, settings: Mapping, seed: int, folder: Path
 ) -> list[Stage]:
     """The stages one after another; arguments as of measure_scaling."""
-    found = []
+    rows = []
 
     def add(name: str, unit: str, function: str, needs: Sequence[str], makes: str, **arguments):
-        found.append(Stage(name, unit, function, arguments, tuple(needs), makes))
+        rows.append(Stage(name, unit, function, arguments, tuple(needs), makes))
 
     def file(name: str) -> str:
         return str(folder / name)
@@ -89,7 +87,7 @@ def stages(
     fem = replace(FemSettings(**settings["fem"]), time_limit=settings["scaling"]["time_limit"])
     add(
         *("tetrahedralize", "job", "scripts.tetrahedralize:mesh_case", [], mesh),
-        labels=given["labels"],
+        labels=files["labels"],
         nodes=target,
         minimum_dihedral=settings["mesh"]["minimum_dihedral"],
         mesh=mesh,
@@ -97,7 +95,7 @@ def stages(
     add(
         *("label_interfaces", "job", "scripts.label_interfaces:label_case", [mesh], model),
         mesh=mesh,
-        **{name: given[name] for name in ("labels", "bone", "skin", "report")},
+        **{name: files[name] for name in ("labels", "bone", "skin", "report")},
         segments=tuple(settings["segments"]),
         interfaces=settings["interfaces"],
         model=model,
@@ -106,7 +104,7 @@ def stages(
         *("simulate_fem", "plan", "scripts.simulate_fem:simulate_fem", [model], fem_samples),
         case=case,
         model=model,
-        plan=given["plan"],
+        plan=files["plan"],
         plans=1,
         settings=fem,
         seed=seed,
@@ -126,22 +124,23 @@ def stages(
     for method, network in networks.items():
         own, made, predictions = settings["variants"][method], file(f"{method}.pt"), file(f"{method}.h5")
         lift = [lifts[kinds[method]]] if kinds[method] in lifts else []
-        patient = {"cases": [case], "models": [model], "lifts": lift, "fem": fem}
+        patient = {"cases": [case], "models": [model], "lifts": lift}
+        steps = own["pretraining"] | {"steps": settings["scaling"]["steps"] + 1}
+        limited = settings["fem"] | {"time_limit": settings["scaling"]["time_limit"]}
         add(
             *(f"pretrain {method}", "step", "scripts.measure_scaling:training_step", [model, *lift, fem_samples], made),
             **patient,
             fem_samples=[fem_samples],
-            network=NetworkSettings(**own["network"]),
-            training=replace(TrainingSettings(**own["pretraining"]), steps=settings["scaling"]["steps"] + 1),
+            settings={"network": own["network"], "pretraining": steps, "fem": limited},
             seed=seed,
             outputs={"network": made, "history": file("history.csv")},
         )
         add(
             *(f"predict_network {method}", "plan", "scripts.measure_scaling:warm_plan", [model, *lift], predictions),
             **patient,
-            plans=[given["plan"]],
-            network=network,
-            corrections=own["newton_corrections"],
+            plans=[files["plan"]],
+            trained=network,
+            settings={"newton_corrections": own["newton_corrections"], "fem": limited},
             predictions=predictions,
         )
     for method in list(networks)[:1]:  # its cost does not ask for the method
@@ -151,30 +150,30 @@ def stages(
             cases=[case],
             predictions=file(f"{method}.h5"),
             models=[model],
-            plans=[given["plan"]],
-            postops={case: given["postop"]} if given.get("postop") else {},
-            truths=[given["truth"]] if given.get("truth") else [],
+            plans=[files["plan"]],
+            postops={case: files["postop"]} if files.get("postop") else {},
+            truths=[files["truth"]] if files.get("truth") else [],
             samples=settings["evaluation"]["samples"],
             fem=fem,
             labels={"fold": "-", "method": method, "code": "-"},
             seed=seed,
             metrics=metrics,
         )
-    return found
+    return rows
 
 
 def training_step(**arguments) -> tuple[float, float]:
     """Seconds and processor seconds of a step of pretraining on the CPU, median of all after the first."""
     marks = []
     hook = register_optimizer_step_post_hook(lambda *_: marks.append((time.perf_counter(), time.process_time())))
-    pretrain(**arguments, device=choose_device(0, 1))
+    pretrain(module="pinnochio.methods.pinnochio.learner", code="", device=choose_device(0, 1), **arguments)
     hook.remove()
     return tuple(np.median(np.diff(marks, axis=0), axis=0).tolist())
 
 
 def warm_plan(**arguments) -> tuple[float, float]:
     """Seconds of a prediction on the CPU as the tables have it; of the processor's nothing is known."""
-    predict_network(**arguments, device=choose_device(0, 1), threads=1)
+    predict(module="pinnochio.methods.pinnochio.predictor", device=choose_device(0, 1), threads=1, **arguments)
     return read_prediction(arguments["predictions"], arguments["cases"][0]).seconds, np.nan
 
 
@@ -192,7 +191,7 @@ if __name__ == "__main__":
     measure_scaling(
         case=snakemake.params.case,
         target=int(snakemake.wildcards.nodes),
-        given={name: snakemake.input.get(name) for name in GIVEN},
+        files={name: snakemake.input.get(name) for name in FILES},
         networks=dict(zip(snakemake.params.methods, snakemake.input.get("networks", []), strict=True)),
         settings=snakemake.params.sections | {"variants": snakemake.params.variants},
         seed=snakemake.params.seed,

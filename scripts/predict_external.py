@@ -9,15 +9,18 @@ from pinnochio.model.predictions import read_external, write_predictions
 
 def predict_external(cases: Sequence[str], files: Sequence[str], meshes: Sequence[str], predictions: str) -> None:
     """Read each case's displacement of the nodes of its mesh; InputError where a file does not fit."""
-    found = {}
+    made = {}
     for case, file, path in zip(cases, files, meshes, strict=True):
         mesh = TetMesh.read(path)
-        found[case] = read_external(file, case, mesh.points, mesh.cells)
-    write_predictions(predictions, found)
+        made[case] = read_external(file, case, mesh.points, mesh.cells)
+    write_predictions(predictions, made)
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict_external(
-        cases=snakemake.params.cases, files=snakemake.input.files, meshes=snakemake.input.meshes, predictions=snakemake.output.predictions
-    )  # fmt: skip
+        cases=snakemake.params.cases,
+        files=snakemake.input.files,
+        meshes=snakemake.input.meshes,
+        predictions=snakemake.output.predictions,
+    )

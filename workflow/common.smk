@@ -66,9 +66,9 @@ def code_of(*names):
     return code_hash(*map(source_file, names))
 
 
-def code_with_method(script):
-    """Params function: the same with the module of the job's method, which the script imports by its name."""
-    return lambda wildcards: code_of(script, STUDY.registry[wildcards.method].module)
+def code_with_method(script, role="module"):
+    """Params function: the same with a module of the job's method, which the script imports by its name."""
+    return lambda wildcards: code_of(script, getattr(STUDY, role)(wildcards))
 
 
 # Of what predicts a new patient, for archive and certificate.
@@ -76,41 +76,6 @@ PREDICTS = code_of("import_segmentation", "label_interfaces", "predict_ensemble"
 
 # Every stage, for the provenance.
 STAGES = sorted(path.stem for path in ROOT.glob("scripts/[a-z]*.py"))
-# TEMP
-SURFACE = {m: STUDY.registry[m].settings for m in STUDY.of_family("surface network")}
-SETTINGS = NETWORKS | SURFACE
-ARMS = {
-    m: STUDY.registry[m].options["contact"]
-    for m in STUDY.registry
-    if m.startswith("fem")
-}
-ON_LIPS = [m for m in STUDY.registry if STUDY.registry[m].mesh == "lips"]
-EXTERNAL = config["external"]
-held_out, training_cases, models_of_held_out = (
-    STUDY.held_out_cases,
-    STUDY.training_cases,
-    STUDY.models_of_held_out,
-)
-
-
-def settings_of(section):
-    return lambda wildcards: SETTINGS[wildcards.method][section]
-
-
-def lifts_of(names):
-    return lambda wildcards: STUDY._lifts(wildcards.method, names(wildcards))
-
-
-def model_of(cases, method):
-    return [STUDY.model_of(case, method) for case in cases]
-
-
-def fem_of(wildcards):
-    return STUDY.registry[wildcards.method].settings["fem"]
-
-
-external_files = STUDY.external_files
-# END
 
 
 onstart:

@@ -30,13 +30,13 @@ from pinnochio.mechanics.lift import Lift, make_lift
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.mechanics.sliding import boundary_conditions
-from pinnochio.methods.pinnochio.learner import Predictor, tensors
+from pinnochio.methods.pinnochio.patient import tensors
+from pinnochio.methods.pinnochio.predictor import PatientNetwork, load_network
 from pinnochio.model.patient import PatientModel
-from pinnochio.networks.cascade import build
+from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.plans.plan import Plan
 from pinnochio.study.configuration import variants
-from pinnochio.training.checkpoint import load_network
 
 
 def main() -> None:
@@ -71,7 +71,7 @@ def main() -> None:
             network, own = load_network(asked.fold / method / "network.pt", asked.device)
         began = time.perf_counter()
         lift = None if own.lift == "none" else read_lift(asked.case, model, fem, own.lift, config["lift"]["controls"])
-        predictor = Predictor(network, tensors(model, fem, own, asked.device, lift))
+        predictor = PatientNetwork(network, tensors(model, fem, own, asked.device, lift))
         predictor(plan)
         setup[method] = time.perf_counter() - began
         ways[f"{method}, network"] = lambda predictor=predictor: predictor(plan)

@@ -13,6 +13,7 @@ import argparse
 import logging
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -22,14 +23,14 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from configuration import read_config
 
-from pinnochio.mechanics.settings import FemSettings
-from pinnochio.networks.settings import NetworkSettings
+from pinnochio.code import code_hash, source_file
 from pinnochio.seeds import derive_seed
 from pinnochio.study.cases import assign_folds, virtual_cases
 from pinnochio.study.configuration import variants
-from pinnochio.training.settings import TrainingSettings
 from scripts.finetune import finetune
 from scripts.pretrain import pretrain
+
+MODULE = "pinnochio.methods.pinnochio.learner"
 
 
 def main() -> None:
@@ -56,24 +57,28 @@ def main() -> None:
 
     lift = settings["network"]["lift"]
     lifts = [] if lift == "none" else files(f"lift_{lift}.h5")
-    common = {"fem": FemSettings(**config["fem"]), "device": asked.device}
+    common = {
+        "module": MODULE,
+        "settings": settings | {"fem": config["fem"]},
+        "cases": cases,
+        "models": files("model.h5"),
+        "lifts": lifts,
+        "code": code_hash(Path(__file__), source_file(MODULE)),
+        "device": asked.device,
+    }
+    samples = {"fem_samples": files("fem_samples.h5")}
+    outcomes = {"plans": files("plan.json"), "postops": files("postop.h5"), "pretrained": asked.out / "pretrained.pt"}
     phases = {
-        "pretraining": ("pretrained.pt", lambda phase: pretrain(
-            cases, files("model.h5"), lifts, files("fem_samples.h5"), NetworkSettings(**settings["network"]),
-            seed=derive_seed(config["seed"], "pretrain", f"{asked.fold}/{asked.method}"), **phase,
-        )),
-        "finetuning": ("network.pt", lambda phase: finetune(
-            cases, files("model.h5"), lifts, files("plan.json"), files("postop.h5"), asked.out / "pretrained.pt",
-            seed=derive_seed(config["seed"], "finetune", f"{asked.fold}/{asked.method}"), **phase,
-        )),
-    }  # fmt: skip
-    for name, (network, train) in phases.items():
+        "pretraining": ("pretrained.pt", "pretrain", partial(pretrain, **common, **samples)),
+        "finetuning": ("network.pt", "finetune", partial(finetune, **common, **outcomes)),
+    }
+    for name, (network, phase, train) in phases.items():
         if (asked.out / network).is_file():
             print(f"{name}: already there")
             continue
         began = time.perf_counter()
         outputs = {"network": str(asked.out / network), "history": str(asked.out / f"{name}.csv")}
-        train(common | {"training": TrainingSettings(**settings[name]), "outputs": outputs})
+        train(seed=derive_seed(config["seed"], phase, f"{asked.fold}/{asked.method}"), outputs=outputs)
         print(f"{name}: {settings[name]['steps']} steps, {time.perf_counter() - began:.0f} s with reading")
     if asked.device == "cuda":
         print(f"peak memory of the GPU: {torch.cuda.max_memory_allocated() / 2**30:.2f} GiB")

@@ -27,12 +27,12 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 from configuration import read_config
 
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.methods.pinnochio.learner import tensors
 from pinnochio.methods.pinnochio.losses import boundary_loss, physics_loss, volume_loss
+from pinnochio.methods.pinnochio.patient import tensors
 from pinnochio.model.patient import PatientModel
 from pinnochio.networks import boundary
 from pinnochio.networks.attention import Attention
-from pinnochio.networks.cascade import build
+from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.plans.plan import Plan
 

@@ -4,16 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pinnochio.methods.surface.settings import SurfaceSettings, training_settings
 from scripts.evaluate import evaluate
-from scripts.finetune_surface import finetune_surface
-from scripts.fit_linear import fit_linear
-from scripts.predict_elastic import predict_elastic
-from scripts.predict_no_change import predict_no_change
-from scripts.predict_rule import predict_rule
-from scripts.predict_surface import predict_surface
-from scripts.pretrain_surface import pretrain_surface
+from scripts.finetune import finetune
+from scripts.fit import fit
+from scripts.pretrain import pretrain
 from tests.helpers.settings import CONFIG, SEED
+from tests.helpers.training import predict_by
 
 
 def measured(patient, predictions, metrics):
@@ -27,28 +23,35 @@ def measured(patient, predictions, metrics):
 
 @pytest.mark.parametrize("architecture", ["acmt", "dgcfp"])
 def test_a_surface_network_from_fields_and_skin_to_a_row_of_the_table(patient, tmp_path, architecture):
-    settings = SurfaceSettings(architecture, points=64, neighbours=8, repeats=1)
-    training = training_settings(CONFIG["surface"]["networks"][architecture]["finetuning"] | {"steps": 3, "batch": 2})
+    phase = CONFIG["surface"]["networks"][architecture]["finetuning"] | {"steps": 3, "batch": 2}
+    settings = {"network": {"architecture": architecture, "points": 64, "neighbours": 8, "repeats": 1}}
+    settings |= {"pretraining": phase, "finetuning": phase}
     first, last = ({name: str(tmp_path / f"{phase}_{name}") for name in ("network", "history")} for phase in "ab")
-    own = [patient.case], [patient.model]
-    pretrain_surface(*own, [patient.fem_samples], settings, training, 1, "cpu", first)
-    finetune_surface(*own, [patient.plan], [patient.postop], first["network"], settings, training, 2, "cpu", last)
+    own = {"module": "pinnochio.methods.surface.learner", "settings": settings, "code": "x", "device": "cpu"}
+    own |= {"cases": [patient.case], "models": [patient.model], "lifts": []}
+    pretrain(**own, fem_samples=[patient.fem_samples], seed=1, outputs=first)
+    outcome = {"plans": [patient.plan], "postops": [patient.postop], "pretrained": first["network"]}
+    finetune(**own, **outcome, seed=2, outputs=last)
     predictions, metrics = str(tmp_path / "predictions.h5"), str(tmp_path / "metrics.csv")
-    predict_surface(*own, [patient.plan], last["network"], "cpu", 1, predictions)
+    predict_by("surface.predictor", patient, predictions, trained=last["network"])
     row = measured(patient, predictions, metrics)
     assert row["cd"] > 0 and row["skin_error_mean"] > 0 and row["seconds"] > 0
     assert row[["min_jacobian", "eqres_rel", "volume_error_mean", "moving_error", "eqres_element"]].isna().all()
 
 
 def test_floors_need_no_network(patient, tmp_path):
-    own, rows = ([patient.case], [patient.model], [patient.plan]), {}
-    linear = str(tmp_path / "linear.h5")
-    fit_linear([patient.case], [patient.model], [patient.fem_samples], [patient.plan], [patient.postop], linear)
-    predict_rule(*own, None, 1, str(tmp_path / "ratio.h5"))
-    predict_rule(*own, linear, 1, str(tmp_path / "pca_linear.h5"))
-    predict_elastic(*own, patient.fem, 1, str(tmp_path / "elastic.h5"))
-    predict_no_change(*own[:2], str(tmp_path / "no_change.h5"))
+    fitted, rows = str(tmp_path / "fitted.h5"), {}
+    fit(
+        module="pinnochio.methods.pca_linear",
+        cases=[patient.case],
+        models=[patient.model],
+        fem_samples=[patient.fem_samples],
+        plans=[patient.plan],
+        postops=[patient.postop],
+        fitted=fitted,
+    )
     for name in ("ratio", "pca_linear", "elastic", "no_change"):
+        predict_by(name, patient, str(tmp_path / f"{name}.h5"), trained=fitted, fem=CONFIG["fem"])
         rows[name] = measured(patient, str(tmp_path / f"{name}.h5"), str(tmp_path / f"{name}.csv"))
     for name, most in (("ratio", 1.0), ("elastic", 0.8)):
         assert rows[name]["skin_error_mean"] < most * rows["no_change"]["skin_error_mean"], name

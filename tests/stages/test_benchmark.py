@@ -15,8 +15,8 @@ from scripts.compare_methods import compare_methods
 from scripts.evaluate import evaluate
 from scripts.list_folds import list_folds
 from scripts.predict_external import predict_external
-from scripts.predict_fem import predict_fem
-from tests.helpers.settings import SEED
+from tests.helpers.settings import CONFIG, SEED
+from tests.helpers.training import predict_by
 
 OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
 ACCURACY = ["cd", "cd_sum", "cd_sq", "cd_vertex", "hd95", "hdmax", "hd_mean_oneway"]
@@ -40,7 +40,7 @@ def measure(patient, predictions, method, table, postops, truths=(), case=None):
 @pytest.fixture(scope="module")
 def solved(patient, tmp_path_factory) -> str:
     path = str(tmp_path_factory.mktemp("solved") / "predictions.h5")
-    predict_fem([patient.case], [patient.model], [patient.plan], "bonded", patient.fem, 1, path)
+    predict_by("finite_elements", patient, path, fem=CONFIG["fem"], contact="bonded", apart=0.0)
     return path
 
 

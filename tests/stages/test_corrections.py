@@ -9,17 +9,17 @@ from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
-from pinnochio.networks.cascade import build
+from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.tables.corrections import CORRECTIONS
 from pinnochio.tables.engine import CASES, read_table
 from pinnochio.training.checkpoint import save_network
 from scripts.correct import correct
 from scripts.evaluate import evaluate
-from scripts.predict_network import predict_network
 from scripts.render_corrections import render_corrections
 from scripts.tabulate_corrections import tabulate_corrections
-from tests.helpers.settings import SEED
+from tests.helpers.settings import CONFIG, SEED
+from tests.helpers.training import predict_by
 
 NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
 COUNTS = (1, 3, 8)
@@ -41,8 +41,8 @@ def wild_network(tmp_path_factory):
 @pytest.mark.parametrize("corrections", [0, 2])
 def test_no_prediction_leaves_with_an_inverted_element(patient, wild_network, corrections, tmp_path):
     path = tmp_path / "predictions.h5"
-    rest = wild_network, patient.fem, corrections, "cpu", 1, str(path)
-    predict_network([patient.case], [patient.model], [], [patient.plan], *rest)
+    settings = {"fem": CONFIG["fem"], "newton_corrections": corrections}
+    predict_by("pinnochio.predictor", patient, str(path), trained=wild_network, **settings)
     found, model = read_prediction(path, patient.case), PatientModel.read(patient.model)
     assert found.raw_inverted > 0 > found.raw_min_jacobian, found
     assert jacobians(model.points, model.cells, found.displacement).min() > 0

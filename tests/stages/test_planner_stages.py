@@ -10,7 +10,7 @@ import torch
 from pinnochio.metrics.quality import quality
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
-from pinnochio.networks.cascade import build
+from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.patients.archive import Archive, calibration_file, network_file
 from pinnochio.planner.forecast import Forecaster
@@ -77,7 +77,18 @@ def test_a_forecast_is_the_prediction_of_the_workflow(prepared, forecaster, pati
     networks = {fold: f"{prepared.archive}/{network_file(METHOD, fold)}" for fold in "12"}
     assert list(prepared.plans) == ["set"]
     plan = prepared.plans["set"]
-    predict_ensemble(prepared.case, prepared.model, plan, prepared.lift, networks, patient.fem, 1, "cpu", 1, ensemble)
+    predict_ensemble(
+        module="pinnochio.methods.pinnochio.predictor",
+        settings={"fem": vars(patient.fem), "newton_corrections": 1},
+        networks=networks,
+        case=prepared.case,
+        model=prepared.model,
+        plan=plan,
+        lift=prepared.lift,
+        device="cpu",
+        threads=1,
+        ensemble=ensemble,
+    )
     calibration = f"{prepared.archive}/{calibration_file(METHOD)}"
     predict_interval(prepared.case, prepared.model, ensemble, calibration, patient.fem, result, str(tmp_path / "p.png"))
     expected, forecast = Interval.read(result), forecaster(Plan.read(plan, prepared.case))

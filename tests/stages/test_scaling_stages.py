@@ -9,17 +9,16 @@ import torch
 
 from pinnochio.experiments.measuring import DONE
 from pinnochio.model.predictions import read_prediction
-from pinnochio.networks.cascade import build
+from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.tables.engine import read_table
 from pinnochio.tables.scaling import SCALING
 from pinnochio.training.checkpoint import save_network
-from pinnochio.training.settings import TrainingSettings
 from scripts.measure_scaling import measure_scaling, training_step, warm_plan
 from tests.helpers.settings import CONFIG, SEED, SEGMENTS
 
 NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
-TRAINING = TrainingSettings(steps=4, learning_rate=1e-3)
+TRAINING = {"steps": 4, "learning_rate": 1e-3}
 
 
 def given(patient) -> dict:
@@ -58,22 +57,24 @@ PHASES = {"pretraining": {"steps": 1, "learning_rate": 1e-3}, "newton_correction
 
 @pytest.fixture
 def arguments(patient) -> dict:
-    return {"cases": [patient.case], "models": [patient.model], "lifts": [], "fem": patient.fem}
+    return {"cases": [patient.case], "models": [patient.model], "lifts": []}
 
 
 def test_a_step_is_timed_between_steps(patient, arguments, tmp_path):
     outputs = {"network": str(tmp_path / "network.pt"), "history": str(tmp_path / "history.csv")}
+    settings = {"network": asdict(NETWORK), "pretraining": TRAINING, "fem": CONFIG["fem"]}
     seconds, cpu = training_step(
-        **arguments, fem_samples=[patient.fem_samples], network=NETWORK, training=TRAINING, seed=SEED, outputs=outputs
+        **arguments, fem_samples=[patient.fem_samples], settings=settings, seed=SEED, outputs=outputs
     )
     assert seconds > 0 and cpu > 0 and Path(outputs["network"]).exists()
-    assert len(Path(outputs["history"]).read_text().splitlines()) >= 1 + TRAINING.steps
+    assert len(Path(outputs["history"]).read_text().splitlines()) >= 1 + TRAINING["steps"]
 
 
 def test_a_plan_is_timed_as_the_tables_have_it(patient, arguments, tmp_path):
     torch.manual_seed(0)
     save_network(tmp_path / "network.pt", build(NETWORK), NETWORK, training={}, seed=SEED)
     predictions = str(tmp_path / "predictions.h5")
-    rest = {"plans": [patient.plan], "network": str(tmp_path / "network.pt"), "corrections": 0}
-    seconds, cpu = warm_plan(**arguments, **rest, predictions=predictions)
+    rest = {"plans": [patient.plan], "trained": str(tmp_path / "network.pt")}
+    settings = {"fem": CONFIG["fem"], "newton_corrections": 0}
+    seconds, cpu = warm_plan(**arguments, **rest, settings=settings, predictions=predictions)
     assert seconds == read_prediction(predictions, patient.case).seconds > 0 and np.isnan(cpu)

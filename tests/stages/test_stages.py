@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import h5py
@@ -17,11 +17,11 @@ from pinnochio.mechanics.contact import UnilateralContact
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.meshing.mesh import TetMesh
+from pinnochio.methods.pinnochio.predictor import load_network
 from pinnochio.model.patient import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.plans.plan import Plan
-from pinnochio.training.checkpoint import load_network
 from pinnochio.training.settings import TrainingSettings
 from scripts.check_cohort import check_cohort
 from scripts.collect_cases import collect_cases
@@ -30,9 +30,6 @@ from scripts.compare_regions import compare_regions
 from scripts.evaluate import evaluate
 from scripts.finetune import finetune
 from scripts.label_interfaces import label_case
-from scripts.predict_fem import predict_fem
-from scripts.predict_network import predict_network
-from scripts.predict_no_change import predict_no_change
 from scripts.pretrain import pretrain
 from scripts.provenance import provenance
 from scripts.refine_lips import refine_lips
@@ -43,6 +40,7 @@ from scripts.tabulate_training import tabulate_training
 from scripts.time_stages import time_stages
 from scripts.virtual_patient import virtual_patient
 from tests.helpers.settings import CONFIG, SEED, SEGMENTS
+from tests.helpers.training import predict_by
 
 NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
 
@@ -101,8 +99,8 @@ def test_the_mesh_that_resolves_the_lips(patient, tmp_path):
     fields = {}
     for arm in ("bonded", "mucosa", "mucosa+lip"):
         file = str(tmp_path / "predictions.h5")
-        apart = CONFIG["fem_rlse"]["apart"]
-        predict_fem([patient.case], [made["model.h5"]], [patient.plan], arm, patient.fem, 1, file, apart)
+        settings = {"fem": CONFIG["fem"], "contact": arm, "apart": CONFIG["fem_rlse"]["apart"]}
+        predict_by("finite_elements", patient, file, made["model.h5"], **settings)
         fields[arm] = read_prediction(file, patient.case)
         assert fields[arm].converged, (arm, fields[arm].reason)
     contact = boundary_conditions(model, Plan.read(patient.plan, patient.case), "mucosa+lip").contact
@@ -156,20 +154,26 @@ def predicted(patients, tmp_path_factory) -> dict[str, str]:
     """A network trained on the second patient, and every method's prediction of the first."""
     folder = tmp_path_factory.mktemp("fold")
     one, two = patients
-    training = TrainingSettings(steps=15, learning_rate=2e-3)
-    files = {"network": str(folder / "pretrained.pt"), "history": str(folder / "pretraining.csv")}
-    pretrain([two.case], [two.model], [], [two.fem_samples], NETWORK, training, two.fem, SEED, "cpu", files)
-    tuned = {"network": str(folder / "network.pt"), "history": str(folder / "finetuning.csv")}
-    finetune(
-        [two.case], [two.model], [], [two.plan], [two.postop], files["network"], training, two.fem, SEED, "cpu", tuned
-    )  # fmt: skip
-    found = {method: str(folder / f"{method}.h5") for method in ("no_change", "fem_sliding", "pinnochio")}
-    predict_no_change([one.case], [one.model], found["no_change"])
-    predict_fem([one.case], [one.model], [one.plan], "mucosa", one.fem, 1, found["fem_sliding"])
-    predict_network(
-        [one.case], [one.model], [], [one.plan], tuned["network"], one.fem, 0, "cpu", 1, found["pinnochio"]
-    )  # fmt: skip
-    return found
+    phase, fem = {"steps": 15, "learning_rate": 2e-3}, CONFIG["fem"]
+    own = {
+        "module": "pinnochio.methods.pinnochio.learner",
+        "settings": {"network": asdict(NETWORK), "pretraining": phase, "finetuning": phase, "fem": fem},
+        "cases": [two.case],
+        "models": [two.model],
+        "lifts": [],
+        "seed": SEED,
+        "code": "x",
+        "device": "cpu",
+    }
+    first = {"network": str(folder / "pretrained.pt"), "history": str(folder / "pretraining.csv")}
+    pretrain(**own, fem_samples=[two.fem_samples], outputs=first)
+    last = {"network": str(folder / "network.pt"), "history": str(folder / "finetuning.csv")}
+    finetune(**own, plans=[two.plan], postops=[two.postop], pretrained=first["network"], outputs=last)
+    files = {method: str(folder / f"{method}.h5") for method in ("no_change", "fem_sliding", "pinnochio")}
+    predict_by("no_change", one, files["no_change"])
+    predict_by("finite_elements", one, files["fem_sliding"], fem=fem, contact="mucosa", apart=0.0)
+    predict_by("pinnochio.predictor", one, files["pinnochio"], trained=last["network"], fem=fem, newton_corrections=0)
+    return files
 
 
 def test_training_logs_its_losses(predicted):

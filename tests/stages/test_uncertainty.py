@@ -11,7 +11,7 @@ from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.model.regions import NAMES, OTHER, regions
-from pinnochio.networks.cascade import build
+from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble
 from pinnochio.training.checkpoint import save_network
@@ -19,7 +19,7 @@ from scripts.calibrate import ScannedCase, calibrate
 from scripts.collect_coverage import collect_coverage
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
-from tests.helpers.settings import SEED
+from tests.helpers.settings import CONFIG, SEED
 
 NETWORK = NetworkSettings(boundary_layers=1, volume_layers=1, channels=16, heads=2)
 FOLDS = ("1", "2", "3")
@@ -48,8 +48,17 @@ def ensembles(patients, networks, tmp_path_factory):
     for patient in patients:
         found[patient.case] = str(folder / f"{patient.case}.h5")
         predict_ensemble(
-            patient.case, patient.model, patient.plan, None, networks, patient.fem, 0, "cpu", 1, found[patient.case]
-        )  # fmt: skip
+            module="pinnochio.methods.pinnochio.predictor",
+            settings={"fem": CONFIG["fem"], "newton_corrections": 0},
+            networks=networks,
+            case=patient.case,
+            model=patient.model,
+            plan=patient.plan,
+            lift=None,
+            device="cpu",
+            threads=1,
+            ensemble=found[patient.case],
+        )
     return found
 
 

@@ -24,7 +24,7 @@ STAGES = [
     "check_cohort",
     "tetrahedralize",
 ]
-STAGES += ["label_interfaces", "simulate_fem", "make_lift", "pretrain", "finetune", "predict_network", "evaluate"]
+STAGES += ["label_interfaces", "simulate_fem", "make_lift", "pretrain", "finetune", "predict", "evaluate"]
 STAGES += ["collect_cases", "compare_methods"]
 
 

@@ -101,9 +101,9 @@ def test_a_method_that_is_added_is_trained_alone(studied):
     added = studied.folder / "added.yaml"
     added.write_text(json.dumps({"methods": [*METHODS, "mine"], "variants": {"mine": {"network": {"channels": 16}}}}))
     said = studied.quick("added.yaml", "--dry-run")
-    assert set(re.findall(r"(?:Pretrain|Adapt|Fit the) (\w+)", said)) == {"mine"}
+    assert set(re.findall(r"(?:Pretrain|Adapt|Fit) (\w+)", said)) == {"mine"}
     made = jobs(said)
-    assert {made.pop(rule) for rule in ("pretrain", "finetune", "predict_network", "evaluate")} == {2}
+    assert {made.pop(rule) for rule in ("pretrain", "finetune", "predict_cases", "evaluate")} == {2}
     aggregated = {
         "collect_cases",
         "compare_methods",

@@ -20,7 +20,7 @@ from pinnochio.metrics.validity import volume_metrics
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, TISSUES, segment_code
 from pinnochio.model.patient import BONE_SUPERFICIAL, FREE, MOVING, NO_INTERFACE, SLIDING, PatientModel
 from pinnochio.model.surfaces import bone_surface, skin_surface
-from pinnochio.networks.cascade import build
+from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.head import build_head

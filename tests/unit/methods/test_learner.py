@@ -1,7 +1,7 @@
 """Training from files to files: it learns, repeats, resumes, and hands over what it learnt."""
 
 import csv
-from dataclasses import dataclass
+from dataclasses import asdict
 
 import h5py
 import numpy as np
@@ -9,28 +9,35 @@ import pytest
 import torch
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.materials import neo_hookean
-from pinnochio.methods.pinnochio.learner import CaseFiles, finetune_fold, predict, predict_case, pretrain_fold, tensors
-from pinnochio.model.labels import MUSCLE, SUPERFICIAL
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods.pinnochio.learner import Learner
+from pinnochio.methods.pinnochio.patient import tensors
+from pinnochio.methods.pinnochio.predictor import PatientNetwork, Predictor, load_network
+from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training import loop
-from pinnochio.training.checkpoint import load_network
+from pinnochio.training.cases import CaseFiles
+from pinnochio.training.fold import PHASES, train_fold
 from pinnochio.training.loop import sample_at, schedule
 from pinnochio.training.settings import TrainingSettings
 from tests.helpers.patients import tiny_patient, tiny_plan
 
 SMALL = NetworkSettings(boundary_layers=2, volume_layers=3, rest_layers=1, channels=32, heads=2, decoder_width=32)
-SWELLING = 3.0  # mm that the post-operative skin lies above the taught one
+SWELLING = 3.0  # mm that the post-operative skin lies above that of the samples
 
 
-@dataclass(frozen=True)
-class Mechanics:
-    volumetric: str = "patch"
+FEM = {"youngs_modulus": {"muscle": 6.0, "superficial": 4.0}, "poisson": 0.49}
 
-    def material(self, tissue):
-        return neo_hookean(tissue, {MUSCLE: 6.0, SUPERFICIAL: 4.0}, 0.49, 0)
+
+def learner(phase, training):
+    return Learner({"network": asdict(SMALL), "fem": FEM, PHASES[phase]: asdict(training)}, phase, "cpu")
+
+
+def predict(network, settings, model, plan):
+    """Displacement and boundary as the network gives them."""
+    return PatientNetwork(network, tensors(model, FemSettings(**FEM), settings, "cpu"))(plan)
 
 
 def smooth_field(model, plan):
@@ -44,8 +51,8 @@ def smooth_field(model, plan):
 
 @pytest.fixture(scope="module")
 def cases(tmp_path_factory):
-    """Two patients with two taught plans each and a post-operative skin."""
-    folder, found = tmp_path_factory.mktemp("cases"), []
+    """Two patients with two finite-element samples each and a post-operative skin."""
+    folder, cases = tmp_path_factory.mktemp("cases"), []
     for seed in range(2):
         model, plans = tiny_patient(seed), [tiny_plan(), tiny_plan(x=-2.0, y=1.0, pitch=-3.0)]
         paths = {name: folder / f"{name}_{seed}" for name in ("model", "fem_samples", "plan", "postop")}
@@ -58,14 +65,15 @@ def cases(tmp_path_factory):
                 group.attrs["plan"] = plan.to_json()
         points = model.points + smooth_field(model, plans[0]) + [0, 0, SWELLING]
         PostopSkin(points, model.skin_faces, 0.0).write(paths["postop"])
-        found.append(CaseFiles("tiny", **paths))
-    return found
+        cases.append(CaseFiles("tiny", **paths))
+    return cases
 
 
 def pretrain(cases, folder, steps=8, seed=3, **options):
     training = TrainingSettings(steps, 3e-3, **options)
     out, history = folder / "network.pt", folder / "history.csv"
-    pretrain_fold(cases, SMALL, training, Mechanics(), seed=seed, device="cpu", out=out, history=history)
+    own = learner("pretrain", training)
+    train_fold(own, "pretrain", cases, seed=seed, code="code", out=out, history=history)
     return out, history
 
 
@@ -93,7 +101,7 @@ def test_overfits_one_patient(cases, tmp_path):
     network, settings = load_network(out)
     model, plan = PatientModel.read(one.model), tiny_plan()
     field = smooth_field(model, plan)
-    error = predict(network, tensors(model, Mechanics(), settings, "cpu"), plan)[0] - field
+    error = predict(network, settings, model, plan)[0] - field
     assert np.linalg.norm(error) < 0.1 * np.linalg.norm(field)
 
 
@@ -129,7 +137,8 @@ def test_finetuning_lowers_the_chamfer_distance(cases, tmp_path):
     pretrained, _ = pretrain(cases, tmp_path, 40)
     training = TrainingSettings(60, 1e-3)
     out, history = tmp_path / "tuned.pt", tmp_path / "tuned.csv"
-    finetune_fold(cases, pretrained, training, Mechanics(), seed=0, device="cpu", out=out, history=history)
+    own = learner("finetune", training)
+    train_fold(own, "finetune", cases, pretrained, seed=0, code="code", out=out, history=history)
     values = [float(row["data"]) for row in read(history)]
     assert np.mean(values[-6:]) < 0.5 * np.mean(values[:6])
     assert not same(weights(pretrained), weights(out))
@@ -153,10 +162,11 @@ def test_network_file_holds_settings_and_plain_values_alone(cases, tmp_path):
     assert NetworkSettings(**stored["network"]) == SMALL and stored["seed"] == 3
     network, settings = load_network(out)
     model = PatientModel.read(cases[0].model)
-    first, boundary = predict(network, tensors(model, Mechanics(), settings, "cpu"), tiny_plan())
-    (again, _), seconds, setup = predict_case(*load_network(out), Mechanics(), model, tiny_plan(), "cpu")
+    first, boundary = predict(network, settings, model, tiny_plan())
+    again = Predictor({"fem": FEM, "newton_corrections": 0}, out, "cpu", 1)(Planned("tiny", model, tiny_plan()))
     assert first.dtype == np.float64 and first.shape == model.points.shape
-    assert np.array_equal(first, again) and seconds > 0 and setup > 0
+    assert again.repaired == 0 and again.damping == 1 and again.seconds > 0 and again.setup_seconds > 0
+    assert np.array_equal(first, again.displacement) and np.array_equal(boundary, again.boundary)
     inside = (model.node_type == FREE) & (model.interface_kind == 0)
     assert np.array_equal(boundary[inside], first[inside])
     assert not np.array_equal(boundary, first)
@@ -166,10 +176,10 @@ def test_prediction_that_is_not_finite_raises(cases, tmp_path):
     network, settings = load_network(pretrain(cases, tmp_path)[0])
     next(network.parameters()).data.fill_(float("nan"))
     with pytest.raises(FloatingPointError, match="tiny"):
-        predict(network, tensors(PatientModel.read(cases[0].model), Mechanics(), settings, "cpu"), tiny_plan())
+        predict(network, settings, PatientModel.read(cases[0].model), tiny_plan())
 
 
-def test_empty_teaching_and_unregistered_skin_name_the_case(cases, tmp_path):
+def test_empty_samples_and_unregistered_skin_name_the_case(cases, tmp_path):
     h5py.File(tmp_path / "none.h5", "w").close()
     with pytest.raises(InputError, match="tiny.*none.h5"):
         pretrain([CaseFiles("tiny", cases[0].model, fem_samples=tmp_path / "none.h5")], tmp_path)
@@ -177,9 +187,9 @@ def test_empty_teaching_and_unregistered_skin_name_the_case(cases, tmp_path):
     PostopSkin(model.points + 200, model.skin_faces, 0.0).write(tmp_path / "far.h5")
     far = CaseFiles("tiny", cases[0].model, plan=cases[0].plan, postop=tmp_path / "far.h5")
     pretrained, training = pretrain(cases, tmp_path, 1)[0], TrainingSettings(1, 1e-3)
-    options = {"seed": 0, "device": "cpu", "out": tmp_path / "o.pt", "history": tmp_path / "h.csv"}
+    options = {"seed": 0, "code": "code", "out": tmp_path / "o.pt", "history": tmp_path / "h.csv"}
     with pytest.raises(InputError, match="far.h5.*registered"):
-        finetune_fold([far], pretrained, training, Mechanics(), **options)
+        train_fold(learner("finetune", training), "finetune", [far], pretrained, **options)
 
 
 def test_schedule_and_sample_order():

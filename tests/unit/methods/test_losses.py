@@ -24,7 +24,7 @@ from pinnochio.methods.pinnochio.losses import (
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 from pinnochio.model.patient import FREE
-from pinnochio.networks.cascade import Prediction
+from pinnochio.networks.signals import InterfaceAndVolume
 from tests.helpers.patients import tiny_patient
 
 
@@ -54,7 +54,7 @@ def test_boundary_loss_by_hand():
     known, anchored = torch.tensor([[1.0], [1], [0]]), torch.tensor([[0.0], [1], [1]])
     target = torch.tensor([[5.0, 5, 5], [0, 1, 3], [5, 5, 5]])
     # |u - u_bnd|^2 = 1, 1 over the two known nodes; |u_bnd - target|^2 = 9 on the one known and anchored node.
-    assert boundary_loss(Prediction(displacement, boundary, known), target, anchored) == pytest.approx(1 + 9)
+    assert boundary_loss(InterfaceAndVolume(displacement, boundary, known), target, anchored) == pytest.approx(1 + 9)
 
 
 def test_physics_loss_is_zero_under_rigid_motion_and_positive_otherwise(patient):

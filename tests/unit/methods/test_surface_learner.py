@@ -6,10 +6,11 @@ import torch
 from torch import nn
 from torch_geometric.nn import EdgeConv
 
-from pinnochio.methods.surface.learner import build, supervised
+from pinnochio.methods.surface.architectures import build
+from pinnochio.methods.surface.learner import supervised
 from pinnochio.methods.surface.patient import SurfacePatient
 from pinnochio.methods.surface.settings import ARCHITECTURES, SurfaceSettings
-from pinnochio.networks.clouds import Given, per_patient, scaled
+from pinnochio.networks.clouds import SurfaceInputs, per_patient, scaled
 from pinnochio.networks.contrast import contrast
 from pinnochio.networks.dgcfp import EdgeConvolution
 from tests.helpers.patients import tiny_patient, tiny_plan
@@ -51,8 +52,8 @@ def patient(architecture, seed=0, **options):
     )
 
 
-def given(own, plan=None):
-    return own.given(own.draws[0], plan or tiny_plan())
+def inputs(own, plan=None):
+    return own.inputs(own.draws[0], plan or tiny_plan())
 
 
 def random_weights(architecture, **options):
@@ -68,10 +69,10 @@ def test_layers_are_as_wide_as_published(architecture, expected):
 @pytest.mark.parametrize("architecture", ARCHITECTURES)
 def test_joined_patients_are_each_as_alone(architecture):
     network = random_weights(architecture).eval()
-    alone = [given(patient(architecture, seed)) for seed in range(2)]
+    alone = [inputs(patient(architecture, seed)) for seed in range(2)]
     with torch.no_grad():
         torch.manual_seed(0)
-        both = per_patient(network(Given.join(alone)), 2)
+        both = per_patient(network(SurfaceInputs.join(alone)), 2)
         for number, own in enumerate(alone):
             torch.manual_seed(0)
             first = network(own)[0]
@@ -84,20 +85,22 @@ def test_the_plan_matters_and_the_bone_alone_carries_it(architecture):
     """In training, where batch normalisation keeps the signal of random weights from fading; beside another plan,
     because it takes a code that all points share away."""
     network, own = random_weights(architecture), patient(architecture)
-    found = []
+    fields = []
     with torch.no_grad():
         for plan in (tiny_plan(), tiny_plan(x=-4.0), tiny_plan()):
             torch.manual_seed(0)
-            both = network(Given.join([given(own, plan), given(own, tiny_plan(z=2.0))]))
-            found.append(per_patient(both, 2)[0][-1].displacement)
-    assert torch.equal(found[0], found[2]) and (found[0] - found[1]).abs().max() > 1e-4
+            both = network(SurfaceInputs.join([inputs(own, plan), inputs(own, tiny_plan(z=2.0))]))
+            fields.append(per_patient(both, 2)[0][-1].displacement)
+    assert torch.equal(fields[0], fields[2]) and (fields[0] - fields[1]).abs().max() > 1e-4
 
 
 @pytest.mark.parametrize("architecture", ARCHITECTURES)
 def test_each_learns_two_patients_by_heart(architecture):
     """A rigid shift that differs between two patients, from random weights, in a few steps."""
     network = random_weights(architecture)
-    both = Given.join([given(patient(architecture, 0)), given(patient(architecture, 1), tiny_plan(x=-3.0, y=2.0))])
+    both = SurfaceInputs.join(
+        [inputs(patient(architecture, 0)), inputs(patient(architecture, 1), tiny_plan(x=-3.0, y=2.0))]
+    )
     shifts = [torch.tensor([0.05, 0.0, -0.02]), torch.tensor([-0.03, 0.04, 0.0])]
     optimizer = torch.optim.Adam(network.parameters(), 2e-3)
     losses = []
@@ -116,8 +119,8 @@ def test_each_learns_two_patients_by_heart(architecture):
 def test_attention_divides_by_the_bone_points_unless_a_softmax_is_asked_for():
     """With features all alike, the softmax is the mean movement code, and the published weights a multiple of it."""
     for softmax in (False, True):
-        network, own = random_weights("acmt", softmax=softmax).eval(), given(patient("acmt"))
-        network.features = lambda given: (torch.full((1, 64, 64), 0.5), torch.ones(1, 64, 64))
+        network, own = random_weights("acmt", softmax=softmax).eval(), inputs(patient("acmt"))
+        network.features = lambda inputs: (torch.full((1, 64, 64), 0.5), torch.ones(1, 64, 64))
         with torch.no_grad():
             code = network.movement(torch.cat([own.bone.points, own.movement], 1)).mean(0)
             expected = network.displacement((1 if softmax else 32) * code)
@@ -136,30 +139,30 @@ def test_edge_convolution_is_torch_geometrics(difference):
 
 
 def test_mixed_precision_is_near_full_precision():
-    own, found = given(patient("dgcfp")), []
+    own, fields = inputs(patient("dgcfp")), []
     for mixed in (False, True):
         network = random_weights("dgcfp").eval()
         with torch.no_grad(), torch.autocast("cpu", torch.bfloat16, enabled=mixed):
             torch.manual_seed(0)
-            found.append(network(own)[-1].displacement)
-    assert found[1].dtype == torch.float32
-    assert (found[0] - found[1]).abs().max() < 0.05 * found[0].abs().max()
+            fields.append(network(own)[-1].displacement)
+    assert fields[1].dtype == torch.float32
+    assert (fields[0] - fields[1]).abs().max() < 0.05 * fields[0].abs().max()
 
 
 def test_contrast_is_least_where_face_and_bone_agree():
     torch.manual_seed(0)
-    network, own = random_weights("acmt"), given(patient("acmt"))
+    network, own = random_weights("acmt"), inputs(patient("acmt"))
     place = torch.nn.functional.normalize(torch.cat([own.face.points, own.bone.points]) @ torch.randn(3, 64), dim=1)
-    network.features = lambda given: (place[None, :64], place[None, 64:])
+    network.features = lambda inputs: (place[None, :64], place[None, 64:])
     alike = contrast(network, own)
-    network.features = lambda given: (place[None, :64], -place[None, 64:])
+    network.features = lambda inputs: (place[None, :64], -place[None, 64:])
     assert alike < contrast(network, own)
 
 
 def test_mirroring_flips_places_and_movement_everywhere():
     flip = torch.tensor([-1.0, 1.0, 1.0])
     for architecture in ARCHITECTURES:
-        own = given(patient(architecture))
+        own = inputs(patient(architecture))
         other = scaled(own, flip)
         assert torch.equal(other.movement, own.movement * flip)
         for one, two in zip(own.face.levels, other.face.levels, strict=True):

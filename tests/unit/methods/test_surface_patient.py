@@ -6,7 +6,7 @@ import torch
 from scipy.spatial import cKDTree
 
 from pinnochio.geometry.scattered import nearest, spread
-from pinnochio.methods.surface.learner import published
+from pinnochio.methods.surface.architectures import architecture as architecture_of
 from pinnochio.methods.surface.losses import chamfer, density, laplacian_change, local_change
 from pinnochio.methods.surface.patient import SurfacePatient, Target
 from pinnochio.methods.surface.settings import SurfaceSettings
@@ -122,17 +122,20 @@ def test_distance_guided_weights_fall_away_from_moving_bone():
 @pytest.mark.parametrize("architecture", ["acmt", "dgcfp"])
 def test_no_motion_moves_no_bone_and_the_right_field_has_the_least_loss(architecture):
     model = tiny_patient(0, (13, 9, 4), 6.0)
-    patient = SurfacePatient.build(model, SurfaceSettings(architecture, **SMALL), "P", 1)
+    settings = SurfaceSettings(architecture, **SMALL)
+    patient = SurfacePatient.build(model, settings, "P", 1)
     draw = patient.draws[0]
-    assert patient.given(draw, Plan("P", {})).movement.abs().max() == 0
-    assert patient.given(draw, tiny_plan()).movement.abs().max() > 0
+    assert patient.inputs(draw, Plan("P", {})).movement.abs().max() == 0
+    assert patient.inputs(draw, tiny_plan()).movement.abs().max() > 0
     shift = patient.carried(draw, np.tile([0.0, 0.0, 6.0], (len(model.skin_points), 1)))
     assert torch.allclose(shift * patient.unit, torch.tensor([0.0, 0, 6.0]).expand_as(shift), atol=1e-4)
-    rest = draw.given.face.levels[0].points if architecture == "dgcfp" else draw.given.face.points
-    even, batch = torch.ones(len(rest)), draw.given.batch
-    edges = draw.given.face.levels[0].mesh if architecture == "dgcfp" else None
+    rest = draw.inputs.face.points
+    even, batch = torch.ones(len(rest)), draw.inputs.batch
+    edges = draw.inputs.face.levels[0].mesh if architecture == "dgcfp" else None
     losses = [
-        published(architecture, [Stage(rest, share * shift, batch, edges)], draw.pairs, even, rest + shift, even).item()
+        architecture_of(settings)
+        .loss([Stage(rest, share * shift, batch, edges)], draw.pairs, even, rest + shift, even)
+        .item()
         for share in (0.0, 0.5, 1.0)
     ]
     assert losses[2] < losses[1] < losses[0]

@@ -11,7 +11,7 @@ from pinnochio.mechanics.materials import neo_hookean
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 from pinnochio.model.patient import FIXED, MOVING, NO_INTERFACE, SLIDING
-from pinnochio.networks.cascade import build
+from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from tests.helpers.patients import renumbered, tiny_patient, tiny_plan
 

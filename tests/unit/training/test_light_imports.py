@@ -11,10 +11,10 @@ import pytest
 import torch
 
 from pinnochio.mechanics.patches import make_patches
-from pinnochio.training.checkpoint import load_network
+from pinnochio.methods.pinnochio.predictor import load_network
 from tests.helpers.patients import tiny_patient
 from tests.helpers.settings import ROOT
-from tests.helpers.training import PHASES, SMALL, TRAINING, make_cases, run
+from tests.helpers.training import FEM, PHASES, SMALL, TRAINING, make_cases, run
 
 SHORT = replace(TRAINING, steps=2)
 MODEL = tiny_patient(5, (9, 8, 7))
@@ -56,21 +56,22 @@ from pinnochio.compiled import COMPILED
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.patches import make_patches
-from pinnochio.mechanics.settings import FemSettings
-from pinnochio.networks.settings import NetworkSettings
+from pinnochio.methods.pinnochio.learner import Learner
+from pinnochio.training.cases import CaseFiles
 from pinnochio.training.device import choose_device
-from pinnochio.training.settings import TrainingSettings
-from pinnochio.methods.pinnochio.learner import CaseFiles, finetune_fold, pretrain_fold
+from pinnochio.training.fold import train_fold
 
 assert not COMPILED and not set(absent) & {name.split(".")[0] for name in sys.modules}
-fem = FemSettings({"muscle": 6, "superficial": 4}, 0.49, "patch", 2, 1e-6, 30, 50, "auto")
-network = NetworkSettings(**json.loads((inputs / "network.json").read_text()))
-training = TrainingSettings(**json.loads((inputs / "training.json").read_text()))
+settings = {name: json.loads((inputs / f"{name}.json").read_text()) for name in ("network", "fem", "training")}
+phases = {"pretraining": settings["training"], "finetuning": settings["training"]}
+options, device = {"seed": 3, "code": "code"}, choose_device(0, int(sys.argv[4]))
 cases = [CaseFiles(**files) for files in json.loads((inputs / "cases.json").read_text())]
-options = {"seed": 3, "device": choose_device(0, int(sys.argv[4]))}
 first, last = out / "pretrained.pt", out / "network.pt"
-pretrain_fold(cases, network, training, fem, out=first, history=out / "pretraining.csv", **options)
-finetune_fold(cases, first, training, fem, out=last, history=out / "finetuning.csv", **options)
+start = None
+for phase, name, history in (("pretrain", first, "pretraining.csv"), ("finetune", last, "finetuning.csv")):
+    learner = Learner(settings | phases, phase, device)
+    train_fold(learner, phase, cases, start, out=name, history=out / history, **options)
+    start = name
 mesh = json.loads((inputs / "mesh.json").read_text())
 print(json.dumps(make_patches(mesh["points"], mesh["cells"], mesh["tissue"]).tolist()))
 """
@@ -82,7 +83,7 @@ def light(tmp_path_factory):
     folder = tmp_path_factory.mktemp("light")
     cases = [{name: value and str(value) for name, value in vars(files).items()} for files in make_cases(folder)]
     mesh = {"points": MODEL.points.tolist(), "cells": MODEL.cells.tolist(), "tissue": MODEL.tissue.tolist()}
-    texts = {"network": asdict(SMALL), "training": asdict(SHORT), "cases": cases, "mesh": mesh}
+    texts = {"network": asdict(SMALL), "fem": FEM, "training": asdict(SHORT), "cases": cases, "mesh": mesh}
     for name, value in texts.items():
         (folder / f"{name}.json").write_text(json.dumps(value))
     arguments = [json.dumps(ABSENT), folder, folder, str(torch.get_num_threads())]

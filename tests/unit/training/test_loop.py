@@ -44,7 +44,9 @@ def fit(tmp_path, steps, network=None, terms=None, validate=None, **options):
     options = {"weights": {"physics": 0.0, "data": 1.0, "boundary": 1.0}, "mirror": False} | options
     settings = TrainingSettings(steps, options.pop("learning_rate", 0.05), **options)
     paths = {"checkpoint": tmp_path / "c.pt", "history": tmp_path / "h.csv"}
-    train(network, terms or towards_one(network), 1, settings, phase="x", seed=0, validate=validate, **paths)
+    train(
+        network, terms or towards_one(network), 1, settings, phase="x", seed=0, code="code", validate=validate, **paths
+    )
     with open(paths["history"], newline="") as file:
         return [{name: float(text) for name, text in row.items()} for row in csv.DictReader(file)], network
 

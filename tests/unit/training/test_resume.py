@@ -76,7 +76,7 @@ def test_killed_after_the_last_step_costs_the_last_steps_alone(cases, unbroken, 
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("pinnochio.methods.pinnochio.learner.save_network", die)
+        patch.setattr("pinnochio.training.fold.save_network", die)
         with pytest.raises(KeyboardInterrupt):
             run("pretrain", cases, tmp_path)
     assert steps_of(tmp_path / "pretrained.resume.pt") == 20
@@ -87,7 +87,7 @@ def test_killed_after_the_last_step_costs_the_last_steps_alone(cases, unbroken, 
 def test_checkpoint_of_something_else_is_not_taken_up(cases, tmp_path, monkeypatch):
     sample_at = loop.sample_at
 
-    def first_step(cases=cases, training=TRAINING):
+    def first_step(cases=cases, training=TRAINING, code="code"):
         """Step that a run begins with which breaks off in step 7, after a checkpoint at 5."""
         seen = []
 
@@ -99,28 +99,30 @@ def test_checkpoint_of_something_else_is_not_taken_up(cases, tmp_path, monkeypat
 
         monkeypatch.setattr(loop, "sample_at", dying)
         with pytest.raises(KeyboardInterrupt):
-            run("pretrain", cases, tmp_path, training)
+            run("pretrain", cases, tmp_path, training, code)
         return seen[0]
 
     slower = replace(TRAINING, learning_rate=1e-3)
     assert [first_step(), first_step(), first_step(training=slower), first_step(training=slower)] == [0, 5, 0, 5]
+    assert [first_step(training=slower, code="other"), first_step(training=slower, code="other")] == [0, 5]
     other = make_cases(tmp_path)
     with h5py.File(other[0].fem_samples, "a") as file:
         file["plan_0/displacement"][0, 0] += 1e-3
     assert first_step(other, slower) == 0
 
 
-def test_fingerprint_knows_weights_and_inputs(tmp_path):
+def test_fingerprint_knows_weights_inputs_and_code(tmp_path):
     torch.manual_seed(0)
     network, file = torch.nn.Linear(2, 2), tmp_path / "input"
     file.write_bytes(b"one")
-    first = fingerprint(network, [file])
-    assert first == fingerprint(network, [file])
+    first = fingerprint(network, [file], "code")
+    assert first == fingerprint(network, [file], "code")
     file.write_bytes(b"two")
-    assert first != fingerprint(network, [file])
+    assert first != fingerprint(network, [file], "code")
     file.write_bytes(b"one")
+    assert first != fingerprint(network, [file], "other")
     network.weight.data[0, 0] += 1e-3
-    assert first != fingerprint(network, [file])
+    assert first != fingerprint(network, [file], "code")
 
 
 def test_half_written_checkpoint_is_never_read_and_does_not_stay(tmp_path):

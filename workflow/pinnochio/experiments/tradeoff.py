@@ -1,14 +1,14 @@
 """One setting on one patient: seconds, and how far the field is from the outcome and from the reference."""
 
 import os
-from dataclasses import dataclass, fields, is_dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
 from pinnochio.experiments.tradeoff_settings import ARMS, Setting
-from pinnochio.mechanics.corrections import Finish
 from pinnochio.mechanics.elements import node_volumes
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.mixed import MIXED, solve_mixed
@@ -16,15 +16,16 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate_elastic, solver_options
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.mechanics.solver import solve
-from pinnochio.methods.pinnochio.learner import Predictor, tensors
+from pinnochio.methods.pinnochio.patient import PatientTensors
+from pinnochio.methods.pinnochio.predictor import Predictor
+from pinnochio.methods.protocol import Planned
 from pinnochio.metrics.surface import surface_metrics
 from pinnochio.metrics.validity import equilibrium_of, volume_metrics
 from pinnochio.metrics.volume import truth_errors
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.plans.plan import Plan
-from pinnochio.timing import repeated, timed
-from pinnochio.training.checkpoint import load_network
+from pinnochio.timing import repeated
 
 SAME_PLACE = 1e-6  # mm; points of the skin are copies of those of one surface
 PATIENCE = 5.0  # s; a solve that takes longer is not repeated
@@ -97,38 +98,37 @@ def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSet
     mesh = patient.points, patient.cells, fem.material(patient.tissue), boundary
     if own.get("volumetric") in MIXED:
         limits = fem.increments, fem.tolerance, fem.max_iterations
-        found, seconds = repeated(lambda: solve_mixed(*mesh, own["volumetric"], *limits), PATIENCE)
+        solved, seconds = repeated(lambda: solve_mixed(*mesh, own["volumetric"], *limits), PATIENCE)
     else:
         options = replace(solver_options(replace(fem, **own)), reuse=not setting.double)
-        found, seconds = repeated(lambda: solve(*mesh, options), PATIENCE)
-    return Prediction(found.displacement, seconds, 0.0, threads, converged=found.converged, reason=found.reason)
+        solved, seconds = repeated(lambda: solve(*mesh, options), PATIENCE)
+    return Prediction(solved.displacement, seconds, 0.0, threads, converged=solved.converged, reason=solved.reason)
 
 
 def predict_network(
     setting: Setting,
     file: str | os.PathLike,
-    patient: PatientModel,
-    plan: Plan,
+    planned: Planned,
     fem: FemSettings,
-    lift: Lift | None,
     device: str,
     threads: int,
 ) -> Prediction:
     """The plan by the trained network in `file`, repaired and corrected, timed as the study times it."""
-    network, own = load_network(file, device)
-    finish = Finish(patient, fem, setting.corrections)
+    settings = {"fem": asdict(fem), "newton_corrections": setting.corrections}
+    kind = DoublePredictor if setting.double else Predictor
+    return kind(settings, file, device, threads)(planned)
 
-    def prepare():
-        read = tensors(patient, fem, own, device, lift)
-        if setting.double:
-            network.double()
-            read = _in_double(read)
-        predictor = Predictor(network, read)
-        return lambda: finish(*predictor(plan))
 
-    (displacement, *_), seconds, setup = timed(prepare)
-    finish.close()
-    return Prediction(displacement, seconds, setup + (lift.seconds if lift else 0.0), threads, device)
+class DoublePredictor(Predictor):
+    """A graph network in double precision."""
+
+    def __init__(self, settings: Mapping, trained: str | os.PathLike, device: str, threads: int):
+        super().__init__(settings, trained, device, threads)
+        self.network.double()
+
+    def tensors(self, planned: Planned) -> PatientTensors:
+        """In double precision too."""
+        return _in_double(super().tensors(planned))
 
 
 def _in_double(value):

@@ -1,13 +1,14 @@
 """Linear regression from the plan and the principal components of the face to the displacement of its skin.
 
 Of the kind of Berends et al. 2025, who register a template to photographs before and after [S, abstract]; here the
-landmarks of the face carry the template over. Taught first by finite-element fields, then by what is left between its
+landmarks of the face carry the template over. Fitted first to finite-element samples, then to what is left between its
 predictions and the post-operative skins.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 
 import h5py
 import numpy as np
@@ -19,8 +20,10 @@ from pinnochio.files import replacing
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.scattered import nearest, spread
 from pinnochio.mechanics.lift import farthest
+from pinnochio.methods.protocol import Planned, predict_skin
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction
 from pinnochio.plans.plan import Plan
 
 TEMPLATE = 400  # points
@@ -31,7 +34,7 @@ PENALTIES = 10.0 ** np.arange(-3, 5)  # of the squared coefficients, of which le
 @dataclass(frozen=True)
 class LinearModel:
     """Template points (t, 3) and landmarks (l, 3) mm; mean (3 t,) and components (c, 3 t) of the shapes; scale (f,) of
-    the features; taught and adapted (f + 1, 3 t) coefficients, mm, of the fields and of what the skins add.
+    the features; pretrained and adapted (f + 1, 3 t) coefficients, mm, of the samples and of what the skins add.
     """
 
     template: np.ndarray
@@ -39,7 +42,7 @@ class LinearModel:
     mean: np.ndarray
     components: np.ndarray
     scale: np.ndarray
-    taught: np.ndarray
+    pretrained: np.ndarray
     adapted: np.ndarray
 
     def write(self, path: str | os.PathLike) -> None:
@@ -55,31 +58,41 @@ class LinearModel:
             return cls(*(file[item.name][()] for item in fields(cls)))
 
 
+class Predictor:
+    """As :class:`pinnochio.methods.protocol.Predictor`, without settings."""
+
+    def __init__(self, settings: Mapping, trained: str | None, device: str, threads: int):
+        self._linear, self._threads = LinearModel.read(trained), threads
+
+    def __call__(self, planned: Planned) -> Prediction:
+        """The skin alone; InputError where the face cannot be read."""
+        return predict_skin(partial(LinearPredictor, self._linear), planned, self._threads)
+
+
 class LinearPredictor:
     """A linear model on one patient: its shape is read once and serves every plan."""
 
     def __init__(self, linear: LinearModel, model: PatientModel):
         """InputError where the face cannot be read."""
         self._linear, self._model = linear, model
-        self._found = corresponding(linear.template, linear.landmarks, model)
-        shape = model.skin_points[self._found]
+        shape = model.skin_points[corresponding(linear.template, linear.landmarks, model)]
         self._shape = linear.components @ (centred(shape) - linear.mean)
         self._near, self._weights = nearest(model.skin_points, shape)
 
     def __call__(self, plan: Plan) -> np.ndarray:
         """Displacement (s, 3) mm of the skin points."""
         own = np.append(features(self._model, plan, self._shape) / self._linear.scale, 1)
-        moved = (own @ (self._linear.taught + self._linear.adapted)).reshape(-1, 3)
+        moved = (own @ (self._linear.pretrained + self._linear.adapted)).reshape(-1, 3)
         return spread(moved, self._near, self._weights)
 
 
 def fit(
     models: Sequence[PatientModel],
-    taught: Sequence[Sequence[tuple[Plan, np.ndarray]]],
+    fem_samples: Sequence[Sequence[tuple[Plan, np.ndarray]]],
     plans: Sequence[Plan],
     skins: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> LinearModel:
-    """The model of some training patients: their fields (plan, (n, 3) mm), own plans and post-operative skins.
+    """The model of some training patients: their finite-element samples (plan, (n, 3) mm), own plans and skins.
 
     The first patient's face is the template.
     """
@@ -87,15 +100,15 @@ def fit(
     face = first.judged_points
     template = first.skin_points[face][farthest(first.skin_points[face], TEMPLATE)]
     landmarks = marks(first)
-    found = [corresponding(template, landmarks, model) for model in models]
-    shapes = np.array([centred(model.skin_points[own]) for model, own in zip(models, found, strict=True)])
+    places = [corresponding(template, landmarks, model) for model in models]
+    shapes = np.array([centred(model.skin_points[own]) for model, own in zip(models, places, strict=True)])
     mean = shapes.mean(axis=0)
     components = np.linalg.svd(shapes - mean, full_matrices=False)[2][: min(COMPONENTS, len(models) - 1)]
     scores = (shapes - mean) @ components.T
 
     rows, values, owner = [], [], []
-    for number, (model, own) in enumerate(zip(models, found, strict=True)):
-        for plan, field in taught[number]:
+    for number, (model, own) in enumerate(zip(models, places, strict=True)):
+        for plan, field in fem_samples[number]:
             rows.append(features(model, plan, scores[number]))
             values.append((model.moved_skin(field) - model.skin_points)[own].ravel())
             owner.append(number)
@@ -104,7 +117,7 @@ def fit(
     coefficients = ridge(np.array(rows) / scale, np.array(values), np.array(owner))
 
     rows, rest = [], []
-    for number, (model, own) in enumerate(zip(models, found, strict=True)):
+    for number, (model, own) in enumerate(zip(models, places, strict=True)):
         rows.append(features(model, plans[number], scores[number]) / scale)
         moved = model.skin_points[own] + (np.append(rows[-1], 1) @ coefficients).reshape(-1, 3)
         at = closest_points(moved, *skins[number])

@@ -1,10 +1,14 @@
 """Soft-to-hard tissue ratios: each region of the face follows its jaw by a fixed share, as cephalometry has it."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pinnochio.methods.protocol import Planned, predict_skin
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction
 from pinnochio.model.regions import NAMES, NOT_JUDGED, RIM, regions
 from pinnochio.plans.plan import Plan
 
@@ -14,6 +18,17 @@ RATIOS = {"nose": ("upper", 0.25), "upper_lip": ("upper", 0.5), "lower_lip": ("l
 CHEEK = 0.5  # of the lower jaw below the mouth, of the upper above it, falling to none at the rim of the orbit [I]
 BLEND = 6.0  # mm over which neighbouring regions run into each other [I]
 JAWS = {"upper": ("lefort", "maxilla"), "lower": ("mandible",), "chin": ("chin", "mandible")}
+
+
+class Predictor:
+    """As :class:`pinnochio.methods.protocol.Predictor`, without settings."""
+
+    def __init__(self, settings: Mapping, trained: str | None, device: str, threads: int):
+        self._threads = threads
+
+    def __call__(self, planned: Planned) -> Prediction:
+        """The skin alone; InputError where the face cannot be read."""
+        return predict_skin(RatioRule, planned, self._threads)
 
 
 class RatioRule:
@@ -34,8 +49,8 @@ class RatioRule:
         shares[cheek, 0], shares[cheek, 1] = CHEEK * upper * fading, CHEEK * ~upper
         judged = np.flatnonzero(codes != NOT_JUDGED)
         near = cKDTree(skin[judged]).query_ball_point(skin, BLEND)
-        found = np.array([shares[judged[own]].mean(axis=0) if len(own) else np.zeros(len(JAWS)) for own in near])
-        self._skin, self._shares = skin, found
+        blended = [shares[judged[own]].mean(axis=0) if len(own) else np.zeros(len(JAWS)) for own in near]
+        self._skin, self._shares = skin, np.array(blended)
         self._segments = [named(model.segments, words) for words in JAWS.values()]
 
     def __call__(self, plan: Plan) -> np.ndarray:

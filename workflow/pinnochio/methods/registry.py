@@ -16,7 +16,8 @@ PRETRAINED = "_pretrained"  # ends the name of a surface network that is pretrai
 class Method:
     """A method that predicts how the soft tissue follows a plan.
 
-    module: of the library, with the method's Predictor and, where it trains, its `fit` or Learner. sections: of the
+    module: of the library, with the method's Predictor; learner: where it trains, the one with its `fit` (at once) or its
+    Learner (by steps). sections: of the
     configuration that it reads; options: further values, fixed. mesh: "study", or "lips" for the mesh that resolves the
     lips. trains: "no", "at once" or "by steps". new_patients: whether it predicts patients of no study; dials: what the
     trade-off changes of it; reduced: whether a reduced model serves it. settings: values of the sections and options,
@@ -26,6 +27,7 @@ class Method:
     name: str
     family: str
     module: str
+    learner: str = ""
     sections: tuple[str, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
     mesh: str = "study"
@@ -42,43 +44,45 @@ class Method:
 
 
 def _finite_elements(name: str, contact: str, **more) -> Method:
-    return Method(
-        name,
-        "finite elements",
-        "pinnochio.methods.finite_elements",
-        ("fem",),
-        {"contact": contact, "apart": 0.0},
-        **more,
-    )
+    """A method by `methods/finite_elements.py`; contact: which interfaces slide."""
+    options = {"contact": contact, "apart": 0.0}
+    module = "pinnochio.methods.finite_elements"
+    return Method(name, "finite elements", module, sections=("fem",), options=options, **more)
 
 
 _WHOLE = {"new_patients": True, "reduced": True}
-_LIPS = {"mesh": "lips"}
+_DIALS = ("nodes", "element", "increments", "tolerance", "precision")
+_REGRESSION = "pinnochio.methods.pca_linear"
 BUILT_IN = (
     Method("no_change", "floor", "pinnochio.methods.no_change"),
     Method("ratio", "floor", "pinnochio.methods.ratio"),
-    Method("pca_linear", "regression", "pinnochio.methods.pca_linear", trains="at once"),
-    Method("elastic", "finite elements", "pinnochio.methods.elastic", ("fem",), dials=("nodes",), **_WHOLE),
+    Method("pca_linear", "regression", _REGRESSION, _REGRESSION, trains="at once"),
+    Method("elastic", "finite elements", "pinnochio.methods.elastic", sections=("fem",), dials=("nodes",), **_WHOLE),
     _finite_elements("fem_bonded", "bonded", dials=("nodes", "element"), **_WHOLE),
-    _finite_elements(
-        "fem_sliding", "mucosa", dials=("nodes", "element", "increments", "tolerance", "precision"), **_WHOLE
-    ),
-    _finite_elements("fem_rlse_bonded", "bonded", **_LIPS),
-    _finite_elements("fem_rlse_mucosa", "mucosa", **_LIPS),
-    _finite_elements("fem_rlse", "mucosa+lip", **_LIPS),
+    _finite_elements("fem_sliding", "mucosa", dials=_DIALS, **_WHOLE),
+    _finite_elements("fem_rlse_bonded", "bonded", mesh="lips"),
+    _finite_elements("fem_rlse_mucosa", "mucosa", mesh="lips"),
+    _finite_elements("fem_rlse", "mucosa+lip", mesh="lips"),
 )
 # Those that the configuration names: in `variants` and `design.switches`, in `surface.networks`, in `external`.
 GRAPH_NETWORK = Method(
     "",
     "graph network",
-    "pinnochio.methods.pinnochio",
+    "pinnochio.methods.pinnochio.predictor",
+    "pinnochio.methods.pinnochio.learner",
     ("network", "pretraining", "finetuning", "newton_corrections", "fem"),
     trains="by steps",
     new_patients=True,
     dials=("corrections", "nodes", "precision"),
 )
-SURFACE_NETWORK = Method("", "surface network", "pinnochio.methods.surface", trains="by steps")
-EXTERNAL = Method("", "external", "pinnochio.methods.external")
+SURFACE_NETWORK = Method(
+    "",
+    "surface network",
+    "pinnochio.methods.surface.predictor",
+    "pinnochio.methods.surface.learner",
+    trains="by steps",
+)
+EXTERNAL = Method("", "external", "")
 
 
 def registry(config: Mapping) -> dict[str, Method]:

@@ -7,7 +7,7 @@ that is silent and what was chosen.
 import torch
 from torch import Tensor, nn
 
-from pinnochio.networks.clouds import Given, Stage
+from pinnochio.networks.clouds import Stage, SurfaceInputs
 from pinnochio.networks.pointnet import PointNet2, perceptron
 
 UNIT = 250.0  # mm: the length that is one inside these networks [I]
@@ -35,24 +35,24 @@ class AcmtNet(nn.Module):
         self.movement = perceptron(6, 64)
         self.displacement = nn.Linear(64, 3)
 
-    def features(self, given: Given) -> tuple[Tensor, Tensor]:
+    def features(self, inputs: SurfaceInputs) -> tuple[Tensor, Tensor]:
         """Features of the face and of the bone points, (count, n, 64) and (count, b, 64)."""
-        face = self.face_features(self.face(given.face, given.count))
-        bone = self.bone_features(self.bone(given.bone, given.count))
-        return face.view(given.count, -1, 64), bone.view(given.count, -1, 64)
+        face = self.face_features(self.face(inputs.face, inputs.count))
+        bone = self.bone_features(self.bone(inputs.bone, inputs.count))
+        return face.view(inputs.count, -1, 64), bone.view(inputs.count, -1, 64)
 
-    def forward(self, given: Given) -> list[Stage]:
+    def forward(self, inputs: SurfaceInputs) -> list[Stage]:
         """The displacement of every face point."""
-        face, bone = self.features(given)
+        face, bone = self.features(inputs)
         alike = face @ bone.transpose(1, 2)
         weights = alike.softmax(2) if self.softmax else alike / bone.shape[1]
-        moved = self.movement(torch.cat([given.bone.points, given.movement], 1))
-        brought = (weights @ moved.view(given.count, -1, 64)).flatten(0, 1)
-        return [Stage(given.face.points, bounded(self.displacement(brought)), given.batch)]
+        moved = self.movement(torch.cat([inputs.bone.points, inputs.movement], 1))
+        brought = (weights @ moved.view(inputs.count, -1, 64)).flatten(0, 1)
+        return [Stage(inputs.face.points, bounded(self.displacement(brought)), inputs.batch)]
 
 
 class FscNet(nn.Module):
-    """One code of the whole bone and its movement, given to every face point."""
+    """One code of the whole bone and its movement, which every face point reads."""
 
     def __init__(self):
         super().__init__()
@@ -61,13 +61,13 @@ class FscNet(nn.Module):
         self.bone = PointNet2(CODE, (), CODE_WHOLE, inputs=6)
         self.displacement = nn.Sequential(perceptron(UP[-1][-1] + CODE_WHOLE[-1], 128, 64), nn.Linear(64, 3))
 
-    def forward(self, given: Given) -> list[Stage]:
+    def forward(self, inputs: SurfaceInputs) -> list[Stage]:
         """As :meth:`AcmtNet.forward`."""
-        face = self.face(given.face, given.count)
-        face = self.attention(face.view(given.count, -1, face.shape[1])).flatten(0, 1)
-        code = self.bone(given.bone, given.count, torch.cat([given.bone.points, given.movement], 1))
-        found = self.displacement(torch.cat([face, code[given.batch]], 1))
-        return [Stage(given.face.points, bounded(found), given.batch)]
+        face = self.face(inputs.face, inputs.count)
+        face = self.attention(face.view(inputs.count, -1, face.shape[1])).flatten(0, 1)
+        code = self.bone(inputs.bone, inputs.count, torch.cat([inputs.bone.points, inputs.movement], 1))
+        raw = self.displacement(torch.cat([face, code[inputs.batch]], 1))
+        return [Stage(inputs.face.points, bounded(raw), inputs.batch)]
 
 
 class SelfAttention(nn.Module):

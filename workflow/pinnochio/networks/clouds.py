@@ -1,6 +1,6 @@
 """Points on skin and bone as the surface networks read them: coarser levels, balls, nearest neighbours, as tensors.
 
-Everything here belongs to the patient's anatomy and is found once, by k-d trees; the networks then only gather.
+Everything here belongs to the patient's anatomy and is computed once, by k-d trees; the networks then only gather.
 """
 
 from collections.abc import Callable, Sequence
@@ -104,6 +104,11 @@ class FaceGraph:
     normals: Tensor
     triangles: Tensor
 
+    @property
+    def points(self) -> Tensor:
+        """Those (n, 3) of the finest level."""
+        return self.levels[0].points
+
     @classmethod
     def build(
         cls, points: np.ndarray, normals: np.ndarray, faces: np.ndarray, counts, radii, neighbours: int,
@@ -153,7 +158,7 @@ class FaceGraph:
 
 
 @dataclass(frozen=True)
-class Given:
+class SurfaceInputs:
     """What a surface network reads of `count` patients, joined, in units.
 
     face: cloud or mesh of the skin; bone: cloud, as many points of each patient; movement (b, 3) of the bone points;
@@ -167,7 +172,7 @@ class Given:
     batch: Tensor
 
     @classmethod
-    def join(cls, patients: Sequence["Given"]) -> "Given":
+    def join(cls, patients: Sequence["SurfaceInputs"]) -> "SurfaceInputs":
         """Several patients as one that has no edge between them."""
         batch = [torch.full_like(own.batch, number) for number, own in enumerate(patients)]
         face, bone = ([getattr(own, name) for own in patients] for name in ("face", "bone"))
@@ -192,7 +197,7 @@ class Stage:
 
 def per_patient(stages: Sequence[Stage], count: int) -> list[list[Stage]]:
     """The stages of each of `count` joined patients, in numbers of its own."""
-    found = []
+    parts = []
     for number in range(count):
         own_stages, before = [], None
         for stage in stages:
@@ -202,37 +207,39 @@ def per_patient(stages: Sequence[Stage], count: int) -> list[list[Stage]]:
             corners = None if stage.corners is None else before[stage.corners[own[-len(stage.corners) :]]]
             own_stages.append(Stage(stage.rest[own], stage.displacement[own], stage.batch[own], edges, corners))
             before = place
-        found.append(own_stages)
-    return found
+        parts.append(own_stages)
+    return parts
 
 
-def scaled(given, factor: Tensor):
+def scaled(value, factor: Tensor):
     """Any of the classes above with its places, normals and movements times a factor (3,)."""
-    return _changed(given, lambda name, value: value * factor if name in ("points", "normals", "movement") else value)
+    return _changed(
+        value, lambda name, tensor: tensor * factor if name in ("points", "normals", "movement") else tensor
+    )
 
 
-def to_device(given, device: torch.device | str):
+def to_device(value, device: torch.device | str):
     """Any of the classes above on another device."""
-    return _changed(given, lambda name, value: value.to(device))
+    return _changed(value, lambda name, tensor: tensor.to(device))
 
 
-def _changed(given, change: Callable[[str, Tensor], Tensor], name: str = ""):
-    if isinstance(given, Tensor):
-        return change(name, given)
-    if isinstance(given, tuple):
-        return tuple(_changed(part, change) for part in given)
-    if not is_dataclass(given):
-        return given
+def _changed(value, change: Callable[[str, Tensor], Tensor], name: str = ""):
+    if isinstance(value, Tensor):
+        return change(name, value)
+    if isinstance(value, tuple):
+        return tuple(_changed(part, change) for part in value)
+    if not is_dataclass(value):
+        return value
     return replace(
-        given, **{item.name: _changed(getattr(given, item.name), change, item.name) for item in fields(given)}
+        value, **{item.name: _changed(getattr(value, item.name), change, item.name) for item in fields(value)}
     )
 
 
 def ball_edges(points, centres, radius: float, most: int, rng: np.random.Generator) -> np.ndarray:
     """Edges (2, e) from points (n, 3) to centres (m, 3) nearer than `radius`, at most so many into each, by lot."""
-    found = cKDTree(points).query_ball_point(centres, radius, return_sorted=True)
-    found = [np.asarray(own) if len(own) <= most else rng.choice(own, most, replace=False) for own in found]
-    return np.stack([np.concatenate(found), np.repeat(np.arange(len(centres)), [len(own) for own in found])])
+    inside = cKDTree(points).query_ball_point(centres, radius, return_sorted=True)
+    inside = [np.asarray(own) if len(own) <= most else rng.choice(own, most, replace=False) for own in inside]
+    return np.stack([np.concatenate(inside), np.repeat(np.arange(len(centres)), [len(own) for own in inside])])
 
 
 def means(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:

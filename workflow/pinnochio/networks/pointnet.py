@@ -40,21 +40,21 @@ class PointNet2(nn.Module):
 
     def forward(self, cloud: PointCloud, count: int, features: Tensor | None = None) -> Tensor:
         """Features of every point of `count` clouds of one size, joined, or the codes (count, width)."""
-        found = [(cloud.points if features is None else features, cloud.points)]
+        levels = [(cloud.points if features is None else features, cloud.points)]
         for layer, level in zip(self.down, cloud.levels, strict=True):
-            values, places = found[-1]
-            found.append((layer((values, None), (places, level.points), level.edges), level.points))
+            values, places = levels[-1]
+            levels.append((layer((values, None), (places, level.points), level.edges), level.points))
         ways = [(level.near, level.weights) for level in cloud.levels]
-        values, places = found.pop()
+        values, places = levels.pop()
         if self.whole is not None:
             every = self.whole(torch.cat([values, places], 1))
             code = every.view(count, -1, every.shape[1]).amax(1)
             if not self.up:
                 return code
-            found.append((values, places))
+            levels.append((values, places))
             each = torch.arange(count, device=values.device).repeat_interleave(len(values) // count)
             ways.append((each[:, None], torch.ones_like(values[:, :1])))
             values = code
         for layer in self.up:
-            values = layer(torch.cat([spread(values, *ways.pop()), found.pop()[0]], 1))
+            values = layer(torch.cat([spread(values, *ways.pop()), levels.pop()[0]], 1))
         return values

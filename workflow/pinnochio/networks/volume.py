@@ -29,8 +29,8 @@ class VolumeNetwork(nn.Module):
         """What the network adds to the lift, (n, 3) mm.
 
         rest: of :meth:`encode_rest`; carried (n, 3) mm boundary displacement, on free nodes the lift or zero; mask (n,
-        1), 1 where the displacement is given.
+        1), 1 where the displacement is known.
         """
-        given = torch.cat([carried / DISPLACEMENT, mask], 1)
-        signal = self.signal(given, graph.edges, graph.attributes)
-        return DISPLACEMENT * self.decoder(torch.cat([rest, signal, given], 1))
+        sparse = torch.cat([carried / DISPLACEMENT, mask], 1)
+        signal = self.signal(sparse, graph.edges, graph.attributes)
+        return DISPLACEMENT * self.decoder(torch.cat([rest, signal, sparse], 1))

@@ -11,7 +11,8 @@ import numpy as np
 from pinnochio.mechanics.corrections import Finish
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.methods.pinnochio.learner import Predictor, tensors
+from pinnochio.methods.pinnochio.patient import tensors
+from pinnochio.methods.pinnochio.predictor import PatientNetwork, load_network
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
 from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
@@ -20,7 +21,6 @@ from pinnochio.patients.in_distribution import Ranges
 from pinnochio.planner.prepared import Prepared
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration, Interval, interval, repaired_interval
-from pinnochio.training.checkpoint import load_network
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Forecaster:
         networks, settings = zip(*(load_network(file, device) for file in files), strict=True)
         lift = Lift.read(prepared.lift) if prepared.lift else None
         shared = tensors(self.patient, self._fem, settings[0], device, lift)  # the folds' networks have one form
-        self._networks = [Predictor(network, shared) for network in networks]
+        self._networks = [PatientNetwork(network, shared) for network in networks]
         self._finish = Finish(self.patient, self._fem, prepared.corrections)
         self(Plan(prepared.case, {}))  # so that no plan waits for code to be compiled
 

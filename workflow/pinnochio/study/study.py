@@ -108,6 +108,20 @@ class Study:
         """Known methods of the families."""
         return [name for name, method in self.registry.items() if method.family in families]
 
+    def trained(self, how: str) -> list[str]:
+        """Known methods that train so: "at once" or "by steps"."""
+        return [name for name, method in self.registry.items() if method.trains == how]
+
+    @property
+    def pretrained_first(self) -> list[str]:
+        """Known methods that are pretrained on finite-element samples."""
+        return [name for name, method in self.registry.items() if "pretraining" in method.settings]
+
+    @property
+    def predicting(self) -> list[str]:
+        """Known methods that the project itself predicts by."""
+        return [name for name, method in self.registry.items() if method.module]
+
     @cached_property
     def learned(self) -> list[str]:
         """Methods of the study that are trained by steps."""
@@ -413,6 +427,20 @@ class Study:
     def lifts_of_training(self, wildcards) -> list[str]:
         return self._lifts(wildcards.method, self.training(wildcards.fold))
 
+    def module(self, wildcards) -> str:
+        """Module with the Predictor of the job's method."""
+        return self.registry[wildcards.method].module
+
+    def learner(self, wildcards) -> str:
+        """Module with the Learner or the `fit` of the job's method."""
+        return self.registry[wildcards.method].learner
+
+    def settings(self, *names: str) -> Callable:
+        """Params function: of the settings of the job's method those of the names."""
+        return lambda wildcards: {
+            name: own for name, own in self.registry[wildcards.method].settings.items() if name in names
+        }
+
     def training_cases(self, wildcards) -> list[str]:
         return self.training(wildcards.fold)
 
@@ -448,7 +476,7 @@ class Study:
                 plans=[f"{folder}/{plan}/plan.json"],
                 lifts=[],
                 trained=[],
-                settings=own.settings,
+                settings=_predicting(own.settings),
             )
         fold = wildcards.batch.removeprefix("folds/")
         cases = self.held_out[fold]
@@ -459,7 +487,7 @@ class Study:
             plans=filled(f"{STUDY_FILES}/plan.json", cases),
             lifts=self._lifts(wildcards.method, cases),
             trained=[f"<results>/{wildcards.batch}/{wildcards.method}/{name}"] if name else [],
-            settings=method.settings,
+            settings=_predicting(method.settings),
         )
 
     def of_batch(self, name: str) -> Callable:
@@ -472,13 +500,12 @@ class Study:
             choice = self.choice
             lift = f"<results>/patients/{wildcards.case}/lift_{choice.lift}.h5"
             lifts = [] if choice.lift == "none" else [lift]
-            own = self.registry.get(choice.method)
             settings = {"fem": choice.settings["fem"], "newton_corrections": choice.corrections}
             return SimpleNamespace(
                 folds=choice.archive.folds,
                 networks=choice.networks,
                 lifts=lifts,
-                settings=(own.settings if own else {}) | settings,
+                settings=settings,
                 calibration=choice.calibration,
             )
         case, method = wildcards.case, wildcards.method
@@ -486,7 +513,7 @@ class Study:
             folds=list(self.held_out),
             networks=[f"<results>/folds/{fold}/{method}/network.pt" for fold in self.held_out],
             lifts=self._lifts(method, [case]),
-            settings=self.registry[method].settings,
+            settings=_predicting(self.registry[method].settings),
             calibration=f"<results>/methods/{method}/calibration.json",
         )
 
@@ -516,6 +543,11 @@ class Study:
             )
         families = ("fem", "networks", "study")
         return [f"<results>/tradeoff/{case}/{family}.csv" for case in self.traded for family in families]
+
+
+def _predicting(settings: Mapping) -> dict:
+    """What a prediction reads of a method's settings: a trained network knows its own form, and needs no training."""
+    return {name: own for name, own in settings.items() if name not in ("network", "pretraining", "finetuning")}
 
 
 def filled(pattern: str, cases: Iterable[str]) -> list[str]:

@@ -15,15 +15,8 @@ from pinnochio.tables.scaling import patient_runs
 CHAIN = ("import_segmentation", "tetrahedralize", "label_interfaces", "simulate_fem")
 VIRTUAL = ("virtual_patient", "virtual_outcome")
 # One job per fold and method: of a length that the steps decide, or the patients.
-TRAINING = ("pretrain", "finetune", "pretrain_surface", "finetune_surface")
-PATIENT_BY_PATIENT = (
-    "predict_rule",
-    "predict_elastic",
-    "predict_fem",
-    "predict_surface",
-    "predict_network",
-    "evaluate",
-)
+TRAINING = ("pretrain", "finetune")
+PATIENT_BY_PATIENT = ("predict", "evaluate")
 
 
 @dataclass(frozen=True)

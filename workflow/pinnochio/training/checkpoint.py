@@ -4,28 +4,24 @@ import hashlib
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
-from pathlib import Path
+from typing import TypeVar
 
 import torch
 from torch import nn
 
-from pinnochio.code import code_hash
 from pinnochio.files import replacing
-from pinnochio.networks.cascade import build
-from pinnochio.networks.settings import NetworkSettings
 
-LIBRARY = Path(__file__).resolve().parents[1]
-LEARNERS = [LIBRARY / "methods" / name / "learner.py" for name in ("pinnochio", "surface")]
+Settings = TypeVar("Settings")  # a dataclass of plain values
 
 
-def save_network(path: str | os.PathLike, network: nn.Module, settings: NetworkSettings, **about) -> None:
+def save_network(path: str | os.PathLike, network: nn.Module, settings: Settings, **about) -> None:
     """Write the weights with the settings that rebuild the network, and plain values `about` the training."""
     save_state(path, {"network": asdict(settings), "state": network.state_dict(), **about})
 
 
-def load_network(
-    path: str | os.PathLike, device: torch.device | str = "cpu", kind: type = NetworkSettings, build: Callable = build
-) -> tuple[nn.Module, NetworkSettings]:
+def read_network(
+    path: str | os.PathLike, kind: type[Settings], build: Callable[[Settings], nn.Module], device: torch.device | str
+) -> tuple[nn.Module, Settings]:
     """Network on `device` and its settings, of a `kind` that build(settings) makes it of.
 
     Nothing but tensors and plain values is unpickled.
@@ -56,12 +52,12 @@ def load_state(path: str | os.PathLike, signature: str, device: torch.device | s
     return state if state["signature"] == signature else None
 
 
-def fingerprint(network: nn.Module, inputs: Iterable[str | os.PathLike] = ()) -> str:
-    """Hash of the weights, of the content of the files `inputs` and of the code that trains."""
+def fingerprint(network: nn.Module, inputs: Iterable[str | os.PathLike], code: str) -> str:
+    """Hash of the weights and of the content of the files `inputs`, and the hash `code` of what trains."""
     digest = hashlib.sha256()
     for name, value in network.state_dict().items():
         digest.update(name.encode() + b"\0" + value.cpu().numpy().tobytes())
     for path in inputs:
         with open(path, "rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
-    return digest.hexdigest() + code_hash(*LEARNERS)
+    return digest.hexdigest() + code

@@ -55,6 +55,7 @@ def train(
     *,
     phase: str,
     seed: int,
+    code: str,
     checkpoint: str | os.PathLike,
     history: str | os.PathLike,
     validate: Callable[[], float] | None = None,
@@ -68,7 +69,7 @@ def train(
 
     Samples, mirroring and `rng` depend on (seed, phase, step) alone, so a run that was killed and starts again
     from `checkpoint` ends as an unbroken one, on a CPU to the last bit. A checkpoint of other settings, first
-    weights, code or content of the files `inputs` is not taken up. The caller deletes it once the result is
+    weights, `code` (a hash) or content of the files `inputs` is not taken up. The caller deletes it once the result is
     safe. A step whose loss or gradient is not finite is skipped; RuntimeError after 20 of them in a row.
     """
     device = next(network.parameters()).device
@@ -81,7 +82,7 @@ def train(
         weight_decay=settings.weight_decay,
         fused=True,
     )
-    signature = json.dumps([phase, seed, samples, asdict(settings), fingerprint(network, inputs)], sort_keys=True)
+    signature = json.dumps([phase, seed, samples, asdict(settings), fingerprint(network, inputs, code)], sort_keys=True)
     rows, start, failures, balance, best = [], 0, 0, Balance(), Best()
     if state := load_state(checkpoint, signature, device):
         network.load_state_dict(state["network"])
@@ -108,19 +109,19 @@ def train(
         mirror = bool(settings.mirror and rng.random() < 0.5)
         wanted = bool(settings.weights["physics"])
         shown = tuple(sample_at(step * settings.batch + n, samples, seed, phase) for n in range(settings.batch))
-        found = terms(Step(shown, mirror, wanted, anneal, step / settings.steps, rng))
+        values = terms(Step(shown, mirror, wanted, anneal, step / settings.steps, rng))
         weights = dict(settings.weights)
         if settings.physics_target and wanted:
             target = settings.physics_target * weights["data"] * balance.ratio
             weights["physics"] = min(weights["physics"], target)
         weights["physics"] *= rising
-        total = sum(weights[name] * value for name, value in found.items() if weights[name])
+        total = sum(weights[name] * value for name, value in values.items() if weights[name])
         optimizer.zero_grad()
         total.backward()
         gradient = nn.utils.clip_grad_norm_(network.parameters(), settings.clip)
         # One transfer of all numbers of the step, because each makes the processor wait for the GPU.
-        loss, norm, *values = torch.stack([total, gradient, *found.values()]).tolist()
-        values = dict(zip(found, values, strict=True))
+        loss, norm, *numbers = torch.stack([total, gradient, *values.values()]).tolist()
+        values = dict(zip(values, numbers, strict=True))
         if math.isfinite(loss) and math.isfinite(norm):
             optimizer.step()
             balance.update(values)
@@ -176,7 +177,7 @@ class Balance:
 
 @dataclass
 class Best:
-    """Least validation error, the step and weights that it was found at, and the checks since."""
+    """Least validation error, the step and weights that gave it, and the checks since."""
 
     error: float = math.inf
     step: int = 0

@@ -2,8 +2,8 @@
 
 About a millimetre of the face is decided by how exactly the surgeon meets the plan. It is chance, so a network that
 knows the plan alone cannot predict it; in training it is noise that hides what can be learnt. Where a lift carries
-motions of the segments through the tissue, that noise can be told apart: per patient, the rigid motions beside the plan
-that bring the lift nearest to the skin, held small by the published error. What all patients share is not an error: the
+motions of the segments through the tissue, that noise can be separated: per patient, the rigid motions beside the plan
+that bring the lift nearest to the skin, kept small by the published error. What all patients share is not an error: the
 mean over the fold's training patients is taken off and left to the network.
 """
 
@@ -15,7 +15,7 @@ from torch import Tensor
 
 from pinnochio.methods.pinnochio.losses import SurfaceLoss
 from pinnochio.methods.pinnochio.patient import PatientTensors
-from pinnochio.networks.cascade import PlanSignal
+from pinnochio.networks.signals import PlanSignal
 from pinnochio.plans.sampling import EXECUTION
 from pinnochio.seeds import generator
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from pinnochio.mechanics.residual import Operator
 from pinnochio.methods.pinnochio.patient import PatientTensors
-from pinnochio.networks.cascade import Prediction
+from pinnochio.networks.signals import InterfaceAndVolume
 
 CHAMFER_SOFTENING = 1e-6  # mm^2 under the root, so that the gradient stays finite at zero distance
 SPACING = 1.5  # mm between the points that stand for a surface
@@ -57,13 +57,13 @@ def bulk_factor(operator: Operator, start: float, share: float) -> Tensor | floa
     return 2 * poisson / (1 - 2 * poisson) / own
 
 
-def boundary_loss(prediction: Prediction, target: Tensor, anchored: Tensor) -> Tensor:
+def boundary_loss(prediction: InterfaceAndVolume, target: Tensor, anchored: Tensor) -> Tensor:
     """Boundary mismatch, mm^2.
 
     Our reading of the paper's term: mean |u - u_bnd|^2 over every node that a boundary network or a cut plane
     gives, plus mean |u_bnd - target|^2 over the `anchored` (n, 1) ones. The anchor is the reference cue on
-    reliable nodes, and in pretraining the teacher on all of them. The mismatch pulls u to u_bnd and not u_bnd
-    to u, or the anchored interface would follow a raw volume network away from what is known.
+    reliable nodes, and in pretraining the finite-element sample on all of them. The mismatch pulls u to u_bnd and not
+    u_bnd to u, or the anchored interface would follow a raw volume network away from what is known.
     """
     mismatch = (prediction.displacement - prediction.boundary.detach()).square().sum(1, keepdim=True)
     departure = (prediction.boundary - target).square().sum(1, keepdim=True)
@@ -150,10 +150,10 @@ class SurfaceLoss:
             return points.sum() * float("nan")
         own = torch.as_tensor(self.own.draw(rng, self.samples), device=here.device)
         other = torch.as_tensor(self.other.draw(rng, self.samples), device=here.device)
-        near, found = nearest(here[own], self.target, self.cutoff, self.tree)
-        forward = self._mean(points, own[near], found, self.other_border[found])
-        near, found = nearest(self.target[other], here, self.cutoff)
-        back = self._mean(points, found, other[near], self.own_border[found])
+        near, reached = nearest(here[own], self.target, self.cutoff, self.tree)
+        forward = self._mean(points, own[near], reached, self.other_border[reached])
+        near, reached = nearest(self.target[other], here, self.cutoff)
+        back = self._mean(points, reached, other[near], self.own_border[reached])
         return 0.5 * (forward + back)
 
     def _mean(self, points, own, other, border):
@@ -169,7 +169,7 @@ def nearest(queries: Tensor, cloud: Tensor, cutoff: float, tree: cKDTree | None 
     """Queries (k,), by index, with a point of the cloud nearer than `cutoff`, and the index (k,) of their nearest one.
 
     queries (q, 3), cloud (c, 3), mm. Exact up to the rounding of distances. On a CPU by the k-d tree of the cloud,
-    made here if it is not given; on a GPU by looking at all pairs, which is faster there than any tree.
+    made here if there is none yet; on a GPU by looking at all pairs, which is faster there than any tree.
     """
     if queries.is_cuda:
         distance, index = all_pairs(queries, cloud)

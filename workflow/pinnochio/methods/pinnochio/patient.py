@@ -11,6 +11,7 @@ from pinnochio.mechanics.elements import VOLUMETRIC, lumped
 from pinnochio.mechanics.lift import Lift, farthest, motion_amplitudes, node_shares
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.residual import Operator
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.labels import MUSCLE
 from pinnochio.model.patient import (
     BONE_MUSCLE,
@@ -22,9 +23,9 @@ from pinnochio.model.patient import (
     NO_INTERFACE,
     PatientModel,
 )
-from pinnochio.networks.cascade import Anatomy, Interface, LiftTensors, PlanSignal
 from pinnochio.networks.graph import Graph
 from pinnochio.networks.settings import NetworkSettings
+from pinnochio.networks.signals import Anatomy, Interface, LiftTensors, PlanSignal
 from pinnochio.plans.plan import Plan
 
 # Volume ratio below which the loss extends the energy: a raw network inverts elements, and a steeper extension would
@@ -107,7 +108,7 @@ class PatientTensors:
             joined, middles, segments = segment_nodes(model)
             bone = np.concatenate([bone_points, middles - centre])
             bone_segment = np.concatenate([bone_segment, segments])
-        given = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
+        cut = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
         anatomy = Anatomy(
             bone=Graph.build(bone, model.bone_faces, device, joined=joined, edge_features=settings.edge_features),
             bone_moved=tensor(bone_segment >= 0, torch.float32)[:, None],
@@ -119,7 +120,7 @@ class PatientTensors:
             bone_muscle=interface(BONE_MUSCLE, bone_points),
             bone_superficial=interface(BONE_SUPERFICIAL, bone_points),
             muscle_superficial=interface(MUSCLE_SUPERFICIAL, points[muscle_nodes]),
-            given=tensor(given, torch.float32)[:, None],
+            cut=tensor(cut, torch.float32)[:, None],
             lift=lift
             and LiftTensors(
                 tensor(lift.contact),
@@ -182,6 +183,13 @@ class Followers:
         maps = torch.cat([motions[:, :9].view(-1, 3, 3), motions[:, 9:, None]], 2)  # (K, 3, 4)
         moved = (self.arms @ maps.flatten(0, 1).T).view(len(self.arms), -1, 3)
         return (moved * self.share[:, :, None]).sum(1)
+
+
+def tensors(
+    model: PatientModel, fem: FemSettings, network: NetworkSettings, device: str, lift: Lift | None = None
+) -> PatientTensors:
+    """The model as tensors, with the material of `fem`."""
+    return PatientTensors.build(model, fem.material(model.tissue), fem.volumetric, network, lift, device)
 
 
 def segment_nodes(model: PatientModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

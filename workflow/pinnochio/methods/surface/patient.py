@@ -11,20 +11,14 @@ from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.distances import sample_surface
 from pinnochio.geometry.scattered import nearest, spread
 from pinnochio.geometry.triangles import vertex_normals
+from pinnochio.methods.surface.architectures import architecture, some
 from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.model.patient import PatientModel
-from pinnochio.networks import acmt_net as acmt
-from pinnochio.networks import dgcfp
-from pinnochio.networks.clouds import FaceGraph, Given, PointCloud, real
+from pinnochio.networks.clouds import SurfaceInputs, real
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import derive_seed
 
 LOCAL = 5.0  # mm: pairs of points whose distance is to be kept [S: ACMT-Net]
-BONE_LEVELS = {
-    "acmt": (acmt.SHARES, acmt.RADII),
-    "fscnet": (acmt.SHARES[: len(acmt.CODE)], acmt.RADII[: len(acmt.CODE)]),
-    "dgcfp": (dgcfp.SHARES, dgcfp.RADII),
-}
 TARGETS = 4  # target points for each point of the face, of which every step draws some
 
 
@@ -36,7 +30,7 @@ class Draw:
     pairs (p, 2) of face points close to each other.
     """
 
-    given: Given
+    inputs: SurfaceInputs
     bone: np.ndarray
     near: np.ndarray
     weights: np.ndarray
@@ -57,36 +51,28 @@ class SurfacePatient:
         """`repeats` draws of the judged face and of the bone; the same for the same case."""
         face, local = np.unique(model.skin_faces[model.face_roi], return_inverse=True)
         faces, skin = local.reshape(-1, 3), model.skin_points[face]
-        centre, unit = skin.mean(axis=0), acmt.UNIT
-        if settings.architecture == "dgcfp":
-            unit = max(np.linalg.norm(part - centre, axis=1).max() for part in (skin, model.bone_points))
-        skin, bone = (skin - centre) / unit, (model.bone_points - centre) / unit
+        centre, kind, draws = skin.mean(axis=0), architecture(settings), []
+        skin, bone = skin - centre, model.bone_points - centre
+        unit = kind.unit(skin, bone)
+        skin, bone = skin / unit, bone / unit
         normals = vertex_normals(skin, faces)
-        draws = []
         for repeat in range(repeats):
             rng = np.random.default_rng(derive_seed(0, "surface points", f"{case}/{repeat}"))
-            shared = settings.points, settings.neighbours, rng
             chosen = some(len(bone), settings.points, rng)
-            if settings.architecture == "dgcfp":
-                counts = [max(round(settings.points * dgcfp.FACE_SHARE**n), 4) for n in range(dgcfp.FACE_LEVELS)]
-                own = FaceGraph.build(skin, normals, faces, counts, dgcfp.FACE_RADII, settings.neighbours, rng)
-                points = own.levels[0].points
-            else:
-                own = cloud(skin[some(len(skin), settings.points, rng)], acmt.SHARES, acmt.RADII, *shared)
-                points = own.points
-            code = cloud(bone[chosen], *BONE_LEVELS[settings.architecture], *shared)
-            near, weights = nearest(points.numpy(), skin)
-            pairs = cKDTree(points.numpy()).query_pairs(LOCAL / unit, output_type="ndarray")
+            shown = kind.face(skin, normals, faces, rng)
+            code = kind.bone(bone[chosen], rng)
+            points = shown.points.numpy()
+            near, weights = nearest(points, skin)
+            pairs = cKDTree(points).query_pairs(LOCAL / unit, output_type="ndarray")
             batch = torch.zeros(len(points), dtype=torch.int64)
-            still = torch.zeros(len(chosen), 3)
-            given = Given(own, code, still, 1, batch)
-            draws.append(Draw(given, chosen, face[near], weights, torch.as_tensor(pairs)))
+            inputs = SurfaceInputs(shown, code, torch.zeros(len(chosen), 3), 1, batch)
+            draws.append(Draw(inputs, chosen, face[near], weights, torch.as_tensor(pairs)))
         return cls(model, centre, unit, tuple(draws))
 
-    def given(self, draw: Draw, plan: Plan) -> Given:
+    def inputs(self, draw: Draw, plan: Plan) -> SurfaceInputs:
         """What a network reads of a draw under a plan."""
         moved = real(self.model.bone_displacement(plan)[draw.bone] / self.unit)
-        return replace(draw.given, movement=moved)
+        return replace(draw.inputs, movement=moved)
 
     def carried(self, draw: Draw, skin: np.ndarray) -> Tensor:
         """Displacement (n, 3) in units of the face points of a draw where the skin points (s, 3) move so many mm."""
@@ -114,8 +100,8 @@ class Target:
         """
         model = patient.model
         many = sample_surface(points, faces, 3 * TARGETS * settings.points, derive_seed(0, "surface target", case))
-        found = closest_points(many, model.skin_points, model.skin_faces)
-        many = many[model.face_roi[found.face] & ~found.border][: TARGETS * settings.points]
+        closest = closest_points(many, model.skin_points, model.skin_faces)
+        many = many[model.face_roi[closest.face] & ~closest.border][: TARGETS * settings.points]
         if not len(many):
             raise ValueError("the post-operative skin covers nothing of the face: is it registered?")
 
@@ -130,13 +116,3 @@ class Target:
             rest = spread(model.skin_points, draw.near, draw.weights)
             seen.append(real(weight(rest) * ~closest_points(rest, points, faces).border))
         return cls(real((many - patient.centre) / patient.unit), real(weight(many)), tuple(seen))
-
-
-def cloud(points, shares, radii, count: int, neighbours: int, rng: np.random.Generator) -> PointCloud:
-    """A point cloud whose levels hold these shares of `count` points."""
-    return PointCloud.build(points, [max(round(share * count), 4) for share in shares], radii, neighbours, rng)
-
-
-def some(size: int, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Indices (count,) of so many of `size` things, by lot, each once where there are enough."""
-    return rng.choice(size, count, replace=size < count)

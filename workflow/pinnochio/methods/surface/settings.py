@@ -1,9 +1,6 @@
 """Sizes and switches of the surface networks."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-
-from pinnochio.training.settings import TrainingSettings
 
 ARCHITECTURES = ("acmt", "fscnet", "dgcfp")
 
@@ -39,9 +36,3 @@ class SurfaceSettings:
         for switch, owner in (("softmax", "acmt"), ("contrast", "acmt"), ("distance_guided", "fscnet")):
             if getattr(self, switch) and self.architecture != owner:
                 raise ValueError(f"{switch!r} belongs to {owner!r}, not to {self.architecture!r}")
-
-
-def training_settings(phase: Mapping) -> TrainingSettings:
-    """Of the plain values of a phase: Adam without warm-up and weight decay, and one loss term."""
-    weights = {"physics": 0.0, "data": 1.0, "boundary": 0.0}
-    return TrainingSettings(**phase, weights=weights, warmup=0.0, weight_decay=0.0)

@@ -1,0 +1,41 @@
+"""Makes what a method learns at once of a fold's training patients: their samples and post-operative skins."""
+
+from collections.abc import Sequence
+from importlib import import_module
+
+from pinnochio.logs import attach_log
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.plans.plan import Plan
+from pinnochio.training.cases import read_fem_samples
+
+
+def fit(
+    module: str,
+    cases: Sequence[str],
+    models: Sequence[str],
+    fem_samples: Sequence[str],
+    plans: Sequence[str],
+    postops: Sequence[str],
+    fitted: str,
+) -> None:
+    """Fit the method of a `module` to the given cases and nothing else."""
+    import_module(module).fit(
+        models=[PatientModel.read(path) for path in models],
+        fem_samples=[read_fem_samples(path, case) for path, case in zip(fem_samples, cases, strict=True)],
+        plans=[Plan.read(path, case) for path, case in zip(plans, cases, strict=True)],
+        skins=[PostopSkin.read(path).surface for path in postops],
+    ).write(fitted)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    fit(
+        module=snakemake.params.module,
+        cases=snakemake.params.cases,
+        models=snakemake.input.models,
+        fem_samples=snakemake.input.fem_samples,
+        plans=snakemake.input.plans,
+        postops=snakemake.input.postops,
+        fitted=snakemake.output.fitted,
+    )

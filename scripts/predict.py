@@ -1,0 +1,54 @@
+"""Makes a method's predictions of some patients."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.lift import Lift
+from pinnochio.methods.protocol import Planned
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import write_predictions
+from pinnochio.plans.plan import Plan
+from pinnochio.training.device import choose_device
+
+
+def predict(
+    module: str,
+    settings: Mapping,
+    trained: str | None,
+    cases: Sequence[str],
+    models: Sequence[str],
+    lifts: Sequence[str],
+    plans: Sequence[str],
+    device: str,
+    threads: int,
+    predictions: str,
+) -> None:
+    """Predict each case by the method of a `module`; FloatingPointError if a field is not finite.
+
+    settings: values of the sections that its Predictor reads; trained: file of what a fold trained, None where nothing
+    is; lifts may be empty for a method without one.
+    """
+    predictor, made = import_module(module).Predictor(settings, trained, device, threads), {}
+    for case, model, lift, plan in zip(cases, models, lifts or [None] * len(cases), plans, strict=True):
+        planned = Planned(case, PatientModel.read(model), Plan.read(plan, case), Lift.read(lift) if lift else None)
+        made[case] = own = predictor(planned)
+        logging.info("%s: %s, %.4f s, and %.3f s for the patient", case, own.reason, own.seconds, own.setup_seconds)
+    write_predictions(predictions, made)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    predict(
+        module=snakemake.params.module,
+        settings=snakemake.params.settings,
+        trained=snakemake.input.get("trained") or None,
+        cases=snakemake.params.cases,
+        models=snakemake.input.models,
+        lifts=snakemake.input.get("lifts", []),
+        plans=snakemake.input.plans,
+        device=choose_device(snakemake.resources.gpu, snakemake.threads),
+        threads=snakemake.threads,
+        predictions=snakemake.output.predictions,
+    )

@@ -1,0 +1,117 @@
+"""Prediction by a trained graph network, whose fields are repaired and corrected before they are given out."""
+
+import logging
+import os
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from torch import nn
+
+from pinnochio.mechanics.corrections import Finish
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods.pinnochio.patient import PatientTensors, tensors
+from pinnochio.methods.protocol import Planned
+from pinnochio.model.predictions import Prediction
+from pinnochio.networks.building import build
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.networks.signals import InterfaceAndVolume, PlanSignal
+from pinnochio.plans.plan import Plan
+from pinnochio.timing import timed
+from pinnochio.training.checkpoint import read_network
+
+
+class Predictor:
+    """As :class:`pinnochio.methods.protocol.Predictor`; settings: fem and newton_corrections.
+
+    No field is given out with an inverted element, and each after so many Newton corrections; both are timed with the
+    network, warm.
+    """
+
+    def __init__(self, settings: Mapping, trained: str | os.PathLike, device: str, threads: int):
+        self.network, self._settings = load_network(trained, device)
+        self._fem, self._corrections = FemSettings(**settings["fem"]), settings["newton_corrections"]
+        self._device, self._threads = device, threads
+
+    def __call__(self, planned: Planned) -> Prediction:
+        """Displacement and boundary of every node, with what the inversion repair did."""
+        finish = Finish(planned.patient, self._fem, self._corrections)
+
+        def prepare():
+            network = PatientNetwork(self.network, self.tensors(planned))
+            return lambda: finish(*network(planned.plan))
+
+        (displacement, boundary, repair, corrections), seconds, setup = timed(prepare)
+        finish.close()
+        logging.info("%s: %s", planned.case, repair)
+        return Prediction(
+            displacement,
+            seconds,
+            setup + (planned.lift.seconds if planned.lift else 0.0),
+            self._threads,
+            self._device,
+            iterations=corrections,
+            boundary=boundary,
+            raw_min_jacobian=repair.raw_least,
+            raw_inverted=repair.raw_inverted,
+            repaired=repair.elements,
+            damping=repair.damping,
+        )
+
+    def tensors(self, planned: Planned) -> PatientTensors:
+        """The patient as the network reads it."""
+        return tensors(planned.patient, self._fem, self._settings, self._device, planned.lift)
+
+
+class PatientNetwork:
+    """A trained network on one patient: what belongs to the patient is computed once and serves every plan.
+
+    On a GPU the first plan records the kernels, and every later one replays them without the cost of their launches.
+    """
+
+    def __init__(self, network: nn.Module, patient: PatientTensors):
+        self.network, self.patient, self._recorded = network, patient, None
+        with torch.inference_mode():
+            self._rest = network.encode_rest(patient.anatomy)
+
+    def __call__(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement (n, 3) mm of every node, and of the interface nodes as P_bnd gives it, float64.
+
+        FloatingPointError if the network gives no number.
+        """
+        with torch.inference_mode():
+            output = self._run(self.patient.signal(plan))
+            # A node of which no boundary network speaks has its own displacement.
+            boundary = torch.where(output.known > 0, output.boundary, output.displacement)
+            displacement, boundary = (x.cpu().numpy().astype(float) for x in (output.displacement, boundary))
+        if not np.isfinite(displacement).all():
+            raise FloatingPointError(f"case {plan.case!r}: the predicted displacement is not finite")
+        return displacement, boundary
+
+    def _run(self, signal: PlanSignal) -> InterfaceAndVolume:
+        def once(shown: PlanSignal) -> InterfaceAndVolume:
+            return self.network(self.patient.anatomy, shown, rest=self._rest)
+
+        if not signal.cue.is_cuda:
+            return once(signal)
+        if self._recorded is None:
+            aside = torch.cuda.Stream()
+            aside.wait_stream(torch.cuda.current_stream())
+            with torch.cuda.stream(aside):  # compiles, and finds the layouts of the graphs
+                once(signal)
+            torch.cuda.current_stream().wait_stream(aside)
+            graph = torch.cuda.CUDAGraph()
+            with torch.cuda.graph(graph):
+                output = once(signal)
+            self._recorded = graph, signal, output
+        graph, recorded, output = self._recorded
+        for old, new in zip(vars(recorded).values(), vars(signal).values(), strict=True):
+            if new is not None and new is not old:
+                old.copy_(new)
+        graph.replay()
+        return output
+
+
+def load_network(path: str | os.PathLike, device: str = "cpu") -> tuple[nn.Module, NetworkSettings]:
+    """A trained graph network and its settings."""
+    return read_network(path, NetworkSettings, build, device)

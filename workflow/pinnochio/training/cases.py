@@ -1,0 +1,54 @@
+"""Files of a fold's training patients."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+
+from pinnochio.errors import InputError
+from pinnochio.plans.plan import Plan
+
+File = str | os.PathLike
+
+
+@dataclass(frozen=True)
+class CaseFiles:
+    """Files of one training patient: model and, for a network with a lift, its lift; the finite-element samples, or the
+    plan and the post-operative skin."""
+
+    case: str
+    model: File
+    lift: File | None = None
+    fem_samples: File | None = None
+    plan: File | None = None
+    postop: File | None = None
+
+    @property
+    def inputs(self) -> list[File]:
+        """The files that are there, but for the lift, which the model decides."""
+        return [path for path in (self.model, self.fem_samples, self.plan, self.postop) if path]
+
+
+def case_files(cases: Sequence[str], lifts: Sequence[str], **files: Sequence[str]) -> list[CaseFiles]:
+    """Of each case; lifts may be empty; files: by the names of :class:`CaseFiles`, each in the order of the cases."""
+    rows = zip(cases, lifts or [None] * len(cases), *files.values(), strict=True)
+    return [CaseFiles(case, lift=lift, **dict(zip(files, own, strict=True))) for case, lift, *own in rows]
+
+
+def read_fem_samples(path: File, case: str) -> list[tuple[Plan, np.ndarray]]:
+    """Plans and displacement fields (n, 3) mm of the finite-element samples, in the order of their numbers.
+
+    InputError where no sample has converged.
+    """
+    with h5py.File(path, "r") as file:
+        groups = sorted(file, key=lambda name: int(name.rsplit("_", 1)[-1]))
+        samples = [
+            (Plan.from_json(file[name].attrs["plan"], path), file[name]["displacement"][()])
+            for name in groups
+            if file[name].attrs.get("converged", True)
+        ]
+    if not samples:
+        raise InputError(case, path, "holds no converged field", "simulate more plans")
+    return samples
