@@ -86,14 +86,22 @@ def stages(
     mesh, model, fem_samples = file("mesh.vtu"), file("model.h5"), file("fem_samples.h5")
     fem = replace(FemSettings(**settings["fem"]), time_limit=settings["scaling"]["time_limit"])
     add(
-        *("tetrahedralize", "job", "scripts.tetrahedralize:mesh_case", [], mesh),
+        "tetrahedralize",
+        "job",
+        "scripts.tetrahedralize:mesh_case",
+        [],
+        mesh,
         labels=files["labels"],
         nodes=target,
         minimum_dihedral=settings["mesh"]["minimum_dihedral"],
         mesh=mesh,
     )
     add(
-        *("label_interfaces", "job", "scripts.label_interfaces:label_case", [mesh], model),
+        "label_interfaces",
+        "job",
+        "scripts.label_interfaces:label_case",
+        [mesh],
+        model,
         mesh=mesh,
         **{name: files[name] for name in ("labels", "bone", "skin", "report")},
         segments=tuple(settings["segments"]),
@@ -101,7 +109,11 @@ def stages(
         model=model,
     )
     add(
-        *("simulate_fem", "plan", "scripts.simulate_fem:simulate_fem", [model], fem_samples),
+        "simulate_fem",
+        "plan",
+        "scripts.simulate_fem:simulate_fem",
+        [model],
+        fem_samples,
         case=case,
         model=model,
         plan=files["plan"],
@@ -114,7 +126,11 @@ def stages(
     lifts = {kind: file(f"lift_{kind}.h5") for kind in sorted(set(kinds.values()) - {"none"})}
     for kind, lift in lifts.items():
         add(
-            *(f"make_lift {kind}", "job", "scripts.make_lift:write_lift", [model], lift),
+            f"make_lift {kind}",
+            "job",
+            "scripts.make_lift:write_lift",
+            [model],
+            lift,
             model=model,
             kind=kind,
             controls=settings["lift"]["controls"],
@@ -128,7 +144,11 @@ def stages(
         steps = own["pretraining"] | {"steps": settings["scaling"]["steps"] + 1}
         limited = settings["fem"] | {"time_limit": settings["scaling"]["time_limit"]}
         add(
-            *(f"pretrain {method}", "step", "scripts.measure_scaling:training_step", [model, *lift, fem_samples], made),
+            f"pretrain {method}",
+            "step",
+            "scripts.measure_scaling:training_step",
+            [model, *lift, fem_samples],
+            made,
             **patient,
             fem_samples=[fem_samples],
             settings={"network": own["network"], "pretraining": steps, "fem": limited},
@@ -136,7 +156,11 @@ def stages(
             outputs={"network": made, "history": file("history.csv")},
         )
         add(
-            *(f"predict_network {method}", "plan", "scripts.measure_scaling:warm_plan", [model, *lift], predictions),
+            f"predict_network {method}",
+            "plan",
+            "scripts.measure_scaling:warm_plan",
+            [model, *lift],
+            predictions,
             **patient,
             plans=[files["plan"]],
             trained=network,
@@ -146,7 +170,11 @@ def stages(
     for method in list(networks)[:1]:  # its cost does not ask for the method
         metrics = file("metrics.csv")
         add(
-            *("evaluate", "job", "scripts.evaluate:evaluate", [model, file(f"{method}.h5")], metrics),
+            "evaluate",
+            "job",
+            "scripts.evaluate:evaluate",
+            [model, file(f"{method}.h5")],
+            metrics,
             cases=[case],
             predictions=file(f"{method}.h5"),
             models=[model],

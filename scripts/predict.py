@@ -34,7 +34,7 @@ def predict(
     for case, model, lift, plan in zip(cases, models, lifts or [None] * len(cases), plans, strict=True):
         planned = Planned(case, PatientModel.read(model), Plan.read(plan, case), Lift.read(lift) if lift else None)
         made[case] = own = predictor(planned)
-        logging.info("%s: %s, %.4f s, and %.3f s for the patient", case, own.reason, own.seconds, own.setup_seconds)
+        logging.info("%s: %.4f s, and %.3f s for the patient", case, own.seconds, own.setup_seconds)
     write_predictions(predictions, made)
 
 

@@ -1,4 +1,4 @@
-"""The inversion repair on a network's prediction, and the dial from that prediction to its table, on one coarse patient."""
+"""The inversion repair on a network's prediction, and the corrections up to their table, on one coarse patient."""
 
 import h5py
 import numpy as np

@@ -1,5 +1,6 @@
 """Finite elements: a plan solved on a patient."""
 
+import logging
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -26,6 +27,7 @@ class Predictor:
             self._solve(planned, replace(self._fem, time_limit=1e-3))
             self._warm = True
         result = self._solve(planned, self._fem)
+        logging.info("%s: %s", planned.case, result.reason)
         return Prediction(
             result.displacement,
             seconds=result.seconds,
