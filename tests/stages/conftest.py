@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.overlays import overlaid
 from scripts.import_segmentation import import_segmentation
 from scripts.label_interfaces import label_case
 from scripts.register_postop import register_postop
@@ -20,6 +21,7 @@ CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text())
 SEGMENTS = tuple(CONFIG["segments"])
 SEED = 7
 MESH = {"nodes": 700, "minimum_dihedral": 12.0, "bone_edge": 6.0}
+OUTCOME = overlaid(CONFIG["virtual"]["outcome"], {"effects": {"nodes": 1000}, "mesh": MESH})
 
 
 @dataclass(frozen=True)
@@ -52,11 +54,8 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
         "anatomy": file("anatomy.json"),
     }
     virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], given)
-    reality = CONFIG["virtual"]["reality"] | {"nodes": 1000}
     made = {"postop": file("scan.ply"), "truth": file("truth.h5")}
-    virtual_outcome(
-        case, given, reality, MESH, CONFIG["interfaces"], fem, CONFIG["labels"], SEGMENTS, SEED, made
-    )  # fmt: skip
+    virtual_outcome(case, given, OUTCOME, CONFIG["labels"], SEGMENTS, SEED, made)
     names = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "plan": "plan.json"}
     imported = {key: file(name) for key, name in names.items()} | {"report": file("report.json")}
     import_segmentation(
