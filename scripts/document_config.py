@@ -1,10 +1,14 @@
 """Makes config/README.md of the schema and the default configuration: `make docs`."""
 
+import sys
 from pathlib import Path
 
 import yaml
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.append(str(ROOT / "workflow"))
+
+from pinnochio.study.schema import allowed, resolved  # noqa: E402
 
 
 def document(schema: dict, defaults: dict) -> str:
@@ -29,29 +33,13 @@ def rows(node: dict, defaults: dict, schema: dict, prefix: str):
         meaning = entry.get("description", "")
         for part in [entry, *entry.get("oneOf", [])]:
             if "$ref" in part:
-                entry = schema["$defs"][part["$ref"].rsplit("/", 1)[1]]
+                entry = resolved(part, schema)
         value = (defaults or {}).get(key)
         if "properties" in entry:
             yield f"| **`{prefix}{key}`** | | | {meaning} |"
             yield from rows(entry, value, schema, f"{prefix}{key}.")
         else:
             yield f"| `{prefix}{key}` | `{value}` | {allowed(entry)} | {meaning} |"
-
-
-def allowed(entry: dict) -> str:
-    """Bounds of a value in words."""
-    if "oneOf" in entry:
-        return " or ".join(allowed(part) for part in entry["oneOf"])
-    if "const" in entry:
-        return f"`{entry['const']}`"
-    if "enum" in entry:
-        return ", ".join(entry["enum"])
-    if "items" in entry and "enum" in entry["items"]:
-        return "any of " + ", ".join(entry["items"]["enum"])
-    low = [f">= {entry['minimum']}"] if "minimum" in entry else []
-    low += [f"> {entry['exclusiveMinimum']}"] if "exclusiveMinimum" in entry else []
-    high = [f"<= {entry['maximum']}"] if "maximum" in entry else []
-    return ", ".join([entry["type"], *low, *high])
 
 
 def config_page(root: Path = ROOT) -> str:

@@ -3,8 +3,8 @@
 import os
 from pathlib import Path
 
+import yaml
 from snakemake.logging import logger
-from snakemake.utils import validate
 
 from pinnochio.errors import InputError
 from pinnochio.files import check_writable
@@ -20,6 +20,8 @@ from pinnochio.study.configuration import (
     surface_networks,
     variants,
 )
+from pinnochio.study.provenance import changed_since, forgotten
+from pinnochio.study.schema import checked
 from pinnochio.experiments.tradeoff_settings import network_settings
 
 # Idle OpenMP threads of a job sleep; spinning they take the cores from the compiled loops.
@@ -28,13 +30,20 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("IGL_NUM_THREADS", "1")
 os.environ.setdefault("ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS", "1")
 
-validate(config, "schemas/config.schema.yaml")
+HERE = Path(workflow.current_basedir.get_path_or_uri(secret_free=True))
+SCHEMA = (HERE / "schemas/config.schema.yaml").read_text(encoding="utf-8")
+config.update(checked(config, yaml.safe_load(SCHEMA)))
 check_config(config)
 
-SCRIPTS = (
-    Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parent / "scripts"
-)
+SCRIPTS = HERE.parent / "scripts"
 RESULTS = config["pathvars"]["results"]
+RECORD = f"{RESULTS}/provenance.json"
+if workflow.is_main_process and forgotten(RECORD):
+    if changed := changed_since(RECORD, config):
+        logger.warning(
+            f"Snakemake has no metadata of {RESULTS}, which was made with another configuration: {', '.join(changed)}. "
+            "What lies there counts as up to date. Delete it, or name what shall be made again with --forcerun."
+        )
 BENCHMARKS = f"{RESULTS}/benchmarks"
 # A job of a cluster does not hear of --resources: it asks its step for a GPU only where SLURM has granted it one.
 GPU = int(not workflow.remote_exec or "SLURM_GPUS_ON_NODE" in os.environ)

@@ -10,7 +10,9 @@ from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, alone, resolve
 from pinnochio.virtual.ratios import RATIOS, STILL, motions, tabulate
 
-DEFAULT = yaml.safe_load((Path(__file__).parents[2] / "config/config.yaml").read_text())["virtual"]["outcome"]["effects"]
+DEFAULT = yaml.safe_load((Path(__file__).parents[2] / "config/config.yaml").read_text())["virtual"]["outcome"][
+    "effects"
+]
 
 
 def test_config_names_every_effect():
