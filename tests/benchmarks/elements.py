@@ -21,6 +21,8 @@ from pinnochio.mechanics.problems import BLOCK, BLOCK_STEPS, block_boundary, box
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import SolverOptions, solve
 
+OPTIONS = {"increments": 2, "tolerance": 1e-6, "max_iterations": 30, "time_limit": 600, "linear_solver": "auto"}
+
 
 def held_like(coarse, fine, shear: bool) -> tuple[BoundaryConditions, BoundaryConditions]:
     """Boundary conditions of the coarse mesh, and of the fine one on the faces that the coarse one holds."""
@@ -77,7 +79,7 @@ def main() -> None:
             if name in MIXED:
                 result = solve_mixed(points, cells, law, boundary, name, increments=1, tolerance=1e-6)
             else:
-                result = solve(points, cells, law, boundary, SolverOptions(name))
+                result = solve(points, cells, law, boundary, SolverOptions(name, **OPTIONS))
             off = np.linalg.norm(result.displacement[top] - wanted, axis=1)
             good = result.converged and truth.converged
             errors[name].append(f"{off.mean():.3f} / {off.max():.3f}" if good else "failed")

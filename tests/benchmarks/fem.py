@@ -33,9 +33,11 @@ def ours(points, cells, kind: str, volumetric: str) -> dict:
     from pinnochio.mechanics.problems import block_boundary, box, uniform
     from pinnochio.mechanics.solver import SolverOptions, solve
 
-    options = SolverOptions(volumetric, INCREMENTS, 1.0, TOLERANCE, TOLERANCE, reuse=False)
+    limits = {"max_iterations": 30, "time_limit": 600, "linear_solver": "auto"}
+    fixed = {"increments": INCREMENTS, "growth": 1.0, "loose": TOLERANCE, "reuse": False}
+    options = SolverOptions(volumetric, tolerance=TOLERANCE, **fixed, **limits)
     if kind == "free":
-        options = SolverOptions(volumetric, increments=2, tolerance=TOLERANCE)
+        options = SolverOptions(volumetric, increments=2, tolerance=TOLERANCE, **limits)
     small, few = box((80, 60, 30), (4, 3, 2))
     solve(small, few, uniform(len(few)), block_boundary(small), options)
     law, boundary = uniform(len(cells)), block_boundary(points)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pinnochio.methods.surface.settings import SurfaceSettings, training_settings
+from pinnochio.methods.surface.settings import training_settings
 from scripts.evaluate import evaluate
 from scripts.finetune_surface import finetune_surface
 from scripts.fit_linear import fit_linear
@@ -13,6 +13,7 @@ from scripts.predict_no_change import predict_no_change
 from scripts.predict_rule import predict_rule
 from scripts.predict_surface import predict_surface
 from scripts.pretrain_surface import pretrain_surface
+from tests.helpers.settings import surface_settings
 from tests.stages.conftest import CONFIG, SEED
 
 
@@ -27,7 +28,7 @@ def measured(patient, predictions, metrics):
 
 @pytest.mark.parametrize("architecture", ["acmt", "dgcfp"])
 def test_a_surface_network_from_fields_and_skin_to_a_row_of_the_table(patient, tmp_path, architecture):
-    settings = SurfaceSettings(architecture, points=64, neighbours=8, repeats=1)
+    settings = surface_settings(architecture, points=64, neighbours=8, repeats=1)
     training = training_settings(CONFIG["surface"]["networks"][architecture]["finetuning"] | {"steps": 3, "batch": 2})
     first, last = ({name: str(tmp_path / f"{phase}_{name}") for name in ("network", "history")} for phase in "ab")
     own = [patient.case], [patient.model]

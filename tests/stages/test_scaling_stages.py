@@ -10,16 +10,15 @@ import torch
 from pinnochio.experiments.measuring import DONE
 from pinnochio.model.predictions import read_prediction
 from pinnochio.networks.cascade import build
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.tables.engine import read_table
 from pinnochio.tables.scaling import SCALING
 from pinnochio.training.checkpoint import save_network
-from pinnochio.training.settings import TrainingSettings
 from scripts.measure_scaling import measure_scaling, training_step, warm_plan
+from tests.helpers.settings import network_settings, training_settings
 from tests.stages.conftest import CONFIG, SEED, SEGMENTS
 
-NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
-TRAINING = TrainingSettings(steps=4, learning_rate=1e-3)
+NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
+TRAINING = training_settings(steps=4, learning_rate=1e-3)
 
 
 def given(patient) -> dict:

@@ -9,10 +9,11 @@ from torch_geometric.nn import EdgeConv
 
 from pinnochio.methods.surface.learner import build, supervised
 from pinnochio.methods.surface.patient import SurfacePatient
-from pinnochio.methods.surface.settings import ARCHITECTURES, SurfaceSettings
+from pinnochio.methods.surface.settings import ARCHITECTURES
 from pinnochio.networks.clouds import Given, per_patient, scaled
 from pinnochio.networks.contrast import contrast
 from pinnochio.networks.dgcfp import EdgeConvolution
+from tests.helpers.settings import surface_settings
 
 SMALL = {"points": 64, "neighbours": 8, "repeats": 1}
 
@@ -47,7 +48,7 @@ DGCFP = (
 
 def patient(architecture, seed=0, **options):
     return SurfacePatient.build(
-        tiny_patient(seed, (13, 9, 4), 6.0), SurfaceSettings(architecture, **SMALL, **options), f"P{seed}", 1
+        tiny_patient(seed, (13, 9, 4), 6.0), surface_settings(architecture, **SMALL, **options), f"P{seed}", 1
     )
 
 
@@ -57,7 +58,7 @@ def given(own, plan=None):
 
 def random_weights(architecture, **options):
     torch.manual_seed(1)
-    return build(SurfaceSettings(architecture, **SMALL, **options))
+    return build(surface_settings(architecture, **SMALL, **options))
 
 
 @pytest.mark.parametrize(("architecture", "expected"), [("acmt", ACMT), ("fscnet", FSCNET), ("dgcfp", DGCFP)])

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import FREE
 from pinnochio.model.regions import CHIN, NAMES, NOSE
 from pinnochio.patients.archive import Archive
@@ -13,9 +12,10 @@ from pinnochio.patients.certificate import in_distribution, in_words, interval_m
 from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration, Interval
+from tests.helpers.settings import fem_settings
 from tests.unit.tiny_patient import tiny_patient, tiny_plan
 
-FEM = FemSettings({"muscle": 6, "superficial": 4}, 0.49)
+FEM = fem_settings()
 PATIENT = tiny_patient()
 QUALITY = {"volume_cm3": {"left": 1.0}, "thickness_mm": {}, "contact_cm2": {"left": {"moving": 2.0}}}
 

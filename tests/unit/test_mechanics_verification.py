@@ -14,8 +14,9 @@ from pinnochio.mechanics.materials import lame
 from pinnochio.mechanics.mixed import MixedElements, solve_mixed
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.solver import solve
 from pinnochio.plans.plan import RigidMotion
+from tests.helpers.settings import solver_options
 
 DEFAULT = VOLUMETRIC[0]
 both = pytest.mark.parametrize("volumetric", VOLUMETRIC)
@@ -25,7 +26,7 @@ def solved(points, cells, boundary, poisson=0.49, volumetric=DEFAULT, tolerance=
     """Result of a converged solution and its internal force (n, 3) in mN; E is 5 kPa throughout."""
     law = uniform(len(cells), poisson)
     # A coarse least increment, so that a wrong tangent fails in seconds.
-    options = SolverOptions(volumetric, tolerance=tolerance, min_increment=1 / 16, **options)
+    options = solver_options(volumetric=volumetric, tolerance=tolerance, min_increment=1 / 16, **options)
     result = solve(points, cells, law, boundary, options)
     assert result.converged, result.reason
     return result, Elements.build(points, cells, law, volumetric).evaluate(result.displacement)[1]
@@ -224,7 +225,7 @@ def test_square_column_twisted_far(volumetric):
     energies, step, start = [], np.deg2rad(0.5), None
     for angle in np.deg2rad(120) + step * np.array([-1, 1, 0]):
         boundary = BoundaryConditions(ends, lambda t, a=angle: twist(points[ends], t * a / 40))
-        options = SolverOptions(volumetric, increments=4, tolerance=1e-8)
+        options = solver_options(volumetric=volumetric, increments=4, tolerance=1e-8)
         result = solve(points, cells, law, boundary, options, start=start)
         assert result.converged, result.reason
         assert result.min_jacobian > 0.2

@@ -17,14 +17,14 @@ from pinnochio.mechanics.materials import neo_hookean
 from pinnochio.methods.pinnochio.learner import CaseFiles, finetune_fold, pretrain_fold
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 from pinnochio.model.postop import PostopSkin
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training import loop
 from pinnochio.training.checkpoint import fingerprint, load_state, save_state
 from pinnochio.training.settings import TrainingSettings
+from tests.helpers.settings import network_settings, training_settings
 
-SMALL = NetworkSettings(boundary_layers=1, volume_layers=1, rest_layers=1, channels=8, heads=2, decoder_width=8)
+SMALL = network_settings(boundary_layers=1, volume_layers=1, rest_layers=1, channels=8, heads=2, decoder_width=8)
 # One patient of four held back, everything on that a checkpoint has to carry.
-TRAINING = TrainingSettings(
+TRAINING = training_settings(
     24, 3e-3, physics_ramp=0.2, physics_target=0.5, validation=1, validate_every=4, checkpoint_every=5
 )
 PHASES = {"pretrain": ("pretrained.pt", "pretraining.csv"), "finetune": ("network.pt", "finetuning.csv")}

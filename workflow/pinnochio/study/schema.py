@@ -9,6 +9,8 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
+from functools import reduce
+from operator import getitem
 from textwrap import shorten
 from typing import Any
 
@@ -59,7 +61,7 @@ def resolved(entry: Mapping, schema: Mapping) -> dict:
     """An entry of the schema with what it refers to in `$defs`."""
     while "$ref" in entry:
         own = {key: value for key, value in entry.items() if key != "$ref"}
-        entry = schema["$defs"][entry["$ref"].rsplit("/", 1)[1]] | own
+        entry = reduce(getitem, entry["$ref"].removeprefix("#/").split("/"), schema) | own
     return dict(entry)
 
 

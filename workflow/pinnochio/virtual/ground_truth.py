@@ -10,7 +10,7 @@ NOMINAL = "nominal"
 
 
 class Effect(NamedTuple):
-    """An effect of the outcome; `nominal` is the value that switches it off, None where the outcome's own settings hold."""
+    """An effect of the outcome; `nominal` is the value that switches it off, None where the outcome's settings hold."""
 
     meaning: str
     unit: str
