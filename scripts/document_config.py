@@ -30,8 +30,9 @@ def document(schema: dict, defaults: dict) -> str:
 def rows(node: dict, defaults: dict, schema: dict, prefix: str):
     """Table rows of an object's properties, depth first."""
     for key, entry in node["properties"].items():
+        entry = resolved(entry, schema)
         meaning = entry.get("description", "")
-        for part in [entry, *entry.get("oneOf", [])]:
+        for part in entry.get("oneOf", []):
             if "$ref" in part:
                 entry = resolved(part, schema)
         value = (defaults or {}).get(key)
