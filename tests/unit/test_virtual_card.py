@@ -68,17 +68,17 @@ def test_every_sampled_number_stands_with_its_distribution_and_what_the_cohort_h
     for name, entry in TABLE.items():
         (row,) = cells(card, f"`{name}`")
         values = np.array([a[name] for a in anatomies])
-        found = [float(text) for text in re.findall(r"-?\d+\.\d+", row[-1])]
+        numbers_shown = [float(text) for text in re.findall(r"-?\d+\.\d+", row[-1])]
         numbers = [values.mean(), values.std(ddof=1), values.min(), values.max()]
-        np.testing.assert_allclose(found, numbers, atol=0.1 * entry.sd)
+        np.testing.assert_allclose(numbers_shown, numbers, atol=0.1 * entry.sd)
         assert row[2] == entry.unit and row[3] == f"{entry.mean:g} ± {entry.sd:g}" and row[6] == entry.source
         assert row[5] == f"{entry.low:g} to {entry.high:g}"
     for deformity, changes in SHIFTS.items():
         shown = {row[1]: row[2] for row in cells(card, deformity) if row[1].startswith("`")}
         assert shown.keys() == {f"`{name}`" for name in changes}
         for name, change in changes.items():
-            told = [float(text) for text in re.findall(r"[-+]?\d+\.?\d*", shown[f"`{name}`"])]
-            assert told == [number for number in change if number != "+"]
+            numbers = [float(text) for text in re.findall(r"[-+]?\d+\.?\d*", shown[f"`{name}`"])]
+            assert numbers == [number for number in change if number != "+"]
             assert shown[f"`{name}`"].startswith("mean ") == (change[0] == "+")
 
 

@@ -17,7 +17,7 @@ UNTRAINED = (
 REGRESSION = "pca_linear"
 
 
-PRETRAINED = "_pretrained"  # ends the name of a surface network that finite-element fields have taught first
+PRETRAINED = "_pretrained"  # ends the name of a surface network that is pretrained on finite-element fields
 
 
 def variants(config: Mapping) -> dict[str, dict]:
@@ -27,36 +27,36 @@ def variants(config: Mapping) -> dict[str, dict]:
     design_{switch}, overlays of the variant `design.base`.
     """
     own = {key: config[key] for key in ("network", "pretraining", "finetuning", "newton_corrections")}
-    found = {name: overlaid(own, overlay) for name, overlay in config["variants"].items()}
+    settings = {name: overlaid(own, overlay) for name, overlay in config["variants"].items()}
     design = config["design"]
-    if base := found.get(design["base"]):
-        found |= {f"design_{name}": overlaid(base, overlay) for name, overlay in design["switches"].items()}
-    return found
+    if base := settings.get(design["base"]):
+        settings |= {f"design_{name}": overlaid(base, overlay) for name, overlay in design["switches"].items()}
+    return settings
 
 
 def surface_networks(config: Mapping) -> dict[str, dict]:
     """Settings of every surface network by its name: network, finetuning, and pretraining where the name says so."""
-    found = {}
+    settings = {}
     for name, own in config["surface"]["networks"].items():
         switches = {key: value for key, value in own.items() if key not in ("pretraining", "finetuning")}
         network = {key: config["surface"][key] for key in ("points", "neighbours", "repeats")} | switches
-        found[name] = {"network": network, "finetuning": own["finetuning"]}
-        found[name + PRETRAINED] = found[name] | {"pretraining": own["pretraining"]}
-    return found
+        settings[name] = {"network": network, "finetuning": own["finetuning"]}
+        settings[name + PRETRAINED] = settings[name] | {"pretraining": own["pretraining"]}
+    return settings
 
 
 def left_out(config: Mapping, scanned: int) -> list[str]:
     """The learned methods, where fewer patients have a post-operative scan than there are folds to train in turn."""
     learned = {REGRESSION, *config["variants"], *surface_networks(config)}
-    found = [method for method in config["methods"] if method in learned and scanned < config["folds"]]
-    if len(found) == len(config["methods"]) and not config["external"]:
+    left = [method for method in config["methods"] if method in learned and scanned < config["folds"]]
+    if len(left) == len(config["methods"]) and not config["external"]:
         raise InputError(
             "-",
             "configuration",
             f"none of 'methods' is left: {scanned} scanned patients do not fill {config['folds']} folds to train on",
             "add a method that needs no training, or lower 'folds'",
         )
-    return found
+    return left
 
 
 def check_config(config: Mapping) -> None:
