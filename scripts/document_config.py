@@ -19,7 +19,8 @@ def document(schema: dict, defaults: dict) -> str:
         "Generated from `workflow/schemas/config.schema.yaml` and `config/config.yaml` by `make docs`; do not edit.",
         "",
         schema["description"],
-        "An overlay (`--configfile config/quick.yaml`) or `--config seed=2` replaces single values.",
+        'An overlay (`--configfile config/quick.yaml`), `--config seed=2` or `--config fem="{poisson: 0.45}"` replaces '
+        "single values.",
         "",
         "| key | default | allowed | meaning |",
         "|---|---|---|---|",

@@ -52,7 +52,7 @@ def test_a_stage_that_fails_and_those_that_need_it_say_so(patient, tmp_path):
     assert rows[["nodes", "seconds", "memory", "written"]].isna().all(None)
 
 
-PHASES = {"pretraining": {"steps": 1, "learning_rate": 1e-3}, "newton_corrections": 0}
+PHASES = {"pretraining": CONFIG["pretraining"] | {"steps": 1, "learning_rate": 1e-3}, "newton_corrections": 0}
 
 
 @pytest.fixture
