@@ -115,10 +115,7 @@ rule virtual_outcome:
         mem_mb=6000,
         runtime=30,
     params:
-        reality=config["virtual"]["reality"],
-        mesh=config["mesh"],
-        interfaces=config["interfaces"],
-        fem=config["fem"],
+        outcome=config["virtual"]["outcome"],
         segments=config["segments"],
         labels=config["labels"],
         seed=SEED,
@@ -148,10 +145,7 @@ rule measure_effects:
         mem_mb=6000,
         runtime=60,
     params:
-        reality=config["virtual"]["reality"],
-        mesh=config["mesh"],
-        interfaces=config["interfaces"],
-        fem=config["fem"],
+        outcome=config["virtual"]["outcome"],
         segments=config["segments"],
         labels=config["labels"],
         seed=SEED,
@@ -182,7 +176,7 @@ rule tabulate_effects:
         mem_mb=1000,
         runtime=5,
     params:
-        reality=config["virtual"]["reality"],
+        effects=config["virtual"]["outcome"]["effects"],
         code=code_of("tabulate_effects"),
     message:
         "Tabulate the effects of the outcome"

@@ -1,10 +1,14 @@
 """Makes config/README.md of the schema and the default configuration: `make docs`."""
 
+import sys
 from pathlib import Path
 
 import yaml
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.append(str(ROOT / "workflow"))
+
+from pinnochio.study.schema import allowed, resolved  # noqa: E402
 
 
 def document(schema: dict, defaults: dict) -> str:
@@ -15,7 +19,8 @@ def document(schema: dict, defaults: dict) -> str:
         "Generated from `workflow/schemas/config.schema.yaml` and `config/config.yaml` by `make docs`; do not edit.",
         "",
         schema["description"],
-        "An overlay (`--configfile config/quick.yaml`) or `--config seed=2` replaces single values.",
+        'An overlay (`--configfile config/quick.yaml`), `--config seed=2` or `--config fem="{poisson: 0.45}"` replaces '
+        "single values.",
         "",
         "| key | default | allowed | meaning |",
         "|---|---|---|---|",
@@ -26,32 +31,17 @@ def document(schema: dict, defaults: dict) -> str:
 def rows(node: dict, defaults: dict, schema: dict, prefix: str):
     """Table rows of an object's properties, depth first."""
     for key, entry in node["properties"].items():
+        entry = resolved(entry, schema)
         meaning = entry.get("description", "")
-        for part in [entry, *entry.get("oneOf", [])]:
+        for part in entry.get("oneOf", []):
             if "$ref" in part:
-                entry = schema["$defs"][part["$ref"].rsplit("/", 1)[1]]
+                entry = resolved(part, schema)
         value = (defaults or {}).get(key)
         if "properties" in entry:
             yield f"| **`{prefix}{key}`** | | | {meaning} |"
             yield from rows(entry, value, schema, f"{prefix}{key}.")
         else:
             yield f"| `{prefix}{key}` | `{value}` | {allowed(entry)} | {meaning} |"
-
-
-def allowed(entry: dict) -> str:
-    """Bounds of a value in words."""
-    if "oneOf" in entry:
-        return " or ".join(allowed(part) for part in entry["oneOf"])
-    if "const" in entry:
-        return f"`{entry['const']}`"
-    if "enum" in entry:
-        return ", ".join(entry["enum"])
-    if "items" in entry and "enum" in entry["items"]:
-        return "any of " + ", ".join(entry["items"]["enum"])
-    low = [f">= {entry['minimum']}"] if "minimum" in entry else []
-    low += [f"> {entry['exclusiveMinimum']}"] if "exclusiveMinimum" in entry else []
-    high = [f"<= {entry['maximum']}"] if "maximum" in entry else []
-    return ", ".join([entry["type"], *low, *high])
 
 
 def config_page(root: Path = ROOT) -> str:

@@ -3,7 +3,6 @@
 import pandas as pd
 
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.volume import read_truth
 from pinnochio.model.surfaces import bone_surface, skin_surface
 from pinnochio.tables.engine import write_csv
@@ -14,21 +13,18 @@ from pinnochio.virtual.outcome import Operation
 def measure_effects(
     case: str,
     inputs: dict[str, str],
-    reality: str | dict,
-    mesh: dict[str, float],
-    interfaces: dict[str, float],
-    fem: FemSettings,
+    outcome: dict,
     label_values: dict[str, int],
     segments: tuple[str, ...],
     seed: int,
     table: str,
 ) -> None:
     """inputs: segmentation, plan, landmarks, truth; the rest as in the outcome's stage."""
-    operation = Operation.read(case, inputs, label_values, segments, mesh, interfaces, fem, seed)
+    operation = Operation.read(case, inputs, label_values, segments, outcome, seed)
     place = operation.head.labels, operation.head.spacing, operation.head.origin
-    skin, bone = skin_surface(*place), bone_surface(*place, segments, mesh["bone_edge"])
+    skin, bone = skin_surface(*place), bone_surface(*place, segments, outcome["mesh"]["bone_edge"])
     *truth, _ = read_truth(inputs["truth"], case)
-    write_csv(pd.DataFrame(measure(operation, reality, skin, bone, tuple(truth))), table, CASE)
+    write_csv(pd.DataFrame(measure(operation, skin, bone, tuple(truth))), table, CASE)
 
 
 if __name__ == "__main__":
@@ -36,10 +32,7 @@ if __name__ == "__main__":
     measure_effects(
         case=snakemake.wildcards.case,
         inputs=dict(snakemake.input.items()),
-        reality=snakemake.params.reality,
-        mesh=snakemake.params.mesh,
-        interfaces=snakemake.params.interfaces,
-        fem=FemSettings(**snakemake.params.fem),
+        outcome=snakemake.params.outcome,
         label_values=snakemake.params.labels,
         segments=tuple(snakemake.params.segments),
         seed=snakemake.params.seed,

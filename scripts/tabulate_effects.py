@@ -9,11 +9,11 @@ from pinnochio.tables.engine import read_table
 from pinnochio.virtual.effects import CASE, summarise, write_summary
 
 
-def tabulate_effects(rows: Sequence[str], reality: str | dict, table: str) -> None:
-    """Mean of each effect over the patients, with its magnitude (`reality`: section of the configuration)."""
-    write_summary(summarise(pd.concat([read_table(path, CASE) for path in rows]), reality), table)
+def tabulate_effects(rows: Sequence[str], effects: str | dict, table: str) -> None:
+    """Mean of each effect over the patients, with its magnitude (`effects`: section of the configuration)."""
+    write_summary(summarise(pd.concat([read_table(path, CASE) for path in rows]), effects), table)
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    tabulate_effects(rows=snakemake.input.rows, reality=snakemake.params.reality, table=snakemake.output.table)
+    tabulate_effects(rows=snakemake.input.rows, effects=snakemake.params.effects, table=snakemake.output.table)

@@ -3,8 +3,8 @@
 import os
 from pathlib import Path
 
+import yaml
 from snakemake.logging import logger
-from snakemake.utils import validate
 
 from pinnochio.code import ROOT, code_hash, source_file
 from pinnochio.files import check_writable
@@ -12,6 +12,8 @@ from pinnochio.methods.registry import graph_networks
 from pinnochio.patients.archive import READ_BY_NETWORKS
 from pinnochio.report.parts import FIGURES, PARTS
 from pinnochio.study.configuration import check_config
+from pinnochio.study.provenance import changed_since, forgotten
+from pinnochio.study.schema import checked
 from pinnochio.study.study import Study
 
 # Idle OpenMP threads of a job sleep; spinning they take the cores from the compiled loops.
@@ -20,10 +22,19 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("IGL_NUM_THREADS", "1")
 os.environ.setdefault("ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS", "1")
 
-validate(config, "schemas/config.schema.yaml")
+HERE = Path(workflow.current_basedir.get_path_or_uri(secret_free=True))
+SCHEMA = (HERE / "schemas/config.schema.yaml").read_text(encoding="utf-8")
+config.update(checked(config, yaml.safe_load(SCHEMA)))
 check_config(config)
 
 RESULTS = config["pathvars"]["results"]
+RECORD = f"{RESULTS}/provenance.json"
+if workflow.is_main_process and forgotten(RECORD):
+    if changed := changed_since(RECORD, config):
+        logger.warning(
+            f"Snakemake has no metadata of {RESULTS}, which was made with another configuration: {', '.join(changed)}. "
+            "What lies there counts as up to date. Delete it, or name what shall be made again with --forcerun."
+        )
 BENCHMARKS = f"{RESULTS}/benchmarks"
 STUDY = Study(config, RESULTS)
 NETWORKS = graph_networks(config)

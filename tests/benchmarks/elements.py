@@ -13,13 +13,17 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
+from tests.helpers.settings import solver_options
+
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from pinnochio.mechanics.elements import VOLUMETRIC
 from pinnochio.mechanics.mixed import MIXED, solve_mixed
 from pinnochio.mechanics.problems import BLOCK, BLOCK_STEPS, block_boundary, box, uniform
 from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.solver import solve
+
+OPTIONS = {"increments": 2, "tolerance": 1e-6, "max_iterations": 30, "time_limit": 600, "linear_solver": "auto"}
 
 
 def held_like(coarse, fine, shear: bool) -> tuple[BoundaryConditions, BoundaryConditions]:
@@ -77,7 +81,7 @@ def main() -> None:
             if name in MIXED:
                 result = solve_mixed(points, cells, law, boundary, name, increments=1, tolerance=1e-6)
             else:
-                result = solve(points, cells, law, boundary, SolverOptions(name))
+                result = solve(points, cells, law, boundary, solver_options(name, **OPTIONS))
             off = np.linalg.norm(result.displacement[top] - wanted, axis=1)
             good = result.converged and truth.converged
             errors[name].append(f"{off.mean():.3f} / {off.max():.3f}" if good else "failed")

@@ -20,6 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.helpers.settings import solver_options
+
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 TOLERANCE, INCREMENTS = 1e-8, 5
 SOLVERS = ("felupe + pypardiso", "direct p1", "direct patch", "free p1", "free patch")
@@ -31,11 +33,13 @@ def ours(points, cells, kind: str, volumetric: str) -> dict:
     from pinnochio.mechanics.elements import Elements
     from pinnochio.mechanics.linear import linear_solver
     from pinnochio.mechanics.problems import block_boundary, box, uniform
-    from pinnochio.mechanics.solver import SolverOptions, solve
+    from pinnochio.mechanics.solver import solve
 
-    options = SolverOptions(volumetric, INCREMENTS, 1.0, TOLERANCE, TOLERANCE, reuse=False)
+    limits = {"max_iterations": 30, "time_limit": 600, "linear_solver": "auto"}
+    fixed = {"increments": INCREMENTS, "growth": 1.0, "loose": TOLERANCE, "reuse": False}
+    options = solver_options(volumetric, tolerance=TOLERANCE, **fixed, **limits)
     if kind == "free":
-        options = SolverOptions(volumetric, increments=2, tolerance=TOLERANCE)
+        options = solver_options(volumetric, increments=2, tolerance=TOLERANCE, **limits)
     small, few = box((80, 60, 30), (4, 3, 2))
     solve(small, few, uniform(len(few)), block_boundary(small), options)
     law, boundary = uniform(len(cells)), block_boundary(points)

@@ -15,6 +15,8 @@ import sys
 import time
 from pathlib import Path
 
+from tests.helpers.settings import network_settings
+
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the study does
 
 import numpy as np
@@ -65,7 +67,7 @@ def main() -> None:
         ways["fem_sliding"] = lambda: simulate(model, plan, "mucosa", fem)
         ways["elastic"] = lambda: elastic.solve(boundary_conditions(model, plan, "mucosa"))
     for method in asked.methods:
-        own = NetworkSettings(**settings[method]["network"])
+        own = network_settings(**settings[method]["network"])
         network = shaken(own, asked.device) if asked.untrained else None
         if network is None:
             network, own = load_network(asked.fold / method / "network.pt", asked.device)

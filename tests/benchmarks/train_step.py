@@ -22,6 +22,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from tests.helpers.settings import network_settings
+
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from configuration import read_config
@@ -33,7 +35,6 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.networks import boundary
 from pinnochio.networks.attention import Attention
 from pinnochio.networks.building import build
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.plans.plan import Plan
 
 TOLERANCE = 1e-4
@@ -44,7 +45,7 @@ class Problem:
     """A network with random weights, a patient under its plan, and the optimiser."""
 
     def __init__(self, case: Path, config: dict, device: str):
-        settings = NetworkSettings(**config["network"])
+        settings = network_settings(**config["network"])
         model = PatientModel.read(case / "model.h5")
         self.patient = tensors(model, FemSettings(**config["fem"]), settings, device)
         self.signal = self.patient.signal(Plan.from_json((case / "plan.json").read_text(), case / "plan.json"))

@@ -6,6 +6,7 @@ import jsonschema
 import pytest
 import yaml
 
+from pinnochio.study.schema import resolved
 from scripts.document_config import ROOT, config_page
 
 SCHEMA = yaml.safe_load((ROOT / "workflow/schemas/config.schema.yaml").read_text())
@@ -39,6 +40,7 @@ def test_unknown_key_is_refused():
 def test_every_key_is_explained():
     def keys(node):
         for key, entry in node.get("properties", {}).items():
+            entry = resolved(entry, SCHEMA)
             assert entry.get("description"), key
             keys(entry)
 

@@ -13,7 +13,7 @@ from scripts.simulate_fem import simulate_fem
 from scripts.tetrahedralize import mesh_case
 from scripts.virtual_outcome import virtual_outcome
 from scripts.virtual_patient import virtual_patient
-from tests.helpers.settings import CONFIG, MESH, SEED, SEGMENTS
+from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,8 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
         "anatomy": file("anatomy.json"),
     }
     virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], given)
-    reality = CONFIG["virtual"]["reality"] | {"nodes": 1000}
     made = {"postop": file("scan.ply"), "truth": file("truth.h5")}
-    virtual_outcome(
-        case, given, reality, MESH, CONFIG["interfaces"], fem, CONFIG["labels"], SEGMENTS, SEED, made
-    )  # fmt: skip
+    virtual_outcome(case, given, OUTCOME, CONFIG["labels"], SEGMENTS, SEED, made)
     names = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "plan": "plan.json"}
     imported = {key: file(name) for key, name in names.items()} | {"report": file("report.json")}
     import_segmentation(

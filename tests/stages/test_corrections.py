@@ -10,7 +10,6 @@ from pinnochio.mechanics.elements import jacobians
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.networks.building import build
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.tables.corrections import CORRECTIONS
 from pinnochio.tables.engine import CASES, read_table
 from pinnochio.training.checkpoint import save_network
@@ -18,10 +17,10 @@ from scripts.correct import correct
 from scripts.evaluate import evaluate
 from scripts.render_corrections import render_corrections
 from scripts.tabulate_corrections import tabulate_corrections
-from tests.helpers.settings import CONFIG, SEED
+from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.training import predict_by
 
-NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
+NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
 COUNTS = (1, 3, 8)
 
 

@@ -14,17 +14,16 @@ from pinnochio.plans.plan import Plan
 from pinnochio.virtual.outcome import admissible
 from scripts.register_postop import register_postop
 from scripts.virtual_outcome import virtual_outcome
-from tests.helpers.settings import CONFIG, MESH, SEED, SEGMENTS
+from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
 
 
 @pytest.fixture(scope="module")
 def nominal(patient, tmp_path_factory):
     folder = tmp_path_factory.mktemp("nominal")
     made = {"postop": str(folder / "scan.ply"), "truth": str(folder / "truth.h5")}
-    given = {name: getattr(patient, name) for name in ("segmentation", "landmarks")} | {"plan": patient.given}
-    virtual_outcome(
-        patient.case, given, "nominal", MESH, CONFIG["interfaces"], patient.fem, CONFIG["labels"], SEGMENTS, SEED, made
-    )  # fmt: skip
+    inputs = {name: getattr(patient, name) for name in ("segmentation", "landmarks")} | {"plan": patient.given}
+    outcome = OUTCOME | {"effects": "nominal"}
+    virtual_outcome(patient.case, inputs, outcome, CONFIG["labels"], SEGMENTS, SEED, made)
     return made
 
 
@@ -52,11 +51,11 @@ def test_the_scan_is_the_skin_that_they_predict(patient, nominal, field, tmp_pat
     with h5py.File(path, "r") as file:
         points = file["points"][()]
     assert read_surface(nominal["postop"])[0].shape == points.shape
-    found = closest_points(points, model.moved_skin(displacement), model.skin_faces)
-    assert found.distance.max() < 0.25  # what the registration leaves on a forehead that follows the jaws a little
+    near = closest_points(points, model.moved_skin(displacement), model.skin_faces)
+    assert near.distance.max() < 0.25  # what the registration leaves on a forehead that follows the jaws a little
 
 
-def test_the_full_reality_is_another_outcome(patient, field):
+def test_the_effects_make_another_outcome(patient, field):
     model, _, displacement = field
     points, _, truth, _ = read_truth(patient.truth, patient.case)
     assert points.shape != model.points.shape

@@ -11,7 +11,6 @@ from pinnochio.metrics.quality import quality
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
 from pinnochio.networks.building import build
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.patients.archive import Archive, calibration_file, network_file
 from pinnochio.planner.forecast import Forecaster
 from pinnochio.planner.prepared import Prepared
@@ -24,10 +23,10 @@ from scripts.make_lift import write_lift
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
 from scripts.prepare_planner import prepare_planner
-from tests.helpers.settings import CONFIG, SEGMENTS
+from tests.helpers.settings import CONFIG, SEGMENTS, network_settings
 
 METHOD = "pinnochio_plus"
-SMALL = NetworkSettings(
+SMALL = network_settings(
     **(CONFIG["network"] | {"lift": "elastic", "volume_layers": 0, "boundary_layers": 1, "channels": 8})
 )
 

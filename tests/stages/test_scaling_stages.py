@@ -10,14 +10,13 @@ import torch
 from pinnochio.experiments.measuring import DONE
 from pinnochio.model.predictions import read_prediction
 from pinnochio.networks.building import build
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.tables.engine import read_table
 from pinnochio.tables.scaling import SCALING
 from pinnochio.training.checkpoint import save_network
 from scripts.measure_scaling import measure_scaling, training_step, warm_plan
-from tests.helpers.settings import CONFIG, SEED, SEGMENTS
+from tests.helpers.settings import CONFIG, SEED, SEGMENTS, network_settings
 
-NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
+NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
 TRAINING = {"steps": 4, "learning_rate": 1e-3}
 
 
@@ -52,7 +51,7 @@ def test_a_stage_that_fails_and_those_that_need_it_say_so(patient, tmp_path):
     assert rows[["nodes", "seconds", "memory", "written"]].isna().all(None)
 
 
-PHASES = {"pretraining": {"steps": 1, "learning_rate": 1e-3}, "newton_corrections": 0}
+PHASES = {"pretraining": CONFIG["pretraining"] | {"steps": 1, "learning_rate": 1e-3}, "newton_corrections": 0}
 
 
 @pytest.fixture

@@ -10,13 +10,13 @@ import pytest
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.model.patient import CUT_PLANE, PatientModel
 from pinnochio.plans.plan import Plan
-from pinnochio.reduction.settings import REDUCTIONS, SceneSettings
+from pinnochio.reduction.settings import REDUCTIONS
 from pinnochio.tables.engine import read_table
 from pinnochio.tables.reductions import SCENES, TRIALS
 from scripts.collect_scenes import collect_scenes
 from scripts.make_scene import make_scene
 from scripts.measure_scene import measure_scene
-from tests.helpers.settings import CONFIG, MESH, SEED, SEGMENTS
+from tests.helpers.settings import CONFIG, MESH, SEED, SEGMENTS, scene_settings
 
 LEFORT = "lefort1"
 
@@ -31,7 +31,7 @@ def lefort(patient, tmp_path_factory):
 
 def test_scene_of_a_lefort_plan_is_smaller_and_its_face_moves_alike(patient, lefort, tmp_path):
     out = str(tmp_path / "scene.json"), str(tmp_path / "model.h5")
-    make_scene(patient.case, lefort, CONFIG["interfaces"], patient.fem, SceneSettings(), *out)
+    make_scene(patient.case, lefort, CONFIG["interfaces"], patient.fem, scene_settings(), *out)
     said = json.loads(Path(out[0]).read_text())["plans"]["own"]
     assert set(said) == {"segments", *REDUCTIONS} and said["segments"]["value"] == [LEFORT]
     assert said["region"]["value"] and not said["bonded"]["value"] and not said["graded"]["value"]
@@ -49,7 +49,7 @@ def test_scene_of_a_lefort_plan_is_smaller_and_its_face_moves_alike(patient, lef
 
 
 def test_trials_and_table_compare_every_reduction_with_the_full_model(patient, lefort, tmp_path):
-    settings = replace(SceneSettings(), graded=False)
+    settings = replace(scene_settings(), graded=False)
     out = str(tmp_path / "trials.csv"), str(tmp_path / "scene.json")
     rest = SEGMENTS, MESH, CONFIG["interfaces"], patient.fem, settings, SEED, "code", *out
     measure_scene(patient.case, lefort, *rest)

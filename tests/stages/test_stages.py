@@ -20,9 +20,7 @@ from pinnochio.meshing.mesh import TetMesh
 from pinnochio.methods.pinnochio.predictor import load_network
 from pinnochio.model.patient import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.plans.plan import Plan
-from pinnochio.training.settings import TrainingSettings
 from scripts.check_cohort import check_cohort
 from scripts.collect_cases import collect_cases
 from scripts.compare_methods import compare_methods
@@ -39,10 +37,10 @@ from scripts.solve_plan import solve_plan
 from scripts.tabulate_training import tabulate_training
 from scripts.time_stages import time_stages
 from scripts.virtual_patient import virtual_patient
-from tests.helpers.settings import CONFIG, SEED, SEGMENTS
+from tests.helpers.settings import CONFIG, SEED, SEGMENTS, network_settings, training_settings
 from tests.helpers.training import predict_by
 
-NETWORK = NetworkSettings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
+NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
 
 
 def test_virtual_patient_is_its_seed(patient, tmp_path):
@@ -244,7 +242,7 @@ def test_the_cost_is_read_from_networks_and_benchmark_files(predicted, tmp_path)
         folder = tmp_path / "benchmarks" / rule
         folder.mkdir(parents=True)
         (folder / "1_pinnochio.tsv").write_text(f"s\tmax_rss\tcpu_time\n{seconds}\t300\tNA\n")
-    phases = dict.fromkeys(("pretraining", "finetuning"), vars(TrainingSettings(steps=15, learning_rate=2e-3)))
+    phases = dict.fromkeys(("pretraining", "finetuning"), vars(training_settings(steps=15, learning_rate=2e-3)))
     benchmarks, training, stages = (str(tmp_path / name) for name in ("benchmarks", "training.csv", "stages.csv"))
     tabulate_training(files, {"pinnochio": phases}, ["1"], benchmarks, "virtual cohort", training)
     row = pd.read_csv(training).loc[0]

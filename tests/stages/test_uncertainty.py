@@ -12,16 +12,15 @@ from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.model.regions import NAMES, OTHER, regions
 from pinnochio.networks.building import build
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble
 from pinnochio.training.checkpoint import save_network
 from scripts.calibrate import ScannedCase, calibrate
 from scripts.collect_coverage import collect_coverage
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
-from tests.helpers.settings import CONFIG, SEED
+from tests.helpers.settings import CONFIG, SEED, network_settings
 
-NETWORK = NetworkSettings(boundary_layers=1, volume_layers=1, channels=16, heads=2)
+NETWORK = network_settings(boundary_layers=1, volume_layers=1, channels=16, heads=2)
 FOLDS = ("1", "2", "3")
 LEVEL = 0.5  # what two patients can give a finite half-width
 

@@ -23,21 +23,21 @@ from pinnochio.experiments.stability_judge import (
 from pinnochio.figures.stability import stability_picture
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.elements import VOLUMETRIC, jacobians
-from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.solver import solve
 from pinnochio.methods.pinnochio.patient import LOSS_EXTENSION
 from pinnochio.tables.engine import read_table
 from scripts.stability import training_loss
 from tests.helpers.patients import tiny_patient
+from tests.helpers.settings import fem_settings, solver_options
 
 STEPS = (6, 4, 4)
-FEM = FemSettings({"muscle": 6, "superficial": 4}, 0.49, time_limit=60)
+FEM = fem_settings(time_limit=60)
 NOTHING = dict.fromkeys(problems.FAMILIES, ()) | {"segment": "left", "block": STEPS, "noise": 0.1}
 
 
 def solved(problem, element):
-    return solve(problem.points, problem.cells, problem.material, problem.boundary, SolverOptions(volumetric=element))
+    return solve(problem.points, problem.cells, problem.material, problem.boundary, solver_options(volumetric=element))
 
 
 def elastic(problem, element):
@@ -111,7 +111,7 @@ def test_settings_change_what_they_name():
 
 def test_solution_is_confirmed_and_lies_are_not(block, solution):
     element, result = solution
-    options = SolverOptions(volumetric=element)
+    options = solver_options(volumetric=element)
 
     def verdict(**claims):
         return judge_solution(block, element, replace(result, **claims), 1.0, options)
@@ -135,12 +135,12 @@ def test_solution_is_confirmed_and_lies_are_not(block, solution):
 def test_the_other_elements_equilibrium_is_no_equilibrium(block, solution):
     element, result = solution
     other = next(name for name in VOLUMETRIC if name != element)
-    assert judge_solution(block, other, result, 1.0, SolverOptions()).outcome == WRONG
+    assert judge_solution(block, other, result, 1.0, solver_options()).outcome == WRONG
 
 
 def test_a_known_field_must_be_met_where_it_is_the_only_one(block, solution):
     element, result = solution
-    options, known = SolverOptions(volumetric=element), result.displacement + 2e-3
+    options, known = solver_options(volumetric=element), result.displacement + 2e-3
     assert judge_solution(block, element, result, 1.0, options, result.displacement + 1e-4).outcome == CONVERGED
     assert judge_solution(block, element, result, 1.0, options, known).outcome == WRONG
     several = judge_solution(block, element, result, 1.0, options, known, unique=False)
@@ -149,7 +149,7 @@ def test_a_known_field_must_be_met_where_it_is_the_only_one(block, solution):
 
 def test_stopping_is_clean_with_a_reason_in_time(block, solution):
     element, result = solution
-    options = SolverOptions(volumetric=element, time_limit=60)
+    options = solver_options(volumetric=element, time_limit=60)
 
     def outcome(reason, seconds):
         return judge_solution(block, element, replace(result, converged=False, reason=reason), seconds, options).outcome
@@ -161,7 +161,7 @@ def test_stopping_is_clean_with_a_reason_in_time(block, solution):
 
 def test_sliding_nodes_are_held_on_their_surface_and_free_along_it(sliding):
     problem, result = sliding
-    element, options = VOLUMETRIC[0], SolverOptions()
+    element, options = VOLUMETRIC[0], solver_options()
     assert judge_solution(problem, element, result, 1.0, options).outcome == CONVERGED
     node = problem.boundary.sliding[0].nodes[0]
     for way, what in (([0, 0, 1e-4], "sliding nodes"), ([0.05, 0, 0], "residual")):

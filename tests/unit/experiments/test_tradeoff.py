@@ -10,10 +10,10 @@ from pinnochio.experiments.tradeoff_choice import SAFETY, check_choices, choose_
 from pinnochio.experiments.tradeoff_settings import Setting, as_in_the_study, fem_settings, network_settings
 from pinnochio.figures.tradeoff import tradeoff_picture
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.mechanics.settings import FemSettings
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.engine import check
 from pinnochio.tables.tradeoff import TRADEOFF_CASES, answers, pareto, summarise, write_tradeoff
+from tests.helpers import settings
 from tests.helpers.patients import tiny_patient
 
 # method, value, seconds, cd, face error
@@ -143,7 +143,7 @@ def test_judging_the_reference_itself_finds_no_error():
     """And a face moved by a known vector is as far off as that vector is long."""
     patient = tiny_patient(3)
     plan = Plan("tiny", {name: RigidMotion(translation=np.array([0, -1.0, 0])) for name in patient.segments})
-    fem = FemSettings({"muscle": 6, "superficial": 4}, 0.45)
+    fem = settings.fem_settings(poisson=0.45)
     solved = predict_fem(Setting("fem_bonded", "nodes", "", 0), patient, plan, fem, 1)
     assert solved.converged and solved.seconds > 0
     reference = Reference(patient, solved.displacement)
@@ -158,7 +158,7 @@ def test_judging_the_reference_itself_finds_no_error():
 def test_linear_elasticity_is_near_finite_elements_for_a_small_move():
     patient = tiny_patient(3)
     plan = Plan("tiny", {name: RigidMotion(translation=np.array([0, -0.01, 0])) for name in patient.segments})
-    fem = FemSettings({"muscle": 6, "superficial": 4}, 0.45)
+    fem = settings.fem_settings(poisson=0.45)
     linear, solved = (
         predict_fem(Setting(method, "nodes", "", 0), patient, plan, fem, 1) for method in ("elastic", "fem_sliding")
     )
@@ -168,7 +168,7 @@ def test_linear_elasticity_is_near_finite_elements_for_a_small_move():
 def test_another_element_gives_nearly_the_same_field():
     patient = tiny_patient(3)
     plan = Plan("tiny", {name: RigidMotion(translation=np.array([0, -1.0, 0])) for name in patient.segments})
-    fem = FemSettings({"muscle": 6, "superficial": 4}, 0.45)
+    fem = settings.fem_settings(poisson=0.45)
     own, *others = (
         predict_fem(Setting("fem_bonded", "element", name, 0, {"volumetric": name}), patient, plan, fem, 1).displacement
         for name in ("taylor_hood", "patch", "averaged", "p1")

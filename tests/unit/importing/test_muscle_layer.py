@@ -10,7 +10,6 @@ from scipy import ndimage
 from pinnochio.errors import InputError
 from pinnochio.importing.muscle_layer import derive_muscle, muscle_layer
 from pinnochio.mechanics.elements import jacobians
-from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
@@ -21,14 +20,14 @@ from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, TISSUES, s
 from pinnochio.model.patient import BONE_SUPERFICIAL, FREE, MOVING, NO_INTERFACE, SLIDING, PatientModel
 from pinnochio.model.surfaces import bone_surface, skin_surface
 from pinnochio.networks.building import build
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import DEFORMITIES, sample_parameters
 from tests.helpers.patients import tiny_patient, tiny_plan
+from tests.helpers.settings import fem_settings, network_settings
 
 SPACING = np.array([2.0, 1.0, 1.0])
-FEM = FemSettings({"muscle": 6, "superficial": 4}, 0.49)
+FEM = fem_settings()
 
 
 def slab():
@@ -138,8 +137,8 @@ def single_layer() -> PatientModel:
 @pytest.mark.parametrize("decomposition", [True, False])
 def test_networks_learn_on_a_single_layer(decomposition):
     model, plan = single_layer(), tiny_plan()
-    patient = PatientTensors.build(model, FEM.material(model.tissue))
-    settings = NetworkSettings(boundary_layers=1, volume_layers=1, channels=8, heads=2, decomposition=decomposition)
+    patient = PatientTensors.build(model, FEM.material(model.tissue), "patch", network_settings())
+    settings = network_settings(boundary_layers=1, volume_layers=1, channels=8, heads=2, decomposition=decomposition)
     torch.manual_seed(0)
     network = build(settings)
     target = torch.as_tensor(model.reference_cue(plan)[0], dtype=torch.float32)

@@ -7,9 +7,10 @@ from pinnochio.errors import InputError
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet, boundary_conditions
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.solver import solve
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient
+from tests.helpers.settings import solver_options
 from tests.helpers.solids import both, plane
 
 
@@ -24,7 +25,7 @@ def test_small_motions_give_what_newton_gives(volumetric, arm):
         plan = Plan("P01", {"mandible_distal": RigidMotion.from_degrees([0, 1e-3, 0], shift, [12, 6, 0])})
         boundary = boundary_conditions(model, plan, arm)
         found = solver.solve(boundary)
-        exact = solve(model.points, model.cells, law, boundary, SolverOptions(volumetric, tolerance=1e-10))
+        exact = solve(model.points, model.cells, law, boundary, solver_options(volumetric=volumetric, tolerance=1e-10))
         assert exact.converged
         size = np.abs(exact.displacement).max()
         np.testing.assert_allclose(found, exact.displacement, rtol=0, atol=2e-4 * size)

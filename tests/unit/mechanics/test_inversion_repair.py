@@ -7,7 +7,8 @@ from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.inversion_repair import FLOOR, damped, repair_inversions, volume_ratios
 from pinnochio.mechanics.problems import box, uniform
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.solver import solve
+from tests.helpers.settings import solver_options
 from tests.helpers.solids import bent_block
 
 RNG = np.random.default_rng
@@ -20,7 +21,7 @@ def bent():
     law = uniform(len(cells))
     held = np.zeros(len(points), bool)
     held[boundary.prescribed_nodes] = True
-    found = solve(points, cells, law, boundary, SolverOptions(tolerance=1e-8))
+    found = solve(points, cells, law, boundary, solver_options(tolerance=1e-8))
     assert found.converged and found.min_jacobian > 0.3
     return points, cells, law, found.displacement, held
 

@@ -10,7 +10,8 @@ from pinnochio.mechanics.linear import linear_solver
 from pinnochio.mechanics.materials import Material, lame
 from pinnochio.mechanics.problems import box
 from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.solver import solve
+from tests.helpers.settings import solver_options
 
 SIZE, EDGE = (60.0, 60.0, 12.0), 3.0
 MU, LAM = lame(6.0, 0.49)
@@ -93,7 +94,7 @@ def test_averaged_volume_does_not_lock_and_the_plain_element_does(slab, directio
             cells,
             law,
             BoundaryConditions(nodes, AMOUNT * moved),
-            SolverOptions(volumetric, increments=1, tolerance=1e-8),
+            solver_options(volumetric=volumetric, increments=1, tolerance=1e-8),
         )
         assert result.converged
         off = (result.displacement / AMOUNT - references[direction])[skin]
@@ -120,7 +121,7 @@ def test_averaging_converges_to_the_quadratic_field(slab):
         count = len(cells)
         law = Material(np.full(count, MU), np.full(count, LAM), np.zeros(count))
         nodes, moved = load(fine, NORMAL)
-        result = solve(fine, cells, law, BoundaryConditions(nodes, AMOUNT * moved), SolverOptions(increments=1))
+        result = solve(fine, cells, law, BoundaryConditions(nodes, AMOUNT * moved), solver_options(increments=1))
         stride = int(edge / EDGE)
         skin = result.displacement[fine[:, 2] == SIZE[2]] / AMOUNT
         off = skin - lattice[::stride, ::stride].reshape(-1, 3)

@@ -14,8 +14,9 @@ from pinnochio.mechanics.materials import Material, lame
 from pinnochio.mechanics.mixed import EDGES, MIXED, MixedElements, solve_mixed
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
 from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.solver import solve
 from pinnochio.plans.plan import RigidMotion
+from tests.helpers.settings import solver_options
 
 every = pytest.mark.parametrize("element", MIXED)
 
@@ -255,7 +256,7 @@ def test_taylor_hood_converges_to_a_closed_form_where_plain_elements_lock():
         skin = skin_of(points, (8, 8, 8))
         boundary, law = BoundaryConditions(skin, exact[skin]), uniform(len(cells), 0.4999)
         result = solve_mixed(points, cells, law, boundary, increments=1)
-        plain = solve(points, cells, law, boundary, SolverOptions("p1", increments=1, tolerance=1e-9))
+        plain = solve(points, cells, law, boundary, solver_options(volumetric="p1", increments=1, tolerance=1e-9))
         assert result.converged and plain.converged
         for name, field in (("taylor_hood", result.displacement), ("p1", plain.displacement)):
             errors[name, steps] = np.abs(field - exact).max() / np.abs(exact).max()
@@ -282,7 +283,7 @@ def top_error(coarse, fine, elements) -> dict:
         if name in MIXED:
             result = solve_mixed(points, few, law, boundary, name)
         else:
-            result = solve(points, few, law, boundary, SolverOptions(name))
+            result = solve(points, few, law, boundary, solver_options(volumetric=name))
         assert result.converged, result.reason
         error[name] = np.linalg.norm(result.displacement[top] - lattice, axis=1).mean()
     return error

@@ -9,11 +9,11 @@ from pinnochio.mechanics.corrections import Finish, Refiner, expected_pressure, 
 from pinnochio.mechanics.elements import Elements, jacobians, patch_bulk
 from pinnochio.mechanics.inversion_repair import FLOOR
 from pinnochio.mechanics.problems import uniform
-from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.solver import solve
 from pinnochio.model.patient import FIXED, FREE, NO_INTERFACE
 from tests.helpers.patients import tiny_patient, tiny_plan
+from tests.helpers.settings import fem_settings, solver_options
 from tests.helpers.solids import bent_block
 
 RNG = np.random.default_rng
@@ -24,7 +24,7 @@ def bent():
     """Mesh, law, prescribed nodes and motion, and equilibrium of a bent block."""
     points, cells, boundary = bent_block((12, 6, 5))
     law = uniform(len(cells))
-    found = solve(points, cells, law, boundary, SolverOptions(tolerance=1e-10))
+    found = solve(points, cells, law, boundary, solver_options(tolerance=1e-10))
     assert found.converged
     return points, cells, law, boundary.prescribed_nodes, boundary.displacement(1.0), found.displacement
 
@@ -42,7 +42,7 @@ def rough(bent, noise, jump=0.0, seed=0):
 def test_many_corrections_are_finite_elements_on_the_interface(bent, volumetric, seed):
     points, cells, law, nodes, told, _ = bent
     boundary = bent_block((12, 6, 5))[2]
-    wanted = solve(points, cells, law, boundary, SolverOptions(volumetric, tolerance=1e-11)).displacement
+    wanted = solve(points, cells, law, boundary, solver_options(volumetric=volumetric, tolerance=1e-11)).displacement
     start = rough(bent, 0.1, 0.1, seed)
     found = newton_corrections(points, cells, law, nodes, told, start, 15, volumetric)
     assert found[-1].residual < 1e-9 and found[-1].gap == 0
@@ -194,7 +194,7 @@ def test_what_does_not_fit_is_refused(bent):
 @pytest.fixture(scope="module")
 def patient():
     """A tiny patient, its law and the equilibrium under its plan with sliding nodes."""
-    model, fem = tiny_patient(), FemSettings({"muscle": 6, "superficial": 4}, 0.49)
+    model, fem = tiny_patient(), fem_settings()
     return model, fem, simulate(model, tiny_plan(), "mucosa", fem).displacement
 
 

@@ -16,10 +16,11 @@ from pinnochio.mechanics.sliding import (
     SlidingSet,
     boundary_conditions,
 )
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.solver import solve
 from pinnochio.model.patient import FIXED, FREE, MOVING, SLIDING
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient
+from tests.helpers.settings import solver_options
 from tests.helpers.solids import both, plane, sphere
 
 
@@ -78,7 +79,7 @@ def test_block_pressed_between_sliding_planes(volumetric):
     pressing = SlidingSet(top, *plane(normal, 12 * normal), motion.fraction)
     boundary = BoundaryConditions(held, exact[held], [fixed, pressing])
     law = uniform(len(cells))
-    result = solve(points, cells, law, boundary, SolverOptions(volumetric, tolerance=1e-10))
+    result = solve(points, cells, law, boundary, solver_options(volumetric=volumetric, tolerance=1e-10))
     assert result.converged
     np.testing.assert_allclose(result.displacement, exact, rtol=0, atol=1e-7)
     assert result.violation < 1e-8
@@ -104,7 +105,7 @@ def test_sliding_nodes_keep_their_distance_to_a_moved_sphere(volumetric):
     contact = SlidingSet(np.flatnonzero(inner), *sphere(20.0, 4000), motion.fraction)
     told = np.flatnonzero(rim)
     law = uniform(len(cells))
-    options = SolverOptions(volumetric, tolerance=1e-8)
+    options = solver_options(volumetric=volumetric, tolerance=1e-8)
     slid = solve(points, cells, law, BoundaryConditions(told, np.zeros((len(told), 3)), [contact]), options)
     assert slid.converged
     assert slid.violation < 0.01
@@ -138,7 +139,7 @@ def test_arms_of_a_plan():
     fields = {}
     for arm in ("bonded", "mucosa"):
         boundary = boundary_conditions(model, plan, arm)
-        result = solve(model.points, model.cells, law, boundary)
+        result = solve(model.points, model.cells, law, boundary, solver_options())
         assert result.converged
         fields[arm] = result.displacement
         told = np.zeros(len(model.points), bool)
@@ -188,7 +189,9 @@ def test_bad_arms_plans_and_surfaces_are_refused():
     ends = np.array([0, 1, 2])
     contact = SlidingSet(ends, *plane([0, 0, 1], np.zeros(3)), RigidMotion().fraction)
     with pytest.raises(InputError, match="twice"):
-        solve(points, cells, uniform(len(cells)), BoundaryConditions(ends, np.zeros((3, 3)), [contact]))
+        solve(
+            points, cells, uniform(len(cells)), BoundaryConditions(ends, np.zeros((3, 3)), [contact]), solver_options()
+        )
 
 
 def plate(thickness=2.0, spacing=2.0):

@@ -9,8 +9,9 @@ from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.materials import Material, lame
 from pinnochio.mechanics.problems import box
 from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.solver import solve
 from pinnochio.plans.plan import RigidMotion
+from tests.helpers.settings import solver_options
 from tests.helpers.solids import both, extruded, plane, solved
 
 TILT = Rotation.from_rotvec([0.5, -0.8, 0.3]).as_matrix()
@@ -40,7 +41,9 @@ def test_wedge_driven_under_a_block(volumetric, along):
         np.tile(aside, (len(top), 1)),
         [SlidingSet(bottom, *plane(normal, np.zeros(3), half=60.0, step=3.0), drive.fraction)],
     )
-    result = solve(points, cells, law, boundary, SolverOptions(volumetric, tolerance=1e-10, min_increment=1 / 16))
+    result = solve(
+        points, cells, law, boundary, solver_options(volumetric=volumetric, tolerance=1e-10, min_increment=1 / 16)
+    )
     assert result.converged
     rise = along * np.sin(np.deg2rad(30))
     expected = aside + np.outer(rise * (1 - height / 12), normal)

@@ -19,8 +19,9 @@ from pinnochio.mechanics.linear import linear_solver
 from pinnochio.mechanics.materials import lame
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.solver import solve
 from pinnochio.plans.plan import RigidMotion
+from tests.helpers.settings import solver_options
 from tests.helpers.solids import bent_block, both, material
 
 
@@ -35,7 +36,7 @@ def test_patch(volumetric, stretch):
         cells,
         uniform(len(cells), stiffening=1.0),
         BoundaryConditions(skin, points[skin] @ h.T),
-        SolverOptions(volumetric, tolerance=1e-12),
+        solver_options(volumetric=volumetric, tolerance=1e-12),
     )
     assert result.converged
     assert len(skin) < len(points)
@@ -48,7 +49,7 @@ def test_rigid_motion_is_followed_without_strain(volumetric):
     motion = RigidMotion(Rotation.from_rotvec([0.2, 0.5, -0.4]).as_matrix(), np.array([5.0, -3, 8]))
     end = np.flatnonzero(points[:, 0] == 0)
     boundary = BoundaryConditions(end, lambda t: motion.fraction(t).displacement(points[end]))
-    result = solve(points, cells, material(len(cells)), boundary, SolverOptions(volumetric))
+    result = solve(points, cells, material(len(cells)), boundary, solver_options(volumetric=volumetric))
     assert result.converged
     np.testing.assert_allclose(result.displacement, motion.displacement(points), rtol=0, atol=1e-5)
     assert result.min_jacobian == pytest.approx(1, abs=1e-5)
@@ -58,7 +59,9 @@ def test_same_field_as_felupe():
     """FElupe's NeoHookeCompressible is the same energy; plain tetrahedra, finite strain."""
     points, cells, boundary = bent_block()
     mu, lam = lame(5.0, 0.49)
-    ours = solve(points, cells, uniform(len(cells)), boundary, SolverOptions("p1", tolerance=1e-11)).displacement
+    ours = solve(
+        points, cells, uniform(len(cells)), boundary, solver_options(volumetric="p1", tolerance=1e-11)
+    ).displacement
     mesh = felupe.Mesh(points, cells, "tetra")
     field = felupe.FieldContainer([felupe.Field(felupe.RegionTetra(mesh), dim=3)])
     body = felupe.SolidBody(felupe.NeoHookeCompressible(mu=mu, lmbda=lam), field)
@@ -93,7 +96,9 @@ def test_increments_do_not_change_the_solution_and_equilibrium_holds(volumetric)
     law = material(len(cells))
     fields = []
     for increments in (1, 5):
-        result = solve(points, cells, law, boundary, SolverOptions(volumetric, increments, tolerance=1e-9))
+        result = solve(
+            points, cells, law, boundary, solver_options(volumetric=volumetric, increments=increments, tolerance=1e-9)
+        )
         assert result.converged
         fields.append(result.displacement)
         force = Elements.build(points, cells, law, volumetric).evaluate(result.displacement)[1]
@@ -114,7 +119,7 @@ def test_scipy_gives_what_pardiso_gives(volumetric):
             cells,
             material(len(cells)),
             boundary,
-            SolverOptions(volumetric, tolerance=1e-10, linear_solver=kind),
+            solver_options(volumetric=volumetric, tolerance=1e-10, linear_solver=kind),
         ).displacement
         for kind in ("pardiso", "scipy")
     ]
@@ -144,7 +149,7 @@ def test_inverted_start_recovers(volumetric, noise, share):
     """The start itself is untangled: beginning again from rest is forbidden."""
     points, cells, boundary = bent_block()
     law = material(len(cells))
-    options = SolverOptions(volumetric, tolerance=1e-9, max_iterations=60)
+    options = solver_options(volumetric=volumetric, tolerance=1e-9, max_iterations=60)
     expected = solve(points, cells, law, boundary, options).displacement
     start = expected + np.random.default_rng(4).normal(0, noise, points.shape)
     assert (jacobians(points, cells, start) < 0).mean() > share
@@ -157,14 +162,14 @@ def test_inverted_start_recovers(volumetric, noise, share):
 def test_a_good_start_saves_work_and_a_useless_one_is_dropped():
     points, cells, boundary = bent_block()
     law = material(len(cells))
-    cold = solve(points, cells, law, boundary)
+    cold = solve(points, cells, law, boundary, solver_options())
     noise = np.random.default_rng(4).normal(0, 0.02, points.shape)
-    warm = solve(points, cells, law, boundary, start=cold.displacement + noise)
+    warm = solve(points, cells, law, boundary, solver_options(), start=cold.displacement + noise)
     assert warm.converged
     assert warm.linear_iterations < cold.linear_iterations
     np.testing.assert_allclose(warm.displacement, cold.displacement, rtol=0, atol=1e-4)
     wild = np.random.default_rng(4).normal(0, 400, points.shape)
-    far = solve(points, cells, law, boundary, SolverOptions(max_iterations=6), start=wild)
+    far = solve(points, cells, law, boundary, solver_options(max_iterations=6), start=wild)
     assert far.converged
     np.testing.assert_allclose(far.displacement, cold.displacement, rtol=0, atol=1e-4)
 
@@ -172,12 +177,12 @@ def test_a_good_start_saves_work_and_a_useless_one_is_dropped():
 def test_few_corrections_of_a_start_are_returned_with_their_residual():
     points, cells, boundary = bent_block()
     law = material(len(cells))
-    end = solve(points, cells, law, boundary, SolverOptions(tolerance=1e-9)).displacement
+    end = solve(points, cells, law, boundary, solver_options(tolerance=1e-9)).displacement
     start = end + np.random.default_rng(4).normal(0, 0.4, points.shape)
     start[boundary.prescribed_nodes] = boundary.displacement(1.0)
     errors = []
     for count in (0, 1, 2):
-        options = SolverOptions(max_iterations=count, restart=False, tolerance=1e-12)
+        options = solver_options(max_iterations=count, restart=False, tolerance=1e-12)
         result = solve(points, cells, law, boundary, options, start=start)
         assert not result.converged
         assert "residual" in result.reason
@@ -190,7 +195,7 @@ def test_failure_is_reported_with_the_last_equilibrium():
     ends = np.flatnonzero((points[:, 0] == 0) | (points[:, 0] == 40))
     crush = np.where(points[ends, :1] == 40, [-60.0, 0, 0], 0.0)  # one end pushed out through the other
     law = uniform(len(cells))
-    result = solve(points, cells, law, BoundaryConditions(ends, crush), SolverOptions(time_limit=10))
+    result = solve(points, cells, law, BoundaryConditions(ends, crush), solver_options(time_limit=10))
     assert not result.converged
     assert "increment" in result.reason or "time" in result.reason
     assert 0 < result.fraction < 40 / 60
@@ -201,10 +206,10 @@ def test_failure_is_reported_with_the_last_equilibrium():
 
 def test_time_limit_and_iteration_limit_stop_the_solver():
     points, cells, boundary = bent_block()
-    result = solve(points, cells, uniform(len(cells)), boundary, SolverOptions(time_limit=0.0))
+    result = solve(points, cells, uniform(len(cells)), boundary, solver_options(time_limit=0.0))
     assert not result.converged
     assert "time limit" in result.reason
-    options = SolverOptions(max_iterations=1, min_increment=0.3, tolerance=1e-14)
+    options = solver_options(max_iterations=1, min_increment=0.3, tolerance=1e-14)
     result = solve(points, cells, uniform(len(cells)), boundary, options)
     assert not result.converged
     assert "1 Newton iterations" in result.reason
@@ -215,7 +220,7 @@ def test_a_loose_mesh_is_refused(held):
     points, cells = box((9, 6, 6), (3, 2, 2))
     boundary = BoundaryConditions(np.array(held), np.zeros((len(held), 3)))
     with pytest.raises(InputError, match="free to move"):
-        solve(points, cells, uniform(len(cells)), boundary)
+        solve(points, cells, uniform(len(cells)), boundary, solver_options())
 
 
 def test_a_second_piece_that_nothing_holds_is_refused():
@@ -223,14 +228,14 @@ def test_a_second_piece_that_nothing_holds_is_refused():
     both_points = np.vstack([points, points + [100, 0, 0]])
     both_cells = np.vstack([cells, cells + len(points)])
     with pytest.raises(InputError, match=f"piece of {len(points)}"):
-        solve(both_points, both_cells, uniform(len(both_cells)), boundary)
+        solve(both_points, both_cells, uniform(len(both_cells)), boundary, solver_options())
 
 
 def test_points_outside_every_cell_stay():
     points, cells, boundary = bent_block()
     more = np.vstack([points, [[99.0, 99, 99]]])
-    alone = solve(points, cells, uniform(len(cells)), boundary)
-    result = solve(more, cells, uniform(len(cells)), boundary)
+    alone = solve(points, cells, uniform(len(cells)), boundary, solver_options())
+    result = solve(more, cells, uniform(len(cells)), boundary, solver_options())
     np.testing.assert_allclose(result.displacement[:-1], alone.displacement, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(result.displacement[-1], 0)
 
@@ -247,7 +252,7 @@ def test_points_outside_every_cell_stay():
 def test_bad_boundary_conditions_are_refused(boundary):
     points, cells, _ = bent_block()
     with pytest.raises(InputError):
-        solve(points, cells, uniform(len(cells)), boundary)
+        solve(points, cells, uniform(len(cells)), boundary, solver_options())
 
 
 PRINT_FIELD = """
@@ -258,7 +263,7 @@ from scipy.spatial import Delaunay
 from pinnochio.mechanics.materials import neo_hookean
 from pinnochio.mechanics.problems import box
 from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solver import SolverOptions, solve
 points = np.random.default_rng(0).uniform(0, 20, (250, 3))
 cells = Delaunay(points).simplices
 volume = np.linalg.det(points[cells[:, 1:]] - points[cells[:, :1]])
@@ -266,8 +271,9 @@ cells = np.where(volume[:, None] > 0, cells, cells[:, [1, 0, 2, 3]])[np.abs(volu
 ends = np.flatnonzero((points[:, 0] < 4) | (points[:, 0] > 16))
 moved = np.where(points[ends, :1] > 16, [0.5, 0, 1.0], 0.0)
 law = neo_hookean(np.ones(len(cells)), {1: 5.0}, 0.49)
+options = solver_options("patch", increments=2, tolerance=1e-6, max_iterations=30, time_limit=600, linear_solver="auto")
 for _ in range(2):
-    result = solve(points, cells, law, BoundaryConditions(ends, moved))
+    result = solve(points, cells, law, BoundaryConditions(ends, moved), options)
     assert result.converged, result.reason
     print(hashlib.sha256(result.displacement.tobytes()).hexdigest())
 """

@@ -10,12 +10,12 @@ from pinnochio.methods.pinnochio.execution import execution_fields, motion_field
 from pinnochio.methods.pinnochio.losses import SurfaceLoss
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.plans.sampling import EXECUTION
 from tests.helpers.patients import tiny_patient, tiny_plan
+from tests.helpers.settings import network_settings
 
-SETTINGS = NetworkSettings(lift="elastic", volume_layers=0)
+SETTINGS = network_settings(lift="elastic", volume_layers=0)
 MODEL = tiny_patient()
 MATERIAL = neo_hookean(MODEL.tissue, {MUSCLE: 6.0, SUPERFICIAL: 4.0}, 0.49, 0)
 LIFT = make_lift(MODEL, MATERIAL, "elastic", controls=6)

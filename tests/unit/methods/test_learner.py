@@ -16,15 +16,14 @@ from pinnochio.methods.pinnochio.predictor import PatientNetwork, Predictor, loa
 from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training import loop
 from pinnochio.training.cases import CaseFiles
 from pinnochio.training.fold import PHASES, train_fold
 from pinnochio.training.loop import sample_at, schedule
-from pinnochio.training.settings import TrainingSettings
 from tests.helpers.patients import tiny_patient, tiny_plan
+from tests.helpers.settings import network_settings, training_settings
 
-SMALL = NetworkSettings(boundary_layers=2, volume_layers=3, rest_layers=1, channels=32, heads=2, decoder_width=32)
+SMALL = network_settings(boundary_layers=2, volume_layers=3, rest_layers=1, channels=32, heads=2, decoder_width=32)
 SWELLING = 3.0  # mm that the post-operative skin lies above that of the samples
 
 
@@ -70,7 +69,7 @@ def cases(tmp_path_factory):
 
 
 def pretrain(cases, folder, steps=8, seed=3, **options):
-    training = TrainingSettings(steps, 3e-3, **options)
+    training = training_settings(steps, 3e-3, **options)
     out, history = folder / "network.pt", folder / "history.csv"
     own = learner("pretrain", training)
     train_fold(own, "pretrain", cases, seed=seed, code="code", out=out, history=history)
@@ -135,7 +134,7 @@ def test_resumed_run_ends_as_an_unbroken_one(cases, tmp_path, monkeypatch):
 
 def test_finetuning_lowers_the_chamfer_distance(cases, tmp_path):
     pretrained, _ = pretrain(cases, tmp_path, 40)
-    training = TrainingSettings(60, 1e-3)
+    training = training_settings(60, 1e-3)
     out, history = tmp_path / "tuned.pt", tmp_path / "tuned.csv"
     own = learner("finetune", training)
     train_fold(own, "finetune", cases, pretrained, seed=0, code="code", out=out, history=history)
@@ -159,7 +158,7 @@ def test_all_terms_are_logged_and_the_physics_weight_rises(cases, tmp_path):
 def test_network_file_holds_settings_and_plain_values_alone(cases, tmp_path):
     out, _ = pretrain(cases, tmp_path)
     stored = torch.load(out, weights_only=True)
-    assert NetworkSettings(**stored["network"]) == SMALL and stored["seed"] == 3
+    assert network_settings(**stored["network"]) == SMALL and stored["seed"] == 3
     network, settings = load_network(out)
     model = PatientModel.read(cases[0].model)
     first, boundary = predict(network, settings, model, tiny_plan())
@@ -186,17 +185,17 @@ def test_empty_samples_and_unregistered_skin_name_the_case(cases, tmp_path):
     model = PatientModel.read(cases[0].model)
     PostopSkin(model.points + 200, model.skin_faces, 0.0).write(tmp_path / "far.h5")
     far = CaseFiles("tiny", cases[0].model, plan=cases[0].plan, postop=tmp_path / "far.h5")
-    pretrained, training = pretrain(cases, tmp_path, 1)[0], TrainingSettings(1, 1e-3)
+    pretrained, training = pretrain(cases, tmp_path, 1)[0], training_settings(1, 1e-3)
     options = {"seed": 0, "code": "code", "out": tmp_path / "o.pt", "history": tmp_path / "h.csv"}
     with pytest.raises(InputError, match="far.h5.*registered"):
         train_fold(learner("finetune", training), "finetune", [far], pretrained, **options)
 
 
 def test_schedule_and_sample_order():
-    values = [schedule(step, TrainingSettings(100, 1e-3, warmup=0.1)) for step in range(100)]
+    values = [schedule(step, training_settings(100, 1e-3, warmup=0.1)) for step in range(100)]
     assert np.argmax(values) == 10 and values[10] == 1 and 0 < values[0] < 0.1 and 0 < values[-1] < 0.01
     assert np.all(np.diff(values[:11]) > 0) and np.all(np.diff(values[10:]) < 0)
-    stepped = TrainingSettings(100, 1e-3, warmup=0, decay=0.5, decay_every=0.1, decay_floor=0.1)
+    stepped = training_settings(100, 1e-3, warmup=0, decay=0.5, decay_every=0.1, decay_floor=0.1)
     found = [schedule(step, stepped) for step in range(100)]
     assert found[:10] == [1] * 10 and found[10] == 0.5 and found[30] == 0.125 and min(found) == found[-1] == 0.1
     orders = [[sample_at(5 * epoch + i, 5, 1, "x") for i in range(5)] for epoch in range(3)]

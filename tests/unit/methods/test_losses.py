@@ -26,13 +26,14 @@ from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 from pinnochio.model.patient import FREE
 from pinnochio.networks.signals import InterfaceAndVolume
 from tests.helpers.patients import tiny_patient
+from tests.helpers.settings import network_settings
 
 
 def tensors(scale=1.0, stiffness=1.0):
     model = tiny_patient()
     model = replace(model, points=model.points * scale, bone_points=model.bone_points * scale)
     material = neo_hookean(model.tissue, {MUSCLE: 6.0 * stiffness, SUPERFICIAL: 4.0 * stiffness}, 0.49, 0)
-    return PatientTensors.build(model, material)
+    return PatientTensors.build(model, material, "patch", network_settings())
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +109,7 @@ def test_robust_physics_loss_leaves_small_residuals_and_bounds_the_pull_of_large
 def test_anneal_starts_at_the_lower_ratio_of_poisson_and_ends_at_the_material(patient):
     """At the start the loss is that of a material with the same mu and the lambda of nu = 0.40; lambda / mu is 4."""
     u, mu = noise(patient, 0.1), patient.operator.mu.double().numpy()
-    soft = PatientTensors.build(patient.model, Material(mu, 4 * mu, 0 * mu))
+    soft = PatientTensors.build(patient.model, Material(mu, 4 * mu, 0 * mu), "patch", network_settings())
     factor = bulk_factor(patient.operator, 0.40, 0.0)
     assert factor.item() == pytest.approx(4 / 49, rel=1e-4)
     expected = physics_loss(soft.operator, soft.free, u).item()

@@ -9,11 +9,12 @@ from torch_geometric.nn import EdgeConv
 from pinnochio.methods.surface.architectures import build
 from pinnochio.methods.surface.learner import supervised
 from pinnochio.methods.surface.patient import SurfacePatient
-from pinnochio.methods.surface.settings import ARCHITECTURES, SurfaceSettings
+from pinnochio.methods.surface.settings import ARCHITECTURES
 from pinnochio.networks.clouds import SurfaceInputs, per_patient, scaled
 from pinnochio.networks.contrast import contrast
 from pinnochio.networks.dgcfp import EdgeConvolution
 from tests.helpers.patients import tiny_patient, tiny_plan
+from tests.helpers.settings import surface_settings
 
 SMALL = {"points": 64, "neighbours": 8, "repeats": 1}
 
@@ -48,7 +49,7 @@ DGCFP = (
 
 def patient(architecture, seed=0, **options):
     return SurfacePatient.build(
-        tiny_patient(seed, (13, 9, 4), 6.0), SurfaceSettings(architecture, **SMALL, **options), f"P{seed}", 1
+        tiny_patient(seed, (13, 9, 4), 6.0), surface_settings(architecture, **SMALL, **options), f"P{seed}", 1
     )
 
 
@@ -58,7 +59,7 @@ def inputs(own, plan=None):
 
 def random_weights(architecture, **options):
     torch.manual_seed(1)
-    return build(SurfaceSettings(architecture, **SMALL, **options))
+    return build(surface_settings(architecture, **SMALL, **options))
 
 
 @pytest.mark.parametrize(("architecture", "expected"), [("acmt", ACMT), ("fscnet", FSCNET), ("dgcfp", DGCFP)])

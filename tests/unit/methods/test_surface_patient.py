@@ -9,10 +9,10 @@ from pinnochio.geometry.scattered import nearest, spread
 from pinnochio.methods.surface.architectures import architecture as architecture_of
 from pinnochio.methods.surface.losses import chamfer, density, laplacian_change, local_change
 from pinnochio.methods.surface.patient import SurfacePatient, Target
-from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.networks.clouds import FaceGraph, PointCloud, Stage, ball_edges
 from pinnochio.plans.plan import Plan
 from tests.helpers.patients import tiny_patient, tiny_plan
+from tests.helpers.settings import surface_settings
 
 SMALL = {"points": 64, "neighbours": 8}
 
@@ -93,7 +93,7 @@ def test_what_the_scan_does_not_reach_has_no_weight():
 
 def test_the_target_is_the_scan_over_the_judged_face():
     model = tiny_patient(0, (13, 9, 4), 6.0)
-    settings = SurfaceSettings("acmt", **SMALL)
+    settings = surface_settings("acmt", **SMALL)
     patient = SurfacePatient.build(model, settings, "P", 2)
     far = model.skin_points + [0, 0, 4.0]
     target = Target.build(patient, far, model.skin_faces, settings, "P")
@@ -111,7 +111,7 @@ def test_the_target_is_the_scan_over_the_judged_face():
 
 def test_distance_guided_weights_fall_away_from_moving_bone():
     model = tiny_patient(0, (13, 9, 4), 6.0)
-    settings = SurfaceSettings("fscnet", **SMALL, distance_guided=5.0)
+    settings = surface_settings("fscnet", **SMALL, distance_guided=5.0)
     patient = SurfacePatient.build(model, settings, "P", 1)
     target = Target.build(patient, model.skin_points, model.skin_faces, settings, "P")
     place = target.points.numpy() * patient.unit + patient.centre
@@ -122,7 +122,7 @@ def test_distance_guided_weights_fall_away_from_moving_bone():
 @pytest.mark.parametrize("architecture", ["acmt", "dgcfp"])
 def test_no_motion_moves_no_bone_and_the_right_field_has_the_least_loss(architecture):
     model = tiny_patient(0, (13, 9, 4), 6.0)
-    settings = SurfaceSettings(architecture, **SMALL)
+    settings = surface_settings(architecture, **SMALL)
     patient = SurfacePatient.build(model, settings, "P", 1)
     draw = patient.draws[0]
     assert patient.inputs(draw, Plan("P", {})).movement.abs().max() == 0
@@ -149,4 +149,4 @@ def test_settings_that_cannot_be_are_refused():
         ({"architecture": "acmt", "distance_guided": 20.0}, "belongs to 'fscnet'"),
     ):
         with pytest.raises(ValueError, match=words):
-            SurfaceSettings(**wrong)
+            surface_settings(**wrong)

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from pinnochio.mechanics.elements import jacobians, node_volumes, shape_gradients
-from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.cases import evaluate_case
 from pinnochio.metrics.validity import boundary_metrics, equilibrium_metrics, equilibrium_of, volume_metrics
 from pinnochio.metrics.volume import interpolate, mean_and_p95, truth_errors
@@ -15,6 +14,7 @@ from pinnochio.model.patient import BONE_MUSCLE, FIXED, FREE, MOVING, SLIDING, P
 from pinnochio.model.predictions import Prediction
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.tables.engine import CASES, check
+from tests.helpers.settings import fem_settings
 
 SIX = np.array([[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]])
 
@@ -189,7 +189,7 @@ def test_one_case_gives_one_complete_row(patient):
     top = patient.skin_faces
     target = patient.points + [0, 0, 1.5], top
     plan = Plan("P1", {"jaw": RigidMotion()})
-    fem = FemSettings({"superficial": 4.0, "muscle": 6.0}, 0.49)
+    fem = fem_settings()
     options = {"fem": fem, "samples": 500, "seed": 1, "labels": LABELS}
     row = evaluate_case(
         patient,
@@ -223,7 +223,7 @@ def test_one_case_gives_one_complete_row(patient):
 
 
 def test_eqres_of_a_uniform_stretch_is_zero_inside_and_of_a_kicked_node_is_not(patient):
-    fem = FemSettings({"superficial": 6.0, "muscle": 6.0}, 0.49)
+    fem = fem_settings(youngs_modulus={"superficial": 6.0, "muscle": 6.0})
     kinds = np.where(((patient.points > 0) & (patient.points < 40)).all(axis=1), FREE, FIXED).astype(np.int8)
     stretch = patient.points * [0.05, -0.02, 0.01]
     patient = replace(patient, node_type=kinds)

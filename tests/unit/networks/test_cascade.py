@@ -12,10 +12,10 @@ from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 from pinnochio.model.patient import FIXED, MOVING, NO_INTERFACE, SLIDING
 from pinnochio.networks.building import build
-from pinnochio.networks.settings import NetworkSettings
 from tests.helpers.patients import renumbered, tiny_patient, tiny_plan
+from tests.helpers.settings import network_settings
 
-SMALL = NetworkSettings(boundary_layers=2, volume_layers=2, rest_layers=1, channels=16, heads=2, decoder_width=16)
+SMALL = network_settings(boundary_layers=2, volume_layers=2, rest_layers=1, channels=16, heads=2, decoder_width=16)
 
 
 LIFTED = replace(SMALL, lift="elastic", volume_layers=0)
@@ -244,14 +244,16 @@ def test_mirrored_pass_through_a_lift_equals_the_mirrored_patient():
 
 def test_settings_refuse_what_cannot_be_built():
     with pytest.raises(ValueError, match="multiple of heads"):
-        NetworkSettings(channels=10, heads=4)
+        network_settings(channels=10, heads=4)
     with pytest.raises(ValueError, match="lift"):
-        NetworkSettings(lift="sideways")
+        network_settings(lift="sideways")
     with pytest.raises(ValueError, match="boundary"):
-        NetworkSettings(boundary="firm")
+        network_settings(boundary="firm")
     with pytest.raises(ValueError, match="interface to lift"):
-        NetworkSettings(decomposition=False, lift="elastic")
+        network_settings(decomposition=False, lift="elastic")
     with pytest.raises(ValueError, match="choose a lift"):
-        NetworkSettings(volume_layers=0)
+        network_settings(volume_layers=0)
     with pytest.raises(ValueError, match="lift is 'none'"):
-        PatientTensors.build(*(tiny_patient(), None), settings=SMALL, lift=tensors(tiny_patient(), lift="elastic").lift)
+        PatientTensors.build(
+            *(tiny_patient(), None, "patch"), settings=SMALL, lift=tensors(tiny_patient(), lift="elastic").lift
+        )

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import FREE
 from pinnochio.model.regions import CHIN, NAMES, NOSE
 from pinnochio.patients.archive import Archive
@@ -14,8 +13,9 @@ from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities,
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration, Interval
 from tests.helpers.patients import tiny_patient, tiny_plan
+from tests.helpers.settings import fem_settings
 
-FEM = FemSettings({"muscle": 6, "superficial": 4}, 0.49)
+FEM = fem_settings()
 PATIENT = tiny_patient()
 QUALITY = {"volume_cm3": {"left": 1.0}, "thickness_mm": {}, "contact_cm2": {"left": {"moving": 2.0}}}
 

@@ -7,7 +7,6 @@ import pytest
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.importing.segmentation import Segmentation
-from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.model import patient as m
@@ -17,12 +16,12 @@ from pinnochio.plans.scenarios import parts
 from pinnochio.reduction.amplitude import amplitude
 from pinnochio.reduction.decisions import decide
 from pinnochio.reduction.models import bonded, cropped, single_layer
-from pinnochio.reduction.settings import SceneSettings
 from pinnochio.tables.reductions import TRIALS, summarise
 from tests.helpers.patients import tiny_patient, tiny_plan
+from tests.helpers.settings import fem_settings, scene_settings
 
 ONES, ZERO = np.ones(3), np.zeros(3)
-FEM = FemSettings(youngs_modulus={"muscle": 6, "superficial": 4}, poisson=0.45)
+FEM = fem_settings(poisson=0.45)
 JAWS = ("lefort1", "mandible_distal")
 
 
@@ -139,7 +138,7 @@ def test_decisions_name_their_numbers_and_obey_the_hand():
     head = head_of(patient)
 
     def decided(plan, **settings):
-        return decide(patient, head, plan, SceneSettings(**settings), FEM, 18, 5)[0]
+        return decide(patient, head, plan, scene_settings(**settings), FEM, 18, 5)[0]
 
     far, near = decided(tiny_plan()), decided(tiny_plan(0.3, 0, 0, 0))
     assert far["segments"].value == ("left",) and "left 3" in far["segments"].reason

@@ -12,8 +12,8 @@ import torch
 from pinnochio.training import progress
 from pinnochio.training.loop import MEMORY, Balance, train
 from pinnochio.training.progress import Progress, readable
-from pinnochio.training.settings import TrainingSettings
 from pinnochio.training.validation import held_back
+from tests.helpers.settings import training_settings
 
 
 class Scalar(torch.nn.Module):
@@ -42,7 +42,7 @@ def fit(tmp_path, steps, network=None, terms=None, validate=None, **options):
     """Rows of the history of a run and its network."""
     network = network or Scalar()
     options = {"weights": {"physics": 0.0, "data": 1.0, "boundary": 1.0}, "mirror": False} | options
-    settings = TrainingSettings(steps, options.pop("learning_rate", 0.05), **options)
+    settings = training_settings(steps, options.pop("learning_rate", 0.05), **options)
     paths = {"checkpoint": tmp_path / "c.pt", "history": tmp_path / "h.csv"}
     train(
         network, terms or towards_one(network), 1, settings, phase="x", seed=0, code="code", validate=validate, **paths

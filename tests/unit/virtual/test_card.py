@@ -19,13 +19,9 @@ from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE, sample_para
 from scripts.data_card import describe_cohort
 
 CASES = [f"V{number:02d}" for number in range(1, 11)]
-REALITY = {name: effect.nominal for name, effect in EFFECTS.items()} | {
-    "nodes": 9000,
-    "noise": 0.3,
-    "poisson": "nominal",
-}
-REALITY |= {"coverage": 0.15, "swelling": "nominal"}
-VIRTUAL = {"patients": 10, "spacing": 1.5, "muscles": ["masseter", "mentalis"], "reality": REALITY}
+OWN = {"nodes": 9000, "noise": 0.3, "poisson": "nominal", "coverage": 0.15, "swelling": "nominal"}
+ALL = {name: effect.nominal for name, effect in EFFECTS.items()} | OWN
+VIRTUAL = {"patients": 10, "spacing": 1.5, "muscles": ["masseter", "mentalis"], "outcome": {"effects": ALL}}
 LABELS = {"superficial": 1, "muscle": 2, "cranium": 10}
 
 
@@ -72,17 +68,17 @@ def test_every_sampled_number_stands_with_its_distribution_and_what_the_cohort_h
     for name, entry in TABLE.items():
         (row,) = cells(card, f"`{name}`")
         values = np.array([a[name] for a in anatomies])
-        found = [float(text) for text in re.findall(r"-?\d+\.\d+", row[-1])]
+        numbers_shown = [float(text) for text in re.findall(r"-?\d+\.\d+", row[-1])]
         numbers = [values.mean(), values.std(ddof=1), values.min(), values.max()]
-        np.testing.assert_allclose(found, numbers, atol=0.1 * entry.sd)
+        np.testing.assert_allclose(numbers_shown, numbers, atol=0.1 * entry.sd)
         assert row[2] == entry.unit and row[3] == f"{entry.mean:g} ± {entry.sd:g}" and row[6] == entry.source
         assert row[5] == f"{entry.low:g} to {entry.high:g}"
     for deformity, changes in SHIFTS.items():
         shown = {row[1]: row[2] for row in cells(card, deformity) if row[1].startswith("`")}
         assert shown.keys() == {f"`{name}`" for name in changes}
         for name, change in changes.items():
-            told = [float(text) for text in re.findall(r"[-+]?\d+\.?\d*", shown[f"`{name}`"])]
-            assert told == [number for number in change if number != "+"]
+            numbers = [float(text) for text in re.findall(r"[-+]?\d+\.?\d*", shown[f"`{name}`"])]
+            assert numbers == [number for number in change if number != "+"]
             assert shown[f"`{name}`"].startswith("mean ") == (change[0] == "+")
 
 
@@ -100,7 +96,7 @@ def test_effects_stand_with_magnitude_and_source(card):
     assert sizes == {
         "nodes": "9000",
         "noise": "0.3",
-        "poisson": "as the methods",
+        "poisson": "off",
         "swelling": "off",
         "coverage": "0.15",
     }
@@ -117,11 +113,11 @@ def test_the_card_shows_given_tables_and_says_who_may_read_what(card):
     assert markdown_table(["a|b"], [["c|d"]]) == "| a\\|b |\n| --- |\n| c\\|d |"
 
 
-def test_a_reality_without_effects_says_so(anatomies, plans):
-    plain = VIRTUAL | {"reality": "nominal"}
+def test_an_outcome_without_effects_says_so(anatomies, plans):
+    plain = VIRTUAL | {"outcome": {"effects": "nominal"}}
     card = data_card(anatomies, plans, seed=3, code="", virtual=plain, labels=LABELS, tables={})
     sizes = {row[2] for name in EFFECTS for row in cells(card, f"`{name}`")}
-    assert sizes == {"off", "as the methods"}
+    assert sizes == {"off"}
 
 
 def test_the_checksums_are_those_of_sha256sum(anatomies, plans, tmp_path):

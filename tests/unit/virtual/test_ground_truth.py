@@ -9,7 +9,7 @@ from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, alone, resolve
 from pinnochio.virtual.ratios import RATIOS, STILL, motions, tabulate
 from tests.helpers.settings import ROOT
 
-DEFAULT = yaml.safe_load((ROOT / "config/config.yaml").read_text())["virtual"]["reality"]
+DEFAULT = yaml.safe_load((ROOT / "config/config.yaml").read_text())["virtual"]["outcome"]["effects"]
 
 
 def test_config_names_every_effect():

@@ -27,8 +27,8 @@ def test_a_slab_has_its_thickness(inward):
     labels[:, 12:22, 10:20] = 2
     head = Head(labels, np.ones(3), np.zeros(3), {}, None)
     middle = np.array([15.0, 25, 15])
-    found = along_ray(head, Ray(middle, np.array(inward)))
-    assert found == pytest.approx(10 / inward[1], abs=0.15)
+    measured = along_ray(head, Ray(middle, np.array(inward)))
+    assert measured == pytest.approx(10 / inward[1], abs=0.15)
     empty = Head(np.where(labels == 11, 1, labels), np.ones(3), np.zeros(3), {}, None)
     assert np.isnan(along_ray(empty, Ray(middle, np.array(inward))))
 
@@ -43,7 +43,7 @@ def test_cohort_means_lie_within_one_published_deviation(cohort):
 def test_each_patient_has_the_sampled_thickness(cohort):
     """What is measured differs from what was sampled by less than the voxels make, on average and at worst."""
     for name in PUBLISHED:
-        miss = np.array([found[name] - getattr(p, name) for p, found in zip(*cohort, strict=True)])
+        miss = np.array([measured[name] - getattr(p, name) for p, measured in zip(*cohort, strict=True)])
         assert np.abs(miss).mean() < 1.2 and np.abs(miss).max() < 2.6, name
 
 
@@ -62,10 +62,10 @@ def test_classes_and_sexes_differ_as_published():
 
 
 def test_the_same_patient_in_another_class_shows_it_on_the_labels():
-    found = {d: measure(build_head(sample_parameters(np.random.default_rng(4), d), 1.5))
+    measured = {d: measure(build_head(sample_parameters(np.random.default_rng(4), d), 1.5))
              for d in ("class_ii", "class_iii")}  # fmt: skip
-    assert found["class_iii"]["labrale_superius"] > found["class_ii"]["labrale_superius"] + 0.5
-    assert found["class_iii"]["labrale_inferius"] < found["class_ii"]["labrale_inferius"] - 1.5
+    assert measured["class_iii"]["labrale_superius"] > measured["class_ii"]["labrale_superius"] + 0.5
+    assert measured["class_iii"]["labrale_inferius"] < measured["class_ii"]["labrale_inferius"] - 1.5
 
 
 def test_the_table_and_a_landmark_without_bone(tmp_path):

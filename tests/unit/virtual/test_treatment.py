@@ -15,8 +15,7 @@ from pinnochio.virtual.parameters import DEFORMITIES, NORMAL_OVERJET, TABLE, sam
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.treatment import (
     CONTACT,
-    bite_after,
-    bite_before,
+    bite,
     jaw_overlap,
     overlap,
     split_overlaps,
@@ -30,7 +29,7 @@ def test_plan_corrects_the_bite(deformity):
         rng = np.random.default_rng(seed)
         head = build_head(sample_parameters(rng, deformity), spacing=2.5)
         plan = treatment_plan(head, rng, "V01")
-        after, p = bite_after(head.parameters, plan), head.parameters
+        after, p = bite(head.parameters, plan), head.parameters
         assert abs(after["overjet"] - NORMAL_OVERJET) < 1.6
         assert abs(after["open_bite"]) < 1.6 and abs(after["midline"]) < 2.2
         if deformity in ("class_ii", "class_iii"):
@@ -128,7 +127,7 @@ def test_without_a_maxilla_the_mandible_alone_closes_the_bite():
     lower = with_segments(head, ("proximal_left", "mandible_distal", "proximal_right"))
     plan = treatment_plan(lower, rng, "V")
     assert set(plan.motions) == set(lower.segments)
-    assert abs(bite_after(head.parameters, plan)["overjet"] - NORMAL_OVERJET) < 1.6
+    assert abs(bite(head.parameters, plan)["overjet"] - NORMAL_OVERJET) < 1.6
 
 
 def test_description_says_what_was_sampled_and_what_the_plan_does(tmp_path):
@@ -137,15 +136,15 @@ def test_description_says_what_was_sampled_and_what_the_plan_does(tmp_path):
         rng = np.random.default_rng(number)
         head = build_head(sample_parameters(rng, deformity), spacing=2.5, genioplasty=number == 0)
         plan = treatment_plan(head, rng, "V")
-        found = describe(head, plan)
+        described = describe(head, plan)
         p, move = head.parameters, plan.motion("lefort1").displacement(head.landmarks["upper_incisor"][None])[0]
-        assert {name: found[name] for name in TABLE} == {name: getattr(p, name) for name in TABLE}
-        assert found["cephalometry"]["face_height"] == pytest.approx(p.face_height)
-        assert found["bite_before"] == bite_before(p) and found["bite_before"]["overjet"] == pytest.approx(p.overjet)
-        assert found["plan"]["maxilla_forward"] == pytest.approx(-move[1])
-        assert ("chin_forward" in found["plan"]) == (number == 0)
-        assert len(found["thickness"]) == 12
-        rows.append(found | {"case": f"V{number}"})
+        assert {name: described[name] for name in TABLE} == {name: getattr(p, name) for name in TABLE}
+        assert described["cephalometry"]["face_height"] == pytest.approx(p.face_height)
+        assert described["bite_before"] == bite(p) and described["bite_before"]["overjet"] == pytest.approx(p.overjet)
+        assert described["plan"]["maxilla_forward"] == pytest.approx(-move[1])
+        assert ("chin_forward" in described["plan"]) == (number == 0)
+        assert len(described["thickness"]) == 12
+        rows.append(described | {"case": f"V{number}"})
     assert rows[1]["cephalometry"]["convexity"] < rows[0]["cephalometry"]["convexity"]  # Class III is flatter
     table = anatomy_table(rows)
     write_anatomy(table, str(tmp_path / "anatomy.csv"))

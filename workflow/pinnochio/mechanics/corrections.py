@@ -61,7 +61,14 @@ class Refiner:
         self._nodes = np.asarray(prescribed, int)
         self._told = np.zeros((len(self._nodes), 3))
         self._mesh = np.asarray(points, float), np.asarray(cells), material
-        options = SolverOptions(volumetric, time_limit=np.inf, linear_solver=linear_solver)
+        options = SolverOptions(
+            volumetric=volumetric,
+            increments=1,
+            tolerance=1e-6,
+            max_iterations=25,
+            time_limit=np.inf,
+            linear_solver=linear_solver,
+        )
         boundary = BoundaryConditions(self._nodes, lambda fraction: self._told)
         self._newton = Newton(points, cells, material, boundary, options)
 

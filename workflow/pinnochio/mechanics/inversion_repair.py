@@ -19,7 +19,15 @@ FLOOR = EXTENSION
 TRIES = ((1, False), (2, False), (2, True), (4, True), (8, True))
 # A residual that is enough for J; the repaired part stands in a field that is no equilibrium itself.
 # No time limit: the result must not depend on the machine.
-OPTIONS = SolverOptions(tolerance=1e-3, restart=False, time_limit=np.inf)
+OPTIONS = SolverOptions(
+    volumetric="patch",
+    increments=2,
+    tolerance=1e-3,
+    max_iterations=25,
+    time_limit=np.inf,
+    linear_solver="auto",
+    restart=False,
+)
 
 
 @dataclass(frozen=True)

@@ -5,23 +5,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinnochio.mechanics.elements import VOLUMETRIC
 from pinnochio.mechanics.materials import Material, neo_hookean
 from pinnochio.model.labels import TISSUES
 
 
 @dataclass(frozen=True)
 class FemSettings:
-    """The finite-element model: youngs_modulus in kPa by tissue name, poisson, element and solver settings."""
+    """The section `fem` of the configuration; youngs_modulus in kPa by tissue name, time_limit in s.
+
+    stiffening: second term of the material in kPa, which the simulated outcome alone has.
+    """
 
     youngs_modulus: Mapping[str, float]
     poisson: float
-    volumetric: str = VOLUMETRIC[0]
-    increments: int = 2
-    tolerance: float = 1e-6
-    max_iterations: int = 30
-    time_limit: float = 50.0
-    linear_solver: str = "auto"
+    volumetric: str
+    increments: int
+    tolerance: float
+    max_iterations: int
+    time_limit: float
+    linear_solver: str
     stiffening: float = 0.0
 
     def material(self, tissue: np.ndarray) -> Material:

@@ -9,7 +9,7 @@ from pinnochio.errors import InputError
 from pinnochio.mechanics.assembly import Assembler
 from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.contact import UnilateralContact, penalty
-from pinnochio.mechanics.elements import VOLUMETRIC, Elements, jacobians
+from pinnochio.mechanics.elements import Elements, jacobians
 from pinnochio.mechanics.linear import conjugate_gradients, linear_solver, symmetric_product
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.sliding import BoundaryConditions
@@ -35,17 +35,17 @@ class SolverOptions:
     new factors; else every system is factorised in double precision.
     """
 
-    volumetric: str = VOLUMETRIC[0]
-    increments: int = 2
+    volumetric: str
+    increments: int
+    tolerance: float
+    max_iterations: int
+    time_limit: float
+    linear_solver: str
     growth: float = 2.0
-    tolerance: float = 1e-6
     loose: float = 1e-2
-    max_iterations: int = 25
     min_increment: float = 1 / 256
-    time_limit: float = 600.0
     restart: bool = True
     reuse: bool = True
-    linear_solver: str = "auto"
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def solve(
     cells,
     material: Material,
     boundary: BoundaryConditions,
-    options: SolverOptions | None = None,
+    options: SolverOptions,
     start: np.ndarray | None = None,
 ) -> SolveResult:
     """Displacement (n, 3) in mm at which the internal forces of the mesh vanish on every free unknown.
@@ -105,7 +105,6 @@ def solve(
     points (n, 3) mm, cells (m, 4). start (n, 3): a guess at full load, tried first; it may hold inverted elements.
     InputError for input that makes no sense; a problem that is merely hard does not raise, its result says why.
     """
-    options = options or SolverOptions()
     sound = options.increments >= 1 and options.growth >= 1 and options.tolerance > 0 and 0 < options.min_increment <= 1
     if not sound:
         raise InputError("-", "options", f"{options} makes no sense", "increments, growth >= 1, tolerance > 0")

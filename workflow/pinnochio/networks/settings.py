@@ -8,7 +8,7 @@ BOUNDARIES = ("soft", "hard")
 
 @dataclass(frozen=True)
 class NetworkSettings:
-    """Plain values that fix the architecture; stored with every trained model. The defaults are the paper's form.
+    """The section `network` of the configuration, which fixes the architecture; stored with every trained model.
 
     Layers of the interface encoders and of the two branches of the volume networks (boundary signal and rest
     geometry); channels and heads of the graph attention; nearest source nodes that an interface node pools;
@@ -25,21 +25,21 @@ class NetworkSettings:
     node is joined to. stiffness: the tissue's stiffness is an input of the volume networks.
     """
 
-    boundary_layers: int = 3
-    volume_layers: int = 6
-    rest_layers: int = 2
-    channels: int = 64
-    heads: int = 4
-    neighbours: int = 8
-    decoder_width: int = 128
-    decomposition: bool = True
-    lift: str = "none"
-    boundary: str = "soft"
-    blend: bool = False
-    segment_nodes: bool = False
-    edge_features: bool = True
-    long_edges: int = 0
-    stiffness: bool = False
+    boundary_layers: int
+    volume_layers: int
+    rest_layers: int
+    channels: int
+    heads: int
+    neighbours: int
+    decoder_width: int
+    decomposition: bool
+    lift: str
+    boundary: str
+    blend: bool
+    segment_nodes: bool
+    edge_features: bool
+    long_edges: int
+    stiffness: bool
 
     def __post_init__(self):
         if self.channels % self.heads:

@@ -1,4 +1,4 @@
-"""The plain values of a scene's decisions."""
+"""The settings of model reduction."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ class SceneSettings:
     (mm): bone that moves at most so far is left to linear elasticity.
     """
 
-    region: str | bool = "auto"
-    bonded: str | bool = "auto"
-    single_layer: str | bool = "auto"
-    graded: str | bool = "auto"
-    elastic: str | bool = "auto"
-    segments: str | Sequence[str] = "auto"
-    amplitude: float = 0.02
-    still: float = 0.1
-    elastic_motion: float = 2.0
+    region: str | bool
+    bonded: str | bool
+    single_layer: str | bool
+    graded: str | bool
+    elastic: str | bool
+    segments: str | Sequence[str]
+    amplitude: float
+    still: float
+    elastic_motion: float

@@ -1,12 +1,13 @@
 """Settings of one training phase."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """Plain values of a phase; one step sees `batch` patients, each under one plan.
+    """Plain values of a phase; one step sees `batch` patients, each under one plan. A default of 0 is for a phase whose
+    loss has no such term; where it has, the configuration says it.
 
     steps: optimisation steps. learning_rate: of AdamW (averages of its gradients by `beta1` and `beta2`), after a
     linear warm-up over the share `warmup` of the steps, then a cosine to zero, or, where `decay` is not 0, that factor
@@ -38,27 +39,27 @@ class TrainingSettings:
 
     steps: int
     learning_rate: float
-    batch: int = 1
-    beta1: float = 0.9
-    beta2: float = 0.999
-    decay: float = 0.0
-    decay_every: float = 0.1
-    decay_floor: float = 0.0
-    weights: Mapping[str, float] = field(default_factory=lambda: {"physics": 1.0, "data": 2.0, "boundary": 1.0})
-    warmup: float = 0.05
-    physics_ramp: float = 0.5
+    batch: int
+    beta1: float
+    beta2: float
+    decay: float
+    decay_every: float
+    decay_floor: float
+    weights: Mapping[str, float]
+    warmup: float
+    weight_decay: float
+    clip: float
+    mirror: bool
+    validation: int
+    validate_every: int
+    patience: int
+    physics_ramp: float = 0.0
     physics_target: float = 0.0
     physics_robust: float = 0.0
     poisson_anneal: float = 0.0
-    poisson_start: float = 0.40
-    weight_decay: float = 1e-3
-    clip: float = 1.0
-    mirror: bool = True
-    surface_samples: int = 4096
-    surface_cutoff: float = 15.0
+    poisson_start: float = 0.0
     execution_prior: float = 0.0
-    validation: int = 1
-    validate_every: int = 50
-    patience: int = 0
+    surface_samples: int = 0
+    surface_cutoff: float = 0.0
     checkpoint_every: int = 100
     checkpoint_seconds: float = 60.0

@@ -142,12 +142,12 @@ def plans_table(anatomies: Sequence[Mapping[str, Any]], plans: Sequence[Plan]) -
     return markdown_table(headers, rows)
 
 
-def effects_table(reality: Mapping[str, Any] | str) -> str:
+def effects_table(effects: Mapping[str, Any] | str) -> str:
     """The effects of the outcome with their magnitude in this cohort."""
     rows = []
-    for name, value in resolve(reality).items():
+    for name, value in resolve(effects).items():
         effect = EFFECTS[name]
-        size = "as the methods" if value is None else "off" if value == effect.nominal else f"{value:g}"
+        size = "off" if value == effect.nominal else f"{value:g}"
         rows.append((f"`{name}`", effect.meaning, size, effect.unit, effect.source))
     return markdown_table(("effect", "meaning", "magnitude", "unit", "source"), rows)
 
@@ -201,8 +201,8 @@ def data_card(
         plans_table(anatomies, plans),
         "## Outcome",
         "What makes the simulated outcome other than any method's computation. Each effect has a switch of its own "
-        "(`virtual.reality` in the configuration) and draws of its own.",
-        effects_table(virtual["reality"]),
+        "(`virtual.outcome.effects` in the configuration) and draws of its own.",
+        effects_table(virtual["outcome"]["effects"]),
         *(part for name, title in TABLES.items() if name in tables for part in (f"## {title}", tables[name].strip())),
         "## Files",
         "Each patient has a folder; `SHA256SUMS` holds the checksum of every file (`sha256sum -c SHA256SUMS`).",

@@ -1,6 +1,7 @@
 """What a virtual patient is and what the plan does to it, in the numbers of a cephalometric chart."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -13,7 +14,7 @@ from pinnochio.tables.engine import Column, View, number, write_csv, write_twins
 from pinnochio.virtual.head import Head
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.thickness import measure
-from pinnochio.virtual.treatment import bite_after, bite_before, jaw_overlap, split_overlaps
+from pinnochio.virtual.treatment import bite, jaw_overlap, split_overlaps
 
 
 def cephalometry(s: Skeleton) -> dict[str, float]:
@@ -44,31 +45,31 @@ def cephalometry(s: Skeleton) -> dict[str, float]:
 def magnitudes(head: Head, plan: Plan) -> dict[str, float]:
     """Planned motions: of the incisor edges and of the chin (mm; forward, up, left) and of the jaws (degrees)."""
     s = Skeleton(head.parameters)
-    found = {}
+    sizes = {}
     for name, segment, point in (
         ("maxilla", "lefort1", s.upper_incisor),
         ("distal", "mandible_distal", s.lower_incisor),
     ):
         left, back, up = plan.motion(segment).displacement(point[None])[0]
         turn = Rotation.from_matrix(plan.motion(segment).rotation).as_rotvec(degrees=True)
-        found |= {f"{name}_forward": -back, f"{name}_up": up, f"{name}_left": left}
-        found |= {f"{name}_{axis}": angle for axis, angle in zip(("pitch", "roll", "yaw"), turn, strict=True)}
+        sizes |= {f"{name}_forward": -back, f"{name}_up": up, f"{name}_left": left}
+        sizes |= {f"{name}_{axis}": angle for axis, angle in zip(("pitch", "roll", "yaw"), turn, strict=True)}
     if "chin" in head.segments:
         chin, jaw = (plan.motion(name).displacement(s.pogonion[None])[0, 1] for name in ("chin", "mandible_distal"))
-        found["chin_forward"] = jaw - chin
-    return {name: float(value) for name, value in found.items()}
+        sizes["chin_forward"] = jaw - chin
+    return {name: float(value) for name, value in sizes.items()}
 
 
 def describe(head: Head, plan: Plan) -> dict[str, Any]:
     """The sampled numbers, and what was measured: cephalometry, thickness (mm, None where no bone), bite and plan."""
     thickness = {name: None if np.isnan(value) else round(value, 2) for name, value in measure(head).items()}
-    return head.parameters.to_dict() | {
+    return asdict(head.parameters) | {
         "sex": "male" if head.parameters.male else "female",
         "cephalometry": cephalometry(Skeleton(head.parameters)),
         "thickness": thickness,
         "plan": magnitudes(head, plan),
-        "bite_before": bite_before(head.parameters),
-        "bite_after": bite_after(head.parameters, plan),
+        "bite_before": bite(head.parameters),
+        "bite_after": bite(head.parameters, plan),
         "jaw_overlap": jaw_overlap(head, plan),
         "split_overlap": split_overlaps(head, plan),
     }

@@ -1,4 +1,4 @@
-"""What each effect of the reality does to the outer face when it is the only one: the price list of the truth."""
+"""What each effect of the outcome does to the outer face when it is the only one: the price list of the truth."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -57,10 +57,9 @@ class Face:
 
     def scan_error(self, scan: Scan, plane: float) -> tuple[np.ndarray, float]:
         """Distance (k,) mm of the registered scan from the nominal face, and the share of the face it lacks in %."""
-        found = register(
-            scan.points, scan.faces, *self.skin, plane, case=self.operation.case, file="scan", limit=np.inf
-        )
-        placed = found.apply(scan.points)
+        case = self.operation.case
+        motion = register(scan.points, scan.faces, *self.skin, plane, case=case, file="scan", limit=np.inf)
+        placed = motion.apply(scan.points)
         near = closest_points(placed, self.moved, self.faces)
         back = closest_points(self.moved[self.faces].mean(axis=1), placed, scan.faces)
         area = face_normals(self.moved, self.faces)[1]
@@ -69,7 +68,6 @@ class Face:
 
 def measure(
     operation: Operation,
-    reality: Mapping[str, Any] | str,
     skin: tuple[np.ndarray, np.ndarray],
     bone: BoneSurface,
     truth: tuple[np.ndarray, np.ndarray, np.ndarray],
@@ -79,18 +77,19 @@ def measure(
     skin: points and faces of the segmentation's skin; truth: points, cells, displacement, all effects. Mechanics,
     lips and swelling: difference of displacement; scan: distance of the registered scan, with the loss of face.
     """
-    nominal = operate(operation, resolve(NOMINAL))
+    off = resolve(NOMINAL)
+    nominal = operate(operation, off)
     face = Face(operation, nominal, skin)
-    plane = upper_face_plane(bone, operation.segments, operation.interfaces["nasion_above_maxilla"])
+    plane = upper_face_plane(bone, operation.segments, operation.settings.interfaces["nasion_above_maxilla"])
 
     def row(effect: str, errors: np.ndarray, lost: float = 0.0) -> dict:
         return {"case": operation.case, "effect": effect, "mean": errors.mean(), "p95": np.percentile(errors, 95),
                 "lost": lost}  # fmt: skip
 
-    rows = [row(NOTHING, *face.scan_error(photograph(operation, nominal, resolve(NOMINAL)), plane))]
+    rows = [row(NOTHING, *face.scan_error(photograph(operation, nominal, off), plane))]
     for effect in EFFECTS:
-        own = alone(resolve(reality), effect)
-        if own == resolve(NOMINAL):
+        own = alone(operation.settings.effects, effect)
+        if own == off:
             continue
         if effect in SCAN:
             rows.append(row(effect, *face.scan_error(photograph(operation, nominal, own), plane)))
@@ -102,9 +101,9 @@ def measure(
     return rows
 
 
-def summarise(rows: pd.DataFrame, reality: Mapping[str, Any] | str) -> pd.DataFrame:
+def summarise(rows: pd.DataFrame, effects: Mapping[str, Any] | str) -> pd.DataFrame:
     """One row per effect over the patients, in the order of :data:`EFFECTS`: columns of :data:`SUMMARY`."""
-    values = resolve(reality)
+    values = resolve(effects)
     table = []
     for effect in (NOTHING, *EFFECTS, EVERYTHING):
         own = rows[rows["effect"] == effect]

@@ -1,13 +1,16 @@
-"""What makes a simulated outcome other than any method's computation: every effect, its source and its switch."""
+"""The settings of the simulated outcome, and what makes it other than any method's computation: every effect."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
+
+from pinnochio.mechanics.settings import FemSettings
 
 NOMINAL = "nominal"
 
 
 class Effect(NamedTuple):
-    """An effect of the reality; `nominal` is the value that switches it off, None where the methods' own holds."""
+    """An effect of the outcome; `nominal` is the value that switches it off, None where the outcome's settings hold."""
 
     meaning: str
     unit: str
@@ -44,12 +47,36 @@ EFFECTS = {
 SCAN = ("expression", "noise", "holes", "coverage", "frame")  # what changes the scan, not the patient
 
 
-def resolve(reality: str | Mapping[str, Any]) -> dict[str, Any]:
-    """Value of every effect of the config section `virtual.reality`, with :data:`NOMINAL` replaced."""
-    asked = dict.fromkeys(EFFECTS, NOMINAL) if reality == NOMINAL else reality
+@dataclass(frozen=True)
+class OutcomeSettings:
+    """The settings of the outcome, which no method reads: the section `virtual.outcome` of the configuration.
+
+    effects: value of every effect by name, nominal ones resolved. mesh, interfaces: as the sections of these names;
+    fem: the mechanics before any effect.
+    """
+
+    effects: Mapping[str, Any]
+    mesh: Mapping[str, float]
+    interfaces: Mapping[str, float]
+    fem: FemSettings
+
+    @classmethod
+    def of(cls, section: Mapping[str, Any]) -> "OutcomeSettings":
+        """From the section of the configuration."""
+        return cls(
+            effects=resolve(section["effects"]),
+            mesh=section["mesh"],
+            interfaces=section["interfaces"],
+            fem=FemSettings(**section["fem"]),
+        )
+
+
+def resolve(effects: str | Mapping[str, Any]) -> dict[str, Any]:
+    """Value of every effect of the config section `virtual.outcome.effects`, with :data:`NOMINAL` replaced."""
+    asked = dict.fromkeys(EFFECTS, NOMINAL) if effects == NOMINAL else effects
     return {name: effect.nominal if asked[name] == NOMINAL else asked[name] for name, effect in EFFECTS.items()}
 
 
-def alone(reality: Mapping[str, Any], effect: str) -> dict[str, Any]:
-    """The reality with one effect on and all others nominal."""
-    return resolve(dict.fromkeys(EFFECTS, NOMINAL) | {effect: reality[effect]})
+def alone(effects: Mapping[str, Any], effect: str) -> dict[str, Any]:
+    """These effects with one on and all others nominal."""
+    return resolve(dict.fromkeys(EFFECTS, NOMINAL) | {effect: effects[effect]})

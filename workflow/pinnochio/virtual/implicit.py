@@ -32,6 +32,11 @@ def smooth_minimum(a: np.ndarray, b: np.ndarray, k: float) -> np.ndarray:
     return np.minimum(a, b) - h * h * F(0.25 / k)
 
 
+def rounded(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Signed distance from the corner where the distances a and b to two faces at right angles meet."""
+    return np.hypot(np.maximum(a, 0), np.maximum(b, 0)) + np.minimum(np.maximum(a, b), 0)
+
+
 def ellipsoid(centre, radii, tilt: float = 0.0) -> Shape:
     """Ellipsoid with semi-axes `radii`, turned by `tilt` degrees about the x axis."""
     c, r = np.asarray(centre, F), np.asarray(radii, F)
@@ -85,8 +90,7 @@ def wall(line: np.ndarray, thickness, bottom, top, rounding: float = 2.0) -> Sha
         across = (across - thickness[nearest] + F(rounding))[:, :, None]
         middle, half = (top + bottom)[nearest] / 2, (top - bottom)[nearest] / 2
         along = np.abs(z - middle[:, :, None]) - half[:, :, None] + F(rounding)
-        outside = np.hypot(np.maximum(across, 0), np.maximum(along, 0))
-        return outside + np.minimum(np.maximum(across, along), 0) - F(rounding)
+        return rounded(across, along) - F(rounding)
 
     margin = thickness.max()
     low = [*(line.min(0) - margin), bottom.min()]
@@ -110,8 +114,7 @@ def plate(polygon: np.ndarray, centre: Callable, thickness: float, rounding: flo
     def distance(x, y, z):
         plan = outline(y, z) + F(rounding)
         across = np.abs(x - centre(y, z)) - F(thickness - rounding)
-        outside = np.hypot(np.maximum(plan, 0), np.maximum(across, 0))
-        return outside + np.minimum(np.maximum(plan, across), 0) - F(rounding)
+        return rounded(plan, across) - F(rounding)
 
     at_corners = centre(corners[:, 0], corners[:, 1])
     low, high = corners.min(0), corners.max(0)

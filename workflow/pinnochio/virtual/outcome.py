@@ -2,7 +2,7 @@
 
 import logging
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,8 +11,7 @@ import numpy as np
 
 from pinnochio.files import replacing
 from pinnochio.importing.segmentation import Segmentation, read_segmentation
-from pinnochio.mechanics.elements import VOLUMETRIC, jacobians
-from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
@@ -22,19 +21,18 @@ from pinnochio.plans.plan import Plan
 from pinnochio.plans.sampling import execution_error
 from pinnochio.seeds import generator
 from pinnochio.virtual.aftermath import expression, lip_change, looseness, read_landmarks, swelling
+from pinnochio.virtual.ground_truth import OutcomeSettings
 from pinnochio.virtual.scan import Scan, scan
 
 LOG = logging.getLogger(__name__)
 ATTEMPTS = 4  # an executed plan that tissue cannot follow is drawn again
-PATIENCE = 1800.0  # s; far above what a solve takes: the truth must not depend on how busy the machine is
 
 
 @dataclass(frozen=True)
 class Operation:
-    """What is operated on and how it would be computed nominally.
+    """What is operated on, and the settings of the outcome.
 
-    head: the segmentation; landmarks name -> (3,) mm; mesh, interfaces: sections of the configuration; fem: the
-    methods' settings; seed: base seed, from which each effect draws its own.
+    head: the segmentation; landmarks name -> (3,) mm; seed: base seed, from which each effect draws its own.
     """
 
     case: str
@@ -42,9 +40,7 @@ class Operation:
     segments: tuple[str, ...]
     landmarks: Mapping[str, np.ndarray]
     plan: Plan
-    mesh: Mapping[str, float]
-    interfaces: Mapping[str, float]
-    fem: FemSettings
+    settings: OutcomeSettings
     seed: int
 
     def draws(self, effect: str) -> np.random.Generator:
@@ -52,11 +48,25 @@ class Operation:
         return generator(self.seed, f"virtual_outcome/{effect}", self.case)
 
     @classmethod
-    def read(cls, case: str, inputs: Mapping[str, str], labels: Mapping[str, int], segments, *settings) -> "Operation":
-        """From the files segmentation, plan and landmarks; settings: mesh, interfaces, fem, seed."""
-        head = read_segmentation(inputs["segmentation"], case, labels, segments)
-        landmarks = read_landmarks(inputs["landmarks"])
-        return cls(case, head, tuple(segments), landmarks, Plan.read(inputs["plan"], case), *settings)
+    def read(
+        cls,
+        case: str,
+        inputs: Mapping[str, str],
+        labels: Mapping[str, int],
+        segments: Sequence[str],
+        outcome: Mapping[str, Any],
+        seed: int,
+    ) -> "Operation":
+        """From the files segmentation, plan and landmarks; outcome: section `virtual.outcome` of the configuration."""
+        return cls(
+            case=case,
+            head=read_segmentation(inputs["segmentation"], case, labels, segments),
+            segments=tuple(segments),
+            landmarks=read_landmarks(inputs["landmarks"]),
+            plan=Plan.read(inputs["plan"], case),
+            settings=OutcomeSettings.of(outcome),
+            seed=seed,
+        )
 
 
 @dataclass(frozen=True)
@@ -76,59 +86,44 @@ class Outcome:
             file.attrs["executed"] = self.executed.to_json()
 
 
-def meshed(operation: Operation, reality: Mapping[str, Any]) -> PatientModel:
-    """The model on which the outcome is computed; with nominal effects it is the methods' own."""
-    head, thresholds = operation.head, dict(operation.interfaces)
-    thresholds["sliding_band"] *= reality["sliding_band_factor"]
-    nodes, shift = operation.mesh["nodes"], np.zeros(3)
-    if reality["nodes"] is not None:
-        nodes, shift = reality["nodes"], operation.draws("nodes").uniform(0, 3, 3)
-    mesh = tetrahedralize(
-        head.labels,
-        head.spacing,
-        head.origin,
-        nodes,
-        minimum_dihedral=operation.mesh["minimum_dihedral"],
-        shift=shift,
-    )
+def meshed(operation: Operation, effects: Mapping[str, Any]) -> PatientModel:
+    """The model on which the outcome is computed; with nominal effects and equal settings it is the methods' own."""
+    head, settings = operation.head, operation.settings
+    thresholds = {f"{name}_mm": value for name, value in settings.interfaces.items()}
+    thresholds["sliding_band_mm"] *= effects["sliding_band_factor"]
+    nodes, shift = settings.mesh["nodes"], np.zeros(3)
+    if effects["nodes"] is not None:
+        nodes, shift = effects["nodes"], operation.draws("nodes").uniform(0, 3, 3)
+    place = head.labels, head.spacing, head.origin
     return label_interfaces(
-        mesh,
-        head.labels,
-        head.spacing,
-        head.origin,
+        tetrahedralize(*place, nodes, minimum_dihedral=settings.mesh["minimum_dihedral"], shift=shift),
+        *place,
         operation.segments,
-        bone_surface(head.labels, head.spacing, head.origin, operation.segments, operation.mesh["bone_edge"]),
-        skin_surface(head.labels, head.spacing, head.origin),
-        **{f"{name}_mm": value for name, value in thresholds.items()},
+        bone_surface(*place, operation.segments, settings.mesh["bone_edge"]),
+        skin_surface(*place),
+        **thresholds,
     )
 
 
-def operate(operation: Operation, reality: Mapping[str, Any], patient: PatientModel | None = None) -> Outcome:
-    """Carry out the plan with the effects of `reality` (as :func:`pinnochio.virtual.ground_truth.resolve` gives them).
+def operate(operation: Operation, effects: Mapping[str, Any], patient: PatientModel | None = None) -> Outcome:
+    """Carry out the plan with these effects (as :func:`pinnochio.virtual.ground_truth.resolve` gives them).
 
     patient: the model of :func:`meshed` where the caller has it already. RuntimeError if the mechanics finds no
     solution for a few draws of the executed plan.
     """
-    patient = patient or meshed(operation, reality)
+    patient, fem = patient or meshed(operation, effects), operation.settings.fem
     draws = operation.draws("stiffness_spread")
     moduli = {
-        tissue: modulus * float(np.exp(reality["stiffness_spread"] * draws.normal()))
-        for tissue, modulus in sorted(operation.fem.youngs_modulus.items())
+        tissue: modulus * float(np.exp(effects["stiffness_spread"] * draws.normal()))
+        for tissue, modulus in sorted(fem.youngs_modulus.items())
     }
-    fem = operation.fem
-    own = replace(
-        fem,
-        youngs_modulus=moduli,
-        poisson=reality["poisson"] or fem.poisson,
-        stiffening=reality["stiffening"],
-        volumetric=VOLUMETRIC[0] if reality["nodes"] else fem.volumetric,
-        time_limit=PATIENCE,
-    )
+    poisson = effects["poisson"] or fem.poisson
+    own = replace(fem, youngs_modulus=moduli, poisson=poisson, stiffening=effects["stiffening"])
     draws = operation.draws("execution_error")
     for _ in range(ATTEMPTS):
         executed = operation.plan
-        if reality["execution_error"]:
-            executed = execution_error(operation.plan, draws, reality["execution_error"])
+        if effects["execution_error"]:
+            executed = execution_error(operation.plan, draws, effects["execution_error"])
         result = simulate(patient, executed, "mucosa", own)
         LOG.info("%s; moduli %s kPa; %.1f s", result.reason, moduli, result.seconds)
         if result.converged:
@@ -136,12 +131,12 @@ def operate(operation: Operation, reality: Mapping[str, Any], patient: PatientMo
     else:
         raise RuntimeError(f"case {operation.case!r}: the simulated outcome did not converge: {result.reason}")
     change = np.zeros_like(patient.points)
-    if reality["lip_change"]:
-        change += reality["lip_change"] * lip_change(patient.points, operation.landmarks)
-    if reality["swelling"]:
+    if effects["lip_change"]:
+        change += effects["lip_change"] * lip_change(patient.points, operation.landmarks)
+    if effects["swelling"]:
         skin = patient.skin_points, patient.skin_faces
         rng = operation.draws("swelling")
-        change += swelling(patient.points, skin, operation.landmarks, reality["swelling"], rng)
+        change += swelling(patient.points, skin, operation.landmarks, effects["swelling"], rng)
     if change.any():
         change *= looseness(patient.points, patient.bone_points)[:, None]
         change = admissible(patient.points, patient.cells, result.displacement, change)
@@ -157,11 +152,11 @@ def admissible(points, cells, displacement, change) -> np.ndarray:
     return change
 
 
-def photograph(operation: Operation, outcome: Outcome, reality: Mapping[str, Any]) -> Scan:
-    """Scan of the outcome's skin with the effects of `reality`."""
+def photograph(operation: Operation, outcome: Outcome, effects: Mapping[str, Any]) -> Scan:
+    """Scan of the outcome's skin with these effects."""
     skin = outcome.patient.moved_skin(outcome.displacement)
-    if reality["expression"]:
+    if effects["expression"]:
         here = outcome.patient.skin_points
-        skin = skin + expression(here, operation.landmarks, reality["expression"], operation.draws("expression"))
-    own = {name: reality[name] for name in ("noise", "holes", "coverage", "frame")}
+        skin = skin + expression(here, operation.landmarks, effects["expression"], operation.draws("expression"))
+    own = {name: effects[name] for name in ("noise", "holes", "coverage", "frame")}
     return scan(skin, outcome.patient.skin_faces, operation.draws("scan"), **own)

@@ -4,7 +4,7 @@ Means and spreads are adult figures recalled from anthropometry and cephalometry
 the thickness literature [R], the effect of the bite on lip thickness [S: KJO 42:23]; entries marked [I] are choices.
 """
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import make_dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -106,55 +106,12 @@ SHIFTS: dict[str, dict[str, tuple]] = {
 }
 
 
-@dataclass(frozen=True)
-class HeadParameters:
-    """One virtual patient; the meaning and unit of every number stand in :data:`TABLE`."""
+_CLASS = [("deformity", str), ("male", bool), ("relief_seed", int)]
+_Numbers = make_dataclass("_Numbers", _CLASS + [(name, float) for name in TABLE], frozen=True)
 
-    deformity: str
-    male: bool
-    relief_seed: int
-    face_height: float
-    lower_share: float
-    face_width: float
-    face_depth: float
-    maxilla_position: float
-    overjet: float
-    open_bite: float
-    mandible_length: float
-    ramus_height: float
-    gonial_angle: float
-    gonial_width: float
-    chin_prominence: float
-    chin_width: float
-    chin_deviation: float
-    occlusal_cant: float
-    brow_prominence: float
-    nose_length: float
-    nose_width: float
-    nose_rotation: float
-    dorsal_hump: float
-    mouth_width: float
-    lip_fullness: float
-    malar_fullness: float
-    neck_width: float
-    eye_spacing: float
-    skin_asymmetry: float
-    glabella: float
-    nasion: float
-    subnasale: float
-    mid_philtrum: float
-    labrale_superius: float
-    labrale_inferius: float
-    mentolabial: float
-    pogonion: float
-    menton: float
-    zygoma: float
-    masseter: float
-    cheek: float
 
-    def to_dict(self) -> dict:
-        """Plain values by name, for JSON and tables."""
-        return asdict(self)
+class HeadParameters(_Numbers):
+    """One virtual patient: its deformity, sex, seed of the skin's relief, and every number of :data:`TABLE` by name."""
 
 
 def draw(rng: np.random.Generator, mean: float, sd: float, low: float, high: float) -> float:
@@ -185,6 +142,3 @@ def sample_parameters(rng: np.random.Generator, deformity: str) -> HeadParameter
         values["chin_deviation"] *= side
         values["occlusal_cant"] *= -side
     return HeadParameters(deformity=deformity, male=male, relief_seed=relief_seed, **values)
-
-
-assert [field.name for field in fields(HeadParameters)][3:] == list(TABLE)

@@ -3,12 +3,10 @@
 Frame: LPS mm, x = 0 the midline, y = 0 the coronal plane of the tragi, z = 0 the Frankfort horizontal.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.optimize import least_squares
 
-from pinnochio.virtual.implicit import Field, Shape, ellipsoid, plate, smooth_minimum, tube, wall
+from pinnochio.virtual.implicit import Field, Shape, ellipsoid, plate, rounded, smooth_minimum, tube, wall
 from pinnochio.virtual.parameters import REST_GAP, TABLE, HeadParameters
 
 SIDES = (1.0, -1.0)  # left, right
@@ -27,55 +25,51 @@ def arch(front: float, half_width: float, depth: float) -> np.ndarray:
     return resampled(np.stack([half_width * np.sin(angle), front + depth * (1 - np.cos(angle))], 1))
 
 
-@dataclass(frozen=True)
 class Skeleton:
     """Reference geometry of one patient; points (3,) mm, `arch_*` axial polylines, all from the parameters."""
 
-    p: HeadParameters
-
-    def __post_init__(self):
-        p = self.p
-        put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
-        put("wide", p.face_width / 134.0)
-        put("deep", p.face_depth / 90.0)
-        put("tall", p.face_height / 119.0)
+    def __init__(self, p: HeadParameters):
+        self.p = p
+        self.wide = p.face_width / 134.0
+        self.deep = p.face_depth / 90.0
+        self.tall = p.face_height / 119.0
         top = 28.0 * self.tall
         spine_z = top - (1 - p.lower_share) * p.face_height
         a_y = -p.face_depth - p.maxilla_position
-        put("nasion", np.array([0.0, -p.face_depth, top]))
-        put("a_point", np.array([0.0, a_y, spine_z - 6]))
-        put("spine", np.array([0.0, a_y - 3, spine_z]))
+        self.nasion = np.array([0.0, -p.face_depth, top])
+        self.a_point = np.array([0.0, a_y, spine_z - 6])
+        self.spine = np.array([0.0, a_y - 3, spine_z])
         upper = np.array([0.0, a_y - 4, spine_z - 0.43 * p.lower_share * p.face_height])
         lower_x = 0.8 * p.chin_deviation
         lower = np.array([lower_x, upper[1] + p.overjet, upper[2] - REST_GAP - p.open_bite])
-        put("upper_incisor", upper)
-        put("lower_incisor", lower)
+        self.upper_incisor = upper
+        self.lower_incisor = lower
         low = top - p.face_height
         pogonion = np.array([p.chin_deviation, lower[1] + 7.0 - p.chin_prominence, low + 9])
-        put("pogonion", pogonion)
-        put("menton", np.array([p.chin_deviation, pogonion[1] + 7, low]))
-        put("condyle", np.array([50.0 * self.wide, -10.5, -4.0]))
-        put("gonion", np.array([p.gonial_width / 2, *self._gonion()]))
+        self.pogonion = pogonion
+        self.menton = np.array([p.chin_deviation, pogonion[1] + 7, low])
+        self.condyle = np.array([50.0 * self.wide, -10.5, -4.0])
+        self.gonion = np.array([p.gonial_width / 2, *self._gonion()])
         depth = 45.0 * self.deep
-        put("molar_y", upper[1] + depth)
-        put("arch_upper", arch(upper[1] + 3, 25.5 * self.wide, depth))
+        self.molar_y = upper[1] + depth
+        self.arch_upper = arch(upper[1] + 3, 25.5 * self.wide, depth)
         line = arch(lower[1] + 3, 24.5 * self.wide, self.molar_y - lower[1])
         line[:, 0] += 0.8 * p.chin_deviation * self.jaw_share(line[:, 1])
-        put("arch_lower", line)
+        self.arch_lower = line
 
     def _gonion(self) -> np.ndarray:
         """Sagittal place (y, z) of the gonion that suits ramus, body and angle best, each weighted by its spread.
 
-        Condyle and chin are given by the bite; three sampled lengths and angles meet in a point only nearly.
+        The bite sets condyle and chin; three sampled lengths and angles meet in a point only nearly.
         """
         p, top, chin = self.p, self.condyle[1:] + [0, 5], self.pogonion[1:]
 
         def misfit(gonion):
             ramus, body = top - gonion, chin - gonion
-            found = np.linalg.norm(ramus), np.linalg.norm(body)
-            angle = np.degrees(np.arccos(ramus @ body / (found[0] * found[1])))
+            lengths = np.linalg.norm(ramus), np.linalg.norm(body)
+            angle = np.degrees(np.arccos(ramus @ body / (lengths[0] * lengths[1])))
             asked = ((p.ramus_height, "ramus_height"), (p.mandible_length, "mandible_length"))
-            miss = [(f - a) / TABLE[n].sd for f, (a, n) in zip(found, asked, strict=True)]
+            miss = [(f - a) / TABLE[n].sd for f, (a, n) in zip(lengths, asked, strict=True)]
             return [*miss, (angle - p.gonial_angle) / TABLE["gonial_angle"].sd]
 
         return least_squares(misfit, [-14.0, top[1] - p.ramus_height], bounds=([-30, -80], [-4, -30])).x
@@ -169,9 +163,8 @@ def _crown(tip: np.ndarray, along: np.ndarray, half: np.ndarray, up: float, fron
         v = np.abs(dx * inward[0] + dy * inward[1] - depth) - depth
         w = np.abs(height - half[2]) - half[2]
         u, v = u + corner, v + corner
-        flat = np.hypot(np.maximum(u, 0), np.maximum(v, 0)) + np.minimum(np.maximum(u, v), 0) - corner + rounding
-        w = w + rounding
-        return np.hypot(np.maximum(flat, 0), np.maximum(w, 0)) + np.minimum(np.maximum(flat, w), 0) - rounding
+        flat = rounded(u, v) - corner + rounding
+        return rounded(flat, w + rounding) - rounding
 
     reach = np.hypot(half[0], 2 * half[1])
     centre = tip + np.float32([0, 0, up * half[2]])

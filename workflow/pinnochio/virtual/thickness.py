@@ -58,12 +58,12 @@ def along_ray(head: Head, ray: Ray) -> float:
     low = np.maximum(np.floor(index.min(1)).astype(int) - 1, 0)
     high = np.ceil(index.max(1)).astype(int) + 2
     block = head.labels[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
-    found = []
+    borders = []
     for inside in (block != AIR, block >= CRANIUM):
         share = ndimage.map_coordinates(inside.astype(np.float32), index - low[:, None], order=1, mode="nearest")
         hit = np.flatnonzero(share >= 0.5)
-        found.append(hit[0] if len(hit) else np.nan)
-    return float((found[1] - found[0]) * STEP)
+        borders.append(hit[0] if len(hit) else np.nan)
+    return float((borders[1] - borders[0]) * STEP)
 
 
 def measure(head: Head) -> dict[str, float]:

@@ -78,8 +78,8 @@ def treatment_plan(head: Head, rng: np.random.Generator, case: str) -> Plan:
     yaw = -np.degrees(np.arctan(p.chin_deviation / (s.condyle[1] - s.pogonion[1])))
     follow = rng.integers(2**32)  # the rami's draws do not depend on how often the jaws had to be parted
     for down in np.arange(0, LARGEST_OPENING + OPENING, OPENING):
-        bite = motion((pitch, 0.7 * roll, 0.7 * yaw), shift - [0, 0, down], lower)
-        plan = compose_plan(np.random.default_rng(follow), case, anatomy, maxilla, bite, chin_advance(p))
+        jaw = motion((pitch, 0.7 * roll, 0.7 * yaw), shift - [0, 0, down], lower)
+        plan = compose_plan(np.random.default_rng(follow), case, anatomy, maxilla, jaw, chin_advance(p))
         if jaw_overlap(head, plan) <= CONTACT:
             break
     return plan
@@ -92,17 +92,9 @@ def chin_advance(parameters: HeadParameters) -> float:
     return float(np.clip(lacking, *CHIN_ADVANCE[2:]))
 
 
-def bite_before(parameters: HeadParameters) -> dict[str, float]:
-    """Overjet, open bite and midline (mm) before surgery, measured at the incisor edges."""
-    return _bite(parameters, RigidMotion(), RigidMotion())
-
-
-def bite_after(parameters: HeadParameters, plan: Plan) -> dict[str, float]:
-    """Overjet, open bite and midline (mm) once the plan is carried out, measured at the incisor edges."""
-    return _bite(parameters, plan.motion("lefort1"), plan.motion("mandible_distal"))
-
-
-def _bite(parameters: HeadParameters, maxilla: RigidMotion, mandible: RigidMotion) -> dict[str, float]:
-    s = Skeleton(parameters)
+def bite(parameters: HeadParameters, plan: Plan | None = None) -> dict[str, float]:
+    """Overjet, open bite and midline (mm) at the incisor edges: before surgery, or once a plan is carried out."""
+    s, motions = Skeleton(parameters), plan.motions if plan else {}
+    maxilla, mandible = (motions.get(name, RigidMotion()) for name in ("lefort1", "mandible_distal"))
     gap = (mandible.apply(s.lower_incisor[None]) - maxilla.apply(s.upper_incisor[None]))[0]
     return {"overjet": float(gap[1]), "open_bite": float(-gap[2] - REST_GAP), "midline": float(gap[0])}

@@ -7,7 +7,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from pinnochio.mechanics.elements import VOLUMETRIC, lumped
+from pinnochio.mechanics.elements import lumped
 from pinnochio.mechanics.lift import Lift, farthest, motion_amplitudes, node_shares
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.residual import Operator
@@ -64,13 +64,12 @@ class PatientTensors:
         cls,
         model: PatientModel,
         material: Material,
-        volumetric: str = VOLUMETRIC[0],
-        settings: NetworkSettings | None = None,
+        volumetric: str,
+        settings: NetworkSettings,
         lift: Lift | None = None,
         device: torch.device | str = "cpu",
     ) -> "PatientTensors":
         """Tensors of `model` on `device`, as networks of `settings` read them; ValueError if they miss a lift."""
-        settings = settings or NetworkSettings()
         if (lift is None) != (settings.lift == "none"):
             raise ValueError(f"the network's lift is {settings.lift!r}, the patient's is {'there' if lift else 'not'}")
         corners = model.points[model.cells]

@@ -20,9 +20,9 @@ class SurfaceSettings:
     """
 
     architecture: str
-    points: int = 4096
-    neighbours: int = 64
-    repeats: int = 4
+    points: int
+    neighbours: int
+    repeats: int
     softmax: bool = False
     distance_guided: float = 0.0
     contrast: float = 0.0

@@ -1,0 +1,25 @@
+"""What Snakemake says of a configuration: wrong keys in a few lines, and one that is not that of the results."""
+
+import json
+
+
+def test_a_wrong_key_is_refused_in_a_few_lines(project):
+    done = project.snakemake("-n", "--config", "fem={poison: 0.45}", "mesh={nodes: 3}")
+    lines = [line for line in done.stdout.splitlines() if "configuration" in line or "mesh.nodes" in line]
+    assert done.returncode != 0 and len(done.stdout.splitlines()) < 12 and len(lines) == 2
+    assert "fem.poison ('0.45') is unknown; did you mean fem.poisson: number, > 0, <= 0.4999" in lines[0]
+    assert "mesh.nodes is 3; allowed: integer, >= 500, <= 200000" in lines[1] and "Remedy: " in lines[1]
+
+
+def test_a_changed_configuration_is_noticed_without_snakemakes_metadata(project):
+    record = project.folder / "results/quick/provenance.json"
+    record.parent.mkdir(parents=True)
+    config = project.folder / "merged.json"
+    recorded = f"onstart:\n    import json; open('{config}', 'w').write(json.dumps(config))\n"
+    with open(project.folder / "Snakefile", "a", encoding="utf-8") as snakefile:
+        snakefile.write(f"\n\n{recorded}\n\nrule nothing:\n    shell: 'true'\n")
+    said = project.quick("--", "nothing")
+    record.write_text(json.dumps({"config": json.loads(config.read_text())}))
+    assert "made with another configuration" not in said + project.quick("-n", "--", "nothing")
+    said = project.quick("-n", "--config", "fem={poisson: 0.45}", "folds=3", "--", "nothing")
+    assert "results/quick, which was made with another configuration: fem.poisson, folds. " in said

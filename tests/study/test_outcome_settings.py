@@ -1,0 +1,82 @@
+"""Nothing that is set for the methods moves the truth: the simulated outcome has settings of its own."""
+
+import json
+
+import pytest
+import yaml
+
+from tests.study.conftest import ROOT, Project, jobs
+
+CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
+CHANGED = {
+    "fem": {
+        "youngs_modulus": {"muscle": 7, "superficial": 5},
+        "poisson": 0.45,
+        "volumetric": "p1",
+        "increments": 3,
+        "tolerance": 1e-5,
+        "max_iterations": 20,
+        "time_limit": 40,
+        "linear_solver": "scipy",
+    },
+    "mesh": {"nodes": 1600, "minimum_dihedral": 10, "bone_edge": 7},
+    "interfaces": {name: value + 1 for name, value in CONFIG["interfaces"].items()},
+    "network": {
+        "boundary_layers": 1,
+        "volume_layers": 2,
+        "rest_layers": 1,
+        "channels": 48,
+        "heads": 2,
+        "neighbours": 4,
+        "blend": True,
+        "segment_nodes": True,
+        "edge_features": False,
+        "long_edges": 1,
+        "stiffness": True,
+        "boundary": "hard",
+    },
+}
+CASE_FILES = ("segmentation.nii.gz", "plan.json", "landmarks.json", "anatomy.json", "postop.ply", "truth.h5")
+TABLES = ("thickness", "anatomy", "effects", "ratios")
+
+
+@pytest.fixture(scope="module")
+def cohort(tmp_path_factory) -> Project:
+    """A project whose cohort counts as made: empty files will do, because nothing but Snakemake looks at them."""
+    project = Project(tmp_path_factory.mktemp("cohort"))
+    folder = project.folder / "results/quick/virtual"
+    cases = [f"V{number:02d}" for number in range(1, 7)]
+    files = [f"{case}/{name}" for case in cases for name in CASE_FILES]
+    files += [f"{table}.{suffix}" for table in TABLES for suffix in ("csv", "md", "tex", "html")]
+    for name in [*files, "V01/effects.csv", "README.md", "SHA256SUMS"]:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("made\n")
+    project.quick("--touch", "--forceall", "--", "cohort")
+    return project
+
+
+def asked(project: Project, section: str, changes: dict) -> set[str]:
+    """Rules of the jobs that making the cohort would run."""
+    said = project.quick("-n", "--config", f"{section}={json.dumps(changes)}", "--", "cohort")
+    return set() if "Nothing to be done" in said else {*jobs(said)} - {"cohort"}
+
+
+@pytest.mark.parametrize("section", CHANGED)
+def test_no_setting_of_the_methods_makes_an_outcome_again(cohort, section):
+    different = {key for key, value in CHANGED[section].items() if value != CONFIG[section][key]}
+    assert section == "network" or different == set(CONFIG[section])
+    assert asked(cohort, section, CHANGED[section]) == set()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"fem": {"youngs_modulus": {"muscle": 7}}},
+        {"mesh": {"bone_edge": 7}},
+        {"interfaces": {"release": 6}},
+        {"effects": {"noise": 0.4}},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_the_outcomes_own_settings_do(cohort, changes):
+    assert {"virtual_outcome", "measure_effects"} <= asked(cohort, "virtual", {"outcome": changes})
