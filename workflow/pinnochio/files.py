@@ -54,3 +54,8 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def megabytes(folder: str | os.PathLike) -> float:
+    """Size in MB of the files in the folder and below; 0 if there is none."""
+    return sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file()) / 1e6

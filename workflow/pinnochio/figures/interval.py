@@ -13,12 +13,15 @@ UNKNOWN = "#cccccc"
 
 
 def interval_picture(
-    patient: PatientModel, found: Interval, calibration: Calibration, case: str, path: str | os.PathLike
+    patient: PatientModel, interval: Interval, calibration: Calibration, case: str, path: str | os.PathLike
 ) -> None:
     """Before and predicted, then the half-width from the front and obliquely, on one scale for all patients."""
     plotter = pv.Plotter(off_screen=True, shape=(2, 2), window_size=(1300, 1250), border=False)
-    after = skin_of(patient, found.displacement)
-    faces = {f"{case}: before": skin_of(patient, 0 * found.displacement), f"predicted by {calibration.method}": after}
+    after = skin_of(patient, interval.displacement)
+    faces = {
+        f"{case}: before": skin_of(patient, 0 * interval.displacement),
+        f"predicted by {calibration.method}": after,
+    }
     for column, (title, skin) in enumerate(faces.items()):
         plotter.subplot(0, column)
         plotter.add_mesh(skin, color=SKIN)
@@ -29,7 +32,7 @@ def interval_picture(
         plotter.subplot(1, column)
         plotter.add_mesh(
             after,
-            scalars=found.half_width,
+            scalars=interval.half_width,
             cmap="viridis",
             clim=(0, scale(calibration)),
             nan_color=UNKNOWN,

@@ -56,8 +56,8 @@ def choose(config: Mapping, models: str | os.PathLike, front: str | os.PathLike)
 
 def _offered(config: Mapping, folder: Path, front: str | os.PathLike) -> Choice:
     """What the front offers among the methods that need no models and those of the archive, if there is one."""
-    from pinnochio.experiments.tradeoff_choice import choose_setting
-    from pinnochio.tables.engine import read_table  # these take a second, which other choices are spared
+    from pinnochio.columns import read_table  # these take a second, which other choices are spared
+    from pinnochio.tables.choices import choose_setting
     from pinnochio.tables.tradeoff import TRADEOFF
 
     if not Path(front).is_file():

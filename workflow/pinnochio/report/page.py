@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.report.parts import PARTS
-from pinnochio.tables.engine import STYLE
+from pinnochio.tables.formats import STYLE
 
 TEMPLATE = "page.html"
 
@@ -70,10 +70,10 @@ def write_page(
 
 def read_body(path: str | os.PathLike) -> str:
     """What stands between the body tags of a table's HTML twin."""
-    found = re.search(r"<body>(.*)</body>", Path(path).read_text(encoding="utf-8"), re.DOTALL)
-    if not found:
+    body = re.search(r"<body>(.*)</body>", Path(path).read_text(encoding="utf-8"), re.DOTALL)
+    if not body:
         raise InputError("-", path, "it is not the HTML twin of a table", "make the table again")
-    return found[1]
+    return body[1]
 
 
 def _words(path: Path) -> list[str]:

@@ -1,15 +1,19 @@
 """What a virtual patient is and what the plan does to it, in the numbers of a cephalometric chart."""
 
+import json
+import os
 from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from pinnochio.columns import Column, check, number, words
 from pinnochio.plans.plan import Plan
-from pinnochio.tables.engine import Column, View, number, write_csv, write_twins
+from pinnochio.tables.document import Block, Table, View
 from pinnochio.virtual.head import Head
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.thickness import measure
@@ -44,19 +48,19 @@ def cephalometry(s: Skeleton) -> dict[str, float]:
 def magnitudes(head: Head, plan: Plan) -> dict[str, float]:
     """Planned motions: of the incisor edges and of the chin (mm; forward, up, left) and of the jaws (degrees)."""
     s = Skeleton(head.parameters)
-    found = {}
+    motions = {}
     for name, segment, point in (
         ("maxilla", "lefort1", s.upper_incisor),
         ("distal", "mandible_distal", s.lower_incisor),
     ):
         left, back, up = plan.motion(segment).displacement(point[None])[0]
         turn = Rotation.from_matrix(plan.motion(segment).rotation).as_rotvec(degrees=True)
-        found |= {f"{name}_forward": -back, f"{name}_up": up, f"{name}_left": left}
-        found |= {f"{name}_{axis}": angle for axis, angle in zip(("pitch", "roll", "yaw"), turn, strict=True)}
+        motions |= {f"{name}_forward": -back, f"{name}_up": up, f"{name}_left": left}
+        motions |= {f"{name}_{axis}": angle for axis, angle in zip(("pitch", "roll", "yaw"), turn, strict=True)}
     if "chin" in head.segments:
         chin, jaw = (plan.motion(name).displacement(s.pogonion[None])[0, 1] for name in ("chin", "mandible_distal"))
-        found["chin_forward"] = jaw - chin
-    return {name: float(value) for name, value in found.items()}
+        motions["chin_forward"] = jaw - chin
+    return {name: float(value) for name, value in motions.items()}
 
 
 def describe(head: Head, plan: Plan) -> dict[str, Any]:
@@ -114,7 +118,7 @@ ANATOMY = (
 )
 
 
-def anatomy_table(patients: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+def summarise(patients: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Columns of :data:`ANATOMY`, a row for each of the patients' :func:`describe` with their `case`."""
     rows = []
     for patient in patients:
@@ -123,12 +127,12 @@ def anatomy_table(patients: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
             row |= {f"{name}_{when}": value for name, value in patient[f"bite_{when}"].items()}
         row |= {name: patient[name] for name in ("case", "sex", "deformity", "jaw_overlap")}
         rows.append(row | {"split_overlap": sum(patient["split_overlap"].values())})
-    return pd.DataFrame(rows).reindex(columns=[column.name for column in ANATOMY])
+    return check(pd.DataFrame(rows).reindex(columns=[column.name for column in ANATOMY]), ANATOMY)
 
 
-def write_anatomy(frame: pd.DataFrame, path: str) -> None:
-    """Write the table and its twins."""
-    frame = write_csv(frame, path, ANATOMY)
-    view = [View(f"{c.name.replace('_', ' ')} {c.unit}".strip(), lambda row, c=c: c.text(row[c.name])) for c in ANATOMY]
+def tabulate(anatomies: Sequence[str | os.PathLike]) -> Table:
+    """The table of the patients' anatomy files (JSON)."""
+    frame = summarise([json.loads(Path(path).read_text(encoding="utf-8")) for path in anatomies])
+    view = [View(f"{words(c.name)} {c.unit}".strip(), lambda row, c=c: c.text(row[c.name])) for c in ANATOMY]
     caption = "The virtual patients before surgery, their plans, and the bite that the plans lead to."
-    write_twins(frame, path, view, caption, ANATOMY)
+    return Table(frame, ANATOMY, [Block.of(frame, view, caption)])
