@@ -79,31 +79,6 @@ rule calibrate:
         "../scripts/calibrate.py"
 
 
-rule collect_coverage:
-    input:
-        parts=expand("<results>/methods/{method}/coverage.csv", method=UNCERTAIN),
-    output:
-        table=ensure("<results>/tables/coverage.csv", non_empty=True),
-        markdown="<results>/tables/coverage.md",
-        latex="<results>/tables/coverage.tex",
-        html=captioned("<results>/tables/coverage.html"),
-    log:
-        "<logs>/collect_coverage.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        cohort=COHORT,
-        code=code_of("collect_coverage"),
-    message:
-        "Tabulate the coverage of every region"
-    script:
-        "../scripts/collect_coverage.py"
-
-
 rule predict_interval:
     input:
         model="<results>/cases/{case}/model.h5",
@@ -136,7 +111,7 @@ rule predict_interval:
 
 rule uncertainty:
     input:
-        rules.collect_coverage.output if UNCERTAIN else [],
+        table_and_twins("coverage") if UNCERTAIN else [],
         expand(
             "<results>/cases/{case}/interval_{method}.{kind}",
             case=UNSCANNED,

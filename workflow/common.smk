@@ -12,7 +12,7 @@ from pinnochio.patients.archive import READ_BY_NETWORKS, configuration_hash
 from pinnochio.patients.choice import choose
 from pinnochio.patients.new import read_patients
 from pinnochio.report.parts import PARTS
-from pinnochio.code import code_hash
+from pinnochio.code import LIBRARY, code_hash
 from pinnochio.study.cases import assign_folds, external_file, read_cases, virtual_cases
 from pinnochio.study.configuration import (
     check_config,
@@ -401,12 +401,17 @@ def training_cases(wildcards):
     return [name for name in SCANNED if name not in HELD_OUT[wildcards.fold]]
 
 
-def code_of(*scripts):
-    """Content hash of stage scripts and of all that they import of the project.
+def code_of(*names):
+    """Content hash of stage scripts, of modules that they call by name ("tables.cases"), and of all that these import.
 
     An edit of an imported module triggers no rerun by itself; this parameter does.
     """
-    return code_hash(*(SCRIPTS / f"{script}.py" for script in scripts))
+    return code_hash(
+        *(
+            (LIBRARY if "." in name else SCRIPTS) / f"{name.replace('.', '/')}.py"
+            for name in names
+        )
+    )
 
 
 onstart:

@@ -28,7 +28,7 @@ TINY = np.finfo(float).tiny
 
 @dataclass(frozen=True)
 class Verdict:
-    """outcome: one of OUTCOMES of the table, and why; least J of the state; residual: what the judge measured, relative."""
+    """outcome: one of OUTCOMES, and why; least J of the state; residual: what the judge measured, relative."""
 
     outcome: str
     reason: str
