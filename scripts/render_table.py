@@ -17,6 +17,6 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     render_table(
         table=snakemake.input.table,
-        figure=snakemake.wildcards.figure,
+        figure=snakemake.wildcards.table,
         pictures=[snakemake.output.picture, snakemake.output.drawing],
     )

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import torch
 
+from pinnochio.columns import read_table
 from pinnochio.experiments.measuring import DONE
 from pinnochio.model.predictions import read_prediction
 from pinnochio.networks.cascade import build
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.tables.engine import read_table
 from pinnochio.tables.scaling import SCALING
 from pinnochio.training.checkpoint import save_network
 from pinnochio.training.settings import TrainingSettings

@@ -76,6 +76,11 @@ def jobs(said: str) -> dict[str, int]:
     return {name: int(count) for name, count in re.findall(r"^(\w+) +(\d+)$", table, re.M) if name != "total"}
 
 
+def made_tables(said: str) -> set[str]:
+    """Names of the tables that Snakemake says it makes."""
+    return set(re.findall(r"Make the table (\w+)", said))
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """Mark the tests that share the finished quick study, so that all others can run beside them."""

@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 import yaml
 
+from pinnochio.columns import write_csv
 from pinnochio.errors import InputError
 from pinnochio.patients.archive import Archive, configuration_hash
 from pinnochio.patients.choice import choose
 from pinnochio.patients.new import read_patients
-from pinnochio.tables.engine import write_csv
 from pinnochio.tables.tradeoff import TRADEOFF, summarise
 
 CONFIG = yaml.safe_load((Path(__file__).resolve().parents[2] / "config/config.yaml").read_text())

@@ -85,7 +85,11 @@ def _validated(frame: pd.DataFrame, columns: Sequence[Column], file: object) -> 
     try:
         checked = schema.validate(frame.replace("", np.nan).infer_objects(), lazy=True)
     except pa.errors.SchemaErrors as errors:
-        error = errors.schema_errors[0]
+        worst = list(PROBLEMS)
+        error = min(
+            errors.schema_errors,
+            key=lambda error: worst.index(error.reason_code.name) if error.reason_code.name in PROBLEMS else len(worst),
+        )
         name = error.column_name or error.schema.name or error.failure_cases
         problem = PROBLEMS.get(error.reason_code.name) or f"holds something that is not {WORDS[kinds[name]]}"
         raise _refusal(file, f"column {name!r} {problem}") from None
