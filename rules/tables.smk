@@ -32,7 +32,7 @@ rule evaluate:
 
 rule tabulate:
     input:
-        lambda wildcards: TABLES[wildcards.table].get("after", []),
+        lambda wildcards: BEFORE.get(wildcards.table, []),
         unpack(files_of_table),
     output:
         table=ensure("<results>/{folder}/{table}.csv", non_empty=True),
@@ -49,9 +49,9 @@ rule tabulate:
         mem_mb=2000,
         runtime=10,
     params:
-        module=lambda wildcards: TABLES[wildcards.table]["module"],
-        arguments=lambda wildcards: TABLES[wildcards.table].get("arguments", {}),
-        code=code_of_table,
+        module=module_of,
+        arguments=lambda wildcards: TABLES[wildcards.table][1],
+        code=lambda wildcards: code_of("tabulate", module_of(wildcards)),
     message:
         "Make the table {wildcards.table}"
     script:

@@ -15,7 +15,8 @@ from torch.optim.optimizer import register_optimizer_step_post_hook
 from tqdm import tqdm
 
 from pinnochio.columns import write_csv
-from pinnochio.experiments.measuring import DONE, Cost, measure, megabytes
+from pinnochio.experiments.measuring import DONE, Cost, measure
+from pinnochio.files import megabytes
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.predictions import read_prediction

@@ -1,79 +1,59 @@
-"""What every table of the study is made of.
+"""What every table of the study is made of: its files, its arguments, and what must be there before it beside these.
 
-By the name of the table: module of pinnochio whose `tabulate` makes it, the files and arguments that this takes, and
-what must be there before it beside these files.
+`tabulate` of its module takes both; the module is pinnochio.tables.{name of the table} where nothing else is said.
 """
 
 TWINS = ["md", "tex", "html"]
 METRICS = "<results>/folds/{fold}/{method}/metrics.csv"
-COMPARED = {"cohort": COHORT, "reference": REFERENCE, "methods": METHODS, "seed": SEED}
 JUDGED = {"cases": "<results>/tables/cases.csv"}
 TRADED_CASES = {"cases": "<results>/tables/tradeoff_cases.csv"}
 SIZED = {
     "sizes": expand("<results>/scaling/{nodes}.csv", nodes=config["scaling"]["nodes"])
 }
+ANATOMIES = {"anatomies": expand("<results>/virtual/{case}/anatomy.json", case=CASES)}
+NAMED = {"cohort": COHORT}
+COMPARED = NAMED | {"reference": REFERENCE, "methods": METHODS, "seed": SEED}
+SUMS = NAMED | {"benchmarks": BENCHMARKS, "cases": list(CASES), "counts": COUNTS}
 # The benchmark files differ from run to run and are no input; the jobs that write them are asked for by what they make.
 COUNTED_FILES = expand("<results>/cases/{case}/quality.json", case=COUNTED) + expand(
     "<results>/cases/{case}/{file}",
     case=[name for name in COUNTED if name in SCANNED],
     file=["postop.h5", "fem_samples.h5"] if LEARNED else ["postop.h5"],
 )
-SUMS = {
-    "benchmarks": BENCHMARKS,
-    "cases": list(CASES),
-    "counts": COUNTS,
-    "cohort": COHORT,
+MODULES = {
+    "better": "tables.accuracy",
+    "scene": "tables.reductions",
+    "thickness": "virtual.thickness",
+    "anatomy": "virtual.description",
+    "effects": "virtual.effects",
+    "ratios": "virtual.ratios",
 }
-ANATOMIES = {"anatomies": expand("<results>/virtual/{case}/anatomy.json", case=CASES)}
-
+# Files by argument, and the other arguments.
 TABLES = {
-    "cases": {
-        "module": "tables.cases",
-        "files": {"metrics": expand(METRICS, fold=HELD_OUT, method=METHODS)},
-        "arguments": {"cohort": COHORT},
-    },
-    "accuracy": {
-        "module": "tables.accuracy",
-        "files": JUDGED,
-        "arguments": COMPARED | {"published": True},
-    },
-    # The same table with every method tested against the better network.
-    "better": {
-        "module": "tables.accuracy",
-        "files": JUDGED,
-        "arguments": COMPARED
-        | {"reference": config["design"]["base"], "published": False},
-    },
-    "regions": {"module": "tables.regions", "files": JUDGED, "arguments": COMPARED},
-    "landmarks": {"module": "tables.landmarks", "files": JUDGED, "arguments": COMPARED},
-    "ablation": {
-        "module": "tables.ablation",
-        "files": JUDGED,
-        "arguments": {
-            "variants": {name: VARIANTS[name] for name in config["ablation"]},
-            "cohort": COHORT,
-            "seed": SEED,
-        },
-    },
-    # On the first folds.
-    "design": {
-        "module": "tables.design",
-        "files": {
+    "cases": ({"metrics": expand(METRICS, fold=HELD_OUT, method=METHODS)}, NAMED),
+    "accuracy": (JUDGED, COMPARED | {"published": True}),
+    # The same with every method tested against the better network.
+    "better": (
+        JUDGED,
+        COMPARED | {"reference": config["design"]["base"], "published": False},
+    ),
+    "regions": (JUDGED, COMPARED),
+    "landmarks": (JUDGED, COMPARED),
+    "ablation": (
+        JUDGED,
+        NAMED
+        | {"variants": {m: VARIANTS[m] for m in config["ablation"]}, "seed": SEED},
+    ),
+    "design": (
+        {
             "metrics": expand(
-                METRICS,
-                fold=list(HELD_OUT)[: config["design"]["folds"]],
-                method=DESIGN,
+                METRICS, fold=list(HELD_OUT)[: config["design"]["folds"]], method=DESIGN
             )
         },
-        "arguments": {
-            "variants": {name: VARIANTS[name] for name in DESIGN},
-            "cohort": COHORT,
-            "seed": SEED,
-        },
-    },
-    "corrections": {
-        "module": "tables.corrections",
-        "files": {
+        NAMED | {"variants": {m: VARIANTS[m] for m in DESIGN}, "seed": SEED},
+    ),
+    "corrections": (
+        {
             "metrics": [
                 f"<results>/folds/{fold}/{method}/{name}.csv"
                 for method in CORRECTIONS
@@ -87,51 +67,33 @@ TABLES = {
                 for fold in HELD_OUT
             ]
         },
-        "arguments": {
+        NAMED
+        | {
             "methods": CORRECTIONS,
             "corrections": [0, *config["corrections"]["counts"]],
-            "cohort": COHORT,
             "seed": SEED,
         },
-    },
-    "scene": {
-        "module": "tables.reductions",
-        "files": {
-            "trials": expand("<results>/scene/{case}/trials.csv", case=SCENE_CASES)
-        },
-        "arguments": {"cohort": COHORT},
-    },
-    "coverage": {
-        "module": "tables.coverage",
-        "files": {
-            "parts": expand("<results>/methods/{method}/coverage.csv", method=UNCERTAIN)
-        },
-        "arguments": {"cohort": COHORT},
-    },
-    "tradeoff_cases": {
-        "module": "tables.tradeoff_cases",
-        "files": lambda wildcards: {"rows": rows_of_traded(wildcards)},
-        "arguments": {"cohort": COHORT},
-    },
-    "choices": {
-        "module": "tables.choices",
-        "files": TRADED_CASES,
-        "arguments": {
-            "budgets": TRADEOFF["budgets"],
-            "tolerances": TRADEOFF["allowed"],
-            "cohort": COHORT,
-        },
-    },
-    "tradeoff": {
-        "module": "tables.tradeoff",
-        "files": TRADED_CASES | {"choices": "<results>/tables/choices.json"},
-        "arguments": {"cohort": COHORT},
-    },
-    "scaling": {
-        "module": "tables.scaling",
-        "files": SIZED,
-        "after": COUNTED_FILES,
-        "arguments": SUMS
+    ),
+    "scene": (
+        {"trials": expand("<results>/scene/{case}/trials.csv", case=SCENE_CASES)},
+        NAMED,
+    ),
+    "coverage": (
+        {"parts": expand("<results>/methods/{method}/coverage.csv", method=UNCERTAIN)},
+        NAMED,
+    ),
+    "tradeoff_cases": (lambda wildcards: {"rows": rows_of_traded(wildcards)}, NAMED),
+    "choices": (
+        TRADED_CASES,
+        NAMED | {"budgets": TRADEOFF["budgets"], "tolerances": TRADEOFF["allowed"]},
+    ),
+    "tradeoff": (
+        TRADED_CASES | {"choices": "<results>/tables/choices.json"},
+        NAMED,
+    ),
+    "scaling": (
+        SIZED,
+        SUMS
         | {
             "results": RESULTS,
             "held_out": HELD_OUT,
@@ -143,28 +105,19 @@ TABLES = {
             "nodes": config["mesh"]["nodes"],
             "cluster": config["scaling"]["cluster"],
         },
-    },
-    "scaling_patients": {
-        "module": "tables.scaling_patients",
-        "after": COUNTED_FILES,
-        "arguments": SUMS,
-    },
-    "scaling_exponents": {
-        "module": "tables.scaling_exponents",
-        "files": SIZED,
-        "after": COUNTED_FILES,
-        "arguments": SUMS,
-    },
-    "training": {
-        "module": "tables.training",
-        "files": {
+    ),
+    "scaling_patients": ({}, SUMS),
+    "scaling_exponents": (SIZED, SUMS),
+    "training": (
+        {
             "networks": expand(
                 "<results>/folds/{fold}/{method}/network.pt",
                 method=LEARNED,
                 fold=HELD_OUT,
             )
         },
-        "arguments": {
+        NAMED
+        | {
             "settings": {
                 method: {
                     phase: SETTINGS[method].get(phase)
@@ -174,36 +127,33 @@ TABLES = {
             },
             "folds": list(HELD_OUT),
             "benchmarks": BENCHMARKS,
-            "cohort": COHORT,
         },
-    },
-    "quality": {
-        "module": "tables.quality",
-        "files": {"reports": expand("<results>/cases/{case}/quality.json", case=CASES)},
-        "arguments": {"segments": config["segments"], "cohort": COHORT},
-    },
-    "thickness": {"module": "virtual.thickness", "files": ANATOMIES},
-    "anatomy": {"module": "virtual.description", "files": ANATOMIES},
-    "effects": {
-        "module": "virtual.effects",
-        "files": {
+    ),
+    "stages": ({}, NAMED | {"benchmarks": BENCHMARKS}),
+    "quality": (
+        {"reports": expand("<results>/cases/{case}/quality.json", case=CASES)},
+        NAMED | {"segments": config["segments"]},
+    ),
+    "thickness": (ANATOMIES, {}),
+    "anatomy": (ANATOMIES, {}),
+    "effects": (
+        {
             "rows": expand(
                 "<results>/virtual/{case}/effects.csv",
                 case=list(CASES)[: config["virtual"]["effects"]],
             )
         },
-        "arguments": {"reality": config["virtual"]["reality"]},
-    },
-    "ratios": {
-        "module": "virtual.ratios",
-        "files": {
+        {"reality": config["virtual"]["reality"]},
+    ),
+    "ratios": (
+        {
             "landmarks": expand("<results>/virtual/{case}/landmarks.json", case=CASES),
             "truths": expand("<results>/virtual/{case}/truth.h5", case=CASES),
         },
-        "arguments": {"cases": list(CASES)},
-    },
+        {"cases": list(CASES)},
+    ),
 }
-# Those of the target `tables`.
+# Those of the target `tables`, and of the target `cost`.
 STUDIED = [
     "cases",
     *(["accuracy", "regions"] if SCANNED else []),
@@ -212,17 +162,14 @@ STUDIED = [
     *(["ablation"] if ABLATED else []),
 ]
 COSTS = ["stages", *(["training"] if LEARNED else [])]
-# Last of all, when the other tables are made.
-TABLES["stages"] = {
-    "module": "tables.stages",
-    "after": [
-        *expand(
-            "<results>/tables/{table}.csv", table=[*STUDIED, "quality", *COSTS[1:]]
-        ),
-        *expand("<results>/cases/{case}/fem/mucosa.json", case=UNSCANNED),
-    ],
-    "arguments": {"benchmarks": BENCHMARKS, "cohort": COHORT},
-}
+BEFORE = dict.fromkeys(
+    ("scaling", "scaling_patients", "scaling_exponents"), COUNTED_FILES
+)
+# Last of all.
+BEFORE["stages"] = [
+    *expand("<results>/tables/{table}.csv", table=[*STUDIED, "quality", *COSTS[1:]]),
+    *expand("<results>/cases/{case}/fem/mucosa.json", case=UNSCANNED),
+]
 
 
 def table_and_twins(*names):
@@ -231,12 +178,13 @@ def table_and_twins(*names):
 
 
 def files_of_table(wildcards):
-    files = TABLES[wildcards.table].get("files", {})
+    files, _ = TABLES[wildcards.table]
     return files(wildcards) if callable(files) else files
 
 
-def code_of_table(wildcards):
-    return code_of("tabulate", TABLES[wildcards.table]["module"])
+def module_of(wildcards):
+    """The module of pinnochio that makes the table."""
+    return MODULES.get(wildcards.table, f"tables.{wildcards.table}")
 
 
 def caption_of(wildcards):

@@ -64,34 +64,21 @@ def table(rows: Sequence[Mapping]) -> Table:
     form = {column.name: column for column in STABILITY}
     groups = []
     for (family, method), own in frame.groupby(["family", "method"], sort=False):
-        failed = own[own["outcome"] == CLEAN]
-        done = own[own["outcome"] == CONVERGED]
+        done, failed = own[own["outcome"] == CONVERGED], own[own["outcome"] == CLEAN]
         settings = own.drop_duplicates("setting")
+        ends = [f"{label(row.setting, row.unit)} {row.element} {row.precision}" for row in failed.itertuples()]
         groups.append(
             {
-                "family": family,
-                "settings": ", ".join(label(row.setting, row.unit) for row in settings.itertuples()),
-                "method": method,
+                "Family": family,
+                "Settings": ", ".join(label(row.setting, row.unit) for row in settings.itertuples()),
+                "Method": method,
                 **{outcome: int((own["outcome"] == outcome).sum()) for outcome in OUTCOMES},
-                "least J": form["min_jacobian"].text(done["min_jacobian"].min()),
-                "residual": form["residual"].text(done["residual"].max()),
-                "ends": ", ".join(
-                    f"{label(row.setting, row.unit)} {row.element} {row.precision}" for row in failed.itertuples()
-                ),
+                "Least J": form["min_jacobian"].text(done["min_jacobian"].min()),
+                "Largest residual or error": form["residual"].text(done["residual"].max()),
+                "Failed cleanly at": ", ".join(ends),
             }
         )
-    view = [
-        View(header, lambda row, key=key: row[key])
-        for header, key in {
-            "Family": "family",
-            "Settings": "settings",
-            "Method": "method",
-            **{outcome: outcome for outcome in OUTCOMES},
-            "Least J": "least J",
-            "Largest residual or error": "residual",
-            "Failed cleanly at": "ends",
-        }.items()
-    ]
+    view = [View(header, lambda row, header=header: row[header]) for header in groups[0]]
     caption = (
         f"Stability sweep: {len(frame)} cells, each judged independently of what it judges. Least J and residual are "
         "those of the converged cells; the elastic path is linear, and the loss is taken at a raw network's state, so "
