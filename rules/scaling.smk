@@ -52,6 +52,6 @@ rule scaling:
         table_and_twins("scaling"),
         "<results>/tables/scaling_patients.csv",
         "<results>/tables/scaling_exponents.csv",
-        "<results>/figures/scaling.png",
+        expand("<results>/figures/scaling.{kind}", kind=["png", "svg"]),
     message:
         "What the stages cost against size is measured"

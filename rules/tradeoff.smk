@@ -118,6 +118,6 @@ rule measure_study:
 rule tradeoff:
     input:
         table_and_twins("tradeoff"),
-        "<results>/figures/tradeoff.png",
+        expand("<results>/figures/tradeoff.{kind}", kind=["png", "svg"]),
     message:
         "Seconds against accuracy: see {config[pathvars][results]}/tables/tradeoff.md"
