@@ -110,8 +110,8 @@ def test_solution_is_confirmed_and_lies_are_not(block, solution):
         return judge_solution(block, element, replace(result, **claims), 1.0, options)
 
     assert verdict().outcome == CONVERGED and verdict().residual == pytest.approx(result.residual, rel=1e-3)
-    node, told = block.free[len(block.free) // 2], block.boundary.prescribed_nodes[0]
-    for index, what in (((node, 0), "residual"), ((told, 2), "prescribed")):
+    node, prescribed = block.free[len(block.free) // 2], block.boundary.prescribed_nodes[0]
+    for index, what in (((node, 0), "residual"), ((prescribed, 2), "prescribed")):
         moved = result.displacement.copy()
         moved[index] += 1e-3
         found = verdict(displacement=moved)
