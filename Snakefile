@@ -10,6 +10,7 @@ pathvars:
 
 
 include: "workflow/common.smk"
+include: "workflow/tables.smk"
 include: "rules/virtual.smk"
 include: "rules/patient.smk"
 include: "rules/fem.smk"
@@ -18,13 +19,11 @@ include: "rules/curves.smk"
 include: "rules/prediction.smk"
 include: "rules/tables.smk"
 include: "rules/corrections.smk"
-include: "rules/design.smk"
 include: "rules/tradeoff.smk"
 include: "rules/uncertainty.smk"
 include: "rules/patients.smk"
 include: "rules/stability.smk"
 include: "rules/scene.smk"
-include: "rules/cost.smk"
 include: "rules/scaling.smk"
 include: "rules/report.smk"
 

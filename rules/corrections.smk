@@ -35,67 +35,9 @@ rule correct:
         "../scripts/correct.py"
 
 
-rule tabulate_corrections:
-    input:
-        metrics=[
-            f"<results>/folds/{fold}/{method}{corrected}/metrics.csv"
-            for method in STUDY.asked("corrections")
-            for corrected in [
-                "",
-                *(f"/corrected_{count}" for count in config["corrections"]["counts"]),
-            ]
-            for fold in STUDY.held_out
-        ],
-    output:
-        table=ensure("<results>/tables/corrections.csv", non_empty=True),
-        markdown="<results>/tables/corrections.md",
-        latex="<results>/tables/corrections.tex",
-        html=captioned("<results>/tables/corrections.html"),
-    log:
-        "<logs>/tabulate_corrections.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        methods=STUDY.asked("corrections"),
-        corrections=[0, *config["corrections"]["counts"]],
-        folds=len(STUDY.held_out),
-        cohort=COHORT,
-        seed=SEED,
-        code=code_of("tabulate_corrections"),
-    message:
-        "Compare the predictions with their corrected fields"
-    script:
-        "../scripts/tabulate_corrections.py"
-
-
-rule render_corrections:
-    input:
-        table="<results>/tables/corrections.csv",
-    output:
-        picture=captioned("<results>/figures/corrections.png"),
-    log:
-        "<logs>/render_corrections.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        code=code_of("render_corrections"),
-    message:
-        "Draw what the corrections buy"
-    script:
-        "../scripts/render_corrections.py"
-
-
 rule corrections:
     input:
-        rules.tabulate_corrections.output,
-        rules.render_corrections.output,
+        table_and_twins("corrections"),
+        "<results>/figures/corrections.png",
     message:
         "The corrections are measured"

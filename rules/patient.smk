@@ -257,35 +257,9 @@ rule report_quality:
         "../scripts/report_quality.py"
 
 
-rule collect_quality:
-    input:
-        reports=expand("<results>/cases/{case}/quality.json", case=STUDY.cases),
-    output:
-        table=ensure("<results>/tables/quality.csv", non_empty=True),
-        markdown="<results>/tables/quality.md",
-        latex="<results>/tables/quality.tex",
-        html=captioned("<results>/tables/quality.html"),
-    log:
-        "<logs>/collect_quality.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        segments=config["segments"],
-        cohort=COHORT,
-        code=code_of("collect_quality"),
-    message:
-        "Collect the quality of every patient's model"
-    script:
-        "../scripts/collect_quality.py"
-
-
 rule quality:
     input:
-        rules.collect_quality.output,
+        table_and_twins("quality"),
         expand("<results>/cases/{case}/quality.png", case=STUDY.cases),
     message:
         "The quality of every patient's model is reported"

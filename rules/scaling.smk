@@ -47,77 +47,11 @@ rule measure_scaling:
         "../scripts/measure_scaling.py"
 
 
-# The benchmark files differ from run to run and are no input; the jobs that write them are asked for by what they make.
-rule tabulate_scaling:
-    input:
-        sizes=expand("<results>/scaling/{nodes}.csv", nodes=config["scaling"]["nodes"]),
-        qualities=expand("<results>/cases/{case}/quality.json", case=STUDY.counted),
-        scanned=expand(
-            "<results>/cases/{case}/{file}",
-            case=[name for name in STUDY.counted if name in STUDY.scanned],
-            file=["postop.h5", "fem_samples.h5"] if STUDY.learned else ["postop.h5"],
-        ),
-    output:
-        scaling=ensure("<results>/tables/scaling.csv", non_empty=True),
-        patients=ensure("<results>/tables/scaling_patients.csv", non_empty=True),
-        exponents=ensure("<results>/tables/scaling_exponents.csv", non_empty=True),
-        markdown="<results>/tables/scaling.md",
-        latex="<results>/tables/scaling.tex",
-        html=captioned("<results>/tables/scaling.html"),
-    log:
-        "<logs>/tabulate_scaling.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        results=lambda wildcards: RESULTS,
-        benchmarks=BENCHMARKS,
-        held_out=STUDY.held_out,
-        training={
-            fold: len([name for name in STUDY.scanned if name not in cases])
-            for fold, cases in STUDY.held_out.items()
-        },
-        methods=STUDY.methods,
-        cases=list(STUDY.cases),
-        nodes=config["mesh"]["nodes"],
-        counts=STUDY.counts,
-        cluster=config["scaling"]["cluster"],
-        cohort=COHORT,
-        code=code_of("tabulate_scaling"),
-    message:
-        "Fit what every stage costs, and reckon {params.cluster} patients"
-    script:
-        "../scripts/tabulate_scaling.py"
-
-
-rule render_scaling:
-    input:
-        table="<results>/tables/scaling.csv",
-    output:
-        picture=captioned("<results>/figures/scaling.png"),
-        drawing="<results>/figures/scaling.svg",
-    log:
-        "<logs>/render_scaling.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        code=code_of("render_scaling"),
-    message:
-        "Draw what every stage costs"
-    script:
-        "../scripts/render_scaling.py"
-
-
 rule scaling:
     input:
-        rules.tabulate_scaling.output,
-        rules.render_scaling.output,
+        table_and_twins("scaling"),
+        "<results>/tables/scaling_patients.csv",
+        "<results>/tables/scaling_exponents.csv",
+        expand("<results>/figures/scaling.{kind}", kind=["png", "svg"]),
     message:
         "What the stages cost against size is measured"

@@ -64,33 +64,8 @@ rule measure_scene:
         "../scripts/measure_scene.py"
 
 
-rule collect_scenes:
-    input:
-        trials=expand("<results>/scene/{case}/trials.csv", case=STUDY.reduced_cases),
-    output:
-        table=ensure("<results>/tables/scene.csv", non_empty=True),
-        markdown="<results>/tables/scene.md",
-        latex="<results>/tables/scene.tex",
-        html=captioned("<results>/tables/scene.html"),
-    log:
-        "<logs>/collect_scenes.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        cohort=COHORT,
-        code=code_of("collect_scenes"),
-    message:
-        "Tabulate the scenes"
-    script:
-        "../scripts/collect_scenes.py"
-
-
 rule scene:
     input:
-        rules.collect_scenes.output,
+        table_and_twins("scene"),
     message:
-        "What a scene requires is measured"
+        "What a plan requires of a model is measured"

@@ -4,9 +4,7 @@ rule measure_stability:
         model=f"<results>/cases/{next(iter(STUDY.cases))}/model.h5",
     output:
         table=ensure("<results>/tables/stability.csv", non_empty=True),
-        markdown="<results>/tables/stability.md",
-        latex="<results>/tables/stability.tex",
-        html=captioned("<results>/tables/stability.html"),
+        document="<results>/tables/stability.json",
     log:
         "<logs>/measure_stability.log",
     benchmark:
@@ -29,30 +27,9 @@ rule measure_stability:
         "../scripts/stability.py"
 
 
-rule render_stability:
-    input:
-        table="<results>/tables/stability.csv",
-    output:
-        picture=captioned("<results>/figures/stability.png"),
-    log:
-        "<logs>/render_stability.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        code=code_of("render_stability"),
-    message:
-        "Draw the stability sweep"
-    script:
-        "../scripts/render_stability.py"
-
-
 rule stability:
     input:
-        rules.measure_stability.output,
-        rules.render_stability.output,
+        table_and_twins("stability"),
+        "<results>/figures/stability.png",
     message:
         "The extremes are measured"

@@ -38,161 +38,6 @@ rule evaluate:
         "../scripts/evaluate.py"
 
 
-rule collect_cases:
-    input:
-        metrics=expand(
-            "<results>/folds/{fold}/{method}/metrics.csv",
-            fold=STUDY.held_out,
-            method=STUDY.methods,
-        ),
-    output:
-        table=ensure("<results>/tables/cases.csv", non_empty=True),
-        markdown="<results>/tables/cases.md",
-        latex="<results>/tables/cases.tex",
-        html="<results>/tables/cases.html",
-    log:
-        "<logs>/collect_cases.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        cohort=COHORT,
-        code=code_of("collect_cases"),
-    message:
-        "Collect one row per case and method"
-    script:
-        "../scripts/collect_cases.py"
-
-
-rule compare_methods:
-    input:
-        cases="<results>/tables/cases.csv",
-    output:
-        table=ensure("<results>/tables/accuracy.csv", non_empty=True),
-        markdown="<results>/tables/accuracy.md",
-        latex="<results>/tables/accuracy.tex",
-        html=captioned("<results>/tables/accuracy.html"),
-    log:
-        "<logs>/compare_methods.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        cohort=COHORT,
-        reference=STUDY.reference,
-        methods=STUDY.methods,
-        seed=SEED,
-        published=True,
-        code=code_of("compare_methods"),
-    message:
-        "Test every method against the reference"
-    script:
-        "../scripts/compare_methods.py"
-
-
-# The same table with every method tested against the better network.
-use rule compare_methods as compare_better with:
-    output:
-        table=ensure("<results>/tables/better.csv", non_empty=True),
-        markdown="<results>/tables/better.md",
-        latex="<results>/tables/better.tex",
-        html=captioned("<results>/tables/better.html"),
-    log:
-        "<logs>/compare_better.log",
-    params:
-        cohort=COHORT,
-        reference=config["design"]["base"],
-        methods=STUDY.methods,
-        seed=SEED,
-        published=False,
-        code=code_of("compare_methods"),
-    message:
-        "Test every method against {config[design][base]}"
-
-
-# Where on the face: the same tests per region.
-rule compare_regions:
-    input:
-        cases="<results>/tables/cases.csv",
-    output:
-        table=ensure("<results>/tables/regions.csv", non_empty=True),
-        markdown="<results>/tables/regions.md",
-        latex="<results>/tables/regions.tex",
-        html=captioned("<results>/tables/regions.html"),
-    log:
-        "<logs>/compare_regions.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        kind="regions",
-        cohort=COHORT,
-        reference=STUDY.reference,
-        methods=STUDY.methods,
-        seed=SEED,
-        code=code_of("compare_regions"),
-    message:
-        "Compare the methods region by region"
-    script:
-        "../scripts/compare_regions.py"
-
-
-# Of the virtual cohort the true displacement is known: at landmarks, over the skin and throughout.
-use rule compare_regions as compare_landmarks with:
-    output:
-        table=ensure("<results>/tables/landmarks.csv", non_empty=True),
-        markdown="<results>/tables/landmarks.md",
-        latex="<results>/tables/landmarks.tex",
-        html=captioned("<results>/tables/landmarks.html"),
-    log:
-        "<logs>/compare_landmarks.log",
-    params:
-        kind="landmarks",
-        cohort=COHORT,
-        reference=STUDY.reference,
-        methods=STUDY.methods,
-        seed=SEED,
-        code=code_of("compare_regions"),
-    message:
-        "Compare the methods at landmarks and throughout"
-
-
-rule ablate:
-    input:
-        cases="<results>/tables/cases.csv",
-    output:
-        table=ensure("<results>/tables/ablation.csv", non_empty=True),
-        markdown="<results>/tables/ablation.md",
-        latex="<results>/tables/ablation.tex",
-        html=captioned("<results>/tables/ablation.html"),
-    log:
-        "<logs>/ablate.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        variants={name: NETWORKS[name] for name in config["ablation"]},
-        cohort=COHORT,
-        seed=SEED,
-        code=code_of("ablate"),
-    message:
-        "Compare the network with what is left of it without its parts"
-    script:
-        "../scripts/ablate.py"
-
-
 rule provenance:
     input:
         "<results>/tables/cases.csv",
@@ -251,11 +96,112 @@ rule render_case:
 
 rule tables:
     input:
-        rules.collect_cases.output,
-        rules.compare_methods.output if STUDY.scanned else [],
-        rules.compare_better.output if STUDY.better else [],
-        rules.compare_regions.output if STUDY.scanned else [],
-        rules.compare_landmarks.output if STUDY.scanned and STUDY.virtual else [],
-        rules.ablate.output if STUDY.ablated else [],
+        table_and_twins(*STUDIED),
     message:
         "The tables are made"
+
+
+rule tabulate:
+    input:
+        lambda wildcards: BEFORE.get(wildcards.table, []),
+        unpack(files_of_table),
+    output:
+        table=ensure("<results>/{folder}/{table}.csv", non_empty=True),
+        document="<results>/{folder}/{table}.json",
+    log:
+        "<logs>/tabulate/{folder}_{table}.log",
+    wildcard_constraints:
+        folder="tables|virtual",
+        table="|".join(TABLES),
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        module=module_of,
+        arguments=lambda wildcards: TABLES[wildcards.table][1],
+        code=lambda wildcards: code_of("tabulate", module_of(wildcards)),
+    message:
+        "Make the table {wildcards.table}"
+    script:
+        "../scripts/tabulate.py"
+
+
+rule format_table:
+    input:
+        document="<results>/{folder}/{table}.json",
+    output:
+        markdown="<results>/{folder}/{table}.md",
+        latex="<results>/{folder}/{table}.tex",
+        html=report(
+            "<results>/{folder}/{table}.html",
+            caption="../workflow/report/table.rst",
+            category=part_of,
+        ),
+    log:
+        "<logs>/format_table/{folder}_{table}.log",
+    wildcard_constraints:
+        folder="tables|virtual",
+        table="|".join([*TABLES, "stability"]),
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        caption=caption_of,
+        code=code_of("format_table"),
+    message:
+        "Format the table {wildcards.table}"
+    script:
+        "../scripts/format_table.py"
+
+
+rule render_table:
+    input:
+        table="<results>/tables/{table}.csv",
+    output:
+        picture=report(
+            "<results>/figures/{table}.png",
+            caption="../workflow/report/table.rst",
+            category=part_of,
+        ),
+        drawing="<results>/figures/{table}.svg",
+    log:
+        "<logs>/render_table/{table}.log",
+    wildcard_constraints:
+        table="corrections|scaling|stability|tradeoff",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        caption=caption_of,
+        code=lambda wildcards: code_of(
+            "render_table", f"pinnochio.figures.{wildcards.table}"
+        ),
+    message:
+        "Draw the table {wildcards.table}"
+    script:
+        "../scripts/render_table.py"
+
+
+# What each switch of the better network is worth, on the first folds; not part of `all`.
+rule design:
+    input:
+        table_and_twins("design"),
+    message:
+        "The design study is done"
+
+
+# Read from the benchmark files of the study's jobs; these differ from run to run and are no input.
+rule cost:
+    input:
+        table_and_twins(*COSTS),
+    message:
+        "The cost of the study is known"

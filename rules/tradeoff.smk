@@ -118,60 +118,9 @@ rule measure_study:
         "../scripts/measure_study.py"
 
 
-rule collect_tradeoff:
-    input:
-        rows=STUDY.rows_of_traded,
-    output:
-        table=ensure("<results>/tables/tradeoff.csv", non_empty=True),
-        markdown="<results>/tables/tradeoff.md",
-        latex="<results>/tables/tradeoff.tex",
-        html=captioned("<results>/tables/tradeoff.html"),
-        cases=ensure("<results>/tables/tradeoff_cases.csv", non_empty=True),
-        choices=ensure("<results>/tables/choices.csv", non_empty=True),
-    log:
-        "<logs>/collect_tradeoff.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        budgets=config["tradeoff"]["budgets"],
-        tolerances=config["tradeoff"]["allowed"],
-        cohort=COHORT,
-        code=code_of("collect_tradeoff"),
-    message:
-        "Find the front of seconds and accuracy"
-    script:
-        "../scripts/collect_tradeoff.py"
-
-
-rule render_tradeoff:
-    input:
-        table="<results>/tables/tradeoff.csv",
-    output:
-        picture=captioned("<results>/figures/tradeoff.png"),
-        drawing="<results>/figures/tradeoff.svg",
-    log:
-        "<logs>/render_tradeoff.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        code=code_of("render_tradeoff"),
-    message:
-        "Draw the trade-off"
-    script:
-        "../scripts/render_tradeoff.py"
-
-
 rule tradeoff:
     input:
-        rules.collect_tradeoff.output,
-        rules.render_tradeoff.output,
+        table_and_twins("tradeoff"),
+        expand("<results>/figures/tradeoff.{kind}", kind=["png", "svg"]),
     message:
         "Seconds against accuracy: see {config[pathvars][results]}/tables/tradeoff.md"

@@ -73,34 +73,6 @@ rule calibrate:
         "../scripts/calibrate.py"
 
 
-rule collect_coverage:
-    input:
-        parts=expand(
-            "<results>/methods/{method}/coverage.csv",
-            method=STUDY.asked("uncertainty"),
-        ),
-    output:
-        table=ensure("<results>/tables/coverage.csv", non_empty=True),
-        markdown="<results>/tables/coverage.md",
-        latex="<results>/tables/coverage.tex",
-        html=captioned("<results>/tables/coverage.html"),
-    log:
-        "<logs>/collect_coverage.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        cohort=COHORT,
-        code=code_of("collect_coverage"),
-    message:
-        "Tabulate the coverage of every region"
-    script:
-        "../scripts/collect_coverage.py"
-
-
 rule predict_interval:
     input:
         model="<results>/{home}/{case}/model.h5",
@@ -130,7 +102,7 @@ rule predict_interval:
 
 rule uncertainty:
     input:
-        rules.collect_coverage.output if STUDY.asked("uncertainty") else [],
+        table_and_twins("coverage") if STUDY.asked("uncertainty") else [],
         expand(
             "<results>/cases/{case}/{method}/interval.{kind}",
             case=STUDY.unscanned,

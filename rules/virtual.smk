@@ -35,34 +35,6 @@ rule virtual_patient:
         "../scripts/virtual_patient.py"
 
 
-rule describe_anatomy:
-    input:
-        anatomies=expand("<results>/virtual/{case}/anatomy.json", case=STUDY.cases),
-    output:
-        thickness=ensure("<results>/virtual/thickness.csv", non_empty=True),
-        thickness_markdown="<results>/virtual/thickness.md",
-        thickness_latex="<results>/virtual/thickness.tex",
-        thickness_html="<results>/virtual/thickness.html",
-        patients=ensure("<results>/virtual/anatomy.csv", non_empty=True),
-        patients_markdown="<results>/virtual/anatomy.md",
-        patients_latex="<results>/virtual/anatomy.tex",
-        patients_html="<results>/virtual/anatomy.html",
-    log:
-        "<logs>/describe_anatomy.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        code=code_of("describe_anatomy"),
-    message:
-        "Compare soft-tissue thickness with the literature and list the patients"
-    script:
-        "../scripts/describe_anatomy.py"
-
-
 # The first patients of the cohort, as many as a page shows.
 rule render_cohort:
     input:
@@ -154,60 +126,6 @@ rule measure_effects:
         "Measure each effect of the outcome alone on {wildcards.case}"
     script:
         "../scripts/measure_effects.py"
-
-
-rule tabulate_effects:
-    input:
-        rows=expand(
-            "<results>/virtual/{case}/effects.csv",
-            case=list(STUDY.cases)[: config["virtual"]["effects"]],
-        ),
-    output:
-        table=ensure("<results>/virtual/effects.csv", non_empty=True),
-        markdown="<results>/virtual/effects.md",
-        latex="<results>/virtual/effects.tex",
-        html="<results>/virtual/effects.html",
-    log:
-        "<logs>/tabulate_effects.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        effects=config["virtual"]["outcome"]["effects"],
-        code=code_of("tabulate_effects"),
-    message:
-        "Tabulate the effects of the outcome"
-    script:
-        "../scripts/tabulate_effects.py"
-
-
-rule measure_ratios:
-    input:
-        landmarks=expand("<results>/virtual/{case}/landmarks.json", case=STUDY.cases),
-        truths=expand("<results>/virtual/{case}/truth.h5", case=STUDY.cases),
-    output:
-        table=ensure("<results>/virtual/ratios.csv", non_empty=True),
-        markdown="<results>/virtual/ratios.md",
-        latex="<results>/virtual/ratios.tex",
-        html="<results>/virtual/ratios.html",
-    log:
-        "<logs>/measure_ratios.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=2000,
-        runtime=10,
-    params:
-        cases=list(STUDY.cases),
-        code=code_of("measure_ratios"),
-    message:
-        "Compare soft-to-hard tissue ratios with the clinical bands"
-    script:
-        "../scripts/measure_ratios.py"
 
 
 # What stands beside the cohort for those who take it elsewhere.

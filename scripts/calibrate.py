@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pinnochio.columns import write_csv
 from pinnochio.logs import attach_log
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
@@ -14,7 +15,6 @@ from pinnochio.model.regions import NAMES, regions
 from pinnochio.statistics.conformal import coverage, half_widths, held_out
 from pinnochio.statistics.intervals import Calibration, read_ensemble, skin_spread, usual_spreads
 from pinnochio.tables.coverage import COVERAGE
-from pinnochio.tables.engine import write_csv
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,16 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from pinnochio.columns import write_csv
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.cases import evaluate_case
+from pinnochio.metrics.columns import CASES
 from pinnochio.metrics.volume import read_truth
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
 from pinnochio.plans.plan import Plan
-from pinnochio.tables.engine import CASES, write_csv
 
 
 def evaluate(

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pandas as pd
 
+from pinnochio.columns import write_csv
 from pinnochio.experiments.tradeoff import Reference, judge, predict_fem
 from pinnochio.experiments.tradeoff_settings import fem_settings
 from pinnochio.logs import attach_log
@@ -14,8 +15,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import write_predictions
 from pinnochio.plans.plan import Plan
-from pinnochio.tables.engine import write_csv
-from pinnochio.tables.tradeoff import TRADEOFF_CASES
+from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
 
 BEFOREHAND = 0.05  # s; a solve begun and stopped, so that no timing holds the loading of compiled code
 
@@ -43,7 +43,7 @@ def measure_fem(
     settings = fem_settings(nodes, config)
     predict_fem(settings[1], patients[nodes], motion, fem, threads)
     predict_fem(settings[0], patients[nodes], motion, replace(fem, time_limit=BEFOREHAND), threads)
-    judged, found = None, []
+    judged, judgements = None, []
     for setting in settings:
         # The reference, first of all, is given the time that it needs.
         limit = fem.time_limit if judged else 20 * fem.time_limit
@@ -54,9 +54,9 @@ def measure_fem(
                 raise RuntimeError(f"case {case!r}: the reference did not converge: {prediction.reason}")
             judged = Reference(patient, prediction.displacement)
             write_predictions(reference, {case: prediction})
-        found.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
-        logging.info("%(method)s, %(dial)s %(value)s: %(seconds).3f s, %(face_error).3f mm", found[-1])
-    write_csv(pd.DataFrame(found), rows, TRADEOFF_CASES)
+        judgements.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
+        logging.info("%(method)s, %(dial)s %(value)s: %(seconds).3f s, %(face_error).3f mm", judgements[-1])
+    write_csv(pd.DataFrame(judgements), rows, TRADEOFF_CASES)
 
 
 if __name__ == "__main__":

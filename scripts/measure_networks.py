@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from pinnochio.columns import write_csv
 from pinnochio.experiments.tradeoff import Reference, judge, predict_network
 from pinnochio.experiments.tradeoff_settings import Setting, network_settings
 from pinnochio.logs import attach_log
@@ -15,8 +16,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
 from pinnochio.plans.plan import Plan
-from pinnochio.tables.engine import write_csv
-from pinnochio.tables.tradeoff import TRADEOFF_CASES
+from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
 from pinnochio.training.device import choose_device
 
 
@@ -45,15 +45,15 @@ def measure_networks(
     patients = {size: PatientModel.read(path) for size, path in models.items()}
     motion, target = Plan.read(plan, case), PostopSkin.read(postop).surface
     judged = Reference(patients[reference[1]], read_prediction(reference[0], case).displacement)
-    found = []
+    judgements = []
     for setting in settings:
         patient, kind = patients[setting.nodes], kinds[setting.method]
         lift = None if kind == "none" else Lift.read(lifts[kind, setting.nodes])
         planned = Planned(case, patient, motion, lift)
         prediction = predict_network(setting, networks[setting.method], planned, fem, device, threads)
-        found.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
-        logging.info("%(method)s, %(dial)s %(value)s: %(seconds).3f s, %(face_error).3f mm", found[-1])
-    write_csv(pd.DataFrame(found), rows, TRADEOFF_CASES)
+        judgements.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
+        logging.info("%(method)s, %(dial)s %(value)s: %(seconds).3f s, %(face_error).3f mm", judgements[-1])
+    write_csv(pd.DataFrame(judgements), rows, TRADEOFF_CASES)
 
 
 if __name__ == "__main__":

@@ -14,11 +14,12 @@ import pandas as pd
 from torch.optim.optimizer import register_optimizer_step_post_hook
 from tqdm import tqdm
 
-from pinnochio.experiments.measuring import DONE, Cost, measure, megabytes
+from pinnochio.columns import write_csv
+from pinnochio.experiments.measuring import DONE, Cost, measure
+from pinnochio.files import megabytes
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.predictions import read_prediction
-from pinnochio.tables.engine import write_csv
 from pinnochio.tables.scaling import SCALING
 from pinnochio.training.device import choose_device
 from scripts.predict import predict

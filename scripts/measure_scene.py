@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from pinnochio.columns import write_csv
 from pinnochio.experiments.reduction import face_error, solve_scene
 from pinnochio.importing.segmentation import read_labels
 from pinnochio.logs import attach_log
@@ -20,7 +21,6 @@ from pinnochio.plans.scenarios import parts
 from pinnochio.reduction.decisions import Decision, decide, write_decisions
 from pinnochio.reduction.models import reduced
 from pinnochio.reduction.settings import REDUCTIONS, SceneSettings
-from pinnochio.tables.engine import write_csv
 from pinnochio.tables.reductions import TRIALS
 
 

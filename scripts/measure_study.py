@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import pandas as pd
 
+from pinnochio.columns import write_csv
 from pinnochio.experiments.tradeoff import Reference, judge
 from pinnochio.experiments.tradeoff_settings import as_in_the_study
 from pinnochio.logs import attach_log
@@ -11,8 +12,7 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
-from pinnochio.tables.engine import write_csv
-from pinnochio.tables.tradeoff import TRADEOFF_CASES
+from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
 
 
 def measure_study(
@@ -29,12 +29,12 @@ def measure_study(
 ) -> None:
     """Write one row per method; predictions, models: file by method."""
     judged = Reference(PatientModel.read(reference_model), read_prediction(reference, case).displacement)
-    target, found = PostopSkin.read(postop).surface, []
+    target, judgements = PostopSkin.read(postop).surface, []
     for method, path in predictions.items():
         patient, prediction = PatientModel.read(models[method]), read_prediction(path, case)
         setting = as_in_the_study(method, len(patient.points))
-        found.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
-    write_csv(pd.DataFrame(found), rows, TRADEOFF_CASES)
+        judgements.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
+    write_csv(pd.DataFrame(judgements), rows, TRADEOFF_CASES)
 
 
 if __name__ == "__main__":

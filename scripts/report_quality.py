@@ -13,10 +13,10 @@ from pinnochio.model.patient import PatientModel
 def report_quality(model: str, imported: str, report: str, picture: str) -> None:
     """Write volumes, thickness, contact areas, mesh quality and repairs; imported is the import's report."""
     patient = PatientModel.read(model)
-    found = quality(patient, json.loads(Path(imported).read_text(encoding="utf-8")))
+    measured = quality(patient, json.loads(Path(imported).read_text(encoding="utf-8")))
     with replacing(report) as temporary:
-        temporary.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    quality_picture(patient, found["case"], picture)
+        temporary.write_text(json.dumps(measured, indent=1) + "\n", encoding="utf-8")
+    quality_picture(patient, measured["case"], picture)
 
 
 if __name__ == "__main__":

@@ -5,19 +5,26 @@ from collections.abc import Mapping
 import torch
 from tqdm import tqdm
 
-from pinnochio.experiments.stability import Sweep, write_stability
+from pinnochio.experiments.stability import Sweep
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.pinnochio.losses import physics_loss
 from pinnochio.methods.pinnochio.patient import LOSS_EXTENSION
 from pinnochio.model.patient import PatientModel
+from pinnochio.tables.stability import table as stability_table
 
 
-def stability(case: str, model: str, config: Mapping, fem: FemSettings, seed: int, code: str, table: str) -> None:
-    """Write one row per cell; config: section `stability` of the configuration. RuntimeError if a cell is wrong."""
+def stability(
+    case: str, model: str, config: Mapping, fem: FemSettings, seed: int, code: str, table: str, document: str
+) -> None:
+    """Write one row per cell, and the document of the twins; config: section `stability` of the configuration.
+
+    RuntimeError if a cell is wrong.
+    """
     sweep = Sweep(case, PatientModel.read(model), config, fem, LOSS_EXTENSION, training_loss, seed)
     labels = {"seed": seed, "device": "cpu", "code": code}
-    write_stability([row | labels for row in tqdm(sweep.rows())], table)
+    rows = [row | labels for row in tqdm(sweep.rows())]
+    stability_table(rows).write(table=table, document=document)
 
 
 def training_loss(operator, free):
@@ -36,4 +43,5 @@ if __name__ == "__main__":
         seed=snakemake.params.seed,
         code=snakemake.params.code,
         table=snakemake.output.table,
+        document=snakemake.output.document,
     )

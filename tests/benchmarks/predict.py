@@ -34,11 +34,11 @@ from pinnochio.mechanics.simulation import simulate
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.methods.pinnochio.patient import tensors
 from pinnochio.methods.pinnochio.predictor import PatientNetwork, load_network
+from pinnochio.methods.registry import graph_networks
 from pinnochio.model.patient import PatientModel
 from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.plans.plan import Plan
-from pinnochio.study.configuration import variants
 
 
 def main() -> None:
@@ -55,7 +55,7 @@ def main() -> None:
     asked = parser.parse_args()
     torch.set_num_threads(asked.threads)
     config = read_config(asked.config)
-    fem, settings = FemSettings(**config["fem"]), variants(config)
+    fem, settings = FemSettings(**config["fem"]), graph_networks(config)
     model = PatientModel.read(asked.case / "model.h5")
     plan = Plan.from_json((asked.case / "plan.json").read_text(encoding="utf-8"), asked.case / "plan.json")
     ways, setup = {}, {}

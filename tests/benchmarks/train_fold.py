@@ -24,9 +24,9 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 from configuration import read_config
 
 from pinnochio.code import code_hash, source_file
+from pinnochio.methods.registry import graph_networks
 from pinnochio.seeds import derive_seed
 from pinnochio.study.cases import assign_folds, virtual_cases
-from pinnochio.study.configuration import variants
 from scripts.finetune import finetune
 from scripts.pretrain import pretrain
 
@@ -45,7 +45,7 @@ def main() -> None:
     asked = parser.parse_args()
     torch.set_num_threads(asked.threads)
     config = read_config(asked.config)
-    settings = variants(config)[asked.method]
+    settings = graph_networks(config)[asked.method]
     names = [case.name for case in virtual_cases(config["virtual"]["patients"], "")]
     held_out = assign_folds(names, [], config["folds"], config["seed"])[asked.fold]
     cases = [name for name in names if name not in held_out]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pinnochio.tables.engine import CASES
+from pinnochio.metrics.columns import CASES
 
 
 def row(case, method, cd, **more):

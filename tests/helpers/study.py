@@ -78,6 +78,11 @@ def jobs(said: str) -> dict[str, int]:
     return {name: int(count) for name, count in re.findall(r"^(\w+) +(\d+)$", table, re.M) if name != "total"}
 
 
+def made_tables(said: str) -> set[str]:
+    """Names of the tables that Snakemake says it makes."""
+    return set(re.findall(r"Make the table (\w+)", said))
+
+
 def write_case(folder, name="P1", *, labels=None, plan=None, scale=1.0):
     """A small head: nested boxes with every structure, its plan and its post-operative skin."""
     if labels is None:

@@ -10,12 +10,11 @@ import pyvista as pv
 from pinnochio.errors import InputError
 from pinnochio.metrics.regions import LANDMARKS, REGIONS
 from pinnochio.model.predictions import read_prediction
-from scripts.collect_cases import collect_cases
-from scripts.compare_methods import compare_methods
 from scripts.evaluate import evaluate
 from scripts.list_folds import list_folds
 from scripts.predict_external import predict_external
 from tests.helpers.settings import CONFIG, SEED
+from tests.helpers.tables import make
 from tests.helpers.training import predict_by
 
 OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
@@ -91,9 +90,10 @@ def test_patients_without_a_scan_do_not_count_as_failed(patient, solved, tmp_pat
     measure(patient, solved, "fem_bonded", scanned, {patient.case: patient.postop})
     frame = measure(patient, solved, "fem_bonded", unscanned, {})
     frame.assign(case="unscanned").to_csv(unscanned, index=False)
-    cases, table = str(tmp_path / "cases.csv"), tmp_path / "accuracy.csv"
-    collect_cases([scanned, unscanned], "test clinic", cases)
-    compare_methods(cases, ["fem_bonded"], None, "test clinic", SEED, False, str(table))
+    cases, table = tmp_path / "cases.csv", tmp_path / "accuracy.csv"
+    make(cases, "tables.cases", metrics=[scanned, unscanned], cohort="test clinic")
+    compared = {"methods": ["fem_bonded"], "reference": None, "published": False}
+    make(table, "tables.accuracy", cases=cases, cohort="test clinic", seed=SEED, **compared)
     accuracy = pd.read_csv(table)
     assert len(pd.read_csv(cases)) == 2 and accuracy.loc[0, ["n", "failed"]].tolist() == [1, 0]
     assert accuracy.loc[0, "cd_mean"] == pytest.approx(pd.read_csv(scanned).loc[0, "cd"], abs=1e-4)

@@ -1,23 +1,24 @@
-"""The inversion repair on a network's prediction, and the corrections up to their table, on one coarse patient."""
+"""Inversion repair of a network's prediction, and its corrections up to their table, on one coarse patient."""
 
 import h5py
 import numpy as np
 import pytest
 import torch
 
+from pinnochio.columns import read_table
 from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import jacobians
+from pinnochio.metrics.columns import CASES
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.networks.building import build
 from pinnochio.tables.corrections import CORRECTIONS
-from pinnochio.tables.engine import CASES, read_table
 from pinnochio.training.checkpoint import save_network
 from scripts.correct import correct
 from scripts.evaluate import evaluate
-from scripts.render_corrections import render_corrections
-from scripts.tabulate_corrections import tabulate_corrections
+from scripts.render_table import render_table
 from tests.helpers.settings import CONFIG, SEED, network_settings
+from tests.helpers.tables import make
 from tests.helpers.training import predict_by
 
 NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
@@ -87,9 +88,9 @@ def test_a_method_without_an_interface_is_refused(patient, tmp_path):
 
 
 def test_the_table_and_the_picture_come_from_the_fields(patient, corrected, tmp_path):
-    metrics = {}
+    metrics = []
     for count, path in corrected.items():
-        metrics["pinnochio", count] = [str(tmp_path / f"{count}.csv")]
+        metrics.append(str(tmp_path / f"{count}.csv"))
         evaluate(
             [patient.case],
             path,
@@ -101,15 +102,16 @@ def test_the_table_and_the_picture_come_from_the_fields(patient, corrected, tmp_
             patient.fem,
             {"fold": "1", "method": "pinnochio", "code": "0" * 12},
             SEED,
-            *metrics["pinnochio", count],
+            metrics[-1],
         )
-    first = read_table(metrics["pinnochio", 0][0], CASES).iloc[0]
+    first = read_table(metrics[0], CASES).iloc[0]
     assert first["raw_min_jacobian"] == 0.1 and first["interface_error"] > 0.05 and first["damping"] == 1
-    tabulate_corrections(metrics, "virtual cohort", SEED, str(tmp_path / "corrections.csv"))
+    arguments = {"methods": ["pinnochio"], "corrections": list(corrected), "cohort": "virtual cohort", "seed": SEED}
+    make(tmp_path / "corrections.csv", "tables.corrections", metrics=metrics, **arguments)
     table = read_table(tmp_path / "corrections.csv", CORRECTIONS)
     assert list(table["corrections"]) == [0, *COUNTS] and (table["inverted"] == 0).all()
     residual = table["eqres_rel_mean"].to_numpy()
     assert residual[0] > 0.1 > 1e-3 > residual[2] >= residual[3] and residual[3] < 1e-6
     assert table["interface_error_mean"][1:].max() < 1e-9
-    render_corrections(str(tmp_path / "corrections.csv"), str(tmp_path / "corrections.png"))
+    render_table(str(tmp_path / "corrections.csv"), "corrections", [str(tmp_path / "corrections.png")])
     assert (tmp_path / "corrections.png").stat().st_size > 20_000

@@ -12,6 +12,7 @@ import pandas as pd
 import PIL.Image
 import pytest
 
+from pinnochio.columns import Column, number
 from pinnochio.errors import InputError
 from pinnochio.geometry.distances import signed_distances
 from pinnochio.model.patient import PatientModel
@@ -19,12 +20,13 @@ from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.report.page import read_body
 from pinnochio.report.parts import PARTS
-from pinnochio.tables.engine import Column, number, views, write_csv, write_twins
+from pinnochio.tables.document import Block, Table, views
 from scripts.provenance import provenance
 from scripts.render_case import render_case
 from scripts.render_volume import render_volume
 from scripts.write_report import write_report
 from tests.helpers.settings import CONFIG, ROOT
+from tests.helpers.tables import write
 
 FORWARD = "pinnochio_plus"  # carries every node 2 mm forward
 CAPTIONS = ROOT / "workflow/report"
@@ -57,9 +59,9 @@ def report(patient, drawn, tmp_path_factory):
         {"method": ["no_change", FORWARD]} | {f"column_{n}": [n + 100.25, n + 100.5] for n in range(12)}
     )
     for name in ("accuracy", "corrections"):
-        write_csv(frame, folder / f"{name}.csv", SCHEMA)
         view = views(SCHEMA, {column.name: column.name for column in SCHEMA}, {"column_0": -1})
-        write_twins(frame, folder / f"{name}.csv", view, f"What {name} says: two methods, " + 20 * "word ", SCHEMA)
+        block = Block.of(frame, view, f"What {name} says: two methods, " + 20 * "word ")
+        write(Table(frame, SCHEMA, [block]), folder / f"{name}.csv")
     PIL.Image.new("RGB", (640, 480), "teal").save(folder / "corrections.png")
     provenance(CONFIG, "0123456789ab", str(folder / "provenance.json"))
     write_report(

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 
+from pinnochio.columns import read_table
 from pinnochio.experiments.measuring import DONE
 from pinnochio.model.predictions import read_prediction
 from pinnochio.networks.building import build
-from pinnochio.tables.engine import read_table
 from pinnochio.tables.scaling import SCALING
 from pinnochio.training.checkpoint import save_network
 from scripts.measure_scaling import measure_scaling, training_step, warm_plan

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pinnochio.columns import read_table
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.model.patient import CUT_PLANE, PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.reduction.settings import REDUCTIONS
-from pinnochio.tables.engine import read_table
 from pinnochio.tables.reductions import SCENES, TRIALS
-from scripts.collect_scenes import collect_scenes
 from scripts.make_scene import make_scene
 from scripts.measure_scene import measure_scene
 from tests.helpers.settings import CONFIG, MESH, SEED, SEGMENTS, scene_settings
+from tests.helpers.tables import make
 
 LEFORT = "lefort1"
 
@@ -62,6 +62,6 @@ def test_trials_and_table_compare_every_reduction_with_the_full_model(patient, l
     assert trials.loc["bonded", "made"] == "bonded" and "region" in trials.loc["auto", "made"]
     assert list(json.loads(Path(out[1]).read_text())["plans"]) == [LEFORT]
     table = tmp_path / "scene.csv"
-    collect_scenes([out[0]], "virtual cohort", str(table))
+    make(table, "tables.reductions", trials=[out[0]], cohort="virtual cohort")
     assert read_table(table, SCENES)["model"].tolist() == list(trials.index)
     assert "virtual cohort" in table.with_suffix(".md").read_text()

@@ -22,9 +22,6 @@ from pinnochio.model.patient import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.plans.plan import Plan
 from scripts.check_cohort import check_cohort
-from scripts.collect_cases import collect_cases
-from scripts.compare_methods import compare_methods
-from scripts.compare_regions import compare_regions
 from scripts.evaluate import evaluate
 from scripts.finetune import finetune
 from scripts.label_interfaces import label_case
@@ -34,10 +31,9 @@ from scripts.refine_lips import refine_lips
 from scripts.register_postop import register_postop
 from scripts.render_case import render_case
 from scripts.solve_plan import solve_plan
-from scripts.tabulate_training import tabulate_training
-from scripts.time_stages import time_stages
 from scripts.virtual_patient import virtual_patient
 from tests.helpers.settings import CONFIG, SEED, SEGMENTS, network_settings, training_settings
+from tests.helpers.tables import make
 from tests.helpers.training import predict_by
 
 NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
@@ -213,9 +209,10 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
             SEED,
             metrics[-1],
         )
-    collect_cases(metrics, "virtual cohort", str(tmp_path / "cases.csv"))
-    tables = [str(tmp_path / name) for name in ("cases.csv", "accuracy.csv")]
-    compare_methods(tables[0], list(predicted), "pinnochio", "virtual cohort", SEED, True, tables[1])
+    make(tmp_path / "cases.csv", "tables.cases", metrics=metrics, cohort="virtual cohort")
+    compared = {"cases": tmp_path / "cases.csv", "methods": list(predicted), "reference": "pinnochio"}
+    compared |= {"cohort": "virtual cohort", "seed": SEED}
+    make(tmp_path / "accuracy.csv", "tables.accuracy", published=True, **compared)
     cases = pd.read_csv(tmp_path / "cases.csv").set_index("method")
     assert cases.loc["fem_sliding", "cd"] < cases.loc["no_change", "cd"]
     assert cases.loc["fem_sliding", "eqres_rel"] < 1e-5 < cases.loc["pinnochio", "eqres_rel"]
@@ -226,7 +223,7 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
     assert "virtual cohort" in text and "Not in our table: ACMT-Net, DGCFP, FEM-RLSE." in text
     for kind, count in (("regions", 6), ("landmarks", 13)):
         path = tmp_path / f"{kind}.csv"
-        compare_regions(tables[0], kind, list(predicted), "pinnochio", "virtual cohort", SEED, str(path))
+        make(path, f"tables.{kind}", **compared)
         places = pd.read_csv(path, keep_default_na=False)
         assert len(places) == count * len(predicted) and (places["n"] == 1).all()
         assert (places.loc[~places["reference"], "test"] == "n = 1 < 6: not tested").all()
@@ -243,13 +240,14 @@ def test_the_cost_is_read_from_networks_and_benchmark_files(predicted, tmp_path)
         folder.mkdir(parents=True)
         (folder / "1_pinnochio.tsv").write_text(f"s\tmax_rss\tcpu_time\n{seconds}\t300\tNA\n")
     phases = dict.fromkeys(("pretraining", "finetuning"), vars(training_settings(steps=15, learning_rate=2e-3)))
-    benchmarks, training, stages = (str(tmp_path / name) for name in ("benchmarks", "training.csv", "stages.csv"))
-    tabulate_training(files, {"pinnochio": phases}, ["1"], benchmarks, "virtual cohort", training)
+    training, stages = tmp_path / "training.csv", tmp_path / "stages.csv"
+    measured = {"benchmarks": tmp_path / "benchmarks", "cohort": "virtual cohort"}
+    make(training, "tables.training", networks=files, settings={"pinnochio": phases}, folds=["1"], **measured)
     row = pd.read_csv(training).loc[0]
     network, _ = load_network(files[0])
     assert row["parameters"] == sum(value.numel() for value in network.parameters())
     assert (row["pretraining_samples"], row["pretraining_seconds"], row["finetuning_seconds"]) == (15, 12.5, 2.5)
-    time_stages(benchmarks, "virtual cohort", stages)
+    make(stages, "tables.stages", **measured)
     assert pd.read_csv(stages)["seconds"].tolist() == [12.5, 2.5, 15.0]
 
 

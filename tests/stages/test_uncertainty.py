@@ -15,10 +15,10 @@ from pinnochio.networks.building import build
 from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble
 from pinnochio.training.checkpoint import save_network
 from scripts.calibrate import ScannedCase, calibrate
-from scripts.collect_coverage import collect_coverage
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
 from tests.helpers.settings import CONFIG, SEED, network_settings
+from tests.helpers.tables import make
 
 NETWORK = network_settings(boundary_layers=1, volume_layers=1, channels=16, heads=2)
 FOLDS = ("1", "2", "3")
@@ -122,7 +122,7 @@ def test_the_half_width_covers_half_of_both_patients(patients, ensembles, calibr
 
 def test_the_table_of_coverage_is_written(calibration, tmp_path):
     table = tmp_path / "coverage.csv"
-    collect_coverage([calibration[1], calibration[1]], "virtual cohort", str(table))
+    make(table, "tables.coverage", parts=[calibration[1], calibration[1]], cohort="virtual cohort")
     rows = pd.read_csv(table)
     assert len(rows) == 2 * (len(NAMES) + 1) and (rows["n"] == 2).all()
     assert rows["coverage_mean"].between(0, 100).all()

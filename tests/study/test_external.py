@@ -10,7 +10,7 @@ import pytest
 import pyvista as pv
 
 from pinnochio.model.predictions import read_prediction
-from tests.helpers.study import jobs
+from tests.helpers.study import jobs, made_tables
 
 OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
 
@@ -42,8 +42,8 @@ def test_predictions_of_others_get_the_rows_they_deserve(finished):
         shuffled.save(vtu / f"{case}.vtu")
     added = ("--config", "external={mine_npz: elsewhere/mine_npz, mine_vtu: elsewhere/mine_vtu}")
     said = finished.quick(*added)
-    made = {"predict_external": 4, "evaluate": 4, "collect_cases": 1, "compare_methods": 1, "compare_better": 1}
-    made |= {"compare_regions": 1, "compare_landmarks": 1, "ablate": 1, "time_stages": 1, "provenance": 1, "all": 1}
+    assert made_tables(said) == {"cases", "accuracy", "better", "regions", "landmarks", "ablation", "stages"}
+    made = {"predict_external": 4, "evaluate": 4, "tabulate": 7, "format_table": 7, "provenance": 1, "all": 1}
     assert jobs(said) == made
     cases = pd.read_csv(results / "tables/cases.csv").set_index("case")
     rows = {method: own.drop(columns=OWN) for method, own in cases.groupby("method")}

@@ -25,7 +25,7 @@ STAGES = [
     "tetrahedralize",
 ]
 STAGES += ["label_interfaces", "simulate_fem", "make_lift", "pretrain", "finetune", "predict", "evaluate"]
-STAGES += ["collect_cases", "compare_methods"]
+STAGES += ["tabulate", "format_table"]
 
 
 def running(project, script: str) -> bool:

@@ -5,7 +5,9 @@ import json
 import pytest
 import yaml
 
-from tests.study.conftest import ROOT, Project, jobs
+from tests.helpers.settings import ROOT
+from tests.helpers.study import jobs
+from tests.study.conftest import Project
 
 CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
 CHANGED = {

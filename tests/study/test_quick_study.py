@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tests.helpers.study import jobs, without_timings
+from tests.helpers.study import jobs, made_tables, without_timings
 
 LEARNED = ["pinnochio_unified", "pinnochio_no_physics", "pinnochio", "pinnochio_plus"]
 SURFACE = ["acmt", "acmt_pretrained", "dgcfp", "dgcfp_pretrained"]
@@ -104,15 +104,9 @@ def test_a_method_that_is_added_is_trained_alone(studied):
     assert set(re.findall(r"(?:Pretrain|Adapt|Fit) (\w+)", said)) == {"mine"}
     made = jobs(said)
     assert {made.pop(rule) for rule in ("pretrain", "finetune", "predict_cases", "evaluate")} == {2}
-    aggregated = {
-        "collect_cases",
-        "compare_methods",
-        "compare_better",
-        "compare_regions",
-        "compare_landmarks",
-        "ablate",
-    }
-    assert made.keys() == aggregated | {"tabulate_training", "time_stages", "provenance", "all"}
+    assert made.keys() == {"tabulate", "format_table", "provenance", "all"}
+    compared = {"cases", "accuracy", "better", "regions", "landmarks", "ablation"}
+    assert made_tables(said) == compared | {"training", "stages"}
 
 
 def test_no_file_of_a_held_out_patient_reaches_training(studied):

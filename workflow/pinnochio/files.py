@@ -60,3 +60,8 @@ def check_name(case: str, name: str, path: str | os.PathLike) -> None:
     """Refuse a name of a patient or plan that a file cannot bear everywhere."""
     if not name.replace("_", "").replace("-", "").isalnum():
         raise InputError(case, path, f"the name {name!r} is not of letters, digits, '-' and '_'", "rename it")
+
+
+def megabytes(folder: str | os.PathLike) -> float:
+    """Size in MB of the files in the folder and below; 0 if there is none."""
+    return sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file()) / 1e6

@@ -7,33 +7,26 @@ import pandas as pd
 import pytest
 import torch
 
+from pinnochio.columns import read_table
 from pinnochio.errors import InputError
 from pinnochio.experiments import stability_problems as problems
-from pinnochio.experiments.stability import STABILITY, Sweep, attempt, write_stability
-from pinnochio.experiments.stability_judge import (
-    CLEAN,
-    CONVERGED,
-    OUTCOMES,
-    WRONG,
-    judge_elastic,
-    judge_loss,
-    judge_solution,
-    slope_of,
-)
-from pinnochio.figures.stability import stability_picture
+from pinnochio.experiments.stability import Sweep, attempt
+from pinnochio.experiments.stability_judge import judge_elastic, judge_loss, judge_solution, slope_of
+from pinnochio.figures.stability import draw
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.elements import VOLUMETRIC, jacobians
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import solve
 from pinnochio.methods.pinnochio.patient import LOSS_EXTENSION
-from pinnochio.tables.engine import read_table
+from pinnochio.tables.stability import CLEAN, CONVERGED, FAMILIES, OUTCOMES, STABILITY, WRONG, table
 from scripts.stability import training_loss
 from tests.helpers.patients import tiny_patient
 from tests.helpers.settings import fem_settings, solver_options
+from tests.helpers.tables import write
 
 STEPS = (6, 4, 4)
 FEM = fem_settings(time_limit=60)
-NOTHING = dict.fromkeys(problems.FAMILIES, ()) | {"segment": "left", "block": STEPS, "noise": 0.1}
+NOTHING = dict.fromkeys(FAMILIES, ()) | {"segment": "left", "block": STEPS, "noise": 0.1}
 
 
 def solved(problem, element):
@@ -117,8 +110,8 @@ def test_solution_is_confirmed_and_lies_are_not(block, solution):
         return judge_solution(block, element, replace(result, **claims), 1.0, options)
 
     assert verdict().outcome == CONVERGED and verdict().residual == pytest.approx(result.residual, rel=1e-3)
-    node, told = block.free[len(block.free) // 2], block.boundary.prescribed_nodes[0]
-    for index, what in (((node, 0), "residual"), ((told, 2), "prescribed")):
+    node, prescribed = block.free[len(block.free) // 2], block.boundary.prescribed_nodes[0]
+    for index, what in (((node, 0), "residual"), ((prescribed, 2), "prescribed")):
         moved = result.displacement.copy()
         moved[index] += 1e-3
         found = verdict(displacement=moved)
@@ -274,11 +267,11 @@ def test_a_wrong_cell_is_never_written(tmp_path):
     lie = [dict(row) for row in rows]
     lie[3] |= {"outcome": WRONG, "reason": "the sign of everything"}
     with pytest.raises(RuntimeError, match="1 of 12 cells are wrong.*\n.*poisson 0.3.*the sign of everything"):
-        write_stability(lie, path)
+        write(table(lie), path)
     assert not list(tmp_path.iterdir())
-    write_stability(rows, path)
-    table = read_table(path, STABILITY)
-    assert len(table) == 12 and np.isfinite(table[["min_jacobian", "residual", "setting"]]).all(None)
+    write(table(rows), path)
+    cells = read_table(path, STABILITY)
+    assert len(cells) == 12 and np.isfinite(cells[["min_jacobian", "residual", "setting"]]).all(None)
     assert all(path.with_suffix(suffix).stat().st_size > 100 for suffix in (".md", ".tex", ".html"))
 
 
@@ -287,5 +280,5 @@ def test_picture_shows_every_outcome(tmp_path):
     for row, outcome in zip(rows, OUTCOMES, strict=False):
         row["outcome"] = outcome
     rows[1] |= {"min_jacobian": np.nan, "residual": np.nan}
-    stability_picture(pd.DataFrame(rows), tmp_path / "stability.png")
+    draw(pd.DataFrame(rows), [tmp_path / "stability.png"])
     assert (tmp_path / "stability.png").stat().st_size > 10_000

@@ -4,17 +4,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pinnochio.columns import check, write_csv
 from pinnochio.errors import InputError
 from pinnochio.experiments.tradeoff import Reference, judge, predict_fem
-from pinnochio.experiments.tradeoff_choice import SAFETY, check_choices, choose_setting
 from pinnochio.experiments.tradeoff_settings import Setting, as_in_the_study, fem_settings, network_settings
-from pinnochio.figures.tradeoff import tradeoff_picture
+from pinnochio.figures.tradeoff import draw
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.plans.plan import Plan
-from pinnochio.tables.engine import check
-from pinnochio.tables.tradeoff import TRADEOFF_CASES, answers, pareto, summarise, write_tradeoff
+from pinnochio.tables.choices import SAFETY, check_choices, choose_setting
+from pinnochio.tables.tradeoff import TRADEOFF_CASES, answers, pareto, summarise
+from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
 from tests.helpers import settings
 from tests.helpers.patients import tiny_patient
+from tests.helpers.tables import make
 
 # method, value, seconds, cd, face error
 SETTINGS = (
@@ -28,15 +30,15 @@ SETTINGS = (
 
 def rows(factors=None) -> pd.DataFrame:
     """Rows of TRADEOFF_CASES: SETTINGS on patients whose seconds and errors are multiples."""
-    found = []
+    cells = []
     for case, (time, error) in (factors or {"A": (1, 1), "B": (1.1, 0.9), "C": (0.9, 1.1)}).items():
         for method, value, seconds, cd, face in SETTINGS:
             recipe = "" if method == "bad" else json.dumps({"method": method})
             row = {"case": case, "method": method, "dial": "turn", "value": value, "recipe": recipe, "nodes": 100}
             row |= {"seconds": seconds * time, "setup_seconds": 0, "threads": 1, "converged": True, "cd": cd * error}
             row |= {"face_error": face * error, "face_error_max": 3 * face, "volume_error": face, "eqres_rel": 0.1}
-            found.append(row | {"min_jacobian": 0.5, "inverted": 0})
-    return pd.DataFrame(found)
+            cells.append(row | {"min_jacobian": 0.5, "inverted": 0})
+    return pd.DataFrame(cells)
 
 
 def test_the_front_is_what_comparing_all_pairs_leaves():
@@ -106,7 +108,7 @@ def test_choices_are_tried_on_patients_that_the_front_does_not_know():
     assert budget["cd_expected"] == pytest.approx((1.35 + 1.35 + 0.65) / 3)
     assert budget["cd"] == pytest.approx((0.9 + 0.9 + 1.3) / 3)
     assert budget["cd_near"] == 0
-    assert tried.loc["tolerance_mm 0.1", "kept"] == 2  # C's error is twice what A and B foretell
+    assert tried.loc["tolerance_mm 0.1", "kept"] == 2  # C's error is twice what A and B let expect
 
 
 def test_a_budget_that_nothing_keeps_is_said_so():
@@ -180,11 +182,16 @@ def test_another_element_gives_nearly_the_same_field():
 
 
 def test_table_and_pictures_are_written(tmp_path):
-    frame = summarise(rows())
-    write_tradeoff(frame, tmp_path / "tradeoff.csv", paragraphs=["And more."])
+    write_csv(rows(), tmp_path / "rows.csv", TRADEOFF_CASES)
+    paths = {name: tmp_path / f"{name}.csv" for name in ("tradeoff_cases", "choices", "tradeoff")}
+    cohort = {"cohort": "virtual cohort"}
+    make(paths["tradeoff_cases"], "tables.tradeoff_cases", rows=[tmp_path / "rows.csv"], **cohort)
+    own = {"cases": paths["tradeoff_cases"]} | cohort
+    make(paths["choices"], "tables.choices", budgets=[1.0], tolerances=[0.1], **own)
+    make(paths["tradeoff"], "tables.tradeoff", choices=tmp_path / "choices.json", **own)
     text = (tmp_path / "tradeoff.md").read_text()
     assert "virtual cohort, n = 3 held-out patients" in text and "What the last 0.1 mm cost" in text
-    assert text.rstrip().endswith("And more.")
-    tradeoff_picture(frame, [tmp_path / "a.png", tmp_path / "a.svg"])
+    assert text.index("**Budgets and tolerances**") < text.index("| tolerance_mm 0.1 |") < text.index("What the last")
+    draw(summarise(rows()), [tmp_path / "a.png", tmp_path / "a.svg"])
     assert (tmp_path / "a.png").stat().st_size > 20_000 and "<svg" in (tmp_path / "a.svg").read_text()[:500]
     assert len(check(rows(), TRADEOFF_CASES)) == 15

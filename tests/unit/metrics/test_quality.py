@@ -8,13 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pinnochio.columns import read_table
 from pinnochio.importing.repair import KEPT
-from pinnochio.metrics.quality import contact, quality, quality_columns, thickness, write_quality
+from pinnochio.metrics.quality import contact, quality, thickness
 from pinnochio.model.patient import FIXED, FREE, INTERIOR, MOVING, SLIDING
-from pinnochio.tables.engine import read_table
-from scripts.collect_quality import collect_quality
+from pinnochio.tables.quality import quality_columns, table
 from scripts.report_quality import report_quality
 from tests.helpers.patients import tiny_patient
+from tests.helpers.tables import make, write
 
 SEGMENTS = ("left",)
 REPAIRS = [
@@ -37,9 +38,9 @@ def imported(case="P1"):
 
 
 def test_thickness_is_the_way_from_bone_to_skin():
-    found = thickness(block())
+    measured = thickness(block())
     # The plate's edge looks at the border of the skin, which may go on.
-    assert found == {name: {"mean": 16.0, "p5": 16.0, "p95": 16.0} for name in ("cranium", "left")}
+    assert measured == {name: {"mean": 16.0, "p5": 16.0, "p95": 16.0} for name in ("cranium", "left")}
 
 
 def test_thickness_follows_the_skin_and_ignores_bone_that_looks_away():
@@ -47,8 +48,8 @@ def test_thickness_follows_the_skin_and_ignores_bone_that_looks_away():
     skin = model.points.copy()
     wide = skin[:, 0] > 17
     skin[wide & (skin[:, 2] == 55), 2] = 65
-    found = thickness(replace(model, skin_points=skin))
-    assert found["left"]["p5"] == 16 and 20 < found["left"]["p95"] < 26 and 23 < found["cranium"]["mean"] <= 26
+    measured = thickness(replace(model, skin_points=skin))
+    assert measured["left"]["p5"] == 16 and 20 < measured["left"]["p95"] < 26 and 23 < measured["cranium"]["mean"] <= 26
     away = thickness(replace(model, bone_normals=-model.bone_normals))
     assert away == {"cranium": None, "left": None}
     bare = thickness(replace(model, bone_points=model.bone_points + [0, 0, 15.5]))
@@ -65,9 +66,9 @@ def test_contact_is_the_area_of_the_nodes_by_bone_and_type():
     kind[inner] = np.select(
         [index[inner, 0] < 3, index[inner, 0] == 3, index[inner, 0] == 4], [MOVING, SLIDING, FREE], FIXED
     )
-    found = contact(replace(model, node_type=kind, node_beyond=beyond))
+    measured = contact(replace(model, node_type=kind, node_beyond=beyond))
     # 25 mm2 each: two rows of three move, one slides, one is released, one is on the cranium.
-    assert found == {
+    assert measured == {
         "cranium": {"fixed": 0.75, "released": 0.0},
         "left": {"moving": 1.5, "sliding": 0.75, "released": 0.75},
     }
@@ -75,19 +76,20 @@ def test_contact_is_the_area_of_the_nodes_by_bone_and_type():
 
 def test_the_report_holds_the_mesh_and_what_was_repaired():
     model = replace(block(), muscle="derived")
-    found = quality(model, imported())
-    assert found["smallest_volume_mm3"] == pytest.approx(125 / 6, abs=1e-4)
-    assert found["shortest_edge_mm"] == 5 and found["smallest_dihedral_deg"] == pytest.approx(45, abs=1e-3)
-    assert found["nodes"] == 7 * 5 * 4 and found["elements"] == 6 * 6 * 4 * 3
-    assert found["repaired_voxels"] == 30 and found["repairs"] == REPAIRS and found["muscle"] == "derived"
-    assert json.loads(json.dumps(found)) == found
+    measured = quality(model, imported())
+    assert measured["smallest_volume_mm3"] == pytest.approx(125 / 6, abs=1e-4)
+    assert measured["shortest_edge_mm"] == 5 and measured["smallest_dihedral_deg"] == pytest.approx(45, abs=1e-3)
+    assert measured["nodes"] == 7 * 5 * 4 and measured["elements"] == 6 * 6 * 4 * 3
+    assert measured["repaired_voxels"] == 30 and measured["repairs"] == REPAIRS and measured["muscle"] == "derived"
+    assert json.loads(json.dumps(measured)) == measured
 
 
 def test_the_table_has_one_row_per_case_and_its_twins(tmp_path):
     path = tmp_path / "quality.csv"
     model = block()
     looking_away = replace(model, bone_normals=-model.bone_normals, muscle="single")
-    write_quality([quality(model, imported("P2")), quality(looking_away, imported("P1"))], path, SEGMENTS)
+    reports = [quality(model, imported("P2")), quality(looking_away, imported("P1"))]
+    write(table(reports, SEGMENTS, "clinic"), path)
     frame = read_table(path, quality_columns(SEGMENTS)).set_index("case")
     assert list(frame.index) == ["P1", "P2"] and list(frame["muscle"]) == ["single", "labelled"]
     assert frame.loc["P2", "thickness_left_p95"] == 16 and np.isnan(frame.loc["P1", "thickness_left_p95"])
@@ -105,5 +107,5 @@ def test_report_and_table_are_written_and_repeat_their_bytes(tmp_path):
         report_quality(str(tmp_path / "model.h5"), str(tmp_path / "import.json"), *files)
         made.append([Path(file).read_bytes() for file in files])
     assert made[0] == made[1] and len(made[0][1]) > 20_000
-    collect_quality([str(tmp_path / "1.json")], SEGMENTS, "clinic", str(tmp_path / "quality.csv"))
+    make(tmp_path / "quality.csv", "tables.quality", reports=[tmp_path / "1.json"], segments=SEGMENTS, cohort="clinic")
     assert len(pd.read_csv(tmp_path / "quality.csv")) == 1 and "clinic" in (tmp_path / "quality.md").read_text()

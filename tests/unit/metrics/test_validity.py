@@ -6,14 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pinnochio.columns import check
 from pinnochio.mechanics.elements import jacobians, node_volumes, shape_gradients
 from pinnochio.metrics.cases import evaluate_case
+from pinnochio.metrics.columns import CASES
 from pinnochio.metrics.validity import boundary_metrics, equilibrium_metrics, equilibrium_of, volume_metrics
 from pinnochio.metrics.volume import interpolate, mean_and_p95, truth_errors
 from pinnochio.model.patient import BONE_MUSCLE, FIXED, FREE, MOVING, SLIDING, PatientModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.plans.plan import Plan, RigidMotion
-from pinnochio.tables.engine import CASES, check
 from tests.helpers.settings import fem_settings
 
 SIX = np.array([[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]])

@@ -6,11 +6,11 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from pinnochio.columns import write_csv
 from pinnochio.errors import InputError
 from pinnochio.patients.archive import Archive, configuration_hash
 from pinnochio.study.choice import choose
 from pinnochio.study.new_patients import read_patients
-from pinnochio.tables.engine import write_csv
 from pinnochio.tables.tradeoff import TRADEOFF, summarise
 from tests.helpers.settings import CONFIG
 

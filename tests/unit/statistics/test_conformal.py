@@ -8,15 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pinnochio.columns import check, read_table
 from pinnochio.errors import InputError
 from pinnochio.figures.interval import interval_picture, scale
 from pinnochio.model.regions import NAMES
 from pinnochio.statistics import intervals as intervals
 from pinnochio.statistics.conformal import FACE, HeldOut, coverage, half_width, half_widths, held_out
 from pinnochio.statistics.intervals import Calibration, Interval, interval, skin_spread, usual_spreads
-from pinnochio.tables.coverage import COVERAGE, write_coverage
-from pinnochio.tables.engine import check, read_table
+from pinnochio.tables.coverage import COVERAGE, table
 from tests.helpers.patients import tiny_patient
+from tests.helpers.tables import write
 
 LEVEL = 0.9
 
@@ -143,7 +144,7 @@ def test_what_cannot_be_calibrated_stays_empty():
 
 def test_the_table_and_its_twins_show_the_same_numbers(tmp_path):
     frame = coverage(cohort(np.random.default_rng(5)), LEVEL).assign(method="pinnochio_plus")
-    write_coverage(frame, tmp_path / "coverage.csv", "some cohort")
+    write(table(frame, "some cohort"), tmp_path / "coverage.csv")
     read = read_table(tmp_path / "coverage.csv", COVERAGE)
     pd.testing.assert_series_equal(read["half_width"], frame["half_width"].round(3), check_exact=False, atol=1e-9)
     markdown = (tmp_path / "coverage.md").read_text()

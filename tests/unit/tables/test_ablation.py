@@ -4,10 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pinnochio.columns import read_table
 from pinnochio.overlays import changes
-from pinnochio.tables.ablation import ABLATION, DESIGN, write_ablation, write_design
-from pinnochio.tables.engine import read_table
+from pinnochio.tables import ablation, design
+from pinnochio.tables.ablation import ABLATION
+from pinnochio.tables.design import DESIGN
 from tests.helpers.rows import row
+from tests.helpers.tables import write
 
 FULL = {
     "network": {"decomposition": True, "lift": "none"},
@@ -34,7 +37,8 @@ def cases(**errors):
 
 
 def test_ablation_says_what_each_variant_lacks_and_tests_it_against_the_full_model(tmp_path):
-    write_ablation(cases(full=0.0, no_physics=0.2, unified=0.3), VARIANTS, tmp_path / "a.csv", "virtual cohort", 0)
+    rows = cases(full=0.0, no_physics=0.2, unified=0.3)
+    write(ablation.table(rows, VARIANTS, "virtual cohort", 0), tmp_path / "a.csv")
     table = read_table(tmp_path / "a.csv", ABLATION).set_index("method")
     assert list(table.index) == ["unified", "no_physics", "full"]
     assert table["decomposition"].tolist() == [False, True, True] and table["physics"].tolist() == [True, False, True]
@@ -53,7 +57,8 @@ def test_design_names_the_change_of_each_switch(tmp_path):
         "no_physics": "finetuning.weights.physics 0, pretraining.weights.physics 0",
         "unified": "network.decomposition False",
     }
-    write_design(cases(full=0.0, no_physics=-0.2, unified=0.3), named, tmp_path / "d.csv", "virtual cohort", 0)
+    rows = cases(full=0.0, no_physics=-0.2, unified=0.3)
+    write(design.table(rows, named, "virtual cohort", 0), tmp_path / "d.csv")
     table = read_table(tmp_path / "d.csv", DESIGN)
     assert table["change"].tolist() == list(named.values()) and table["method"][0] == "full"
     assert table["cd_mean_difference"][1] == pytest.approx(-0.2 * 1.035)

@@ -9,11 +9,14 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from pinnochio.columns import check, read_table, write_csv
 from pinnochio.errors import InputError
+from pinnochio.metrics.columns import CASES
 from pinnochio.statistics.significance import bootstrap_interval, compare, holm, wilcoxon
-from pinnochio.tables.accuracy import ACCURACY, summarise, write_accuracy
-from pinnochio.tables.engine import CASES, check, read_table, write_cases, write_csv
+from pinnochio.tables.accuracy import summarise, table
+from pinnochio.tables.comparison import COMPARISON, summarise
 from tests.helpers.rows import row
+from tests.helpers.tables import make, write
 
 
 def test_the_exact_p_by_hand():
@@ -134,14 +137,14 @@ def test_nothing_is_tested_without_a_reference(cases, tmp_path):
     found = summarise(cases, None, ["worse", "fem_like"]).set_index("method")
     assert (found["test"] == "no reference: not tested").all() and not found["reference"].any()
     assert found[["p", "p_holm", "pairs"]].isna().all(None) and found.loc["worse", "cd_mean"] == pytest.approx(1.95)
-    write_accuracy(found.reset_index(), tmp_path / "accuracy.csv")
+    write(table(found.reset_index(), "virtual cohort"), tmp_path / "accuracy.csv")
 
 
 def test_a_method_that_nobody_timed_has_no_time_and_is_not_the_fastest(cases, tmp_path):
     cases.loc[cases["method"] == "worse", ["seconds", "setup_seconds"]] = np.nan
     found = summarise(cases).set_index("method")
     assert np.isnan(found.loc["worse", "seconds_mean"]) and found.loc["fem_like", "seconds_mean"] == 1
-    write_accuracy(found.reset_index(), tmp_path / "accuracy.csv")
+    write(table(found.reset_index(), "virtual cohort"), tmp_path / "accuracy.csv")
     line = next(text for text in (tmp_path / "accuracy.md").read_text().splitlines() if text.startswith("| worse"))
     assert line.split("|")[6].strip() == ""
 
@@ -152,20 +155,29 @@ def test_a_method_that_nobody_timed_has_no_time_and_is_not_the_fastest(cases, tm
         (lambda f: f.drop(columns="cd"), "'cd' is missing"),
         (lambda f: f.assign(extra=1), "'extra' is not in the schema"),
         (lambda f: f.assign(cd="far"), "'cd' holds something that is not a number"),
-        (lambda f: f.assign(nodes=4.5), "'nodes' holds a number that is not whole"),
-        (lambda f: f.assign(converged=2), "'converged' holds something that is neither"),
+        (lambda f: f.assign(nodes=4.5), "'nodes' holds something that is not a whole number"),
+        (lambda f: f.assign(converged=2), "'converged' holds something that is not True or False"),
         (lambda f: f.assign(nodes=np.nan), "'nodes' has an empty cell"),
         (lambda f: f.assign(method=""), "'method' has an empty cell"),
         (lambda f: f.iloc[:0], "no row"),
     ],
 )
 def test_a_table_that_breaks_its_schema_is_refused_on_write_and_on_read(cases, tmp_path, change, words):
-    broken = change(cases)
+    broken = change(check(cases, CASES))
     with pytest.raises(InputError, match=words):
         write_csv(broken, tmp_path / "cases.csv", CASES)
     assert not (tmp_path / "cases.csv").exists()
     broken.to_csv(tmp_path / "cases.csv", index=False)
     with pytest.raises(InputError, match=rf"cases\.csv.*{words}.*Remedy"):
+        read_table(tmp_path / "cases.csv", CASES)
+
+
+def test_a_table_in_another_order_is_put_in_order_on_write_and_refused_on_read(cases, tmp_path):
+    turned = cases[cases.columns[::-1]]
+    write_csv(turned, tmp_path / "cases.csv", CASES)
+    assert list(read_table(tmp_path / "cases.csv", CASES)) == [column.name for column in CASES]
+    turned.to_csv(tmp_path / "cases.csv", index=False)
+    with pytest.raises(InputError, match=r"cases\.csv.*is out of place"):
         read_table(tmp_path / "cases.csv", CASES)
 
 
@@ -177,8 +189,9 @@ def test_summaries_of_doubled_or_absent_rows_are_refused(cases):
 
 
 def test_a_written_table_reads_back_sorted_and_its_bytes_do_not_depend_on_the_order(cases, tmp_path):
-    write_cases(cases, tmp_path / "a.csv")
-    write_cases(cases.sample(frac=1, random_state=1), tmp_path / "b.csv")
+    for name, rows in (("a", cases), ("b", cases.sample(frac=1, random_state=1))):
+        write_csv(rows, tmp_path / "metrics.csv", CASES)
+        make(tmp_path / f"{name}.csv", "tables.cases", metrics=[tmp_path / "metrics.csv"], cohort="virtual cohort")
     for suffix in ("csv", "md", "tex", "html"):
         assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
     back = read_table(tmp_path / "a.csv", CASES)
@@ -192,9 +205,8 @@ def numbers(text):
 
 
 def test_the_twins_hold_the_numbers_of_the_csv(cases, tmp_path):
-    write_accuracy(
-        summarise(cases, methods=["worse", "fem_like", "pinnochio"]), tmp_path / "accuracy.csv", "Test clinic"
-    )
+    frame = summarise(cases, methods=["worse", "fem_like", "pinnochio"])
+    write(table(frame, "Test clinic"), tmp_path / "accuracy.csv")
     stored = pd.read_csv(tmp_path / "accuracy.csv", dtype=str)
     texts = {s: (tmp_path / f"accuracy.{s}").read_text() for s in ("md", "tex", "html")}
     wanted = [value for name in ("cd", "hd95", "pwr1", "pwr2") for value in stored[f"{name}_mean"]]
@@ -212,12 +224,12 @@ def test_the_twins_hold_the_numbers_of_the_csv(cases, tmp_path):
     for suffix, mark in (("tex", r"\\textbf\{1\.4950 "), ("html", r"<b>1\.4950 ")):
         assert re.search(mark, texts[suffix])
     assert "fem\\_like" in texts["tex"] and "PWR@1 \\%" in texts["tex"]
-    back = read_table(tmp_path / "accuracy.csv", ACCURACY)
+    back = read_table(tmp_path / "accuracy.csv", COMPARISON)
     assert back["reference"].tolist() == [False, False, True]
 
 
 def test_below_six_patients_there_is_no_star(cases, tmp_path):
-    write_accuracy(summarise(cases[cases["case"] < "V5"]), tmp_path / "accuracy.csv")
+    write(table(summarise(cases[cases["case"] < "V5"]), "virtual cohort"), tmp_path / "accuracy.csv")
     text = (tmp_path / "accuracy.md").read_text()
     assert "n = 5 < 6: not tested" in text and "\\*" not in text.split("\n\n")[0]
     assert "virtual cohort" in text

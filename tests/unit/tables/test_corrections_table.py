@@ -1,15 +1,16 @@
-"""The dial's table and picture: means, tests against no correction, files."""
+"""The table of corrections and its picture: means, tests against no correction, files."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from pinnochio.columns import read_table
 from pinnochio.errors import InputError
-from pinnochio.figures.corrections import corrections_picture
+from pinnochio.figures.corrections import draw
 from pinnochio.statistics.significance import holm, wilcoxon
-from pinnochio.tables.corrections import CORRECTIONS, summarise, write_corrections
-from pinnochio.tables.engine import read_table
+from pinnochio.tables.corrections import CORRECTIONS, summarise, table
 from tests.helpers.rows import row
+from tests.helpers.tables import write
 
 COUNTS = (0, 1, 5)
 
@@ -32,12 +33,12 @@ def rows():
 def test_every_row_is_the_mean_of_its_patients_and_tested_against_no_correction(rows):
     frame = summarise(rows, 3)
     assert list(zip(frame["method"], frame["corrections"], strict=True)) == list(rows)
-    for (_, found), own in zip(frame.iterrows(), rows.values(), strict=True):
-        assert found["n"] == 8 and found["inverted"] == 16
+    for (_, summary), own in zip(frame.iterrows(), rows.values(), strict=True):
+        assert summary["n"] == 8 and summary["inverted"] == 16
         for name in ("cd", "pwr1", "eqres_rel", "seconds"):
-            assert found[f"{name}_mean"] == pytest.approx(own[name].mean())
-            assert found[f"{name}_sd"] == pytest.approx(own[name].std())
-        assert found["eqres_rel_max"] == pytest.approx(10.0 ** -found["corrections"])
+            assert summary[f"{name}_mean"] == pytest.approx(own[name].mean())
+            assert summary[f"{name}_sd"] == pytest.approx(own[name].std())
+        assert summary["eqres_rel_max"] == pytest.approx(10.0 ** -summary["corrections"])
     start = frame[frame["corrections"] == 0]
     assert start[["pairs", "cd_difference", "p", "p_holm"]].isna().all(axis=None)
     tested = frame[frame["corrections"] > 0]
@@ -69,18 +70,17 @@ def test_a_method_without_its_own_prediction_is_refused(rows):
 
 
 def test_files_and_picture(rows, tmp_path):
-    write_corrections(summarise(rows), tmp_path / "corrections.csv", "made-up cohort")
+    write(table(summarise(rows), "made-up cohort"), tmp_path / "corrections.csv")
     back = read_table(tmp_path / "corrections.csv", CORRECTIONS)
     assert len(back) == 6
     text = (tmp_path / "corrections.md").read_text()
     assert "made-up cohort, n = 8 patients" in text and "-0.0450 (p = 0.015625)" in text and "1.5000 ± " in text
     assert all((tmp_path / f"corrections.{suffix}").stat().st_size > 500 for suffix in ("tex", "html"))
-    corrections_picture(back, tmp_path / "corrections.png")
+    draw(back, [tmp_path / "corrections.png"])
     assert (tmp_path / "corrections.png").stat().st_size > 20_000
 
 
 def test_few_patients_are_said_to_be_few(tmp_path):
-    write_corrections(
-        summarise({("plain", count): cases("plain", count, 2) for count in COUNTS}), tmp_path / "corrections.csv"
-    )
+    frame = summarise({("plain", count): cases("plain", count, 2) for count in COUNTS})
+    write(table(frame, "made-up cohort"), tmp_path / "corrections.csv")
     assert "n = 2 < 6: not tested" in (tmp_path / "corrections.md").read_text()

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from pinnochio.tables.cost import STAGES, read_benchmark, stages, write_stages
-from pinnochio.tables.engine import read_table
-from pinnochio.tables.training import TRAINING, budget, parameters, write_budget
+from pinnochio.columns import read_table
+from pinnochio.tables.stages import STAGES, read_benchmark, stages, tabulate
+from pinnochio.tables.training import TRAINING, budget, parameters, table
 from tests.helpers.rows import benchmark
+from tests.helpers.tables import write
 
 
 @pytest.fixture
@@ -22,27 +23,27 @@ def benchmarks(tmp_path):
 
 
 def test_stages_add_up_longest_first(benchmarks, tmp_path):
-    found = stages(benchmarks).set_index("rule")
-    assert list(found.index) == ["pretrain", "finetune", "report", "all"]
-    assert found.loc["pretrain"].tolist() == [2, 40, 20, 30, 60, 530]
-    assert found.loc["finetune"].tolist() == [1, 5, 5, 5, 4, 900]
-    assert found.loc["report"].tolist() == [2, pytest.approx(0.1), pytest.approx(0.05), 0.06, 0, 80]
-    assert found.loc["all"].tolist() == [5, pytest.approx(45.1), pytest.approx(9.02), 30, 64, 900]
-    write_stages(found.reset_index(), tmp_path / "stages.csv", "test clinic")
+    frame = stages(benchmarks).set_index("rule")
+    assert list(frame.index) == ["pretrain", "finetune", "report", "all"]
+    assert frame.loc["pretrain"].tolist() == [2, 40, 20, 30, 60, 530]
+    assert frame.loc["finetune"].tolist() == [1, 5, 5, 5, 4, 900]
+    assert frame.loc["report"].tolist() == [2, pytest.approx(0.1), pytest.approx(0.05), 0.06, 0, 80]
+    assert frame.loc["all"].tolist() == [5, pytest.approx(45.1), pytest.approx(9.02), 30, 64, 900]
+    write(tabulate(benchmarks, "test clinic"), tmp_path / "stages.csv")
     assert len(read_table(tmp_path / "stages.csv", STAGES)) == 4
     assert "| pretrain | 2 | 40.0 | 20.0 | 30.0 | 60.0 | 530 |" in (tmp_path / "stages.md").read_text()
     assert "test clinic" in (tmp_path / "stages.html").read_text() and (tmp_path / "stages.tex").exists()
 
 
 def test_what_was_not_measured_is_nan(benchmarks):
-    found = read_benchmark(benchmarks / "report/V01.tsv")
-    assert found["s"].tolist() == [0.04] and found[["cpu_time", "max_rss"]].isna().all(None)
+    frame = read_benchmark(benchmarks / "report/V01.tsv")
+    assert frame["s"].tolist() == [0.04] and frame[["cpu_time", "max_rss"]].isna().all(None)
 
 
 def test_a_study_without_benchmarks_has_a_row_of_zeros(tmp_path):
-    found = stages(tmp_path / "nowhere")
-    assert found["rule"].tolist() == ["all"] and found.loc[0, ["jobs", "seconds"]].tolist() == [0, 0]
-    write_stages(found, tmp_path / "stages.csv")
+    frame = stages(tmp_path / "nowhere")
+    assert frame["rule"].tolist() == ["all"] and frame.loc[0, ["jobs", "seconds"]].tolist() == [0, 0]
+    write(tabulate(tmp_path / "nowhere", "test clinic"), tmp_path / "stages.csv")
 
 
 def network(path):
@@ -62,13 +63,13 @@ def test_the_budget_of_methods_with_and_without_a_batch(benchmarks, tmp_path):
         "net": {"pretraining": phase, "finetuning": phase | {"batch": 4}},
         "once": {"pretraining": phase, "finetuning": None},
     }
-    found = budget(settings, dict.fromkeys(settings, files), ["1", "2"], str(benchmarks))
-    net, once = found.to_dict("records")
+    frame = budget(settings, dict.fromkeys(settings, files), ["1", "2"], str(benchmarks))
+    net, once = frame.to_dict("records")
     assert (net["method"], net["parameters"], net["folds"]) == ("net", 24, 2)
     assert (net["pretraining_samples"], net["finetuning_steps"], net["finetuning_samples"]) == (200, 200, 800)
     assert (net["pretraining_seconds"], net["finetuning_seconds"], net["finetuning_patience"]) == (20, 5, 3)
     assert np.isnan([once["finetuning_steps"], once["finetuning_samples"], once["pretraining_seconds"]]).all()
-    write_budget(found, tmp_path / "training.csv", "test clinic")
+    write(table(frame, "test clinic"), tmp_path / "training.csv")
     assert len(read_table(tmp_path / "training.csv", TRAINING)) == 2
     text = (tmp_path / "training.md").read_text()
     assert "| net | 24 | 200 + 200 | 200 + 800 | 20.0 + 5.0 | 1 + 1 | 3 + 3 |" in text

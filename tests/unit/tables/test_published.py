@@ -4,10 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pinnochio.tables.accuracy import ACCURACY, summarise, write_accuracy
-from pinnochio.tables.engine import read_table
+from pinnochio.columns import read_table
+from pinnochio.tables.accuracy import table
+from pinnochio.tables.comparison import COMPARISON, summarise
 from pinnochio.tables.published import OURS, PUBLISHED, ordering, published_block
 from tests.helpers.rows import row
+from tests.helpers.tables import write
 
 PAPER = {"acmt": 2.19, "dgcfp": 1.71, "fem_rlse": 1.30, "pinnochio": 1.12}
 
@@ -69,9 +71,9 @@ def test_the_papers_values_stand_apart_in_the_twins_alone(tmp_path, suffix):
     rows = cases(pinnochio=1.0, dgcfp=0.9)
     summary = summarise(rows)
     paragraphs = ordering(rows, summary, "virtual cohort")
-    write_accuracy(summary, tmp_path / "a.csv", "virtual cohort", [published_block()], paragraphs)
+    write(table(summary, "virtual cohort", [published_block()], paragraphs), tmp_path / "a.csv")
     text = (tmp_path / f"a.{suffix}").read_text()
     assert text.index("virtual cohort") < text.index("clinical cohort, Lee et al. 2026 (arXiv 2606.01572)")
     assert "12600" in text and "12.98" in text and text.count("in the paper (1.12") == 1
-    assert read_table(tmp_path / "a.csv", ACCURACY)["method"].tolist() == ["dgcfp", "pinnochio"]
+    assert read_table(tmp_path / "a.csv", COMPARISON)["method"].tolist() == ["dgcfp", "pinnochio"]
     assert "12600" not in (tmp_path / "a.csv").read_text()

@@ -4,11 +4,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pinnochio.columns import read_table
+from pinnochio.metrics.columns import CASES
 from pinnochio.metrics.regions import LANDMARKS, REGIONS
 from pinnochio.statistics.significance import holm, wilcoxon
-from pinnochio.tables.engine import CASES, read_table
-from pinnochio.tables.regions import KINDS, PLACES, summarise_places, write_places
+from pinnochio.tables import landmarks, regions
+from pinnochio.tables.places import PLACES, Place, summarise, table
 from tests.helpers.rows import row
+from tests.helpers.tables import write
 
 PATIENTS = 8
 METHODS = ["surface", "solid", "pinnochio"]
@@ -20,62 +23,62 @@ def cases():
     rows = []
     for i in range(PATIENTS):
         for method in METHODS:
-            found = {name: 1 + 0.1 * i for place in kinds_places() for name in (place.error,)}
-            found |= {f"bias_{name}": -0.5 for name in REGIONS}
+            errors = {place.error: 1 + 0.1 * i for place in places_of(regions, landmarks)}
+            errors |= {f"bias_{name}": -0.5 for name in REGIONS}
             if method == "solid":
-                found["region_nose"] += 0.01 * (i + 1)
-                found["bias_chin"] = 0.25
-                found["landmark_menton"] -= 0.01 * (i + 1)
+                errors["region_nose"] += 0.01 * (i + 1)
+                errors["bias_chin"] = 0.25
+                errors["landmark_menton"] -= 0.01 * (i + 1)
             if method == "surface":
-                found["volume_error_mean"] = found["volume_error_p95"] = np.nan
-            rows.append(row(f"V{i}", method, 1.0, **found))
+                errors["volume_error_mean"] = errors["volume_error_p95"] = np.nan
+            rows.append(row(f"V{i}", method, 1.0, **errors))
     return pd.DataFrame(rows)
 
 
-def kinds_places():
-    return [place for kind in KINDS.values() for place in kind.places]
+def places_of(*modules) -> list[Place]:
+    return [place for module in modules for group in module.GROUPS for place in group.places]
 
 
-def summarised(cases, kind, reference="pinnochio"):
-    return summarise_places(cases, KINDS[kind].places, reference, METHODS, 3).set_index(["place", "method"])
+def summarised(cases, module, reference="pinnochio"):
+    return summarise(cases, places_of(module), reference, METHODS, 3).set_index(["place", "method"])
 
 
 def test_every_place_is_a_column_of_cases():
     names = {column.name for column in CASES}
-    for place in kinds_places():
+    for place in places_of(regions, landmarks):
         assert {place.error, place.bias or place.error} <= names
-    assert [place.name for place in KINDS["regions"].places] == list(REGIONS)
+    assert [place.name for place in places_of(regions)] == list(REGIONS)
     whole = ["skin", "skin_p95", "volume", "volume_p95"]
-    assert [place.name for place in KINDS["landmarks"].places] == [*LANDMARKS, *whole]
+    assert [place.name for place in places_of(landmarks)] == [*LANDMARKS, *whole]
 
 
 def test_a_region_is_tested_by_itself(cases):
-    found = summarised(cases, "regions")
-    worse = found.loc[("nose", "solid")]
+    summary = summarised(cases, regions)
+    worse = summary.loc[("nose", "solid")]
     assert worse["mean"] == pytest.approx(1.35 + 0.045) and worse["n"] == worse["pairs"] == 8
     assert worse["sd"] == pytest.approx(np.std(1.01 + 0.11 * np.arange(8), ddof=1))
     assert worse["difference"] == pytest.approx(0.045) and worse["low"] < 0.045 < worse["high"]
     assert worse["p"] == wilcoxon(np.arange(1, 9))[0] == 2 / 256 and worse["test"] == "exact"
     # Holm within the region: the other method's differences there are all zero, so that one is tested alone.
     assert worse["p_holm"] == pytest.approx(2 / 256)
-    assert found.loc[("nose", "surface"), "test"] == "all differences are zero: not tested"
-    assert found.loc[("chin", "solid"), ["mean", "bias"]].tolist() == [pytest.approx(1.35), pytest.approx(0.25)]
-    assert found.loc[("chin", "pinnochio"), "test"] == "reference" and found.loc[("chin", "pinnochio"), "reference"]
+    assert summary.loc[("nose", "surface"), "test"] == "all differences are zero: not tested"
+    assert summary.loc[("chin", "solid"), ["mean", "bias"]].tolist() == [pytest.approx(1.35), pytest.approx(0.25)]
+    assert summary.loc[("chin", "pinnochio"), "test"] == "reference" and summary.loc[("chin", "pinnochio"), "reference"]
 
 
 def test_holm_counts_the_methods_of_one_place(cases):
     cases.loc[cases["method"] == "surface", "region_nose"] -= 0.02 * np.arange(1, 9)
-    found = summarised(cases, "regions").loc["nose"]
-    np.testing.assert_allclose(found["p_holm"], holm(found["p"]))
-    assert found.loc["solid", "p_holm"] == pytest.approx(4 / 256)
+    summary = summarised(cases, regions).loc["nose"]
+    np.testing.assert_allclose(summary["p_holm"], holm(summary["p"]))
+    assert summary.loc["solid", "p_holm"] == pytest.approx(4 / 256)
 
 
 def test_a_method_without_a_volume_is_blank_there_and_tested_elsewhere(cases, tmp_path):
-    found = summarised(cases, "landmarks")
-    assert found.loc[("volume", "surface"), "n"] == 0 and np.isnan(found.loc[("volume", "surface"), "mean"])
-    assert found.loc[("volume", "surface"), "test"] == "no common patient: not tested"
-    assert found.loc[("volume", "solid"), "pairs"] == found.loc[("menton", "surface"), "pairs"] == 8
-    write_places(found.reset_index(), tmp_path / "landmarks.csv", KINDS["landmarks"], "test clinic")
+    summary = summarised(cases, landmarks)
+    assert summary.loc[("volume", "surface"), "n"] == 0 and np.isnan(summary.loc[("volume", "surface"), "mean"])
+    assert summary.loc[("volume", "surface"), "test"] == "no common patient: not tested"
+    assert summary.loc[("volume", "solid"), "pairs"] == summary.loc[("menton", "surface"), "pairs"] == 8
+    write(table(summary.reset_index(), landmarks.GROUPS, "test clinic"), tmp_path / "landmarks.csv")
     first, _, title, second, _ = (tmp_path / "landmarks.md").read_text().strip().split("\n\n")
     assert (
         title == "**Skin and volume**"
@@ -88,8 +91,8 @@ def test_a_method_without_a_volume_is_blank_there_and_tested_elsewhere(cases, tm
 
 
 def test_the_twins_have_a_row_per_method_and_the_signed_error_below(cases, tmp_path):
-    frame = summarised(cases, "regions").reset_index()
-    write_places(frame, tmp_path / "regions.csv", KINDS["regions"], "test clinic")
+    frame = summarised(cases, regions).reset_index()
+    write(table(frame, regions.GROUPS, "test clinic"), tmp_path / "regions.csv")
     back = read_table(tmp_path / "regions.csv", PLACES)
     assert len(back) == len(METHODS) * len(REGIONS)
     for suffix in ("md", "tex", "html"):
@@ -102,7 +105,7 @@ def test_the_twins_have_a_row_per_method_and_the_signed_error_below(cases, tmp_p
 
 def test_nothing_is_tested_without_a_reference_and_nothing_lost_without_a_face(cases, tmp_path):
     cases[[f"{kind}_{name}" for name in REGIONS for kind in ("region", "bias")]] = np.nan
-    found = summarised(cases, "regions", None)
-    assert (found["test"] == "no reference: not tested").all() and not found["reference"].any()
-    write_places(found.reset_index(), tmp_path / "regions.csv", KINDS["regions"])
+    summary = summarised(cases, regions, None)
+    assert (summary["test"] == "no reference: not tested").all() and not summary["reference"].any()
+    write(table(summary.reset_index(), regions.GROUPS, "test clinic"), tmp_path / "regions.csv")
     assert "n = 0" in (tmp_path / "regions.md").read_text()

@@ -4,22 +4,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pinnochio.columns import read_table, write_csv
 from pinnochio.errors import InputError
-from pinnochio.experiments.measuring import DONE, measure, megabytes
-from pinnochio.figures.scaling import scaling_picture
+from pinnochio.experiments.measuring import DONE, measure
+from pinnochio.figures.scaling import draw
+from pinnochio.files import megabytes
 from pinnochio.statistics.growth import fit
-from pinnochio.tables.engine import read_table
 from pinnochio.tables.large_cohort import Measured, paragraphs
-from pinnochio.tables.scaling import (
-    EXPONENTS,
-    PATIENTS,
-    SCALING,
-    patient_runs,
-    patients,
-    size_growths,
-    write_scaling,
-)
+from pinnochio.tables.scaling import PATIENTS, SCALING, patient_runs, patients, size_growths, table
+from pinnochio.tables.scaling_exponents import EXPONENTS, exponents
+from pinnochio.tables.scaling_patients import PATIENTS, patient_runs, patients
 from tests.helpers.rows import benchmark
+from tests.helpers.tables import make, write
 
 NODES = np.array([1500, 3000, 6000, 12500, 25000, 50000])
 
@@ -134,14 +130,18 @@ def test_jobs_of_a_patient_are_added_up(benchmarks):
 
 
 def test_tables_hold_sizes_exponents_failures_and_paragraphs(benchmarks, tmp_path):
-    paths = {name: tmp_path / f"{name}.csv" for name in ("scaling", "patients", "exponents")}
+    paths = {name: tmp_path / f"{name}.csv" for name in ("scaling", "patients", "exponents", "sizes")}
     cohort = patients(patient_runs(benchmarks, CASES), [1, 2, 4])
-    write_scaling(sizes(), cohort, paths, "test clinic", ["A paragraph."])
-    exponents = read_table(paths["exponents"], EXPONENTS).set_index(["stage", "against", "quantity"])
-    assert exponents.loc[("mesh", "nodes", "seconds"), "exponent"] == pytest.approx(1, abs=1e-3)
-    solve = exponents.loc[("solve", "nodes", "seconds")]
+    write(table(sizes(), cohort, "test clinic", ["A paragraph."]), paths["scaling"])
+    sums = {"benchmarks": benchmarks, "cases": CASES, "counts": [1, 2, 4], "cohort": "test clinic"}
+    make(paths["patients"], "tables.scaling_patients", **sums)
+    write_csv(sizes(), paths["sizes"], SCALING)
+    make(paths["exponents"], "tables.scaling_exponents", sizes=[paths["sizes"]], **sums)
+    fits = read_table(paths["exponents"], EXPONENTS).set_index(["stage", "against", "quantity"])
+    assert fits.loc[("mesh", "nodes", "seconds"), "exponent"] == pytest.approx(1, abs=1e-3)
+    solve = fits.loc[("solve", "nodes", "seconds")]
     assert solve["exponent"] == pytest.approx(1.5, abs=1e-3) and solve["points"] == 5 and solve["largest"] == 25007
-    assert exponents.loc[("make_lift elastic", "patients", "seconds"), "exponent"] == pytest.approx(1, abs=1e-6)
+    assert fits.loc[("make_lift elastic", "patients", "seconds"), "exponent"] == pytest.approx(1, abs=1e-6)
     assert len(read_table(paths["scaling"], SCALING)) == 13 and len(read_table(paths["patients"], PATIENTS)) == 6
     text = paths["scaling"].with_suffix(".md").read_text()
     assert "No number: solve at 50,000 nodes: stopped: time limit of 9 s." in text
@@ -152,20 +152,19 @@ def test_tables_hold_sizes_exponents_failures_and_paragraphs(benchmarks, tmp_pat
 
 
 def test_a_machine_that_was_not_alone_is_said(benchmarks, tmp_path):
-    paths = {name: tmp_path / f"{name}.csv" for name in ("scaling", "patients", "exponents")}
     slowed = sizes()
     slowed.loc[slowed["stage"] == "mesh", "seconds"] *= (NODES / 1500) ** 0.4
-    write_scaling(slowed, patients(patient_runs(benchmarks, CASES), [1, 2]), paths)
-    exponents = read_table(paths["exponents"], EXPONENTS).set_index(["stage", "quantity"])["exponent"]
-    assert exponents["mesh", "cpu_seconds"] == pytest.approx(1, abs=1e-3) and exponents["mesh", "seconds"] > 1.1
-    text = paths["scaling"].with_suffix(".md").read_text()
+    sums = patients(patient_runs(benchmarks, CASES), [1, 2])
+    write(table(slowed, sums, "test clinic"), tmp_path / "scaling.csv")
+    fitted = exponents(slowed, sums).set_index(["stage", "quantity"])["exponent"]
+    assert fitted["mesh", "cpu_seconds"] == pytest.approx(1, abs=1e-3) and fitted["mesh", "seconds"] > 1.1
+    text = (tmp_path / "scaling.md").read_text()
     assert "in 5 of 12 measurements the processor worked less than 80% of the seconds, 25% at least" in text
 
 
 def test_a_study_without_benchmarks_is_refused(tmp_path):
-    paths = {name: tmp_path / f"{name}.csv" for name in ("scaling", "patients", "exponents")}
-    with pytest.raises(InputError, match="no row"):
-        write_scaling(sizes(), patients(patient_runs(tmp_path, CASES), [2]), paths)
+    with pytest.raises(InputError, match="benchmark files.*no row"):
+        patients(patient_runs(tmp_path, CASES), [2])
 
 
 def test_a_large_cohort_is_arithmetic(benchmarks):
@@ -184,7 +183,7 @@ def test_a_large_cohort_is_arithmetic(benchmarks):
 
 def test_the_picture_is_drawn_in_every_format(tmp_path):
     files = [tmp_path / "scaling.png", tmp_path / "scaling.svg"]
-    scaling_picture(sizes(), files)
+    draw(sizes(), files)
     assert files[0].stat().st_size > 20_000 and "<svg" in files[1].read_text()[:400]
     assert size_growths(sizes())["solve", "nodes", "memory"].points == 5
     assert megabytes(tmp_path) == pytest.approx(sum(file.stat().st_size for file in files) / 1e6)

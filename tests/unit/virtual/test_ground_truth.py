@@ -6,7 +6,7 @@ import yaml
 
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, alone, resolve
-from pinnochio.virtual.ratios import RATIOS, STILL, motions, tabulate
+from pinnochio.virtual.ratios import RATIOS, STILL, motions, summarise
 from tests.helpers.settings import ROOT
 
 DEFAULT = yaml.safe_load((ROOT / "config/config.yaml").read_text())["virtual"]["outcome"]["effects"]
@@ -42,13 +42,13 @@ def test_ratio_is_the_slope_of_forward_motion():
     forward = RigidMotion(translation=np.array([3.0, -10, 2]))
     plan = Plan("x", {"mandible_distal": forward, "lefort1": forward})
     patient = motions(marks, plan, *mesh)
-    table = tabulate([patient, {name: (2 * soft, 2 * hard) for name, (soft, hard) in patient.items()}])
+    table = summarise([patient, {name: (2 * soft, 2 * hard) for name, (soft, hard) in patient.items()}])
     assert table["ours"].to_numpy() == pytest.approx(shares) and table["inside"].all() and (table["n"] == 2).all()
-    high = tabulate([{name: (1.2 * hard, hard) for name, (_, hard) in patient.items()} | {STILL: (0.3, 0.0)}])
+    high = summarise([{name: (1.2 * hard, hard) for name, (_, hard) in patient.items()} | {STILL: (0.3, 0.0)}])
     assert not high["inside"].any()
 
 
 def test_a_bone_that_stays_says_nothing():
     marks, *mesh = field([0.5] * 7)
-    still = tabulate([motions(marks, Plan("x", {}), *mesh)])
+    still = summarise([motions(marks, Plan("x", {}), *mesh)])
     assert (still["n"].to_numpy()[:-1] == 0).all()

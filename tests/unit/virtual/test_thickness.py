@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from pinnochio.columns import read_table
 from pinnochio.seeds import generator
-from pinnochio.tables.engine import read_table
 from pinnochio.virtual.head import Head, build_head
 from pinnochio.virtual.parameters import DEFORMITIES, sample_parameters
 from pinnochio.virtual.skin import Ray
-from pinnochio.virtual.thickness import PUBLISHED, TABLE, along_ray, measure, tabulate, write_thickness
+from pinnochio.virtual.thickness import PUBLISHED, TABLE, along_ray, measure, summarise, table
+from tests.helpers.tables import write
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def test_a_slab_has_its_thickness(inward):
 
 
 def test_cohort_means_lie_within_one_published_deviation(cohort):
-    frame = tabulate(cohort[1]).set_index("landmark")
+    frame = summarise(cohort[1]).set_index("landmark")
     assert set(frame.index) == set(PUBLISHED) and (frame["n"] == 8).all()
     assert frame["difference_sd"].abs().max() < 1
     assert frame["difference_sd"].abs().mean() < 0.4
@@ -71,7 +72,7 @@ def test_the_same_patient_in_another_class_shows_it_on_the_labels():
 def test_the_table_and_a_landmark_without_bone(tmp_path):
     values = [dict.fromkeys(PUBLISHED, 10.0), dict.fromkeys(PUBLISHED, 12.0) | {"menton": None}]
     path = tmp_path / "thickness.csv"
-    write_thickness(tabulate(values), str(path))
+    write(table(summarise(values)), path)
     frame = read_table(path, TABLE).set_index("landmark")
     assert frame.loc["pogonion", "ours_mean"] == 11 and frame.loc["pogonion", "ours_sd"] == pytest.approx(1.41)
     assert frame.loc["subnasale", "difference_sd"] == pytest.approx(-2 / 2.2, abs=0.006)

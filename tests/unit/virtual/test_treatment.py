@@ -1,5 +1,6 @@
 """The treatment plan of a virtual patient treats that patient."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.sampling import LIMITS
 from pinnochio.virtual import treatment
-from pinnochio.virtual.description import anatomy_table, describe, write_anatomy
+from pinnochio.virtual.description import describe, summarise
 from pinnochio.virtual.head import build_head, with_segments
 from pinnochio.virtual.parameters import DEFORMITIES, NORMAL_OVERJET, TABLE, sample_parameters
 from pinnochio.virtual.skeleton import Skeleton
@@ -21,6 +22,7 @@ from pinnochio.virtual.treatment import (
     split_overlaps,
     treatment_plan,
 )
+from tests.helpers.tables import make
 
 
 @pytest.mark.parametrize("deformity", DEFORMITIES)
@@ -146,8 +148,11 @@ def test_description_says_what_was_sampled_and_what_the_plan_does(tmp_path):
         assert len(described["thickness"]) == 12
         rows.append(described | {"case": f"V{number}"})
     assert rows[1]["cephalometry"]["convexity"] < rows[0]["cephalometry"]["convexity"]  # Class III is flatter
-    table = anatomy_table(rows)
-    write_anatomy(table, str(tmp_path / "anatomy.csv"))
+    table = summarise(rows)
+    files = [tmp_path / f"{number}.json" for number in range(len(rows))]
+    for file, row in zip(files, rows, strict=True):
+        file.write_text(json.dumps(row))
+    make(tmp_path / "anatomy.csv", "virtual.description", anatomies=files)
     lines = (tmp_path / "anatomy.csv").read_text().splitlines()
     assert len(lines) == 5 and lines[1].startswith("V0,") and "class_ii," in lines[1]
     assert (tmp_path / "anatomy.md").is_file() and table["chin_forward"].isna().tolist() == [False, True, True, True]

@@ -82,10 +82,5 @@ def peak_memory() -> float:
     return int(status.split("VmHWM:")[1].split()[0]) / 1024
 
 
-def megabytes(folder: str | os.PathLike) -> float:
-    """Size in MB of the files in the folder and below; 0 if there is none."""
-    return sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file()) / 1e6
-
-
 if __name__ == "__main__":
     print(json.dumps(asdict(answer(*pickle.load(sys.stdin.buffer)))))

@@ -1,28 +1,16 @@
-"""The stability sweep: what solver, elastic path and physics loss do at the extremes, cell by cell, and its table."""
+"""The stability sweep: what solver, elastic path and physics loss do at the extremes, cell by cell."""
 
 import logging
-import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import pandas as pd
 
 from pinnochio.errors import InputError
 from pinnochio.experiments import stability_problems as problems
-from pinnochio.experiments.stability_judge import (
-    CLEAN,
-    CONVERGED,
-    OUTCOMES,
-    WRONG,
-    Verdict,
-    judge_elastic,
-    judge_loss,
-    judge_solution,
-    slope_of,
-)
-from pinnochio.experiments.stability_problems import FAMILIES, PRECISIONS, Problem
+from pinnochio.experiments.stability_judge import Verdict, judge_elastic, judge_loss, judge_solution, slope_of
+from pinnochio.experiments.stability_problems import PRECISIONS, Problem
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.elements import VOLUMETRIC
 from pinnochio.mechanics.settings import FemSettings
@@ -30,32 +18,11 @@ from pinnochio.mechanics.simulation import solver_options
 from pinnochio.mechanics.solver import solve
 from pinnochio.model.patient import PatientModel
 from pinnochio.seeds import generator
-from pinnochio.tables.engine import Column, View, write_csv, write_twins
+from pinnochio.tables.stability import CLEAN, CONVERGED, FAMILIES, WRONG
 
 LOG = logging.getLogger(__name__)
 MOVEMENTS = ("translation", "rotation")
 METHODS = ("solver", "elastic", "loss")
-STABILITY = (
-    Column("family", str, "", f"what is taken to its extreme: {', '.join(FAMILIES)}"),
-    Column("setting", float, "", "how far", "g"),
-    Column("unit", str, "", "unit of the setting, - without one"),
-    Column("method", str, "", "solver, elastic (linear path) or loss (physics loss and its gradient)"),
-    Column("element", str, "", "volume term"),
-    Column("precision", str, "", "of the arrays handed over; the loss computes in it, the solvers in float64"),
-    Column(
-        "outcome", str, "", "converged and confirmed, failed cleanly, or wrong, in the eyes of an independent judge"
-    ),
-    Column("reason", str, "", "why"),
-    Column("min_jacobian", float, "", "smallest det F of the state", ".4f", optional=True),
-    Column(
-        "residual", float, "", "relative force on free unknowns; of the loss, its largest error", ".1e", optional=True
-    ),
-    Column("seconds", float, "s", "of the method, without the judge", ".3f"),
-    Column("case", str, "", "patient, or block"),
-    Column("seed", int, "", "seed of the study"),
-    Column("device", str, "", "device that computed"),
-    Column("code", str, "", "content hash of the code"),
-)
 
 
 @dataclass
@@ -204,60 +171,3 @@ def attempt(
         outcome = CLEAN if type(error) in refusals and str(error) else WRONG
         reason = str(error) if outcome == CLEAN else f"{type(error).__name__}: {error}"
         return None, Verdict(outcome, reason), time.perf_counter() - began
-
-
-def label(setting: float, unit: str) -> str:
-    """A setting with its unit."""
-    return f"{setting:g} {unit}".removesuffix(" -")
-
-
-def check_outcomes(frame: pd.DataFrame) -> None:
-    """RuntimeError that names every wrong cell, if there is one."""
-    wrong = frame[frame["outcome"] == WRONG]
-    if len(wrong):
-        cells = [
-            f"{row.family} {label(row.setting, row.unit)}, {row.method} {row.element} {row.precision}: {row.reason}"
-            for row in wrong.itertuples()
-        ]
-        raise RuntimeError(f"{len(cells)} of {len(frame)} cells are wrong:\n" + "\n".join(cells))
-
-
-def write_stability(rows: Sequence[Mapping], path: str | os.PathLike) -> None:
-    """Write stability.csv, one row per cell, and its twins, which count by family and method; refuses wrong cells."""
-    frame = pd.DataFrame(rows)
-    check_outcomes(frame)
-    frame = write_csv(frame, path, STABILITY)
-    form = {column.name: column for column in STABILITY}
-    groups = []
-    for (family, method), own in frame.groupby(["family", "method"], sort=False):
-        failed = own[own["outcome"] == CLEAN]
-        done = own[own["outcome"] == CONVERGED]
-        settings = own.drop_duplicates("setting")
-        groups.append(
-            {
-                "family": family,
-                "settings": ", ".join(label(x, FAMILIES[family]) for x in settings["setting"]),
-                "method": method,
-                **{outcome: int((own["outcome"] == outcome).sum()) for outcome in OUTCOMES},
-                "least J": form["min_jacobian"].text(done["min_jacobian"].min()),
-                "residual": form["residual"].text(done["residual"].max()),
-                "ends": ", ".join(
-                    f"{label(row.setting, row.unit)} {row.element} {row.precision}" for row in failed.itertuples()
-                ),
-            }
-        )
-    view = [
-        View("Family", lambda row: row["family"]),
-        View("Settings", lambda row: row["settings"]),
-        View("Method", lambda row: row["method"]),
-        *(View(outcome, lambda row, outcome=outcome: row[outcome]) for outcome in OUTCOMES),
-        View("Least J", lambda row: row["least J"]),
-        View("Largest residual or error", lambda row: row["residual"]),
-        View("Failed cleanly at", lambda row: row["ends"]),
-    ]
-    caption = (
-        f"Stability sweep: {len(frame)} cells, each judged independently of what it judges. Least J and residual are "
-        "those of the converged cells; the elastic path is linear, and the loss is taken at a raw network's state, so "
-        "that their J may be negative."
-    )
-    write_twins(pd.DataFrame(groups), path, view, caption, STABILITY)

@@ -14,9 +14,8 @@ from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.residual import Operator
 from pinnochio.mechanics.sliding import SlidingContact
 from pinnochio.mechanics.solver import SolveResult, SolverOptions
+from pinnochio.tables.stability import CLEAN, CONVERGED, WRONG
 
-CONVERGED, CLEAN, WRONG = "converged", "failed cleanly", "wrong"
-OUTCOMES = (CONVERGED, CLEAN, WRONG)
 # What is asked of a field. Prescribed nodes: share of the mesh's extent. Sliding nodes and fields that must agree: mm;
 # two equilibria differ by tenths of a millimetre. Elastic: forces on free unknowns over those on the others.
 PRESCRIBED, SLIDING, AGREEMENT, ELASTIC = 1e-9, 1e-6, 1e-3, 1e-8

@@ -15,16 +15,6 @@ from pinnochio.meshing.mesh import dihedral_cosines
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.plans.plan import Plan
 
-# Families of settings and their units ("-": none), in the order of the table.
-FAMILIES = {
-    "translation": "mm",
-    "rotation": "deg",
-    "poisson": "-",
-    "stiffness": "-",
-    "dihedral": "deg",
-    "inverted": "%",
-    "unit": "mm",
-}
 PRECISIONS = ("float64", "float32")
 POISSON, YOUNGS_MODULUS = 0.49, 5.0  # of the block, where they are not what is swept; kPa
 

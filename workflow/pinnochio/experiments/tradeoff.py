@@ -65,7 +65,7 @@ def judge(
     samples: int,
     seed: int,
 ) -> dict:
-    """One row of :data:`~pinnochio.tables.tradeoff.TRADEOFF_CASES`; a field that is not finite has no metrics.
+    """One row of :data:`~pinnochio.tables.tradeoff_cases.TRADEOFF_CASES`; a field that is not finite has no metrics.
 
     target: points and faces of the registered post-operative skin; fem: of the study, whose residual is reported.
     """

@@ -1,13 +1,16 @@
-"""Picture of the dial: what the seconds of Newton corrections buy, in equilibrium and in accuracy."""
+"""Picture of the corrections: what the seconds of Newton corrections buy, in equilibrium and in accuracy."""
 
 import os
+from collections.abc import Sequence
 from itertools import cycle
 
 import pandas as pd
 from matplotlib.figure import Figure
 
 from pinnochio.figures.style import add_grid, label_log, save_figure
+from pinnochio.tables.corrections import CORRECTIONS
 
+COLUMNS = CORRECTIONS
 # Told apart by shape and line, not by colour alone.
 STYLES = (("o", "-", "#1f4e79"), ("s", "--", "#b5541c"), ("^", ":", "#3c7d3c"), ("D", "-.", "#7a4b94"))
 PANELS = (
@@ -16,7 +19,7 @@ PANELS = (
 )
 
 
-def corrections_picture(frame: pd.DataFrame, path: str | os.PathLike) -> None:
+def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     """Draw the means of corrections.csv over the mean seconds; the numbers beside the marks are the corrections."""
     figure = Figure(figsize=(10, 4.4), dpi=130, layout="constrained")
     panels = figure.subplots(1, len(PANELS), sharex=True)
@@ -40,4 +43,4 @@ def corrections_picture(frame: pd.DataFrame, path: str | os.PathLike) -> None:
         add_grid(axes)
         axes.margins(0.1, 0.15)
     panels[0].legend(frameon=False, loc="lower left")
-    save_figure(figure, path)
+    save_figure(figure, *paths)

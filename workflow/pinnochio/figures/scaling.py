@@ -8,8 +8,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pinnochio.figures.style import add_grid, label_log, save_figure
-from pinnochio.tables.scaling import exponent, size_growths
+from pinnochio.tables.scaling import SCALING, size_growths
 
+COLUMNS = SCALING
 # Told apart by shape and line, not by colour alone.
 MARKS, LINES = "osD^vPX<>*", ("-", "--", "-.", ":")
 COLOURS = ("#1f4e79", "#b5541c", "#3c7d3c", "#7a4b94", "#8c6d1f", "#444444", "#b03060")
@@ -17,7 +18,7 @@ LOOSE = 1.0  # half-width of an interval beyond which its exponent says nothing
 PANELS = (("seconds", "seconds of a job, a plan or a step"), ("memory", "most memory held, MB"))
 
 
-def scaling_picture(sizes: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
+def draw(sizes: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     """Draw rows of SCALING as marks and what is fitted to them as lines, with the exponents; one file per path."""
     grown = size_growths(sizes)
     figure = Figure(figsize=(11, 8), dpi=130, layout="constrained")
@@ -32,7 +33,7 @@ def scaling_picture(sizes: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> 
                 power = f": $n^{{{growth.exponent:.2f}\\pm{growth.error:.2f}}}$"
             style = {"color": colour, "marker": MARKS[number % len(MARKS)], "markersize": 5.5}
             axes.plot(own["nodes"], own[quantity], linestyle="none", **style)
-            if exponent(growth):
+            if growth.text:
                 nodes = np.geomspace(own["nodes"].min(), own["nodes"].max(), 100)
                 axes.plot(nodes, growth(nodes), color=colour, linestyle=line, linewidth=1.2)
             axes.plot([], [], linestyle=line, label=text + power, **style)
@@ -47,5 +48,4 @@ def scaling_picture(sizes: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> 
             frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(0, -0.1), handlelength=3.4,
             title="marks: measured; lines: constant + power of n", title_fontsize=9, alignment="left",
         )  # fmt: skip
-    for path in paths:
-        save_figure(figure, path)
+    save_figure(figure, *paths)

@@ -1,6 +1,7 @@
 """Picture of the stability sweep: a matrix of settings and methods, coloured by outcome."""
 
 import os
+from collections.abc import Sequence
 
 import matplotlib
 import numpy as np
@@ -8,10 +9,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from pinnochio.experiments.stability import METHODS, label
-from pinnochio.experiments.stability_judge import CLEAN, CONVERGED, WRONG
+from pinnochio.experiments.stability import METHODS
 from pinnochio.figures.style import save_figure
+from pinnochio.tables.stability import CLEAN, CONVERGED, STABILITY, WRONG, label
 
+COLUMNS = STABILITY
 COLOURS = {CONVERGED: "#cfe8cf", CLEAN: "#f7d58b", WRONG: "#e06c60"}
 ABSENT = "#eeeeee"
 TITLES = {
@@ -25,7 +27,7 @@ TITLES = {
 }
 
 
-def stability_picture(frame: pd.DataFrame, path: str | os.PathLike) -> None:
+def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     """Draw the sweep's table: rows are settings by family, columns method, element and precision.
 
     A cell's text is the least J of its state and the decimal exponent of its residual.
@@ -77,7 +79,7 @@ def stability_picture(frame: pd.DataFrame, path: str | os.PathLike) -> None:
         "Text: least J of the state and exponent of the residual (loss: of its largest error, at a raw state).\n"
         "The elastic path is linear and may turn elements inside out."
     )
-    save_figure(figure, path)
+    save_figure(figure, *paths)
 
 
 def text_of(cell) -> str:

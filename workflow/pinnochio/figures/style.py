@@ -26,7 +26,8 @@ def add_grid(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
-def save_figure(figure: Figure, path: str | os.PathLike) -> None:
+def save_figure(figure: Figure, *paths: str | os.PathLike) -> None:
     """Write the figure, PNG or SVG by its ending; the same figure gives the same bytes."""
-    with replacing(path) as temporary:
-        figure.savefig(temporary, metadata={"Date": None} if str(path).endswith("svg") else {"Software": None})
+    for path in paths:
+        with replacing(path) as temporary:
+            figure.savefig(temporary, metadata={"Date": None} if str(path).endswith("svg") else {"Software": None})

@@ -7,8 +7,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pinnochio.figures.style import EVERY, add_grid, label_log, save_figure
-from pinnochio.tables.tradeoff import FRONTS, named
+from pinnochio.tables.tradeoff import FRONTS, TRADEOFF, named
 
+COLUMNS = TRADEOFF
 # Families by the beginning of a method's name, told apart by shape, then by colour.
 FAMILIES = (
     ("finite elements", ("fem",), "s", "#1f4e79"),
@@ -24,7 +25,7 @@ PANELS = {  # label of the axis and its marks; all of cd lies in little more tha
 FASTEST = 1e-3  # s; what takes less is drawn here
 
 
-def tradeoff_picture(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
+def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     """Draw rows of TRADEOFF to every path; its ending says the format. Settings on a front are listed by number."""
     figure = Figure(figsize=(13, 7.5), dpi=130, layout="constrained")
     family = frame["method"].map(
@@ -52,5 +53,4 @@ def tradeoff_picture(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) ->
         axes.set_ylabel(label)
         add_grid(axes)
     figure.axes[0].legend(frameon=False, fontsize=8, loc="upper right")
-    for path in paths:
-        save_figure(figure, path)
+    save_figure(figure, *paths)

@@ -8,6 +8,7 @@ from pinnochio.errors import InputError
 from pinnochio.geometry.distances import vertex_areas
 from pinnochio.mechanics.elements import node_volumes
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.metrics.columns import CASES
 from pinnochio.metrics.regions import landmark_errors, region_errors
 from pinnochio.metrics.surface import surface_metrics, target_samples
 from pinnochio.metrics.validity import boundary_metrics, equilibrium_of, volume_metrics
@@ -15,7 +16,6 @@ from pinnochio.metrics.volume import mean_and_p95, truth_errors
 from pinnochio.model.patient import FREE, NO_INTERFACE, PatientModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.plans.plan import Plan
-from pinnochio.tables.engine import CASES
 
 # Columns that a prediction brings along.
 COPIED = ("device", "seconds", "setup_seconds", "threads", "converged")
@@ -57,9 +57,17 @@ def evaluate_case(
         contact = (patient.node_type != FREE) & (patient.interface_kind != NO_INTERFACE)
         row["interface_error"] = np.linalg.norm(u - prediction.boundary, axis=1)[contact].mean()
     if target is not None:
-        given = moved, patient.skin_faces, patient.face_roi, *target, samples, seed
-        sampled = target_samples(*given)
-        row |= surface_metrics(*given, plan.case, sampled)
+        sampled = target_samples(moved, patient.skin_faces, patient.face_roi, *target, samples, seed)
+        row |= surface_metrics(
+            moved,
+            patient.skin_faces,
+            patient.face_roi,
+            *target,
+            samples=samples,
+            seed=seed,
+            case=plan.case,
+            sampled=sampled,
+        )
         row |= _where_readable(plan.case, region_errors, patient, moved, sampled)
     if truth is not None:
         if u is not None:
@@ -72,7 +80,7 @@ def evaluate_case(
 
 
 def _where_readable(case: str, measure, *arguments) -> dict[str, float]:
-    """What measure(*arguments) finds; nothing, and a line in the log, where the patient's face cannot be read."""
+    """What measure(*arguments) gives; nothing, and a line in the log, where the patient's face cannot be read."""
     try:
         return measure(*arguments)
     except InputError as error:

@@ -30,9 +30,9 @@ def region_errors(patient: PatientModel, moved, sampled: Sampled) -> dict[str, f
     outside the target. Raises InputError where the face cannot be read.
     """
     codes, faces = regions(patient), patient.skin_faces
-    found, kept = sampled.closest, sampled.judged
-    queries, near = sampled.queries[kept], found.points[kept]
-    corners = faces[found.face[kept]]
+    closest, kept = sampled.closest, sampled.judged
+    queries, near = sampled.queries[kept], closest.points[kept]
+    corners = faces[closest.face[kept]]
     nearest = np.linalg.norm(moved[corners] - near[:, None], axis=2).argmin(axis=1)
     region = codes[corners[np.arange(len(corners)), nearest]]
     outside = -signed_distances(queries, moved, faces)

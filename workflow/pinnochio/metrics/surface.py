@@ -40,7 +40,7 @@ def surface_metrics(
     the sum of the mean squares; cd_vertex: as cd, from vertex to nearest vertex. hd95, hdmax: the larger of the two
     directed 95th percentiles, maxima. hd_mean_oneway: mean over the target's vertices. pwr1, pwr2: share of the
     predicted area nearer than 1, 2 mm (a vertex owns a third of its triangles); _target: of the target's area.
-    sampled: what target_samples finds for the same arguments, if the caller has it.
+    sampled: target_samples of the same arguments, if the caller has it.
     Raises InputError where the surfaces share no region.
     """
     faces, roi = np.asarray(faces), np.asarray(roi, bool)
@@ -49,8 +49,8 @@ def surface_metrics(
         raise InputError(case, "model", "no skin face is in the judged region", "check the segmentation's frame")
 
     def to_target(queries):
-        found = closest_points(queries, target_points, target_faces)
-        return found.distance, ~found.border
+        closest = closest_points(queries, target_points, target_faces)
+        return closest.distance, ~closest.border
 
     there, kept = to_target(sample_surface(points, judged, samples, seed))
     there = there[kept]
@@ -58,8 +58,8 @@ def surface_metrics(
     back = sampled.closest.distance[sampled.judged]
     vertex_there, vertex_kept = to_target(points[used])
     target_used = np.unique(target_faces)
-    found, target_kept = on_judged(target_points[target_used], points, faces, roi)
-    vertex_back = found.distance
+    closest, target_kept = on_judged(target_points[target_used], points, faces, roi)
+    vertex_back = closest.distance
     if min(len(there), len(back), vertex_kept.sum(), target_kept.sum()) == 0:
         raise InputError(case, "postop", "the scan covers nothing of the judged face", "check scan and registration")
 
@@ -98,8 +98,8 @@ def target_samples(points, faces, roi, target_points, target_faces, samples: int
 
 def on_judged(queries, points, faces, roi) -> tuple[Closest, np.ndarray]:
     """Closest points of queries (k, 3) on the whole prediction, and which lie (k,) bool on its judged faces."""
-    found = closest_points(queries, points, faces)
-    return found, ~found.border & roi[found.face]
+    closest = closest_points(queries, points, faces)
+    return closest, ~closest.border & roi[closest.face]
 
 
 def _share(chosen, areas) -> float:

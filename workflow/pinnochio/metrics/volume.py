@@ -15,11 +15,11 @@ def interpolate(queries, points, cells, displacement) -> np.ndarray:
     A query outside the mesh takes the value at the closest point of the mesh.
     """
     grid = pv.UnstructuredGrid({pv.CellType.TETRA: np.asarray(cells)}, np.asarray(points, float))
-    cell, found = grid.find_closest_cell(np.asarray(queries, float), return_closest_point=True)
-    cell, found = np.atleast_1d(cell), np.atleast_2d(found)
+    cell, nearest = grid.find_closest_cell(np.asarray(queries, float), return_closest_point=True)
+    cell, nearest = np.atleast_1d(cell), np.atleast_2d(nearest)
     corners = points[cells[cell]]
     edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2)
-    inner = np.linalg.solve(edges, (found - corners[:, 0])[..., None])[..., 0]
+    inner = np.linalg.solve(edges, (nearest - corners[:, 0])[..., None])[..., 0]
     weights = np.concatenate([1 - inner.sum(axis=1, keepdims=True), inner], axis=1)
     return np.einsum("kc,kcd->kd", weights, displacement[cells[cell]])
 

@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.report.parts import PARTS
-from pinnochio.tables.engine import STYLE
+from pinnochio.tables.formats import STYLE
 
 TEMPLATE = "page.html"
 

@@ -51,8 +51,8 @@ def held_out(case: str, fold: str, patient: PatientModel, region, displacement, 
     closest point lies on an open border of the scan: there the scan has simply ended.
     """
     judged = region >= 0
-    found = closest_points(patient.moved_skin(displacement)[judged], points, faces)
-    return HeldOut(case, fold, found.distance[~found.border], region[judged][~found.border])
+    closest = closest_points(patient.moved_skin(displacement)[judged], points, faces)
+    return HeldOut(case, fold, closest.distance[~closest.border], region[judged][~closest.border])
 
 
 def half_width(errors: Sequence[np.ndarray], level: float) -> float:

@@ -30,6 +30,13 @@ class Growth:
     def __call__(self, size):
         return self.constant + self.growing * (np.asarray(size, float) / self.largest) ** self.exponent
 
+    @property
+    def text(self) -> str:
+        """The exponent with its interval; empty where there is none."""
+        if np.isnan(self.exponent):
+            return ""
+        return f"{self.exponent:.2f}" + ("" if np.isnan(self.error) else f" ± {self.error:.2f}")
+
 
 def fit(sizes: Sequence[float], values: Sequence[float], constant: bool = True) -> Growth:
     """Least squares on the logarithms, so that every size counts by its relative error; NaN values are left out.
@@ -51,22 +58,22 @@ def fit(sizes: Sequence[float], values: Sequence[float], constant: bool = True) 
     free = 2 + constant
     low, high = [0.0, -20.0, 0.0], [STEEPEST, 1.0, np.exp(share.min())]
     starts = [[exponent, -0.7, 0.5 * high[2]] for exponent in STARTS]
-    found = min(
+    solution = min(
         (least_squares(misfit, s[:free], bounds=(low[:free], high[:free]), xtol=1e-12, ftol=1e-12) for s in starts),
         key=lambda result: result.cost,
     )
-    rest = scale * found.x[2] if constant else 0.0
-    return Growth(len(sizes), largest, rest, scale * float(np.exp(found.x[1])), found.x[0], _error(found))
+    rest = scale * solution.x[2] if constant else 0.0
+    return Growth(len(sizes), largest, rest, scale * float(np.exp(solution.x[1])), solution.x[0], _error(solution))
 
 
-def _error(found) -> float:
+def _error(solution) -> float:
     """Half-width of the 95 % interval of the first unknown, those at a bound held there."""
-    loose = found.active_mask == 0
-    freedom = len(found.fun) - int(loose.sum())
+    loose = solution.active_mask == 0
+    freedom = len(solution.fun) - int(loose.sum())
     if not loose[0] or freedom < 1:
         return np.nan
-    jacobian = found.jac[:, loose]
+    jacobian = solution.jac[:, loose]
     if np.linalg.cond(jacobian) > 1e8:
         return np.nan
-    covariance = np.linalg.inv(jacobian.T @ jacobian) * 2 * found.cost / freedom
+    covariance = np.linalg.inv(jacobian.T @ jacobian) * 2 * solution.cost / freedom
     return float(t.ppf(0.5 + LEVEL / 2, freedom) * np.sqrt(covariance[0, 0]))

@@ -104,7 +104,7 @@ def usual_spreads(patients: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarr
 def interval(patient: PatientModel, displacements, calibration: Calibration, region=None) -> Interval:
     """The interval of a patient whom no fold model has seen, from their displacements (k, n, 3) mm.
 
-    region (s,): regions(patient), which serve every plan; they are made where they are not given.
+    region (s,): regions(patient), which serve every plan; they are made where it is None.
 
     The half-width is the region's q, and sqrt(q^2 + z^2 (spread^2 - usual^2)) where the models disagree more than
     usual: were a model's error the sum of one that all share and a normal one of its own, its variance would grow by
@@ -141,7 +141,7 @@ def repaired_interval(
     patient: PatientModel, displacements, calibration: Calibration, fem: FemSettings, region=None
 ) -> tuple[Interval, Repair]:
     """The interval of :func:`interval` with no element of the mean field inverted, and what that took."""
-    found = interval(patient, displacements, calibration, region)
+    raw = interval(patient, displacements, calibration, region)
     mesh, held = (patient.points, patient.cells, fem.material(patient.tissue)), patient.node_type != FREE
-    displacement, repair = repair_inversions(*mesh, found.displacement, held, fem.volumetric)
-    return replace(found, displacement=displacement), repair
+    displacement, repair = repair_inversions(*mesh, raw.displacement, held, fem.volumetric)
+    return replace(raw, displacement=displacement), repair

@@ -68,9 +68,9 @@ def wilcoxon(difference) -> tuple[float, str]:
         method, statement = stats.PermutationMethod(n_resamples=2**ALL_SIGNS_N), "exact; ties share ranks"
     else:
         method, statement = "asymptotic", "normal approximation: ties"
-    found = stats.wilcoxon(signed, method=method, correction=True)
+    result = stats.wilcoxon(signed, method=method, correction=True)
     dropped = f"; {zeros} zero difference{'s' * (zeros > 1)} dropped" if zeros else ""
-    return float(found.pvalue), statement + dropped
+    return float(result.pvalue), statement + dropped
 
 
 def holm(p) -> np.ndarray:
@@ -89,7 +89,7 @@ def bootstrap_interval(difference, seed: int, draws: int = 10_000) -> tuple[floa
     difference = np.asarray(difference, float)
     if len(difference) < 2:
         return np.nan, np.nan
-    found = stats.bootstrap(
+    interval = stats.bootstrap(
         (difference,), np.mean, n_resamples=draws, method="percentile", rng=np.random.default_rng(seed)
     ).confidence_interval
-    return float(found.low), float(found.high)
+    return float(interval.low), float(interval.high)

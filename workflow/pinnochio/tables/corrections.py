@@ -1,23 +1,24 @@
-"""The dial's table: what each number of Newton corrections makes of a learned method's predictions."""
+"""The table of corrections: what each number of Newton corrections makes of a learned method's predictions."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
+from pinnochio.columns import Column, check, number, read_tables
 from pinnochio.errors import InputError
+from pinnochio.metrics.columns import BY_NAME, CASES
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.significance import compare, holm
-from pinnochio.tables.accuracy import count, spread
-from pinnochio.tables.engine import CASES, Column, View, check, write_csv, write_twins
+from pinnochio.tables.comparison import count, spread
+from pinnochio.tables.document import Block, Table, View, views
 
 AVERAGED = ("cd", "pwr1", "volume_error_mean", "eqres_rel", "min_jacobian", "interface_error", "seconds")
-_CASE = {column.name: column for column in CASES}
 
 
 def _column(name: str, of: str, description: str) -> Column:
-    return Column(name, float, _CASE[of].unit, description, _CASE[of].summary, optional=True)
+    return number(name, BY_NAME[of].unit, description, BY_NAME[of].summary)
 
 
 CORRECTIONS = (
@@ -36,19 +37,19 @@ CORRECTIONS = (
     _column("cd_difference", "cd", "mean of cd minus that without correction"),
     _column("cd_low", "cd", "lower end of the bootstrap 95% interval of that mean"),
     _column("cd_high", "cd", "upper end of it"),
-    Column("p", float, "", "two-sided Wilcoxon signed-rank test of cd against no correction", ".6g", optional=True),
-    Column("p_holm", float, "", "p after Holm's correction over the method's corrections", ".6g", optional=True),
+    number("p", "", "two-sided Wilcoxon signed-rank test of cd against no correction", ".6g"),
+    number("p_holm", "", "p after Holm's correction over the method's corrections", ".6g"),
     Column("test", str, "", "how p came about, or why there is none"),
 )
 _CORRECTIONS = {column.name: column for column in CORRECTIONS}
 
 
 def summarise(rows: Mapping[tuple[str, int], pd.DataFrame], seed: int = 0) -> pd.DataFrame:
-    """One row of CORRECTIONS per method and number of corrections, in the order given, of the CASES rows of its patients.
+    """One row of CORRECTIONS per method and number of corrections, in that order, of the CASES rows of its patients.
 
     Every method needs its rows without correction, which the others are compared with, patient by patient.
     """
-    found = []
+    summaries = []
     for (method, corrections), cases in rows.items():
         if (method, 0) not in rows:
             raise InputError("-", "corrections", f"{method!r} has no rows without correction", "add its own metrics")
@@ -66,36 +67,40 @@ def summarise(rows: Mapping[tuple[str, int], pd.DataFrame], seed: int = 0) -> pd
             test = compare(both["own"], both["reference"], derive_seed(seed, "bootstrap", f"{method}/{corrections}"))
             row |= {"pairs": test.n, "cd_difference": test.mean, "cd_low": test.low, "cd_high": test.high}
             row |= {"p": test.p, "test": test.statement}
-        found.append(row)
-    frame = pd.DataFrame(found)
+        summaries.append(row)
+    frame = pd.DataFrame(summaries)
     frame["p_holm"] = frame.groupby("method")["p"].transform(holm)
     return check(frame, CORRECTIONS)
 
 
-def write_corrections(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
-    """Write corrections.csv and its twins."""
-    frame = write_csv(frame, path, CORRECTIONS)
+def tabulate(
+    metrics: Sequence[str | os.PathLike], methods: Sequence[str], corrections: Sequence[int], cohort: str, seed: int
+) -> Table:
+    """The folds' metrics, method by method and, of each, number by number of corrections, 0 first."""
+    keys = [(method, count) for method in methods for count in corrections]
+    folds = len(metrics) // len(keys)
+    rows = {key: read_tables(metrics[i * folds : (i + 1) * folds], CASES) for i, key in enumerate(keys)}
+    return table(summarise(rows, seed), cohort)
 
-    def one(name):
-        return lambda row: _CORRECTIONS[name].text(row[name])
+
+def table(frame: pd.DataFrame, cohort: str) -> Table:
+    """The table of rows of CORRECTIONS."""
 
     def difference(row):
         if np.isnan(row["cd_difference"]):
             return ""
-        p = f"p = {one('p_holm')(row)}" if not np.isnan(row["p_holm"]) else row["test"]
+        p = row["test"] if np.isnan(row["p_holm"]) else f"p = {_CORRECTIONS['p_holm'].text(row['p_holm'])}"
         return f"{row['cd_difference']:+.4f} ({p})"
 
     view = [
-        View("Method", one("method")),
-        View("Corrections", one("corrections")),
+        *views(CORRECTIONS, {"method": "Method", "corrections": "Corrections"}),
         View("CD mm", spread("cd", _CORRECTIONS)),
         View("CD difference mm", difference),
         View("PWR@1 %", spread("pwr1", _CORRECTIONS)),
         View("Volume error mm", spread("volume_error_mean", _CORRECTIONS)),
-        View("EqRes", one("eqres_rel_mean")),
-        View("largest EqRes", one("eqres_rel_max")),
+        *views(CORRECTIONS, {"eqres_rel_mean": "EqRes", "eqres_rel_max": "largest EqRes"}),
         View("min J", spread("min_jacobian", _CORRECTIONS)),
-        View("Inverted", one("inverted")),
+        *views(CORRECTIONS, {"inverted": "Inverted"}),
         View("Seconds", spread("seconds", _CORRECTIONS)),
     ]
     caption = (
@@ -104,4 +109,4 @@ def write_corrections(frame: pd.DataFrame, path: str | os.PathLike, cohort: str 
         "test, Holm-corrected per method. EqRes: residual of the free nodes over the force of all others. Seconds: "
         "network and corrections."
     )
-    write_twins(frame, path, view, caption, CORRECTIONS)
+    return Table(frame, CORRECTIONS, [Block.of(frame, view, caption)])

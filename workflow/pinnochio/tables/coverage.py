@@ -1,10 +1,12 @@
 """The table of coverage: how much of each region lies within its half-width, by method."""
 
 import os
+from collections.abc import Sequence
 
 import pandas as pd
 
-from pinnochio.tables.engine import Column, View, number, write_csv, write_twins
+from pinnochio.columns import Column, number, read_tables, words
+from pinnochio.tables.document import Block, Table, View, views
 
 COVERAGE = (
     Column("method", str, "", "method that predicted"),
@@ -23,25 +25,25 @@ COVERAGE = (
 )
 
 
-def write_coverage(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
-    """Write coverage.csv and its twins beside it."""
-    frame = write_csv(frame, path, COVERAGE)
+def tabulate(parts: Sequence[str | os.PathLike], cohort: str) -> Table:
+    """The tables of the methods, one after the other."""
+    return table(read_tables(parts, COVERAGE), cohort)
+
+
+def table(frame: pd.DataFrame, cohort: str) -> Table:
+    """The table of rows of COVERAGE."""
     column = {c.name: c for c in COVERAGE}
 
-    def text(name):
-        return lambda row: column[name].text(row[name])
-
     def pair(first, between, second):
-        return lambda row: between.join(filter(None, (text(first)(row), text(second)(row))))
+        return lambda row: between.join(filter(None, (column[name].text(row[name]) for name in (first, second))))
 
     view = [
-        View("Method", text("method")),
-        View("Region", lambda row: row["region"].replace("_", " ")),
-        View("n", text("n")),
-        View("Mean error mm", text("error_mean")),
+        *views(COVERAGE, {"method": "Method"}),
+        View("Region", lambda row: words(row["region"])),
+        *views(COVERAGE, {"n": "n", "error_mean": "Mean error mm"}),
         View("Coverage %", pair("coverage_mean", " ± ", "coverage_sd")),
         View("95% interval of the mean", pair("coverage_low", " to ", "coverage_high")),
-        View("Half-width mm", text("half_width")),
+        *views(COVERAGE, {"half_width": "Half-width mm"}),
         View("over folds mm", pair("half_width_low", " to ", "half_width_high")),
     ]
     level = ", ".join(sorted({column["level"].text(value) for value in frame["level"]}))
@@ -50,4 +52,4 @@ def write_coverage(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "
         "other folds, mean ± standard deviation over patients; empty where these are too few. The half-width "
         "is that of all patients."
     )
-    write_twins(frame, path, view, caption, COVERAGE)
+    return Table(frame, COVERAGE, [Block.of(frame, view, caption)])

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pinnochio.tables.cost import read_benchmark
-from pinnochio.tables.scaling import patient_runs
+from pinnochio.tables.scaling_patients import patient_runs
+from pinnochio.tables.stages import read_benchmark
 
-# One after another, from the segmentation to what a network is taught by.
+# One after another, from the segmentation to the FEM samples.
 CHAIN = ("import_segmentation", "tetrahedralize", "label_interfaces", "simulate_fem")
 VIRTUAL = ("virtual_patient", "virtual_outcome")
 # One job per fold and method: of a length that the steps decide, or the patients.
@@ -57,13 +57,13 @@ def paragraphs(measured: Measured, patients: int, cohort: str) -> list[str]:
         f"{patients:,} patients on a cluster, reckoned from the jobs of this study ({cohort}, n = "
         f"{len(measured.cases)}, {measured.nodes:,} nodes, {len(measured.held_out)} folds), not tried."
     )
-    found = [
+    texts = [
         f"{title} {_work(runs, measured, patients)}",
         _jobs(runs, measured, patients),
         _training(folds, measured, patients),
         _folds(folds, measured, patients),
     ]
-    return [text for text in found if text]
+    return [text for text in texts if text]
 
 
 def _work(runs: pd.DataFrame, measured: Measured, patients: int) -> str:
@@ -100,10 +100,10 @@ def _training(folds: pd.DataFrame, measured: Measured, patients: int) -> str:
     now, then = np.mean(list(measured.training.values())), patients * (1 - 1 / len(measured.held_out))
     text = (
         f"What more machines do not shorten: a fold is trained by one process, {_time(chains.max())} for "
-        f"{chains.idxmax()}, whose steps are given. To show each of {then:,.0f} training patients as often as each of "
+        f"{chains.idxmax()}, whose steps are set. To show each of {then:,.0f} training patients as often as each of "
         f"{now:.0f} is shown now would take {_time(chains.max() * then / now)}."
     )
-    each, method = _held(folds, measured)
+    each, method = _memory_of_patient(folds, measured)
     if not each > 0:
         return text
     return text + (
@@ -129,16 +129,16 @@ def _folds(folds: pd.DataFrame, measured: Measured, patients: int) -> str:
     )
 
 
-def _held(folds: pd.DataFrame, measured: Measured) -> tuple[float, str]:
+def _memory_of_patient(folds: pd.DataFrame, measured: Measured) -> tuple[float, str]:
     """Memory in MB of each further training patient, and the method that it is largest with."""
     sizes = measured.sizes.assign(off=(measured.sizes["target"] - measured.nodes).abs()).sort_values("off")
-    found = []
+    memories = []
     for (method, fold), own in folds[folds["rule"] == "pretrain"].groupby(["method", "fold"]):
         one = sizes.loc[sizes["stage"] == f"pretrain {method}", "memory"].dropna()
         others = measured.training[fold] - 1
         if len(one) and others and own["memory"].notna().all():
-            found.append(((own["memory"].max() - one.iloc[0]) / others, method))
-    return max(found, default=(np.nan, ""))
+            memories.append(((own["memory"].max() - one.iloc[0]) / others, method))
+    return max(memories, default=(np.nan, ""))
 
 
 def _time(seconds: float) -> str:

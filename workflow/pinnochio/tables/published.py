@@ -8,8 +8,8 @@ import pandas as pd
 
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.significance import holm
-from pinnochio.tables.accuracy import paired, spread
-from pinnochio.tables.engine import Block, View
+from pinnochio.tables.comparison import paired, spread
+from pinnochio.tables.document import Block, View
 
 SOURCE = "clinical cohort, Lee et al. 2026 (arXiv 2606.01572)"
 # Table 1 there, whole face, 40 patients: mean and standard deviation; distances in mm, areas in %, times in s.
@@ -43,7 +43,7 @@ def published_block() -> Block:
         "Accuracy in the paper's Table 1, n = 40 patients: mean ± standard deviation. Bold: best mean. Other patients, "
         "scans and machines than above: rows of the two tables are not to be compared one by one."
     )
-    return Block(PUBLISHED, view, caption, f"The paper's own values: {SOURCE}")
+    return Block.of(PUBLISHED, view, caption, f"The paper's own values: {SOURCE}")
 
 
 def ordering(
@@ -55,7 +55,7 @@ def ordering(
 ) -> Sequence[str]:
     """Paragraphs on the ordering by CD: which pairs of methods stand here as in the paper, and which do not.
 
-    cases: rows of CASES that can be judged; summary: the ACCURACY table of the same; names: the method here of each
+    cases: rows of CASES that can be judged; summary: the COMPARISON of the same; names: the method here of each
     of the paper's. A pair is tested here as methods are against their reference, Holm-corrected over the pairs.
     """
     summary, theirs = summary.set_index("method"), PUBLISHED.set_index("method").sort_values("cd_mean")

@@ -1,12 +1,13 @@
-"""The table of scenes: what each reduction of the model costs on the face, and what it saves."""
+"""The table of model reductions: what each reduction of the model costs on the face, and what it saves."""
 
 import os
 from collections.abc import Sequence
 
 import pandas as pd
 
-from pinnochio.tables.accuracy import count
-from pinnochio.tables.engine import Block, Column, check, number, views, write_csv, write_twins
+from pinnochio.columns import Column, check, number, read_tables
+from pinnochio.tables.comparison import count
+from pinnochio.tables.document import Block, Table, views
 
 ERROR = ".4f"
 
@@ -68,9 +69,10 @@ def summarise(trials: pd.DataFrame) -> pd.DataFrame:
     return check(pd.DataFrame(rows), SCENES)
 
 
-def write_scenes(trials: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
-    """Write scene.csv, one row per plan and model, and its twins, which hold the patients' rows below."""
-    frame = write_csv(summarise(trials), path, SCENES)
+def tabulate(trials: Sequence[str | os.PathLike], cohort: str) -> Table:
+    """The patients' trials averaged by plan and model, and in the twins one by one below."""
+    single = check(read_tables(trials, TRIALS).sort_values("case", kind="stable"), TRIALS)
+    frame = summarise(single)
     headers = {
         "plan": "Plan",
         "model": "Model",
@@ -85,37 +87,29 @@ def write_scenes(trials: pd.DataFrame, path: str | os.PathLike, cohort: str = "v
         "mesh_seconds": "Mesh s",
         "solve_seconds": "Solve s",
     }
-    patients = trials["case"].drop_duplicates()
+    patients = single["case"].drop_duplicates()
     caption = (
         f"Models reduced to what a plan requires, {cohort}, {count(frame['n'])} patients ({', '.join(patients)}): "
         "means over patients. Error: distance between the displacements of the reduced and the full model on the "
         "judged face: mean, that of the worst patient, that of the worst point. auto: all reductions that the scene "
         "decides for; the rows between: one reduction each. Mesh: meshing and labelling. One thread, same run."
     )
-    single = Block(
-        trials,
-        views(
-            TRIALS,
-            {
-                "case": "Patient",
-                "plan": "Plan",
-                "model": "Model",
-                "made": "Reductions",
-                "motion": "Motion mm",
-                "nodes": "Nodes",
-                "share": "Share",
-                "error_mean": "Error mm",
-                "error_max": "worst point mm",
-                "solve_seconds": "Solve s",
-                "converged": "Converged",
-            },
-        ),
-        f"The same, patient by patient, {cohort}.",
-        "Patients",
-    )
-    write_twins(frame, path, views(SCENES, headers), caption, SCENES, [single])
-
-
-def collect(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """The trials of all patients, sorted by patient."""
-    return check(pd.concat(tables, ignore_index=True).sort_values("case", kind="stable"), TRIALS)
+    single_headers = {
+        "case": "Patient",
+        "plan": "Plan",
+        "model": "Model",
+        "made": "Reductions",
+        "motion": "Motion mm",
+        "nodes": "Nodes",
+        "share": "Share",
+        "error_mean": "Error mm",
+        "error_max": "worst point mm",
+        "solve_seconds": "Solve s",
+        "converged": "Converged",
+    }
+    single_caption = f"The same, patient by patient, {cohort}."
+    blocks = [
+        Block.of(frame, views(SCENES, headers), caption),
+        Block.of(single, views(TRIALS, single_headers), single_caption, "Patients"),
+    ]
+    return Table(frame, SCENES, blocks)

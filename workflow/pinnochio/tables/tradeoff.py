@@ -1,4 +1,4 @@
-"""The trade-off's tables: one row per patient and setting, their means with the Pareto fronts, and what they say."""
+"""The trade-off: means of every setting over the patients with the Pareto fronts, and what they say."""
 
 import os
 from collections.abc import Sequence
@@ -6,27 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from pinnochio.tables.engine import CASES, Block, Column, View, check, number, views, write_csv, write_twins
+from pinnochio.columns import Column, check, number, read_table
+from pinnochio.tables.document import Block, Table, View, read_blocks, views
+from pinnochio.tables.tradeoff_cases import SETTING, TRADEOFF_CASES
 
-_CASE = {column.name: column for column in CASES}
-_SETTING = (
-    Column("method", str, "", "method"),
-    Column("dial", str, "", "what is turned: nodes, element, increments, tolerance, precision, corrections, network"),
-    Column("value", str, "", "where it is turned to"),
-    Column("recipe", str, "", "the setting as JSON, for a prediction to repeat; empty where none can", optional=True),
-)
-TRADEOFF_CASES = (
-    Column("case", str, "", "patient"),
-    *_SETTING,
-    Column("nodes", int, "", "nodes of the mesh"),
-    *(_CASE[name] for name in ("seconds", "setup_seconds", "threads", "converged", "cd")),
-    number("face_error", "mm", "mean distance of the judged face from the reference solution"),
-    number("face_error_max", "mm", "largest of it"),
-    number("volume_error", "mm", "mean distance from the reference solution over the tissue's volume"),
-    *(_CASE[name] for name in ("eqres_rel", "min_jacobian", "inverted")),
-)
 TRADEOFF = (
-    *_SETTING,
+    *SETTING,
     Column("n", int, "", "patients"),
     Column("failed", int, "", "of them, whose solver did not converge"),
     number("nodes", "", "mean number of nodes", ".0f"),
@@ -53,16 +38,16 @@ LAST = 0.1  # mm
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     """One row of TRADEOFF per setting, in the order of their first appearance, of rows of TRADEOFF_CASES."""
     rows = check(rows, TRADEOFF_CASES)
-    found = []
-    for key, own in rows.groupby([column.name for column in _SETTING], sort=False):
-        row = dict(zip((column.name for column in _SETTING), key, strict=True))
+    summaries = []
+    for key, own in rows.groupby([column.name for column in SETTING], sort=False):
+        row = dict(zip((column.name for column in SETTING), key, strict=True))
         row |= {"n": len(own), "failed": int((~own["converged"]).sum())}
         names = ("nodes", "seconds", "setup_seconds", "cd", "face_error", "volume_error", "eqres_rel")
         row |= {name: own[name].mean() for name in names}
         row |= {"seconds_max": own["seconds"].max(), "cd_sd": own["cd"].std(), "inverted": own["inverted"].sum()}
         row |= {"face_error_max": own["face_error_max"].max(), "min_jacobian": own["min_jacobian"].min()}
-        found.append(row)
-    frame = pd.DataFrame(found)
+        summaries.append(row)
+    frame = pd.DataFrame(summaries)
     frame.loc[frame["min_jacobian"].isna(), "inverted"] = np.nan
     for error, front in FRONTS.items():
         frame[front] = pareto(frame["seconds"], frame[error].where(frame["failed"] == 0))
@@ -132,15 +117,13 @@ def _fronts(row) -> str:
     return " ".join(word for word, front in (("CD", "front_outcome"), ("face", "front_reference")) if row[front])
 
 
-def write_tradeoff(
-    frame: pd.DataFrame,
-    path: str | os.PathLike,
-    cohort: str = "virtual cohort",
-    further: Sequence[Block] = (),
-    paragraphs: Sequence[str] = (),
-) -> None:
-    """Write tradeoff.csv and its twins; further blocks and paragraphs stand below the answers."""
-    frame = write_csv(frame, path, TRADEOFF)
+def tabulate(cases: str | os.PathLike, choices: str | os.PathLike, cohort: str) -> Table:
+    """The rows of tradeoff_cases.csv by setting; choices: document of the table of choices, shown below."""
+    return table(summarise(read_table(cases, TRADEOFF_CASES)), cohort, read_blocks(choices))
+
+
+def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = ()) -> Table:
+    """The table of rows of TRADEOFF; further blocks stand below it, and the answers below all."""
     headers = {
         "method": "Method",
         "dial": "Dial",
@@ -164,4 +147,4 @@ def write_tradeoff(
         "solution, sliding finite elements on the finest mesh. EqRes: residual of the study's elements. Front: nothing "
         "is faster and nearer to the outcome (CD) or the reference (face)."
     )
-    write_twins(frame, path, view, caption, TRADEOFF, further, [*answers(frame, cohort), *paragraphs])
+    return Table(frame, TRADEOFF, [Block.of(frame, view, caption), *further], answers(frame, cohort))

@@ -1,4 +1,4 @@
-"""The table of what each learned method was given: size of its network, steps, samples, time."""
+"""The table of the training of each learned method: size of its network, steps, samples, time."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 import torch
 
-from pinnochio.tables.cost import read_benchmark
-from pinnochio.tables.engine import Column, View, number, write_csv, write_twins
+from pinnochio.columns import Column, check, number
+from pinnochio.tables.document import Block, Table, View, views
+from pinnochio.tables.stages import read_benchmark
 
 # Section of the settings and folder of the benchmark files of each phase.
 PHASES = {"pretraining": "pretrain", "finetuning": "finetune"}
@@ -66,27 +67,31 @@ def budget(
             row |= {f"{phase}_{key}": own.get(key, np.nan) for key in ("validation", "patience")}
             row[f"{phase}_seconds"] = _mean_seconds([Path(benchmarks, rule, f"{fold}_{method}.tsv") for fold in folds])
         rows.append(row)
-    return pd.DataFrame(rows)
+    return check(pd.DataFrame(rows), TRAINING)
 
 
 def _mean_seconds(files: Sequence[Path]) -> float:
-    found = [read_benchmark(file)["s"] for file in files if file.exists()]
-    return float(pd.concat(found).mean()) if found else np.nan
+    seconds = [read_benchmark(file)["s"] for file in files if file.exists()]
+    return float(pd.concat(seconds).mean()) if seconds else np.nan
 
 
-def write_budget(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
-    """Write training.csv and its twins beside it."""
-    frame = write_csv(frame, path, TRAINING)
+def tabulate(
+    networks: Sequence[str], settings: Mapping[str, Mapping], folds: Sequence[str], benchmarks: str, cohort: str
+) -> Table:
+    """The budget of settings by method; networks: every method's files, fold by fold."""
+    files = {name: networks[i * len(folds) : (i + 1) * len(folds)] for i, name in enumerate(settings)}
+    return table(budget(settings, files, folds, benchmarks), cohort)
 
-    def text(name):
-        return lambda row: _TRAINING[name].text(row[name])
+
+def table(frame: pd.DataFrame, cohort: str) -> Table:
+    """The table of rows of TRAINING."""
 
     def both(key):
-        return lambda row: " + ".join(text(f"{phase}_{key}")(row) or "none" for phase in PHASES)
+        names = [f"{phase}_{key}" for phase in PHASES]
+        return lambda row: " + ".join(_TRAINING[name].text(row[name]) or "none" for name in names)
 
     view = [
-        View("Method", text("method")),
-        View("Parameters", text("parameters")),
+        *views(TRAINING, {"method": "Method", "parameters": "Parameters"}),
         View("Steps", both("steps")),
         View("Samples", both("samples")),
         View("Seconds per fold", both("seconds")),
@@ -97,4 +102,4 @@ def write_budget(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "vi
         f"Training of each learned method, {cohort}, {frame['folds'].max()} folds: pretraining + fine-tuning. A sample "
         "is one patient under one plan; seconds are of the machine that trained, from a job's last start."
     )
-    write_twins(frame, path, view, caption, TRAINING)
+    return Table(frame, TRAINING, [Block.of(frame, view, caption)])

@@ -1,16 +1,20 @@
 """What a virtual patient is and what the plan does to it, in the numbers of a cephalometric chart."""
 
+import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from pinnochio.columns import Column, check, number, words
 from pinnochio.plans.plan import Plan
-from pinnochio.tables.engine import Column, View, number, write_csv, write_twins
+from pinnochio.tables.document import Block, Table, View
 from pinnochio.virtual.head import Head
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.thickness import measure
@@ -115,7 +119,7 @@ ANATOMY = (
 )
 
 
-def anatomy_table(patients: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+def summarise(patients: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Columns of :data:`ANATOMY`, a row for each of the patients' :func:`describe` with their `case`."""
     rows = []
     for patient in patients:
@@ -124,12 +128,12 @@ def anatomy_table(patients: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
             row |= {f"{name}_{when}": value for name, value in patient[f"bite_{when}"].items()}
         row |= {name: patient[name] for name in ("case", "sex", "deformity", "jaw_overlap")}
         rows.append(row | {"split_overlap": sum(patient["split_overlap"].values())})
-    return pd.DataFrame(rows).reindex(columns=[column.name for column in ANATOMY])
+    return check(pd.DataFrame(rows).reindex(columns=[column.name for column in ANATOMY]), ANATOMY)
 
 
-def write_anatomy(frame: pd.DataFrame, path: str) -> None:
-    """Write the table and its twins."""
-    frame = write_csv(frame, path, ANATOMY)
-    view = [View(f"{c.name.replace('_', ' ')} {c.unit}".strip(), lambda row, c=c: c.text(row[c.name])) for c in ANATOMY]
+def tabulate(anatomies: Sequence[str | os.PathLike]) -> Table:
+    """The table of the patients' anatomy files (JSON)."""
+    frame = summarise([json.loads(Path(path).read_text(encoding="utf-8")) for path in anatomies])
+    view = [View(f"{words(c.name)} {c.unit}".strip(), lambda row, c=c: c.text(row[c.name])) for c in ANATOMY]
     caption = "The virtual patients before surgery, their plans, and the bite that the plans lead to."
-    write_twins(frame, path, view, caption, ANATOMY)
+    return Table(frame, ANATOMY, [Block.of(frame, view, caption)])

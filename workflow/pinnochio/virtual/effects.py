@@ -1,17 +1,19 @@
 """What each effect of the outcome does to the outer face when it is the only one: the price list of the truth."""
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from pinnochio.columns import Column, check, read_tables
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.triangles import face_normals
 from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.metrics.volume import interpolate
 from pinnochio.model.surfaces import BoneSurface
-from pinnochio.tables.engine import Column, View, write_csv, write_twins
+from pinnochio.tables.document import Block, Table, View
 from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, SCAN, alone, resolve
 from pinnochio.virtual.outcome import Operation, Outcome, meshed, operate, photograph
 from pinnochio.virtual.scan import Scan
@@ -104,7 +106,7 @@ def measure(
 def summarise(rows: pd.DataFrame, effects: Mapping[str, Any] | str) -> pd.DataFrame:
     """One row per effect over the patients, in the order of :data:`EFFECTS`: columns of :data:`SUMMARY`."""
     values = resolve(effects)
-    table = []
+    entries = []
     for effect in (NOTHING, *EFFECTS, EVERYTHING):
         own = rows[rows["effect"] == effect]
         if own.empty:
@@ -116,17 +118,17 @@ def summarise(rows: pd.DataFrame, effects: Mapping[str, Any] | str) -> pd.DataFr
         entry["value"] = f"{values[effect]:g} {about.unit}".strip() if about else ""
         entry["source"] = about.source if about else ""
         entry["meaning"] = about.meaning if about else ("registration alone" if effect == NOTHING else "every effect")
-        table.append(entry)
-    return pd.DataFrame(table)
+        entries.append(entry)
+    return check(pd.DataFrame(entries), SUMMARY)
 
 
-def write_summary(frame: pd.DataFrame, path: str) -> None:
-    """Write the table and its twins."""
-    frame = write_csv(frame, path, SUMMARY)
+def tabulate(rows: Sequence[str | os.PathLike], effects: Mapping[str, Any] | str) -> Table:
+    """Mean of each effect over the patients' rows, with its magnitude (`effects`: section of the configuration)."""
+    frame = summarise(read_tables(rows, CASE), effects)
     view = [View(f"{c.name} {c.unit}".strip(), lambda row, c=c: c.text(row[c.name])) for c in SUMMARY]
     caption = (
         f"What each effect of the simulated outcome does to the outer face when it alone is on, against the nominal "
         f"outcome; virtual cohort, n = {frame['n'].max()}. Mechanics, lips and swelling: displacement. Scan "
         f"effects: distance of the registered scan from the true skin."
     )
-    write_twins(frame, path, view, caption, SUMMARY)
+    return Table(frame, SUMMARY, [Block.of(frame, view, caption)])

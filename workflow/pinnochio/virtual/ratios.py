@@ -1,14 +1,17 @@
 """Soft-to-hard tissue ratios of the simulated outcomes: does the skin follow the bone as patients' skin does?"""
 
+import os
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from pinnochio.metrics.volume import interpolate
+from pinnochio.columns import Column, check
+from pinnochio.metrics.volume import interpolate, read_truth
 from pinnochio.plans.plan import Plan
-from pinnochio.tables.engine import Column, View, write_csv, write_twins
+from pinnochio.tables.document import Block, Table, View, views
+from pinnochio.virtual.aftermath import read_landmarks
 
 FORWARD = np.array([0.0, -1.0, 0.0])
 LEAST = 1.0  # mm of bone motion below which a patient says nothing about a ratio
@@ -61,7 +64,7 @@ def motions(
     return pairs | {STILL: (float(np.linalg.norm(still)), 0.0)}
 
 
-def tabulate(patients: Sequence[Mapping[str, tuple[float, float]]]) -> pd.DataFrame:
+def summarise(patients: Sequence[Mapping[str, tuple[float, float]]]) -> pd.DataFrame:
     """Columns of :data:`TABLE` over the patients' :func:`motions`; the still skin as its largest motion in mm."""
     rows = []
     for name, ratio in RATIOS.items():
@@ -75,23 +78,26 @@ def tabulate(patients: Sequence[Mapping[str, tuple[float, float]]]) -> pd.DataFr
     most = float(still.max())
     rows.append({"ratio": f"{STILL} (mm)", "ours": most, "low": 0.0, "high": STILL_LIMIT, "n": len(still),
                  "median": float(np.median(still)), "inside": most <= STILL_LIMIT, "source": "[I]"})  # fmt: skip
-    return pd.DataFrame(rows)
+    return check(pd.DataFrame(rows), TABLE)
 
 
-def write_ratios(frame: pd.DataFrame, path: str) -> None:
-    """Write the table and its twins."""
-    frame = write_csv(frame, path, TABLE)
+def tabulate(
+    landmarks: Sequence[str | os.PathLike], truths: Sequence[str | os.PathLike], cases: Sequence[str]
+) -> Table:
+    """Motion of the landmarks in each truth against that of the bone as operated; one row per landmark."""
+    patients = []
+    for case, marks, truth in zip(cases, landmarks, truths, strict=True):
+        *field, executed = read_truth(truth, case)
+        patients.append(motions(read_landmarks(marks), executed, *field))
+    frame = summarise(patients)
     view = [
-        View("Landmark", lambda row: row["ratio"]),
-        View("Ours", lambda row: TABLE[1].text(row["ours"])),
+        *views(TABLE, {"ratio": "Landmark", "ours": "Ours"}),
         View("Band", lambda row: f"{row['low']:.2f} to {row['high']:.2f}"),
         View("Inside", lambda row: "yes" if row["inside"] else "no"),
-        View("Median of patients", lambda row: TABLE[5].text(row["median"])),
-        View("n", lambda row: str(row["n"])),
-        View("Source of the band", lambda row: row["source"]),
+        *views(TABLE, {"median": "Median of patients", "n": "n", "source": "Source of the band"}),
     ]
     caption = (
         "Soft-to-hard tissue ratios of the simulated outcomes (virtual cohort), forward motion: slope through the "
         "origin over the patients; last row: largest motion of the skin above the orbits, mm."
     )
-    write_twins(frame, path, view, caption, TABLE)
+    return Table(frame, TABLE, [Block.of(frame, view, caption)])

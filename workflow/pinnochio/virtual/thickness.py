@@ -1,14 +1,18 @@
 """Soft-tissue thickness of virtual heads, measured on the labels, beside what the literature has."""
 
+import json
+import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from scipy import ndimage
 
+from pinnochio.columns import Column, check, words
 from pinnochio.model.labels import AIR, CRANIUM
-from pinnochio.tables.engine import Column, View, write_csv, write_twins
+from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.virtual.head import Head
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.skin import Ray, profile, sites
@@ -73,7 +77,7 @@ def measure(head: Head) -> dict[str, float]:
     return {name: float(np.mean([along_ray(head, ray) for ray in rays[name]])) for name in PUBLISHED}
 
 
-def tabulate(patients: Sequence[Mapping[str, float]]) -> pd.DataFrame:
+def summarise(patients: Sequence[Mapping[str, float]]) -> pd.DataFrame:
     """Columns of :data:`TABLE` over the patients' :func:`measure`."""
     rows = []
     for name, published in PUBLISHED.items():
@@ -83,23 +87,27 @@ def tabulate(patients: Sequence[Mapping[str, float]]) -> pd.DataFrame:
         rows.append({"landmark": name, "ours_mean": mean, "ours_sd": values.std(ddof=1) if len(values) > 1 else 0.0,
                      "published_mean": published.mean, "published_sd": published.sd, "n": len(values),
                      "difference_sd": (mean - published.mean) / published.sd, "source": published.source})  # fmt: skip
-    return pd.DataFrame(rows)
+    return check(pd.DataFrame(rows), TABLE)
 
 
-def write_thickness(frame: pd.DataFrame, path: str) -> None:
-    """Write the table and its twins."""
-    frame = write_csv(frame, path, TABLE)
+def tabulate(anatomies: Sequence[str | os.PathLike]) -> Table:
+    """The table of the patients' anatomy files (JSON)."""
+    patients = [json.loads(Path(path).read_text(encoding="utf-8"))["thickness"] for path in anatomies]
+    return table(summarise(patients))
+
+
+def table(frame: pd.DataFrame) -> Table:
+    """The table of what :func:`summarise` gives."""
     text = {column.name: column.text for column in TABLE}
     view = [
-        View("Landmark", lambda row: row["landmark"].replace("_", " ")),
+        View("Landmark", lambda row: words(row["landmark"])),
         View("Ours mm", lambda row: f"{text['ours_mean'](row['ours_mean'])} ± {text['ours_sd'](row['ours_sd'])}"),
         View("Published mm", lambda row: f"{row['published_mean']:.1f} ± {row['published_sd']:.1f}"),
         View("Difference in SD", lambda row: f"{row['difference_sd']:+.2f}"),
-        View("n", lambda row: str(row["n"])),
-        View("Source", lambda row: row["source"]),
+        *views(TABLE, {"n": "n", "source": "Source"}),
     ]
     caption = (
         "Thickness of the soft tissue over bone, mean ± standard deviation, measured on the labels of the virtual "
         "cohort; difference of the means in published standard deviations."
     )
-    write_twins(frame, path, view, caption, TABLE)
+    return Table(frame, TABLE, [Block.of(frame, view, caption)])

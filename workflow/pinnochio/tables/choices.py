@@ -1,12 +1,15 @@
 """The setting that a budget allows or a tolerance asks for, and how well the measured Pareto front predicts it."""
 
+import os
 from collections.abc import Sequence
 
 import pandas as pd
 
+from pinnochio.columns import Column, check, number, read_table
 from pinnochio.errors import InputError
-from pinnochio.tables.engine import Block, Column, check, number, views
+from pinnochio.tables.document import Block, Table, views
 from pinnochio.tables.tradeoff import summarise
+from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
 
 # Of the longest time measured on a patient: another one may take longer [X: docs/tradeoff.md].
 SAFETY = 1.5
@@ -36,12 +39,12 @@ def choose_setting(
     InputError, with what can be had, if there is none.
     """
     sound = frame[(frame["recipe"] != "") & (frame["failed"] == 0)]
-    found = sound
+    offered = sound
     if budget_seconds is not None:
-        found = found[SAFETY * found["seconds_max"] <= budget_seconds]
+        offered = offered[SAFETY * offered["seconds_max"] <= budget_seconds]
     if tolerance_mm is not None:
-        found = found[found["face_error"] <= tolerance_mm]
-    if found.empty:
+        offered = offered[offered["face_error"] <= tolerance_mm]
+    if offered.empty:
         fastest, nearest = SAFETY * sound["seconds_max"].min(), sound["face_error"].min()
         raise InputError(
             "-",
@@ -50,7 +53,7 @@ def choose_setting(
             f"ask for {fastest:.2g} s or more, and {nearest:.2g} mm or more",
         )
     order = ["seconds", "cd"] if budget_seconds is None else ["cd", "seconds"]
-    return found.sort_values(order).iloc[0]
+    return offered.sort_values(order).iloc[0]
 
 
 def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequence[float]) -> pd.DataFrame:
@@ -60,7 +63,7 @@ def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequ
     """
     fronts = {case: summarise(rows[rows["case"] != case]) for case in rows["case"].unique()}
     own = rows.set_index(["case", "method", "dial", "value"])
-    found = []
+    tried = []
     for name, limits in (("budget_seconds", budgets), ("tolerance_mm", tolerances)):
         for limit in limits:
             pairs = []
@@ -80,13 +83,14 @@ def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequ
                 row |= {"cd_near": ((expected["cd"] - real["cd"]).abs() <= NEAR * real["cd"]).mean()}
                 for measure in ("cd", "face_error"):
                     row |= {f"{measure}_expected": expected[measure].mean(), measure: real[measure].mean()}
-            found.append(row)
-    frame = pd.DataFrame(found)
+            tried.append(row)
+    frame = pd.DataFrame(tried)
     return check(frame.reindex(columns=[column.name for column in CHOICES]), CHOICES)
 
 
-def choices_block(frame: pd.DataFrame, cohort: str) -> Block:
-    """The choices as a table of the twins."""
+def tabulate(cases: str | os.PathLike, budgets: Sequence[float], tolerances: Sequence[float], cohort: str) -> Table:
+    """Budgets in s and tolerances in mm, tried on each patient of tradeoff_cases.csv with the front of the others."""
+    frame = check_choices(read_table(cases, TRADEOFF_CASES), budgets, tolerances)
     headers = {
         "asked": "Asked",
         "setting": "Chosen",
@@ -103,4 +107,4 @@ def choices_block(frame: pd.DataFrame, cohort: str) -> Block:
         f"Choices from the front, {cohort}: for each patient from the front of all the others, whose settings kept the "
         f"budget with a margin of {SAFETY:g}, and what the choice then took and missed on the patient."
     )
-    return Block(frame, views(CHOICES, headers), caption, "Budgets and tolerances")
+    return Table(frame, CHOICES, [Block.of(frame, views(CHOICES, headers), caption, "Budgets and tolerances")])

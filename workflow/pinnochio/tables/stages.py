@@ -1,4 +1,4 @@
-"""What the study costs: the benchmark files of its jobs, and the table of time per stage."""
+"""The table of time per stage, from the benchmark files of the study's jobs."""
 
 import os
 from functools import partial
@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from pinnochio.tables.engine import Column, View, number, write_csv, write_twins
+from pinnochio.columns import Column, check, number
+from pinnochio.tables.document import Block, Table, views
 
 TOTAL = "all"
 
@@ -55,21 +56,19 @@ def stages(folder: str | os.PathLike) -> pd.DataFrame:
         for rule, own in parts.items()
     ]
     frame = pd.DataFrame(rows)
-    return frame.assign(last=frame["rule"] == TOTAL).sort_values(
-        ["last", "seconds", "rule"], ascending=[True, False, True], ignore_index=True
-    )[[column.name for column in STAGES]]
+    order = frame.assign(last=frame["rule"] == TOTAL).sort_values(
+        ["last", "seconds", "rule"], ascending=[True, False, True]
+    )
+    return check(order.drop(columns="last"), STAGES)
 
 
-def write_stages(frame: pd.DataFrame, path: str | os.PathLike, cohort: str = "virtual cohort") -> None:
-    """Write stages.csv and its twins beside it."""
-    frame = write_csv(frame, path, STAGES)
+def tabulate(benchmarks: str | os.PathLike, cohort: str) -> Table:
+    """The files {rule}/*.tsv below the folder `benchmarks`, added up by rule."""
+    frame = stages(benchmarks)
     headers = ("Stage", "Jobs", "Seconds", "Mean", "Longest", "CPU seconds", "Largest memory MB")
-    view = [
-        View(header, lambda row, column=column: column.text(row[column.name]))
-        for header, column in zip(headers, STAGES, strict=True)
-    ]
+    view = views(STAGES, dict(zip((column.name for column in STAGES), headers, strict=True)))
     caption = (
         f"Time per stage of the study; {cohort}. Sums are over jobs, each at its last run: jobs that run side by side "
         "count in full, and rules whose jobs take about a second or less are not measured."
     )
-    write_twins(frame, path, view, caption, STAGES)
+    return Table(frame, STAGES, [Block.of(frame, view, caption)])

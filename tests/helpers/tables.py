@@ -1,0 +1,21 @@
+"""Tables as the rules make them: CSV file, document and readable twins."""
+
+from pathlib import Path
+
+from pinnochio.tables.document import Table
+from pinnochio.tables.formats import write_twins
+from scripts.tabulate import tabulate
+
+
+def write(table: Table, path: Path) -> None:
+    """Write a table and its twins beside the path of its CSV file."""
+    document = path.with_suffix(".json")
+    table.write(path, document)
+    write_twins(document)
+
+
+def make(path: Path, module: str, **arguments) -> None:
+    """The same of the table that a module of the library makes of files and arguments."""
+    document = path.with_suffix(".json")
+    tabulate(module, arguments, str(path), str(document))
+    write_twins(document)

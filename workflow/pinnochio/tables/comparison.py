@@ -1,0 +1,126 @@
+"""Methods compared over the patients: means, and tests against a reference, as several tables show them."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from pinnochio.columns import Column, check, number
+from pinnochio.errors import InputError
+from pinnochio.metrics.columns import BY_NAME, CASES
+from pinnochio.seeds import derive_seed
+from pinnochio.statistics.significance import Comparison, compare, holm
+
+# What is averaged over patients: column of cases -> also its standard deviation.
+SUMMARISED = {
+    "cd": True,
+    "hd95": True,
+    "pwr1": True,
+    "pwr2": True,
+    "seconds": True,
+    "setup_seconds": False,
+    "min_jacobian": True,
+    "raw_min_jacobian": True,
+    "eqres_rel": True,
+    "eqres_disp": False,
+    "volume_error_mean": True,
+    "skin_error_mean": True,
+}
+
+
+def _summaries() -> list[Column]:
+    columns = []
+    for name, spread in SUMMARISED.items():
+        source = BY_NAME[name]
+        columns.append(number(f"{name}_mean", source.unit, f"mean of {name}", source.summary))
+        if spread:
+            columns.append(number(f"{name}_sd", source.unit, f"standard deviation of {name}", source.summary))
+    return columns
+
+
+COMPARISON = (
+    Column("method", str, "", "method"),
+    Column("reference", bool, "", "whether the others are tested against this method"),
+    Column("n", int, "", "patients with a metric"),
+    Column("failed", int, "", "patients without one, or whose solver did not converge"),
+    *_summaries(),
+    number("inverted", "", "inverted elements over all patients", ".0f"),
+    number("pairs", "", "patients that the test compares", ".0f"),
+    number("cd_median_difference", "mm", "median of cd minus the reference's"),
+    number("cd_mean_difference", "mm", "mean of cd minus the reference's"),
+    number("cd_low", "mm", "lower end of the bootstrap 95% interval of that mean"),
+    number("cd_high", "mm", "upper end of it"),
+    number("p", "", "two-sided Wilcoxon signed-rank test of cd", ".6g"),
+    number("p_holm", "", "p after Holm's correction over the methods", ".6g"),
+    Column("test", str, "", "how p came about, or why there is none"),
+)
+_COMPARISON = {column.name: column for column in COMPARISON}
+
+
+def summarise(
+    cases: pd.DataFrame, reference: str | None = "pinnochio", methods: Sequence[str] | None = None, seed: int = 0
+) -> pd.DataFrame:
+    """One row per method (in the order of `methods`, else by name): the COMPARISON columns, tested on cd.
+
+    A patient without cd (failed prediction) counts as failed and is left out of that method's means; the
+    test takes the patients that both methods have. Without a reference nothing is tested.
+    """
+    cases = check(cases, CASES)
+    if cases.duplicated(["case", "method"]).any():
+        raise InputError("-", "cases", "a case appears twice for one method", "keep one row per case and method")
+    methods = list(methods) if methods is not None else sorted(cases["method"].unique())
+    if unknown := [method for method in [*methods, reference] if method and method not in set(cases["method"])]:
+        raise InputError("-", "cases", f"method {unknown[0]!r} has no row", "predict and evaluate it first")
+    rows = []
+    for method in methods:
+        own = cases[cases["method"] == method]
+        row = {"method": method, "reference": method == reference, "n": int(own["cd"].notna().sum())}
+        row["failed"] = int((own["cd"].isna() | ~own["converged"]).sum())
+        for name, spread in SUMMARISED.items():
+            row[f"{name}_mean"] = own[name].mean()
+            if spread:
+                row[f"{name}_sd"] = own[name].std()
+        row["inverted"] = own["inverted"].sum()
+        test = paired(cases, "cd", method, reference, derive_seed(seed, "bootstrap", method))
+        row |= {"pairs": test.n, "cd_median_difference": test.median, "cd_mean_difference": test.mean}
+        row |= {"cd_low": test.low, "cd_high": test.high, "p": test.p, "test": test.statement}
+        rows.append(row)
+    frame = pd.DataFrame(rows)
+    frame["p_holm"] = holm(frame["p"])
+    return check(frame, COMPARISON)
+
+
+def paired(cases: pd.DataFrame, measure: str, method: str, reference: str | None, seed: int) -> Comparison:
+    """A method against the reference by one column of CASES, over the patients that both have.
+
+    Of the reference itself, or without one, nothing but a statement.
+    """
+    if method == reference or reference is None:
+        return Comparison.none("reference" if reference else "no reference: not tested")
+    errors = cases.pivot(index="case", columns="method", values=measure)[[method, reference]].dropna()
+    return compare(errors[method], errors[reference], seed)
+
+
+def count(n: pd.Series) -> str:
+    """How many patients the rows of a table have, as captions say it."""
+    return f"n = {n.min()}" if n.nunique() == 1 else f"n = {n.min()} to {n.max()}"
+
+
+def spread(name: str, columns: Mapping[str, Column] = _COMPARISON) -> Callable:
+    """Text of a row of these columns, by name: mean and standard deviation of a summarised one."""
+
+    def text(row) -> str:
+        mean, sd = (columns[f"{name}_{part}"].text(row[f"{name}_{part}"]) for part in ("mean", "sd"))
+        return f"{mean} ± {sd}" if sd else mean
+
+    return text
+
+
+def starred(text: Callable) -> Callable:
+    """The text of a row with a star where Holm's p is below 0.05."""
+    return lambda row: text(row) + ("*" if row["p_holm"] < 0.05 else "")
+
+
+def significance(row) -> str:
+    """Text of a row of COMPARISON: Holm's p, or why there is none."""
+    return row["test"] if np.isnan(row["p_holm"]) else _COMPARISON["p_holm"].text(row["p_holm"])

@@ -1,0 +1,122 @@
+"""The readable twins of a table: its document as Markdown, LaTeX or HTML."""
+
+import json
+import os
+from pathlib import Path
+
+import jinja2
+
+from pinnochio.files import replacing
+
+STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem;color:#222;background:#fff}
+.scroll{overflow-x:auto}h2{font-size:1.1rem;margin:2.5rem 0 .5rem}p{max-width:60rem;margin-top:1.5rem}
+table{border-collapse:collapse;font-variant-numeric:tabular-nums}
+caption{text-align:left;padding-bottom:.8rem;max-width:60rem}th{border-bottom:2px solid #444;text-align:left}
+th,td{padding:.3rem .8rem;white-space:nowrap}td:not(:first-child){text-align:right}
+tbody tr:nth-child(even){background:#f4f4f2}details{margin-top:1.5rem}dt{font-weight:600;margin-top:.4rem}"""
+
+MARKDOWN = """\
+{% for block in blocks -%}
+{% if block.title %}**{{ block.title }}**
+
+{% endif -%}
+| {{ block.headers | join(" | ") }} |
+| {{ (["---"] * (block.headers | length)) | join(" | ") }} |
+{% for row in block.rows -%}
+|{% for text, bold in row %} {{ "**" if bold }}{{ text | escaped }}{{ "**" if bold }} |{% endfor %}
+{% endfor %}
+{{ block.caption }}
+{% if not loop.last %}
+{% endif -%}
+{% endfor -%}
+{% for paragraph in paragraphs %}
+{{ paragraph }}
+{% endfor -%}
+"""
+LATEX = r"""
+<%- for block in blocks -%>
+\begin{table}
+\centering
+\caption{<< block.title ~ ". " if block.title >><< block.caption >>}
+\begin{tabular}{l<< "r" * (block.headers | length - 1) >>}
+\hline
+<% for header in block.headers %><% if not loop.first %> & <% endif %><< header >><% endfor %> \\
+\hline
+<% for row in block.rows -%>
+<% for text, bold in row -%>
+<% if not loop.first %> & <% endif %><% if bold %>\textbf{<< text >>}<% else %><< text >><% endif %>
+<%- endfor %> \\
+<% endfor -%>
+\hline
+\end{tabular}
+\end{table}
+<% if not loop.last %>
+<% endif -%>
+<% endfor -%>
+<% for paragraph in paragraphs %>
+<< paragraph >>
+<% endfor -%>
+"""
+HTML = """\
+<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{{ blocks[0].caption.split(":")[0].split(";")[0] }}</title>
+<style>{{ style | safe }}</style></head><body>
+{% for block in blocks -%}
+{% if block.title %}<h2>{{ block.title }}</h2>
+{% endif -%}
+<div class='scroll'><table><caption>{{ block.caption }}</caption>
+<thead><tr>{% for header in block.headers %}<th>{{ header }}</th>{% endfor %}</tr></thead>
+<tbody>
+{% for row in block.rows -%}
+<tr>{% for text, bold in row %}<td>{% if bold %}<b>{{ text }}</b>{% else %}{{ text }}{% endif %}</td>{% endfor %}</tr>
+{% endfor -%}
+</tbody></table></div>
+{% endfor -%}
+{% for paragraph in paragraphs -%}
+<p>{{ paragraph }}</p>
+{% endfor -%}
+<details><summary>Columns of the CSV file</summary><dl>
+{%- for column in columns -%}
+<dt>{{ column.name }}</dt><dd>{{ column.description }}{{ " [%s]" % column.unit if column.unit }}</dd>
+{%- endfor -%}
+</dl></details>
+</body></html>
+"""
+SPECIAL = str.maketrans(
+    {character: f"\\{character}" for character in "&%$#_{}"}
+    | {"\\": r"\textbackslash{}", "±": r"$\pm$", "<": "$<$", ">": "$>$"}
+    | {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+)
+
+
+def _markdown() -> jinja2.Template:
+    environment = jinja2.Environment(keep_trailing_newline=True)
+    environment.filters["escaped"] = lambda text: text.replace("|", "\\|").replace("*", "\\*")
+    return environment.from_string(MARKDOWN)
+
+
+def _latex() -> jinja2.Template:
+    """Every value is escaped; the marks of its template are none of LaTeX's own."""
+    return jinja2.Environment(
+        block_start_string="<%",
+        block_end_string="%>",
+        variable_start_string="<<",
+        variable_end_string=">>",
+        finalize=lambda value: str(value).translate(SPECIAL),
+        keep_trailing_newline=True,
+    ).from_string(LATEX)
+
+
+def _html() -> jinja2.Template:
+    return jinja2.Environment(keep_trailing_newline=True, autoescape=True).from_string(HTML)
+
+
+FORMATS = {".md": _markdown, ".tex": _latex, ".html": _html}
+
+
+def write_twins(document: str | os.PathLike) -> None:
+    """Write Markdown, LaTeX and HTML beside the document of a :class:`~pinnochio.tables.document.Table`."""
+    shown = json.loads(Path(document).read_text(encoding="utf-8"))
+    for suffix, template in FORMATS.items():
+        with replacing(Path(document).with_suffix(suffix)) as temporary:
+            temporary.write_text(template().render(shown, style=STYLE), encoding="utf-8")

@@ -1,0 +1,125 @@
+"""Errors by place, a region of the face or a landmark: what the tables of both share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from pinnochio.columns import Column, check, number, words
+from pinnochio.metrics.columns import CASES
+from pinnochio.seeds import derive_seed
+from pinnochio.statistics.significance import holm
+from pinnochio.tables.comparison import count, paired, starred
+from pinnochio.tables.document import Block, Table, View, views
+
+
+def _number(name: str, description: str, form: str = ".4f", unit: str = "mm") -> Column:
+    return number(name, unit, description, form)
+
+
+PLACES = (
+    Column("method", str, "", "method"),
+    Column("place", str, "", "region, landmark, or what of the whole field"),
+    Column("reference", bool, "", "whether the others are tested against this method"),
+    Column("n", int, "", "patients with an error there"),
+    _number("mean", "mean error over the patients"),
+    _number("sd", "standard deviation of it"),
+    _number("bias", "mean signed error of a region: positive where the prediction lies outside the target"),
+    _number("pairs", "patients that the test compares", ".0f", ""),
+    _number("difference", "mean error minus the reference's"),
+    _number("low", "lower end of the bootstrap 95% interval of that mean"),
+    _number("high", "upper end of it"),
+    _number("p", "two-sided Wilcoxon signed-rank test of the error", ".6g", ""),
+    _number("p_holm", "p after Holm's correction over the methods, at this place", ".6g", ""),
+    Column("test", str, "", "how p came about, or why there is none"),
+)
+_PLACES = {column.name: column for column in PLACES}
+
+
+@dataclass(frozen=True)
+class Place:
+    """What a row is about: a name and the column of CASES with its error, and with its signed error if it has one."""
+
+    name: str
+    error: str
+    bias: str | None = None
+
+
+@dataclass(frozen=True)
+class Group:
+    """Places that the readable twins show in one block, and what it says of them."""
+
+    places: Sequence[Place]
+    caption: str
+    title: str = ""
+
+
+def summarise(
+    cases: pd.DataFrame, places: Sequence[Place], reference: str | None, methods: Sequence[str], seed: int = 0
+) -> pd.DataFrame:
+    """One row of PLACES per method and place, each tested against the reference over the patients of both.
+
+    Without a reference nothing is tested.
+    """
+    cases = check(cases, CASES)
+    rows = []
+    for method in methods:
+        own = cases[cases["method"] == method]
+        for place in places:
+            test = paired(
+                cases, place.error, method, reference, derive_seed(seed, "bootstrap", f"{place.error}/{method}")
+            )
+            rows.append(
+                {
+                    "method": method,
+                    "place": place.name,
+                    "reference": method == reference,
+                    "n": int(own[place.error].notna().sum()),
+                    "mean": own[place.error].mean(),
+                    "sd": own[place.error].std(),
+                    "bias": own[place.bias].mean() if place.bias else np.nan,
+                    "pairs": test.n,
+                    "difference": test.mean,
+                    "low": test.low,
+                    "high": test.high,
+                    "p": test.p,
+                    "test": test.statement,
+                }
+            )
+    frame = pd.DataFrame(rows)
+    frame["p_holm"] = frame.groupby("place")["p"].transform(holm)
+    return check(frame, PLACES)
+
+
+def table(frame: pd.DataFrame, groups: Sequence[Group], cohort: str) -> Table:
+    """The table of rows of PLACES, in the twins one row per method and one column per place; signed errors below."""
+    reference = ", ".join(frame.loc[frame["reference"], "method"].unique()) or "the reference"
+    n = count(frame.loc[frame["n"] > 0, "n"]) if frame["n"].any() else "n = 0"
+    cells = frame.set_index(["place", "method"])
+    by_method = pd.DataFrame({"method": frame["method"].unique()})
+
+    def block(places: Sequence[Place], text, sign: int, caption: str, title: str) -> Block:
+        def view(place: Place) -> View:
+            return View(words(place.name), lambda row: text(cells.loc[(place.name, row["method"])]), sign)
+
+        method = views(PLACES, {"method": "Method"})
+        return Block.of(by_method, [*method, *(view(place) for place in places)], caption, title)
+
+    tested = (
+        f" in mm, {cohort}, {n} patients: mean ± standard deviation. Bold: best mean. * p < 0.05: two-sided "
+        f"Wilcoxon signed-rank test against {reference}, Holm-corrected per column."
+    )
+    blocks = [block(group.places, starred(_spread), -1, group.caption + tested, group.title) for group in groups]
+    if signed := [place for group in groups for place in group.places if place.bias]:
+        caption = "Mean signed distance in mm: positive where the prediction lies outside the target."
+        blocks.append(block(signed, lambda row: _signed(row["bias"]), 0, caption, "Signed"))
+    return Table(frame, PLACES, blocks)
+
+
+def _spread(row) -> str:
+    return " ± ".join(filter(None, (_PLACES[name].text(row[name]) for name in ("mean", "sd"))))
+
+
+def _signed(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:+.4f}"

@@ -1,0 +1,233 @@
+"""What every table of the study is made of: its files, its arguments, and what must be there before it beside these.
+
+`tabulate` of its module takes both; the module is pinnochio.tables.{name of the table} where nothing else is said.
+"""
+
+TWINS = ["md", "tex", "html"]
+METRICS = "<results>/folds/{fold}/{method}/metrics.csv"
+JUDGED = {"cases": "<results>/tables/cases.csv"}
+TRADED_CASES = {"cases": "<results>/tables/tradeoff_cases.csv"}
+SIZED = {
+    "sizes": expand("<results>/scaling/{nodes}.csv", nodes=config["scaling"]["nodes"])
+}
+ANATOMIES = {
+    "anatomies": expand("<results>/virtual/{case}/anatomy.json", case=STUDY.cases)
+}
+NAMED = {"cohort": COHORT}
+COMPARED = NAMED | {
+    "reference": STUDY.reference,
+    "methods": STUDY.methods,
+    "seed": SEED,
+}
+SUMS = NAMED | {
+    "benchmarks": BENCHMARKS,
+    "cases": list(STUDY.cases),
+    "counts": STUDY.counts,
+}
+# The benchmark files differ from run to run and are no input; the jobs that write them are asked for by what they make.
+COUNTED_FILES = expand(
+    "<results>/cases/{case}/quality.json", case=STUDY.counted
+) + expand(
+    "<results>/cases/{case}/{file}",
+    case=[name for name in STUDY.counted if name in STUDY.scanned],
+    file=["postop.h5", "fem_samples.h5"] if STUDY.learned else ["postop.h5"],
+)
+MODULES = {
+    "better": "pinnochio.tables.accuracy",
+    "scene": "pinnochio.tables.reductions",
+    "thickness": "pinnochio.virtual.thickness",
+    "anatomy": "pinnochio.virtual.description",
+    "effects": "pinnochio.virtual.effects",
+    "ratios": "pinnochio.virtual.ratios",
+}
+# Files by argument, and the other arguments.
+TABLES = {
+    "cases": (
+        {"metrics": expand(METRICS, fold=STUDY.held_out, method=STUDY.methods)},
+        NAMED,
+    ),
+    "accuracy": (JUDGED, COMPARED | {"published": True}),
+    # The same with every method tested against the better network.
+    "better": (
+        JUDGED,
+        COMPARED | {"reference": config["design"]["base"], "published": False},
+    ),
+    "regions": (JUDGED, COMPARED),
+    "landmarks": (JUDGED, COMPARED),
+    "ablation": (
+        JUDGED,
+        NAMED
+        | {"variants": {m: NETWORKS[m] for m in config["ablation"]}, "seed": SEED},
+    ),
+    "design": (
+        {
+            "metrics": expand(
+                METRICS,
+                fold=list(STUDY.held_out)[: config["design"]["folds"]],
+                method=STUDY.design,
+            )
+        },
+        NAMED | {"variants": {m: NETWORKS[m] for m in STUDY.design}, "seed": SEED},
+    ),
+    "corrections": (
+        {
+            "metrics": [
+                f"<results>/folds/{fold}/{method}{corrected}/metrics.csv"
+                for method in STUDY.asked("corrections")
+                for corrected in [
+                    "",
+                    *(
+                        f"/corrected_{count}"
+                        for count in config["corrections"]["counts"]
+                    ),
+                ]
+                for fold in STUDY.held_out
+            ]
+        },
+        NAMED
+        | {
+            "methods": STUDY.asked("corrections"),
+            "corrections": [0, *config["corrections"]["counts"]],
+            "seed": SEED,
+        },
+    ),
+    "scene": (
+        {
+            "trials": expand(
+                "<results>/scene/{case}/trials.csv", case=STUDY.reduced_cases
+            )
+        },
+        NAMED,
+    ),
+    "coverage": (
+        {
+            "parts": expand(
+                "<results>/methods/{method}/coverage.csv",
+                method=STUDY.asked("uncertainty"),
+            )
+        },
+        NAMED,
+    ),
+    "tradeoff_cases": (
+        lambda wildcards: {"rows": STUDY.rows_of_traded(wildcards)},
+        NAMED,
+    ),
+    "choices": (
+        TRADED_CASES,
+        NAMED
+        | {
+            "budgets": config["tradeoff"]["budgets"],
+            "tolerances": config["tradeoff"]["allowed"],
+        },
+    ),
+    "tradeoff": (
+        TRADED_CASES | {"choices": "<results>/tables/choices.json"},
+        NAMED,
+    ),
+    "scaling": (
+        SIZED,
+        SUMS
+        | {
+            "results": RESULTS,
+            "held_out": STUDY.held_out,
+            "training": {
+                fold: len([name for name in STUDY.scanned if name not in cases])
+                for fold, cases in STUDY.held_out.items()
+            },
+            "methods": STUDY.methods,
+            "nodes": config["mesh"]["nodes"],
+            "cluster": config["scaling"]["cluster"],
+        },
+    ),
+    "scaling_patients": ({}, SUMS),
+    "scaling_exponents": (SIZED, SUMS),
+    "training": (
+        {
+            "networks": expand(
+                "<results>/folds/{fold}/{method}/network.pt",
+                method=STUDY.learned,
+                fold=STUDY.held_out,
+            )
+        },
+        NAMED
+        | {
+            "settings": {
+                method: {
+                    phase: STUDY.registry[method].settings.get(phase)
+                    for phase in ("pretraining", "finetuning")
+                }
+                for method in STUDY.learned
+            },
+            "folds": list(STUDY.held_out),
+            "benchmarks": BENCHMARKS,
+        },
+    ),
+    "stages": ({}, NAMED | {"benchmarks": BENCHMARKS}),
+    "quality": (
+        {"reports": expand("<results>/cases/{case}/quality.json", case=STUDY.cases)},
+        NAMED | {"segments": config["segments"]},
+    ),
+    "thickness": (ANATOMIES, {}),
+    "anatomy": (ANATOMIES, {}),
+    "effects": (
+        {
+            "rows": expand(
+                "<results>/virtual/{case}/effects.csv",
+                case=list(STUDY.cases)[: config["virtual"]["effects"]],
+            )
+        },
+        {"effects": config["virtual"]["outcome"]["effects"]},
+    ),
+    "ratios": (
+        {
+            "landmarks": expand(
+                "<results>/virtual/{case}/landmarks.json", case=STUDY.cases
+            ),
+            "truths": expand("<results>/virtual/{case}/truth.h5", case=STUDY.cases),
+        },
+        {"cases": list(STUDY.cases)},
+    ),
+}
+# Those of the target `tables`, and of the target `cost`.
+STUDIED = [
+    "cases",
+    *(["accuracy", "regions"] if STUDY.scanned else []),
+    *(["better"] if STUDY.better else []),
+    *(["landmarks"] if STUDY.scanned and STUDY.virtual else []),
+    *(["ablation"] if STUDY.ablated else []),
+]
+COSTS = ["stages", *(["training"] if STUDY.learned else [])]
+BEFORE = dict.fromkeys(
+    ("scaling", "scaling_patients", "scaling_exponents"), COUNTED_FILES
+)
+# Last of all.
+BEFORE["stages"] = [
+    *expand("<results>/tables/{table}.csv", table=[*STUDIED, "quality", *COSTS[1:]]),
+    *expand("<results>/cases/{case}/fem/mucosa.json", case=STUDY.unscanned),
+]
+
+
+def table_and_twins(*names):
+    """The CSV file and the readable twins of tables of the study."""
+    return expand("<results>/tables/{table}.{kind}", table=names, kind=["csv", *TWINS])
+
+
+def files_of_table(wildcards):
+    files, _ = TABLES[wildcards.table]
+    return files(wildcards) if callable(files) else files
+
+
+def module_of(wildcards):
+    """The module that makes the table."""
+    return MODULES.get(wildcards.table, f"pinnochio.tables.{wildcards.table}")
+
+
+def caption_of(wildcards):
+    """What Snakemake's own report says of a table and its picture."""
+    path = ROOT / f"workflow/report/{wildcards.table}.rst"
+    return path.read_text(encoding="utf-8")
+
+
+def part_of(wildcards):
+    """The category of Snakemake's own report that a table and its picture stand in."""
+    return PARTS.get(wildcards.table, "Further tables")
