@@ -58,7 +58,7 @@ def solved(points, cells, boundary, poisson=0.49, volumetric=VOLUMETRIC[0], tole
     """Result of a converged solution and its internal force (n, 3) in mN; E is 5 kPa throughout."""
     law = uniform(len(cells), poisson)
     # A coarse least increment, so that a wrong tangent fails in seconds.
-    options = solver_options(volumetric, tolerance=tolerance, min_increment=1 / 16, **options)
+    options = solver_options(volumetric=volumetric, tolerance=tolerance, min_increment=1 / 16, **options)
     result = solve(points, cells, law, boundary, options)
     assert result.converged, result.reason
     return result, Elements.build(points, cells, law, volumetric).evaluate(result.displacement)[1]

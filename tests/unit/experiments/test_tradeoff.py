@@ -12,7 +12,7 @@ from pinnochio.figures.tradeoff import draw
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.choices import SAFETY, check_choices, choose_setting
-from pinnochio.tables.tradeoff import TRADEOFF_CASES, answers, pareto, summarise
+from pinnochio.tables.tradeoff import answers, pareto, summarise
 from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
 from tests.helpers import settings
 from tests.helpers.patients import tiny_patient

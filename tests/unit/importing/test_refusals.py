@@ -15,6 +15,7 @@ from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
 from pinnochio.study.configuration import check_config
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
+from scripts.import_plan import import_plan
 from scripts.import_segmentation import import_segmentation
 from scripts.register_postop import register_postop
 from tests.helpers.settings import ROOT
@@ -66,11 +67,10 @@ def run_import(folder, segmentation=None, plan=None, values=CODES, segments=SEGM
     if plan is None:
         plan = folder / "P1.json"
         plan.write_text(plan_text())
-    names = ("labels.nii.gz", "bone.vtp", "skin.vtp", "plan.json", "report.json")
+    names = ("labels.nii.gz", "bone.vtp", "skin.vtp", "report.json")
     outputs = {name.split(".")[0]: str(folder / "out" / name) for name in names}
-    import_segmentation(
-        "P1", str(segmentation), str(plan), values, segments, "header", limit, unlabelled, 6.0, outputs
-    )  # fmt: skip
+    import_segmentation("P1", str(segmentation), values, segments, "header", limit, unlabelled, 6.0, outputs)
+    import_plan("P1", str(plan), outputs["bone"], segments, str(folder / "out/plan.json"))
 
 
 def of_labels(labels, spacing=3.0, suffix=PLAIN, **settings):

@@ -271,7 +271,7 @@ cells = np.where(volume[:, None] > 0, cells, cells[:, [1, 0, 2, 3]])[np.abs(volu
 ends = np.flatnonzero((points[:, 0] < 4) | (points[:, 0] > 16))
 moved = np.where(points[ends, :1] > 16, [0.5, 0, 1.0], 0.0)
 law = neo_hookean(np.ones(len(cells)), {1: 5.0}, 0.49)
-options = solver_options("patch", increments=2, tolerance=1e-6, max_iterations=30, time_limit=600, linear_solver="auto")
+options = SolverOptions("patch", increments=2, tolerance=1e-6, max_iterations=30, time_limit=600, linear_solver="auto")
 for _ in range(2):
     result = solve(points, cells, law, BoundaryConditions(ends, moved), options)
     assert result.converged, result.reason

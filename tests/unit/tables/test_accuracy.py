@@ -13,7 +13,7 @@ from pinnochio.columns import check, read_table, write_csv
 from pinnochio.errors import InputError
 from pinnochio.metrics.columns import CASES
 from pinnochio.statistics.significance import bootstrap_interval, compare, holm, wilcoxon
-from pinnochio.tables.accuracy import summarise, table
+from pinnochio.tables.accuracy import table
 from pinnochio.tables.comparison import COMPARISON, summarise
 from tests.helpers.rows import row
 from tests.helpers.tables import make, write

@@ -11,7 +11,7 @@ from pinnochio.figures.scaling import draw
 from pinnochio.files import megabytes
 from pinnochio.statistics.growth import fit
 from pinnochio.tables.large_cohort import Measured, paragraphs
-from pinnochio.tables.scaling import PATIENTS, SCALING, patient_runs, patients, size_growths, table
+from pinnochio.tables.scaling import SCALING, size_growths, table
 from pinnochio.tables.scaling_exponents import EXPONENTS, exponents
 from pinnochio.tables.scaling_patients import PATIENTS, patient_runs, patients
 from tests.helpers.rows import benchmark
