@@ -1,4 +1,4 @@
-"""Makes the fields between a network's predictions and equilibrium, of a fold's held-out patients, by Newton corrections."""
+"""Makes the Newton corrections of a network's predictions of a fold's held-out patients."""
 
 import logging
 import time

@@ -6,9 +6,9 @@ from test_interfaces import ORIGIN, block_face
 from test_meshing_mesh import kuhn_cube
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import FACES, boundary_faces
+from pinnochio.geometry.faces import EDGES, FACES, boundary_faces
 from pinnochio.meshing.lattice import tetrahedralize
-from pinnochio.meshing.mesh import EDGES, TetMesh
+from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.refinement import refine
 
 MOUTH = ORIGIN + [28, 12, 34]

@@ -6,12 +6,9 @@ import numpy as np
 from scipy import sparse
 
 from pinnochio.compiled import compiled
-from pinnochio.mechanics.elements import ElementArrays, Elements, deformation, extended_log, patch_bulk
+from pinnochio.mechanics.elements import EPSILON, ElementArrays, Elements, deformation, extended_log, patch_bulk
 
 NONE = np.zeros(0)
-_EPSILON = np.zeros((3, 3, 3))
-_EPSILON[0, 1, 2] = _EPSILON[1, 2, 0] = _EPSILON[2, 0, 1] = 1
-_EPSILON[0, 2, 1] = _EPSILON[2, 1, 0] = _EPSILON[1, 0, 2] = -1
 
 
 class Patches(NamedTuple):
@@ -52,7 +49,7 @@ class Assembler:
 
     Unknowns of a node: displacement along the three axes of its frame. constrained (n, 3) bool: those that the boundary
     condition fixes. framed (s,): nodes whose first axis is not x but the normal of the surface that they slide on.
-    couplings (c, 2): further pairs of nodes a <= b that :meth:`add` may be given, such as those of a contact.
+    couplings (c, 2): further pairs of nodes a <= b that :meth:`add` may get, such as those of a contact.
 
     All nodes of a patch are coupled by its bulk term. A patch is assembled as one dense matrix and then scattered.
     """
@@ -212,7 +209,7 @@ def _hessian(f, cof, shear, stretch, bulk, curve, h):
                         value += shear
                     for k in range(3):
                         for r in range(3):
-                            value += bulk * _EPSILON[i, j, k] * _EPSILON[p, q, r] * f[k, r]
+                            value += bulk * EPSILON[i, j, k] * EPSILON[p, q, r] * f[k, r]
                     h[3 * i + p, 3 * j + q] = value
 
 

@@ -11,8 +11,8 @@ class Constraints:
     """Prescribed and sliding nodes of a mesh, points (n, 3) mm and cells (m, 4).
 
     constrained (n, 3) bool: unknowns that the boundary condition fixes, in local axes; sliding: the sliding sets;
-    prescribed (p,): prescribed nodes. InputError if a node does not exist or has two conditions, or if a piece of the mesh
-    could move as a whole.
+    prescribed (p,): prescribed nodes. InputError if a node does not exist or has two conditions, or if a piece of the
+    mesh could move as a whole.
     """
 
     def __init__(self, points, cells, boundary: BoundaryConditions):
@@ -26,7 +26,7 @@ class Constraints:
         self._check_pieces(cells)
 
     def met(self, displacement, fraction: float) -> np.ndarray:
-        """The admissible displacement (n, 3) next to a given one."""
+        """The admissible displacement (n, 3) next to another one."""
         target = self.sliding.project(displacement, fraction)
         target[self.prescribed] = self.boundary.displacement(fraction)
         return target

@@ -109,8 +109,8 @@ class Corrector:
     def _corrected(self, state: State, pressure, cut_below: float) -> tuple[State, float]:
         """The state after one correction and the share of its step that was taken; 0 where none helps.
 
-        The way of the prescribed nodes is a part of the step. The tangent takes the patches' pressures (p,) that the last
-        step expected to first order: those of the volumes hold the second-order error of that step, times lambda, which
+        The way of the prescribed nodes is a part of the step. The tangent takes the patches' pressures (p,) that the
+        last step expected to first order: those of the volumes hold the second-order error of that step, times lambda, which
         makes tangents indefinite and Newton's method slow where lambda is large against mu [R: Magisano, Leonetti,
         Garcea 2017, for all stresses]. Equilibrium is the same. From 25 elastic fields a residual of 1e-3 took 2 to 5
         corrections so, 2 to 8 by Newton's own tangent [X].
@@ -144,7 +144,7 @@ class Corrector:
 
 
 class Finish:
-    """What becomes of a network's fields on one patient before they are given out: the inversion repair, then corrections."""
+    """The end of every network's prediction on one patient: the inversion repair, then Newton corrections."""
 
     def __init__(self, patient: PatientModel, settings: FemSettings, steps: int):
         self._patient, self._settings, self._steps, self._corrector = patient, settings, steps, None

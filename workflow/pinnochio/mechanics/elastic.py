@@ -15,8 +15,8 @@ from pinnochio.mechanics.sliding import BoundaryConditions
 class ElasticSolver:
     """The tangent of the energy at rest, with its factors, for one mesh and one set of constrained nodes.
 
-    points (n, 3) mm, cells (m, 4). Prescribed nodes go where they are sent; a sliding node moves with its bone along the normal
-    that the bone's surface has at rest and is free across it. Exact to first order in the motion: a rotation by 10
+    points (n, 3) mm, cells (m, 4). A sliding node moves with its bone along the normal that the bone's surface has at
+    rest and is free across it. Exact to first order in the motion: a rotation by 10
     degrees already stretches by 1.5 %. Contact sets are refused, because they open and close.
     """
 

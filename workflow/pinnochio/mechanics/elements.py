@@ -20,10 +20,15 @@ import numpy as np
 
 from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
+from pinnochio.geometry.faces import edges_of
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.patches import make_patches
 
 VOLUMETRIC = ("patch", "p1")
+# Levi-Civita symbol.
+EPSILON = np.zeros((3, 3, 3))
+EPSILON[0, 1, 2] = EPSILON[1, 2, 0] = EPSILON[2, 0, 1] = 1
+EPSILON[0, 2, 1] = EPSILON[2, 1, 0] = EPSILON[1, 0, 2] = -1
 
 
 class ElementArrays(NamedTuple):
@@ -136,10 +141,8 @@ def node_volumes(points, cells) -> np.ndarray:
 
 def mean_edge(points, cells) -> float:
     """Mean length in mm of the edges of the cells."""
-    pairs = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
-    low, high = np.sort(np.asarray(cells, np.int64)[:, pairs].reshape(-1, 2), axis=1).T
-    low, high = np.divmod(np.unique(low * len(points) + high), len(points))
-    return float(np.linalg.norm(points[low] - points[high], axis=1).mean())
+    one, two = edges_of(cells)[0].T
+    return float(np.linalg.norm(points[one] - points[two], axis=1).mean())
 
 
 def jacobians(points, cells, displacement) -> np.ndarray:

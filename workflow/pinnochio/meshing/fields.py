@@ -8,8 +8,7 @@ import SimpleITK as sitk
 from scipy import ndimage
 
 from pinnochio.compiled import compiled
-from pinnochio.importing.repair import SPECK_VOXELS, TOUCHING
-from pinnochio.model.labels import MUSCLE, SUPERFICIAL
+from pinnochio.model.labels import MUSCLE, SPECK_VOXELS, SUPERFICIAL, TOUCHING
 
 SHEET_SHARE = 0.5  # of the closed width: half the thickness given to thin sheets
 

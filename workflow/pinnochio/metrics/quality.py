@@ -8,8 +8,9 @@ import pandas as pd
 
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.distances import vertex_areas
+from pinnochio.geometry.faces import EDGES
 from pinnochio.importing.repair import repaired_voxels
-from pinnochio.meshing.mesh import EDGES, TetMesh
+from pinnochio.meshing.mesh import TetMesh
 from pinnochio.model.labels import CRANIUM, internal_codes, segment_code
 from pinnochio.model.patient import FIXED, FREE, MOVING, SLIDING, PatientModel
 from pinnochio.tables.engine import Column, View, write_csv, write_twins
