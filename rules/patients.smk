@@ -111,7 +111,7 @@ use rule import_segmentation as import_patient with:
 
 rule import_plan:
     input:
-        given=lambda wildcards: PATIENTS[wildcards.case].plans[wildcards.plan],
+        source=lambda wildcards: PATIENTS[wildcards.case].plans[wildcards.plan],
         bone="<results>/patients/{case}/bone.vtp",
     output:
         plan="<results>/patients/{case}/{plan}/plan.json",

@@ -6,11 +6,11 @@ from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
 
 
-def import_plan(case: str, given: str, bone: str, segments: tuple[str, ...], plan: str) -> None:
+def import_plan(case: str, source: str, bone: str, segments: tuple[str, ...], plan: str) -> None:
     """Read a plan file or a folder of transforms and write it; InputError where it does not fit the patient's bone."""
-    checked = Plan.read(given, case)
-    check_plan(checked, segments, given)
-    check_travel(checked, BoneSurface.read(bone), segments, given)
+    checked = Plan.read(source, case)
+    check_plan(checked, segments, source)
+    check_travel(checked, BoneSurface.read(bone), segments, source)
     checked.write(plan)
 
 
@@ -18,7 +18,7 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     import_plan(
         case=snakemake.wildcards.case,
-        given=snakemake.input.given,
+        source=snakemake.input.source,
         bone=snakemake.input.bone,
         segments=tuple(snakemake.params.segments),
         plan=snakemake.output.plan,

@@ -32,7 +32,7 @@ from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.geometry.triangles import closest_on_triangles, face_normals
+from pinnochio.geometry.triangles import closest_on_triangles, face_normals, vertex_areas
 from pinnochio.mechanics.point_surface import PointSurface
 
 # Triangles within it at rest can be touched, mm; what lips slide along each other stays below [I].
@@ -134,6 +134,7 @@ class UnilateralContact:
         return np.concatenate([np.zeros(0)] + [side.gap for side in self._gaps(displacement, fraction)])
 
     def _gaps(self, displacement, fraction: float) -> list["_Gap"]:
+        """The gaps of every side."""
         distances = self._distances(displacement, fraction)
         return [
             _Gap(side, scale, f - level, slope)
@@ -299,19 +300,13 @@ def _check(item: ContactSet, count: int) -> None:
         raise InputError("-", "contact", "a contact node is a corner of its own surface", "take it out of one")
 
 
-def node_areas(points, faces, nodes) -> np.ndarray:
-    """A third of the area (s,) mm2 of the faces (f, 3) around each of the nodes (s,)."""
-    areas = face_normals(points, faces)[1]
-    return np.bincount(faces.ravel(), np.repeat(areas / 3, 3), len(points))[nodes]
-
-
 def facing_sets(points, faces, one, two, constrained=None) -> list[ContactSet]:
     """Contact of the nodes `one` (s,) with the nodes `two` (t,), each against the other's surface.
 
-    points (n, 3) mm; faces (f, 3): boundary triangles; constrained (n,) bool. A surface is every face that looks across to
-    the other nodes, has one of its own nodes or lies around them, nearer than MARGIN to one and further from the
-    other's, holds no node of the other and is not constrained at all three corners. A node has the area of the faces
-    around it that look across; without one it is left out. Empty if there is no surface.
+    points (n, 3) mm; faces (f, 3): boundary triangles; constrained (n,) bool. A surface is every face that looks
+    across to the other nodes, has one of its own nodes or lies around them, nearer than MARGIN to one and further from
+    the other's, holds no node of the other and is not constrained at all three corners. A node has the area of the
+    faces around it that look across; without one it is left out. Empty if there is no surface.
     """
     if not len(one) or not len(two):
         return []
@@ -326,7 +321,7 @@ def facing_sets(points, faces, one, two, constrained=None) -> list[ContactSet]:
     for own, other, there, here, ahead in ((one, two, *away, -across), (two, one, *away[::-1], across)):
         surface = np.isin(faces, other).any(axis=1) | ((here < MARGIN) & (here < there))
         surface &= loose & (normals @ ahead > ACROSS) & ~np.isin(faces, own).any(axis=1)
-        part = node_areas(points, faces[looking], own)
+        part = vertex_areas(points, faces[looking])[own]
         if surface.any() and part.any():
             sets.append(ContactSet(own[part > 0], part[part > 0], faces[surface], share=0.5))
     return sets

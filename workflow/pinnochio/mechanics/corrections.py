@@ -110,10 +110,10 @@ class Corrector:
         """The state after one correction and the share of its step that was taken; 0 where none helps.
 
         The way of the prescribed nodes is a part of the step. The tangent takes the patches' pressures (p,) that the
-        last step expected to first order: those of the volumes hold the second-order error of that step, times lambda, which
-        makes tangents indefinite and Newton's method slow where lambda is large against mu [R: Magisano, Leonetti,
-        Garcea 2017, for all stresses]. Equilibrium is the same. From 25 elastic fields a residual of 1e-3 took 2 to 5
-        corrections so, 2 to 8 by Newton's own tangent [X].
+        last step expected to first order: those of the volumes hold the second-order error of that step, times lambda,
+        which makes tangents indefinite and Newton's method slow where lambda is large against mu [R: Magisano,
+        Leonetti, Garcea 2017, for all stresses]. Equilibrium is the same. From 25 elastic fields a residual of 1e-3
+        took 2 to 5 corrections so, 2 to 8 by Newton's own tangent [X].
         """
         newton = self._newton
         moving = (self._motion != state.u[self._nodes]).any()

@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.faces import boundary_faces, edges_of
-from pinnochio.mechanics.contact import ContactSet, facing_sets, node_areas
+from pinnochio.geometry.triangles import vertex_areas
+from pinnochio.mechanics.contact import ContactSet, facing_sets
 from pinnochio.mechanics.point_surface import PointSurface
 from pinnochio.model.labels import CRANIUM, segment_name
 from pinnochio.model.patient import FIXED, FREE, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
@@ -173,7 +174,7 @@ def boundary_conditions(
             points, normals = _facing_bone(model, index)
             own = np.flatnonzero(slides & (model.node_segment == index))
             if unilateral:
-                areas = node_areas(model.points, faces, own)
+                areas = vertex_areas(model.points, faces)[own]
                 contact.append(
                     ContactSet(own, areas, points=points, normals=normals, motion=motion.fraction, touching=True)
                 )

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.geometry.distances import vertex_areas
 from pinnochio.geometry.faces import EDGES
+from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.importing.repair import repaired_voxels
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.model.labels import CRANIUM, internal_codes, segment_code

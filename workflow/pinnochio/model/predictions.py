@@ -25,7 +25,7 @@ class Prediction:
     NaN where nobody timed them. threads: 0 where unknown. iterations: of a solver, or corrections of a network's field.
     boundary (n, 3) mm: where a network puts the interface nodes, which its field need not meet; None of other methods.
     raw_min_jacobian, raw_inverted: least J of the network's own field and its inverted elements; repaired: elements
-    that the inversion repair solved again; damping: its factor on the whole field, 1 for none. NaN where nothing repairs.
+    that the inversion repair solved again; damping: its factor on the whole field, 1 for none. NaN without repair.
     skin (s, 3) mm: displacement of the skin points, of methods that move nothing else.
     """
 

@@ -8,6 +8,7 @@ The loops run over targets; each target is computed by one thread in one order, 
 import functools
 import itertools
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -15,7 +16,7 @@ from numba import njit
 from torch import Tensor
 
 from pinnochio.compiled import compiled
-from pinnochio.networks.layout import Layout
+from pinnochio.networks.layout import Inputs, Layout
 from pinnochio.networks.vectors import (
     exponential,
     larger,
@@ -38,30 +39,63 @@ _ROOT, _DENSITY, _P = (np.float32(x) for x in (0.5**0.5, (2 * np.pi) ** -0.5, 0.
 _A = tuple(np.float32(x) for x in (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429))
 
 
-def forward(x, st, shift, w, a, bias, d, layout: Layout, slope: float) -> tuple[Tensor, ...]:
-    """The layer's output (n, h c), and the tensors that :func:`backward` asks for after the given ones.
+def forward(x, inputs: Inputs, layout: Layout, slope: float) -> tuple[Tensor, ...]:
+    """The layer's output (n, h c), and what :func:`backward` asks for as `kept`.
 
-    x (n, h c) nodes; st (n, 2 h c) their s and t; shift (h c,) of s + t; w (4, h c) edge weight; a (h, c) attention
-    vector; bias (h c,); d (e, 4) edge attributes; slope of the leaky ReLU. All float32 and contiguous.
+    x (n, h c) nodes, float32 and contiguous; slope of the leaky ReLU.
     """
-    run, _ = _loops(*a.shape)
-    given = [tensor.detach().numpy() for tensor in (x, st, shift, w, a, bias, d, layout.source, layout.arriving)]
-    # numpy's empty arrays: torch's are filled where it is told to be deterministic
-    alpha, before, out = (np.empty(shape, np.float32) for shape in ((len(a), len(d)), x.shape, x.shape))
-    slope = np.float32(slope)
-    _spread_over_threads(lambda first, last: run(*given, slope, first, last, alpha, before, out), len(x))
+    run, _ = _loops(*inputs.a.shape)
+    nodes, layer = x.detach().numpy(), _Layer.of(inputs, layout, slope)
+    # numpy's empty arrays: torch's are filled where it has to be deterministic
+    shapes = (len(inputs.a), len(inputs.d)), x.shape, x.shape
+    alpha, before, out = (np.empty(shape, np.float32) for shape in shapes)
+    _spread_over_threads(lambda first, last: run(nodes, layer, first, last, alpha, before, out), len(x))
     return torch.from_numpy(out), torch.from_numpy(alpha), torch.from_numpy(before)
 
 
-def backward(g, st, shift, w, a, bias, d, alpha, before, layout: Layout, slope: float) -> list[Tensor]:
-    """Gradients by st, shift, w, a and bias, given that by the output, g (n, h c)."""
-    _, run = _loops(*a.shape)
-    given = [tensor.detach().numpy() for tensor in (st, shift, w, a, bias, d, layout.source, layout.arriving)]
-    rest = [tensor.numpy() for tensor in (alpha, before, g)]
-    mean, gst = np.empty((len(g), len(a)), np.float32), np.empty_like(given[0])
-    sums = [np.zeros_like(array) for array in given[1:5]]
-    run(*given, np.float32(slope), *rest, mean, gst, *sums)
-    return [torch.from_numpy(array) for array in (gst, *sums)]
+def backward(g, inputs: Inputs, kept, layout: Layout, slope: float) -> list[Tensor]:
+    """Gradients by st, shift, w, a and bias from that by the output, g (n, h c)."""
+    _, run = _loops(*inputs.a.shape)
+    layer, (alpha, before) = _Layer.of(inputs, layout, slope), kept
+    mean = np.empty((len(g), len(inputs.a)), np.float32)
+    gradients = _Gradients(
+        st=np.empty_like(layer.st),
+        shift=np.zeros_like(layer.shift),
+        w=np.zeros_like(layer.w),
+        a=np.zeros_like(layer.a),
+        bias=np.zeros_like(layer.bias),
+    )
+    run(layer, alpha.numpy(), before.numpy(), g.numpy(), mean, gradients)
+    return [torch.from_numpy(array) for array in gradients]
+
+
+class _Layer(NamedTuple):
+    """:class:`Inputs` and :class:`Layout` as the loops read them."""
+
+    st: np.ndarray
+    shift: np.ndarray
+    w: np.ndarray
+    a: np.ndarray
+    bias: np.ndarray
+    d: np.ndarray
+    source: np.ndarray
+    rows: np.ndarray
+    slope: np.float32
+
+    @classmethod
+    def of(cls, inputs: Inputs, layout: Layout, slope: float) -> "_Layer":
+        arrays = [tensor.detach().numpy() for tensor in (*inputs, layout.source, layout.arriving)]
+        return cls(*arrays, np.float32(slope))
+
+
+class _Gradients(NamedTuple):
+    """Gradients by what :class:`Inputs` calls by the same names."""
+
+    st: np.ndarray
+    shift: np.ndarray
+    w: np.ndarray
+    a: np.ndarray
+    bias: np.ndarray
 
 
 @functools.lru_cache
@@ -101,7 +135,8 @@ def _loops(heads, c):
     width = heads * c
 
     @_compile
-    def forward(x, st, shift, w, a, bias, d, source, rows, slope, first, last, alpha, before, out):
+    def forward(x, layer, first, last, alpha, before, out):
+        st, shift, w, a, bias, d, source, rows, slope = layer
         edges = len(d)
         for i in range(first, last):
             for h in range(heads):
@@ -139,7 +174,9 @@ def _loops(heads, c):
             store(out, k, load(x, k, c) + o * below)
 
     @_compile
-    def backward(st, shift, w, a, bias, d, source, rows, slope, alpha, before, g, mean, gst, gshift, gw, ga, gb):
+    def backward(layer, alpha, before, g, mean, gradients):
+        st, shift, w, a, bias, d, source, rows, slope = layer
+        gst, gshift, gw, ga, gb = gradients
         edges, n = len(d), len(before)
         for i in range(n):
             for h in range(heads):

@@ -1,4 +1,4 @@
-"""The reduced models of a scene."""
+"""Reduced models of a patient."""
 
 from dataclasses import fields, replace
 
@@ -70,11 +70,11 @@ def in_region(patient: m.PatientModel, field: Amplitude, head: Segmentation, lim
 
 def bonded(patient: m.PatientModel) -> m.PatientModel:
     """The model with its sliding contact bonded to its bone, as in the arm "bonded"."""
-    told = np.zeros(len(patient.points), bool)
-    told[boundary_conditions(patient, Plan("-", {}), "bonded").prescribed_nodes] = True
+    prescribed = np.zeros(len(patient.points), bool)
+    prescribed[boundary_conditions(patient, Plan("-", {}), "bonded").prescribed_nodes] = True
     slides = patient.node_type == m.SLIDING
-    kind = np.where(slides, np.where(told, m.MOVING, m.FREE), patient.node_type).astype(np.int8)
-    segment = np.where(slides & ~told, -1, patient.node_segment).astype(np.int8)
+    kind = np.where(slides, np.where(prescribed, m.MOVING, m.FREE), patient.node_type).astype(np.int8)
+    segment = np.where(slides & ~prescribed, -1, patient.node_segment).astype(np.int8)
     return replace(patient, node_type=kind, node_segment=segment)
 
 
@@ -109,7 +109,7 @@ def graded(
         patient.segments,
         bone,
         skin,
-        **{f"{name}_mm": value for name, value in interfaces.items()},
+        **interfaces,
     )
     return replace(made, muscle=patient.muscle)
 
