@@ -38,12 +38,13 @@ def import_segmentation(
     checked = Plan.read(plan, case) if plan else Plan(case, {})
     check_plan(checked, segments, plan)
     head = read_segmentation(segmentation, case, label_values, segments, orientation)
+    grid = head.spacing, head.origin
     voxel = float(np.prod(head.spacing))
     labels, repairs = repair(head.labels, segments, repair_limit, case, segmentation, voxel)
-    bone = bone_surface(labels, head.spacing, head.origin, segments, bone_edge)
+    bone = bone_surface(labels, *grid, segments, bone_edge)
     check_travel(checked, bone, segments, plan)
     top = upper_face_plane(bone, segments, 0.0)
-    labels, muscle = muscle_layer(labels, head.spacing, head.origin, top, unlabelled_muscle, case, segmentation)
+    labels, muscle = muscle_layer(labels, *grid, top, unlabelled_muscle, case, segmentation)
     report = {
         "case": case,
         "spacing_mm": np.asarray(head.spacing).tolist(),
@@ -55,9 +56,9 @@ def import_segmentation(
         },
         "repairs": repairs,
     }
-    write_segmentation(labels, head.spacing, head.origin, outputs["labels"])
+    write_segmentation(labels, *grid, outputs["labels"])
     bone.write(outputs["bone"])
-    write_surface(*skin_surface(labels, head.spacing, head.origin), outputs["skin"])
+    write_surface(*skin_surface(labels, *grid), outputs["skin"])
     if plan:
         checked.write(outputs["plan"])
     with replacing(outputs["report"]) as temporary:

@@ -61,7 +61,14 @@ class Corrector:
         self._nodes = np.asarray(prescribed, int)
         self._motion = np.zeros((len(self._nodes), 3))  # of these nodes, mm, under the plan at hand
         self._cells, self._material = np.asarray(cells), material
-        options = SolverOptions(volumetric, time_limit=np.inf, linear_solver=linear_solver)
+        options = SolverOptions(
+            volumetric=volumetric,
+            increments=1,
+            tolerance=1e-6,
+            max_iterations=25,
+            time_limit=np.inf,
+            linear_solver=linear_solver,
+        )
         boundary = BoundaryConditions(self._nodes, lambda fraction: self._motion)
         self._newton = Newton(points, cells, material, boundary, options)
 

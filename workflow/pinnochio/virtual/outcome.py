@@ -99,7 +99,7 @@ def meshed(operation: Operation, reality: Mapping[str, Any]) -> PatientModel:
         operation.segments,
         bone_surface(head.labels, head.spacing, head.origin, operation.segments, operation.mesh["bone_edge"]),
         skin_surface(head.labels, head.spacing, head.origin),
-        **{f"{name}_mm": value for name, value in thresholds.items()},
+        **thresholds,
     )
 
 
