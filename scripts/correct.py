@@ -31,7 +31,9 @@ def correct(
     for case, path in zip([cases[0], *cases], [models[0], *models], strict=True):
         patient, prediction = PatientModel.read(path), read_prediction(predictions, case)
         if prediction.boundary is None:
-            raise InputError(case, predictions, "the method gives no interface", "name learned methods in 'dial'")
+            raise InputError(
+                case, predictions, "the method gives no interface", "name learned methods in 'corrections'"
+            )
         nodes, prescribed = interface(patient, prediction.boundary)
         began = time.perf_counter()
         corrector = Corrector.of(patient, fem, nodes)

@@ -1,6 +1,8 @@
 """Edges and faces of tetrahedra: which two cells share a face, and which faces belong to the boundary."""
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 # Faces of a tetrahedron of positive volume, each seen counter-clockwise from outside; face i is opposite corner i.
@@ -13,6 +15,14 @@ def edges_of(cells) -> tuple[np.ndarray, np.ndarray]:
     count = int(ends.max()) + 1
     key, of_cell = np.unique(ends[..., 0] * count + ends[..., 1], return_inverse=True)
     return np.column_stack(np.divmod(key, count)), of_cell.reshape(-1, 6)
+
+
+def pieces(elements, count: int) -> np.ndarray:
+    """Connected piece (count,) of each node, held together by triangles or tetrahedra."""
+    first = np.repeat(elements[:, 0], elements.shape[1] - 1)
+    ends = first, np.asarray(elements)[:, 1:].ravel()
+    graph = sparse.coo_array((np.ones(len(first), np.int8), ends), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
 
 
 def faces_of(cells) -> tuple[np.ndarray, np.ndarray]:

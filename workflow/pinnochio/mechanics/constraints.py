@@ -1,9 +1,9 @@
 """The boundary condition of one mesh, checked: which unknowns it fixes, and the axes that sliding nodes have."""
 
 import numpy as np
-from scipy import sparse
 
 from pinnochio.errors import InputError
+from pinnochio.geometry.faces import pieces
 from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact
 
 
@@ -62,9 +62,7 @@ class Constraints:
 
     def _check_pieces(self, cells) -> None:
         """Refuse a boundary condition that leaves a connected piece of the mesh a rigid motion, to first order."""
-        ends = np.repeat(cells[:, :1], 4, axis=1).ravel(), np.asarray(cells).ravel()
-        graph = sparse.coo_matrix((np.ones(len(ends[0])), ends), shape=(len(self.points),) * 2)
-        _, piece = sparse.csgraph.connected_components(graph, directed=False)
+        piece = pieces(cells, len(self.points))
         axes = np.tile(np.eye(3), (len(self.points), 1, 1))
         axes[self.sliding.nodes] = self.sliding.frames(np.zeros_like(self.points), 0.0)
         node, axis = np.nonzero(self.constrained)

@@ -31,10 +31,9 @@ class ElasticSolver:
     ):
         elements = Elements.build(points, cells, material, volumetric)
         self._constraints = Constraints(points, elements.cells, boundary)
-        self._nodes = self._constraints.prescribed, self._constraints.sliding.nodes
         rest = np.zeros((elements.nodes, 3))
         self._frames = self._constraints.sliding.frames(rest, 0.0)
-        whole = Assembler(elements, np.zeros(rest.shape, bool), self._nodes[1])
+        whole = Assembler(elements, np.zeros(rest.shape, bool), self._constraints.sliding.nodes)
         upper = whole.upper(whole.tangent(rest, self._frames)[0])
         full = (upper + sparse.triu(upper, 1).T).tocsr()
         fixed = self._constraints.constrained[whole.free]
@@ -47,12 +46,14 @@ class ElasticSolver:
 
     def solve(self, boundary: BoundaryConditions) -> np.ndarray:
         """Displacement (n, 3) in mm at full load; the boundary differs from the first one in its motion alone."""
-        nodes = [np.asarray(boundary.prescribed_nodes, int), np.zeros(0, int)]
-        nodes[1] = np.concatenate([nodes[1], *(np.asarray(item.nodes, int) for item in boundary.sliding)])
-        if boundary.contact or not all(np.array_equal(a, b) for a, b in zip(nodes, self._nodes, strict=True)):
+        prescribed = np.asarray(boundary.prescribed_nodes, int)
+        sliding = np.concatenate([np.zeros(0, int)] + [np.asarray(item.nodes, int) for item in boundary.sliding])
+        same = np.array_equal(prescribed, self._constraints.prescribed)
+        same &= np.array_equal(sliding, self._constraints.sliding.nodes)
+        if boundary.contact or not same:
             raise InputError("-", "boundary", "constrains other nodes than the factors are of", "make a new solver")
         motions = np.zeros(self._used.shape)
-        motions[nodes[0]] = boundary.displacement(1.0)
+        motions[prescribed] = boundary.displacement(1.0)
         for item in boundary.sliding:
             motions[item.nodes] = item.motion(1.0).displacement(self._constraints.points[item.nodes])
         return self.spread(motions[None])[0]

@@ -39,55 +39,6 @@ _ROOT, _DENSITY, _P = (np.float32(x) for x in (0.5**0.5, (2 * np.pi) ** -0.5, 0.
 _A = tuple(np.float32(x) for x in (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429))
 
 
-def forward(x, inputs: Inputs, layout: Layout, slope: float) -> tuple[Tensor, ...]:
-    """The layer's output (n, h c), and what :func:`backward` asks for as `kept`.
-
-    x (n, h c) nodes, float32 and contiguous; slope of the leaky ReLU.
-    """
-    run, _ = _loops(*inputs.a.shape)
-    nodes, layer = x.detach().numpy(), _Layer.of(inputs, layout, slope)
-    # numpy's empty arrays: torch's are filled where it has to be deterministic
-    shapes = (len(inputs.a), len(inputs.d)), x.shape, x.shape
-    alpha, before, out = (np.empty(shape, np.float32) for shape in shapes)
-    _spread_over_threads(lambda first, last: run(nodes, layer, first, last, alpha, before, out), len(x))
-    return torch.from_numpy(out), torch.from_numpy(alpha), torch.from_numpy(before)
-
-
-def backward(g, inputs: Inputs, kept, layout: Layout, slope: float) -> list[Tensor]:
-    """Gradients by st, shift, w, a and bias from that by the output, g (n, h c)."""
-    _, run = _loops(*inputs.a.shape)
-    layer, (alpha, before) = _Layer.of(inputs, layout, slope), kept
-    mean = np.empty((len(g), len(inputs.a)), np.float32)
-    gradients = _Gradients(
-        st=np.empty_like(layer.st),
-        shift=np.zeros_like(layer.shift),
-        w=np.zeros_like(layer.w),
-        a=np.zeros_like(layer.a),
-        bias=np.zeros_like(layer.bias),
-    )
-    run(layer, alpha.numpy(), before.numpy(), g.numpy(), mean, gradients)
-    return [torch.from_numpy(array) for array in gradients]
-
-
-class _Layer(NamedTuple):
-    """:class:`Inputs` and :class:`Layout` as the loops read them."""
-
-    st: np.ndarray
-    shift: np.ndarray
-    w: np.ndarray
-    a: np.ndarray
-    bias: np.ndarray
-    d: np.ndarray
-    source: np.ndarray
-    rows: np.ndarray
-    slope: np.float32
-
-    @classmethod
-    def of(cls, inputs: Inputs, layout: Layout, slope: float) -> "_Layer":
-        arrays = [tensor.detach().numpy() for tensor in (*inputs, layout.source, layout.arriving)]
-        return cls(*arrays, np.float32(slope))
-
-
 class _Gradients(NamedTuple):
     """Gradients by what :class:`Inputs` calls by the same names."""
 
@@ -96,6 +47,44 @@ class _Gradients(NamedTuple):
     w: np.ndarray
     a: np.ndarray
     bias: np.ndarray
+
+
+def forward(x, inputs: Inputs, layout: Layout, slope: float) -> tuple[Tensor, ...]:
+    """The layer's output (n, h c), and what :func:`backward` asks for as `kept`.
+
+    x (n, h c) nodes, float32 and contiguous; slope of the leaky ReLU.
+    """
+    run, _ = _loops(*inputs.a.shape)
+    nodes, arrays, (source, rows) = x.detach().numpy(), _arrays(inputs), _edges(layout)
+    slope = np.float32(slope)
+    # numpy's empty arrays: torch's are filled where it has to be deterministic
+    shapes = (len(inputs.a), len(inputs.d)), x.shape, x.shape
+    alpha, before, out = (np.empty(shape, np.float32) for shape in shapes)
+    _spread_over_threads(
+        lambda first, last: run(nodes, arrays, source, rows, slope, first, last, alpha, before, out), len(x)
+    )
+    return torch.from_numpy(out), torch.from_numpy(alpha), torch.from_numpy(before)
+
+
+def backward(g, inputs: Inputs, kept, layout: Layout, slope: float) -> list[Tensor]:
+    """Gradients by st, shift, w, a and bias from that by the output, g (n, h c)."""
+    _, run = _loops(*inputs.a.shape)
+    arrays, (source, rows), (alpha, before) = _arrays(inputs), _edges(layout), kept
+    mean = np.empty((len(g), len(inputs.a)), np.float32)
+    summed = [np.zeros_like(array) for array in (arrays.shift, arrays.w, arrays.a, arrays.bias)]
+    gradients = _Gradients(np.empty_like(arrays.st), *summed)
+    run(arrays, source, rows, np.float32(slope), alpha.numpy(), before.numpy(), g.numpy(), mean, gradients)
+    return [torch.from_numpy(array) for array in gradients]
+
+
+def _arrays(inputs: Inputs) -> Inputs:
+    """The same as arrays of NumPy."""
+    return Inputs(*(tensor.detach().numpy() for tensor in inputs))
+
+
+def _edges(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    """Sources, and where those of each node begin."""
+    return layout.source.numpy(), layout.arriving.numpy()
 
 
 @functools.lru_cache
@@ -135,8 +124,8 @@ def _loops(heads, c):
     width = heads * c
 
     @_compile
-    def forward(x, layer, first, last, alpha, before, out):
-        st, shift, w, a, bias, d, source, rows, slope = layer
+    def forward(x, inputs, source, rows, slope, first, last, alpha, before, out):
+        st, shift, w, a, bias, d = inputs
         edges = len(d)
         for i in range(first, last):
             for h in range(heads):
@@ -174,8 +163,8 @@ def _loops(heads, c):
             store(out, k, load(x, k, c) + o * below)
 
     @_compile
-    def backward(layer, alpha, before, g, mean, gradients):
-        st, shift, w, a, bias, d, source, rows, slope = layer
+    def backward(inputs, source, rows, slope, alpha, before, g, mean, gradients):
+        st, shift, w, a, bias, d = inputs
         gst, gshift, gw, ga, gb = gradients
         edges, n = len(d), len(before)
         for i in range(n):

@@ -3,9 +3,8 @@
 from dataclasses import fields, replace
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
+from pinnochio.geometry.faces import pieces
 from pinnochio.importing.segmentation import Segmentation
 from pinnochio.mechanics.elements import mean_edge
 from pinnochio.mechanics.sliding import boundary_conditions
@@ -33,11 +32,7 @@ def cropped(patient: m.PatientModel, wanted: np.ndarray) -> m.PatientModel:
     """
     driven = np.isin(patient.node_type, (m.MOVING, m.SLIDING))
     driven[patient.cells[~wanted]] = False
-    nodes = patient.cells[wanted]
-    graph = sparse.csr_array(
-        (np.ones(3 * len(nodes)), (np.repeat(nodes[:, 0], 3), nodes[:, 1:].ravel())), (len(driven),) * 2
-    )
-    _, piece = connected_components(graph, directed=False)
+    piece = pieces(patient.cells[wanted], len(driven))
     alive = np.isin(piece, piece[driven])
     wanted = wanted & alive[patient.cells[:, 0]]
     kept = np.zeros(len(driven), bool)
