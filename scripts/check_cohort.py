@@ -1,4 +1,4 @@
-"""Makes one table of the imported patients, the sign that every given file was read and checked."""
+"""Makes one table of the imported patients, the sign that every file was read and checked."""
 
 import json
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Makes the fields between a network's predictions and equilibrium, of a fold's held-out patients: the dial."""
+"""Makes the Newton corrections of a network's predictions of a fold's held-out patients."""
 
 import logging
 import time
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from pinnochio.errors import InputError
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.corrections import Refiner, interface
+from pinnochio.mechanics.corrections import Corrector, interface
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import read_prediction, write_predictions
@@ -27,21 +27,22 @@ def correct(
     those of the network and of the corrections. The first case is corrected once more beforehand, so that no timing
     holds the loading of compiled code.
     """
-    found: dict[int, dict] = {count: {} for count in corrected}
+    fields: dict[int, dict] = {count: {} for count in corrected}
     for case, path in zip([cases[0], *cases], [models[0], *models], strict=True):
         patient, prediction = PatientModel.read(path), read_prediction(predictions, case)
         if prediction.boundary is None:
-            raise InputError(case, predictions, "the method gives no interface", "name learned methods in 'dial'")
+            raise InputError(
+                case, predictions, "the method gives no interface", "name learned methods in 'corrections'"
+            )
         nodes, prescribed = interface(patient, prediction.boundary)
         began = time.perf_counter()
-        law = fem.material(patient.tissue)
-        refiner = Refiner(patient.points, patient.cells, law, nodes, fem.volumetric, fem.linear_solver)
+        corrector = Corrector.of(patient, fem, nodes)
         setup = prediction.setup_seconds + time.perf_counter() - began
-        states = refiner.corrections(prediction.displacement, prescribed, max(corrected), fem.tolerance)
-        refiner.close()
+        states = corrector.corrections(prediction.displacement, prescribed, max(corrected), fem.tolerance)
+        corrector.close()
         for count in corrected:
             made = min(count, len(states) - 1)
-            found[count][case] = replace(
+            fields[count][case] = replace(
                 prediction,
                 displacement=states[made].displacement,
                 seconds=prediction.seconds + states[made].seconds,
@@ -51,7 +52,7 @@ def correct(
             )
         logging.info("%s: residuals %s", case, " ".join(f"{state.residual:.1e}" for state in states))
     for count, path in corrected.items():
-        write_predictions(path, found[count])
+        write_predictions(path, fields[count])
 
 
 if __name__ == "__main__":

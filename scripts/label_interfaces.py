@@ -38,11 +38,10 @@ def label_case(
         segments,
         BoneSurface.read(bone),
         read_surface(skin),
-        **{f"{name}_mm": value for name, value in interfaces.items()},
+        **interfaces,
     )
-    counts = {name: int(np.sum(patient.node_type == kind)) for name, kind in
-              (("fixed", FIXED), ("moving", MOVING), ("sliding", SLIDING))}  # fmt: skip
-    logging.info("nodes: %s of %d", counts, len(patient.points))
+    kinds = np.bincount(patient.node_type, minlength=4)
+    logging.info("%d nodes: %d fixed, %d moving, %d sliding", kinds.sum(), *kinds[[FIXED, MOVING, SLIDING]])
     replace(patient, muscle=json.loads(Path(report).read_text(encoding="utf-8"))["muscle"]).write(model)
 
 

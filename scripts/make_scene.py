@@ -26,8 +26,9 @@ def make_scene(
     """
     patient, head = PatientModel.read(files["model"]), read_labels(files["labels"])
     plan = Plan.read(files["plan"], case)
-    reach = interfaces["sliding_band"], interfaces["release"]
-    decisions, field, limit = decide(patient, head, plan, settings, fem, *reach)
+    decisions, field, limit = decide(
+        patient, head, plan, settings, fem, sliding_band=interfaces["sliding_band"], release=interfaces["release"]
+    )
     made = reduced(patient, head, read_surface(files["skin"]), decisions, field, limit, interfaces)
     made.write(model)
     write_decisions(case, {"own": decisions}, scene)

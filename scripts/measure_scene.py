@@ -45,11 +45,10 @@ def measure_scene(
     """
     head, bone, skin = read_labels(files["labels"]), BoneSurface.read(files["bone"]), read_surface(files["skin"])
     grid = head.labels, head.spacing, head.origin
-    thresholds = {f"{name}_mm": value for name, value in interfaces.items()}
     for nodes in (500, mesh["nodes"]):  # the first loads compiled code
         start = time.perf_counter()
         cells = tetrahedralize(*grid, nodes, minimum_dihedral=mesh["minimum_dihedral"])
-        full = label_interfaces(cells, *grid, segments, bone, skin, **thresholds)
+        full = label_interfaces(cells, *grid, segments, bone, skin, **interfaces)
         meshing = time.perf_counter() - start
     reach = interfaces["sliding_band"], interfaces["release"]
     whole = Plan.read(files["plan"], case)

@@ -16,7 +16,7 @@ from pinnochio.model.surfaces import BoneSurface
 def refine_lips(
     mesh: str, labels: str, bone: str, segments: tuple[str, ...], sliding_band: float, lip_edge: float, lips: str
 ) -> None:
-    """Write the mesh whose edges around the mouth have `lip_edge` mm in the mean; without a bite it is the given one.
+    """Write the mesh whose edges around the mouth have `lip_edge` mm in the mean; the mesh itself if there is no bite.
 
     sliding_band in mm: as for the interfaces, which find the bite by it too.
     """

@@ -27,9 +27,9 @@ def register_postop(
     skin_points, skin_faces = read_surface(skin)
     points, faces = read_postop(postop, case, skin_points)
     plane = upper_face_plane(BoneSurface.read(bone), segments, nasion_above_maxilla)
-    found = register(points, faces, skin_points, skin_faces, plane, case=case, file=postop, limit=limit)
-    logging.info("residual: median %.3f mm, p95 %.3f mm", found.median, found.p95)
-    PostopSkin(found.apply(points), faces, found.median).write(registered)
+    fit = register(points, faces, skin_points, skin_faces, plane, case=case, file=postop, limit=limit)
+    logging.info("residual: median %.3f mm, p95 %.3f mm", fit.median, fit.p95)
+    PostopSkin(fit.motion.apply(points), faces, fit.median).write(registered)
 
 
 if __name__ == "__main__":

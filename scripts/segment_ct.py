@@ -40,10 +40,10 @@ def parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    given = vars(parser().parse_args())
-    values = Thresholds(**{name: given[name] for name, *_ in Thresholds.options()})
+    options = vars(parser().parse_args())
+    thresholds = Thresholds(**{name: options.pop(name) for name, *_ in Thresholds.options()})
     try:
-        volumes = segment_file(given["ct"], given["cuts"], given["orientation"], values, given["labels"])
+        volumes = segment_file(**options, thresholds=thresholds)
     except InputError as error:
         sys.exit(str(error))
     print(*(f"{name}: {volume:.1f} cm3" for name, volume in volumes.items()), sep="\n")

@@ -35,7 +35,7 @@ def solve_plan(
             cell_data={"tissue": [patient.tissue], "jacobian": [ratios]},
         ).write(temporary)
     field_picture(patient, motions, result.displacement, picture)
-    said = {
+    report = {
         "case": case,
         "arm": arm,
         "nodes": len(patient.points),
@@ -52,7 +52,7 @@ def solve_plan(
         "iterations": result.iterations,
     }
     with replacing(summary) as temporary:
-        temporary.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

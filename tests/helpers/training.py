@@ -15,14 +15,14 @@ from pinnochio.training.fold import train_fold
 from pinnochio.training.settings import TrainingSettings
 from scripts.predict import predict
 from tests.helpers.patients import tiny_patient, tiny_plan
-from tests.helpers.settings import network_settings, training_settings
+from tests.helpers.settings import CONFIG, network_settings, training_settings
 
 SMALL = network_settings(boundary_layers=1, volume_layers=1, rest_layers=1, channels=8, heads=2, decoder_width=8)
 # One patient of four held back, everything on that a checkpoint has to carry.
 TRAINING = training_settings(
     24, 3e-3, physics_ramp=0.2, physics_target=0.5, validation=1, validate_every=4, checkpoint_every=5
 )
-FEM = {"youngs_modulus": {"muscle": 6.0, "superficial": 4.0}, "poisson": 0.49}
+FEM = CONFIG["fem"]
 PHASES = {"pretrain": ("pretrained.pt", "pretraining.csv"), "finetune": ("network.pt", "finetuning.csv")}
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from pinnochio.columns import Column, number
 from pinnochio.errors import InputError
-from pinnochio.geometry.distances import signed_distances
+from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, write_predictions

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.distances import closest_points
+from pinnochio.geometry.closest_points import closest_points
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions

@@ -64,12 +64,13 @@ def run_import(folder, segmentation=None, plan=None, values=CODES, segments=SEGM
     """Import a case into folder/out; segmentation and plan are paths, by default good ones."""
     if segmentation is None:
         segmentation = write_image(folder / f"P1{PLAIN}", head())
+    names = ("labels.nii.gz", "bone.vtp", "skin.vtp", "report.json")
+    made = folder / ("out" if plan is None else "imported")  # what is refused leaves nothing in `out`
+    outputs = {name.split(".")[0]: str(made / name) for name in names}
+    import_segmentation("P1", str(segmentation), values, segments, "header", limit, unlabelled, 6.0, outputs)
     if plan is None:
         plan = folder / "P1.json"
         plan.write_text(plan_text())
-    names = ("labels.nii.gz", "bone.vtp", "skin.vtp", "report.json")
-    outputs = {name.split(".")[0]: str(folder / "out" / name) for name in names}
-    import_segmentation("P1", str(segmentation), values, segments, "header", limit, unlabelled, 6.0, outputs)
     import_plan("P1", str(plan), outputs["bone"], segments, str(folder / "out/plan.json"))
 
 

@@ -53,7 +53,7 @@ def test_the_motion_of_a_noisy_partial_scan_with_moved_jaws_is_found(angles, shi
     )
     error = np.rad2deg(np.linalg.norm(Rotation.from_matrix(found.motion.rotation @ rotation).as_rotvec()))
     upper = points[:, 2] > PLANE
-    back = found.apply(points[upper] @ rotation.T + shift)
+    back = found.motion.apply(points[upper] @ rotation.T + shift)
     assert error < 0.1
     assert np.abs((back - points[upper]).mean(axis=0)).max() < 0.1
     assert 0.1 < found.median < 0.35 and found.median < found.p95 < 1.2
@@ -67,7 +67,7 @@ def test_moved_jaws_would_spoil_a_registration_of_the_whole_face():
     whole = register(points, scan_faces, skin, faces, -200.0, case="P1", file="f", limit=5)
     upper = register(points, scan_faces, skin, faces, PLANE, case="P1", file="f", limit=5)
     sample = points[points[:, 2] > PLANE]
-    assert np.abs(whole.apply(sample) - sample).max() > 3 * np.abs(upper.apply(sample) - sample).max()
+    assert np.abs(whole.motion.apply(sample) - sample).max() > 3 * np.abs(upper.motion.apply(sample) - sample).max()
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_partial_overlap_and_outliers_do_not_pull_the_scan_away(defect):
     moved = points @ rotation.T + [30, -20, 15]
     found = register(moved, faces, skin, skin_faces, PLANE, case="P1", file="f", limit=1.5)
     upper = true[true[:, 2] > PLANE]
-    assert np.linalg.norm(found.apply(upper @ rotation.T + [30, -20, 15]) - upper, axis=1).max() < 0.6
+    assert np.linalg.norm(found.motion.apply(upper @ rotation.T + [30, -20, 15]) - upper, axis=1).max() < 0.6
 
 
 def test_another_surface_and_a_face_without_forehead_are_refused():

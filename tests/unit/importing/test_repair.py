@@ -5,9 +5,9 @@ import pytest
 from scipy import ndimage
 
 from pinnochio.errors import InputError
-from pinnochio.importing.repair import KEPT, LARGEST_HOLE, SPECK_VOXELS, TOUCHING, repair, repaired_voxels
+from pinnochio.importing.repair import KEPT, LARGEST_HOLE, repair, repaired_voxels
 from pinnochio.importing.segmentation import read_segmentation
-from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
+from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SPECK_VOXELS, SUPERFICIAL, TOUCHING, segment_code
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
 from tests.helpers.settings import DATA

@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.faces import boundary_faces
+from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.mechanics.contact import (
     ContactSet,
     UnilateralContact,
     facing_sets,
-    node_areas,
     penalty,
 )
 from pinnochio.mechanics.elements import Elements
@@ -200,7 +200,7 @@ def resting(size, steps, through=0.0):
     nodes = np.flatnonzero(points[:, 2] == 0)
     faces, _ = boundary_faces(cells)
     faces = faces[(points[faces][:, :, 2] == 0).all(axis=1)]
-    bone = ContactSet(nodes, node_areas(points, faces, nodes), None, *plane([0, 0, 1], np.array([0, 0, through])))
+    bone = ContactSet(nodes, vertex_areas(points, faces)[nodes], None, *plane([0, 0, 1], np.array([0, 0, through])))
     return points, cells, bone, np.flatnonzero(points[:, 2] == size[2])
 
 

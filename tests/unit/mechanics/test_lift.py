@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from pinnochio.geometry.faces import boundary_faces
+from pinnochio.geometry.scattered import farthest
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.lift import (
     HarmonicSolver,
     Lift,
     blend_weights,
     control_weights,
-    farthest,
     make_lift,
     motion_amplitudes,
 )
@@ -44,7 +44,7 @@ def test_elastic_lift_is_the_elastic_solution_of_any_plan():
         assert np.allclose(carried(lift, plan), direct, atol=1e-5)
 
 
-def test_told_nodes_follow_the_plan(lift):
+def test_prescribed_nodes_follow_the_plan(lift):
     field = carried(lift)
     moving = MODEL.node_type == MOVING
     assert np.allclose(field[moving], PLAN.motion("left").displacement(MODEL.points[moving]), atol=1e-5)
@@ -65,10 +65,10 @@ def test_departure_of_the_contact_is_carried_inwards_and_not_into_cut_planes(lif
 
 def test_elastic_departure_is_in_equilibrium():
     lift = make_lift(MODEL, MATERIAL, "elastic", controls=12)
-    told = np.flatnonzero(MODEL.node_type != FREE)
+    nodes = np.flatnonzero(MODEL.node_type != FREE)
     amplitudes = np.random.default_rng(0).normal(size=len(lift.departures)).astype(np.float32)
     field = np.tensordot(amplitudes, lift.departures, 1)
-    boundary = BoundaryConditions(told, field[told])
+    boundary = BoundaryConditions(nodes, field[nodes])
     direct = ElasticSolver(MODEL.points, MODEL.cells, MATERIAL, boundary).solve(boundary)
     assert np.allclose(field, direct, atol=1e-4)
 
@@ -77,9 +77,9 @@ def test_harmonic_solver_reproduces_a_linear_field():
     nodes = np.unique(boundary_faces(MODEL.cells)[0])
     assert len(nodes) < len(MODEL.points)
     linear = MODEL.points @ np.array([[0.1, 0.2, 0.0], [0.0, -0.1, 0.3], [0.2, 0.0, 0.1]])
-    told = np.where(np.isin(np.arange(len(linear)), nodes)[:, None], linear, np.nan)
-    found = HarmonicSolver(MODEL.points, MODEL.cells, nodes).spread(told[None])[0]
-    assert np.allclose(found, linear, atol=1e-9)
+    values = np.where(np.isin(np.arange(len(linear)), nodes)[:, None], linear, np.nan)
+    field = HarmonicSolver(MODEL.points, MODEL.cells, nodes).spread(values[None])[0]
+    assert np.allclose(field, linear, atol=1e-9)
 
 
 def test_lift_survives_the_file(lift, tmp_path):

@@ -1,11 +1,11 @@
-"""The dial: from a field to the equilibrium on its interface, correction by correction."""
+"""Newton corrections: from a field to the equilibrium on its interface, correction by correction."""
 
 import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
 from pinnochio.mechanics.assembly import Assembler
-from pinnochio.mechanics.corrections import Finish, Refiner, expected_pressure, interface, newton_corrections
+from pinnochio.mechanics.corrections import Corrector, Finish, expected_pressure, interface
 from pinnochio.mechanics.elements import Elements, jacobians, patch_bulk
 from pinnochio.mechanics.inversion_repair import FLOOR
 from pinnochio.mechanics.problems import uniform
@@ -24,9 +24,9 @@ def bent():
     """Mesh, law, prescribed nodes and motion, and equilibrium of a bent block."""
     points, cells, boundary = bent_block((12, 6, 5))
     law = uniform(len(cells))
-    found = solve(points, cells, law, boundary, solver_options(tolerance=1e-10))
-    assert found.converged
-    return points, cells, law, boundary.prescribed_nodes, boundary.displacement(1.0), found.displacement
+    solution = solve(points, cells, law, boundary, solver_options(tolerance=1e-10))
+    assert solution.converged
+    return points, cells, law, boundary.prescribed_nodes, boundary.displacement(1.0), solution.displacement
 
 
 def rough(bent, noise, jump=0.0, seed=0):
@@ -37,62 +37,77 @@ def rough(bent, noise, jump=0.0, seed=0):
     return field + off
 
 
+def newton_corrections(points, cells, law, nodes, motion, start, steps, volumetric="patch"):
+    """The corrections of one plan."""
+    corrector = Corrector(points, cells, law, nodes, volumetric)
+    made = corrector.corrections(start, motion, steps)
+    corrector.close()
+    return made
+
+
 @pytest.mark.parametrize("volumetric", ["patch", "p1"])
 @pytest.mark.parametrize("seed", range(2))
 def test_many_corrections_are_finite_elements_on_the_interface(bent, volumetric, seed):
-    points, cells, law, nodes, told, _ = bent
+    points, cells, law, nodes, motion, _ = bent
     boundary = bent_block((12, 6, 5))[2]
     wanted = solve(points, cells, law, boundary, solver_options(volumetric=volumetric, tolerance=1e-11)).displacement
     start = rough(bent, 0.1, 0.1, seed)
-    found = newton_corrections(points, cells, law, nodes, told, start, 15, volumetric)
-    assert found[-1].residual < 1e-9 and found[-1].gap == 0
-    np.testing.assert_allclose(found[-1].displacement, wanted, rtol=0, atol=1e-6)
-    np.testing.assert_array_equal(found[-1].displacement[nodes], told)
+    states = newton_corrections(points, cells, law, nodes, motion, start, 15, volumetric)
+    assert states[-1].residual < 1e-9 and states[-1].gap == 0
+    np.testing.assert_allclose(states[-1].displacement, wanted, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(states[-1].displacement[nodes], motion)
 
 
 def test_no_correction_is_the_field_untouched(bent):
-    points, cells, law, nodes, told, _ = bent
+    points, cells, law, nodes, motion, _ = bent
     start = rough(bent, 0.1, 0.1)
-    (only,) = newton_corrections(points, cells, law, nodes, told, start, 0)
+    (only,) = newton_corrections(points, cells, law, nodes, motion, start, 0)
     np.testing.assert_array_equal(only.displacement, start)
     assert only.seconds == 0 and only.least == pytest.approx(jacobians(points, cells, start).min())
-    assert only.gap == pytest.approx(np.linalg.norm(start[nodes] - told, axis=1).max())
+    assert only.gap == pytest.approx(np.linalg.norm(start[nodes] - motion, axis=1).max())
 
 
 def test_the_first_correction_takes_the_interface_along_and_each_says_what_it_is(bent):
-    points, cells, law, nodes, told, _ = bent
-    found = newton_corrections(points, cells, law, nodes, told, rough(bent, 0.1, 0.1), 5)
-    assert len(found) == 6 and found[1].share == 1 and found[1].gap == 0
+    points, cells, law, nodes, motion, _ = bent
+    states = newton_corrections(points, cells, law, nodes, motion, rough(bent, 0.1, 0.1), 5)
+    assert len(states) == 6 and states[1].share == 1 and states[1].gap == 0
     elements, free = Elements.build(points, cells, law), np.setdiff1d(np.arange(len(points)), nodes)
-    for state in found:
+    for state in states:
         force = elements.evaluate(state.displacement)[1]
         assert state.residual == pytest.approx(np.linalg.norm(force[free]) / np.linalg.norm(force[nodes]))
         assert state.least == pytest.approx(jacobians(points, cells, state.displacement).min())
-    residuals, seconds = [state.residual for state in found], [state.seconds for state in found]
+    residuals, seconds = [state.residual for state in states], [state.seconds for state in states]
     assert residuals[-1] < 1e-6 * residuals[0] and (np.diff(seconds) > 0).all()
-    _, far = newton_corrections(points, cells, law, nodes, told, -0.1 * bent[-1], 1)
+    _, far = newton_corrections(points, cells, law, nodes, motion, -0.1 * bent[-1], 1)
     assert far.share == 1 and far.gap == 0  # to the last bit
     assert residuals[5] < 1e-2 * residuals[4] < 1e-4 * residuals[3]  # quadratic at the end
 
 
-def test_carried_pressure_needs_fewer_corrections_than_newton_and_no_cut_tangent(bent):
+def test_carried_pressure_needs_fewer_corrections_than_newton_and_no_cut_tangent(bent, monkeypatch):
     """Nearly incompressible: the tangent of a rough field is indefinite, that with the carried pressure is not."""
-    points, cells, _, nodes, told, _ = bent
+    points, cells, _, nodes, motion, _ = bent
     law = uniform(len(cells), poisson=0.499)
     start = rough(bent, 0.05)
-    refiner = Refiner(points, cells, law, nodes)
-    carried = refiner.corrections(start, told, 4)
-    newton = refiner._newton
-    assert not newton.cut
-    newton.pressure, state = None, newton.measured(start, 1.0)
-    cut = []
+    corrector = Corrector(points, cells, law, nodes)
+    newton, pressures, cut = corrector._newton, [], []
+    predict = newton.predict
+
+    def watched(state, end, pressure=None, cut_below=0.0):
+        direction = predict(state, end, pressure, cut_below)
+        pressures.append(pressure)
+        cut.append(direction.cut)
+        return direction
+
+    monkeypatch.setattr(newton, "predict", watched)
+    carried = corrector.corrections(start, motion, 4)
+    assert len(cut) == 4 and not cut[-1]
+    state = newton.measured(start, 1.0)
     for _ in range(4):
-        state = newton.measured(state.u + newton.predict(state, 1.0), 1.0)
-        cut.append(newton.cut)
-    assert cut[0] and carried[-1].residual < 0.1 * state.residual
-    one = refiner.corrections(start, told, 2)[1].displacement  # the second stands on what the first expected
-    np.testing.assert_allclose(newton.pressure, expected_pressure(newton.elements, start, one - start), rtol=1e-9)
-    refiner.close()
+        state = newton.measured(state.u + newton.predict(state, 1.0).motion, 1.0)
+    assert cut[4] and carried[-1].residual < 0.1 * state.residual
+    one = corrector.corrections(start, motion, 2)[1].displacement  # the second stands on what the first expected
+    np.testing.assert_allclose(pressures[-1], expected_pressure(newton.elements, start, one - start), rtol=1e-9)
+    corrector.close()
 
 
 def test_a_tangent_that_is_given_its_own_pressure_is_the_tangent(bent):
@@ -102,8 +117,8 @@ def test_a_tangent_that_is_given_its_own_pressure_is_the_tangent(bent):
     assembler, frames = Assembler(elements, held, []), np.zeros((0, 3, 3))
     u = field + 0.1 * RNG(0).normal(size=field.shape)
     own = expected_pressure(elements, u, np.zeros_like(u))
-    plain, given, none = (assembler.tangent(u, frames, pressure=p)[0] for p in (None, own, 0 * own))
-    np.testing.assert_allclose(given, plain, rtol=1e-12, atol=1e-9)
+    plain, same, none = (assembler.tangent(u, frames, pressure=p)[0] for p in (None, own, 0 * own))
+    np.testing.assert_allclose(same, plain, rtol=1e-12, atol=1e-9)
     assert np.abs(none - plain).max() > 1e-2 * np.abs(plain).max()
 
 
@@ -115,10 +130,7 @@ def test_expected_pressure_is_the_first_order(bent, seed):
 
     def pressure(u):
         first, second = (np.zeros(len(elements.patch_volumes)) for _ in range(2))
-        e = elements
-        patch_bulk(
-            u, e.cells, e.gradients, e.volumes, e.patch, e.patch_volumes, e.patch_lam, law.extension, first, second
-        )
+        patch_bulk(u, elements.arrays, first, second)
         return first
 
     h = 1e-6
@@ -129,66 +141,66 @@ def test_expected_pressure_is_the_first_order(bent, seed):
 
 def test_no_correction_turns_an_element_inside_out_on_an_interface_that_would(bent):
     """The interface moves four nodes of one element through each other: it is met but there."""
-    points, cells, law, nodes, told, field = bent
+    points, cells, law, nodes, motion, field = bent
     held = np.isin(np.arange(len(points)), nodes)
     cell = cells[held[cells].sum(axis=1) == 3][2]
-    wild, place = told.copy(), np.flatnonzero(np.isin(nodes, cell))[0]
+    wild, place = motion.copy(), np.flatnonzero(np.isin(nodes, cell))[0]
     wild[place] += 12 * np.array([np.sign(20 - points[nodes[place], 0]), 0, 0])  # deep into the block
     moved = field.copy()
     moved[nodes] = wild
     assert jacobians(points, cells, moved).min() < 0
-    found = newton_corrections(points, cells, law, nodes, wild, field, 25)
-    assert all(state.least > 0 for state in found)
-    last = found[-1].displacement
-    assert found[-1].gap < 1e-9 and found[-1].residual < 1e-6
+    states = newton_corrections(points, cells, law, nodes, wild, field, 25)
+    assert all(state.least > 0 for state in states)
+    last = states[-1].displacement
+    assert states[-1].gap < 1e-9 and states[-1].residual < 1e-6
     met = np.linalg.norm(last[nodes] - wild, axis=1) < 1e-9
-    assert met.mean() > 0.8 and found[-1].least > FLOOR / 2
+    assert met.mean() > 0.8 and states[-1].least > FLOOR / 2
 
 
 def test_plans_do_not_know_of_each_other(bent):
-    points, cells, law, nodes, told, _ = bent
+    points, cells, law, nodes, motion, _ = bent
     starts = [rough(bent, 0.02, 0.01, seed) for seed in (0, 5)]  # alike: the factors of one would do for the other
-    refiner = Refiner(points, cells, law, nodes)
-    both = [refiner.corrections(start, told, 1)[-1].displacement for start in starts]
-    refiner.close()
-    for start, found in zip(starts, both, strict=True):
-        alone = newton_corrections(points, cells, law, nodes, told, start, 1)[-1].displacement
-        np.testing.assert_array_equal(found, alone)
+    corrector = Corrector(points, cells, law, nodes)
+    both = [corrector.corrections(start, motion, 1)[-1].displacement for start in starts]
+    corrector.close()
+    for start, together in zip(starts, both, strict=True):
+        alone = newton_corrections(points, cells, law, nodes, motion, start, 1)[-1].displacement
+        np.testing.assert_array_equal(together, alone)
 
 
 def test_scipy_gives_what_pardiso_gives(bent):
-    points, cells, law, nodes, told, _ = bent
+    points, cells, law, nodes, motion, _ = bent
     fields = []
     for kind in ("pardiso", "scipy"):
-        refiner = Refiner(points, cells, law, nodes, linear_solver=kind)
-        fields.append(refiner.corrections(rough(bent, 0.1, 0.1), told, 8)[-1].displacement)
-        refiner.close()
+        corrector = Corrector(points, cells, law, nodes, linear_solver=kind)
+        fields.append(corrector.corrections(rough(bent, 0.1, 0.1), motion, 8)[-1].displacement)
+        corrector.close()
     np.testing.assert_allclose(*fields, rtol=0, atol=1e-6)
 
 
 def test_corrections_end_where_the_tolerance_is_met_or_nothing_is_left_to_gain(bent):
-    points, cells, law, nodes, told, field = bent
-    refiner = Refiner(points, cells, law, nodes)
-    found = refiner.corrections(rough(bent, 0.05, 0.05), told, 20, 1e-6)
-    assert found[-1].residual <= 1e-6 < found[-2].residual and len(found) < 9
-    assert len(refiner.corrections(field, told, 20, 1e-6)) == 1
+    points, cells, law, nodes, motion, field = bent
+    corrector = Corrector(points, cells, law, nodes)
+    states = corrector.corrections(rough(bent, 0.05, 0.05), motion, 20, 1e-6)
+    assert states[-1].residual <= 1e-6 < states[-2].residual and len(states) < 9
+    assert len(corrector.corrections(field, motion, 20, 1e-6)) == 1
     # In equilibrium, but with another interface than it is asked for.
-    found = refiner.corrections(field, told + [0, 0, 10 * np.pi], 20, 1e-6)
-    assert len(found) > 1 and found[-1].residual <= 1e-6 and all(state.gap == 0 for state in found[1:])
-    np.testing.assert_allclose(found[-1].displacement, field + [0, 0, 10 * np.pi], atol=1e-4)
-    refiner.close()
+    states = corrector.corrections(field, motion + [0, 0, 10 * np.pi], 20, 1e-6)
+    assert len(states) > 1 and states[-1].residual <= 1e-6 and all(state.gap == 0 for state in states[1:])
+    np.testing.assert_allclose(states[-1].displacement, field + [0, 0, 10 * np.pi], atol=1e-4)
+    corrector.close()
 
 
 def test_what_does_not_fit_is_refused(bent):
-    points, cells, law, nodes, told, field = bent
-    refiner = Refiner(points, cells, law, nodes)
+    points, cells, law, nodes, motion, field = bent
+    corrector = Corrector(points, cells, law, nodes)
     with pytest.raises(InputError, match="do not fit"):
-        refiner.corrections(field[:-1], told, 1)
+        corrector.corrections(field[:-1], motion, 1)
     with pytest.raises(InputError, match="do not fit"):
-        refiner.corrections(field, told[:-1], 1)
+        corrector.corrections(field, motion[:-1], 1)
     with pytest.raises(InputError, match="not finite"):
-        refiner.corrections(field * np.nan, told, 1)
-    refiner.close()
+        corrector.corrections(field * np.nan, motion, 1)
+    corrector.close()
 
 
 @pytest.fixture(scope="module")
@@ -198,7 +210,7 @@ def patient():
     return model, fem, simulate(model, tiny_plan(), "mucosa", fem).displacement
 
 
-def test_interface_nodes_are_told_and_cut_planes_rest(patient):
+def test_interface_nodes_are_prescribed_and_cut_planes_rest(patient):
     model, _, field = patient
     nodes, prescribed = interface(model, field + 1.0)
     np.testing.assert_array_equal(nodes, np.flatnonzero(model.node_type != FREE))
@@ -217,10 +229,10 @@ def test_finish_repairs_and_corrects_a_networks_field(patient, steps):
     assert jacobians(model.points, model.cells, off).min() < 0
     finish = Finish(model, fem, steps)
     for _ in range(2):
-        found, given, repair, made = finish(off, boundary)
-        assert given is boundary and repair.raw_inverted > 0 < repair.elements
+        field_out, boundary_out, repair, made = finish(off, boundary)
+        assert boundary_out is boundary and repair.raw_inverted > 0 < repair.elements
         assert made == steps or 1 < made < steps == 4  # the tolerance of the settings is met
-        assert jacobians(model.points, model.cells, found).min() > 0
-        away = np.linalg.norm(found - field, axis=1).max()
+        assert jacobians(model.points, model.cells, field_out).min() > 0
+        away = np.linalg.norm(field_out - field, axis=1).max()
         assert (away < 1e-3) == (steps == 4)
     finish.close()

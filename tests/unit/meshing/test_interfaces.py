@@ -63,7 +63,7 @@ def test_types_follow_what_lies_beyond(face):
 
 def test_tissue_is_lifted_off_at_osteotomies(face):
     """Between cranium and maxilla (z 55.5) and between the pieces of the mandible (x 39.5), but not at the mouth."""
-    model = labelled(face, release_mm=5.0)
+    model = labelled(face, release=5.0)
     place = model.points - ORIGIN
     contact = np.isin(model.node_beyond, (CRANIUM, LEFORT, DISTAL, PROXIMAL))
     seam = np.minimum(np.abs(place[:, 2] - 55.5), np.where(place[:, 2] < 32, np.abs(place[:, 0] - 39.5), np.inf))
@@ -96,7 +96,7 @@ def test_a_cut_lets_go_of_tissue_that_a_bone_carries():
 
 @pytest.mark.parametrize("band", [11.0, 15.0])
 def test_sliding_band_is_a_distance_to_the_opposing_jaw(face, band):
-    model = labelled(face, sliding_band_mm=band)
+    model = labelled(face, sliding_band=band)
     z = model.points[:, 2] - ORIGIN[2]
     bound = np.isin(model.node_type, (m.MOVING, m.SLIDING)) & (model.points[:, 0] - ORIGIN[0] < 36)
     sliding = model.node_type == m.SLIDING
@@ -149,12 +149,12 @@ def test_skin_is_the_front_and_not_the_mouth(face):
 
 
 def test_judged_face_keeps_off_nasion_and_cuts(face):
-    model = labelled(face, nasion_above_maxilla_mm=6.0, cut_margin_mm=8.0)
+    model = labelled(face, nasion_above_maxilla=6.0, cut_margin=8.0)
     centre = model.points[model.skin_faces].mean(axis=1) - ORIGIN
     judged = centre[model.face_roi]
     assert judged[:, 2].max() < 55.5 + 6 + 1.0 and judged[:, 2].max() > 55
     assert judged[:, 0].min() > 7 and judged[:, 0].max() < 48 and judged[:, 2].min() > 7
-    assert not labelled(face, tragus_before_mandible_mm=40.0).face_roi.any()
+    assert not labelled(face, tragus_before_mandible=40.0).face_roi.any()
 
 
 def test_bone_of_unknown_segments_is_refused(face):

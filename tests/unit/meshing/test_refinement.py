@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import FACES, boundary_faces
+from pinnochio.geometry.faces import EDGES, FACES, boundary_faces
 from pinnochio.meshing.lattice import tetrahedralize
-from pinnochio.meshing.mesh import EDGES, TetMesh
+from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.refinement import refine
 from tests.helpers.heads import ORIGIN, block_face, kuhn_cube
 

@@ -22,12 +22,10 @@ from pinnochio.training.fold import PHASES, train_fold
 from pinnochio.training.loop import sample_at, schedule
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import network_settings, training_settings
+from tests.helpers.training import FEM
 
 SMALL = network_settings(boundary_layers=2, volume_layers=3, rest_layers=1, channels=32, heads=2, decoder_width=32)
 SWELLING = 3.0  # mm that the post-operative skin lies above that of the samples
-
-
-FEM = {"youngs_modulus": {"muscle": 6.0, "superficial": 4.0}, "poisson": 0.49}
 
 
 def learner(phase, training):

@@ -5,7 +5,8 @@ import pytest
 import pyvista as pv
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.distances import closest_points, sample_surface, signed_distances, vertex_areas
+from pinnochio.geometry.closest_points import closest_points, signed_distances
+from pinnochio.geometry.triangles import sample_surface, vertex_areas
 from pinnochio.metrics.surface import surface_metrics
 
 

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pyvista as pv
 import SimpleITK as sitk
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
-from pinnochio.geometry.triangles import enclosed_volume
+from pinnochio.geometry.faces import pieces
+from pinnochio.geometry.triangles import enclosed_volume, face_normals
 
 SURFACE_FORMATS = (".ply", ".stl", ".obj", ".vtp")
 SPACING = 1.0  # mm; half the thinnest plate of bone that the later stages keep
@@ -94,8 +93,7 @@ def voxelised(surfaces: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[sitk.I
 
 def _cuts(points, faces) -> tuple[np.ndarray, np.ndarray]:
     """Whether the surface ends in a flat cut at the low and at the high end of each axis, (3,) bool each."""
-    corners = points[faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    corners, area = points[faces], face_normals(points, faces)[1]
     at_low = (corners < points.min(axis=0) + CUT_FLATNESS).all(axis=1)
     at_high = (corners > points.max(axis=0) - CUT_FLATNESS).all(axis=1)
     return area @ at_low > CUT_AREA, area @ at_high > CUT_AREA
@@ -107,12 +105,10 @@ def _inside(points, faces, low, size) -> np.ndarray:
     Each connected sheet counts with the sign of its volume, so that teeth may overlap the jaw that holds them in one
     file, and a cavity, whose sheet looks inward, stays hollow.
     """
-    links = faces[:, [0, 1]].T, faces[:, [0, 2]].T
-    ties = sparse.coo_array((np.ones(2 * len(faces)), np.hstack(links)), shape=(len(points),) * 2)
-    count, sheet_of = connected_components(ties, directed=False)
+    sheet_of = pieces(faces, len(points))
     turns = np.zeros(size[::-1], np.int16)
     outward = np.sign(enclosed_volume(points, faces)) or 1
-    for sheet in range(count):
+    for sheet in range(sheet_of.max() + 1):
         own, renumbered = np.unique(faces[sheet_of[faces[:, 0]] == sheet], return_inverse=True)
         part, triangles = points[own], renumbered.reshape(-1, 3)
         start = np.clip(np.floor((part.min(axis=0) - low) / SPACING).astype(int) - 1, 0, size)

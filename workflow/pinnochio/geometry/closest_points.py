@@ -20,34 +20,36 @@ class Closest:
 
 def closest_points(queries, points, faces) -> Closest:
     """Exact closest point of each query (k, 3) on the triangles points (p, 3), faces (f, 3)."""
-    queries, points, faces = _given(queries, points, faces)
+    queries, points, faces = _as_igl(queries, points, faces)
     if not len(queries):
         return Closest(queries, np.zeros(0), np.zeros(0, int), np.zeros(0, bool))
-    _, face, found = igl.point_mesh_squared_distance(queries, points, faces)
-    distance = np.linalg.norm(queries - found, axis=1)
-    return Closest(found, distance, face, _on_border(found, face, points, faces))
+    _, face, closest = igl.point_mesh_squared_distance(queries, points, faces)
+    distance = np.linalg.norm(queries - closest, axis=1)
+    return Closest(closest, distance, face, _on_border(closest, face, points, faces))
 
 
 def signed_distances(queries, points, faces) -> np.ndarray:
     """Distance (k,) mm to an outward surface, positive in front of it (outside), negative behind."""
-    given = _given(queries, points, faces)
-    return igl.signed_distance(*given, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL)[0] if len(given[0]) else np.zeros(0)
+    queries, points, faces = _as_igl(queries, points, faces)
+    if not len(queries):
+        return np.zeros(0)
+    return igl.signed_distance(queries, points, faces, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL)[0]
 
 
-def _given(queries, points, faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _as_igl(queries, points, faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """As libigl takes them."""
-    kinds = float, float, np.int64
-    return tuple(np.ascontiguousarray(x, kind) for x, kind in zip((queries, points, faces), kinds, strict=True))
+    queries, points = np.ascontiguousarray(queries, float), np.ascontiguousarray(points, float)
+    return queries, points, np.ascontiguousarray(faces, np.int64)
 
 
-def _on_border(found, face, points, faces, tolerance: float = 1e-6) -> np.ndarray:
+def _on_border(closest, face, points, faces, tolerance: float = 1e-6) -> np.ndarray:
     edges = np.sort(faces[:, [[1, 2], [2, 0], [0, 1]]], axis=2).astype(np.int64)  # edge i lies opposite corner i
     key = edges[..., 0] * len(points) + edges[..., 1]
     _, inverse, uses = np.unique(key.ravel(), return_inverse=True, return_counts=True)
     open_edge = (uses[inverse] == 1).reshape(-1, 3)
     open_vertex = np.zeros(len(points), bool)
     open_vertex[edges[open_edge]] = True
-    weights = barycentric(found, points[faces[face]])
+    weights = barycentric(closest, points[faces[face]])
     on_edge = (weights < tolerance) & open_edge[face]
     on_vertex = (weights > 1 - tolerance) & open_vertex[faces[face]]
     return (on_edge | on_vertex).any(axis=1)

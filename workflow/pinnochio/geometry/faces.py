@@ -1,9 +1,28 @@
-"""Faces of tetrahedra: which two cells share one, and which belong to the boundary."""
+"""Edges and faces of tetrahedra: which two cells share a face, and which faces belong to the boundary."""
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
+EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 # Faces of a tetrahedron of positive volume, each seen counter-clockwise from outside; face i is opposite corner i.
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+
+
+def edges_of(cells) -> tuple[np.ndarray, np.ndarray]:
+    """Every edge once, nodes (e, 2) in rising order, sorted; and the six edges (m, 6) of each cell."""
+    ends = np.sort(np.asarray(cells, np.int64)[:, EDGES], axis=2)
+    count = int(ends.max()) + 1
+    key, of_cell = np.unique(ends[..., 0] * count + ends[..., 1], return_inverse=True)
+    return np.column_stack(np.divmod(key, count)), of_cell.reshape(-1, 6)
+
+
+def pieces(elements, count: int) -> np.ndarray:
+    """Connected piece (count,) of each node, held together by triangles or tetrahedra."""
+    first = np.repeat(elements[:, 0], elements.shape[1] - 1)
+    ends = first, np.asarray(elements)[:, 1:].ravel()
+    graph = sparse.coo_array((np.ones(len(first), np.int8), ends), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
 
 
 def faces_of(cells) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Triangles in NumPy alone: normals, areas, volume, closest points."""
+"""Triangles in NumPy alone: normals, areas, samples, volume, closest points."""
 
 import numpy as np
 
@@ -19,6 +19,28 @@ def vertex_normals(points, faces) -> np.ndarray:
         np.add.at(total, faces[:, corner], normals * areas[:, None])
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return total / np.where(length > 0, length, 1)
+
+
+def corner_sums(faces, values, count: int) -> np.ndarray:
+    """Sum (count,) over the triangles around each point of a third of their values (f,)."""
+    return np.bincount(faces.ravel(), np.repeat(values / 3, 3), count)
+
+
+def vertex_areas(points, faces) -> np.ndarray:
+    """Area (p,) mm2 that belongs to each vertex: a third of its triangles."""
+    return corner_sums(faces, face_normals(points, faces)[1], len(points))
+
+
+def sample_surface(points, faces, count: int, seed: int) -> np.ndarray:
+    """`count` points (count, 3) spread uniformly over the area of the triangles; the same for the same seed."""
+    random = np.random.default_rng(seed)
+    areas = np.cumsum(face_normals(points, faces)[1])
+    chosen = np.searchsorted(areas, random.random(count) * areas[-1], side="right")
+    u, v = random.random((2, count))
+    fold = u + v > 1
+    u[fold], v[fold] = 1 - u[fold], 1 - v[fold]
+    a, b, c = np.moveaxis(points[faces[np.minimum(chosen, len(faces) - 1)]], 1, 0)
+    return a + u[:, None] * (b - a) + v[:, None] * (c - a)
 
 
 def enclosed_volume(points, faces) -> float:

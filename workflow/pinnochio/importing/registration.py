@@ -33,10 +33,6 @@ class Registration:
     p95: float
     count: int
 
-    def apply(self, points: np.ndarray) -> np.ndarray:
-        """Registered points (n, 3) mm."""
-        return self.motion.apply(points)
-
 
 def upper_face_plane(bone: BoneSurface, segments: tuple[str, ...], nasion_above_lefort: float) -> float:
     """Height z (mm) of the nasion plane: nasion_above_lefort (mm) above the top of the upper jaw.
@@ -74,8 +70,8 @@ def register(
     rotation, shift = _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane)
     motion = RigidMotion(rotation, shift)
     placed = motion.apply(moving)
-    found = closest_points(placed[placed[:, 2] >= plane], skin_points, skin_faces)
-    distance = found.distance[~found.border]
+    closest = closest_points(placed[placed[:, 2] >= plane], skin_points, skin_faces)
+    distance = closest.distance[~closest.border]
     median = float(np.median(distance)) if len(distance) >= FEWEST else np.inf  # a few points fit anywhere
     if median > limit:
         raise InputError(
@@ -156,16 +152,16 @@ def _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane, step
         upper = np.flatnonzero(placed[:, 2] >= plane)
         if len(upper) < 20:
             break
-        found = closest_points(placed[upper], skin_points, skin_faces)
-        facing = np.einsum("ij,ij->i", normals[upper] @ rotation.T, skin_normals[found.face]) > 0.5
-        fit = facing & ~found.border
+        closest = closest_points(placed[upper], skin_points, skin_faces)
+        facing = np.einsum("ij,ij->i", normals[upper] @ rotation.T, skin_normals[closest.face]) > 0.5
+        fit = facing & ~closest.border
         if fit.sum() < 20:
             break
         # Tukey's weight: pairs beyond 4.7 robust deviations (hair, swelling, artefacts) count nothing, and noise
         # alone costs 5% of the precision; a hard trim would cost far more.
-        spread = 4.685 * 1.4826 * max(np.median(found.distance[fit]), 1e-3)
-        weights = np.clip(1 - (found.distance[fit] / spread) ** 2, 0, None) ** 2
-        turn, move = _step(placed[upper[fit]], found.points[fit], skin_normals[found.face[fit]], weights)
+        spread = 4.685 * 1.4826 * max(np.median(closest.distance[fit]), 1e-3)
+        weights = np.clip(1 - (closest.distance[fit] / spread) ** 2, 0, None) ** 2
+        turn, move = _step(placed[upper[fit]], closest.points[fit], skin_normals[closest.face[fit]], weights)
         change = np.abs(placed[upper] @ (turn - np.eye(3)).T + move).max()
         rotation, shift = turn @ rotation, turn @ shift + move
         if change < 1e-3:

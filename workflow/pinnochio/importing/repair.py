@@ -6,11 +6,9 @@ import numpy as np
 from scipy import ndimage
 
 from pinnochio.errors import InputError
-from pinnochio.model.labels import AIR, MUSCLE, SUPERFICIAL, internal_codes, segment_code
+from pinnochio.model.labels import AIR, MUSCLE, SPECK_VOXELS, SUPERFICIAL, TOUCHING, internal_codes, segment_code
 
 LOG = logging.getLogger(__name__)
-TOUCHING = np.ones((3, 3, 3), bool)
-SPECK_VOXELS = 20  # connected pieces of one label smaller than this are noise [measured on real segmentations]
 LARGEST_HOLE = 500.0  # mm3; more enclosed air is the mouth, an airway or a sinus [I]
 KEPT = "enclosed cavity kept"
 COMPARABLE = 0.2  # a piece of this share of the largest one is no fragment [I]
@@ -36,7 +34,7 @@ def repair(
     where a segment or the soft tissue is in two pieces of comparable size, and where the repairs would add to or take
     from a structure more than `limit_percent` of its voxels.
     """
-    given, labels = np.asarray(labels), np.array(labels)
+    raw, labels = np.asarray(labels), np.array(labels)
     names = {code: name for name, code in internal_codes(tuple(segments)).items()} | {AIR: "air"}
     statements = []
     while True:
@@ -52,7 +50,7 @@ def repair(
             for (old, new), voxels in zip(pairs.T, counts, strict=True):
                 statements.append(_statement(names[old], f"{what} to {names[new]}", voxels))
     for code, name in names.items():
-        own, now = given == code, labels == code
+        own, now = raw == code, labels == code
         changed, size = int((own != now).sum()), int(own.sum())
         if code != AIR and 100 * changed > limit_percent * size:
             raise InputError(
@@ -65,14 +63,14 @@ def repair(
     piece, size = _pieces(labels == AIR)
     kept = np.sort(size[_enclosed(piece, size)])[::-1]
     statements += [_statement("air", KEPT, voxels) for voxels in kept]
-    for said in statements:
-        LOG.info("case %r: %s: %s, %d voxels", case, said["structure"], said["what"], said["voxels"])
+    for statement in statements:
+        LOG.info("case %r: %s: %s, %d voxels", case, *statement.values())
     return labels, statements
 
 
 def repaired_voxels(statements: list[dict]) -> int:
     """Voxels that the stated repairs changed."""
-    return sum(said["voxels"] for said in statements if said["what"] != KEPT)
+    return sum(statement["voxels"] for statement in statements if statement["what"] != KEPT)
 
 
 def _statement(structure: str, what: str, voxels) -> dict:

@@ -68,18 +68,18 @@ def read_segmentation(
     if Path(path).is_dir():
         files = surface_files(path, refuse)
         wanted = {name: value if isinstance(value, str) else name for name, value in wanted.items()}
-        found = _chosen([Segment(stem) for stem in files], wanted, case, path, refuse)
-        surfaces = [read_closed_surface(files[part.name], direction, refuse) for part in found.values()]
+        chosen = _chosen([Segment(stem) for stem in files], wanted, case, path, refuse)
+        surfaces = [read_closed_surface(files[part.name], direction, refuse) for part in chosen.values()]
         _check_extent(float(max(np.ptp(points, axis=0).max() for points, _ in surfaces)), refuse)
         image, masks = voxelised(surfaces)
     else:
         image, parts = read_segments(path, refuse)
-        found = _chosen(parts, wanted, case, path, refuse)
-        masks = (part.voxels() for part in found.values())
+        chosen = _chosen(parts, wanted, case, path, refuse)
+        masks = (part.voxels() for part in chosen.values())
         if direction is not None:
             turn(image, direction)
     values = np.full(image.GetSize()[::-1], AIR, np.uint8)
-    for name, mask in zip(found, masks, strict=True):
+    for name, mask in zip(chosen, masks, strict=True):
         values[mask] = codes[name]
     _check_extent(_labelled_extent(values != AIR, image.GetSpacing()), refuse)
     coded = sitk.GetImageFromArray(values)
@@ -88,7 +88,7 @@ def read_segmentation(
     coded.SetDirection(image.GetDirection())
     coded = _axis_aligned(coded)
     labels = np.ascontiguousarray(sitk.GetArrayFromImage(coded).transpose(2, 1, 0))
-    for name, part in found.items():
+    for name, part in chosen.items():
         if name != "muscle" and not (labels == codes[name]).any():
             what = "tissue" if name in TISSUES else "bone"
             refuse(f"{what} {name!r} ({part}) is empty or covered by other structures", "label it where it alone is")
@@ -111,7 +111,7 @@ def _chosen(parts: Sequence[Segment], wanted: Mapping[str, int | str], case: str
     """The segment of each structure, in the order of `wanted`; "muscle" may have none."""
     named = any(part.name is not None for part in parts)
     listed = ", ".join(map(str, parts))
-    found = {}
+    chosen = {}
     for structure, value in wanted.items():
         if isinstance(value, str) and not named:
             refuse(
@@ -125,7 +125,7 @@ def _chosen(parts: Sequence[Segment], wanted: Mapping[str, int | str], case: str
                 f"give {structure!r} the name of its segment in 'labels', and each segment a name of its own",
             )
         if own:
-            found[structure] = own[0]
+            chosen[structure] = own[0]
         elif structure == "muscle":
             LOG.warning("case %r: %s: nothing carries the label %r of 'muscle'; it holds %s", case, path, value, listed)
         elif named:
@@ -137,10 +137,10 @@ def _chosen(parts: Sequence[Segment], wanted: Mapping[str, int | str], case: str
                 f"{what} {structure!r} (voxel value {value}) is empty",
                 f"label {structure!r} in the segmentation, or correct 'labels' or 'segments' in the configuration",
             )
-    if extra := [str(part) for part in parts if part not in found.values()]:
+    if extra := [str(part) for part in parts if part not in chosen.values()]:
         what = "segments" if named else "voxel values"
         LOG.warning("case %r: %s: %s %s are not named in 'labels'; taken as air", case, path, what, ", ".join(extra))
-    return found
+    return chosen
 
 
 def write_segmentation(labels, spacing, origin, path: str | os.PathLike) -> None:
@@ -243,18 +243,24 @@ def _axis_aligned(image: sitk.Image) -> sitk.Image:
     places = np.array([image.TransformContinuousIndexToPhysicalPoint(corner) for corner in corners])
     low, high = places.min(axis=0), places.max(axis=0)
     wanted = np.ceil((high - low) / spacing - 1e-6).astype(int) + 1
-    grid = [wanted.tolist(), sitk.Transform(), sitk.sitkNearestNeighbor, low.tolist(), spacing.tolist()]
-    return sitk.Resample(image, *grid, np.eye(3).ravel().tolist(), 0.0, image.GetPixelID())
+    return sitk.Resample(
+        image,
+        size=wanted.tolist(),
+        interpolator=sitk.sitkNearestNeighbor,
+        outputOrigin=low.tolist(),
+        outputSpacing=spacing.tolist(),
+        outputDirection=np.eye(3).ravel().tolist(),
+    )
 
 
 def _labelled_extent(inside, spacing) -> float | None:
     """Longest side in mm of the box round the voxels inside [iz, iy, ix]; None if there are none."""
     sides = []
     for axis, step in zip((2, 1, 0), spacing, strict=True):
-        found = np.flatnonzero(inside.any(axis=tuple({0, 1, 2} - {axis})))
-        if not len(found):
+        filled = np.flatnonzero(inside.any(axis=tuple({0, 1, 2} - {axis})))
+        if not len(filled):
             return None
-        sides.append((found[-1] - found[0] + 1) * step)
+        sides.append((filled[-1] - filled[0] + 1) * step)
     return float(max(sides))
 
 

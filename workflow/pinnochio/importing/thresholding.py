@@ -54,14 +54,14 @@ class Cuts:
         """Read JSON: {"occlusal": {"point": [x, y, z], "normal": [x, y, z]}, ..., "low": [null, null, z], ...}."""
         try:
             with open(path, encoding="utf-8") as file:
-                given = json.load(file)
-            planes = {name: _plane(given[name]) for name in PLANES if name in given}
+                content = json.load(file)
+            planes = {name: _plane(content[name]) for name in PLANES if name in content}
             bounds = {
-                name: np.array([empty if value is None else float(value) for value in given[name]])
+                name: np.array([empty if value is None else float(value) for value in content[name]])
                 for name, empty in (("low", -np.inf), ("high", np.inf))
-                if name in given
+                if name in content
             }
-            if unknown := set(given) - {item.name for item in fields(cls)}:
+            if unknown := set(content) - {item.name for item in fields(cls)}:
                 raise ValueError(f"unknown names {sorted(unknown)}")
             if any(value.shape != (3,) for value in bounds.values()):
                 raise ValueError("low and high need three values each")
@@ -72,8 +72,8 @@ class Cuts:
             ) from error
 
 
-def _plane(given: Mapping) -> Plane:
-    point, normal = np.array(given["point"], float), np.array(given["normal"], float)
+def _plane(plane: Mapping) -> Plane:
+    point, normal = np.array(plane["point"], float), np.array(plane["normal"], float)
     if point.shape != (3,) or normal.shape != (3,) or not np.isfinite([point, normal]).all() or not normal.any():
         raise ValueError("a plane needs a point and a normal of three numbers each")
     return Plane(point, normal / np.linalg.norm(normal))
@@ -96,7 +96,7 @@ class Thresholds:
     aperture: float = _option(
         "openings of the skin narrower than this are mouth and nostrils; see the tongue, too, mm", 10.0
     )
-    margin: float = _option("bone nearer than this to the pterygoid plane is given to a jaw by the watershed, mm", 8.0)
+    margin: float = _option("bone nearer than this to the pterygoid plane goes to a jaw by the watershed, mm", 8.0)
 
     def __post_init__(self):
         if not self.skin < self.bone:
@@ -125,7 +125,7 @@ def read_ct(path: str | os.PathLike, orientation: str = HEADER) -> sitk.Image:
     return image
 
 
-def segment_ct(ct: sitk.Image, cuts: Cuts, given: Thresholds) -> Segmentation:
+def segment_ct(ct: sitk.Image, cuts: Cuts, thresholds: Thresholds) -> Segmentation:
     """Superficial tissue, cranium, maxilla and mandible of a CT (axis-aligned LPS), codes of SEGMENTS; no muscle.
 
     The CT is resampled linearly to cubes before the thresholds.
@@ -137,7 +137,7 @@ def segment_ct(ct: sitk.Image, cuts: Cuts, given: Thresholds) -> Segmentation:
     gaps of the arches narrower than twice `aperture` count as closed, down to `aperture` below the occlusal plane.
     Raises InputError for cuts and thresholds that do not fit the scan.
     """
-    spacing = given.spacing
+    spacing = thresholds.spacing
     ct = _isotropic(ct, spacing)
     density = sitk.GetArrayFromImage(ct).transpose(2, 1, 0)
     origin = np.array(ct.GetOrigin())
@@ -146,15 +146,15 @@ def segment_ct(ct: sitk.Image, cuts: Cuts, given: Thresholds) -> Segmentation:
     if not kept.any():
         raise InputError("-", "cuts", "nothing of the scan lies between 'low' and 'high'", "correct the box")
 
-    head = _bulk(density > given.skin, given.opening / spacing)
-    upper, lower = _bones(density, head, places, cuts, given)
+    head = _bulk(density > thresholds.skin, thresholds.opening / spacing)
+    upper, lower = _bones(density, head, places, cuts, thresholds)
     front = cuts.pterygoid.height(places) < 0
     maxilla = _largest(upper & front & (cuts.lefort.height(places) < 0))
-    arches = _closed(maxilla | (lower & front), given.aperture / spacing)
-    oral = _between(arches) & (cuts.occlusal.height(places) > -given.aperture)
+    arches = _closed(maxilla | (lower & front), thresholds.aperture / spacing)
+    oral = _between(arches) & (cuts.occlusal.height(places) > -thresholds.aperture)
 
     labels = np.full(density.shape, AIR, np.uint8)
-    labels[_near_skin(head, head & ~upper & ~lower & ~oral, given)] = SUPERFICIAL
+    labels[_near_skin(head, head & ~upper & ~lower & ~oral, thresholds)] = SUPERFICIAL
     labels[upper] = CRANIUM
     labels[maxilla] = segment_code(0)
     labels[lower] = segment_code(1)
@@ -168,15 +168,15 @@ def segment_ct(ct: sitk.Image, cuts: Cuts, given: Thresholds) -> Segmentation:
     return Segmentation(np.ascontiguousarray(labels[box]), np.full(3, spacing), corner)
 
 
-def _bones(density, head, places, cuts: Cuts, given: Thresholds) -> tuple[np.ndarray, np.ndarray]:
+def _bones(density, head, places, cuts: Cuts, thresholds: Thresholds) -> tuple[np.ndarray, np.ndarray]:
     """Skull with upper jaw, and mandible: a watershed parts them where the bone is least dense, at the joints.
 
     It starts from the bone below and above the occlusal plane, more than `margin` in front of the pterygoid plane, and
     from the bone above the joint plane. The mandible is the largest piece of its basin, without what is one or two
     voxels thin. Loose pieces of bone are soft. Holes up to twice `closing` wide are closed, in each bone by itself.
     """
-    bony = head & (density > given.bone)
-    front = cuts.pterygoid.height(places) < -given.margin
+    bony = head & (density > thresholds.bone)
+    front = cuts.pterygoid.height(places) < -thresholds.margin
     above = cuts.occlusal.height(places) > 0
     markers = np.zeros(density.shape, np.uint8)
     markers[bony & front & ~above] = LOWER
@@ -186,16 +186,22 @@ def _bones(density, head, places, cuts: Cuts, given: Thresholds) -> tuple[np.nda
             raise InputError("-", "cuts", f"there is no bone {side} the occlusal plane", "correct the planes or 'bone'")
     markers[bony & (cuts.joint.height(places) > 0)] = UPPER
     lower = _bulk(bony & (_watershed(-density, markers) == LOWER), 1)
-    upper = _without_loose(bony & ~lower, LOOSE_CM3 * 1000 / given.spacing**3)
-    upper = _closed(upper, given.closing / given.spacing) & ~lower
-    return upper, _closed(lower, given.closing / given.spacing) & ~upper
+    upper = _without_loose(bony & ~lower, LOOSE_CM3 * 1000 / thresholds.spacing**3)
+    upper = _closed(upper, thresholds.closing / thresholds.spacing) & ~lower
+    return upper, _closed(lower, thresholds.closing / thresholds.spacing) & ~upper
 
 
 def _isotropic(ct: sitk.Image, spacing: float) -> sitk.Image:
     extent = (np.array(ct.GetSize()) - 1) * ct.GetSpacing()
     size = (np.floor(extent / spacing + 1e-6).astype(int) + 1).tolist()
-    grid = [size, sitk.Transform(), sitk.sitkLinear, ct.GetOrigin(), [spacing] * 3, ct.GetDirection()]
-    return sitk.Resample(sitk.Cast(ct, sitk.sitkFloat32), *grid)
+    return sitk.Resample(
+        sitk.Cast(ct, sitk.sitkFloat32),
+        size=size,
+        interpolator=sitk.sitkLinear,
+        outputOrigin=ct.GetOrigin(),
+        outputSpacing=[spacing] * 3,
+        outputDirection=ct.GetDirection(),
+    )
 
 
 def _bulk(dense, radius: float) -> np.ndarray:
@@ -240,19 +246,19 @@ def _between(bone) -> np.ndarray:
     return right & np.maximum.accumulate(bone[::-1], axis=0)[::-1]
 
 
-def _near_skin(head, soft, given: Thresholds) -> np.ndarray:
+def _near_skin(head, soft, thresholds: Thresholds) -> np.ndarray:
     """The largest piece of the soft voxels at most `depth` from the skin, on ways through soft tissue.
 
     The skin is what a ball of diameter `aperture` touches from outside: neither nostril nor mouth. Outside is the air
     that meets the front or a side of the scan; the airway meets its lower border.
     """
-    air, _ = ndimage.label(~_closed(head, given.aperture / 2 / given.spacing))
+    air, _ = ndimage.label(~_closed(head, thresholds.aperture / 2 / thresholds.spacing))
     borders = np.concatenate([air[:, 0].ravel(), air[0].ravel(), air[-1].ravel()])
     outside = np.isin(air, borders[borders > 0])
     start = np.argwhere(ndimage.binary_dilation(outside, iterations=2) & soft)
     if not len(start):
         raise InputError("-", "CT", "no skin lies in front of outer air", "lower 'skin', or give more of the scan")
     speed = sitk.GetImageFromArray(soft.astype(np.float32))
-    reach = given.depth / given.spacing
+    reach = thresholds.depth / thresholds.spacing
     marched = sitk.FastMarching(speed, start[:, ::-1].tolist(), stoppingValue=reach)
     return _largest(soft & (sitk.GetArrayFromImage(marched) <= reach))

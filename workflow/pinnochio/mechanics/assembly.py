@@ -1,14 +1,47 @@
 """The tangent of a mesh in a fixed symmetric sparsity pattern, upper triangle, free unknowns only."""
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy import sparse
 
 from pinnochio.compiled import compiled
-from pinnochio.mechanics.elements import Elements, deformation, extended_log, patch_bulk
+from pinnochio.mechanics.elements import EPSILON, ElementArrays, Elements, deformation, extended_log, patch_bulk
 
-_EPSILON = np.zeros((3, 3, 3))
-_EPSILON[0, 1, 2] = _EPSILON[1, 2, 0] = _EPSILON[2, 0, 1] = 1
-_EPSILON[0, 2, 1] = _EPSILON[2, 1, 0] = _EPSILON[1, 0, 2] = -1
+NONE = np.zeros(0)
+
+
+class Patches(NamedTuple):
+    """The dense matrix of each patch.
+
+    order (m,): elements by patch, those of patch p from start[p] on; local (m, 4): an element's nodes by their place in
+    its patch; nodes: those of patch p from first[p] on, ascending; place: of its node pairs in the tangent's pattern,
+    from place_first[p] on; largest: most nodes of a patch.
+    """
+
+    order: np.ndarray
+    start: np.ndarray
+    local: np.ndarray
+    first: np.ndarray
+    nodes: np.ndarray
+    place_first: np.ndarray
+    place: np.ndarray
+    largest: int
+
+
+class Pattern(NamedTuple):
+    """Where a node's unknowns and a node pair's entries lie.
+
+    rank (n, 3): an unknown's place among the free ones of its node, -1 if constrained; first (n + 1,): first free
+    unknown of each node; indptr: of the rows; offset (pairs,): of a node pair in the rows of its first node;
+    frame (n,): number of a node's own axes, -1 for the common ones.
+    """
+
+    rank: np.ndarray
+    first: np.ndarray
+    indptr: np.ndarray
+    offset: np.ndarray
+    frame: np.ndarray
 
 
 class Assembler:
@@ -16,7 +49,7 @@ class Assembler:
 
     Unknowns of a node: displacement along the three axes of its frame. constrained (n, 3) bool: those that the boundary
     condition fixes. framed (s,): nodes whose first axis is not x but the normal of the surface that they slide on.
-    couplings (c, 2): further pairs of nodes a <= b that :meth:`add` may be given, such as those of a contact.
+    couplings (c, 2): further pairs of nodes a <= b that :meth:`add` may get, such as those of a contact.
 
     All nodes of a patch are coupled by its bulk term. A patch is assembled as one dense matrix and then scattered.
     """
@@ -27,43 +60,31 @@ class Assembler:
         used = np.zeros(nodes, bool)
         used[elements.cells] = True
         self.free = ~np.asarray(constrained, bool) & used[:, None]
-        self._rank = np.where(self.free, np.cumsum(self.free, axis=1) - 1, -1).astype(np.int32)
+        rank = np.where(self.free, np.cumsum(self.free, axis=1) - 1, -1).astype(np.int32)
         count = self.free.sum(axis=1).astype(np.int64)
-        self._first = np.concatenate([[0], np.cumsum(count)])
-        self._frame = np.full(nodes, -1, np.int32)
-        self._frame[framed] = np.arange(len(framed))
-        self._gather_patches()
+        first = np.concatenate([[0], np.cumsum(count)])
+        frame = np.full(nodes, -1, np.int32)
+        frame[framed] = np.arange(len(framed))
+        patches = _patches(elements)
         # Node pairs a <= b that share a patch, sorted; each patch stores the places of its pairs.
-        keys = _pair_keys(self._patch_first, self._patch_nodes, self._place_first, nodes)
+        keys = _pair_keys(patches.first, patches.nodes, patches.place_first, nodes)
         extra = np.zeros(0, np.int64)
         if couplings is not None and len(couplings):
             extra = couplings[:, 0].astype(np.int64) * nodes + couplings[:, 1]
         self._keys, place = np.unique(np.concatenate([keys, extra]), return_inverse=True)
-        self._place = place[: len(keys)].astype(np.int32)
+        self._patches = patches._replace(place=place[: len(keys)].astype(np.int32))
         start, end = self._keys // nodes, self._keys % nodes
         width = np.concatenate([[0], np.cumsum(count[end])])
         head = np.concatenate([[0], np.cumsum(np.bincount(start, minlength=nodes))])
-        self._offset = width[:-1] - width[head[start]]
+        offset = width[:-1] - width[head[start]]
         row = np.repeat(width[head[1:]] - width[head[:-1]], count)
-        lengths = row - (np.arange(len(row)) - np.repeat(self._first[:-1], count))
+        lengths = row - (np.arange(len(row)) - np.repeat(first[:-1], count))
         self.indptr = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
         self.indices = np.empty(self.indptr[-1], np.int32)
-        _columns(self.indptr, self.indices, self._first, head, end)
+        _columns(self.indptr, self.indices, first, head, end)
         if self.indptr[-1] < 2**31:
             self.indptr = self.indptr.astype(np.int32)
-
-    def _gather_patches(self) -> None:
-        """Elements of each patch, its nodes in ascending order, and each element's nodes by their place there."""
-        cells, patch, nodes = self.elements.cells, self.elements.patch, self.elements.nodes
-        self._order = np.argsort(patch, kind="stable").astype(np.int32)
-        self._start = np.concatenate([[0], np.cumsum(np.bincount(patch))])
-        member, where = np.unique(patch[:, None].astype(np.int64) * nodes + cells, return_inverse=True)
-        self._patch_nodes = (member % nodes).astype(np.int32)
-        size = np.bincount(member // nodes)
-        self._patch_first = np.concatenate([[0], np.cumsum(size)])
-        self._local = (where.reshape(-1, 4) - self._patch_first[patch][:, None]).astype(np.int32)
-        self._place_first = np.concatenate([[0], np.cumsum(size * (size + 1) // 2)])
-        self._largest = int(size.max())
+        self._pattern = Pattern(rank, first, self.indptr, offset, frame)
 
     def gather(self, values: np.ndarray) -> np.ndarray:
         """Free unknowns of nodal values (n, 3) in local axes."""
@@ -84,39 +105,62 @@ class Assembler:
         at = np.minimum(np.searchsorted(self._keys, wanted), len(self._keys) - 1)
         known = self._keys[at] == wanted
         a, b = pairs[known].T
-        at, blocks = at[known], blocks[known]
+        at, blocks, pattern = at[known], blocks[known], self._pattern
         for i in range(3):
             for j in range(3):
-                row, column = self._rank[a, i], self._rank[b, j]
+                row, column = pattern.rank[a, i], pattern.rank[b, j]
                 kept = (row >= 0) & (column >= 0) & ((a != b) | (j >= i))
-                place = self.indptr[self._first[a[kept]] + row[kept]] + self._offset[at[kept]]
+                place = pattern.indptr[pattern.first[a[kept]] + row[kept]] + pattern.offset[at[kept]]
                 np.add.at(data, place - row[kept] + column[kept], blocks[kept, i, j])
 
-    def tangent(self, displacement, frames, step=None, definite=0.0, pressure=None) -> tuple[np.ndarray, np.ndarray]:
+    def tangent(
+        self, displacement, frames, step=None, definite=0.0, pressure=None, elements: Elements | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Values of the pattern at a displacement (n, 3) and the product of the tangent with `step`.
 
         frames (s, 3, 3): local axes of the framed nodes, in rows. step (n, 3): imposed motion in local axes, zero on
         free unknowns; its product is returned for these. definite: if not 0, elements with J at or below it or at or
         above its inverse have the negative eigenvalues of their Hessian cut off; 1 for all of them, with which the
         result is positive definite. pressure (p,) kPa: of each patch, for the geometric part, in place of that of
-        the displacement.
+        the displacement. elements: the same mesh with another law, if not that of the pattern.
         """
         data = np.zeros(len(self.indices))
         product = np.zeros(self.free.shape)
-        imposed = np.zeros(self.free.shape) if step is None else np.ascontiguousarray(step, float)
-        given = np.zeros(0) if pressure is None else np.ascontiguousarray(pressure, float)
         _tangent(
-            *(np.ascontiguousarray(displacement, float), *self.elements.arrays, float(definite)),
-            *(self._order, self._start, self._local, self._patch_first, self._patch_nodes, self._place_first),
-            *(self._place, self._largest, self._frame, np.ascontiguousarray(frames, float)),
-            *(self._rank, self._first, self.indptr, self._offset, imposed, step is not None),
-            *(given, pressure is not None, data, product),
+            u=np.ascontiguousarray(displacement, float),
+            mesh=(elements or self.elements).arrays,
+            patches=self._patches,
+            pattern=self._pattern,
+            frames=np.ascontiguousarray(frames, float),
+            definite=float(definite),
+            imposed=np.zeros((0, 3)) if step is None else np.ascontiguousarray(step, float),
+            pressure=NONE if pressure is None else np.ascontiguousarray(pressure, float),
+            data=data,
+            product=product,
         )
         return data, product[self.free]
 
     def upper(self, data: np.ndarray) -> sparse.csr_matrix:
         """The upper triangle of a matrix over the free unknowns, from its values of the pattern."""
         return sparse.csr_matrix((data, self.indices, self.indptr), shape=(len(self.indptr) - 1,) * 2)
+
+
+def _patches(elements: Elements) -> Patches:
+    """The patches of a mesh, their place in a pattern left open."""
+    cells, patch, nodes = elements.cells, elements.patch, elements.nodes
+    member, where = np.unique(patch[:, None].astype(np.int64) * nodes + cells, return_inverse=True)
+    size = np.bincount(member // nodes)
+    first = np.concatenate([[0], np.cumsum(size)])
+    return Patches(
+        order=np.argsort(patch, kind="stable").astype(np.int32),
+        start=np.concatenate([[0], np.cumsum(np.bincount(patch))]),
+        local=(where.reshape(-1, 4) - first[patch][:, None]).astype(np.int32),
+        first=first,
+        nodes=(member % nodes).astype(np.int32),
+        place_first=np.concatenate([[0], np.cumsum(size * (size + 1) // 2)]),
+        place=np.zeros(0, np.int32),
+        largest=int(size.max()),
+    )
 
 
 def diagonal_blocks(elements: Elements, displacement) -> np.ndarray:
@@ -165,7 +209,7 @@ def _hessian(f, cof, shear, stretch, bulk, curve, h):
                         value += shear
                     for k in range(3):
                         for r in range(3):
-                            value += bulk * _EPSILON[i, j, k] * _EPSILON[p, q, r] * f[k, r]
+                            value += bulk * EPSILON[i, j, k] * EPSILON[p, q, r] * f[k, r]
                     h[3 * i + p, 3 * j + q] = value
 
 
@@ -235,83 +279,55 @@ def _turn(dense, at, count, axes):
 
 @compiled
 def _tangent(
-    u,
-    cells,
-    gradients,
-    volumes,
-    patch,
-    patch_volumes,
-    mu,
-    patch_lam,
-    stiffening,
-    extension,
-    definite,
-    order,
-    start,
-    local,
-    patch_first,
-    patch_nodes,
-    place_first,
-    place,
-    largest,
-    frame,
-    frames,
-    rank,
-    first_row,
-    indptr,
-    offset,
-    imposed,
-    coupled,
-    given,
-    carried,
-    data,
-    product,
+    u, mesh: ElementArrays, patches: Patches, pattern: Pattern, frames, definite, imposed, pressure, data, product
 ):
+    """Adds to data and product; imposed (n, 3) and pressure (p,) are empty where there are none."""
     f, cof, h = np.empty((3, 3)), np.empty((3, 3)), np.empty((9, 9))
     k, fg, cg = np.empty((4, 4, 3, 3)), np.empty((4, 3)), np.empty((4, 3))
-    dense, spread = np.empty((3 * largest, 3 * largest)), np.empty(3 * largest)
-    first, second = np.empty(len(patch_volumes)), np.empty(len(patch_volumes))
-    patch_bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second)
-    if carried:
-        first[:] = given
-    for p in range(len(patch_volumes)):
-        nodes = patch_nodes[patch_first[p] : patch_first[p + 1]]
+    dense, spread = np.empty((3 * patches.largest, 3 * patches.largest)), np.empty(3 * patches.largest)
+    first, second = np.empty(len(mesh.patch_volumes)), np.empty(len(mesh.patch_volumes))
+    patch_bulk(u, mesh, first, second)
+    if len(pressure):
+        first[:] = pressure
+    for p in range(len(mesh.patch_volumes)):
+        nodes = patches.nodes[patches.first[p] : patches.first[p + 1]]
         count = len(nodes)
         dense[: 3 * count, : 3 * count] = 0.0
         spread[: 3 * count] = 0.0
-        for e in order[start[p] : start[p + 1]]:
-            j, excess = deformation(u, cells[e], gradients[e], f, cof)
-            _, d, dd = extended_log(j, extension)
-            shear, bulk = mu[e] + 2 * stiffening[e] * excess, first[p] - mu[e] * d
-            v, curve = volumes[e], -mu[e] * dd
+        for e in patches.order[patches.start[p] : patches.start[p + 1]]:
+            gradients, v, mu, stiffening = mesh.gradients[e], mesh.volumes[e], mesh.mu[e], mesh.stiffening[e]
+            j, excess = deformation(u, mesh.cells[e], gradients, f, cof)
+            _, d, dd = extended_log(j, mesh.extension)
+            shear, bulk, curve = mu + 2 * stiffening * excess, first[p] - mu * d, -mu * dd
             cutting = definite > 0 and not definite < j < 1 / definite
-            _element(f, cof, gradients[e], v, shear, 4 * stiffening[e], bulk, curve, cutting, fg, cg, h, k)
+            _element(f, cof, gradients, v, shear, 4 * stiffening, bulk, curve, cutting, fg, cg, h, k)
             for a in range(4):
+                row = 3 * patches.local[e, a]
                 for i in range(3):
-                    spread[3 * local[e, a] + i] += v * cg[a, i]
+                    spread[row + i] += v * cg[a, i]
                 for b in range(a, 4):
-                    row, column = 3 * local[e, a], 3 * local[e, b]
+                    column = 3 * patches.local[e, b]
                     for i in range(3):
                         for q in range(3):
                             if row <= column:
                                 dense[row + i, column + q] += k[a, b, i, q]
                             else:
                                 dense[column + q, row + i] += k[a, b, i, q]
-        stiffness = second[p] / patch_volumes[p]
+        stiffness = second[p] / mesh.patch_volumes[p]
         if definite == 1:
             stiffness = max(stiffness, 0.0)
         for i in range(3 * count):
             for q in range(i - i % 3, 3 * count):
                 dense[i, q] += stiffness * spread[i] * spread[q]
         for a in range(count):
-            if frame[nodes[a]] >= 0:
-                _turn(dense, a, count, frames[frame[nodes[a]]])
-        pair = place_first[p]
+            if pattern.frame[nodes[a]] >= 0:
+                _turn(dense, a, count, frames[pattern.frame[nodes[a]]])
+        pair = patches.place_first[p]
         for a in range(count):
             na = nodes[a]
             for b in range(a, count):
                 nb = nodes[b]
-                if coupled:
+                if len(imposed):
                     for i in range(3):
                         for q in range(3):
                             value = dense[3 * a + i, 3 * b + q]
@@ -319,9 +335,10 @@ def _tangent(
                             if a != b:
                                 product[nb, q] += value * imposed[na, i]
                 for i in range(3):
-                    if rank[na, i] >= 0:
-                        at = indptr[first_row[na] + rank[na, i]] + offset[place[pair]] - rank[na, i]
+                    rank = pattern.rank[na, i]
+                    if rank >= 0:
+                        at = pattern.indptr[pattern.first[na] + rank] + pattern.offset[patches.place[pair]] - rank
                         for q in range(i if a == b else 0, 3):
-                            if rank[nb, q] >= 0:
-                                data[at + rank[nb, q]] += dense[3 * a + i, 3 * b + q]
+                            if pattern.rank[nb, q] >= 0:
+                                data[at + pattern.rank[nb, q]] += dense[3 * a + i, 3 * b + q]
                 pair += 1

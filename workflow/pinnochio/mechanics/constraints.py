@@ -1,9 +1,9 @@
 """The boundary condition of one mesh, checked: which unknowns it fixes, and the axes that sliding nodes have."""
 
 import numpy as np
-from scipy import sparse
 
 from pinnochio.errors import InputError
+from pinnochio.geometry.faces import pieces
 from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact
 
 
@@ -11,24 +11,24 @@ class Constraints:
     """Prescribed and sliding nodes of a mesh, points (n, 3) mm and cells (m, 4).
 
     constrained (n, 3) bool: unknowns that the boundary condition fixes, in local axes; sliding: the sliding sets;
-    told (p,): prescribed nodes. InputError if a node does not exist or has two conditions, or if a piece of the mesh
-    could move as a whole.
+    prescribed (p,): prescribed nodes. InputError if a node does not exist or has two conditions, or if a piece of the
+    mesh could move as a whole.
     """
 
     def __init__(self, points, cells, boundary: BoundaryConditions):
         self.points, self.boundary = np.asarray(points, float), boundary
         self.sliding = SlidingContact(self.points, boundary.sliding)
-        self.told = np.asarray(boundary.prescribed_nodes, int)
+        self.prescribed = np.asarray(boundary.prescribed_nodes, int)
         self._check()
         self.constrained = np.zeros((len(self.points), 3), bool)
-        self.constrained[self.told] = True
+        self.constrained[self.prescribed] = True
         self.constrained[self.sliding.nodes, 0] = True
-        self._check_held(cells)
+        self._check_pieces(cells)
 
     def met(self, displacement, fraction: float) -> np.ndarray:
-        """The admissible displacement (n, 3) next to a given one."""
+        """The admissible displacement (n, 3) next to another one."""
         target = self.sliding.project(displacement, fraction)
-        target[self.told] = self.boundary.displacement(fraction)
+        target[self.prescribed] = self.boundary.displacement(fraction)
         return target
 
     def local(self, vectors, frames) -> np.ndarray:
@@ -50,21 +50,19 @@ class Constraints:
         return axes[pairs[:, 0]] @ blocks @ axes[pairs[:, 1]].transpose(0, 2, 1)
 
     def _check(self) -> None:
-        fixed = np.concatenate([self.told, self.sliding.nodes])
+        fixed = np.concatenate([self.prescribed, self.sliding.nodes])
         if len(fixed) and (fixed.min() < 0 or fixed.max() >= len(self.points)):
             raise InputError("-", "boundary", "a constrained node does not exist", "mend the node list")
         if len(np.unique(fixed)) != len(fixed):
             raise InputError("-", "boundary", "a node is constrained twice", "give each node one condition")
         for fraction in (0.0, 1.0):
             moved = self.boundary.displacement(fraction)
-            if moved.shape != (len(self.told), 3) or not np.isfinite(moved).all():
+            if moved.shape != (len(self.prescribed), 3) or not np.isfinite(moved).all():
                 raise InputError("-", "boundary", f"prescribed motion of shape {moved.shape}", "give (p, 3), finite")
 
-    def _check_held(self, cells) -> None:
+    def _check_pieces(self, cells) -> None:
         """Refuse a boundary condition that leaves a connected piece of the mesh a rigid motion, to first order."""
-        ends = np.repeat(cells[:, :1], 4, axis=1).ravel(), np.asarray(cells).ravel()
-        graph = sparse.coo_matrix((np.ones(len(ends[0])), ends), shape=(len(self.points),) * 2)
-        _, piece = sparse.csgraph.connected_components(graph, directed=False)
+        piece = pieces(cells, len(self.points))
         axes = np.tile(np.eye(3), (len(self.points), 1, 1))
         axes[self.sliding.nodes] = self.sliding.frames(np.zeros_like(self.points), 0.0)
         node, axis = np.nonzero(self.constrained)
@@ -73,9 +71,9 @@ class Constraints:
             own = piece == index
             arm = self.points - self.points[own].mean(axis=0)
             arm /= np.linalg.norm(arm[own], axis=1).max()
-            held = own[node]
-            rows = np.hstack([direction[held], np.cross(arm[node[held]], direction[held])])
-            # 1e-6: the squared lever, relative to the piece, below which a hold counts as none.
+            here = own[node]
+            rows = np.hstack([direction[here], np.cross(arm[node[here]], direction[here])])
+            # 1e-6: the squared lever, relative to the piece, below which a constraint counts as none.
             if np.linalg.eigvalsh(rows.T @ rows)[0] < 1e-6:
                 problem = f"a piece of {own.sum()} of the mesh's nodes is free to move or turn as a whole"
-                raise InputError("-", "boundary", problem, "hold three nodes of it, or drop it from the mesh")
+                raise InputError("-", "boundary", problem, "constrain three nodes of it, or drop it from the mesh")

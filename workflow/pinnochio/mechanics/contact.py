@@ -25,13 +25,14 @@ surfaces bend away under pressure it has negative eigenvalues; the definite tang
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.geometry.triangles import closest_on_triangles, face_normals
+from pinnochio.geometry.triangles import closest_on_triangles, face_normals, vertex_areas
 from pinnochio.mechanics.point_surface import PointSurface
 
 # Triangles within it at rest can be touched, mm; what lips slide along each other stays below [I].
@@ -130,19 +131,28 @@ class UnilateralContact:
 
     def gaps(self, displacement, fraction: float = 1.0) -> np.ndarray:
         """Gap (s,) in mm at the contact nodes, in the order of `nodes`, negative where one has entered."""
-        return np.concatenate([np.zeros(0)] + [gap for _, _, gap, _ in self._gaps(displacement, fraction)])
+        return np.concatenate([np.zeros(0)] + [side.gap for side in self._gaps(displacement, fraction)])
 
-    def _gaps(self, displacement, fraction: float) -> list[tuple]:
-        """Side, stiffness (s,) mN/mm, gap (s,) and its derivative (s, k, 3) by the nodes of the side's stencil."""
+    def _gaps(self, displacement, fraction: float) -> list["_Gap"]:
+        """The gaps of every side."""
         distances = self._distances(displacement, fraction)
         return [
-            (side, scale, f - level, slope)
+            _Gap(side, scale, f - level, slope)
             for side, scale, (f, slope), level in zip(self._sides, self._scale, distances, self._levels, strict=True)
         ]
 
     def _distances(self, displacement, fraction: float) -> list[tuple[np.ndarray, np.ndarray]]:
         moved = self.points + displacement
         return [side.local(moved[side.stencil], np.arange(len(side.stencil)), fraction) for side in self._sides]
+
+
+class _Gap(NamedTuple):
+    """Stiffness (s,) mN/mm, gap (s,) mm and its derivative (s, k, 3) by the nodes of a side's stencil."""
+
+    side: "_Bone | _Faces"
+    scale: np.ndarray
+    gap: np.ndarray
+    slope: np.ndarray
 
 
 def _hessian(side, moved, fraction: float, row, gap, slope) -> tuple[np.ndarray, np.ndarray]:
@@ -290,19 +300,13 @@ def _check(item: ContactSet, count: int) -> None:
         raise InputError("-", "contact", "a contact node is a corner of its own surface", "take it out of one")
 
 
-def node_areas(points, faces, nodes) -> np.ndarray:
-    """A third of the area (s,) mm2 of the faces (f, 3) around each of the nodes (s,)."""
-    areas = face_normals(points, faces)[1]
-    return np.bincount(faces.ravel(), np.repeat(areas / 3, 3), len(points))[nodes]
-
-
-def facing_sets(points, faces, one, two, held=None) -> list[ContactSet]:
+def facing_sets(points, faces, one, two, constrained=None) -> list[ContactSet]:
     """Contact of the nodes `one` (s,) with the nodes `two` (t,), each against the other's surface.
 
-    points (n, 3) mm; faces (f, 3): boundary triangles; held (n,) bool. A surface is every face that looks across to the
-    other nodes, has one of its own nodes or lies around them, nearer than MARGIN to one and further from the other's,
-    holds no node of the other and is not held at all three corners. A node has the area of the faces around it that
-    look across; without one it is left out. Empty if there is no surface.
+    points (n, 3) mm; faces (f, 3): boundary triangles; constrained (n,) bool. A surface is every face that looks
+    across to the other nodes, has one of its own nodes or lies around them, nearer than MARGIN to one and further from
+    the other's, holds no node of the other and is not constrained at all three corners. A node has the area of the
+    faces around it that look across; without one it is left out. Empty if there is no surface.
     """
     if not len(one) or not len(two):
         return []
@@ -310,14 +314,14 @@ def facing_sets(points, faces, one, two, held=None) -> list[ContactSet]:
     mine, others = (np.isin(faces, nodes).all(axis=1) for nodes in (one, two))
     across = areas[mine] @ normals[mine] - areas[others] @ normals[others]
     across /= max(np.linalg.norm(across), 1e-12)
-    loose = np.ones(len(faces), bool) if held is None else ~held[faces].all(axis=1)
+    loose = np.ones(len(faces), bool) if constrained is None else ~constrained[faces].all(axis=1)
     looking = np.abs(normals @ across) > ACROSS
     away = [cKDTree(points[nodes]).query(middle)[0] for nodes in (one, two)]
     sets = []
     for own, other, there, here, ahead in ((one, two, *away, -across), (two, one, *away[::-1], across)):
         surface = np.isin(faces, other).any(axis=1) | ((here < MARGIN) & (here < there))
         surface &= loose & (normals @ ahead > ACROSS) & ~np.isin(faces, own).any(axis=1)
-        part = node_areas(points, faces[looking], own)
+        part = vertex_areas(points, faces[looking])[own]
         if surface.any() and part.any():
             sets.append(ContactSet(own[part > 0], part[part > 0], faces[surface], share=0.5))
     return sets

@@ -1,4 +1,4 @@
-"""The dial between a prediction and equilibrium: Newton corrections with the interface where the network puts it."""
+"""Newton corrections: from a prediction towards equilibrium, with the interface where the network puts it."""
 
 import time
 from dataclasses import dataclass
@@ -7,12 +7,12 @@ import numpy as np
 
 from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elements import VOLUMETRIC, Elements, deformation, patch_bulk
+from pinnochio.mechanics.elements import VOLUMETRIC, ElementArrays, Elements, deformation, patch_bulk
 from pinnochio.mechanics.inversion_repair import Repair, repair_inversions
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import Newton, SolverOptions, Stop, least_allowed
+from pinnochio.mechanics.solver import Newton, SolverOptions, State, Stop, least_allowed
 from pinnochio.model.patient import FIXED, FREE, NO_INTERFACE, PatientModel
 
 # Shares of a Newton step that are tried in turn.
@@ -20,7 +20,7 @@ SHARES = tuple(0.5**halvings for halvings in range(20))
 # Elements squeezed below this J, or stretched above its inverse, enter the first tangent without the negative
 # eigenvalues of their Hessian: some twenty of 80,000 make the tangent of a raw field indefinite, and to cut those of
 # all takes five times as long as the rest of a correction [X].
-TAME = 0.5
+CUT_BELOW = 0.5
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Correction:
     gap: float
 
 
-class Refiner:
-    """Newton corrections of fields on one mesh, of which the nodes `prescribed` (p,) move as told; serves every plan.
+class Corrector:
+    """Newton corrections of fields on one mesh with the nodes `prescribed` (p,); serves every plan.
 
     points (n, 3) mm, cells (m, 4). Each correction solves its system by conjugate gradients on the factors of an
     earlier one of the same plan, or on its own where that costs less, as the solver does. Factors of the tangent at
@@ -59,8 +59,8 @@ class Refiner:
         linear_solver: str = "auto",
     ):
         self._nodes = np.asarray(prescribed, int)
-        self._told = np.zeros((len(self._nodes), 3))
-        self._mesh = np.asarray(points, float), np.asarray(cells), material
+        self._motion = np.zeros((len(self._nodes), 3))  # of these nodes, mm, under the plan at hand
+        self._cells, self._material = np.asarray(cells), material
         options = SolverOptions(
             volumetric=volumetric,
             increments=1,
@@ -69,65 +69,70 @@ class Refiner:
             time_limit=np.inf,
             linear_solver=linear_solver,
         )
-        boundary = BoundaryConditions(self._nodes, lambda fraction: self._told)
+        boundary = BoundaryConditions(self._nodes, lambda fraction: self._motion)
         self._newton = Newton(points, cells, material, boundary, options)
+
+    @classmethod
+    def of(cls, patient: PatientModel, settings: FemSettings, nodes) -> "Corrector":
+        """Corrections on a patient's mesh with prescribed nodes (p,), by the study's law and solver."""
+        law = settings.material(patient.tissue)
+        return cls(patient.points, patient.cells, law, nodes, settings.volumetric, settings.linear_solver)
 
     def corrections(self, start, prescribed, steps: int, tolerance: float = 0.0) -> list[Correction]:
         """The start (n, 3) mm and what 1, 2, ... `steps` corrections make of it; fewer where one meets the tolerance
         (residual) or none gets any further.
 
         prescribed (p, 3) mm: where the prescribed nodes belong. Where that turns an element inside out which no free
-        node can save, they belong where :func:`~pinnochio.mechanics.inversion_repair.repair_inversions` puts them. InputError if a field
-        does not fit the mesh or is not finite.
+        node can save, they belong where :func:`~pinnochio.mechanics.inversion_repair.repair_inversions` puts them.
+        InputError if a field does not fit the mesh or is not finite.
         """
         newton, start = self._newton, np.array(start, float)
-        if start.shape != newton.points.shape or np.shape(prescribed) != self._told.shape:
+        if start.shape != newton.points.shape or np.shape(prescribed) != self._motion.shape:
             problem = f"start {start.shape} and prescribed {np.shape(prescribed)} do not fit the mesh"
-            raise InputError("-", "start", problem, f"give {newton.points.shape} and {self._told.shape} in mm")
+            raise InputError("-", "start", problem, f"give {newton.points.shape} and {self._motion.shape} in mm")
         began = time.perf_counter()
-        self._told = self._attainable(start, prescribed)
-        # What one plan leaves behind must not change the next one's result.
-        newton.factorized, newton.indefinite, newton.single = False, False, newton.options.reuse
+        self._motion = self._attainable(start, prescribed)
+        newton.forget()  # what one plan leaves behind must not change the next one's result
         # No pressure to begin with: that of a field which is far from equilibrium is spurious.
-        newton.pressure, newton.tame = np.zeros(len(newton.elements.patch_volumes)), TAME
-        state, share, found = newton.measured(start, 1.0), 0.0, []
+        pressure, cut_below = np.zeros(len(newton.elements.patch_volumes)), CUT_BELOW
+        state, share, made = newton.measured(start, 1.0), 0.0, []
         while True:
-            gap = np.linalg.norm(state.u[self._nodes] - self._told, axis=1).max(initial=0.0)
-            seconds = time.perf_counter() - began if found else 0.0
-            found.append(Correction(state.u, seconds, state.residual, state.least, share, float(gap)))
-            if len(found) > steps or (state.residual <= tolerance and gap == 0):
-                return found
-            last, (state, share) = state, self._corrected(state)
+            gap = np.linalg.norm(state.u[self._nodes] - self._motion, axis=1).max(initial=0.0)
+            seconds = time.perf_counter() - began if made else 0.0
+            made.append(Correction(state.u, seconds, state.residual, state.least, share, float(gap)))
+            if len(made) > steps or (state.residual <= tolerance and gap == 0):
+                return made
+            last, (state, share) = state, self._corrected(state, pressure, cut_below)
             if not share:
-                return found
-            if len(found) < steps:
-                newton.pressure = expected_pressure(newton.elements, last.u, state.u - last.u)
-                newton.tame = 0.0  # equilibrium is approached by the whole tangent
+                return made
+            if len(made) < steps:
+                pressure = expected_pressure(newton.elements, last.u, state.u - last.u)
+                cut_below = 0.0  # equilibrium is approached by the whole tangent
 
     def close(self) -> None:
         """Release the factors."""
         self._newton.close()
 
-    def _corrected(self, state):
+    def _corrected(self, state: State, pressure, cut_below: float) -> tuple[State, float]:
         """The state after one correction and the share of its step that was taken; 0 where none helps.
 
-        The way of the prescribed nodes is a part of the step. The tangent takes the patches' pressures that the last
-        step expected to first order: those of the volumes hold the second-order error of that step, times lambda, which
-        makes tangents indefinite and Newton's method slow where lambda is large against mu [R: Magisano, Leonetti,
-        Garcea 2017, for all stresses]. Equilibrium is the same. From 25 elastic fields a residual of 1e-3 took 2 to 5
-        corrections so, 2 to 8 by Newton's own tangent [X].
+        The way of the prescribed nodes is a part of the step. The tangent takes the patches' pressures (p,) that the
+        last step expected to first order: those of the volumes hold the second-order error of that step, times lambda,
+        which makes tangents indefinite and Newton's method slow where lambda is large against mu [R: Magisano,
+        Leonetti, Garcea 2017, for all stresses]. Equilibrium is the same. From 25 elastic fields a residual of 1e-3
+        took 2 to 5 corrections so, 2 to 8 by Newton's own tangent [X].
         """
         newton = self._newton
-        moving = (self._told != state.u[self._nodes]).any()
+        moving = (self._motion != state.u[self._nodes]).any()
         try:
-            direction = newton.predict(state, 1.0)
+            direction = newton.predict(state, 1.0, pressure, cut_below).motion
         except Stop:
             return state, 0.0
         slope = float(np.einsum("ij,ij->", direction, state.force))
         for share in SHARES:
             u = state.u + share * direction
             if share == 1:
-                u[self._nodes] = self._told  # to the last bit
+                u[self._nodes] = self._motion  # to the last bit
             new = newton.measured(u, 1.0)
             # While the boundary moves the energy may rise.
             if new.least > least_allowed(state) and (moving or newton.falls(state, new, share * slope)):
@@ -138,71 +143,66 @@ class Refiner:
         """Where the prescribed nodes (p, 3) mm can go without an inverted element."""
         moved, interface = start.copy(), np.zeros(len(start), bool)
         moved[self._nodes], interface[self._nodes] = prescribed, True
-        return repair_inversions(*self._mesh, moved, interface, self._newton.options.volumetric)[0][self._nodes]
+        newton = self._newton
+        repaired, _ = repair_inversions(
+            newton.points, self._cells, self._material, moved, interface, newton.options.volumetric
+        )
+        return repaired[self._nodes]
 
 
 class Finish:
-    """What becomes of a network's fields on one patient before they are given out: the inversion repair, then corrections."""
+    """The end of every network's prediction on one patient: the inversion repair, then Newton corrections."""
 
     def __init__(self, patient: PatientModel, settings: FemSettings, steps: int):
-        self._patient, self._settings, self._steps, self._refiner = patient, settings, steps, None
+        self._patient, self._settings, self._steps, self._corrector = patient, settings, steps, None
 
     def __call__(self, displacement, boundary) -> tuple[np.ndarray, np.ndarray, Repair, int]:
         """Displacement and boundary (n, 3) mm, what the inversion repair did, and how many corrections were made."""
-        patient, law = self._patient, self._settings.material(self._patient.tissue)
-        mesh, held = (patient.points, patient.cells, law), patient.node_type != FREE
-        displacement, repair = repair_inversions(*mesh, displacement, held, self._settings.volumetric)
+        patient, settings = self._patient, self._settings
+        law = settings.material(patient.tissue)
+        displacement, repair = repair_inversions(
+            patient.points, patient.cells, law, displacement, patient.node_type != FREE, settings.volumetric
+        )
         if not self._steps:
             return displacement, boundary, repair, 0
         nodes, prescribed = interface(patient, boundary)
-        if self._refiner is None:
-            self._refiner = Refiner(*mesh, nodes, self._settings.volumetric, self._settings.linear_solver)
-        found = self._refiner.corrections(displacement, prescribed, self._steps, self._settings.tolerance)
-        return found[-1].displacement, boundary, repair, len(found) - 1
+        if self._corrector is None:
+            self._corrector = Corrector.of(patient, settings, nodes)
+        made = self._corrector.corrections(displacement, prescribed, self._steps, settings.tolerance)
+        return made[-1].displacement, boundary, repair, len(made) - 1
 
     def close(self) -> None:
         """Release what the corrections hold."""
-        if self._refiner:
-            self._refiner.close()
+        if self._corrector:
+            self._corrector.close()
 
 
 def interface(patient: PatientModel, boundary) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (p,) that corrections hold and where they belong (p, 3) mm: `boundary` (n, 3), cut planes at rest."""
+    """Nodes (p,) that corrections prescribe and where they belong (p, 3) mm: `boundary` (n, 3), cut planes at rest."""
     cut = (patient.node_type == FIXED) & (patient.interface_kind == NO_INTERFACE)
     nodes = np.flatnonzero(patient.node_type != FREE)
     return nodes, np.where(cut[:, None], 0.0, boundary)[nodes]
-
-
-def newton_corrections(
-    points, cells, material: Material, nodes, prescribed, start, steps: int, volumetric: str = VOLUMETRIC[0]
-) -> list[Correction]:
-    """As :meth:`Refiner.corrections`, for one plan on a mesh: nodes (p,) are prescribed."""
-    refiner = Refiner(points, cells, material, nodes, volumetric)
-    try:
-        return refiner.corrections(start, prescribed, steps)
-    finally:
-        refiner.close()
 
 
 def expected_pressure(elements: Elements, displacement, change) -> np.ndarray:
     """Pressure (p,) in kPa of every patch after a change (n, 3) mm of the displacement (n, 3) mm, to first order."""
     pressure, slope, rates = (np.zeros(len(elements.patch_volumes)) for _ in range(3))
     u, step = (np.ascontiguousarray(x, float) for x in (displacement, change))
-    cells, gradients, volumes, patch, patch_volumes, _, patch_lam, _, extension = elements.arrays
-    patch_bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, pressure, slope)
-    _volume_rates(u, step, cells, gradients, volumes, patch, rates)
-    return pressure + slope * rates / patch_volumes
+    patch_bulk(u, elements.arrays, pressure, slope)
+    _volume_rates(u, step, elements.arrays, rates)
+    return pressure + slope * rates / elements.patch_volumes
 
 
 @compiled
-def _volume_rates(u, step, cells, gradients, volumes, patch, rates):
+def _volume_rates(u, step, mesh: ElementArrays, rates):
     """Adds to every patch the first-order change of its volume under `step`."""
     f, cof = np.empty((3, 3)), np.empty((3, 3))
-    for e in range(len(cells)):
-        deformation(u, cells[e], gradients[e], f, cof)
+    for e in range(len(mesh.cells)):
+        cell, gradients = mesh.cells[e], mesh.gradients[e]
+        deformation(u, cell, gradients, f, cof)
         rate = 0.0
         for a in range(4):
             for i in range(3):
                 for j in range(3):
-                    rate += cof[i, j] * gradients[e, a, j] * step[cells[e, a], i]
-        rates[patch[e]] += volumes[e] * rate
+                    rate += cof[i, j] * gradients[a, j] * step[cell[a], i]
+        rates[mesh.patch[e]] += mesh.volumes[e] * rate

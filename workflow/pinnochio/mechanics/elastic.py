@@ -15,8 +15,8 @@ from pinnochio.mechanics.sliding import BoundaryConditions
 class ElasticSolver:
     """The tangent of the energy at rest, with its factors, for one mesh and one set of constrained nodes.
 
-    points (n, 3) mm, cells (m, 4). Prescribed nodes move as told; a sliding node moves with its bone along the normal
-    that the bone's surface has at rest and is free across it. Exact to first order in the motion: a rotation by 10
+    points (n, 3) mm, cells (m, 4). A sliding node moves with its bone along the normal that the bone's surface has at
+    rest and is free across it. Exact to first order in the motion: a rotation by 10
     degrees already stretches by 1.5 %. Contact sets are refused, because they open and close.
     """
 
@@ -31,10 +31,9 @@ class ElasticSolver:
     ):
         elements = Elements.build(points, cells, material, volumetric)
         self._constraints = Constraints(points, elements.cells, boundary)
-        self._nodes = self._constraints.told, self._constraints.sliding.nodes
         rest = np.zeros((elements.nodes, 3))
         self._frames = self._constraints.sliding.frames(rest, 0.0)
-        whole = Assembler(elements, np.zeros(rest.shape, bool), self._nodes[1])
+        whole = Assembler(elements, np.zeros(rest.shape, bool), self._constraints.sliding.nodes)
         upper = whole.upper(whole.tangent(rest, self._frames)[0])
         full = (upper + sparse.triu(upper, 1).T).tocsr()
         fixed = self._constraints.constrained[whole.free]
@@ -47,22 +46,24 @@ class ElasticSolver:
 
     def solve(self, boundary: BoundaryConditions) -> np.ndarray:
         """Displacement (n, 3) in mm at full load; the boundary differs from the first one in its motion alone."""
-        nodes = [np.asarray(boundary.prescribed_nodes, int), np.zeros(0, int)]
-        nodes[1] = np.concatenate([nodes[1], *(np.asarray(item.nodes, int) for item in boundary.sliding)])
-        if boundary.contact or not all(np.array_equal(a, b) for a, b in zip(nodes, self._nodes, strict=True)):
+        prescribed = np.asarray(boundary.prescribed_nodes, int)
+        sliding = np.concatenate([np.zeros(0, int)] + [np.asarray(item.nodes, int) for item in boundary.sliding])
+        same = np.array_equal(prescribed, self._constraints.prescribed)
+        same &= np.array_equal(sliding, self._constraints.sliding.nodes)
+        if boundary.contact or not same:
             raise InputError("-", "boundary", "constrains other nodes than the factors are of", "make a new solver")
-        told = np.zeros(self._used.shape)
-        told[nodes[0]] = boundary.displacement(1.0)
+        motions = np.zeros(self._used.shape)
+        motions[prescribed] = boundary.displacement(1.0)
         for item in boundary.sliding:
-            told[item.nodes] = item.motion(1.0).displacement(self._constraints.points[item.nodes])
-        return self.spread(told[None])[0]
+            motions[item.nodes] = item.motion(1.0).displacement(self._constraints.points[item.nodes])
+        return self.spread(motions[None])[0]
 
-    def spread(self, told: np.ndarray) -> np.ndarray:
-        """Fields (k, n, 3) mm in equilibrium with displacements `told` (k, n, 3) mm of the constrained nodes.
+    def spread(self, motions: np.ndarray) -> np.ndarray:
+        """Fields (k, n, 3) mm in equilibrium with displacements `motions` (k, n, 3) mm of the constrained nodes.
 
         Of a sliding node the component along its normal is read, of a node without condition nothing.
         """
-        fields = np.stack([self._constraints.local(field, self._frames) for field in told])
+        fields = np.stack([self._constraints.local(field, self._frames) for field in motions])
         fields = np.where(self._constraints.constrained, fields, 0)
         unknowns = fields[:, self._used]
         load = -(self._coupling @ unknowns[:, self._fixed].T).T

@@ -14,15 +14,35 @@ the linearisation is isotropic elasticity. The force is the exact gradient of W.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
+from pinnochio.geometry.faces import edges_of
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.patches import make_patches
 
 VOLUMETRIC = ("patch", "p1")
+# Levi-Civita symbol.
+EPSILON = np.zeros((3, 3, 3))
+EPSILON[0, 1, 2] = EPSILON[1, 2, 0] = EPSILON[2, 0, 1] = 1
+EPSILON[0, 2, 1] = EPSILON[2, 1, 0] = EPSILON[1, 0, 2] = -1
+
+
+class ElementArrays(NamedTuple):
+    """What the compiled kernels read of :class:`Elements` and of its :class:`Material`, by the same names."""
+
+    cells: np.ndarray
+    gradients: np.ndarray
+    volumes: np.ndarray
+    patch: np.ndarray
+    patch_volumes: np.ndarray
+    patch_lam: np.ndarray
+    mu: np.ndarray
+    stiffening: np.ndarray
+    extension: float
 
 
 @dataclass(frozen=True)
@@ -66,13 +86,10 @@ class Elements:
         return cls(cells, gradients, volumes, patch, patch_volumes, patch_lam, material, len(points), edge, mean_mu)
 
     @property
-    def arrays(self) -> tuple:
-        """What the compiled kernels take, in their order."""
-        law = self.material
-        return (
-            *(self.cells, self.gradients, self.volumes, self.patch, self.patch_volumes),
-            *(law.mu, self.patch_lam, law.stiffening, law.extension),
-        )
+    def arrays(self) -> ElementArrays:
+        """What the compiled kernels take."""
+        own, law = vars(self), vars(self.material)
+        return ElementArrays(**{name: own[name] if name in own else law[name] for name in ElementArrays._fields})
 
     def with_extension(self, extension: float) -> "Elements":
         """The same mesh with ln J replaced by its Taylor polynomial below another J."""
@@ -81,7 +98,7 @@ class Elements:
     def evaluate(self, displacement) -> tuple[float, np.ndarray, float]:
         """Energy in mN mm, internal force (n, 3) in mN and least J of a displacement (n, 3) mm."""
         force = np.zeros((self.nodes, 3))
-        energy, least = _evaluate(np.ascontiguousarray(displacement, float), *self.arrays, force)
+        energy, least = _evaluate(np.ascontiguousarray(displacement, float), self.arrays, force)
         return energy, force, least
 
 
@@ -124,10 +141,8 @@ def node_volumes(points, cells) -> np.ndarray:
 
 def mean_edge(points, cells) -> float:
     """Mean length in mm of the edges of the cells."""
-    pairs = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
-    low, high = np.sort(np.asarray(cells, np.int64)[:, pairs].reshape(-1, 2), axis=1).T
-    low, high = np.divmod(np.unique(low * len(points) + high), len(points))
-    return float(np.linalg.norm(points[low] - points[high], axis=1).mean())
+    one, two = edges_of(cells)[0].T
+    return float(np.linalg.norm(points[one] - points[two], axis=1).mean())
 
 
 def jacobians(points, cells, displacement) -> np.ndarray:
@@ -166,40 +181,42 @@ def deformation(u, cell, gradient, f, cof):
 
 
 @compiled
-def patch_bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second):
+def patch_bulk(u, mesh: ElementArrays, first, second):
     """dU/dJ_p and d2U/dJ_p2 of each patch, U = lam_p/2 (ln J_p)^2; returns the energy of all."""
     f, cof = np.empty((3, 3)), np.empty((3, 3))
-    ratio = np.zeros(len(patch_volumes))
-    for e in range(len(cells)):
-        j, _ = deformation(u, cells[e], gradients[e], f, cof)
-        ratio[patch[e]] += volumes[e] * j
+    ratio = np.zeros(len(mesh.patch_volumes))
+    for e in range(len(mesh.cells)):
+        j, _ = deformation(u, mesh.cells[e], mesh.gradients[e], f, cof)
+        ratio[mesh.patch[e]] += mesh.volumes[e] * j
     energy = 0.0
-    for p in range(len(patch_volumes)):
-        log, d, dd = extended_log(ratio[p] / patch_volumes[p], extension)
-        energy += 0.5 * patch_volumes[p] * patch_lam[p] * log * log
-        first[p] = patch_lam[p] * log * d
-        second[p] = patch_lam[p] * (d * d + log * dd)
+    for p in range(len(mesh.patch_volumes)):
+        volume, lam = mesh.patch_volumes[p], mesh.patch_lam[p]
+        log, d, dd = extended_log(ratio[p] / volume, mesh.extension)
+        energy += 0.5 * volume * lam * log * log
+        first[p] = lam * log * d
+        second[p] = lam * (d * d + log * dd)
     return energy
 
 
 @compiled
-def _evaluate(u, cells, gradients, volumes, patch, patch_volumes, mu, patch_lam, stiffening, extension, force):
+def _evaluate(u, mesh: ElementArrays, force):
     f, cof = np.empty((3, 3)), np.empty((3, 3))
-    first, second = np.empty(len(patch_volumes)), np.empty(len(patch_volumes))
-    energy = patch_bulk(u, cells, gradients, volumes, patch, patch_volumes, patch_lam, extension, first, second)
+    first, second = np.empty(len(mesh.patch_volumes)), np.empty(len(mesh.patch_volumes))
+    energy = patch_bulk(u, mesh, first, second)
     least = np.inf
-    for e in range(len(cells)):
-        j, excess = deformation(u, cells[e], gradients[e], f, cof)
+    for e in range(len(mesh.cells)):
+        cell, volume, mu, stiffening = mesh.cells[e], mesh.volumes[e], mesh.mu[e], mesh.stiffening[e]
+        j, excess = deformation(u, cell, mesh.gradients[e], f, cof)
         least = min(least, j)
-        log, d, _ = extended_log(j, extension)
-        energy += volumes[e] * (0.5 * mu[e] * excess + 0.5 * stiffening[e] * excess**2 - mu[e] * log)
-        shear = volumes[e] * (mu[e] + 2 * stiffening[e] * excess)
-        bulk = volumes[e] * (first[patch[e]] - mu[e] * d)
+        log, d, _ = extended_log(j, mesh.extension)
+        energy += volume * (0.5 * mu * excess + 0.5 * stiffening * excess**2 - mu * log)
+        shear = volume * (mu + 2 * stiffening * excess)
+        bulk = volume * (first[mesh.patch[e]] - mu * d)
         for i in range(3):
             p0 = shear * f[i, 0] + bulk * cof[i, 0]
             p1 = shear * f[i, 1] + bulk * cof[i, 1]
             p2 = shear * f[i, 2] + bulk * cof[i, 2]
             for a in range(4):
-                g = gradients[e, a]
-                force[cells[e, a], i] += p0 * g[0] + p1 * g[1] + p2 * g[2]
+                g = mesh.gradients[e, a]
+                force[cell[a], i] += p0 * g[0] + p1 * g[1] + p2 * g[2]
     return energy, least

@@ -61,33 +61,33 @@ def repair_inversions(
     InputError if the displacement does not fit or is not finite.
     """
     points, cells = np.asarray(points, float), np.asarray(cells)
-    given = u = np.ascontiguousarray(displacement, float)
+    raw = u = np.ascontiguousarray(displacement, float)
     if u.shape != points.shape or not np.isfinite(u).all():
         raise InputError("-", "displacement", f"shape {u.shape} or a value is not finite", "give (n, 3) in mm")
     ratio = volume_ratios(points, cells, u)
     least = float(ratio.min())
-    found = Repair(least, int((ratio <= 0).sum()), least)
+    repair = Repair(least, int((ratio <= 0).sum()), least)
     if least >= FLOOR:
-        return u, found
-    held, solved = np.array(interface, bool), np.zeros(len(cells), bool)
+        return u, repair
+    fixed, solved = np.array(interface, bool), np.zeros(len(cells), bool)
     for rings, freeing in TRIES if (ratio <= 0).mean() <= TANGLED else ():
         bad = ratio < FLOOR
         if not bad.any():
             break
-        kept = held.copy()
-        kept[cells[bad if freeing else bad & held[cells].all(axis=1)]] = False
+        kept = fixed.copy()
+        kept[cells[bad if freeing else bad & fixed[cells].all(axis=1)]] = False
         region = _grown(cells, bad, rings)
         new = _relaxed(points, cells, material, volumetric, u, region, kept)
         after = volume_ratios(points, cells, new)
         if (after < FLOOR).sum() < bad.sum():
-            u, ratio, held, solved = new, after, kept, solved | region
+            u, ratio, fixed, solved = new, after, kept, solved | region
     damping = 1.0
     if ratio.min() <= 0:
-        u, damping = max((damped(points, cells, field) for field in (u, given)), key=lambda pair: pair[1])
+        u, damping = max((damped(points, cells, field) for field in (u, raw)), key=lambda pair: pair[1])
         ratio = volume_ratios(points, cells, u)
-    way = np.linalg.norm(u - given, axis=1)
+    way = np.linalg.norm(u - raw, axis=1)
     return u, replace(
-        found,
+        repair,
         least=float(ratio.min()),
         elements=int(solved.sum()),
         nodes=int((way > 0).sum()),
@@ -131,13 +131,13 @@ def _grown(cells, chosen, rings: int) -> np.ndarray:
     return chosen
 
 
-def _relaxed(points, cells, material, volumetric, displacement, region, held) -> np.ndarray:
-    """The displacement (n, 3) with the elements `region` (m,) in equilibrium, as far as the solver gets; nodes `held`
+def _relaxed(points, cells, material, volumetric, displacement, region, fixed) -> np.ndarray:
+    """The displacement (n, 3) with the elements `region` (m,) in equilibrium, as far as the solver gets; nodes `fixed`
     (n,) and those that other elements share stay where they are."""
-    told = held.copy()
-    told[cells[~region]] = True
+    fixed = fixed.copy()
+    fixed[cells[~region]] = True
     nodes, local = np.unique(cells[region], return_inverse=True)
-    own = np.flatnonzero(told[nodes])
+    own = np.flatnonzero(fixed[nodes])
     moved = displacement.copy()
     if len(own) == len(nodes):
         return moved
@@ -146,7 +146,7 @@ def _relaxed(points, cells, material, volumetric, displacement, region, held) ->
     options = replace(OPTIONS, volumetric=volumetric)
     try:
         result = solve(points[nodes], local.reshape(-1, 4), law, boundary, options, moved[nodes])
-    except InputError:  # nothing holds the part
+    except InputError:  # nothing constrains the part
         return moved
     moved[nodes] = result.displacement
     return moved

@@ -10,6 +10,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from pinnochio.files import replacing
+from pinnochio.geometry.scattered import farthest
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.elements import VOLUMETRIC, shape_gradients
 from pinnochio.mechanics.linear import linear_solver
@@ -28,7 +29,7 @@ class Lift:
     motions (12 K, n, 3): mm per unit of the affine motion of each of K segments (:func:`motion_amplitudes`), the
     sliding nodes free to slide; contact (i,) nodes in contact with bone; smoothing (q, i): amplitudes of q control
     points for a displacement of the contact nodes; departures (3 q, n, 3): fields of unit amplitudes of the control
-    points in x, y, z, every contact node told, cut planes at rest. All float32. seconds: what making it took.
+    points in x, y, z, every contact node prescribed, cut planes at rest. All float32. seconds: what making it took.
     """
 
     motions: np.ndarray
@@ -70,27 +71,33 @@ def make_lift(
     weights = control_weights(model.points[contact], controls)
     gram = weights.T @ weights
     smoothing = np.linalg.solve(gram + 1e-3 * np.trace(gram) / len(gram) * np.eye(len(gram)), weights.T)
-    told_nodes = np.flatnonzero(model.node_type != FREE)
-    told = BoundaryConditions(told_nodes, np.zeros((len(told_nodes), 3)))
+    nodes = np.flatnonzero(model.node_type != FREE)
     if kind == "elastic":
         sliding = boundary_conditions(model, Plan("-", {}), "mucosa")
-        solvers = [ElasticSolver(model.points, model.cells, material, b, volumetric) for b in (sliding, told)]
-        motions = solvers[0].spread(segment_motions(model, centre, blend=False))
+        free_to_slide = ElasticSolver(model.points, model.cells, material, sliding, volumetric)
+        motions = free_to_slide.spread(segment_motions(model, centre, blend=False))
+        free_to_slide.close()
+        prescribed = BoundaryConditions(nodes, np.zeros((len(nodes), 3)))
+        solver = ElasticSolver(model.points, model.cells, material, prescribed, volumetric)
     else:
-        solvers = [None, HarmonicSolver(model.points, model.cells, told_nodes)]
-        motions = solvers[1].spread(segment_motions(model, centre, blend=True))
+        solver = HarmonicSolver(model.points, model.cells, nodes)
+        motions = solver.spread(segment_motions(model, centre, blend=True))
     departures = np.zeros((3 * weights.shape[1], *model.points.shape), np.float32)
     for first in range(0, len(departures), BATCH):
         rows = np.arange(first, min(first + BATCH, len(departures)))
         unit = np.zeros((len(rows), *model.points.shape))
         for place, row in enumerate(rows):
             unit[place, contact, row % 3] = weights[:, row // 3]
-        departures[rows] = solvers[1].spread(unit)
-    for solver in solvers:
-        if solver:
-            solver.close()
-    single = [np.asarray(x, np.float32) for x in (motions, smoothing, departures)]
-    return Lift(single[0], contact, single[1], single[2], centre, time.perf_counter() - began)
+        departures[rows] = solver.spread(unit)
+    solver.close()
+    return Lift(
+        motions=np.asarray(motions, np.float32),
+        contact=contact,
+        smoothing=np.asarray(smoothing, np.float32),
+        departures=departures,
+        centre=centre,
+        seconds=time.perf_counter() - began,
+    )
 
 
 def motion_amplitudes(plan: Plan, segments: tuple[str, ...], centre: np.ndarray) -> np.ndarray:
@@ -101,16 +108,16 @@ def motion_amplitudes(plan: Plan, segments: tuple[str, ...], centre: np.ndarray)
 
 
 def segment_motions(model: PatientModel, centre: np.ndarray, blend: bool) -> np.ndarray:
-    """Displacement (12 K, n, 3) mm of the told nodes under each unit motion of each segment (:func:`node_shares`)."""
+    """Displacement (12 K, n, 3) mm of the constrained nodes under each unit motion of each segment."""
     share = node_shares(model, blend, sliding=True)
     arm = np.column_stack([model.points - centre, np.ones(len(model.points))])
-    told = np.zeros((len(model.segments), 12, *model.points.shape))
+    motions = np.zeros((len(model.segments), 12, *model.points.shape))
     for row in range(3):
         for column in range(4):
             # Rows of R - I act on the arm; the last column is the displacement of the centre.
             place = 3 * row + column if column < 3 else 9 + row
-            told[:, place, :, row] = share.T * arm[:, column]
-    return told.reshape(-1, *model.points.shape)
+            motions[:, place, :, row] = share.T * arm[:, column]
+    return motions.reshape(-1, *model.points.shape)
 
 
 def node_shares(model: PatientModel, blend: bool, sliding: bool) -> np.ndarray:
@@ -153,38 +160,29 @@ def control_weights(points: np.ndarray, controls: int) -> np.ndarray:
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-def farthest(points: np.ndarray, count: int) -> np.ndarray:
-    """Indices of `count` of the points (n, 3), each the farthest from those before it; all of them if fewer."""
-    chosen, distance = [0], np.linalg.norm(points - points[0], axis=1)
-    while len(chosen) < min(count, len(points)):
-        chosen.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    return np.array(chosen)
-
-
 class HarmonicSolver:
-    """Laplace's equation on a mesh with told values on `nodes` (t,), by linear elements, factorised once."""
+    """Laplace's equation on a mesh with prescribed values on `nodes` (t,), by linear elements, factorised once."""
 
     def __init__(self, points, cells, nodes):
         gradients, volumes = shape_gradients(points, cells)
         blocks = np.einsum("e,eai,ebi->eab", volumes, gradients, gradients)
         rows, columns = np.repeat(cells, 4, axis=1), np.tile(cells, (1, 4))
         full = sparse.coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(len(points),) * 2).tocsr()
-        self._told = np.zeros(len(points), bool)
-        self._told[nodes] = True
-        own = sparse.triu(full[~self._told][:, ~self._told], format="csr")
+        fixed = np.zeros(len(points), bool)
+        fixed[nodes] = True
+        own = sparse.triu(full[~fixed][:, ~fixed], format="csr")
         own.sort_indices()
-        self._coupling = full[~self._told][:, self._told]
+        self._coupling, self._fixed = full[~fixed][:, fixed], fixed
         self._linear = linear_solver(own.indptr, own.indices, 0)
         if not self._linear.factorize(own.data):
-            raise RuntimeError("Laplace's equation is singular: a piece of the mesh holds no told node")
+            raise RuntimeError("Laplace's equation is singular: a piece of the mesh holds no prescribed node")
 
-    def spread(self, told: np.ndarray) -> np.ndarray:
-        """Fields (k, n, 3) that take the values `told` (k, n, 3) on the told nodes and are harmonic between them."""
-        fields = np.where(self._told[:, None], told, 0.0)
-        load = -np.stack([self._coupling @ field for field in fields[:, self._told]])  # (k, free, 3)
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Fields (k, n, 3) that take the `values` (k, n, 3) on the prescribed nodes and are harmonic between them."""
+        fields = np.where(self._fixed[:, None], values, 0.0)
+        load = -np.stack([self._coupling @ field for field in fields[:, self._fixed]])  # (k, free, 3)
         solved = self._linear.solve(load.transpose(0, 2, 1).reshape(-1, load.shape[1]))
-        fields[:, ~self._told] = solved.reshape(len(fields), 3, -1).transpose(0, 2, 1)
+        fields[:, ~self._fixed] = solved.reshape(len(fields), 3, -1).transpose(0, 2, 1)
         return fields
 
     def close(self) -> None:

@@ -78,21 +78,36 @@ class Pardiso:
 
     def _call(self, phase: int, rhs: np.ndarray) -> tuple[np.ndarray, int]:
         """Result and error code of one phase; the wrapper's own call copies the pattern each time."""
+
+        def integer(value: int):
+            return ctypes.byref(ctypes.c_int32(value))
+
+        def pointer(array: np.ndarray, kind):
+            return array.ctypes.data_as(ctypes.POINTER(kind))
+
         rhs = np.ascontiguousarray(rhs, self._type)
-        result, error = np.zeros_like(rhs), ctypes.c_int32(0)
-        # The wrapper declares pointers to double; in single precision the library reads what lies there as float.
-        one, columns = ctypes.c_int32(1), ctypes.c_int32(rhs.size // self._size)
-        reals, integers = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32)
-        scalars = [ctypes.c_int32(x) for x in (-2 if self._negative else 2, phase, self._size)]
-        self._solver._mkl_pardiso(
-            self._solver.pt.ctypes.data_as(ctypes.POINTER(self._solver._pt_type[0])),
-            *(ctypes.byref(one), ctypes.byref(one), *(ctypes.byref(x) for x in scalars)),
-            self._data.ctypes.data_as(reals),
-            *(x.ctypes.data_as(integers) for x in (self._indptr, self._indices, self._solver.perm)),
-            *(ctypes.byref(columns), self._solver.iparm.ctypes.data_as(integers), ctypes.byref(ctypes.c_int32(0))),
-            *(x.ctypes.data_as(reals) for x in (rhs, result)),
-            ctypes.byref(error),
-        )
+        result, error, solver = np.zeros_like(rhs), ctypes.c_int32(0), self._solver
+        # In the order and by the names of MKL's manual. The wrapper declares pointers to double; in single precision
+        # the library reads what lies there as float.
+        arguments = {
+            "pt": pointer(solver.pt, solver._pt_type[0]),
+            "maxfct": integer(1),
+            "mnum": integer(1),
+            "mtype": integer(-2 if self._negative else 2),
+            "phase": integer(phase),
+            "n": integer(self._size),
+            "a": pointer(self._data, ctypes.c_double),
+            "ia": pointer(self._indptr, ctypes.c_int32),
+            "ja": pointer(self._indices, ctypes.c_int32),
+            "perm": pointer(solver.perm, ctypes.c_int32),
+            "nrhs": integer(rhs.size // self._size),
+            "iparm": pointer(solver.iparm, ctypes.c_int32),
+            "msglvl": integer(0),
+            "b": pointer(rhs, ctypes.c_double),
+            "x": pointer(result, ctypes.c_double),
+            "error": ctypes.byref(error),
+        }
+        solver._mkl_pardiso(*arguments.values())
         return result, error.value
 
     def factorize(self, data) -> bool:

@@ -33,7 +33,7 @@ from scipy import sparse
 from scipy.special import lambertw
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elements import check_mesh, lumped, mean_edge, shape_gradients
+from pinnochio.mechanics.elements import EPSILON, check_mesh, lumped, mean_edge, shape_gradients
 from pinnochio.mechanics.linear import linear_solver
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.sliding import BoundaryConditions
@@ -43,11 +43,8 @@ MIXED = ("taylor_hood", "stabilised", "averaged")
 EDGES = np.array([(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)])
 FACES = np.array([(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)])
 _INNER, _OUTER = (5 + 3 * np.sqrt(5)) / 20, (5 - np.sqrt(5)) / 20
-_EPSILON = np.zeros((3, 3, 3))
-_EPSILON[0, 1, 2] = _EPSILON[1, 2, 0] = _EPSILON[2, 0, 1] = 1
-_EPSILON[0, 2, 1] = _EPSILON[2, 1, 0] = _EPSILON[1, 0, 2] = -1
 # F (9,) @ _CURL = d2J/dF2 (81,); half of its product with F is the cofactor.
-_CURL = np.einsum("ijk,pqr->kripjq", _EPSILON, _EPSILON).reshape(9, 81)
+_CURL = np.einsum("ijk,pqr->kripjq", EPSILON, EPSILON).reshape(9, 81)
 
 
 @dataclass(frozen=True)
@@ -277,28 +274,33 @@ class _Problem:
         self.elements, self.boundary, self._kind, self._linear = elements, boundary, kind, None
         self.iterations = self.factorizations = 0
         corners, nodes = len(elements.node_volumes), len(elements.points)
-        told = np.asarray(boundary.prescribed_nodes, int)
-        if len(boundary.sliding) or len(getattr(boundary, "contact", ())):
+        prescribed = np.asarray(boundary.prescribed_nodes, int)
+        if boundary.sliding or boundary.contact:
             raise InputError("-", "boundary", "mixed elements know no sliding and no contact", "prescribe the nodes")
-        if len(told) < 3 or told.min() < 0 or told.max() >= corners or len(np.unique(told)) != len(told):
+        if (
+            len(prescribed) < 3
+            or prescribed.min() < 0
+            or prescribed.max() >= corners
+            or len(np.unique(prescribed)) != len(prescribed)
+        ):
             raise InputError("-", "boundary", "prescribed nodes are few, absent or named twice", "mend the node list")
         for fraction in (0.0, 1.0):
             moved = boundary.displacement(fraction)
-            if moved.shape != (len(told), 3) or not np.isfinite(moved).all():
+            if moved.shape != (len(prescribed), 3) or not np.isfinite(moved).all():
                 raise InputError("-", "boundary", f"prescribed motion of shape {moved.shape}", "give (p, 3), finite")
         row = np.full(corners, -1)
-        row[told] = np.arange(len(told))
+        row[prescribed] = np.arange(len(prescribed))
         number = {tuple(ends): at for at, ends in enumerate(elements.midside_ends.tolist())}
         faces, uses = np.unique(np.sort(elements.corners[:, FACES], axis=2).reshape(-1, 3), axis=0, return_counts=True)
         bonded = faces[(uses == 1) & (row[faces] >= 0).all(axis=1)] if number else faces[:0]
         pairs = np.unique(bonded[:, [(0, 1), (0, 2), (1, 2)]].reshape(-1, 2), axis=0)
         middle = np.array([corners + number[tuple(ends)] for ends in pairs.tolist()], int)
         # Prescribed nodes and the two rows of the boundary condition that each is the mean of.
-        self._told = np.concatenate([told, middle])
-        self._rows = np.vstack([np.repeat(np.arange(len(told))[:, None], 2, axis=1), row[pairs]])
-        held = np.zeros(elements.count, bool)
-        held[(3 * self._told[:, None] + np.arange(3)).ravel()] = True
-        self._held, self._free = np.flatnonzero(held), np.flatnonzero(~held)
+        self._prescribed = np.concatenate([prescribed, middle])
+        self._rows = np.vstack([np.repeat(np.arange(len(prescribed))[:, None], 2, axis=1), row[pairs]])
+        constrained = np.zeros(elements.count, bool)
+        constrained[(3 * self._prescribed[:, None] + np.arange(3)).ravel()] = True
+        self._constrained, self._free = np.flatnonzero(constrained), np.flatnonzero(~constrained)
         self._start = 3 * nodes  # of q
 
     def close(self) -> None:
@@ -307,8 +309,8 @@ class _Problem:
 
     def state(self, u, q, fraction: float) -> _State:
         _, gradient, least = self.elements.evaluate(u, q)
-        unit = 1e-4 * self.elements.modulus * self.elements.edge**2 * np.sqrt(len(self._held))
-        reaction = max(np.linalg.norm(gradient[self._held]), unit)  # as in the solver of displacement elements
+        unit = 1e-4 * self.elements.modulus * self.elements.edge**2 * np.sqrt(len(self._constrained))
+        reaction = max(np.linalg.norm(gradient[self._constrained]), unit)  # as in the solver of displacement elements
         force = np.linalg.norm(gradient[self._free[self._free < self._start]])
         gap = np.linalg.norm(gradient[self._start :]) / np.linalg.norm(self.elements.node_volumes)
         return _State(u, q, fraction, gradient, least, float(force / reaction + gap))
@@ -317,7 +319,7 @@ class _Problem:
         """A Newton step to the load fraction `end`, or none. At the same load it is shortened until J allows it."""
         elements, step = self.elements, np.zeros(self.elements.count)
         du, dq = step[: self._start].reshape(-1, 3), step[self._start :]  # views
-        du[self._told] = self.boundary.displacement(end)[self._rows].mean(axis=1) - state.u[self._told]
+        du[self._prescribed] = self.boundary.displacement(end)[self._rows].mean(axis=1) - state.u[self._prescribed]
         matrix, product = elements.tangent(state.u, state.q, step, self._free)
         if self._linear is None:
             self._linear = linear_solver(matrix.indptr, matrix.indices, len(state.q), self._kind)

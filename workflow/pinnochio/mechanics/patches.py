@@ -21,10 +21,9 @@ def make_patches(points, cells, tissue, size: int = SIZE) -> np.ndarray:
     centres = np.asarray(points, float)[cells].mean(axis=1)
     neighbours = _neighbours(cells, np.asarray(tissue))
     patch, member = np.full(len(cells), -1, np.int32), np.full(len(points), -1, np.int32)
-    arrays = cells, centres, neighbours, patch, member
     if not COMPILED:  # plain Python reads lists several times as fast as arrays
-        arrays = tuple(array.tolist() for array in arrays)
-    cells, centres, neighbours, patch, member = arrays
+        arrays = cells, centres, neighbours, patch, member
+        cells, centres, neighbours, patch, member = (array.tolist() for array in arrays)
     _grow(cells, centres, neighbours, patch, member, size)
     sizes = np.bincount(patch)
     target = np.arange(len(sizes))
@@ -36,9 +35,9 @@ def _neighbours(cells, tissue) -> np.ndarray:
     """Element (m, 4) across each face that has the same tissue, -1 where there is none."""
     one, two = adjacency(cells)
     alike = tissue[one // 4] == tissue[two // 4]
-    found = np.full(4 * len(cells), -1, np.int32)
-    found[one[alike]], found[two[alike]] = two[alike] // 4, one[alike] // 4
-    return found.reshape(-1, 4)
+    across = np.full(4 * len(cells), -1, np.int32)
+    across[one[alike]], across[two[alike]] = two[alike] // 4, one[alike] // 4
+    return across.reshape(-1, 4)
 
 
 @compiled

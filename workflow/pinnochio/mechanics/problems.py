@@ -41,7 +41,7 @@ def uniform(count, poisson=0.49, stiffening=0.0, youngs_modulus=5.0) -> Material
 
 
 def block_boundary(points, shear: bool = False) -> BoundaryConditions:
-    """The bottom's left third is held; its right third is lifted by 8 mm and turned by 5 degrees about its middle.
+    """The bottom's left third is fixed; its right third is lifted by 8 mm and turned by 5 degrees about its middle.
 
     shear: instead, moved along the block by 8 mm and turned by -5 degrees about the block's corner, which plain
     tetrahedra follow far worse. points (n, 3) mm of a box of size BLOCK; the motion grows in proportion to the load.

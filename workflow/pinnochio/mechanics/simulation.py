@@ -1,4 +1,4 @@
-"""Finite-element simulation of a plan on a patient: what the FEM methods, the teacher and the tables share."""
+"""Finite-element simulation of a plan on a patient: what the FEM methods, the pretraining and the tables share."""
 
 from contextlib import ExitStack
 
@@ -42,13 +42,14 @@ def simulate_elastic(patient: PatientModel, plan: Plan, settings: FemSettings) -
     A linear field may hold inverted elements.
     """
     boundary = boundary_conditions(patient, plan, "mucosa")
-    with ExitStack() as held:
+    with ExitStack() as stack:
 
         def prepare():
             law = settings.material(patient.tissue)
-            own = settings.volumetric, settings.linear_solver
-            solver = ElasticSolver(patient.points, patient.cells, law, boundary, *own)
-            held.callback(solver.close)
+            solver = ElasticSolver(
+                patient.points, patient.cells, law, boundary, settings.volumetric, settings.linear_solver
+            )
+            stack.callback(solver.close)
             return lambda: solver.solve(boundary)
 
         return timed(prepare)

@@ -1,4 +1,4 @@
-"""Boundary conditions: nodes that move as told, and nodes that slide along a moving surface."""
+"""Boundary conditions: nodes with a prescribed motion, and nodes that slide along a moving surface."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -9,8 +9,9 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import boundary_faces
-from pinnochio.mechanics.contact import ContactSet, facing_sets, node_areas
+from pinnochio.geometry.faces import boundary_faces, edges_of
+from pinnochio.geometry.triangles import vertex_areas
+from pinnochio.mechanics.contact import ContactSet, facing_sets
 from pinnochio.mechanics.point_surface import PointSurface
 from pinnochio.model.labels import CRANIUM, segment_name
 from pinnochio.model.patient import FIXED, FREE, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
@@ -149,10 +150,10 @@ def boundary_conditions(
     unknown = sorted(set(plan.motions) - set(model.segments))
     if unknown:
         raise InputError(plan.case, "plan", f"the patient has no segment {unknown}", f"name one of {model.segments}")
-    told = np.isin(model.node_type, (FIXED, MOVING))
+    constrained = np.isin(model.node_type, (FIXED, MOVING))
     if arm == "bonded":
-        told |= (model.node_type == SLIDING) & ~_bridging(model, apart)
-    nodes = np.flatnonzero(told)
+        constrained |= (model.node_type == SLIDING) & ~_bridging(model, apart)
+    nodes = np.flatnonzero(constrained)
     rest, segment = model.points[nodes], np.where(model.node_type == FIXED, -1, model.node_segment)[nodes]
     motions = {index: plan.motion(segment_name(index, model.segments)) for index in np.unique(segment) if index >= 0}
 
@@ -173,9 +174,10 @@ def boundary_conditions(
             points, normals = _facing_bone(model, index)
             own = np.flatnonzero(slides & (model.node_segment == index))
             if unilateral:
-                areas = node_areas(model.points, faces, own)
-                bone = {"points": points, "normals": normals, "motion": motion.fraction}
-                contact.append(ContactSet(own, areas, **bone, touching=True))
+                areas = vertex_areas(model.points, faces)[own]
+                contact.append(
+                    ContactSet(own, areas, points=points, normals=normals, motion=motion.fraction, touching=True)
+                )
             else:
                 sliding.append(SlidingSet(own, points, normals, motion.fraction))
     if arm == "mucosa+lip":
@@ -189,12 +191,11 @@ def _bridging(model: PatientModel, apart: float) -> np.ndarray:
     `apart` mm: bonded, the tissue between could not follow both."""
     body = np.where(np.isin(model.node_type, (MOVING, SLIDING)), model.node_segment, -2)
     body = np.where((model.node_type == FIXED) & (model.node_beyond == CRANIUM), -1, body)
-    edges = model.cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
+    edges, _ = edges_of(model.cells)
     one, two = body[edges].T
     bridging = np.zeros(len(body), bool)
     bridging[edges[(one != two) & (one > -2) & (two > -2)]] = True
     if apart > 0:
-        edges = np.unique(np.sort(edges, axis=1), axis=0)
         length = np.linalg.norm(model.points[edges[:, 0]] - model.points[edges[:, 1]], axis=1)
         graph = sparse.csr_array((length, edges.T), (len(body), len(body)))
         for own in np.unique(body[body > -2]):

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -92,6 +93,13 @@ class State:
     residual: float
 
 
+class Direction(NamedTuple):
+    """Motion (n, 3) mm of a Newton step, and whether it is that of the tangent cut to its definite part."""
+
+    motion: np.ndarray
+    cut: bool
+
+
 def solve(
     points,
     cells,
@@ -131,8 +139,6 @@ class Newton:
         self.assembler = Assembler(self.elements, constrained, self.sliding.nodes, self.contact.pairs)
         self.systems = {}
         self.single, self.factorized, self.indefinite, self.spent = options.reuse, False, False, 0
-        self.pressure = None  # of each patch (p,), for the tangent; None: that of its volume
-        self.tame = 0.0  # J of elements whose Hessian is cut before the whole tangent is found not to be definite
         self.history: list[dict] = []
         self.increments = self.iterations = self.factorizations = self.linear_iterations = 0
 
@@ -150,11 +156,11 @@ class Newton:
         frames = self.sliding.frames(u, fraction)
         local = self.constraints.local(force, frames)
         free_force = self.assembler.gather(local)
-        held = self.constraints.constrained
+        constrained = self.constraints.constrained
         # Contact carries load too, where the nodes that it presses have no other condition.
-        reaction = np.sqrt((local[held] ** 2).sum() + (push**2).sum())
+        reaction = np.sqrt((local[constrained] ** 2).sum() + (push**2).sum())
         # The reaction at a strain of 1e-4: the measure where the load asks for no force, as in a rigid motion.
-        least_reaction = 1e-4 * self.elements.modulus * self.elements.edge**2 * np.sqrt(held.sum())
+        least_reaction = 1e-4 * self.elements.modulus * self.elements.edge**2 * np.sqrt(constrained.sum())
         residual = float(np.linalg.norm(free_force) / max(reaction, least_reaction, np.finfo(float).tiny))
         return State(u, fraction, energy, force, least, frames, free_force, residual)
 
@@ -172,25 +178,30 @@ class Newton:
 
     # ---- steps
 
-    def direction(self, state: State, tolerance: float, step=None) -> np.ndarray:
-        """Displacement (n, 3) that takes the state to equilibrium, to first order, while `step` (n, 3, local axes) is
-        imposed on the constrained unknowns: by the factors at hand and conjugate gradients to `tolerance` if they
-        serve, else by new ones, of the tangent cut to its definite part where it is not definite."""
-        for tame in (self.tame, 1.0):
-            definite = tame == 1
+    def direction(self, state: State, tolerance: float, step=None, pressure=None, cut_below: float = 0.0) -> Direction:
+        """What takes the state to equilibrium, to first order, while `step` (n, 3, local axes) is imposed on the
+        constrained unknowns: by the factors at hand and conjugate gradients to `tolerance` if they serve, else by new
+        ones, of the tangent cut to its definite part where it is not definite.
+
+        pressure (p,) kPa: of each patch, for the tangent; by default that of its volume. cut_below: elements with J
+        below it, or above its inverse, have their Hessian cut from the start. Raises Stop.
+        """
+        for bound in (cut_below, 1.0):
+            definite = bound == 1
             if time.perf_counter() - self.began > self.options.time_limit:
                 raise Stop(f"time limit of {self.options.time_limit:g} s reached")
-            data, product = self.assembler.tangent(state.u, state.frames, step, tame, self.pressure)
+            data, product = self.assembler.tangent(
+                state.u, state.frames, step, definite=bound, pressure=pressure, elements=self.elements
+            )
             if not definite:
                 bend = self.sliding.curvature(state.u, state.fraction, state.frames, state.force)
                 self.assembler.add(data, np.repeat(self.sliding.nodes[:, None], 2, axis=1), bend)
             pairs, blocks = self.contact.tangent(state.u, state.fraction, definite)
             self.assembler.add(data, pairs, self.constraints.turned(blocks, pairs, state.frames))
-            found = self.solution(data, -(state.free_force + product), tolerance, definite)
-            if found is not None:
-                self.cut = definite
-                whole = self.assembler.scatter(found) + (0 if step is None else step)
-                return self.constraints.world(whole, state.frames)
+            unknowns = self.solution(data, -(state.free_force + product), tolerance, definite)
+            if unknowns is not None:
+                local = self.assembler.scatter(unknowns) + (0 if step is None else step)
+                return Direction(self.constraints.world(local, state.frames), definite)
         raise Stop("the tangent is singular: the boundary condition leaves a part of the mesh loose")
 
     def solution(self, data, force, tolerance: float, definite: bool) -> np.ndarray | None:
@@ -202,12 +213,12 @@ class Newton:
                 if fresh and not self.factorize(data):
                     break
                 limit = 20 if fresh else int(np.clip(self.linear.worth, 8, 60))
-                found, iterations = conjugate_gradients(product, self.linear.solve, force, tolerance, limit)
+                unknowns, iterations = conjugate_gradients(product, self.linear.solve, force, tolerance, limit)
                 self.linear_iterations += iterations
                 self.spent += iterations
-                if found is not None:
+                if unknowns is not None:
                     self.indefinite &= definite
-                    return found
+                    return unknowns
             if self.indefinite and not definite:
                 return None
             self.single = False
@@ -227,26 +238,31 @@ class Newton:
     def linear(self):
         """The linear solver of the precision in use; its pattern is analysed once."""
         if self.single not in self.systems:
-            pattern = self.assembler.indptr, self.assembler.indices
-            self.systems[self.single] = linear_solver(*pattern, 0, self.options.linear_solver, self.single)
+            self.systems[self.single] = linear_solver(
+                self.assembler.indptr, self.assembler.indices, 0, self.options.linear_solver, self.single
+            )
         return self.systems[self.single]
+
+    def forget(self) -> None:
+        """Take nothing over from the steps before: neither factors nor what they showed of the tangent."""
+        self.single, self.factorized, self.indefinite = self.options.reuse, False, False
 
     def close(self) -> None:
         """Release the factors."""
         for system in self.systems.values():
             system.close()
 
-    def predict(self, state: State, end: float) -> np.ndarray:
-        """Displacement increment (n, 3), to first order, up to the load fraction `end`."""
+    def predict(self, state: State, end: float, pressure=None, cut_below: float = 0.0) -> Direction:
+        """The step, to first order, up to the load fraction `end`; pressure, cut_below: as in :meth:`direction`."""
         target = self.constraints.met(self.sliding.carry(state.u, state.fraction, end), end)
         local = self.constraints.local(target - state.u, state.frames)
         step = np.where(self.constraints.constrained, local, 0)
-        return self.direction(state, 1e-3, step)
+        return self.direction(state, 1e-3, step, pressure, cut_below)
 
     def descend(self, state: State) -> State | None:
         """One Newton step with a line search on the energy that turns no element inside out."""
         self.iterations += 1
-        direction = self.direction(state, 1e-2)
+        direction, cut = self.direction(state, 1e-2)
         slope = float(np.einsum("ij,ij->", direction, state.force))
         for halvings in range(30):
             step = 0.5**halvings
@@ -256,7 +272,7 @@ class Newton:
         else:
             return None
         # Off a saddle the definite part makes steps that are far too short: on as long as it goes down well.
-        while self.cut and 1 <= step < 64:
+        while cut and 1 <= step < 64:
             further = self.state(state.u + 2 * step * direction, state.fraction)
             if further.energy > new.energy + 1e-1 * step * slope or further.least <= least_allowed(state):
                 break
@@ -290,64 +306,68 @@ class Newton:
             if start.shape != self.points.shape or not np.isfinite(start).all():
                 raise InputError("-", "start", f"shape {start.shape} or a value is not finite", "give (n, 3) in mm")
         if start is not None and not (self.options.restart and self.tangled(start)):
-            result = self.tried(self.improve, start)
+            result = self.result(*self.improve(start))
             if result.converged or not self.options.restart:
                 return result
-        return self.tried(self.advance, self.measured(np.zeros_like(self.points), 0.0))
-
-    def tried(self, way, begin) -> SolveResult:
-        """Result of a way to equilibrium, the last state it reached if it was stopped."""
-        try:
-            return self.result(*way(begin))
-        except Stop as stop:
-            return self.result(self.reached, str(stop))
+        return self.result(*self.advance(self.measured(np.zeros_like(self.points), 0.0)))
 
     def tangled(self, start) -> bool:
         return (jacobians(self.points, self.elements.cells, start) <= 0).mean() > TANGLED
 
     def improve(self, start) -> tuple[State, str]:
-        """Equilibrium at full load from a guess (n, 3)."""
-        guess = self.reached = self.measured(start, 1.0)
-        if guess.least > 0:
-            better = self.state(start + self.predict(guess, 1.0), 1.0)
-            self.iterations += 1
-        else:
-            better = self.untangled(self.state(start, 1.0))
-        self.record(better, "start")
-        return self.equilibrium(better, self.options.tolerance)
+        """Equilibrium at full load from a guess (n, 3), the guess if the way there was stopped; and "" or why."""
+        guess = self.measured(start, 1.0)
+        try:
+            if guess.least > 0:
+                better = self.state(start + self.predict(guess, 1.0).motion, 1.0)
+                self.iterations += 1
+            else:
+                better = self.untangled(self.state(start, 1.0))
+            self.record(better, "start")
+            return self.equilibrium(better, self.options.tolerance)
+        except Stop as stop:
+            return guess, str(stop)
 
     def untangled(self, state: State) -> State:
         """The state that an energy without a barrier leads to: it pushes elements from far inside out."""
         elements = self.elements
-        self.elements = self.assembler.elements = elements.with_extension(UNTANGLING)
+        self.elements = elements.with_extension(UNTANGLING)
         try:
             state, _ = self.equilibrium(self.measured(state.u, state.fraction), self.options.loose)
         finally:
-            self.elements = self.assembler.elements = elements
+            self.elements = elements
         return self.measured(state.u, state.fraction)
 
     def advance(self, state: State) -> tuple[State, str]:
-        """Equilibrium at full load from the rest state, in increments that shrink on failure and grow on ease."""
-        options, share = self.options, 1 / self.options.increments
-        while state.fraction < 1:
-            self.reached = state
-            share = min(share, 1 - state.fraction)
-            direction, scale = self.predict(state, state.fraction + share), 1.0
-            while True:
-                end = 1.0 if scale * share == 1 - state.fraction else state.fraction + scale * share
-                new = self.state(state.u + scale * direction, end)
-                reason = "an element turned inside out"
-                if new.least > 0:
-                    self.record(new, "increment", scale)
-                    new, reason = self.equilibrium(new, options.tolerance if end == 1 else options.loose)
-                if not reason:
-                    break
-                scale /= 2
-                if scale * share < options.min_increment:
-                    return state, f"load increment below {options.min_increment:g}: {reason}"
-            state, share = new, share * scale * (options.growth if scale == 1 else 1)
-            self.increments += 1
+        """Equilibrium at full load from the rest state, in increments that shrink on failure and grow on ease; the last
+        equilibrium if the way there was stopped; and "" or why."""
+        share = 1 / self.options.increments
+        try:
+            while state.fraction < 1:
+                share = min(share, 1 - state.fraction)
+                state, scale = self.increment(state, share)
+                share *= scale * (self.options.growth if scale == 1 else 1)
+                self.increments += 1
+        except Stop as stop:
+            return state, str(stop)
         return state, ""
+
+    def increment(self, state: State, share: float) -> tuple[State, float]:
+        """Equilibrium after a share of the load, and by how much that had to be scaled down. Raises Stop."""
+        options, scale = self.options, 1.0
+        motion = self.predict(state, state.fraction + share).motion
+        while True:
+            end = 1.0 if scale * share == 1 - state.fraction else state.fraction + scale * share
+            new = self.state(state.u + scale * motion, end)
+            reason = "an element turned inside out"
+            if new.least > 0:
+                self.record(new, "increment", scale)
+                new, reason = self.equilibrium(new, options.tolerance if end == 1 else options.loose)
+            if not reason:
+                return new, scale
+            scale /= 2
+            if scale * share < options.min_increment:
+                raise Stop(f"load increment below {options.min_increment:g}: {reason}")
 
     def result(self, state: State, reason: str) -> SolveResult:
         violation = np.abs(self.sliding.violation(state.u, state.fraction))

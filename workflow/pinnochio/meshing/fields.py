@@ -8,10 +8,9 @@ import SimpleITK as sitk
 from scipy import ndimage
 
 from pinnochio.compiled import compiled
-from pinnochio.importing.repair import SPECK_VOXELS, TOUCHING
-from pinnochio.model.labels import MUSCLE, SUPERFICIAL
+from pinnochio.model.labels import MUSCLE, SPECK_VOXELS, SUPERFICIAL, TOUCHING
 
-SHEET_SHARE = 0.5  # of the closed width: half the thickness given to thin sheets
+SHEET_SHARE = 0.5  # of the closed width: half the thickness that thin sheets get
 
 
 @dataclass(frozen=True)
@@ -170,7 +169,7 @@ def is_tissue(labels) -> np.ndarray:
 
 
 def without_specks(labels, below: int = SPECK_VOXELS) -> np.ndarray:
-    """The label map with connected pieces of one label below `below` voxels given the nearest other label."""
+    """The label map with connected pieces of one label below `below` voxels turned into the nearest other label."""
     speck = np.zeros(labels.shape, bool)
     for code in np.unique(labels):
         pieces, _ = ndimage.label(labels == code, TOUCHING)

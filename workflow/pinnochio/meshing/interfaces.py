@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.triangles import face_normals
+from pinnochio.geometry.triangles import corner_sums, face_normals
 from pinnochio.meshing.embedding import bridging, embed
 from pinnochio.meshing.fields import is_tissue, signed_distance
 from pinnochio.meshing.lips import bite, lip_nodes
@@ -33,42 +33,42 @@ def label_interfaces(
     bone: BoneSurface,
     skin: tuple[np.ndarray, np.ndarray] | None = None,
     *,
-    sliding_band_mm: float = 18.0,
-    release_mm: float = 5.0,
+    sliding_band: float = 18.0,
+    release: float = 5.0,
     opposing: list[tuple[str, str]] | None = None,
-    reach_mm: float = 5.0,
-    contact_gap_mm: float = 1.0,
+    reach: float = 5.0,
+    contact_gap: float = 1.0,
     contact_share: float = 1 / 3,
-    opening_mm: float = 5.0,
-    nasion_above_maxilla_mm: float = 20.0,
-    tragus_before_mandible_mm: float = 10.0,
-    cut_margin_mm: float = 8.0,
+    opening: float = 5.0,
+    nasion_above_maxilla: float = 20.0,
+    tragus_before_mandible: float = 10.0,
+    cut_margin: float = 8.0,
 ) -> m.PatientModel:
     """The patient model of a mesh: node types, interface kinds, normals, skin and judged face.
 
     labels (nx, ny, nz) internal codes [ix, iy, iz], spacing and origin (3,) mm: the map that was meshed. skin: points
     (s, 3) and faces (f, 3) of a finer outer skin for the mesh to carry; without it the skin is the mesh's own.
 
-    Beyond. From points on every boundary triangle a ray goes outward, up to `reach_mm`, to the first label that is not
-    tissue; air up to `contact_gap_mm` thick in front of bone counts as bone. Faces on the border of the volume are cut
+    Beyond. From points on every boundary triangle a ray goes outward, up to `reach`, to the first label that is not
+    tissue; air up to `contact_gap` thick in front of bone counts as bone. Faces on the border of the volume are cut
     planes. A node on a cut plane is CUT_PLANE; else, if bone makes up more than `contact_share` of the area around it,
     the bone with the largest part; else air.
 
     Types. Cut planes and cranium contact are FIXED, contact with a segment MOVING, but SLIDING where a segment that
-    opposes it is nearer than `sliding_band_mm` (teeth and vestibule). Two segments oppose each other if
+    opposes it is nearer than `sliding_band` (teeth and vestibule). Two segments oppose each other if
     `opposing` names them, or, without it, if air lies between them on a tenth of the places where they come that near
     (mouth) and neither is a proximal segment; pieces of one bone meet at an osteotomy, without air. There the surgeon
-    lifts the tissue off: contact nearer than `release_mm` to the other bone is FREE [I], and so are both ends of a mesh
+    lifts the tissue off: contact nearer than `release` to the other bone is FREE [I], and so are both ends of a mesh
     edge from one bone to the other, which could not follow both. So are the cut plane nodes of an element that has no
     other nodes but contact of segments: the tissue goes on beyond the cut. All else is FREE, skin and oral surface too.
 
     Kinds. A bone contact node belongs to muscle if muscle owns at least half of its area against bone, else to
     superficial tissue; any other node between both tissues is MUSCLE_SUPERFICIAL.
 
-    Skin. Triangles against the air in front of the head that a ball of diameter `opening_mm` reaches, the largest
+    Skin. Triangles against the air in front of the head that a ball of diameter `opening` reaches, the largest
     connected piece: neither the mouth nor the nasal cavity. The judged part lies below the nasion, taken as
-    `nasion_above_maxilla_mm` above the top of the maxillary segment, in front of the tragi, taken as
-    `tragus_before_mandible_mm` in front of the hindmost mandible, and `cut_margin_mm` away from cut planes [I].
+    `nasion_above_maxilla` above the top of the maxillary segment, in front of the tragi, taken as
+    `tragus_before_mandible` in front of the hindmost mandible, and `cut_margin` away from cut planes [I].
     """
     labels, spacing, origin = np.asarray(labels), np.asarray(spacing, float), np.asarray(origin, float)
     segments = tuple(segments)
@@ -79,11 +79,11 @@ def label_interfaces(
     points, faces = mesh.points, mesh.boundary_faces()[0]
     owner_tissue = mesh.tissue[mesh.boundary_faces()[1]]
     normals, areas = face_normals(points, faces)
-    beyond, ends = _beyond(points, faces, normals, labels, spacing, origin, reach_mm, contact_gap_mm)
+    beyond, ends = _beyond(points, faces, normals, labels, spacing, origin, reach, contact_gap)
 
     codes = np.array([AIR, CRANIUM, *(segment_code(i) for i in range(len(segments))), m.CUT_PLANE])
     # Area (n, codes) around each node, by what lies beyond.
-    share = np.stack([_to_nodes(faces, areas * (beyond == code).mean(axis=1), len(points)) for code in codes], 1)
+    share = np.stack([corner_sums(faces, areas * (beyond == code).mean(axis=1), len(points)) for code in codes], 1)
     surface = share.sum(axis=1) > 0
     bones = share[:, 1:-1]
     node_beyond = np.full(len(points), m.INTERIOR, np.int16)
@@ -98,7 +98,7 @@ def label_interfaces(
     node_type[node_segment >= 0] = m.MOVING
     node_type[(node_beyond == m.CUT_PLANE) | (node_beyond == CRANIUM)] = m.FIXED
     if opposing is None:
-        pairs = opposing_pairs(bone, labels, spacing, origin, segments, sliding_band_mm)
+        pairs = opposing_pairs(bone, labels, spacing, origin, segments, sliding_band)
     else:
         pairs = [_named_pair(pair, segments) for pair in opposing]
     LOG.info("opposing segments: %s", [tuple(segments[i] for i in pair) for pair in pairs])
@@ -106,33 +106,33 @@ def label_interfaces(
         for own, other in ((i, j), (j, i)):
             nodes, target = np.flatnonzero(node_segment == own), bone.points[bone.segment == other]
             if len(nodes) and len(target):
-                near = cKDTree(target).query(points[nodes])[0] < sliding_band_mm
+                near = cKDTree(target).query(points[nodes])[0] < sliding_band
                 node_type[nodes[near]] = m.SLIDING
     body = np.where(contact, node_beyond - FIRST_SEGMENT, NO_BODY)
     body[contact & (node_beyond == CRANIUM)] = -1
-    released = _released(points, mesh.cells, body, bone, pairs, release_mm)
+    released = _released(points, mesh.cells, body, bone, pairs, release)
     node_type[released], node_segment[released] = m.FREE, -1
     node_type[_torn_cut(mesh.cells, node_beyond == m.CUT_PLANE, node_segment >= 0)] = m.FREE
 
     bony = np.isin(beyond, codes[1:-1]).mean(axis=1) * areas
-    muscle_part = _to_nodes(faces, bony * (owner_tissue == MUSCLE), len(points))
-    to_muscle = muscle_part >= _to_nodes(faces, bony, len(points)) / 2
+    muscle_part = corner_sums(faces, bony * (owner_tissue == MUSCLE), len(points))
+    to_muscle = muscle_part >= corner_sums(faces, bony, len(points)) / 2
     both = _touches(mesh, MUSCLE) & _touches(mesh, SUPERFICIAL)
     kind = np.where(both, m.MUSCLE_SUPERFICIAL, m.NO_INTERFACE)
     kind = np.where(contact, np.where(to_muscle, m.BONE_MUSCLE, m.BONE_SUPERFICIAL), kind).astype(np.int8)
 
-    outer = faces[_skin(faces, beyond, ends, areas, labels, spacing, origin, opening_mm)]
+    outer = faces[_skin(faces, beyond, ends, areas, labels, spacing, origin, opening)]
     carried = {} if skin is None or not len(outer) else _carried(skin, points, outer)
     skin_points, skin_faces = carried.get("skin_points", points), carried.pop("skin_faces", outer)
     centre = skin_points[skin_faces].mean(axis=1)
-    top = _bone_extent(bone, segments, UPPER, 2) + nasion_above_maxilla_mm
-    back = _bone_extent(bone, segments, LOWER, 1) - tragus_before_mandible_mm
+    top = _bone_extent(bone, segments, UPPER, 2) + nasion_above_maxilla
+    back = _bone_extent(bone, segments, LOWER, 1) - tragus_before_mandible
     roi = (centre[:, 2] < top) & (centre[:, 1] < back)
     airy = (beyond == AIR).mean(axis=1) > 0.5
     cut = faces[(beyond == m.CUT_PLANE).all(axis=1)]
     if len(cut):
-        roi &= cKDTree(points[cut].mean(axis=1)).query(centre)[0] > cut_margin_mm
-        roi &= cKDTree(points[np.unique(cut)]).query(centre)[0] > cut_margin_mm
+        roi &= cKDTree(points[cut].mean(axis=1)).query(centre)[0] > cut_margin
+        roi &= cKDTree(points[np.unique(cut)]).query(centre)[0] > cut_margin
     return m.PatientModel(
         points=points,
         cells=mesh.cells,
@@ -149,13 +149,13 @@ def label_interfaces(
         bone_faces=bone.faces,
         bone_segment=bone.segment,
         segments=segments,
-        lip=lip_nodes(points, faces, airy, node_type != m.FREE, bite(bone, pairs, sliding_band_mm)),
+        lip=lip_nodes(points, faces, airy, node_type != m.FREE, bite(bone, pairs, sliding_band)),
         **carried,
     )
 
 
 def _beyond(points, faces, normals, labels, spacing, origin, reach_mm, gap_mm) -> tuple[np.ndarray, np.ndarray]:
-    """Code beyond k points of every triangle (f, k), and the voxel (f, k, 3) where it was found."""
+    """Code beyond k points of every triangle (f, k), and the voxel (f, k, 3) where it was met."""
     weights = simplex_points(3, 2)
     starts = np.einsum("kc,fcx->fkx", weights, points[faces])
     shape = np.array(labels.shape)
@@ -170,12 +170,12 @@ def _beyond(points, faces, normals, labels, spacing, origin, reach_mm, gap_mm) -
         here = np.where(outside, AIR, labels[tuple(np.moveaxis(index, 2, 0))])
         undecided = code < 0
         in_gap = np.isfinite(air_since)
-        found = undecided & (here >= CRANIUM) & (in_gap | (distance <= reach_mm))
-        code[found], voxel[found] = here[found], index[found]
-        entered = undecided & ~found & ~in_gap & (here == AIR) & (distance <= reach_mm)
+        bony = undecided & (here >= CRANIUM) & (in_gap | (distance <= reach_mm))
+        code[bony], voxel[bony] = here[bony], index[bony]
+        entered = undecided & ~bony & ~in_gap & (here == AIR) & (distance <= reach_mm)
         air_since[entered], voxel[entered] = distance, index[entered]
         # Past the gap, or in tissue on its far side (the other lip), it was air.
-        ended = undecided & ~found & in_gap & ((distance - air_since > gap_mm) | (here != AIR))
+        ended = undecided & ~bony & in_gap & ((distance - air_since > gap_mm) | (here != AIR))
         code[ended] = AIR
     lost = code < 0
     code[lost & np.isfinite(air_since)] = AIR
@@ -210,11 +210,6 @@ def _carried(skin, points, outer) -> dict[str, np.ndarray]:
         "skin_nodes": nodes[used].astype(np.int32),
         "skin_weights": weights[used],
     }
-
-
-def _to_nodes(faces, values, count: int) -> np.ndarray:
-    """Sum (n,) over the triangles around each node of a third of their value."""
-    return np.bincount(faces.ravel(), np.repeat(values / 3, 3), count)
 
 
 def _touches(mesh, tissue) -> np.ndarray:
@@ -285,8 +280,8 @@ def _torn_cut(cells, cut, moving) -> np.ndarray:
     Their cut and segment would prescribe the whole element, and so turn it inside out.
     """
     torn = np.zeros(len(cut), bool)
-    held = (cut | moving)[cells].all(axis=1) & moving[cells].any(axis=1)
-    torn[cells[held]] = True
+    prescribed = (cut | moving)[cells].all(axis=1) & moving[cells].any(axis=1)
+    torn[cells[prescribed]] = True
     return torn & cut
 
 
@@ -322,7 +317,7 @@ def _bone_extent(bone, segments, names, axis: int) -> float:
 
 
 def _node_normals(faces, beyond, node_beyond, normals, areas) -> np.ndarray:
-    """Outward unit normal (n, 3): area-weighted over the triangles that see what the node was given; zero inside."""
+    """Outward unit normal (n, 3): area-weighted over the triangles that see what lies beyond the node; zero inside."""
     count = len(node_beyond)
     total, every = np.zeros((count, 3)), np.zeros((count, 3))
     for corner in range(3):

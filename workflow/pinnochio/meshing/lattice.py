@@ -11,16 +11,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import adjacency, faces_of
+from pinnochio.geometry.faces import EDGES, adjacency, faces_of
 from pinnochio.meshing.fields import Fields, is_tissue, without_specks
-from pinnochio.meshing.mesh import EDGES, TetMesh, volumes
+from pinnochio.meshing.mesh import TetMesh, volumes
 from pinnochio.meshing.quality import acceptable_move, neighbour_mean
 from pinnochio.meshing.splitting import crowded_cells, cut_nodes, joined_pairs, pieces, simplex_points, split_nodes
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 
 LOG = logging.getLogger(__name__)
 NODE_TOLERANCE = 0.07  # the search stops here; the promise is 10 %
-GUARD_MARGIN = 2.0  # degrees kept above the promised dihedral angle
+DIHEDRAL_MARGIN = 2.0  # degrees kept above the promised dihedral angle
 NEAR_SLIT = 0.5  # of the lattice constant: so near, a lattice node goes to the middle of a thin void
 THIN_SHARE = 0.6  # of the lattice constant: narrower voids are opened by splitting, wider ones are left out
 
@@ -46,11 +46,10 @@ def tetrahedralize(
     fields = Fields(without_specks(labels), spacing, origin, thin=THIN_SHARE * constant)
 
     shift = np.asarray(shift, float)
-
     best, factor = None, 1.04  # factor: nodes of the finished mesh per node of the raw lattice
     for _ in range(4):
         divisions, raw = _divisions_for(fields, shift, target_nodes / factor, constant)
-        mesh = _mesh(fields, divisions, shift, minimum_dihedral + GUARD_MARGIN)
+        mesh = _mesh(fields, divisions, shift, minimum_dihedral + DIHEDRAL_MARGIN)
         count = len(mesh.points)
         LOG.info("lattice of %d x %d x %d cells: %d nodes", *divisions, count)
         if best is None or abs(count - target_nodes) < abs(len(best.points) - target_nodes):
@@ -295,7 +294,7 @@ def _newton(points, outer, inner, free, fields) -> np.ndarray:
 
 
 def _slit(points, free, nodes, fields, limit: float):
-    """For the given nodes, if a thin void is within the limit: the place (n, 3) on its middle, its normal (n, 3) and
+    """For some nodes, if a thin void is within the limit: the place (n, 3) on its middle, its normal (n, 3) and
     its half width (n,). NaN for all other nodes."""
     middle, normal, half = (np.full(shape, np.nan) for shape in (points.shape, points.shape, len(points)))
     centres, width = fields.thin_void

@@ -37,22 +37,22 @@ def near_mouth(points, mouth) -> np.ndarray:
     return (cKDTree(mouth).query(points)[0] < MOUTH) & (points[:, 1] < mouth[:, 1].min() + DEPTH)
 
 
-def lip_nodes(points, faces, airy, held, mouth, reach_mm: float = 5.0) -> np.ndarray:
+def lip_nodes(points, faces, airy, constrained, mouth, reach_mm: float = 5.0) -> np.ndarray:
     """Lip (n,) int8 of every node: NOT_LIP, UPPER_LIP or LOWER_LIP.
 
-    points (n, 3) mm LPS; faces (f, 3) boundary triangles, outward; airy (f,) bool, air lies beyond; held (n,) bool, on
-    bone or a cut; mouth (k, 3) mm, the middle of the bite.
+    points (n, 3) mm LPS; faces (f, 3) boundary triangles, outward; airy (f,) bool, air lies beyond; constrained (n,)
+    bool, on bone or a cut; mouth (k, 3) mm, the middle of the bite.
 
     A face is lip if it is airy, not on bone, nearer than MOUTH to the middle of the bite, no further behind its front
     than DEPTH, looks down (upper lip) or up (lower lip), and most of the rays that leave it outward meet such a face of
     the other lip, which looks back, within `reach_mm`. Of the patches of a lip, held together by shared nodes, those
-    smaller than PATCH of the largest are folds of skin or vestibule. Held nodes are no lips, nor are those of both or
-    of a triangle with both: the corners of the mouth. No slit, no lips.
+    smaller than PATCH of the largest are folds of skin or vestibule. Constrained nodes are no lips, nor are those of
+    both or of a triangle with both: the corners of the mouth. No slit, no lips.
     """
     lip = np.full(len(points), NOT_LIP, np.int8)
     normals, _ = face_normals(points, faces)
     centre = points[faces].mean(axis=1)
-    wanted = airy & ~held[faces].all(axis=1) & (np.abs(normals[:, 2]) > FACING)
+    wanted = airy & ~constrained[faces].all(axis=1) & (np.abs(normals[:, 2]) > FACING)
     if not len(mouth) or not wanted.any():
         return lip
     wanted &= near_mouth(centre, mouth)
@@ -67,7 +67,7 @@ def lip_nodes(points, faces, airy, held, mouth, reach_mm: float = 5.0) -> np.nda
         patch, size = _patches(points, own)
         on = np.zeros(len(points), bool)
         on[own[size[patch] > PATCH * size.max(initial=0)]] = True
-        lips.append(on & ~held)
+        lips.append(on & ~constrained)
     lip[lips[0] & ~lips[1]], lip[lips[1] & ~lips[0]] = UPPER_LIP, LOWER_LIP
     mixed = (lip[faces] == UPPER_LIP).any(axis=1) & (lip[faces] == LOWER_LIP).any(axis=1)
     lip[faces[mixed]] = NOT_LIP

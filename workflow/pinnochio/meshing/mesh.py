@@ -7,9 +7,7 @@ import meshio
 import numpy as np
 
 from pinnochio.files import replacing
-from pinnochio.geometry.faces import boundary_faces
-
-EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+from pinnochio.geometry.faces import EDGES, boundary_faces
 
 
 @dataclass(frozen=True)

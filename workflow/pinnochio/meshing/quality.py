@@ -21,7 +21,7 @@ def acceptable_move(points, target, cells, minimum_dihedral: float) -> np.ndarra
     are acceptable at `points` are acceptable at the result.
     """
     step = target - points
-    # Node to cells, to look again only at the cells around a node that was held back.
+    # Node to cells, to look again only at the cells around a node that went less far.
     around = sparse.csr_array(
         (np.ones(cells.size, np.int8), (cells.ravel(), np.repeat(np.arange(len(cells)), 4))),
         shape=(len(points), len(cells)),

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from pinnochio.errors import InputError
-from pinnochio.meshing.mesh import EDGES, TetMesh
+from pinnochio.geometry.faces import EDGES, edges_of
+from pinnochio.meshing.mesh import TetMesh
 
 PASSES = 200
 LONGEST_OVER_MEAN = 1.6  # of the edges of a part bisected to a longest edge [X]
@@ -24,7 +25,7 @@ def refine(mesh: TetMesh, size: Callable[[np.ndarray], np.ndarray]) -> TetMesh:
     """
     points, cells, tissue = mesh.points, mesh.cells.astype(np.int64), mesh.tissue
     for _ in range(PASSES):
-        edges, of_cell = _edges(cells, len(points))
+        edges, of_cell = edges_of(cells)
         one, two = points[edges[:, 0]], points[edges[:, 1]]
         length, middle = np.linalg.norm(one - two, axis=1), (one + two) / 2
         wanted = np.asarray(size(middle), float)
@@ -42,13 +43,6 @@ def refine(mesh: TetMesh, size: Callable[[np.ndarray], np.ndarray]) -> TetMesh:
         points = np.concatenate([points, middle[split]])
         cells, tissue = _bisected(cells, tissue, of_cell, node)
     raise InputError("-", "mesh", f"edges are too long after {PASSES} passes", "ask for longer edges")
-
-
-def _edges(cells, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Every edge once, nodes (e, 2) in rising order, sorted; and the six edges (m, 6) of each cell."""
-    ends = np.sort(cells[:, EDGES], axis=2)
-    key, of_cell = np.unique(ends[..., 0] * count + ends[..., 1], return_inverse=True)
-    return np.column_stack(np.divmod(key, count)), of_cell.reshape(-1, 6)
 
 
 def _terminal(of_cell, longest, wanting, count: int) -> np.ndarray:

@@ -18,8 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from pinnochio.files import replacing
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.geometry.scattered import nearest, spread
-from pinnochio.mechanics.lift import farthest
+from pinnochio.geometry.scattered import farthest, nearest, spread
 from pinnochio.methods.protocol import Planned, predict_skin
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.patient import PatientModel

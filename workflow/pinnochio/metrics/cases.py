@@ -5,7 +5,7 @@ import logging
 import numpy as np
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.distances import vertex_areas
+from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.mechanics.elements import node_volumes
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.columns import CASES

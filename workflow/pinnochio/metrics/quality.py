@@ -5,9 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.geometry.distances import vertex_areas
+from pinnochio.geometry.faces import EDGES
+from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.importing.repair import repaired_voxels
-from pinnochio.meshing.mesh import EDGES, TetMesh
+from pinnochio.meshing.mesh import TetMesh
 from pinnochio.model.labels import CRANIUM, segment_code
 from pinnochio.model.patient import FIXED, FREE, MOVING, SLIDING, PatientModel
 

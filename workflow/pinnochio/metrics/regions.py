@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pinnochio.geometry.distances import signed_distances
+from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.metrics.surface import Sampled
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.patient import PatientModel

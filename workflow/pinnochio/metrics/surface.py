@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.distances import Closest, closest_points, sample_surface, vertex_areas
-from pinnochio.geometry.triangles import face_normals
+from pinnochio.geometry.closest_points import Closest, closest_points
+from pinnochio.geometry.triangles import face_normals, sample_surface, vertex_areas
 
 
 class Sampled(NamedTuple):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pinnochio.geometry.distances import signed_distances
+from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.mechanics.assembly import diagonal_blocks
 from pinnochio.mechanics.elements import Elements, jacobians, shape_gradients
 from pinnochio.mechanics.settings import FemSettings

@@ -1,11 +1,15 @@
 """Label codes of a segmented head and the names that users give them."""
 
+import numpy as np
+
 AIR = 0
 SUPERFICIAL = 1
 MUSCLE = 2
 CRANIUM = 10
 FIRST_SEGMENT = 11
 TISSUES = {"superficial": SUPERFICIAL, "muscle": MUSCLE}
+TOUCHING = np.ones((3, 3, 3), bool)  # voxels that share a face, an edge or a corner are connected
+SPECK_VOXELS = 20  # connected pieces of one label smaller than this are noise [measured on real segmentations]
 
 
 def segment_code(index: int) -> int:

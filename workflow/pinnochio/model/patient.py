@@ -36,7 +36,7 @@ class PatientModel:
     skin_weights (s, 3) give the displacement of each of its points. By default it is the mesh's own boundary.
     bone_points (b, 3), bone_normals (b, 3) out of the bone, bone_faces (g, 3) int32.
     bone_segment (b,) int8 segment index, -1 cranium.
-    segments: names, in the order of the indices. muscle: where the muscle layer comes from (anatomy.muscle_layer):
+    segments: names, in the order of the indices. muscle: where the muscle layer comes from (importing.muscle_layer):
     labelled | derived | single.
     lip (n,) int8 NOT_LIP | UPPER_LIP | LOWER_LIP: nodes that the other lip can touch; by default none.
     """

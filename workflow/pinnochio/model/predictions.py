@@ -25,7 +25,7 @@ class Prediction:
     NaN where nobody timed them. threads: 0 where unknown. iterations: of a solver, or corrections of a network's field.
     boundary (n, 3) mm: where a network puts the interface nodes, which its field need not meet; None of other methods.
     raw_min_jacobian, raw_inverted: least J of the network's own field and its inverted elements; repaired: elements
-    that the inversion repair solved again; damping: its factor on the whole field, 1 for none. NaN where there is no guard.
+    that the inversion repair solved again; damping: its factor on the whole field, 1 for none. NaN without repair.
     skin (s, 3) mm: displacement of the skin points, of methods that move nothing else.
     """
 
@@ -101,19 +101,22 @@ def read_external(path: str | os.PathLike, case: str, points: np.ndarray, cells:
                 f"its {grid.n_points} points are not the {len(points)} nodes of the case's mesh.vtu",
                 f"keep the points of that mesh within {SAME_PLACE} mm, and its tetrahedra where the order changes",
             )
-    found = np.asarray(values.get("displacement"))
-    if found.dtype.kind not in "fiu":
+    displacement = np.asarray(values.get("displacement"))
+    if displacement.dtype.kind not in "fiu":
         refuse("it holds no numbers named 'displacement'", "store one (x, y, z) in mm per node")
-    if found.shape != points.shape:
-        refuse(f"displacement is {found.shape}, the mesh has {len(points)} nodes", "store one (x, y, z) in mm per node")
-    if bad := np.count_nonzero(~np.isfinite(found).all(axis=1)):
+    if displacement.shape != points.shape:
+        refuse(
+            f"displacement is {displacement.shape}, the mesh has {len(points)} nodes",
+            "store one (x, y, z) in mm per node",
+        )
+    if bad := np.count_nonzero(~np.isfinite(displacement).all(axis=1)):
         refuse(f"the displacement of {bad} nodes is not finite", "leave no NaN and no infinity in it")
     times = {name: np.ravel(values.get(name, np.nan)) for name in ("seconds", "setup_seconds")}
     for name, value in times.items():
         if value.dtype.kind not in "fiu" or len(value) != 1 or value[0] < 0:
             refuse(f"{name} is not one number of seconds", "store one that is not negative, or none")
     return Prediction(
-        found[order].astype(float),
+        displacement[order].astype(float),
         **{name: float(value[0]) for name, value in times.items()},
         threads=0,
         device="external",

@@ -21,15 +21,16 @@ UNDER = 0.6  # slope from the bone to the skin beyond which that lies under the 
 def regions(patient: m.PatientModel) -> np.ndarray:
     """Region (s,) int8 of every skin point: an index into NAMES on the judged face, NOT_JUDGED elsewhere.
 
-    Raises InputError where the face cannot be read (anatomy.landmarks).
+    Raises InputError where the face cannot be read (:mod:`pinnochio.model.landmarks`).
     """
     judged = patient.judged_points
     carriers = patient.lip[patient.skin_nodes[judged]]
     upper, lower = ((carriers == lip).any(axis=1) for lip in (m.UPPER_LIP, m.LOWER_LIP))
     lip = np.select([upper & ~lower, lower & ~upper], [m.UPPER_LIP, m.LOWER_LIP], m.NOT_LIP)
     codes = np.full(len(patient.skin_points), NOT_JUDGED, np.int8)
-    bone = patient.bone_points, patient.bone_faces
-    codes[judged] = divide(patient.skin_points[judged], lip, face_landmarks(patient), *bone)
+    codes[judged] = divide(
+        patient.skin_points[judged], lip, face_landmarks(patient), patient.bone_points, patient.bone_faces
+    )
     return codes
 
 
@@ -73,11 +74,11 @@ def divide(points, lip, marks: FaceLandmarks, bone_points, bone_faces) -> np.nda
     known = (lip != m.NOT_LIP) & (np.abs(z - marks.stomion[2]) < SLIT)
     upper = np.where(known, lip == m.UPPER_LIP, z >= marks.stomion[2])
 
-    found = np.where(left, CHEEK_LEFT, CHEEK_RIGHT).astype(np.int8)
-    found[under | (z > (1 - RIM) * marks.subnasale[2] + RIM * marks.sellion[2])] = OTHER
-    found[nasal & above & (z < marks.sellion[2])] = NOSE
+    region = np.where(left, CHEEK_LEFT, CHEEK_RIGHT).astype(np.int8)
+    region[under | (z > (1 - RIM) * marks.subnasale[2] + RIM * marks.sellion[2])] = OTHER
+    region[nasal & above & (z < marks.sellion[2])] = NOSE
     front = (z > marks.menton[2]) & (y < marks.menton[1] + BEHIND)  # even where the bone of the chin recedes
-    found[oral & ~above & (z < marks.sublabiale[2]) & (front | ~under)] = CHIN
+    region[oral & ~above & (z < marks.sublabiale[2]) & (front | ~under)] = CHIN
     lips = oral & ~above & (z >= marks.sublabiale[2])
-    found[lips & upper], found[lips & ~upper] = UPPER_LIP, LOWER_LIP
-    return found
+    region[lips & upper], region[lips & ~upper] = UPPER_LIP, LOWER_LIP
+    return region

@@ -174,5 +174,5 @@ def read_surface(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bounding_box(mask) -> tuple[slice, ...] | None:
-    found = ndimage.find_objects(np.asarray(mask).astype(np.uint8))
-    return found[0] if found else None
+    boxes = ndimage.find_objects(np.asarray(mask).astype(np.uint8))
+    return boxes[0] if boxes else None

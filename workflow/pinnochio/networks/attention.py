@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 
-from pinnochio.networks.layout import Layout
+from pinnochio.networks.layout import Inputs, Layout
 
 try:
     from pinnochio.networks import attention_cpu
@@ -47,9 +47,20 @@ class Attention(nn.Module):
         loops = {"cpu": attention_cpu, "cuda": attention_gpu}.get(x.device.type)
         if loops is None or x.dtype != torch.float32 or not len(x):
             return self.general(x, edges, attributes)
-        sources, targets = self.lin_l, self.lin_r
-        weights = sources.weight, sources.bias, targets.weight, targets.bias, self.lin_edge.weight, self.att, self.bias
-        return _Compiled.apply(loops, Layout.of(edges, len(x)), SLOPE, x, attributes, *weights)
+        return _Compiled.apply(
+            loops,
+            Layout.of(edges, len(x)),
+            SLOPE,
+            x,
+            attributes,
+            self.lin_l.weight,
+            self.lin_l.bias,
+            self.lin_r.weight,
+            self.lin_r.bias,
+            self.lin_edge.weight,
+            self.att,
+            self.bias,
+        )
 
     def general(self, x: Tensor, edges: Tensor, attributes: Tensor) -> Tensor:
         """The same by torch_geometric's kernels."""
@@ -78,25 +89,27 @@ class _Compiled(torch.autograd.Function):
     def forward(ctx, loops, layout, slope, x, attributes, left, left_shift, right, right_shift, w, a, bias):
         x, weight = x.contiguous(), torch.cat([left, right])
         # The weights of a node's sources sum to one, so the shift of the sources is one of the result.
-        given = (
-            left_shift + right_shift,
-            w.T.contiguous(),
-            a[0].contiguous(),
-            bias + left_shift,
-            attributes.contiguous(),
+        inputs = Inputs(
+            st=x @ weight.T,
+            shift=left_shift + right_shift,
+            w=w.T.contiguous(),
+            a=a[0].contiguous(),
+            bias=bias + left_shift,
+            d=attributes.contiguous(),
         )
-        st = x @ weight.T
-        out, *kept = loops.forward(x, st, *given, layout, slope)
-        ctx.save_for_backward(x, weight, st, *given, *kept)
+        out, *kept = loops.forward(x, inputs, layout, slope)
+        ctx.save_for_backward(x, weight, *inputs, *kept)
         ctx.loops, ctx.layout, ctx.slope = loops, layout, slope
         return out
 
     @staticmethod
     @once_differentiable
     def backward(ctx, gradient):
-        x, weight, *kept = ctx.saved_tensors
+        x, weight, *saved = ctx.saved_tensors
+        count = len(Inputs._fields)
+        inputs, kept = Inputs(*saved[:count]), saved[count:]
         gradient = gradient.contiguous()
-        gst, gshift, gw, ga, gbias = ctx.loops.backward(gradient, *kept, ctx.layout, ctx.slope)
+        gst, gshift, gw, ga, gbias = ctx.loops.backward(gradient, inputs, kept, ctx.layout, ctx.slope)
         gx = torch.addmm(gradient, gst, weight)
         gleft, gright = (gst.T @ x).chunk(2)
         return None, None, None, gx, None, gleft, gshift + gbias, gright, gshift, gw.T, ga[None], gbias
@@ -132,7 +145,7 @@ def mlp(*widths: int) -> nn.Sequential:
 class Decoder(nn.Module):
     """Features (n, inputs) -> 3 components: an MLP on the normalised features plus a linear path past it.
 
-    The linear path lets displacement that is given pass through at full size from the first steps on. Both
+    The linear path lets an input displacement pass through at full size from the first steps on. Both
     parts end at zero, so training starts from no correction.
     """
 

@@ -8,6 +8,7 @@ The loops run over targets; each target is computed by one thread in one order, 
 import functools
 import itertools
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -15,7 +16,7 @@ from numba import njit
 from torch import Tensor
 
 from pinnochio.compiled import compiled
-from pinnochio.networks.layout import Layout
+from pinnochio.networks.layout import Inputs, Layout
 from pinnochio.networks.vectors import (
     exponential,
     larger,
@@ -38,30 +39,52 @@ _ROOT, _DENSITY, _P = (np.float32(x) for x in (0.5**0.5, (2 * np.pi) ** -0.5, 0.
 _A = tuple(np.float32(x) for x in (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429))
 
 
-def forward(x, st, shift, w, a, bias, d, layout: Layout, slope: float) -> tuple[Tensor, ...]:
-    """The layer's output (n, h c), and the tensors that :func:`backward` asks for after the given ones.
+class _Gradients(NamedTuple):
+    """Gradients by what :class:`Inputs` calls by the same names."""
 
-    x (n, h c) nodes; st (n, 2 h c) their s and t; shift (h c,) of s + t; w (4, h c) edge weight; a (h, c) attention
-    vector; bias (h c,); d (e, 4) edge attributes; slope of the leaky ReLU. All float32 and contiguous.
+    st: np.ndarray
+    shift: np.ndarray
+    w: np.ndarray
+    a: np.ndarray
+    bias: np.ndarray
+
+
+def forward(x, inputs: Inputs, layout: Layout, slope: float) -> tuple[Tensor, ...]:
+    """The layer's output (n, h c), and what :func:`backward` asks for as `kept`.
+
+    x (n, h c) nodes, float32 and contiguous; slope of the leaky ReLU.
     """
-    run, _ = _loops(*a.shape)
-    given = [tensor.detach().numpy() for tensor in (x, st, shift, w, a, bias, d, layout.source, layout.arriving)]
-    # numpy's empty arrays: torch's are filled where it is told to be deterministic
-    alpha, before, out = (np.empty(shape, np.float32) for shape in ((len(a), len(d)), x.shape, x.shape))
+    run, _ = _loops(*inputs.a.shape)
+    nodes, arrays, (source, rows) = x.detach().numpy(), _arrays(inputs), _edges(layout)
     slope = np.float32(slope)
-    _spread_over_threads(lambda first, last: run(*given, slope, first, last, alpha, before, out), len(x))
+    # numpy's empty arrays: torch's are filled where it has to be deterministic
+    shapes = (len(inputs.a), len(inputs.d)), x.shape, x.shape
+    alpha, before, out = (np.empty(shape, np.float32) for shape in shapes)
+    _spread_over_threads(
+        lambda first, last: run(nodes, arrays, source, rows, slope, first, last, alpha, before, out), len(x)
+    )
     return torch.from_numpy(out), torch.from_numpy(alpha), torch.from_numpy(before)
 
 
-def backward(g, st, shift, w, a, bias, d, alpha, before, layout: Layout, slope: float) -> list[Tensor]:
-    """Gradients by st, shift, w, a and bias, given that by the output, g (n, h c)."""
-    _, run = _loops(*a.shape)
-    given = [tensor.detach().numpy() for tensor in (st, shift, w, a, bias, d, layout.source, layout.arriving)]
-    rest = [tensor.numpy() for tensor in (alpha, before, g)]
-    mean, gst = np.empty((len(g), len(a)), np.float32), np.empty_like(given[0])
-    sums = [np.zeros_like(array) for array in given[1:5]]
-    run(*given, np.float32(slope), *rest, mean, gst, *sums)
-    return [torch.from_numpy(array) for array in (gst, *sums)]
+def backward(g, inputs: Inputs, kept, layout: Layout, slope: float) -> list[Tensor]:
+    """Gradients by st, shift, w, a and bias from that by the output, g (n, h c)."""
+    _, run = _loops(*inputs.a.shape)
+    arrays, (source, rows), (alpha, before) = _arrays(inputs), _edges(layout), kept
+    mean = np.empty((len(g), len(inputs.a)), np.float32)
+    summed = [np.zeros_like(array) for array in (arrays.shift, arrays.w, arrays.a, arrays.bias)]
+    gradients = _Gradients(np.empty_like(arrays.st), *summed)
+    run(arrays, source, rows, np.float32(slope), alpha.numpy(), before.numpy(), g.numpy(), mean, gradients)
+    return [torch.from_numpy(array) for array in gradients]
+
+
+def _arrays(inputs: Inputs) -> Inputs:
+    """The same as arrays of NumPy."""
+    return Inputs(*(tensor.detach().numpy() for tensor in inputs))
+
+
+def _edges(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    """Sources, and where those of each node begin."""
+    return layout.source.numpy(), layout.arriving.numpy()
 
 
 @functools.lru_cache
@@ -101,7 +124,8 @@ def _loops(heads, c):
     width = heads * c
 
     @_compile
-    def forward(x, st, shift, w, a, bias, d, source, rows, slope, first, last, alpha, before, out):
+    def forward(x, inputs, source, rows, slope, first, last, alpha, before, out):
+        st, shift, w, a, bias, d = inputs
         edges = len(d)
         for i in range(first, last):
             for h in range(heads):
@@ -139,7 +163,9 @@ def _loops(heads, c):
             store(out, k, load(x, k, c) + o * below)
 
     @_compile
-    def backward(st, shift, w, a, bias, d, source, rows, slope, alpha, before, g, mean, gst, gshift, gw, ga, gb):
+    def backward(inputs, source, rows, slope, alpha, before, g, mean, gradients):
+        st, shift, w, a, bias, d = inputs
+        gst, gshift, gw, ga, gb = gradients
         edges, n = len(d), len(before)
         for i in range(n):
             for h in range(heads):

@@ -10,7 +10,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from pinnochio.networks.layout import Layout
+from pinnochio.networks.layout import Inputs, Layout
 
 # Of 4 to 32 edges, 1 to 4 warps and 1024 to all groups, the fastest on an H200 at 5,000 and at 20,000 nodes [X].
 _CHUNK = 8  # edges that a program reads at a time
@@ -18,20 +18,22 @@ _WARPS = 1
 _GROUPS = 4096  # of nodes whose gradients of the weights are summed one after another
 
 
-def forward(x, st, shift, w, a, bias, d, layout: Layout, slope: float) -> tuple[Tensor, ...]:
+def forward(x, inputs: Inputs, layout: Layout, slope: float) -> tuple[Tensor, ...]:
     """As :func:`pinnochio.networks.attention_cpu.forward`."""
+    heads = len(inputs.a)
     before, out = torch.empty_like(x), torch.empty_like(x)
-    score, norm = x.new_empty(len(d), len(a)), x.new_empty(len(x), len(a))
+    score, norm = x.new_empty(len(inputs.d), heads), x.new_empty(len(x), heads)
     with torch.cuda.device_of(x):
         _forward[(len(x),)](
-            x, st, shift, w, a, bias, d, layout.source, layout.arriving, score, norm, before, out, slope, **_sizes(a)
+            x, *inputs, layout.source, layout.arriving, score, norm, before, out, slope, **_sizes(inputs.a)
         )
     return out, score, norm, before
 
 
-def backward(g, st, shift, w, a, bias, d, score, norm, before, layout: Layout, slope: float) -> tuple[Tensor, ...]:
+def backward(g, inputs: Inputs, kept, layout: Layout, slope: float) -> tuple[Tensor, ...]:
     """As :func:`pinnochio.networks.attention_cpu.backward`."""
-    n, width = g.shape
+    (n, width), (score, norm, before) = g.shape, kept
+    st, shift, w, a, _, d = inputs
     order, leaving = layout.leaving
     gst, go = torch.empty_like(st), torch.empty_like(g)
     share, slant = torch.empty_like(score), torch.empty_like(score)
@@ -40,8 +42,8 @@ def backward(g, st, shift, w, a, bias, d, score, norm, before, layout: Layout, s
     sums = g.new_empty(groups, 7, width)
     with torch.cuda.device_of(g):
         _backward_target[(groups,)](
-            g, st, shift, w, a, bias, d, layout.source, layout.arriving, score, norm, before, go, share, slant, gst,
-            sums, slope, n, per, **_sizes(a),
+            g, *inputs, layout.source, layout.arriving, score, norm, before, go, share, slant, gst, sums, slope, n, per,
+            **_sizes(a),
         )  # fmt: skip
         _backward_source[(n,)](
             st, shift, w, a, d, layout.target, order, leaving, share, slant, go, gst, slope, **_sizes(a)

@@ -11,8 +11,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from pinnochio.geometry.scattered import nearest
-from pinnochio.mechanics.lift import farthest
+from pinnochio.geometry.scattered import farthest, nearest
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,28 @@
-"""Where the edges of each node lie, found once per graph."""
+"""What the compiled attention layer reads: its inputs, and where the edges of each node lie, once per graph."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.utils.weak import WeakTensorKeyDictionary
+
+
+class Inputs(NamedTuple):
+    """What both directions of the compiled layer read, float32 and contiguous.
+
+    st (n, 2 h c): s and t of the nodes; shift (h c,) of s + t; w (4, h c) edge weight; a (h, c) attention vector; bias
+    (h c,); d (e, 4) edge attributes.
+    """
+
+    st: Tensor
+    shift: Tensor
+    w: Tensor
+    a: Tensor
+    bias: Tensor
+    d: Tensor
+
 
 _KNOWN = WeakTensorKeyDictionary()
 

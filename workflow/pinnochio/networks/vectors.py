@@ -94,8 +94,8 @@ def load_part(_, array, index, count, fill, lanes):
         index, count = (context.cast(builder, values[n], signature.args[n], types.intp) for n in (1, 2))
         place = _place(context, builder, signature.args[0], values[0], index, width)
         rest = _splat(builder, context.cast(builder, values[3], signature.args[3], types.float32), width)
-        given = place, _INT(4), _first(builder, count, width), rest
-        return _call(builder, f"llvm.masked.load.v{width}f32.p0", ir.VectorType(_FLOAT, width), *given)
+        name, vector = f"llvm.masked.load.v{width}f32.p0", ir.VectorType(_FLOAT, width)
+        return _call(builder, name, vector, place, _INT(4), _first(builder, count, width), rest)
 
     return Vector(width)(array, types.unliteral(index), types.unliteral(count), types.unliteral(fill), lanes), build
 

@@ -18,8 +18,8 @@ def parts(plan: Plan, chin_centre: np.ndarray | None = None) -> dict[str, Plan]:
     roles = {name: role(name) for name in plan.motions}
     upper = [name for name, what in roles.items() if what == "maxilla"]
     lower = [name for name, what in roles.items() if what != "maxilla"]
-    found = {"lefort1": upper, "mandible": lower}
-    plans = {name: Plan(plan.case, {key: plan.motions[key] for key in own}) for name, own in found.items() if own}
+    jaws = {"lefort1": upper, "mandible": lower}
+    plans = {name: Plan(plan.case, {key: plan.motions[key] for key in own}) for name, own in jaws.items() if own}
     chins = [name for name, what in roles.items() if what == "chin"]
     distal = [name for name, what in roles.items() if what == "distal"]
     if chins and distal and chin_centre is not None:

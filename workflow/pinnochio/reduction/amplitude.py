@@ -71,29 +71,29 @@ def amplitude(labels, spacing, origin, segments, plan: Plan, moving, pairs, band
         loose |= _fine(near, factor) & (whole == code)
         share[name] = _means((whole == code) & ~_fine(near, factor), factor)
 
-    held = sum(share.values()) >= BONE_SHARE
-    value = np.zeros(held.shape)
+    bony = sum(share.values()) >= BONE_SHARE
+    value = np.zeros(bony.shape)
     most = np.maximum.reduce(list(share.values()))
     for name in moving:
-        own = held & (share[name] == most) & (share[name] > 0)
+        own = bony & (share[name] == most) & (share[name] > 0)
         value[own] = np.linalg.norm(plan.motion(name).displacement(place[own]), axis=1)
     tissue = _means(is_tissue(whole), factor) >= TISSUE_SHARE
     border = np.ones(tissue.shape, bool)
     border[1:-1, 1:-1, 1:-1] = False
-    free = tissue & ~held & ~border
-    given = held | (tissue & border)
+    free = tissue & ~bony & ~border
+    known = bony | (tissue & border)
     solid = _means((whole != AIR) & ~loose, factor) >= TISSUE_SHARE
-    joined = _solve(value, free & solid, given & solid, block)
+    joined = _solve(value, free & solid, known & solid, block)
     # Lattice nodes beside tissue belong to it, and so do blocks with too little of it to conduct.
-    unknown = ~(joined | given)
+    unknown = ~(joined | known)
     nearest = ndimage.distance_transform_edt(unknown, sampling=block, return_distances=False, return_indices=True)
     return Amplitude(value[tuple(nearest)], tuple(factor.tolist()), labels.shape)
 
 
-def _solve(value, free, given, block) -> np.ndarray:
-    """Fill `value` on free blocks (in place): Laplace's equation, the values of `given` blocks being known.
+def _solve(value, free, known, block) -> np.ndarray:
+    """Fill `value` on free blocks (in place): Laplace's equation, the values of `known` blocks.
 
-    block (3,) mm. Returns the free blocks (bool) that hang on given ones.
+    block (3,) mm. Returns the free blocks (bool) that hang on known ones.
     """
     number = np.full(free.shape, -1)
     number[free] = np.arange(free.sum())
@@ -103,7 +103,7 @@ def _solve(value, free, given, block) -> np.ndarray:
         weight = block.prod() / block[axis] ** 2
         one, two = (tuple(slice(a, b) if k == axis else slice(None) for k in range(3)) for a, b in ((0, -1), (1, None)))
         for here, there in ((one, two), (two, one)):
-            link = free[here] & (free | given)[there]
+            link = free[here] & (free | known)[there]
             own, other = number[here][link], number[there][link]
             inner = other >= 0
             diagonal += weight * np.bincount(own, minlength=len(diagonal))
@@ -116,13 +116,13 @@ def _solve(value, free, given, block) -> np.ndarray:
     _, piece = connected_components(graph, directed=False)
     hangs = np.bincount(piece, hold)[piece] > 0
     matrix = (sparse.diags_array(diagonal).tocsr() - graph)[hangs][:, hangs]
-    found = np.zeros(count)
-    found[hangs], failed = cg(
+    solution = np.zeros(count)
+    solution[hangs], failed = cg(
         matrix, right[hangs], rtol=RESIDUAL, maxiter=5000, M=sparse.diags_array(1 / diagonal[hangs])
     )
     if failed:
         raise RuntimeError("the amplitude did not converge")
-    value[free] = found
+    value[free] = solution
     joined = np.zeros(free.shape, bool)
     joined[free] = hangs
     return joined

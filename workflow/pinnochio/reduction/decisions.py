@@ -74,8 +74,17 @@ def decide(
     pairs = opposing_pairs(bone, head.labels, head.spacing, head.origin, patient.segments, sliding_band)
     # Nodes of an element that reaches into the band slide with it; an edge from bone to bone is released whole.
     edge = mean_edge(patient.points, patient.cells)
-    reach = sliding_band + edge / 2, release + edge
-    field = amplitude(head.labels, head.spacing, head.origin, patient.segments, plan, moving, pairs, *reach)
+    field = amplitude(
+        head.labels,
+        head.spacing,
+        head.origin,
+        patient.segments,
+        plan,
+        moving,
+        pairs,
+        band_mm=sliding_band + edge / 2,
+        release_mm=release + edge,
+    )
 
     tissue = is_tissue(head.labels)
     value = field.voxels()[tissue]
@@ -122,9 +131,9 @@ def decide(
 
 def write_decisions(case: str, plans: Mapping[str, Mapping[str, Decision]], path: str | os.PathLike) -> None:
     """Write the decisions for plans, by the plans' names, as JSON."""
-    said = {plan: {name: asdict(made) for name, made in decisions.items()} for plan, decisions in plans.items()}
+    content = {plan: {name: asdict(made) for name, made in decisions.items()} for plan, decisions in plans.items()}
     with replacing(path) as temporary:
-        temporary.write_text(json.dumps({"case": case, "plans": said}, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps({"case": case, "plans": content}, indent=1) + "\n", encoding="utf-8")
 
 
 def _pairs(pairs) -> str:

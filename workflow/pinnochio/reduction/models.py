@@ -1,11 +1,10 @@
-"""The reduced models of a scene."""
+"""Reduced models of a patient."""
 
 from dataclasses import fields, replace
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
+from pinnochio.geometry.faces import pieces
 from pinnochio.importing.segmentation import Segmentation
 from pinnochio.mechanics.elements import mean_edge
 from pinnochio.mechanics.sliding import boundary_conditions
@@ -33,11 +32,7 @@ def cropped(patient: m.PatientModel, wanted: np.ndarray) -> m.PatientModel:
     """
     driven = np.isin(patient.node_type, (m.MOVING, m.SLIDING))
     driven[patient.cells[~wanted]] = False
-    nodes = patient.cells[wanted]
-    graph = sparse.csr_array(
-        (np.ones(3 * len(nodes)), (np.repeat(nodes[:, 0], 3), nodes[:, 1:].ravel())), (len(driven),) * 2
-    )
-    _, piece = connected_components(graph, directed=False)
+    piece = pieces(patient.cells[wanted], len(driven))
     alive = np.isin(piece, piece[driven])
     wanted = wanted & alive[patient.cells[:, 0]]
     kept = np.zeros(len(driven), bool)
@@ -70,11 +65,11 @@ def in_region(patient: m.PatientModel, field: Amplitude, head: Segmentation, lim
 
 def bonded(patient: m.PatientModel) -> m.PatientModel:
     """The model with its sliding contact bonded to its bone, as in the arm "bonded"."""
-    told = np.zeros(len(patient.points), bool)
-    told[boundary_conditions(patient, Plan("-", {}), "bonded").prescribed_nodes] = True
+    prescribed = np.zeros(len(patient.points), bool)
+    prescribed[boundary_conditions(patient, Plan("-", {}), "bonded").prescribed_nodes] = True
     slides = patient.node_type == m.SLIDING
-    kind = np.where(slides, np.where(told, m.MOVING, m.FREE), patient.node_type).astype(np.int8)
-    segment = np.where(slides & ~told, -1, patient.node_segment).astype(np.int8)
+    kind = np.where(slides, np.where(prescribed, m.MOVING, m.FREE), patient.node_type).astype(np.int8)
+    segment = np.where(slides & ~prescribed, -1, patient.node_segment).astype(np.int8)
     return replace(patient, node_type=kind, node_segment=segment)
 
 
@@ -109,7 +104,7 @@ def graded(
         patient.segments,
         bone,
         skin,
-        **{f"{name}_mm": value for name, value in interfaces.items()},
+        **interfaces,
     )
     return replace(made, muscle=patient.muscle)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pinnochio.figures.patient import BONE, FARTHEST, SEGMENTS, SKIN, UNKNOWN
-from pinnochio.geometry.distances import signed_distances
+from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 

@@ -89,8 +89,8 @@ class Outcome:
 def meshed(operation: Operation, effects: Mapping[str, Any]) -> PatientModel:
     """The model on which the outcome is computed; with nominal effects and equal settings it is the methods' own."""
     head, settings = operation.head, operation.settings
-    thresholds = {f"{name}_mm": value for name, value in settings.interfaces.items()}
-    thresholds["sliding_band_mm"] *= effects["sliding_band_factor"]
+    thresholds = dict(settings.interfaces)
+    thresholds["sliding_band"] *= effects["sliding_band_factor"]
     nodes, shift = settings.mesh["nodes"], np.zeros(3)
     if effects["nodes"] is not None:
         nodes, shift = effects["nodes"], operation.draws("nodes").uniform(0, 3, 3)
@@ -99,8 +99,8 @@ def meshed(operation: Operation, effects: Mapping[str, Any]) -> PatientModel:
         tetrahedralize(*place, nodes, minimum_dihedral=settings.mesh["minimum_dihedral"], shift=shift),
         *place,
         operation.segments,
-        bone_surface(*place, operation.segments, settings.mesh["bone_edge"]),
-        skin_surface(*place),
+        bone_surface(head.labels, head.spacing, head.origin, operation.segments, settings.mesh["bone_edge"]),
+        skin_surface(head.labels, head.spacing, head.origin),
         **thresholds,
     )
 

@@ -7,8 +7,9 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from pinnochio.geometry.scattered import farthest
 from pinnochio.mechanics.elements import lumped
-from pinnochio.mechanics.lift import Lift, farthest, motion_amplitudes, node_shares
+from pinnochio.mechanics.lift import Lift, motion_amplitudes, node_shares
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.residual import Operator
 from pinnochio.mechanics.settings import FemSettings

@@ -8,9 +8,8 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.geometry.distances import sample_surface
 from pinnochio.geometry.scattered import nearest, spread
-from pinnochio.geometry.triangles import vertex_normals
+from pinnochio.geometry.triangles import sample_surface, vertex_normals
 from pinnochio.methods.surface.architectures import architecture, some
 from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.model.patient import PatientModel
