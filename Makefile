@@ -25,14 +25,14 @@ report: env
 	$(SNAKEMAKE) report $(if $(CONFIG),--configfile $(CONFIG))
 
 # make planner PATIENT=FOLDER: prepares the patient, then opens a page on this machine to try plans on. MODELS: an
-# archive elsewhere; PLANNER: options of scripts/plan.py.
+# archive elsewhere; PLANNER: options of workflow/plan.py.
 planner: env
 	@test -n "$(PATIENT)" || { echo "Name the patient: make planner PATIENT=FOLDER"; exit 1; }
 	$(SNAKEMAKE) --config patient=$(PATIENT) $(if $(MODELS),models=$(MODELS)) -- planner
-	$(BIN)/python scripts/plan.py results/patients/$(notdir $(abspath $(PATIENT)))/planner.json $(PLANNER)
+	$(BIN)/python workflow/plan.py results/patients/$(notdir $(abspath $(PATIENT)))/planner.json $(PLANNER)
 
 docs: env
-	$(BIN)/python scripts/document_config.py
+	$(BIN)/python workflow/document_config.py
 
 test: env
 	$(BIN)/ruff check

@@ -186,7 +186,7 @@ rule predict:
         "The new patients are predicted: see {config[pathvars][results]}/patients"
 
 
-# The patient with its models, for a person who tries plans: scripts/plan.py.
+# The patient with its models, for a person who tries plans: workflow/plan.py.
 rule prepare_planner:
     input:
         model="<results>/{home}/{case}/model.h5",
@@ -217,4 +217,4 @@ rule planner:
     input:
         STUDY.planners_of_patients,
     message:
-        "Open the planner: python scripts/plan.py {input}"
+        "Open the planner: python workflow/plan.py {input}"

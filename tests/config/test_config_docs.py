@@ -5,9 +5,9 @@ from pathlib import Path
 import jsonschema
 import pytest
 import yaml
+from document_config import ROOT, config_page
 
 from pinnochio.study.schema import resolved
-from scripts.document_config import ROOT, config_page
 
 SCHEMA = yaml.safe_load((ROOT / "workflow/schemas/config.schema.yaml").read_text())
 

@@ -74,7 +74,8 @@ def test_imports_of_every_form_are_followed(tmp_path, monkeypatch):
             "b.py": "def later():\n    from pinnochio.room import c\n",
             "room/__init__.py": "from os import path\n",
             "room/page.html": "",
-            "room/c.py": "PAGE = 'page.html', 'no_page.html'\nCALL = 'pinnochio.room.d:call'\nTEXT = 'pinnochio.room.e is only named'\n",
+            "room/c.py": "PAGE = 'page.html', 'no_page.html'\n"
+            "CALL = 'pinnochio.room.d:call'\nTEXT = 'pinnochio.room.e is only named'\n",
             "room/d.py": "",
             "room/e.py": "",
         },

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import SimpleITK as sitk
 from scipy import ndimage
+from segment_ct import parser, segment_file
 
 from pinnochio.errors import InputError
 from pinnochio.importing.segmentation import read_labels
 from pinnochio.importing.thresholding import Cuts, Plane, Thresholds, read_ct, segment_ct
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, segment_code
-from scripts.segment_ct import parser, segment_file
 
 SPACING, SHAPE = np.array([2.0, 2.0, 1.25]), (70, 80, 112)
 GIVEN = Thresholds(skin=500, bone=1500, opening=4.5, depth=50, aperture=10, margin=5)

@@ -16,12 +16,11 @@ PRETRAINED = "_pretrained"  # ends the name of a surface network that is pretrai
 class Method:
     """A method that predicts how the soft tissue follows a plan.
 
-    module: of the library, with the method's Predictor; learner: where it trains, the one with its `fit` (at once) or its
-    Learner (by steps). sections: of the
-    configuration that it reads; options: further values, fixed. mesh: "study", or "lips" for the mesh that resolves the
-    lips. trains: "no", "at once" or "by steps". new_patients: whether it predicts patients of no study; dials: what the
-    trade-off changes of it; reduced: whether a reduced model serves it. settings: values of the sections and options,
-    by section, once the configuration is known.
+    module: of the library, with the method's Predictor. learner: the one with its `fit` (trains at once) or its Learner
+    (by steps). sections: of the configuration that it reads; options: further values, fixed. mesh: "study", or "lips"
+    for the mesh that resolves the lips. trains: "no", "at once" or "by steps". new_patients: whether it predicts
+    patients of no study. dials: what the trade-off changes of it. reduced: whether a reduced model serves it. settings:
+    values of the sections and options, by section, once the configuration is known.
     """
 
     name: str

@@ -1,14 +1,11 @@
 """Makes config/README.md of the schema and the default configuration: `make docs`."""
 
-import sys
 from pathlib import Path
 
 import yaml
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.append(str(ROOT / "workflow"))
-
-from pinnochio.study.schema import allowed, resolved  # noqa: E402
+from pinnochio.code import ROOT
+from pinnochio.study.schema import allowed, resolved
 
 
 def document(schema: dict, defaults: dict) -> str:

@@ -1,11 +1,9 @@
-"""Opens the planner on a prepared patient, in a browser on this machine: `python scripts/plan.py --help`."""
+"""Opens the planner on a prepared patient, in a browser on this machine: `python workflow/plan.py --help`."""
 
 import argparse
 import os
 import sys
-from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "workflow"))  # where Snakemake finds the library, too
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as in the workflow: idle threads leave the cores to others
 
 from pinnochio.errors import InputError  # noqa: E402

@@ -1,15 +1,12 @@
-"""Makes a label map of a CT by thresholds and planes, by hand: `python scripts/segment_ct.py --help`."""
+"""Makes a label map of a CT by thresholds and planes, by hand: `python workflow/segment_ct.py --help`."""
 
 import argparse
 import sys
-from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "workflow"))  # where Snakemake finds the library, too
-
-from pinnochio.errors import InputError  # noqa: E402
-from pinnochio.importing.segmentation import HEADER, write_segmentation  # noqa: E402
-from pinnochio.importing.thresholding import SEGMENTS, Cuts, Thresholds, read_ct, segment_ct  # noqa: E402
-from pinnochio.model.labels import internal_codes  # noqa: E402
+from pinnochio.errors import InputError
+from pinnochio.importing.segmentation import HEADER, write_segmentation
+from pinnochio.importing.thresholding import SEGMENTS, Cuts, Thresholds, read_ct, segment_ct
+from pinnochio.model.labels import internal_codes
 
 
 def segment_file(ct: str, cuts: str, orientation: str, thresholds: Thresholds, labels: str) -> dict[str, float]:
