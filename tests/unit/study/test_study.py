@@ -43,7 +43,7 @@ def test_a_fold_trains_on_no_patient_that_it_holds_out():
             f"<results>/cases/{case}/x" for case in made.training(fold)
         ]
         batch = made.predicted(wildcards)
-        assert batch.cases == held_out and batch.trained == [f"<results>/folds/{fold}/pinnochio_plus/network.pt"]
+        assert batch.cases == held_out and batch.trained == f"<results>/folds/{fold}/pinnochio_plus/network.pt"
         assert batch.lifts == [f"<results>/cases/{case}/lift_elastic.h5" for case in held_out]
 
 

@@ -486,7 +486,7 @@ class Study:
             models=[self.model_of(case, wildcards.method) for case in cases],
             plans=filled(f"{STUDY_FILES}/plan.json", cases),
             lifts=self._lifts(wildcards.method, cases),
-            trained=[f"<results>/{wildcards.batch}/{wildcards.method}/{name}"] if name else [],
+            trained=f"<results>/{wildcards.batch}/{wildcards.method}/{name}" if name else [],
             settings=_predicting(method.settings),
         )
 
