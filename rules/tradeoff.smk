@@ -21,9 +21,9 @@ rule measure_fem:
         mem_mb=8000,
         runtime=60,
     params:
+        settings=[vars(setting) for setting in STUDY.fem_settings],
         sizes=STUDY.sizes,
         nodes=config["mesh"]["nodes"],
-        tradeoff=config["tradeoff"],
         fem=config["fem"],
         samples=config["evaluation"]["samples"],
         seed=SEED,
@@ -63,14 +63,11 @@ rule measure_networks:
         gpu=GPU,
     params:
         methods=STUDY.traded_networks,
-        variants={
-            name: NETWORKS[name]
-            for name in [*config["tradeoff"]["networks"], *STUDY.traded_networks]
-        },
+        settings=[vars(setting) for setting in STUDY.network_settings],
+        kinds={method: STUDY.registry[method].lift for method in STUDY.traded_networks},
         lifts=STUDY.traded_lifts,
         sizes=STUDY.sizes,
-        nodes=config["mesh"]["nodes"],
-        tradeoff=config["tradeoff"],
+        reference_nodes=config["tradeoff"]["reference"],
         fem=config["fem"],
         samples=config["evaluation"]["samples"],
         seed=SEED,

@@ -1,14 +1,14 @@
 """Makes the trade-off's rows of finite elements on one patient, and the reference that all fields are judged by."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import pandas as pd
 
 from pinnochio.columns import write_csv
 from pinnochio.experiments.tradeoff import Reference, judge, predict_fem
-from pinnochio.experiments.tradeoff_settings import fem_settings
+from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
@@ -25,8 +25,8 @@ def measure_fem(
     models: Mapping[int, str],
     plan: str,
     postop: str,
+    settings: Sequence[Setting],
     nodes: int,
-    config: Mapping,
     fem: FemSettings,
     samples: int,
     seed: int,
@@ -36,11 +36,11 @@ def measure_fem(
 ) -> None:
     """Write one row per setting, and the reference's field; models: file by number of nodes.
 
-    config: section `tradeoff` of the configuration. RuntimeError if the reference does not converge.
+    settings: the reference, the elastic one and others; nodes: of the study. RuntimeError if the reference does not
+    converge.
     """
     patients = {size: PatientModel.read(path) for size, path in models.items()}
     motion, target = Plan.read(plan, case), PostopSkin.read(postop).surface
-    settings = fem_settings(nodes, config)
     predict_fem(settings[1], patients[nodes], motion, fem, threads)
     predict_fem(settings[0], patients[nodes], motion, replace(fem, time_limit=BEFOREHAND), threads)
     judged, judgements = None, []
@@ -66,8 +66,8 @@ if __name__ == "__main__":
         models=dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),
         plan=snakemake.input.plan,
         postop=snakemake.input.postop,
+        settings=[Setting(**own) for own in snakemake.params.settings],
         nodes=snakemake.params.nodes,
-        config=snakemake.params.tradeoff,
         fem=FemSettings(**snakemake.params.fem),
         samples=snakemake.params.samples,
         seed=snakemake.params.seed,

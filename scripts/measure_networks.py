@@ -7,7 +7,7 @@ import pandas as pd
 
 from pinnochio.columns import write_csv
 from pinnochio.experiments.tradeoff import Reference, judge, predict_network
-from pinnochio.experiments.tradeoff_settings import Setting, network_settings
+from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
@@ -58,17 +58,16 @@ def measure_networks(
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    variants, nodes = snakemake.params.variants, snakemake.params.nodes
     measure_networks(
         case=snakemake.wildcards.case,
-        settings=network_settings(nodes, snakemake.params.tradeoff, variants),
+        settings=[Setting(**own) for own in snakemake.params.settings],
         networks=dict(zip(snakemake.params.methods, snakemake.input.networks, strict=True)),
-        kinds={method: variants[method]["network"]["lift"] for method in snakemake.params.methods},
+        kinds=snakemake.params.kinds,
         models=dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),
         lifts=dict(zip(snakemake.params.lifts, snakemake.input.lifts, strict=True)),
         plan=snakemake.input.plan,
         postop=snakemake.input.postop,
-        reference=(snakemake.input.reference, snakemake.params.tradeoff["reference"]),
+        reference=(snakemake.input.reference, snakemake.params.reference_nodes),
         fem=FemSettings(**snakemake.params.fem),
         samples=snakemake.params.samples,
         seed=snakemake.params.seed,

@@ -10,12 +10,14 @@ from pinnochio.experiments.tradeoff import Reference, judge, predict_fem
 from pinnochio.experiments.tradeoff_settings import Setting, as_in_the_study, fem_settings, network_settings
 from pinnochio.figures.tradeoff import draw
 from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.methods.registry import registry
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.choices import SAFETY, check_choices, choose_setting
 from pinnochio.tables.tradeoff import answers, pareto, summarise
 from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
 from tests.helpers import settings
 from tests.helpers.patients import tiny_patient
+from tests.helpers.settings import CONFIG
 from tests.helpers.tables import make
 
 # method, value, seconds, cd, face error
@@ -118,11 +120,16 @@ def test_a_budget_that_nothing_keeps_is_said_so():
 
 def test_the_dials_turn_one_thing_at_a_time():
     config = {"reference": 9000, "nodes": [500, 1000], "mixed": ["taylor_hood"], "increments": [4], "tolerances": [0.1]}
-    own = fem_settings(1000, config)
+    methods = {name: own for name, own in registry(CONFIG).items() if own.dials and own.trains == "no"}
+    dials = {name: own.dials for name, own in methods.items()}
+    contacts = {name: own.options.get("contact", "") for name, own in methods.items()}
+    own = fem_settings(1000, config, dials, contacts)
     assert (own[0].method, own[0].nodes) == ("fem_sliding", 9000)
     assert len({(s.method, s.dial, s.value) for s in own}) == len(own)
     base = [s for s in own if s.dial == "nodes" and s.nodes == 1000]
     assert [s.method for s in base] == ["elastic", "fem_bonded", "fem_sliding"]
+    assert [s.contact for s in base] == ["", "bonded", "mucosa"]
+    assert [s.method for s in own if s.value == "taylor_hood"] == ["fem_bonded"]
     assert all(s.nodes == 1000 for s in own if s.dial != "nodes")
     assert json.loads(next(s for s in own if s.dial == "tolerance").recipe)["fem"] == {"tolerance": 0.1}
     variants = {
@@ -146,7 +153,7 @@ def test_judging_the_reference_itself_finds_no_error():
     patient = tiny_patient(3)
     plan = Plan("tiny", {name: RigidMotion(translation=np.array([0, -1.0, 0])) for name in patient.segments})
     fem = settings.fem_settings(poisson=0.45)
-    solved = predict_fem(Setting("fem_bonded", "nodes", "", 0), patient, plan, fem, 1)
+    solved = predict_fem(Setting("fem_bonded", "nodes", "", 0, "bonded"), patient, plan, fem, 1)
     assert solved.converged and solved.seconds > 0
     reference = Reference(patient, solved.displacement)
     target = patient.moved_skin(solved.displacement), patient.skin_faces
@@ -162,7 +169,8 @@ def test_linear_elasticity_is_near_finite_elements_for_a_small_move():
     plan = Plan("tiny", {name: RigidMotion(translation=np.array([0, -0.01, 0])) for name in patient.segments})
     fem = settings.fem_settings(poisson=0.45)
     linear, solved = (
-        predict_fem(Setting(method, "nodes", "", 0), patient, plan, fem, 1) for method in ("elastic", "fem_sliding")
+        predict_fem(Setting(method, "nodes", "", 0, contact), patient, plan, fem, 1)
+        for method, contact in (("elastic", ""), ("fem_sliding", "mucosa"))
     )
     assert np.abs(linear.displacement - solved.displacement).max() < 1e-4
 
@@ -172,7 +180,9 @@ def test_another_element_gives_nearly_the_same_field():
     plan = Plan("tiny", {name: RigidMotion(translation=np.array([0, -1.0, 0])) for name in patient.segments})
     fem = settings.fem_settings(poisson=0.45)
     own, *others = (
-        predict_fem(Setting("fem_bonded", "element", name, 0, {"volumetric": name}), patient, plan, fem, 1).displacement
+        predict_fem(
+            Setting("fem_bonded", "element", name, 0, "bonded", {"volumetric": name}), patient, plan, fem, 1
+        ).displacement
         for name in ("taylor_hood", "patch", "averaged", "p1")
     )
     size = np.linalg.norm(own, axis=1).mean()

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from pinnochio.experiments.tradeoff_settings import ARMS, Setting
+from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.mechanics.elements import node_volumes
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.mixed import MIXED, solve_mixed
@@ -91,10 +91,10 @@ def judge(
 def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSettings, threads: int) -> Prediction:
     """The plan by finite elements with the setting's dial; warm, median of repeats unless a solve takes long."""
     own = setting.fem
-    if setting.method == "elastic":
+    if not setting.contact:
         displacement, seconds, setup = simulate_elastic(patient, plan, replace(fem, **own))
         return Prediction(displacement, seconds, setup, threads)
-    boundary = boundary_conditions(patient, plan, ARMS[setting.method])
+    boundary = boundary_conditions(patient, plan, setting.contact)
     mesh = patient.points, patient.cells, fem.material(patient.tissue), boundary
     if own.get("volumetric") in MIXED:
         limits = fem.increments, fem.tolerance, fem.max_iterations

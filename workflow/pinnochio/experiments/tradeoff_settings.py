@@ -1,26 +1,26 @@
 """The settings that are measured: each method at its own in the study, then one dial turned at a time."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from pinnochio.overlays import changes
 
-ARMS = {"fem_bonded": "bonded", "fem_sliding": "mucosa", "fem_lips": "mucosa+lip"}
 BASE = "as in the study"
 
 
 @dataclass(frozen=True)
 class Setting:
     """method and the dial that is turned to `value`; what differs from the study: nodes of the mesh, `fem` settings,
-    corrections after a network, double precision. A recipe holds what a prediction needs to repeat it; settings that
-    serve the comparison alone have none.
+    corrections after a network, double precision. contact: which interfaces slide, of finite elements; empty of linear
+    elasticity. A recipe holds what a prediction needs to repeat it; settings that serve the comparison alone have none.
     """
 
     method: str
     dial: str
     value: str
     nodes: int
+    contact: str = ""
     fem: Mapping[str, object] = field(default_factory=dict)
     corrections: int | None = None
     double: bool = False
@@ -36,29 +36,39 @@ class Setting:
         )
 
 
-def fem_settings(nodes: int, config: Mapping) -> list[Setting]:
-    """Finite elements along their dials; nodes: of the study; config: section `tradeoff` of the configuration."""
-    settings = [Setting("fem_sliding", "nodes", str(config["reference"]), config["reference"])]
-    for method in ("elastic", "fem_bonded", "fem_sliding"):
-        settings.append(Setting(method, "nodes", f"{nodes}, {BASE}", nodes))
-        settings += [Setting(method, "nodes", str(size), size) for size in config["nodes"] if size != nodes]
-    settings += [
-        Setting("fem_lips", "arm", "mucosa+lip", nodes, repeatable=False),
-        Setting("fem_sliding", "element", "p1", nodes, {"volumetric": "p1"}),
-        Setting("fem_bonded", "element", "p1", nodes, {"volumetric": "p1"}),
-    ]
-    settings += [
-        Setting("fem_bonded", "element", name, nodes, {"volumetric": name}, repeatable=False)
-        for name in config["mixed"]
-    ]
-    settings += [Setting("fem_sliding", "increments", str(n), nodes, {"increments": n}) for n in config["increments"]]
-    settings += [Setting("fem_sliding", "tolerance", f"{x:g}", nodes, {"tolerance": x}) for x in config["tolerances"]]
-    return [*settings, Setting("fem_sliding", "precision", "double factors", nodes, double=True, repeatable=False)]
+def fem_settings(
+    nodes: int, config: Mapping, dials: Mapping[str, Sequence[str]], contacts: Mapping[str, str]
+) -> list[Setting]:
+    """Finite elements along their dials, the reference first.
+
+    nodes: of the study; config: section `tradeoff` of the configuration; dials, contacts: of each method.
+    """
+
+    def turned(method: str, dial: str, value: str, size: int = nodes, **more) -> list[Setting]:
+        own = Setting(method, dial, value, size, contacts.get(method, ""), **more)
+        return [own] if dial in dials[method] else []
+
+    settings = turned("fem_sliding", "nodes", str(config["reference"]), config["reference"])
+    for method in dials:
+        settings += turned(method, "nodes", f"{nodes}, {BASE}")
+        for size in config["nodes"]:
+            settings += turned(method, "nodes", str(size), size) if size != nodes else []
+    settings.append(Setting("fem_lips", "arm", "mucosa+lip", nodes, "mucosa+lip", repeatable=False))
+    for method in dials:
+        settings += turned(method, "element", "p1", fem={"volumetric": "p1"})
+        for name in config["mixed"] if "mixed" in dials[method] else ():
+            settings += turned(method, "element", name, fem={"volumetric": name}, repeatable=False)
+        for count in config["increments"]:
+            settings += turned(method, "increments", str(count), fem={"increments": count})
+        for tolerance in config["tolerances"]:
+            settings += turned(method, "tolerance", f"{tolerance:g}", fem={"tolerance": tolerance})
+        settings += turned(method, "precision", "double factors", double=True, repeatable=False)
+    return settings
 
 
 def network_settings(nodes: int, config: Mapping, variants: Mapping[str, Mapping]) -> list[Setting]:
     """Learned methods along their dials: those of `networks` by mesh, corrections and precision, those of `further`
-    (other widths, depths, lifts) as they are. variants: settings by method, as pinnochio.study.variants gives them.
+    (other widths, depths, lifts) as they are. variants: settings by method, see methods.registry.graph_networks.
     """
     settings = []
     for method in config["networks"]:

@@ -57,7 +57,7 @@ BUILT_IN = (
     Method("ratio", "floor", "pinnochio.methods.ratio"),
     Method("pca_linear", "regression", _REGRESSION, _REGRESSION, trains="at once"),
     Method("elastic", "finite elements", "pinnochio.methods.elastic", sections=("fem",), dials=("nodes",), **_WHOLE),
-    _finite_elements("fem_bonded", "bonded", dials=("nodes", "element"), **_WHOLE),
+    _finite_elements("fem_bonded", "bonded", dials=("nodes", "element", "mixed"), **_WHOLE),
     _finite_elements("fem_sliding", "mucosa", dials=_DIALS, **_WHOLE),
     _finite_elements("fem_rlse_bonded", "bonded", mesh="lips"),
     _finite_elements("fem_rlse_mucosa", "mucosa", mesh="lips"),

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from pinnochio.errors import InputError
-from pinnochio.experiments.tradeoff_settings import network_settings
+from pinnochio.experiments.tradeoff_settings import Setting, fem_settings, network_settings
 from pinnochio.importing.cohort import Case, read_cases
 from pinnochio.methods.registry import Method, graph_networks, registry
 from pinnochio.patients.archive import configuration_hash
@@ -215,12 +215,28 @@ class Study:
         return sorted({self.config["mesh"]["nodes"], tradeoff["reference"], *tradeoff["nodes"]})
 
     @cached_property
-    def traded_lifts(self) -> list[tuple[str, int]]:
-        """Kind and nodes of the lifts that the trade-off's networks want."""
+    def fem_settings(self) -> list[Setting]:
+        """Finite elements along the dials that the registry names."""
+        turned = {name: method for name, method in self.registry.items() if method.dials and method.trains == "no"}
+        return fem_settings(
+            nodes=self.config["mesh"]["nodes"],
+            config=self.config["tradeoff"],
+            dials={name: method.dials for name, method in turned.items()},
+            contacts={name: method.options.get("contact", "") for name, method in turned.items()},
+        )
+
+    @cached_property
+    def network_settings(self) -> list[Setting]:
+        """Networks along their dials."""
         if not self.traded:
             return []
-        settings = network_settings(self.config["mesh"]["nodes"], self.config["tradeoff"], graph_networks(self.config))
-        return sorted({(kind, own.nodes) for own in settings if (kind := self.registry[own.method].lift) != "none"})
+        return network_settings(self.config["mesh"]["nodes"], self.config["tradeoff"], graph_networks(self.config))
+
+    @cached_property
+    def traded_lifts(self) -> list[tuple[str, int]]:
+        """Kind and nodes of the lifts that the trade-off's networks want."""
+        kinds = {(self.registry[own.method].lift, own.nodes) for own in self.network_settings}
+        return sorted(pair for pair in kinds if pair[0] != "none")
 
     # Scaling and model reduction.
 
