@@ -49,11 +49,6 @@ rule write_report:
             else []
         ),
         provenance="<results>/provenance.json",
-        template="workflow/report/page.html",
-        program="workflow/report/view.js",
-        captions=expand(
-            "workflow/report/{part}.rst", part=[*PARTS, "picture", "volume"]
-        ),
     output:
         page="<results>/report.html",
     log:
@@ -67,6 +62,7 @@ rule write_report:
     params:
         cases=STUDY.shown,
         learned=STUDY.learned,
+        captions={part: caption(part) for part in [*PARTS, "picture", "volume"]},
         code=code_of("write_report"),
     message:
         "Write the report"

@@ -8,7 +8,7 @@ from pinnochio.report.page import write_page
 
 
 def write_report(
-    template: str,
+    captions: Mapping[str, str],
     tables: Sequence[str],
     figures: Sequence[str],
     curves: Mapping[str, str],
@@ -16,15 +16,15 @@ def write_report(
     provenance: str,
     output: str,
 ) -> None:
-    """Write the page by the template, with the captions that lie beside it.
+    """Write the page.
 
-    tables: HTML twins; figures: PNG files, named like their tables; curves: pictures of trainings by method; patients:
-    by case its `picture`, its `view` and, where there is one, its `volume`.
+    captions: as of write_page; tables: HTML twins; figures: PNG files, named like their tables; curves: pictures of
+    trainings by method; patients: by case its `picture`, its `view` and, where there is one, its `volume`.
     """
     by_part = {Path(path).stem: {Path(path).stem: path} for path in figures}
     by_part |= {"training": curves} if curves else {}
     write_page(
-        folder=Path(template).parent,
+        captions=captions,
         tables={Path(path).stem: path for path in tables},
         figures=by_part,
         patients=patients,
@@ -37,7 +37,7 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     files = {kind: snakemake.input[f"{kind}s"] for kind in ("picture", "view", "volume")}
     write_report(
-        template=snakemake.input.template,
+        captions=snakemake.params.captions,
         tables=snakemake.input.tables,
         figures=snakemake.input.figures,
         curves=dict(zip(snakemake.params.learned, snakemake.input.curves, strict=True)),

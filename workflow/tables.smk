@@ -222,10 +222,14 @@ def module_of(wildcards):
     return MODULES.get(wildcards.table, f"pinnochio.tables.{wildcards.table}")
 
 
+def caption(name):
+    """What reports say of a part."""
+    return (ROOT / f"workflow/report/{name}.rst").read_text(encoding="utf-8")
+
+
 def caption_of(wildcards):
     """What Snakemake's own report says of a table and its picture."""
-    path = ROOT / f"workflow/report/{wildcards.table}.rst"
-    return path.read_text(encoding="utf-8")
+    return caption(wildcards.table)
 
 
 def part_of(wildcards):

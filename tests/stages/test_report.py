@@ -65,7 +65,7 @@ def report(patient, drawn, tmp_path_factory):
     PIL.Image.new("RGB", (640, 480), "teal").save(folder / "corrections.png")
     provenance(CONFIG, "0123456789ab", str(folder / "provenance.json"))
     write_report(
-        str(CAPTIONS / "page.html"),
+        {path.stem: path.read_text() for path in CAPTIONS.glob("*.rst")},
         [str(folder / f"{name}.html") for name in ("corrections", "accuracy")],
         [str(folder / "corrections.png")],
         {method: str(folder / "corrections.png") for method in ("acmt", "pinnochio")},

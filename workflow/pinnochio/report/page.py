@@ -17,11 +17,11 @@ from pinnochio.files import replacing
 from pinnochio.report.parts import PARTS
 from pinnochio.tables.formats import STYLE
 
-TEMPLATE = "page.html"
+TEMPLATE, PROGRAM = "page.html", "view.js"  # beside this module; the template includes the program
 
 
 def write_page(
-    folder: str | os.PathLike,
+    captions: Mapping[str, str],
     tables: Mapping[str, str],
     figures: Mapping[str, Mapping[str, str]],
     patients: Mapping[str, Mapping[str, str]],
@@ -30,17 +30,16 @@ def write_page(
 ) -> None:
     """Write the page.
 
-    folder: the template and, by the name of each part, its caption (.rst, plain paragraphs). tables: HTML twins by
-    part; figures: PNG files by part and name; patients: by case the files of its `picture`, its `view` and, where
-    there is one, its `volume`.
+    captions: of each part, of a `picture` and of a `volume`, plain paragraphs. tables: HTML twins by part; figures: PNG
+    files by part and name; patients: by case the files of its `picture`, its `view` and, where there is one, its
+    `volume`.
     """
-    folder = Path(folder)
     record = json.loads(Path(provenance).read_text(encoding="utf-8"))
     parts = [
         {
             "name": name,
             "title": title,
-            "words": _words(folder / f"{name}.rst"),
+            "words": _words(captions[name]),
             "table": read_body(tables[name]) if name in tables else "",
             "pictures": {label: _picture(file) for label, file in figures.get(name, {}).items()},
         }
@@ -54,12 +53,12 @@ def write_page(
         }
         for case, files in patients.items()
     }
-    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(folder), autoescape=True)
+    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True)
     text = environment.get_template(TEMPLATE).render(
         style=STYLE,
         parts=parts,
         patients=shown,
-        words={name: _words(folder / f"{name}.rst") for name in ("picture", "volume")},
+        words={name: _words(captions[name]) for name in ("picture", "volume")},
         record=record,
         study="Virtual cohort" if record["config"]["cohort"] == "virtual" else Path(record["config"]["cohort"]).stem,
         plotly=get_plotlyjs() if shown else "",
@@ -76,9 +75,9 @@ def read_body(path: str | os.PathLike) -> str:
     return body[1]
 
 
-def _words(path: Path) -> list[str]:
+def _words(caption: str) -> list[str]:
     """Paragraphs of a caption."""
-    return [" ".join(paragraph.split()) for paragraph in path.read_text(encoding="utf-8").strip().split("\n\n")]
+    return [" ".join(paragraph.split()) for paragraph in caption.strip().split("\n\n")]
 
 
 def _picture(path: str | os.PathLike) -> str:
