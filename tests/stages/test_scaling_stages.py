@@ -14,10 +14,10 @@ from pinnochio.networks.building import build
 from pinnochio.tables.scaling import SCALING
 from pinnochio.training.checkpoint import save_network
 from scripts.measure_scaling import measure_scaling, training_step, warm_plan
-from tests.helpers.settings import CONFIG, SEED, SEGMENTS, network_settings
+from tests.helpers.settings import CONFIG, SEED, SEGMENTS, network_settings, training_settings
 
 NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
-TRAINING = {"steps": 4, "learning_rate": 1e-3}
+TRAINING = vars(training_settings(steps=4, learning_rate=1e-3))
 
 
 def given(patient) -> dict:

@@ -148,7 +148,7 @@ def predicted(patients, tmp_path_factory) -> dict[str, str]:
     """A network trained on the second patient, and every method's prediction of the first."""
     folder = tmp_path_factory.mktemp("fold")
     one, two = patients
-    phase, fem = {"steps": 15, "learning_rate": 2e-3}, CONFIG["fem"]
+    phase, fem = vars(training_settings(steps=15, learning_rate=2e-3)), CONFIG["fem"]
     own = {
         "module": "pinnochio.methods.pinnochio.learner",
         "settings": {"network": asdict(NETWORK), "pretraining": phase, "finetuning": phase, "fem": fem},
