@@ -60,8 +60,8 @@ class Face:
     def scan_error(self, scan: Scan, plane: float) -> tuple[np.ndarray, float]:
         """Distance (k,) mm of the registered scan from the nominal face, and the share of the face it lacks in %."""
         case = self.operation.case
-        motion = register(scan.points, scan.faces, *self.skin, plane, case=case, file="scan", limit=np.inf)
-        placed = motion.apply(scan.points)
+        registered = register(scan.points, scan.faces, *self.skin, plane, case=case, file="scan", limit=np.inf)
+        placed = registered.motion.apply(scan.points)
         near = closest_points(placed, self.moved, self.faces)
         back = closest_points(self.moved[self.faces].mean(axis=1), placed, scan.faces)
         area = face_normals(self.moved, self.faces)[1]
