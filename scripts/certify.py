@@ -62,14 +62,9 @@ def certify(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     certify(
-        about={
-            "case": snakemake.wildcards.case,
-            "plan": snakemake.wildcards.plan.removeprefix("/"),
-            "method": snakemake.wildcards.method,
-            "corrections": snakemake.params.corrections,
-            "expected": snakemake.params.expected,
-            "code": snakemake.params.predicts,
-        },
+        about=dict(snakemake.wildcards.items())
+        | {"plan": snakemake.wildcards.plan.removeprefix("/"), "code": snakemake.params.predicts}
+        | {name: snakemake.params[name] for name in ("corrections", "expected")},
         model=snakemake.input.model,
         plan=snakemake.input.plan,
         quality=snakemake.input.quality,

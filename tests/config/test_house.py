@@ -1,4 +1,4 @@
-"""What the tests share stands in `tests/helpers`: no test module imports another, nor a conftest."""
+"""What the tests share stands in `tests/helpers`; a stage script's main maps the job to its function by keyword."""
 
 import ast
 from pathlib import Path
@@ -32,3 +32,14 @@ def test_no_test_module_is_imported(path):
 def test_names_of_test_modules_are_unique():
     names = [path.name for path in (TESTS / "unit").rglob("test_*.py")]
     assert len(names) == len(set(names))
+
+
+@pytest.mark.parametrize("path", sorted((TESTS.parent / "scripts").glob("[a-z]*.py")), ids=lambda path: path.stem)
+def test_the_main_of_a_script_passes_every_argument_by_keyword(path):
+    """A swapped path would be silent otherwise; logging comes first."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    (main,) = [node for node in tree.body if isinstance(node, ast.If)]
+    assert ast.unparse(main.body[0]) == "attach_log(snakemake.log[0])"
+    own = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    calls = [node for node in ast.walk(main) if isinstance(node, ast.Call) and ast.unparse(node.func) in own]
+    assert calls and not any(call.args for call in calls)

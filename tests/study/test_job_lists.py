@@ -1,6 +1,8 @@
 """Which jobs a cohort of scanned and unscanned patients asks for, and what each of them reads (nothing is run)."""
 
 import re
+import subprocess
+import sys
 
 import pytest
 
@@ -163,3 +165,12 @@ def test_a_scene_serves_finite_elements_and_leaves_the_networks_the_whole_patien
             models = [path for path in jobs[f"folds/1/{method}/{name}"] if path.endswith("model.h5")]
             assert models and {"/scene/" in path for path in models} == {method in reduced}, (method, name)
     assert jobs["cases/S0/scene/model.h5"] >= {"cases/S0/model.h5", "cases/S0/plan.json"}
+
+
+@pytest.mark.parametrize("asked", ["--list", "--rulegraph"])
+def test_what_runs_nothing_needs_no_number_of_cores(project, asked):
+    done = subprocess.run(
+        [sys.executable, "-m", "snakemake", asked], cwd=project.folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "simulate_fem" in done.stdout

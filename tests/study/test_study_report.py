@@ -1,6 +1,9 @@
 """The report of the quick study, and Snakemake's own."""
 
 import re
+import shutil
+import subprocess
+import sys
 
 from tests.helpers.study import jobs
 
@@ -24,10 +27,14 @@ def test_the_report_shows_what_has_been_measured(studied):
     assert re.findall(r'id="patient-(\w+)"', page) == ["V01", "V02"]
 
     assert "Nothing to be done" in made(studied, "--dry-run")
-    measured = tables / "stability.html"  # of a further target; it is shown as soon as it is there
-    measured.touch()
-    assert jobs(made(studied, "--dry-run")).keys() == {"write_report", "report"}
-    measured.unlink()
+    stray = tables / "stability.html"  # what is shown depends on the configuration, not on what lies there
+    stray.touch()
+    assert "Nothing to be done" in made(studied, "--dry-run")
+    stray.unlink()
+    further = jobs(made(studied, "--dry-run", "--config", "report={further: [stability]}"))
+    assert further == {
+        rule: 1 for rule in ("measure_stability", "format_table", "render_table", "write_report", "report")
+    }
 
 
 def test_snakemakes_own_report_has_the_captions(studied):
@@ -41,3 +48,19 @@ def test_snakemakes_own_report_has_the_captions(studied):
         "figures/V02.png",
     ):
         assert said in page
+
+
+def test_the_report_is_made_where_the_workflow_is_a_module_of_another(studied, tmp_path):
+    """In a folder of its own, where none of the project's files lie; the study's results come along."""
+    made(studied)
+    shutil.copytree(studied.folder / "results/quick", tmp_path / "results/quick")
+    (tmp_path / "results/quick/report.html").unlink()
+    configuration = [f"configfile: {str(studied.folder / f'config/{name}.yaml')!r}" for name in ("config", "quick")]
+    module = f"module face:\n    snakefile: {str(studied.folder / 'Snakefile')!r}\n    config: config\n"
+    (tmp_path / "Snakefile").write_text("\n".join([*configuration, module, "use rule * from face as face_*\n"]))
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", "--rerun-triggers", "mtime", "--", "face_report"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert jobs(done.stderr) == {"face_write_report": 1, "face_report": 1}
+    ours, own = ((folder / "results/quick/report.html").read_text() for folder in (studied.folder, tmp_path))
+    assert re.findall(r"<section id=.*", ours) == re.findall(r"<section id=.*", own) != []
