@@ -37,7 +37,7 @@ def project(tmp_path_factory) -> Project:
         file.touch()
     (project.folder / "cases.tsv").write_text("\n".join(rows) + "\n")
     for path, text in named_blocks(ROOT / "docs/new_method.md").items():
-        if path.endswith(".yaml"):
+        if path.endswith(".yaml") and "/" not in path:  # a user's own; the others are the project's
             (project.folder / path).write_text(text)
     settings = {key: config[key] for key in READ_BY_NETWORKS}
     methods = {method: {"corrections": 1, "lift": "elastic", "usual": {}}}
