@@ -37,7 +37,7 @@ docs: env
 test: env
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/snakefmt --check Snakefile rules workflow/common.smk
+	$(BIN)/snakefmt --check Snakefile rules workflow/common.smk workflow/tables.smk
 	$(BIN)/snakemake --lint
 	$(MAKE) --jobs 2 --keep-going --output-sync=target test-library test-study
 

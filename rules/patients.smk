@@ -77,6 +77,7 @@ rule pack:
             }
             for name in STUDY.packed
         },
+        code=code_of("pack"),
     message:
         "Pack the models that predict new patients"
     script:

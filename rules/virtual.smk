@@ -168,6 +168,7 @@ rule data_card:
                 if name in ("superficial", "muscle", "cranium", *config["segments"])
             },
         },
+        code=code_of("data_card"),
     message:
         "Describe the virtual cohort and sum up its files"
     script:

@@ -3,6 +3,12 @@
 from pinnochio.logs import attach_log
 from pinnochio.tables.formats import write_twins
 
+
+def format_table(document: str) -> None:
+    """Write them beside the document."""
+    write_twins(document)
+
+
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    write_twins(document=snakemake.input.document)
+    format_table(document=snakemake.input.document)

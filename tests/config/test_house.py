@@ -1,6 +1,7 @@
 """What the tests share stands in `tests/helpers`; a stage script's main maps the job to its function by keyword."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -43,3 +44,13 @@ def test_the_main_of_a_script_passes_every_argument_by_keyword(path):
     own = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
     calls = [node for node in ast.walk(main) if isinstance(node, ast.Call) and ast.unparse(node.func) in own]
     assert calls and not any(call.args for call in calls)
+
+
+@pytest.mark.parametrize("path", sorted((TESTS.parent / "rules").glob("*.smk")), ids=lambda path: path.stem)
+def test_every_rule_carries_the_hash_of_its_own_script(path):
+    for body in re.split(r"^rule ", path.read_text(encoding="utf-8"), flags=re.M)[1:]:
+        if script := re.search(r'"\.\./scripts/(\w+)\.py"', body):
+            hashed = re.findall(
+                r'code=(?:lambda wildcards: )?code_(?:of|with_method)\(\s*"(\w+)"|code=code_of\((\*)', body
+            )
+            assert hashed in ([(script[1], "")], [("", "*")]), body.split(":")[0]

@@ -6,8 +6,7 @@ import pytest
 import yaml
 
 from tests.helpers.settings import ROOT
-from tests.helpers.study import jobs
-from tests.study.conftest import Project
+from tests.helpers.study import Project, jobs
 
 CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
 CHANGED = {
