@@ -178,5 +178,10 @@ rule data_card:
 rule cohort:
     input:
         rules.data_card.output if STUDY.virtual else [],
+        expand(
+            "<results>/virtual/{table}.{kind}",
+            table=["anatomy", *STUDY.card_tables] if STUDY.virtual else [],
+            kind=["csv", *TWINS],
+        ),
     message:
         "The virtual cohort is made"

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-sys.path[:0] = [str(Path(__file__).parents[2] / part) for part in ("workflow", "")]
+sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from pinnochio.mechanics.elements import VOLUMETRIC
 from pinnochio.mechanics.mixed import MIXED, solve_mixed
