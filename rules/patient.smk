@@ -33,6 +33,7 @@ rule import_segmentation:
         "../scripts/import_segmentation.py"
 
 
+# Before the dearer stages: a wrong plan is refused at once.
 rule import_plan:
     input:
         source=STUDY.plan,
@@ -41,6 +42,7 @@ rule import_plan:
         plan="<results>/{home}/{case}{plan}/plan.json",
     log:
         "<logs>/import_plan/{home}/{case}{plan}.log",
+    priority: 1
     conda:
         "../envs/pinnochio.yaml"
     threads: 1

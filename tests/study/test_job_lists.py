@@ -126,7 +126,7 @@ def test_the_tradeoff_trains_the_first_fold_alone_and_judges_its_patients(projec
         assert f"folds/1/{name}/network.pt" in networks
     judged = {path.split("/")[1] for path in jobs if path.startswith("tradeoff/")}
     assert judged == cases_read(jobs["folds/1/no_change/predictions.h5"], "model.h5") & set(SCANNED)
-    sizes = {path.split("/")[1] for path in jobs if path.startswith("sizes/")}
+    sizes = {size[1] for path in jobs if (size := re.search(r"/nodes_(\d+)/", path))}
     assert sizes == {"1500", "3000", "10000", "20000", "30000"}  # the study's own 5,000 are there
     assert "tables/tradeoff.csv" in jobs and "tables/accuracy.csv" not in jobs
 
