@@ -46,12 +46,12 @@ def test_the_front_is_what_comparing_all_pairs_leaves():
     seconds = rng.integers(1, 30, 200).astype(float)
     errors = 30 - seconds + rng.integers(0, 12, 200)
     errors[::17] = np.nan
-    front = pareto(seconds, errors)
+    optimal = pareto(seconds, errors)
     for i in range(len(seconds)):
         beaten = (seconds <= seconds[i]) & (errors <= errors[i]) & ((seconds < seconds[i]) | (errors < errors[i]))
         twin = (seconds == seconds[i]) & (errors == errors[i]) & (np.arange(len(seconds)) < i)
-        assert front[i] == (np.isfinite(errors[i]) and not beaten.any() and not twin.any())
-    assert 5 < front.sum() < 30
+        assert optimal[i] == (np.isfinite(errors[i]) and not beaten.any() and not twin.any())
+    assert 5 < optimal.sum() < 30
 
 
 def test_means_over_patients_and_both_fronts():
