@@ -1,7 +1,7 @@
 """Accuracy of the elements on the block problem: `python tests/benchmarks/elements.py` prints Markdown tables.
 
 Error of the top of the block against Taylor-Hood elements on a finer mesh, mean / max in mm; least J (Taylor-Hood: at
-its quadrature points; else of the cells); seconds of one solve, on the threads given. The finer mesh is held and moved
+its quadrature points; else of the cells); seconds of one solve, on so many threads. The finer mesh is fixed and moved
 where the faces of the coarse one are, not further: the coarse mesh holds the bottom only as far as its nodes go.
 A reference of 30 x 22 x 12 cubes takes 4.4 GiB, and two to three minutes of one core per nu.
 """

@@ -26,10 +26,10 @@ class Patient:
 
     def __getattr__(self, name: str) -> str:
         """Path of a file by its stem, e.g. `patient.model`."""
-        found = [path for path in self.folder.iterdir() if path.name.split(".")[0] == name]
-        if not found:
+        matches = [path for path in self.folder.iterdir() if path.name.split(".")[0] == name]
+        if not matches:
             raise AttributeError(name)
-        return str(found[0])
+        return str(matches[0])
 
 
 def make_patient(case: str, number: int, folder: Path) -> Patient:
@@ -39,19 +39,19 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
         return str(folder / name)
 
     fem = FemSettings(**CONFIG["fem"])
-    given = {
+    files = {
         "segmentation": file("segmentation.nii.gz"),
-        "plan": file("given.json"),
+        "plan": file("input_plan.json"),
         "landmarks": file("landmarks.json"),
         "anatomy": file("anatomy.json"),
     }
-    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], given)
+    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], files)
     made = {"postop": file("scan.ply"), "truth": file("truth.h5")}
-    virtual_outcome(case, given, OUTCOME, CONFIG["labels"], SEGMENTS, SEED, made)
+    virtual_outcome(case, files, OUTCOME, CONFIG["labels"], SEGMENTS, SEED, made)
     names = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "plan": "plan.json"}
     imported = {key: file(name) for key, name in names.items()} | {"report": file("report.json")}
     import_segmentation(
-        case, given["segmentation"], given["plan"], CONFIG["labels"], SEGMENTS, "header", 2.0, "derived", 6.0, imported
+        case, files["segmentation"], files["plan"], CONFIG["labels"], SEGMENTS, "header", 2.0, "derived", 6.0, imported
     )  # fmt: skip
     mesh_case(imported["labels"], 700, 12.0, file("mesh.vtu"))
     label_case(
