@@ -114,7 +114,7 @@ def test_interfaces_know_their_bone(patient):
     assert len(model.skin_points) > 3 * len(np.unique(model.skin_nodes)) and model.face_roi.mean() > 0.2
 
 
-def test_teaching_fields_follow_their_plans(patient):
+def test_fem_samples_follow_their_plans(patient):
     model = PatientModel.read(patient.model)
     with h5py.File(patient.fem_samples) as file:
         assert sorted(file) == ["plan_0", "plan_1"]

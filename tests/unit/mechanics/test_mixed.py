@@ -75,7 +75,7 @@ def monomials(x):
 
 
 def conjugate(q, lam):
-    """U*(q) of U = lam/2 (ln J)^2: q J - U(J) where dU/dJ = q, found by Newton's method."""
+    """U*(q) of U = lam/2 (ln J)^2: q J - U(J) where dU/dJ = q, by Newton's method."""
     log = torch.zeros_like(q.detach())
     for _ in range(60):
         log = log - (lam * log * torch.exp(-log) - q.detach()) / (lam * (1 - log) * torch.exp(-log))

@@ -164,7 +164,7 @@ def test_each_side_has_its_own_corner_of_the_mouth(heads):
 
 
 def test_a_jaw_of_any_name_will_do(heads):
-    """Without a segment named after the upper jaw all segments count; the chin is found by its place."""
+    """Without a segment named after the upper jaw all segments count; the chin is known by its place."""
     _, model, codes = heads["open_bite"]
     bone = np.where(model.bone_segment == 0, 0, -1).astype(np.int8)
     renamed = replace(model, segments=("piece",), bone_segment=bone)
