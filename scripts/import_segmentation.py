@@ -30,8 +30,8 @@ def import_segmentation(
     label_values maps each structure's name to its voxel value or to its name in the file; orientation is "header", or
     where the voxel axes point if the header is wrong; repair_limit is the share of a structure in percent that repairs
     may change; unlabelled_muscle (derived | single | refuse) serves where no muscle is labelled; bone_edge is the edge
-    length of the bone surface in mm; outputs names the files labels, bone, skin and report. Raises InputError for what
-    the user must mend.
+    length of the bone surface in mm; outputs names the files labels, bone, skin and report.
+    Raises InputError for what the user must mend.
     """
     head = read_segmentation(
         path=segmentation, case=case, label_values=label_values, segments=segments, orientation=orientation

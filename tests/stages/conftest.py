@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from pinnochio.mechanics.settings import FemSettings
+from scripts.import_plan import import_plan
 from scripts.import_segmentation import import_segmentation
 from scripts.label_interfaces import label_case
 from scripts.register_postop import register_postop
@@ -39,20 +40,22 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
         return str(folder / name)
 
     fem = FemSettings(**CONFIG["fem"])
-    files = {
+    sources = {
         "segmentation": file("segmentation.nii.gz"),
         "plan": file("input_plan.json"),
         "landmarks": file("landmarks.json"),
         "anatomy": file("anatomy.json"),
     }
-    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], files)
+    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], sources)
     made = {"postop": file("scan.ply"), "truth": file("truth.h5")}
-    virtual_outcome(case, files, OUTCOME, CONFIG["labels"], SEGMENTS, SEED, made)
-    names = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "plan": "plan.json"}
-    imported = {key: file(name) for key, name in names.items()} | {"report": file("report.json")}
+    virtual_outcome(case, sources, OUTCOME, CONFIG["labels"], SEGMENTS, SEED, made)
+    names = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "report.json"}
+    imported = {key: file(name) for key, name in names.items()}
     import_segmentation(
-        case, files["segmentation"], files["plan"], CONFIG["labels"], SEGMENTS, "header", 2.0, "derived", 6.0, imported
+        case, sources["segmentation"], CONFIG["labels"], SEGMENTS, "header", 2.0, "derived", 6.0, imported
     )  # fmt: skip
+    plan = file("plan.json")
+    import_plan(case, sources["plan"], imported["bone"], SEGMENTS, plan)
     mesh_case(imported["labels"], 700, 12.0, file("mesh.vtu"))
     label_case(
         file("mesh.vtu"),
@@ -67,7 +70,7 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
     register_postop(
         case, made["postop"], imported["skin"], imported["bone"], SEGMENTS, 20.0, 1.5, file("postop.h5")
     )  # fmt: skip
-    simulate_fem(case, file("model.h5"), imported["plan"], 2, fem, SEED, file("fem_samples.h5"))
+    simulate_fem(case, file("model.h5"), plan, 2, fem, SEED, file("fem_samples.h5"))
     return Patient(case, folder, fem)
 
 
