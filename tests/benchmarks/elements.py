@@ -26,7 +26,7 @@ from pinnochio.mechanics.solver import solve
 OPTIONS = {"increments": 2, "tolerance": 1e-6, "max_iterations": 30, "time_limit": 600, "linear_solver": "auto"}
 
 
-def held_like(coarse, fine, shear: bool) -> tuple[BoundaryConditions, BoundaryConditions]:
+def constrained_like(coarse, fine, shear: bool) -> tuple[BoundaryConditions, BoundaryConditions]:
     """Boundary conditions of the coarse mesh, and of the fine one on the faces that the coarse one holds."""
     own, whole = (block_boundary(points, shear) for points in (coarse, fine))
     edge, x = coarse[own.prescribed_nodes, 0], fine[whole.prescribed_nodes, 0]
@@ -64,7 +64,7 @@ def main() -> None:
     options = parser.parse_args()
     points, cells = box(BLOCK, options.steps)
     fine, fine_cells = box(BLOCK, options.reference)
-    boundary, same = held_like(points, fine, options.shear)
+    boundary, same = constrained_like(points, fine, options.shear)
     top = points[:, 2] == BLOCK[2]
     errors, jacobians, seconds = ({name: [] for name in options.elements} for _ in range(3))
     for nu in options.nus:

@@ -152,7 +152,7 @@ def test_stopping_is_clean_with_a_reason_in_time(block, solution):
     assert outcome("time limit", 90) == WRONG
 
 
-def test_sliding_nodes_are_held_on_their_surface_and_free_along_it(sliding):
+def test_sliding_nodes_are_kept_on_their_surface_and_free_along_it(sliding):
     problem, result = sliding
     element, options = VOLUMETRIC[0], solver_options()
     assert judge_solution(problem, element, result, 1.0, options).outcome == CONVERGED

@@ -63,7 +63,7 @@ def test_means_over_patients_and_both_fronts():
     assert frame["front_reference"].tolist() == [True, True, True, False, True]
 
 
-def test_what_fails_on_one_patient_is_on_no_front():
+def test_what_fails_on_one_patient_is_on_no_pareto_front():
     own = rows()
     own.loc[(own["case"] == "B") & (own["method"] == "slow"), "converged"] = False
     frame = summarise(own).set_index("method")
@@ -91,7 +91,7 @@ def test_a_choice_keeps_the_budget_with_a_margin_on_every_patient():
     assert choose_setting(frame, tolerance_mm=0.35)["method"] == "middle"  # `bad` cannot be repeated
 
 
-def test_an_impossible_wish_is_told_what_is_possible():
+def test_an_impossible_wish_shows_what_is_possible():
     with pytest.raises(InputError, match="budget_seconds 0.001.*ask for 0.017 s or more"):
         choose_setting(summarise(rows()), budget_seconds=1e-3)
     with pytest.raises(InputError, match="tolerance_mm 0.01"):

@@ -110,7 +110,7 @@ def test_carried_pressure_needs_fewer_corrections_than_newton_and_no_cut_tangent
     corrector.close()
 
 
-def test_a_tangent_that_is_given_its_own_pressure_is_the_tangent(bent):
+def test_a_tangent_with_its_own_pressure_is_the_tangent(bent):
     points, cells, law, nodes, _, field = bent
     elements, constrained = Elements.build(points, cells, law), np.zeros(points.shape, bool)
     constrained[nodes] = True

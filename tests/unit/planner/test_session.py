@@ -35,7 +35,7 @@ def test_a_motion_about_another_pivot_is_the_same_motion():
     assert other.pivot.tolist() == [-40, 3, 8] and np.linalg.norm(other.translation - motion.translation) > 1
 
 
-def test_a_session_starts_with_the_given_plan_beside_nothing_moved(session):
+def test_a_session_starts_with_the_proposed_plan_beside_nothing_moved(session):
     assert list(session.plans) == [REST, "proposed"]
     np.testing.assert_allclose(bone(session.drafts["A"].plan), bone(PLAN), atol=1e-9)
     assert not bone(session.drafts["B"].plan).any()
