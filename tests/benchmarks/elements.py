@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from tests.helpers.settings import solver_options
-
+sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from pinnochio.mechanics.elements import VOLUMETRIC
@@ -22,6 +21,7 @@ from pinnochio.mechanics.mixed import MIXED, solve_mixed
 from pinnochio.mechanics.problems import BLOCK, BLOCK_STEPS, block_boundary, box, uniform
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import solve
+from tests.helpers.settings import solver_options
 
 OPTIONS = {"increments": 2, "tolerance": 1e-6, "max_iterations": 30, "time_limit": 600, "linear_solver": "auto"}
 

@@ -20,9 +20,11 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
+
 from tests.helpers.settings import solver_options
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 TOLERANCE, INCREMENTS = 1e-8, 5
 SOLVERS = ("felupe + pypardiso", "direct p1", "direct patch", "free p1", "free patch")
 

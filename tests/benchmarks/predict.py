@@ -15,13 +15,12 @@ import sys
 import time
 from pathlib import Path
 
-from tests.helpers.settings import network_settings
-
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the study does
 
 import numpy as np
 import torch
 
+sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from configuration import read_config
@@ -39,6 +38,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.plans.plan import Plan
+from tests.helpers.settings import network_settings
 
 
 def main() -> None:

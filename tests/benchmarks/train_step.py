@@ -22,8 +22,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from tests.helpers.settings import network_settings
-
+sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from configuration import read_config
@@ -36,6 +35,7 @@ from pinnochio.networks import boundary
 from pinnochio.networks.attention import Attention
 from pinnochio.networks.building import build
 from pinnochio.plans.plan import Plan
+from tests.helpers.settings import network_settings
 
 TOLERANCE = 1e-4
 PARTS = ("forward", "losses", "backward", "optimiser")
