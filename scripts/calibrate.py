@@ -38,9 +38,19 @@ def calibrate(cases: Sequence[ScannedCase], method: str, level: float, seed: int
     for files in cases:
         patient = PatientModel.read(files.model)
         region = regions(patient)
-        scan = PostopSkin.read(files.postop).surface
+        scan = PostopSkin.read(files.postop)
         predicted = read_prediction(files.predictions, files.case).displacement
-        errors.append(held_out(files.case, files.fold, patient, region, predicted, *scan))
+        errors.append(
+            held_out(
+                case=files.case,
+                fold=files.fold,
+                patient=patient,
+                region=region,
+                displacement=predicted,
+                points=scan.points,
+                faces=scan.faces,
+            )
+        )
         spreads.append((skin_spread(patient, read_ensemble(files.ensemble)), region))
         logging.info("%s: %.3f mm on %d points", files.case, errors[-1].error.mean(), len(errors[-1].error))
     folds = len({files.fold for files in cases})
@@ -63,10 +73,11 @@ def by_region(values: np.ndarray) -> dict[str, float | None]:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    columns = [snakemake.params.cases, snakemake.params.folds, snakemake.input.models, snakemake.input.postops]
-    columns += [snakemake.input.predictions, snakemake.input.ensembles]
+    columns = {"case": snakemake.params.cases, "fold": snakemake.params.folds}
+    columns |= {"model": snakemake.input.models, "postop": snakemake.input.postops}
+    columns |= {"predictions": snakemake.input.predictions, "ensemble": snakemake.input.ensembles}
     calibrate(
-        cases=[ScannedCase(*row) for row in zip(*columns, strict=True)],
+        cases=[ScannedCase(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)],
         method=snakemake.wildcards.method,
         level=snakemake.params.level,
         seed=snakemake.params.seed,

@@ -39,7 +39,7 @@ def certify(
         "frame": "LPS",
         "units": "mm",
         "models": None,
-        "measures": measures(patient, planned, prediction.displacement, fem),
+        "measures": measures(patient=patient, plan=planned, displacement=prediction.displacement, fem=fem),
         "interval": None,
         "in_distribution": None,
     }

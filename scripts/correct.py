@@ -38,7 +38,9 @@ def correct(
         began = time.perf_counter()
         corrector = Corrector.of(patient, fem, nodes)
         setup = prediction.setup_seconds + time.perf_counter() - began
-        states = corrector.corrections(prediction.displacement, prescribed, max(corrected), fem.tolerance)
+        states = corrector.corrections(
+            start=prediction.displacement, prescribed=prescribed, steps=max(corrected), tolerance=fem.tolerance
+        )
         corrector.close()
         for count in corrected:
             made = min(count, len(states) - 1)

@@ -24,12 +24,12 @@ def finetune(
     device: str,
     outputs: Mapping[str, str],
 ) -> None:
-    """Adapt the network at `pretrained`, or a new one, to the given cases; the rest as of pretrain."""
+    """Adapt the network at `pretrained`, or a new one, to the cases; the rest as of pretrain."""
     train_fold(
-        import_module(module).Learner(settings, "finetune", device),
-        "finetune",
-        case_files(cases, lifts, model=models, plan=plans, postop=postops),
-        pretrained,
+        learner=import_module(module).Learner(settings, "finetune", device),
+        phase="finetune",
+        cases=case_files(cases, lifts, model=models, plan=plans, postop=postops),
+        pretrained=pretrained,
         seed=seed,
         code=code,
         out=outputs["network"],

@@ -19,7 +19,7 @@ def fit(
     postops: Sequence[str],
     fitted: str,
 ) -> None:
-    """Fit the method of a `module` to the given cases and nothing else."""
+    """Fit the method of a `module` to the cases and nothing else."""
     import_module(module).fit(
         models=[PatientModel.read(path) for path in models],
         fem_samples=[read_fem_samples(path, case) for path, case in zip(fem_samples, cases, strict=True)],

@@ -10,7 +10,7 @@ def import_plan(case: str, source: str, bone: str, segments: tuple[str, ...], pl
     """Read a plan file or a folder of transforms and write it; InputError where it does not fit the patient's bone."""
     checked = Plan.read(source, case)
     check_plan(checked, segments, source)
-    check_travel(checked, BoneSurface.read(bone), segments, source)
+    check_travel(plan=checked, bone=BoneSurface.read(bone), segments=segments, path=source)
     checked.write(plan)
 
 

@@ -33,13 +33,24 @@ def import_segmentation(
     length of the bone surface in mm; outputs names the files labels, bone, skin and report.
     Raises InputError for what the user must mend.
     """
-    head = read_segmentation(segmentation, case, label_values, segments, orientation)
-    grid = head.spacing, head.origin
+    head = read_segmentation(
+        path=segmentation, case=case, label_values=label_values, segments=segments, orientation=orientation
+    )
     voxel = float(np.prod(head.spacing))
-    labels, repairs = repair(head.labels, segments, repair_limit, case, segmentation, voxel)
-    bone = bone_surface(labels, *grid, segments, bone_edge)
+    labels, repairs = repair(
+        labels=head.labels, segments=segments, limit_percent=repair_limit, case=case, file=segmentation, voxel=voxel
+    )
+    bone = bone_surface(labels=labels, spacing=head.spacing, origin=head.origin, segments=segments, edge_mm=bone_edge)
     top = upper_face_plane(bone, segments, 0.0)
-    labels, muscle = muscle_layer(labels, *grid, top, unlabelled_muscle, case, segmentation)
+    labels, muscle = muscle_layer(
+        labels=labels,
+        spacing=head.spacing,
+        origin=head.origin,
+        top=top,
+        unlabelled=unlabelled_muscle,
+        case=case,
+        file=segmentation,
+    )
     report = {
         "case": case,
         "spacing_mm": np.asarray(head.spacing).tolist(),
@@ -51,9 +62,10 @@ def import_segmentation(
         },
         "repairs": repairs,
     }
-    write_segmentation(labels, *grid, outputs["labels"])
+    write_segmentation(labels=labels, spacing=head.spacing, origin=head.origin, path=outputs["labels"])
     bone.write(outputs["bone"])
-    write_surface(*skin_surface(labels, *grid), outputs["skin"])
+    skin, skin_faces = skin_surface(labels, head.spacing, head.origin)
+    write_surface(skin, skin_faces, outputs["skin"])
     with replacing(outputs["report"]) as temporary:
         temporary.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
 

@@ -31,13 +31,13 @@ def label_case(
     """
     head = read_labels(labels)
     patient = label_interfaces(
-        TetMesh.read(mesh),
-        head.labels,
-        head.spacing,
-        head.origin,
-        segments,
-        BoneSurface.read(bone),
-        read_surface(skin),
+        mesh=TetMesh.read(mesh),
+        labels=head.labels,
+        spacing=head.spacing,
+        origin=head.origin,
+        segments=segments,
+        bone=BoneSurface.read(bone),
+        skin=read_surface(skin),
         **interfaces,
     )
     kinds = np.bincount(patient.node_type, minlength=4)

@@ -11,7 +11,9 @@ from pinnochio.model.patient import PatientModel
 def write_lift(model: str, kind: str, controls: int, fem: FemSettings, lift: str) -> None:
     """Write the lift of the patient model; kind: "harmonic" or "elastic"; controls: its control points."""
     patient = PatientModel.read(model)
-    made = make_lift(patient, fem.material(patient.tissue), kind, controls, fem.volumetric)
+    made = make_lift(
+        model=patient, material=fem.material(patient.tissue), kind=kind, controls=controls, volumetric=fem.volumetric
+    )
     logging.info("%d motions, %d departures, %.1f s", len(made.motions), len(made.departures), made.seconds)
     made.write(lift)
 

@@ -27,9 +27,23 @@ def make_scene(
     patient, head = PatientModel.read(files["model"]), read_labels(files["labels"])
     plan = Plan.read(files["plan"], case)
     decisions, field, limit = decide(
-        patient, head, plan, settings, fem, sliding_band=interfaces["sliding_band"], release=interfaces["release"]
+        patient=patient,
+        head=head,
+        plan=plan,
+        settings=settings,
+        fem=fem,
+        sliding_band=interfaces["sliding_band"],
+        release=interfaces["release"],
     )
-    made = reduced(patient, head, read_surface(files["skin"]), decisions, field, limit, interfaces)
+    made = reduced(
+        patient=patient,
+        head=head,
+        skin=read_surface(files["skin"]),
+        decisions=decisions,
+        field=field,
+        limit=limit,
+        interfaces=interfaces,
+    )
     made.write(model)
     write_decisions(case, {"own": decisions}, scene)
 

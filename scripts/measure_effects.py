@@ -20,11 +20,20 @@ def measure_effects(
     table: str,
 ) -> None:
     """inputs: segmentation, plan, landmarks, truth; the rest as in the outcome's stage."""
-    operation = Operation.read(case, inputs, label_values, segments, outcome, seed)
-    place = operation.head.labels, operation.head.spacing, operation.head.origin
-    skin, bone = skin_surface(*place), bone_surface(*place, segments, outcome["mesh"]["bone_edge"])
+    operation = Operation.read(
+        case=case, inputs=inputs, labels=label_values, segments=segments, outcome=outcome, seed=seed
+    )
+    head = operation.head
+    skin = skin_surface(head.labels, head.spacing, head.origin)
+    bone = bone_surface(
+        labels=head.labels,
+        spacing=head.spacing,
+        origin=head.origin,
+        segments=segments,
+        edge_mm=outcome["mesh"]["bone_edge"],
+    )
     *truth, _ = read_truth(inputs["truth"], case)
-    write_csv(pd.DataFrame(measure(operation, skin, bone, tuple(truth))), table, CASE)
+    write_csv(pd.DataFrame(measure(operation=operation, skin=skin, bone=bone, truth=tuple(truth))), table, CASE)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import logging
 import os
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,14 +31,14 @@ FILES = ("labels", "bone", "skin", "report", "plan", "postop", "truth")
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage: what is counted, its function "module:name" and arguments, the files it needs and the one it makes."""
+    """A stage: what is counted, its function "module:name", the files it needs, the one it makes, and the arguments."""
 
     name: str
     unit: str
     function: str
-    arguments: Mapping
-    needs: tuple[str, ...]
+    needs: Sequence[str]
     makes: str
+    arguments: Mapping
 
 
 def measure_scaling(
@@ -58,7 +58,11 @@ def measure_scaling(
     """
     rows, limit = [], settings["scaling"]["time_limit"]
     with tempfile.TemporaryDirectory(dir=Path(table).parent) as folder:
-        for stage in tqdm(stages(case, target, files, networks, settings, seed, Path(folder))):
+        place = Path(folder)
+        run = stages(
+            case=case, target=target, files=files, networks=networks, settings=settings, seed=seed, folder=place
+        )
+        for stage in tqdm(list(run)):
             missing = [Path(path).stem for path in stage.needs if not Path(path).exists()]
             before = megabytes(folder)
             cost = Cost(f"not run: no {missing[0]}") if missing else measure(stage.function, stage.arguments, limit)
@@ -68,75 +72,79 @@ def measure_scaling(
             rows.append(row | {"written": megabytes(folder) - before if done else np.nan})
             if not done:
                 Path(stage.makes).unlink(missing_ok=True)
-        nodes = node_count(Path(folder, "model.h5"))
+        nodes = node_count(place / "model.h5")
     write_csv(pd.DataFrame(rows).assign(nodes=nodes), table, SCALING)
 
 
 def stages(
     case: str, target: int, files: Mapping, networks: Mapping, settings: Mapping, seed: int, folder: Path
-) -> list[Stage]:
+) -> Iterator[Stage]:
     """The stages one after another; arguments as of measure_scaling."""
-    rows = []
-
-    def add(name: str, unit: str, function: str, needs: Sequence[str], makes: str, **arguments):
-        rows.append(Stage(name, unit, function, arguments, tuple(needs), makes))
 
     def file(name: str) -> str:
         return str(folder / name)
 
     mesh, model, fem_samples = file("mesh.vtu"), file("model.h5"), file("fem_samples.h5")
     fem = replace(FemSettings(**settings["fem"]), time_limit=settings["scaling"]["time_limit"])
-    add(
-        "tetrahedralize",
-        "job",
-        "scripts.tetrahedralize:mesh_case",
-        [],
-        mesh,
-        labels=files["labels"],
-        nodes=target,
-        minimum_dihedral=settings["mesh"]["minimum_dihedral"],
-        mesh=mesh,
+    yield Stage(
+        name="tetrahedralize",
+        unit="job",
+        function="scripts.tetrahedralize:mesh_case",
+        needs=[],
+        makes=mesh,
+        arguments={
+            "labels": files["labels"],
+            "nodes": target,
+            "minimum_dihedral": settings["mesh"]["minimum_dihedral"],
+            "mesh": mesh,
+        },
     )
-    add(
-        "label_interfaces",
-        "job",
-        "scripts.label_interfaces:label_case",
-        [mesh],
-        model,
-        mesh=mesh,
-        **{name: files[name] for name in ("labels", "bone", "skin", "report")},
-        segments=tuple(settings["segments"]),
-        interfaces=settings["interfaces"],
-        model=model,
+    yield Stage(
+        name="label_interfaces",
+        unit="job",
+        function="scripts.label_interfaces:label_case",
+        needs=[mesh],
+        makes=model,
+        arguments={
+            "mesh": mesh,
+            **{name: files[name] for name in ("labels", "bone", "skin", "report")},
+            "segments": tuple(settings["segments"]),
+            "interfaces": settings["interfaces"],
+            "model": model,
+        },
     )
-    add(
-        "simulate_fem",
-        "plan",
-        "scripts.simulate_fem:simulate_fem",
-        [model],
-        fem_samples,
-        case=case,
-        model=model,
-        plan=files["plan"],
-        plans=1,
-        settings=fem,
-        seed=seed,
-        fem_samples=fem_samples,
+    yield Stage(
+        name="simulate_fem",
+        unit="plan",
+        function="scripts.simulate_fem:simulate_fem",
+        needs=[model],
+        makes=fem_samples,
+        arguments={
+            "case": case,
+            "model": model,
+            "plan": files["plan"],
+            "plans": 1,
+            "settings": fem,
+            "seed": seed,
+            "fem_samples": fem_samples,
+        },
     )
     kinds = {method: settings["variants"][method]["network"]["lift"] for method in networks}
     lifts = {kind: file(f"lift_{kind}.h5") for kind in sorted(set(kinds.values()) - {"none"})}
     for kind, lift in lifts.items():
-        add(
-            f"make_lift {kind}",
-            "job",
-            "scripts.make_lift:write_lift",
-            [model],
-            lift,
-            model=model,
-            kind=kind,
-            controls=settings["lift"]["controls"],
-            fem=fem,
-            lift=lift,
+        yield Stage(
+            name=f"make_lift {kind}",
+            unit="job",
+            function="scripts.make_lift:write_lift",
+            needs=[model],
+            makes=lift,
+            arguments={
+                "model": model,
+                "kind": kind,
+                "controls": settings["lift"]["controls"],
+                "fem": fem,
+                "lift": lift,
+            },
         )
     for method, network in networks.items():
         own, made, predictions = settings["variants"][method], file(f"{method}.pt"), file(f"{method}.h5")
@@ -144,51 +152,56 @@ def stages(
         patient = {"cases": [case], "models": [model], "lifts": lift}
         steps = own["pretraining"] | {"steps": settings["scaling"]["steps"] + 1}
         limited = settings["fem"] | {"time_limit": settings["scaling"]["time_limit"]}
-        add(
-            f"pretrain {method}",
-            "step",
-            "scripts.measure_scaling:training_step",
-            [model, *lift, fem_samples],
-            made,
-            **patient,
-            fem_samples=[fem_samples],
-            settings={"network": own["network"], "pretraining": steps, "fem": limited},
-            seed=seed,
-            outputs={"network": made, "history": file("history.csv")},
+        yield Stage(
+            name=f"pretrain {method}",
+            unit="step",
+            function="scripts.measure_scaling:training_step",
+            needs=[model, *lift, fem_samples],
+            makes=made,
+            arguments={
+                **patient,
+                "fem_samples": [fem_samples],
+                "settings": {"network": own["network"], "pretraining": steps, "fem": limited},
+                "seed": seed,
+                "outputs": {"network": made, "history": file("history.csv")},
+            },
         )
-        add(
-            f"predict_network {method}",
-            "plan",
-            "scripts.measure_scaling:warm_plan",
-            [model, *lift],
-            predictions,
-            **patient,
-            plans=[files["plan"]],
-            trained=network,
-            settings={"newton_corrections": own["newton_corrections"], "fem": limited},
-            predictions=predictions,
+        yield Stage(
+            name=f"predict_network {method}",
+            unit="plan",
+            function="scripts.measure_scaling:warm_plan",
+            needs=[model, *lift],
+            makes=predictions,
+            arguments={
+                **patient,
+                "plans": [files["plan"]],
+                "trained": network,
+                "settings": {"newton_corrections": own["newton_corrections"], "fem": limited},
+                "predictions": predictions,
+            },
         )
     for method in list(networks)[:1]:  # its cost does not ask for the method
         metrics = file("metrics.csv")
-        add(
-            "evaluate",
-            "job",
-            "scripts.evaluate:evaluate",
-            [model, file(f"{method}.h5")],
-            metrics,
-            cases=[case],
-            predictions=file(f"{method}.h5"),
-            models=[model],
-            plans=[files["plan"]],
-            postops={case: files["postop"]} if files.get("postop") else {},
-            truths=[files["truth"]] if files.get("truth") else [],
-            samples=settings["evaluation"]["samples"],
-            fem=fem,
-            labels={"fold": "-", "method": method, "code": "-"},
-            seed=seed,
-            metrics=metrics,
+        yield Stage(
+            name="evaluate",
+            unit="job",
+            function="scripts.evaluate:evaluate",
+            needs=[model, file(f"{method}.h5")],
+            makes=metrics,
+            arguments={
+                "cases": [case],
+                "predictions": file(f"{method}.h5"),
+                "models": [model],
+                "plans": [files["plan"]],
+                "postops": {case: files["postop"]} if files.get("postop") else {},
+                "truths": [files["truth"]] if files.get("truth") else [],
+                "samples": settings["evaluation"]["samples"],
+                "fem": fem,
+                "labels": {"fold": "-", "method": method, "code": "-"},
+                "seed": seed,
+                "metrics": metrics,
+            },
         )
-    return rows
 
 
 def training_step(**arguments) -> tuple[float, float]:

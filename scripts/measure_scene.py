@@ -44,34 +44,57 @@ def measure_scene(
     that solves it.
     """
     head, bone, skin = read_labels(files["labels"]), BoneSurface.read(files["bone"]), read_surface(files["skin"])
-    grid = head.labels, head.spacing, head.origin
     for nodes in (500, mesh["nodes"]):  # the first loads compiled code
         start = time.perf_counter()
-        cells = tetrahedralize(*grid, nodes, minimum_dihedral=mesh["minimum_dihedral"])
-        full = label_interfaces(cells, *grid, segments, bone, skin, **interfaces)
+        cells = tetrahedralize(
+            labels=head.labels,
+            spacing=head.spacing,
+            origin=head.origin,
+            target_nodes=nodes,
+            minimum_dihedral=mesh["minimum_dihedral"],
+        )
+        full = label_interfaces(
+            mesh=cells,
+            labels=head.labels,
+            spacing=head.spacing,
+            origin=head.origin,
+            segments=segments,
+            bone=bone,
+            skin=skin,
+            **interfaces,
+        )
         meshing = time.perf_counter() - start
-    reach = interfaces["sliding_band"], interfaces["release"]
     whole = Plan.read(files["plan"], case)
     chin = [index for index, name in enumerate(segments) if role(name) == "chin"]
     centre = bone.points[bone.segment == chin[0]].mean(axis=0) if chin else None
-    solve_scene(full, whole, False, replace(fem, time_limit=1e-3))
+    solve_scene(patient=full, plan=whole, elastic=False, fem=replace(fem, time_limit=1e-3))
     rows, made = [], {}
     for name, plan in parts(whole, centre).items():
         motion = np.linalg.norm(full.bone_displacement(plan), axis=1).max()
         start = time.perf_counter()
-        decided, field, limit = decide(full, head, plan, settings, fem, *reach)
+        decided, field, limit = decide(
+            patient=full,
+            head=head,
+            plan=plan,
+            settings=settings,
+            fem=fem,
+            sliding_band=interfaces["sliding_band"],
+            release=interfaces["release"],
+        )
         deciding = time.perf_counter() - start
         made[name], reference = decided, None
         for model in ("full", *REDUCTIONS, "auto"):
             decisions = decided if model == "auto" else only(model, decided)
             start = time.perf_counter()
-            patient = reduced(full, head, skin, decisions, field, limit, interfaces)
+            patient = reduced(
+                patient=full, head=head, skin=skin, decisions=decisions, field=field, limit=limit, interfaces=interfaces
+            )
             reducing = time.perf_counter() - start
             own = [item for item in REDUCTIONS if decisions[item].value]
             graded = decisions["graded"].value
-            trial = solve_scene(patient, plan, decisions["elastic"].value, fem)
+            trial = solve_scene(patient=patient, plan=plan, elastic=decisions["elastic"].value, fem=fem)
             reference = reference or trial
-            mean, largest = face_error(full, reference, patient, trial)
+            mean, largest = face_error(full=full, reference=reference, patient=patient, trial=trial)
             logging.info("%s, %s: %d nodes, %.4f mm, at most %.3f mm", name, model, len(patient.points), mean, largest)
             rows.append(
                 {

@@ -33,7 +33,19 @@ def measure_study(
     for method, path in predictions.items():
         patient, prediction = PatientModel.read(models[method]), read_prediction(path, case)
         setting = as_in_the_study(method, len(patient.points))
-        judgements.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
+        judgements.append(
+            judge(
+                setting=setting,
+                case=case,
+                patient=patient,
+                prediction=prediction,
+                target=target,
+                reference=judged,
+                fem=fem,
+                samples=samples,
+                seed=seed,
+            )
+        )
     write_csv(pd.DataFrame(judgements), rows, TRADEOFF_CASES)
 
 

@@ -30,9 +30,15 @@ def predict(
     settings: values of the sections that its Predictor reads; trained: file of what a fold trained, None where nothing
     is; lifts may be empty for a method without one.
     """
-    predictor, made = import_module(module).Predictor(settings, trained, device, threads), {}
+    predictor = import_module(module).Predictor(settings=settings, trained=trained, device=device, threads=threads)
+    made = {}
     for case, model, lift, plan in zip(cases, models, lifts or [None] * len(cases), plans, strict=True):
-        planned = Planned(case, PatientModel.read(model), Plan.read(plan, case), Lift.read(lift) if lift else None)
+        planned = Planned(
+            case=case,
+            patient=PatientModel.read(model),
+            plan=Plan.read(plan, case),
+            lift=Lift.read(lift) if lift else None,
+        )
         made[case] = own = predictor(planned)
         logging.info("%s: %.4f s, and %.3f s for the patient", case, own.seconds, own.setup_seconds)
     write_predictions(predictions, made)

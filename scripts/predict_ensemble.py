@@ -30,10 +30,12 @@ def predict_ensemble(
     settings: values of the sections that the Predictor of the `module` reads; networks: file by fold; lift: file of the
     patient's lift, None for networks without one.
     """
-    planned = Planned(case, PatientModel.read(model), Plan.read(plan, case), Lift.read(lift) if lift else None)
+    planned = Planned(
+        case=case, patient=PatientModel.read(model), plan=Plan.read(plan, case), lift=Lift.read(lift) if lift else None
+    )
     method, made = import_module(module), {}
     for fold, network in networks.items():
-        made[fold] = method.Predictor(settings, network, device, threads)(planned)
+        made[fold] = method.Predictor(settings=settings, trained=network, device=device, threads=threads)(planned)
         logging.info("%s by fold %s: %.3f s", case, fold, made[fold].seconds)
     write_predictions(ensemble, made)
 

@@ -12,7 +12,7 @@ def predict_external(cases: Sequence[str], files: Sequence[str], meshes: Sequenc
     made = {}
     for case, file, path in zip(cases, files, meshes, strict=True):
         mesh = TetMesh.read(path)
-        made[case] = read_external(file, case, mesh.points, mesh.cells)
+        made[case] = read_external(path=file, case=case, points=mesh.points, cells=mesh.cells)
     write_predictions(predictions, made)
 
 

@@ -16,10 +16,12 @@ def predict_interval(
 ) -> None:
     """Write the interval of a patient whom no network has seen, no element of its mean field inverted."""
     patient, calibrated = PatientModel.read(model), Calibration.read(calibration)
-    interval, repair = repaired_interval(patient, read_ensemble(ensemble), calibrated, fem)
+    interval, repair = repaired_interval(
+        patient=patient, displacements=read_ensemble(ensemble), calibration=calibrated, fem=fem
+    )
     logging.info("%s: mean half-width %.3f mm; %s", case, np.nanmean(interval.half_width), repair)
     interval.write(result, case=case, method=calibrated.method, level=calibrated.level)
-    interval_picture(patient, interval, calibrated, case, picture)
+    interval_picture(patient=patient, interval=interval, calibration=calibrated, case=case, path=picture)
 
 
 if __name__ == "__main__":

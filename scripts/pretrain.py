@@ -22,7 +22,7 @@ def pretrain(
     device: str,
     outputs: Mapping[str, str],
 ) -> None:
-    """Train the method of a `module` on the given cases and nothing else; outputs names the files network and history.
+    """Train the method of a `module` on the cases and nothing else; outputs names the files network and history.
 
     settings: values of the sections that its Learner reads; lifts may be empty for a network without one; code: hash of
     what trains.

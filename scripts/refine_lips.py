@@ -21,12 +21,14 @@ def refine_lips(
     sliding_band in mm: as for the interfaces, which find the bite by it too.
     """
     head, surface, coarse = read_labels(labels), BoneSurface.read(bone), TetMesh.read(mesh)
-    pairs = opposing_pairs(surface, head.labels, head.spacing, head.origin, segments, sliding_band)
+    pairs = opposing_pairs(
+        bone=surface, labels=head.labels, spacing=head.spacing, origin=head.origin, segments=segments, band=sliding_band
+    )
     mouth = bite(surface, pairs, sliding_band)
     longest = LONGEST_OVER_MEAN * lip_edge
     fine = refine(coarse, lambda points: np.where(near_mouth(points, mouth), longest, np.inf))
-    logging.info("%d nodes, %d before; smallest dihedral angle %.1f degrees, %.1f before", len(fine.points),
-                 len(coarse.points), fine.dihedral_angles().min(), coarse.dihedral_angles().min())  # fmt: skip
+    for name, one in (("before", coarse), ("after", fine)):
+        logging.info("%s: %d nodes, smallest dihedral angle %.1f", name, len(one.points), one.dihedral_angles().min())
     fine.write(lips)
 
 

@@ -27,7 +27,16 @@ def register_postop(
     skin_points, skin_faces = read_surface(skin)
     points, faces = read_postop(postop, case, skin_points)
     plane = upper_face_plane(BoneSurface.read(bone), segments, nasion_above_maxilla)
-    fit = register(points, faces, skin_points, skin_faces, plane, case=case, file=postop, limit=limit)
+    fit = register(
+        points=points,
+        faces=faces,
+        skin_points=skin_points,
+        skin_faces=skin_faces,
+        plane=plane,
+        case=case,
+        file=postop,
+        limit=limit,
+    )
     logging.info("residual: median %.3f mm, p95 %.3f mm", fit.median, fit.p95)
     PostopSkin(fit.motion.apply(points), faces, fit.median).write(registered)
 

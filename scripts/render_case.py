@@ -36,9 +36,14 @@ def render_case(
     planned, target = Plan.read(plan, case), PostopSkin.read(postop).surface
     errors = {method: judged_errors(patients[method], points, target) for method, points in moved.items()}
     skins = {method: surface_of(points, patients[method].skin_faces) for method, points in moved.items()}
-    case_picture(next(iter(patients.values())), planned, target, skins, errors, picture)
+    case_picture(
+        patient=next(iter(patients.values())), plan=planned, target=target, skins=skins, errors=errors, path=picture
+    )
     with replacing(view) as temporary:
-        temporary.write_text(json.dumps(make_view(patients, planned, target, moved, errors)), encoding="utf-8")
+        temporary.write_text(
+            json.dumps(make_view(patients=patients, plan=planned, target=target, moved=moved, errors=errors)),
+            encoding="utf-8",
+        )
 
 
 if __name__ == "__main__":

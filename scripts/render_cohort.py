@@ -27,9 +27,10 @@ def render_cohort(
     for case, segmentation, anatomy in zip(cases, segmentations, anatomies, strict=True):
         about = json.loads(Path(anatomy).read_text(encoding="utf-8"))
         caption = f"{case}: {about['sex']}, {NAMES[about['deformity']]}"
-        sitters.append(Sitter(caption, read_segmentation(segmentation, case, label_values, segments), segments))
-    gallery(sitters, COLUMNS, PANEL, cohort)
-    gallery(sitters[:2], 2, LARGE_PANEL, heads)
+        head = read_segmentation(path=segmentation, case=case, label_values=label_values, segments=segments)
+        sitters.append(Sitter(caption, head, segments))
+    gallery(sitters=sitters, columns=COLUMNS, panel=PANEL, path=cohort)
+    gallery(sitters=sitters[:2], columns=2, panel=LARGE_PANEL, path=heads)
 
 
 if __name__ == "__main__":

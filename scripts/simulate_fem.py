@@ -29,11 +29,13 @@ def simulate_fem(
         if len(fields) == plans:
             break
         current = (
-            sample_plan(rng, case, patient.segments, patient.bone_points, patient.bone_segment)
+            sample_plan(
+                rng=rng, case=case, segments=patient.segments, points=patient.bone_points, segment=patient.bone_segment
+            )
             if attempt
             else Plan.read(plan, case)
         )
-        result = simulate(patient, current, "mucosa", settings)
+        result = simulate(patient=patient, plan=current, arm="mucosa", settings=settings)
         logging.info("plan %d: %s, %.1f s", attempt, result.reason, result.seconds)
         if result.converged:
             fields.append((current, result))

@@ -23,7 +23,7 @@ def solve_plan(
     Raises RuntimeError with the solver's reason if it does not converge.
     """
     patient, motions = PatientModel.read(model), Plan.read(plan, case)
-    result = simulate(patient, motions, arm, settings)
+    result = simulate(patient=patient, plan=motions, arm=arm, settings=settings)
     if not result.converged:
         raise RuntimeError(f"case {case!r}: the solver stopped: {result.reason}")
     ratios = jacobians(patient.points, patient.cells, result.displacement)
@@ -34,7 +34,7 @@ def solve_plan(
             point_data={"displacement": result.displacement, "node_type": patient.node_type},
             cell_data={"tissue": [patient.tissue], "jacobian": [ratios]},
         ).write(temporary)
-    field_picture(patient, motions, result.displacement, picture)
+    field_picture(patient=patient, plan=motions, displacement=result.displacement, path=picture)
     report = {
         "case": case,
         "arm": arm,

@@ -21,7 +21,15 @@ def stability(
 
     RuntimeError if a cell is wrong.
     """
-    sweep = Sweep(case, PatientModel.read(model), config, fem, LOSS_EXTENSION, training_loss, seed)
+    sweep = Sweep(
+        case=case,
+        model=PatientModel.read(model),
+        config=config,
+        fem=fem,
+        extension=LOSS_EXTENSION,
+        loss=training_loss,
+        seed=seed,
+    )
     labels = {"seed": seed, "device": "cpu", "code": code}
     rows = [row | labels for row in tqdm(sweep.rows())]
     stability_table(rows).write(table=table, document=document)

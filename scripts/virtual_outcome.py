@@ -22,7 +22,9 @@ def virtual_outcome(
     (PLY, mm, in the scanner's frame), truth (HDF5: points, cells, displacement, the executed plan). RuntimeError if no
     displacement is in equilibrium.
     """
-    operation = Operation.read(case, inputs, label_values, segments, outcome, seed)
+    operation = Operation.read(
+        case=case, inputs=inputs, labels=label_values, segments=segments, outcome=outcome, seed=seed
+    )
     result = operate(operation, operation.settings.effects)
     seen = photograph(operation, result, operation.settings.effects)
     with replacing(outputs["postop"]) as temporary:

@@ -36,7 +36,7 @@ def virtual_patient(
     """
     rng = generator(seed, "virtual_patient", case)
     parameters = sample_parameters(rng, DEFORMITIES[number % len(DEFORMITIES)])
-    head = build_head(parameters, spacing, "chin" in segments, muscles)
+    head = build_head(parameters=parameters, spacing=spacing, genioplasty="chin" in segments, muscles=muscles)
     try:
         head = with_segments(head, segments)
         values = np.full(256, AIR, np.uint16)
@@ -46,7 +46,9 @@ def virtual_patient(
         remedy = "name segments of a virtual patient, each with a whole number in 'labels'"
         raise InputError(case, "configuration", str(error), remedy) from error
     plan = treatment_plan(head, rng, case)
-    write_segmentation(values[head.labels], head.spacing, head.origin, outputs["segmentation"])
+    write_segmentation(
+        labels=values[head.labels], spacing=head.spacing, origin=head.origin, path=outputs["segmentation"]
+    )
     plan.write(outputs["plan"])
     landmarks = {name: np.round(place, 3).tolist() for name, place in head.landmarks.items()}
     for name, content in (("landmarks", landmarks), ("anatomy", {"case": case} | describe(head, plan))):

@@ -1,7 +1,7 @@
 """Accuracy of the elements on the block problem: `python tests/benchmarks/elements.py` prints Markdown tables.
 
 Error of the top of the block against Taylor-Hood elements on a finer mesh, mean / max in mm; least J (Taylor-Hood: at
-its quadrature points; else of the cells); seconds of one solve, on the threads given. The finer mesh is held and moved
+its quadrature points; else of the cells); seconds of one solve, on so many threads. The finer mesh is fixed and moved
 where the faces of the coarse one are, not further: the coarse mesh holds the bottom only as far as its nodes go.
 A reference of 30 x 22 x 12 cubes takes 4.4 GiB, and two to three minutes of one core per nu.
 """
@@ -26,7 +26,7 @@ from tests.helpers.settings import solver_options
 OPTIONS = {"increments": 2, "tolerance": 1e-6, "max_iterations": 30, "time_limit": 600, "linear_solver": "auto"}
 
 
-def held_like(coarse, fine, shear: bool) -> tuple[BoundaryConditions, BoundaryConditions]:
+def constrained_like(coarse, fine, shear: bool) -> tuple[BoundaryConditions, BoundaryConditions]:
     """Boundary conditions of the coarse mesh, and of the fine one on the faces that the coarse one holds."""
     own, whole = (block_boundary(points, shear) for points in (coarse, fine))
     edge, x = coarse[own.prescribed_nodes, 0], fine[whole.prescribed_nodes, 0]
@@ -64,7 +64,7 @@ def main() -> None:
     options = parser.parse_args()
     points, cells = box(BLOCK, options.steps)
     fine, fine_cells = box(BLOCK, options.reference)
-    boundary, same = held_like(points, fine, options.shear)
+    boundary, same = constrained_like(points, fine, options.shear)
     top = points[:, 2] == BLOCK[2]
     errors, jacobians, seconds = ({name: [] for name in options.elements} for _ in range(3))
     for nu in options.nus:

@@ -84,9 +84,9 @@ def peer(points, cells) -> dict:
     free = np.setdiff1d(unknowns.ravel(), fixed)
     count = 0
     for increment in range(1, INCREMENTS + 1):
-        told = boundary.displacement(increment / INCREMENTS).ravel()
+        prescribed = boundary.displacement(increment / INCREMENTS).ravel()
         solution = felupe.newtonrhapson(
-            items=[body], dof0=fixed, dof1=free, ext0=told, solver=pypardiso.spsolve, tol=TOLERANCE, verbose=False
+            items=[body], dof0=fixed, dof1=free, ext0=prescribed, solver=pypardiso.spsolve, tol=TOLERANCE, verbose=False
         )
         count += solution.iterations
     seconds = time.perf_counter() - began
@@ -122,9 +122,9 @@ def main() -> None:
         from pinnochio.mechanics.problems import BLOCK, BLOCK_STEPS, box
 
         points, cells = box(BLOCK, BLOCK_STEPS[asked.nodes[0]])
-        found = peer(points, cells) if asked.one == SOLVERS[0] else ours(points, cells, *asked.one.split())
-        np.save(asked.field, found.pop("u"))
-        print(json.dumps(found))
+        result = peer(points, cells) if asked.one == SOLVERS[0] else ours(points, cells, *asked.one.split())
+        np.save(asked.field, result.pop("u"))
+        print(json.dumps(result))
         return
     print("| nodes | solver | seconds | times felupe's speed | floor s | over the floor | factorisations | CG "
           "iterations | peak memory MB | max difference mm |")  # fmt: skip

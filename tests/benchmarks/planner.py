@@ -51,8 +51,8 @@ def main() -> None:
             waits["first look"].append(first[0])
             waits["prediction"].append(last[-1])
         browser.close()
-    for what, found in waits.items():
-        print(f"{what}: median {median(found):.0f} ms, longest {max(found):.0f} ms, {len(found)} keys")
+    for what, times in waits.items():
+        print(f"{what}: median {median(times):.0f} ms, longest {max(times):.0f} ms, {len(times)} keys")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 python tests/benchmarks/predict.py --case results/cases/V01 --fold results/folds/1 [--threads 2] [--device cuda]
 
 Reads model.h5 and plan.json of the case and the trained networks of the fold (of a patient's fold that held it out or
-not: only the time counts). The methods take turns. "network" is the field as the network gives it, "given out" what
+not: only the time counts). The methods take turns. "network" is the field as the network gives it, "delivered" what
 the study writes: repaired, and corrected as often as the variant says. Prints medians in ms, the ratio to fem_sliding
 of the same run, and what each method computes once per patient. --without-fem leaves the solvers out, on a machine
 that lacks them; --untrained takes networks of the configuration with random weights, whose fields are not finished.
@@ -79,7 +79,7 @@ def main() -> None:
         ways[f"{method}, network"] = lambda predictor=predictor: predictor(plan)
         if not asked.untrained:
             finish = Finish(model, fem, settings[method]["newton_corrections"])
-            ways[f"{method}, given out"] = lambda predictor=predictor, finish=finish: finish(*predictor(plan))
+            ways[f"{method}, delivered"] = lambda predictor=predictor, finish=finish: finish(*predictor(plan))
     seconds = {name: [] for name in ways}
     for repeat in range(asked.repeats + 1):
         for name, way in ways.items():

@@ -89,7 +89,7 @@ class Problem:
         return gradients
 
     def timed(self, job) -> list[float]:
-        """Milliseconds between the calls of the clock that `job` is given."""
+        """Milliseconds between the calls of the clock that `job` gets."""
         marks = []
 
         def clock():
@@ -145,9 +145,9 @@ def difference(problem: Problem) -> tuple[float, str]:
     with kept_winners(winners):
         ours = {name: value.clone() for name, value in problem.step().items()}
     problem.network.load_state_dict(start)
-    found = {name: float((ours[name] - theirs[name]).norm() / theirs[name].norm()) for name in ours}
-    worst = max(found, key=lambda name: (np.isnan(found[name]), found[name]))
-    return found[worst], worst
+    differences = {name: float((ours[name] - theirs[name]).norm() / theirs[name].norm()) for name in ours}
+    worst = max(differences, key=lambda name: (np.isnan(differences[name]), differences[name]))
+    return differences[worst], worst
 
 
 def copied_per_second(gigabytes: float = 4.0) -> float:

@@ -24,21 +24,21 @@ FILLED_IN = {
 
 def commands(page: Path) -> set[tuple[str, ...]]:
     """The commands of a page, filled in: lines of its bash blocks, and code that begins with a program or an option."""
-    text, found = page.read_text(encoding="utf-8"), []
+    text, lines = page.read_text(encoding="utf-8"), []
     for language, block in FENCE.findall(text):
         if language == "bash":
-            found += block.replace("\\\n", " ").splitlines()
+            lines += block.replace("\\\n", " ").splitlines()
     for span in (" ".join(span.split()) for span in re.findall(r"`([^`]+)`", FENCE.sub("", text))):
         if re.match(r"(snakemake|make|python) ", span):
-            found.append(span)
+            lines.append(span)
         elif re.match(r"--(config|configfile|resources|default-resources) ", span):
-            found.append(f"snakemake {span}")
+            lines.append(f"snakemake {span}")
         elif re.match(r"\w+\.py -", span):
-            found.append(f"python tests/benchmarks/{span}")
+            lines.append(f"python tests/benchmarks/{span}")
     for place, filled_in in FILLED_IN.items():
-        found = [command.replace(place, filled_in) for command in found]
-    found = [re.sub(r" --cores \d+", "", command) for command in found]
-    return {tuple(shlex.split(command, comments=True)) for command in found} - {()}
+        lines = [command.replace(place, filled_in) for command in lines]
+    lines = [re.sub(r" --cores \d+", "", command) for command in lines]
+    return {tuple(shlex.split(command, comments=True)) for command in lines} - {()}
 
 
 def named_blocks(page: Path) -> dict[str, str]:

@@ -8,9 +8,9 @@ import numpy as np
 
 
 def hold(megabytes, seconds):
-    held = np.ones(megabytes * 131072)  # 8 bytes each
+    block = np.ones(megabytes * 131072)  # 8 bytes each
     time.sleep(seconds)
-    del held
+    del block
 
 
 def speak():

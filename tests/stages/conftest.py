@@ -27,10 +27,10 @@ class Patient:
 
     def __getattr__(self, name: str) -> str:
         """Path of a file by its stem, e.g. `patient.model`."""
-        found = [path for path in self.folder.iterdir() if path.name.split(".")[0] == name]
-        if not found:
+        matches = [path for path in self.folder.iterdir() if path.name.split(".")[0] == name]
+        if not matches:
             raise AttributeError(name)
-        return str(found[0])
+        return str(matches[0])
 
 
 def make_patient(case: str, number: int, folder: Path) -> Patient:
@@ -42,7 +42,7 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
     fem = FemSettings(**CONFIG["fem"])
     sources = {
         "segmentation": file("segmentation.nii.gz"),
-        "plan": file("given.json"),
+        "plan": file("input_plan.json"),
         "landmarks": file("landmarks.json"),
         "anatomy": file("anatomy.json"),
     }

@@ -43,16 +43,16 @@ def test_no_prediction_leaves_with_an_inverted_element(patient, wild_network, co
     path = tmp_path / "predictions.h5"
     settings = {"fem": CONFIG["fem"], "newton_corrections": corrections}
     predict_by("pinnochio.predictor", patient, str(path), trained=wild_network, **settings)
-    found, model = read_prediction(path, patient.case), PatientModel.read(patient.model)
-    assert found.raw_inverted > 0 > found.raw_min_jacobian, found
-    assert jacobians(model.points, model.cells, found.displacement).min() > 0
-    assert found.repaired > 0 or found.damping < 1
-    assert found.boundary.shape == model.points.shape and found.iterations == corrections
+    prediction, model = read_prediction(path, patient.case), PatientModel.read(patient.model)
+    assert prediction.raw_inverted > 0 > prediction.raw_min_jacobian, prediction
+    assert jacobians(model.points, model.cells, prediction.displacement).min() > 0
+    assert prediction.repaired > 0 or prediction.damping < 1
+    assert prediction.boundary.shape == model.points.shape and prediction.iterations == corrections
 
 
 @pytest.fixture(scope="module")
 def corrected(patient, tmp_path_factory):
-    """A prediction made of the teacher's field and noise, corrected."""
+    """A prediction made of the finite-element field and noise, corrected."""
     folder, model = tmp_path_factory.mktemp("corrections"), PatientModel.read(patient.model)
     with h5py.File(patient.fem_samples) as file:
         field = file["plan_0/displacement"][()]
@@ -69,14 +69,18 @@ def test_more_corrections_come_nearer_to_the_field_in_equilibrium(patient, corre
     model = PatientModel.read(patient.model)
     with h5py.File(patient.fem_samples) as file:
         field = file["plan_0/displacement"][()]
-    found = {count: read_prediction(path, patient.case) for count, path in corrected.items()}
-    away = [np.abs(found[count].displacement - field).max() for count in (0, *COUNTS)]
+    predictions = {count: read_prediction(path, patient.case) for count, path in corrected.items()}
+    away = [np.abs(predictions[count].displacement - field).max() for count in (0, *COUNTS)]
     assert away[0] > 0.1 > away[1] > away[2] >= away[3] and away[3] < 1e-4
-    held = model.node_type != FREE
-    np.testing.assert_allclose(found[1].displacement[held], field[held], atol=1e-12)
-    seconds = [found[count].seconds for count in (0, *COUNTS)]
+    constrained = model.node_type != FREE
+    np.testing.assert_allclose(predictions[1].displacement[constrained], field[constrained], atol=1e-12)
+    seconds = [predictions[count].seconds for count in (0, *COUNTS)]
     assert seconds[0] == 0.1 and (np.diff(seconds) >= 0).all() and seconds[1] > 0.1
-    assert found[3].setup_seconds > 0.5 and 3 <= found[8].iterations <= 8 and found[8].raw_min_jacobian == 0.1
+    assert (
+        predictions[3].setup_seconds > 0.5
+        and 3 <= predictions[8].iterations <= 8
+        and predictions[8].raw_min_jacobian == 0.1
+    )
 
 
 def test_a_method_without_an_interface_is_refused(patient, tmp_path):

@@ -88,7 +88,7 @@ def test_an_archive_holds_what_prediction_needs(archive):
 
 
 def test_a_plan_is_checked_against_the_bone(patient, tmp_path):
-    source, out = Path(patient.given), tmp_path / "plan.json"
+    source, out = Path(patient.input_plan), tmp_path / "plan.json"
     import_plan(patient.case, str(source), patient.bone, SEGMENTS, str(out))
     one, two = (Plan.read(path, patient.case) for path in (source, out))
     assert all(np.array_equal(one.motion(name).translation, two.motion(name).translation) for name in SEGMENTS)

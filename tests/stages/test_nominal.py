@@ -21,7 +21,7 @@ from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
 def nominal(patient, tmp_path_factory):
     folder = tmp_path_factory.mktemp("nominal")
     made = {"postop": str(folder / "scan.ply"), "truth": str(folder / "truth.h5")}
-    inputs = {name: getattr(patient, name) for name in ("segmentation", "landmarks")} | {"plan": patient.given}
+    inputs = {name: getattr(patient, name) for name in ("segmentation", "landmarks")} | {"plan": patient.input_plan}
     outcome = OUTCOME | {"effects": "nominal"}
     virtual_outcome(patient.case, inputs, outcome, CONFIG["labels"], SEGMENTS, SEED, made)
     return made

@@ -81,11 +81,11 @@ class Elements(HTMLParser):
 
     def __init__(self, page: str):
         super().__init__()
-        self.found, self.words, self.inside = [], "", None
+        self.elements, self.words, self.inside = [], "", None
         self.feed(page)
 
     def handle_starttag(self, tag, attributes):
-        self.found.append((tag, dict(attributes)))
+        self.elements.append((tag, dict(attributes)))
         self.inside = tag
 
     def handle_data(self, data):
@@ -95,11 +95,11 @@ class Elements(HTMLParser):
 
 def test_the_page_holds_the_tables_and_figures_that_there_are_and_no_others(report, patient):
     page = Elements(report.read_text(encoding="utf-8"))
-    sections = [given["id"] for tag, given in page.found if tag == "section"]
+    sections = [attributes["id"] for tag, attributes in page.elements if tag == "section"]
     assert sections == ["accuracy", "corrections", "training", "patients", "provenance"]
     for n in range(12):
         assert page.words.count(f"{n + 100.25:.4f}") == page.words.count(f"{n + 100.5:.4f}") == 2
-    pictures = [given["alt"] for tag, given in page.found if tag == "img"]
+    pictures = [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
     assert pictures == [PARTS["corrections"], "Training: acmt", "Training: pinnochio", "T0: picture", "T0: volume"]
     for said in ("0123456789ab", "simulated cohort", "For research only", "youngs_modulus", "What corrections says"):
         assert said in page.words
@@ -109,7 +109,10 @@ def test_the_page_holds_the_tables_and_figures_that_there_are_and_no_others(repo
 def test_the_page_loads_nothing(report):
     text = report.read_text(encoding="utf-8")
     addresses = [
-        value for _, given in Elements(text).found for name, value in given.items() if name in ("src", "href", "srcset")
+        value
+        for _, attributes in Elements(text).elements
+        for name, value in attributes.items()
+        if name in ("src", "href", "srcset")
     ]
     assert len(addresses) > 8 and all(address.startswith(("data:", "#")) for address in addresses)
     styles = text[text.index("<style>") : text.index("</style>")]
@@ -231,7 +234,7 @@ def test_the_view_turns_and_shows_plan_and_error(opened, patient):
 def test_tables_are_readable_on_a_phone(opened):
     page, _, errors = opened(390)
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
-    found = page.evaluate(
+    tables = page.evaluate(
         """[...document.querySelectorAll('.table .scroll')].map((box) => {
           box.scrollLeft = 1e6;
           const [first, last] = [box.querySelector('td'), box.querySelector('td:last-child')];
@@ -243,8 +246,8 @@ def test_tables_are_readable_on_a_phone(opened):
           };
         })"""
     )
-    assert len(found) == 2
-    for table in found:
+    assert len(tables) == 2
+    for table in tables:
         box, caption = table["box"], table["caption"]
         assert box["left"] >= 0 and box["right"] <= 390
         # Scrolled to its end: the last column is there, the first stays, and the caption can be read in one glance.

@@ -20,13 +20,13 @@ NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, head
 TRAINING = vars(training_settings(steps=4, learning_rate=1e-3))
 
 
-def given(patient) -> dict:
+def input_files(patient) -> dict:
     return {name: getattr(patient, name) for name in ("labels", "bone", "skin", "report", "plan", "postop", "truth")}
 
 
 def test_every_stage_has_a_row_with_its_cost(patient, tmp_path):
     settings = CONFIG | {"segments": SEGMENTS, "variants": {}}
-    measure_scaling(patient.case, 600, given(patient), {}, settings, SEED, str(tmp_path / "600.csv"))
+    measure_scaling(patient.case, 600, input_files(patient), {}, settings, SEED, str(tmp_path / "600.csv"))
     rows = read_table(tmp_path / "600.csv", SCALING).set_index("stage")
     assert rows["unit"].to_dict() == {"tetrahedralize": "job", "label_interfaces": "job", "simulate_fem": "plan"}
     assert (rows["outcome"] == DONE).all() and (rows["target"] == 600).all()
@@ -37,7 +37,7 @@ def test_every_stage_has_a_row_with_its_cost(patient, tmp_path):
 
 def test_a_stage_that_fails_and_those_that_need_it_say_so(patient, tmp_path):
     settings = CONFIG | {"segments": SEGMENTS, "variants": {"net": {"network": asdict(NETWORK)} | PHASES}}
-    lacking = given(patient) | {"labels": str(tmp_path / "nowhere.nii.gz")}
+    lacking = input_files(patient) | {"labels": str(tmp_path / "nowhere.nii.gz")}
     measure_scaling(patient.case, 600, lacking, {"net": "-"}, settings, SEED, str(tmp_path / "600.csv"))
     rows = read_table(tmp_path / "600.csv", SCALING).set_index("stage")
     assert rows.loc["tetrahedralize", "outcome"].startswith("failed: ")

@@ -40,7 +40,7 @@ NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, head
 
 
 def test_virtual_patient_is_its_seed(patient, tmp_path):
-    names = {"segmentation": "segmentation.nii.gz", "plan": "given.json"}
+    names = {"segmentation": "segmentation.nii.gz", "plan": "input_plan.json"}
     names |= {"landmarks": "landmarks.json", "anatomy": "anatomy.json"}
     again = {key: str(tmp_path / name) for key, name in names.items()}
     rest = CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], again
@@ -48,7 +48,7 @@ def test_virtual_patient_is_its_seed(patient, tmp_path):
     for name in names.values():
         assert (tmp_path / name).read_bytes() == (patient.folder / name).read_bytes()
     virtual_patient(patient.case, 0, SEED + 1, 2.0, *rest)
-    assert (tmp_path / "given.json").read_bytes() != (patient.folder / "given.json").read_bytes()
+    assert (tmp_path / "input_plan.json").read_bytes() != (patient.folder / "input_plan.json").read_bytes()
 
 
 def test_the_outcome_is_not_what_the_methods_compute(patient):
@@ -114,7 +114,7 @@ def test_interfaces_know_their_bone(patient):
     assert len(model.skin_points) > 3 * len(np.unique(model.skin_nodes)) and model.face_roi.mean() > 0.2
 
 
-def test_teaching_fields_follow_their_plans(patient):
+def test_fem_samples_follow_their_plans(patient):
     model = PatientModel.read(patient.model)
     with h5py.File(patient.fem_samples) as file:
         assert sorted(file) == ["plan_0", "plan_1"]
@@ -227,10 +227,10 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
         places = pd.read_csv(path, keep_default_na=False)
         assert len(places) == count * len(predicted) and (places["n"] == 1).all()
         assert (places.loc[~places["reference"], "test"] == "n = 1 < 6: not tested").all()
-        found = places.astype({"mean": float}).pivot(index="method", columns="place", values="mean")
-        assert (found > 0).all(None)
+        means = places.astype({"mean": float}).pivot(index="method", columns="place", values="mean")
+        assert (means > 0).all(None)
     assert (cases["bias_chin"].abs() <= cases["region_chin"] + 1e-4).all()
-    pd.testing.assert_series_equal(found["skin"], cases["skin_error_mean"].sort_index(), check_names=False, atol=1e-4)
+    pd.testing.assert_series_equal(means["skin"], cases["skin_error_mean"].sort_index(), check_names=False, atol=1e-4)
 
 
 def test_the_cost_is_read_from_networks_and_benchmark_files(predicted, tmp_path):

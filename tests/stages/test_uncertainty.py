@@ -28,24 +28,24 @@ LEVEL = 0.5  # what two patients can give a finite half-width
 @pytest.fixture(scope="module")
 def networks(tmp_path_factory):
     """An untrained network per fold, each its own."""
-    folder, found = tmp_path_factory.mktemp("networks"), {}
+    folder, paths = tmp_path_factory.mktemp("networks"), {}
     for fold in FOLDS:
         torch.manual_seed(int(fold))
         network = build(NETWORK)
         with torch.no_grad():  # a new network's output is next to nothing
             for weight in network.parameters():
                 weight += 0.02 * torch.randn_like(weight)
-        found[fold] = str(folder / f"{fold}.pt")
-        save_network(found[fold], network, NETWORK)
-    return found
+        paths[fold] = str(folder / f"{fold}.pt")
+        save_network(paths[fold], network, NETWORK)
+    return paths
 
 
 @pytest.fixture(scope="module")
 def ensembles(patients, networks, tmp_path_factory):
     """File of each patient's predictions by every network."""
-    folder, found = tmp_path_factory.mktemp("ensembles"), {}
+    folder, paths = tmp_path_factory.mktemp("ensembles"), {}
     for patient in patients:
-        found[patient.case] = str(folder / f"{patient.case}.h5")
+        paths[patient.case] = str(folder / f"{patient.case}.h5")
         predict_ensemble(
             module="pinnochio.methods.pinnochio.predictor",
             settings={"fem": CONFIG["fem"], "newton_corrections": 0},
@@ -56,9 +56,9 @@ def ensembles(patients, networks, tmp_path_factory):
             lift=None,
             device="cpu",
             threads=1,
-            ensemble=found[patient.case],
+            ensemble=paths[patient.case],
         )
-    return found
+    return paths
 
 
 def calibrated(patients, ensembles, folder, level=LEVEL):
@@ -81,7 +81,7 @@ def calibration(patients, ensembles, tmp_path_factory):
 
 
 def test_the_regions_of_a_meshed_face(patients):
-    """The lips of the mesh are told apart, and every region is there."""
+    """The lips of the mesh are distinguished, and every region is there."""
     for files in patients:
         patient = PatientModel.read(files.model)
         codes = regions(patient)
@@ -99,10 +99,10 @@ def test_an_ensemble_holds_every_fold(patient, ensembles):
 
 
 def test_calibration_holds_a_half_width_per_region(patients, calibration):
-    found = Calibration.read(calibration[0])
-    assert (found.patients, found.folds, found.level) == (2, 2, LEVEL)
-    assert list(found.half_width) == list(NAMES) and all(0 < x < 20 for x in found.half_width.values())
-    assert all(0 < x < 5 for x in found.usual_spread.values())
+    stored = Calibration.read(calibration[0])
+    assert (stored.patients, stored.folds, stored.level) == (2, 2, LEVEL)
+    assert list(stored.half_width) == list(NAMES) and all(0 < x < 20 for x in stored.half_width.values())
+    assert all(0 < x < 5 for x in stored.usual_spread.values())
 
 
 def test_the_half_width_covers_half_of_both_patients(patients, ensembles, calibration):
@@ -113,8 +113,8 @@ def test_the_half_width_covers_half_of_both_patients(patients, ensembles, calibr
         chin = regions(patient) == NAMES.index("chin")
         scan = PostopSkin.read(files.postop).surface
         skin = patient.moved_skin(read_prediction(ensembles[files.case], fold).displacement)
-        found = closest_points(skin[chin], *scan)
-        errors.append(found.distance[~found.border])
+        closest = closest_points(skin[chin], *scan)
+        errors.append(closest.distance[~closest.border])
     width = Calibration.read(calibration[0]).half_width["chin"]
     share = sum(np.mean(own <= width) for own in errors) / 2
     assert 0.75 <= share < 0.75 + max(1 / len(own) for own in errors)
@@ -135,16 +135,16 @@ def test_a_new_patient_gets_field_interval_and_picture(patient, ensembles, calib
     predict_interval(
         patient.case, patient.model, ensembles[patient.case], calibration[0], patient.fem, result, picture
     )  # fmt: skip
-    found, model = Interval.read(result), PatientModel.read(patient.model)
+    interval, model = Interval.read(result), PatientModel.read(patient.model)
     fields = read_ensemble(ensembles[patient.case])
-    judged = found.region >= 0
+    judged = interval.region >= 0
     widths = np.array(list(Calibration.read(calibration[0]).half_width.values()))
-    assert found.displacement.shape == model.points.shape and found.spread.shape == (len(model.points),)
+    assert interval.displacement.shape == model.points.shape and interval.spread.shape == (len(model.points),)
     assert (
-        np.median(np.abs(found.displacement - fields.mean(axis=0))) < 1e-12
+        np.median(np.abs(interval.displacement - fields.mean(axis=0))) < 1e-12
     )  # but for what the inversion repair mended
-    assert (found.half_width[judged] >= widths[found.region[judged]]).all() and np.isnan(
-        found.half_width[~judged]
+    assert (interval.half_width[judged] >= widths[interval.region[judged]]).all() and np.isnan(
+        interval.half_width[~judged]
     ).all()
     assert (tmp_path / "interval.png").stat().st_size > 50_000
 

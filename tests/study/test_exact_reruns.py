@@ -23,13 +23,13 @@ MODULES = {
 
 def scripts() -> dict[str, str]:
     """Script of each rule, from the rules' text."""
-    found = {}
+    by_rule = {}
     for file in ROOT.glob("rules/*.smk"):
         blocks = re.split(r"^rule (\w+):\n", file.read_text(), flags=re.M)
         for rule, body in zip(blocks[1::2], blocks[2::2], strict=True):
             if script := re.search(r'"\.\./scripts/(\w+)\.py"', body):
-                found[rule] = script[1]
-    return found
+                by_rule[rule] = script[1]
+    return by_rule
 
 
 def following(edges: dict[str, set[str]], rules: set[str]) -> set[str]:

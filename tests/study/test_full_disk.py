@@ -13,7 +13,7 @@ MODEL = "results/cases/P1/model.h5"
 
 @pytest.fixture
 def disk(project):
-    """A disk of its own for the results of the project; the function that is given changes its mount options."""
+    """A disk of its own for the results of the project; the function that it yields changes its mount options."""
 
     def mount(*options: str) -> subprocess.CompletedProcess:
         return subprocess.run(

@@ -13,8 +13,8 @@ def test_a_real_head_is_predicted_and_called_unlike_the_training(request, packed
     project = request.getfixturevalue(head)
     shutil.copytree(packed.folder / "results/quick/archive", project.folder / "models")
     (example,) = (project.folder / "examples").glob(f"{head}*")
-    given = [f"patient={example}/cases.tsv", "models=models", "predict={other_segments: predict}"]
-    done = project.snakemake("predict", "--configfile", f"{example}/config.yaml", "--config", *given)
+    settings = [f"patient={example}/cases.tsv", "models=models", "predict={other_segments: predict}"]
+    done = project.snakemake("predict", "--configfile", f"{example}/config.yaml", "--config", *settings)
     assert done.returncode == 0, done.stdout[-4000:]
     (path,) = (project.folder / "results").glob(f"{example.name}/patients/{head}/*/pinnochio_plus/certificate.json")
     said = json.loads(path.read_text())

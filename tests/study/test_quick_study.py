@@ -62,11 +62,11 @@ def test_tables_have_one_row_per_case_and_method(studied):
     assert (landmarks.loc[~blank, "n"] == 6).all() and (landmarks.loc[blank, "n"] == 0).all()
     training = pd.read_csv(results / "tables/training.csv").set_index("method")
     assert sorted(training.index) == sorted([*LEARNED, *SURFACE])
-    taught = training["pretraining_seconds"] > 0
-    assert sorted(training.index[~taught]) == ["acmt", "dgcfp"] and (training["finetuning_seconds"] > 0).all()
+    pretrained = training["pretraining_seconds"] > 0
+    assert sorted(training.index[~pretrained]) == ["acmt", "dgcfp"] and (training["finetuning_seconds"] > 0).all()
     assert training.loc["pinnochio", "parameters"] > training.loc["pinnochio_unified", "parameters"]
     stages = pd.read_csv(results / "tables/stages.csv").set_index("rule")
-    assert stages.loc["pretrain", "jobs"] == 2 * taught.sum() and stages.index[-1] == "all"
+    assert stages.loc["pretrain", "jobs"] == 2 * pretrained.sum() and stages.index[-1] == "all"
     for name in ("cases", "accuracy", "better", "ablation", "regions", "landmarks", "training", "stages"):
         for suffix in ("md", "tex", "html"):
             assert (results / f"tables/{name}.{suffix}").stat().st_size > 100

@@ -13,11 +13,11 @@ def overlaid(base: Mapping, overlay: Mapping) -> dict:
 
 def changes(base: Mapping, other: Mapping, prefix: str = "") -> Sequence[str]:
     """What differs between two settings, as "key value" in words; keys of nested mappings are joined by dots."""
-    found = []
+    changed = []
     for key in sorted({*base, *other}):
         one, two = base.get(key), other.get(key)
         if isinstance(one, Mapping) and isinstance(two, Mapping):
-            found += changes(one, two, f"{prefix}{key}.")
+            changed += changes(one, two, f"{prefix}{key}.")
         elif one != two:
-            found.append(f"{prefix}{key} {two}")
-    return found
+            changed.append(f"{prefix}{key} {two}")
+    return changed

@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 REPEATS = 3  # of a timed prediction
 
 
-def timed(prepare: Callable[[], Callable[[], Found]]) -> tuple[Found, float, float]:
+def timed(prepare: Callable[[], Callable[[], Result]]) -> tuple[Result, float, float]:
     """prepare()(), seconds of one warm call (median of REPEATS), seconds of preparing with the first call."""
     start = time.perf_counter()
     predict = prepare()
@@ -19,11 +19,11 @@ def timed(prepare: Callable[[], Callable[[], Found]]) -> tuple[Found, float, flo
     return *repeated(predict), setup
 
 
-def repeated(predict: Callable[[], Found], patience: float = math.inf) -> tuple[Found, float]:
+def repeated(predict: Callable[[], Result], patience: float = math.inf) -> tuple[Result, float]:
     """predict(), median seconds of REPEATS calls; of a single one that takes longer than `patience` seconds."""
     seconds = []
     while len(seconds) < REPEATS and sum(seconds[:1]) < patience:
         start = time.perf_counter()
-        found = predict()
+        result = predict()
         seconds.append(time.perf_counter() - start)
-    return found, statistics.median(seconds)
+    return result, statistics.median(seconds)

@@ -114,8 +114,8 @@ def test_solution_is_confirmed_and_lies_are_not(block, solution):
     for index, what in (((node, 0), "residual"), ((prescribed, 2), "prescribed")):
         moved = result.displacement.copy()
         moved[index] += 1e-3
-        found = verdict(displacement=moved)
-        assert found.outcome == WRONG and what in found.reason
+        judgement = verdict(displacement=moved)
+        assert judgement.outcome == WRONG and what in judgement.reason
     through = result.displacement.copy()
     through[node] += [0, 0, 60]
     assert "least J" in verdict(displacement=through).reason
@@ -152,7 +152,7 @@ def test_stopping_is_clean_with_a_reason_in_time(block, solution):
     assert outcome("time limit", 90) == WRONG
 
 
-def test_sliding_nodes_are_held_on_their_surface_and_free_along_it(sliding):
+def test_sliding_nodes_are_kept_on_their_surface_and_free_along_it(sliding):
     problem, result = sliding
     element, options = VOLUMETRIC[0], solver_options()
     assert judge_solution(problem, element, result, 1.0, options).outcome == CONVERGED
@@ -160,8 +160,8 @@ def test_sliding_nodes_are_held_on_their_surface_and_free_along_it(sliding):
     for way, what in (([0, 0, 1e-4], "sliding nodes"), ([0.05, 0, 0], "residual")):
         moved = result.displacement.copy()
         moved[node] += way
-        found = judge_solution(problem, element, replace(result, displacement=moved), 1.0, options)
-        assert found.outcome == WRONG and what in found.reason
+        judgement = judge_solution(problem, element, replace(result, displacement=moved), 1.0, options)
+        assert judgement.outcome == WRONG and what in judgement.reason
     # Nodes that stick to their bone keep their distance to it, and all but they are in equilibrium.
     motion = problem.boundary.sliding[0].motion
     own = problem.boundary.sliding[0].nodes
@@ -171,8 +171,8 @@ def test_sliding_nodes_are_held_on_their_surface_and_free_along_it(sliding):
         return np.vstack([problem.boundary.displacement(fraction), motion(fraction).displacement(problem.points[own])])
 
     glued = solved(replace(problem, boundary=BoundaryConditions(nodes, stuck)), element)
-    found = judge_solution(problem, element, glued, 1.0, options)
-    assert glued.converged and found.outcome == WRONG and found.reason.startswith("residual")
+    judgement = judge_solution(problem, element, glued, 1.0, options)
+    assert glued.converged and judgement.outcome == WRONG and judgement.reason.startswith("residual")
     linear = elastic(problem, element)
     assert judge_elastic(problem, element, linear).outcome == CONVERGED
     linear[node, 2] += 1e-4
@@ -204,8 +204,8 @@ def test_loss_is_confirmed_and_a_wrong_one_is_not(block, element, share):
     def slope(precision, loss=training_loss):
         return slope_of(block, element, precision, state, LOSS_EXTENSION, loss)
 
-    def outcome(precision, found):
-        judged = judge_loss(block, element, precision, state, found, exact, LOSS_EXTENSION, np.random.default_rng(5))
+    def outcome(precision, value):
+        judged = judge_loss(block, element, precision, state, value, exact, LOSS_EXTENSION, np.random.default_rng(5))
         return judged.outcome
 
     exact, single = slope("float64"), slope("float32")

@@ -48,12 +48,12 @@ def test_the_front_is_what_comparing_all_pairs_leaves():
     seconds = rng.integers(1, 30, 200).astype(float)
     errors = 30 - seconds + rng.integers(0, 12, 200)
     errors[::17] = np.nan
-    front = pareto(seconds, errors)
+    optimal = pareto(seconds, errors)
     for i in range(len(seconds)):
         beaten = (seconds <= seconds[i]) & (errors <= errors[i]) & ((seconds < seconds[i]) | (errors < errors[i]))
         twin = (seconds == seconds[i]) & (errors == errors[i]) & (np.arange(len(seconds)) < i)
-        assert front[i] == (np.isfinite(errors[i]) and not beaten.any() and not twin.any())
-    assert 5 < front.sum() < 30
+        assert optimal[i] == (np.isfinite(errors[i]) and not beaten.any() and not twin.any())
+    assert 5 < optimal.sum() < 30
 
 
 def test_means_over_patients_and_both_fronts():
@@ -65,7 +65,7 @@ def test_means_over_patients_and_both_fronts():
     assert frame["front_reference"].tolist() == [True, True, True, False, True]
 
 
-def test_what_fails_on_one_patient_is_on_no_front():
+def test_what_fails_on_one_patient_is_on_no_pareto_front():
     own = rows()
     own.loc[(own["case"] == "B") & (own["method"] == "slow"), "converged"] = False
     frame = summarise(own).set_index("method")
@@ -93,7 +93,7 @@ def test_a_choice_keeps_the_budget_with_a_margin_on_every_patient():
     assert choose_setting(frame, tolerance_mm=0.35)["method"] == "middle"  # `bad` cannot be repeated
 
 
-def test_an_impossible_wish_is_told_what_is_possible():
+def test_an_impossible_wish_shows_what_is_possible():
     with pytest.raises(InputError, match="budget_seconds 0.001.*ask for 0.017 s or more"):
         choose_setting(summarise(rows()), budget_seconds=1e-3)
     with pytest.raises(InputError, match="tolerance_mm 0.01"):

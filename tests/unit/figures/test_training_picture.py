@@ -53,8 +53,8 @@ def test_curves_are_those_of_the_history(drawn, tmp_path):
     ]  # fmt: skip
     curve = lines["physics: equilibrium residual"].get_ydata()
     assert np.nanmax(curve) < 2.1 and curve[150] == pytest.approx(2 * 10**-1.5, rel=0.1)
-    held = lines["data term of the patients held back"]
-    assert list(held.get_xdata()) == [0, 50, 100, 150, 200] and held.get_ydata()[0] == 1.5
+    validation = lines["data term of the patients held back"]
+    assert list(validation.get_xdata()) == [0, 50, 100, 150, 200] and validation.get_ydata()[0] == 1.5
     assert list(lines["weights kept"].get_xdata()) == [150]
     assert len({str(line) for _, line, _ in TERMS.values()}) == len(TERMS)  # in grey, terms differ by their line
     assert right.get_lines()[1].get_label() == "data: skin distance, mm"

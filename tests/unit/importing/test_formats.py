@@ -151,8 +151,8 @@ def surfaces(labels, spacing, origin):
     """Skin and bones of a head, pv.PolyData by name."""
     bone = bone_surface(labels, spacing, origin, SEGMENTS)
     parts = {name: bone.part(index) for index, name in enumerate(("cranium", *SEGMENTS), start=-1)}
-    found = {name: pv.PolyData.from_regular_faces(part.points, part.faces) for name, part in parts.items()}
-    return found | {"skin": pv.PolyData.from_regular_faces(*skin_surface(labels, spacing, origin))}
+    polydata = {name: pv.PolyData.from_regular_faces(part.points, part.faces) for name, part in parts.items()}
+    return polydata | {"skin": pv.PolyData.from_regular_faces(*skin_surface(labels, spacing, origin))}
 
 
 def outside(labels, spacing, origin):
@@ -184,20 +184,20 @@ def reference_mesh(upright):
     return outside(*upright)
 
 
-def check_surfaces(found, place, reference):
+def check_surfaces(head, place, reference):
     """Skin and bones of what came in are the reference's within the diagonal of a voxel."""
-    assert found.labels.dtype == np.uint8 and set(np.unique(found.labels)) == {0, *CODES.values()}
-    for name, surface in surfaces(found.labels, found.spacing, found.origin - place).items():
-        assert gap(surface, reference[name]) < np.linalg.norm(found.spacing), name
+    assert head.labels.dtype == np.uint8 and set(np.unique(head.labels)) == {0, *CODES.values()}
+    for name, surface in surfaces(head.labels, head.spacing, head.origin - place).items():
+        assert gap(surface, reference[name]) < np.linalg.norm(head.spacing), name
 
 
-def check_mesh(found, place, reference_mesh):
+def check_mesh(head, place, reference_mesh):
     """The outside of the mesh of what came in is the reference's within the diagonal of a voxel.
 
     That is, 95 % of it: two lattices over one head differ by more at single nodes, and the reference is such a lattice.
     """
-    mesh = outside(found.labels, found.spacing, found.origin - place)
-    assert gap(mesh, reference_mesh, 95) < np.linalg.norm(found.spacing)
+    mesh = outside(head.labels, head.spacing, head.origin - place)
+    assert gap(mesh, reference_mesh, 95) < np.linalg.norm(head.spacing)
 
 
 frames = st.fixed_dictionaries(
@@ -212,8 +212,8 @@ frames = st.fixed_dictionaries(
 )
 
 
-def expected(found, place):
-    centres = found.origin + np.moveaxis(np.indices(found.labels.shape), 0, -1) * found.spacing - place
+def expected(head, place):
+    centres = head.origin + np.moveaxis(np.indices(head.labels.shape), 0, -1) * head.spacing - place
     return codes_at(centres)
 
 
@@ -237,18 +237,18 @@ COMMON = {
 @settings(max_examples=25, **COMMON)
 @given(frame=frames)
 def test_any_frame_and_format_gives_the_same_head(tmp_path, reference, frame):
-    found, place = imported(tmp_path, frame)
+    head, place = imported(tmp_path, frame)
     if not any(frame["oblique"]):
         # Nothing was resampled: each voxel is where it was.
-        assert (found.labels != expected(found, place)).mean() < 1e-4
-    check_surfaces(found, place, reference)
+        assert (head.labels != expected(head, place)).mean() < 1e-4
+    check_surfaces(head, place, reference)
 
 
 @settings(max_examples=6, **COMMON)
 @given(frame=frames)
 def test_any_frame_and_format_gives_the_same_mesh(tmp_path, reference_mesh, frame):
-    found, place = imported(tmp_path, frame)
-    check_mesh(found, place, reference_mesh)
+    head, place = imported(tmp_path, frame)
+    check_mesh(head, place, reference_mesh)
 
 
 UPRIGHT = np.eye(3), np.array([1.5, 1.2, 2.0]), np.array([-70.0, -210.0, 640.0])
@@ -272,8 +272,8 @@ ALL = [(NAMES[name], VALUES[name], 0) for name in STRUCTURES]
 @pytest.mark.parametrize("labels", [NAMES, VALUES, NAMES | {"cranium": VALUES["cranium"]}])
 def test_slicer_segments_are_found_by_name_and_by_value(tmp_path, labels, caplog):
     path = seg_nrrd(tmp_path, [*ALL, ("Airway", 99, 0)])
-    found = read_segmentation(path, "P1", labels, SEGMENTS)
-    np.testing.assert_array_equal(found.labels, expected(found, UPRIGHT[2]))
+    head = read_segmentation(path, "P1", labels, SEGMENTS)
+    np.testing.assert_array_equal(head.labels, expected(head, UPRIGHT[2]))
     assert "segments 'Airway' (99) are not named" in caplog.text
 
 
@@ -312,8 +312,8 @@ def test_a_bad_segment_is_refused_with_the_names_that_exist(tmp_path, fault):
 
 def test_slicer_muscle_may_be_missing(tmp_path, caplog):
     path = seg_nrrd(tmp_path, [part for part in ALL if part[0] != "Muscle"])
-    found = read_segmentation(path, "P1", NAMES, SEGMENTS)
-    assert set(np.unique(found.labels)) == {0, *CODES.values()} - {CODES["muscle"]}
+    head = read_segmentation(path, "P1", NAMES, SEGMENTS)
+    assert set(np.unique(head.labels)) == {0, *CODES.values()} - {CODES["muscle"]}
     assert "nothing carries the label 'Muscle' of 'muscle'; it holds 'Fat and skin'" in caplog.text
 
 
@@ -332,8 +332,8 @@ def test_slicer_files_before_4_11_hold_one_layer_per_segment(tmp_path):
     head, body = path.read_bytes().split(b"\n\n", 1)
     kept = [line for line in head.split(b"\n") if b"LabelValue" not in line and b"Layer" not in line]
     path.write_bytes(b"\n".join(kept) + b"\n\n" + body)
-    found = read_segmentation(path, "P1", NAMES, SEGMENTS)
-    np.testing.assert_array_equal(found.labels, expected(found, UPRIGHT[2]))
+    segmentation = read_segmentation(path, "P1", NAMES, SEGMENTS)
+    np.testing.assert_array_equal(segmentation.labels, expected(segmentation, UPRIGHT[2]))
 
 
 def scan_slices(shape, direction, spacing, origin):
@@ -400,12 +400,12 @@ TILTED = Rotation.from_rotvec([12, 0, 0], degrees=True).as_matrix()
 def test_dicom_seg_comes_in_with_its_names_and_numbers(tmp_path, reference, direction, labels, fractional):
     _, spacing, place = UPRIGHT
     write_dicom_seg(tmp_path / "head.dcm", direction, spacing, place, fractional=fractional)
-    found = read_segmentation(tmp_path / "head.dcm", "P1", labels, SEGMENTS)
+    segmentation = read_segmentation(tmp_path / "head.dcm", "P1", labels, SEGMENTS)
     if direction is not TILTED:
-        np.testing.assert_array_equal(found.labels, expected(found, UPRIGHT[2]))
-        assert (found.labels > 0).sum() == (codes_at(grid(direction, spacing, place)[0]) > 0).sum()
+        np.testing.assert_array_equal(segmentation.labels, expected(segmentation, UPRIGHT[2]))
+        assert (segmentation.labels > 0).sum() == (codes_at(grid(direction, spacing, place)[0]) > 0).sum()
     # Not the skin: DICOM-SEG leaves empty slices out, so that the highest and lowest voxels of this head are a cut.
-    head = surfaces(found.labels, found.spacing, found.origin - place)
+    head = surfaces(segmentation.labels, segmentation.spacing, segmentation.origin - place)
     for name in ("cranium", *SEGMENTS):
         assert gap(head[name], reference[name]) < np.linalg.norm(spacing)
 
@@ -449,10 +449,10 @@ def surface_folder(tmp_path, solid_surfaces):
 
 
 def test_a_folder_of_closed_surfaces_comes_in(surface_folder, reference, reference_mesh):
-    found = read_segmentation(surface_folder, "P1", VALUES, SEGMENTS)
-    np.testing.assert_array_equal(found.spacing, 1.0)
-    check_surfaces(found, UPRIGHT[2], reference)
-    check_mesh(found, UPRIGHT[2], reference_mesh)
+    head = read_segmentation(surface_folder, "P1", VALUES, SEGMENTS)
+    np.testing.assert_array_equal(head.spacing, 1.0)
+    check_surfaces(head, UPRIGHT[2], reference)
+    check_mesh(head, UPRIGHT[2], reference_mesh)
 
 
 def test_surfaces_are_found_by_their_own_names_and_in_ras(surface_folder, reference, caplog):
@@ -464,8 +464,8 @@ def test_surfaces_are_found_by_their_own_names_and_in_ras(surface_folder, refere
             mesh = pv.read(file)
             mesh.points = mesh.points * [-1, -1, 1]
             mesh.save(file)
-    found = read_segmentation(surface_folder, "P1", VALUES | {"mandible": "Lower jaw"}, SEGMENTS, "RAS")
-    check_surfaces(found, UPRIGHT[2], reference)
+    head = read_segmentation(surface_folder, "P1", VALUES | {"mandible": "Lower jaw"}, SEGMENTS, "RAS")
+    check_surfaces(head, UPRIGHT[2], reference)
     assert "segments 'sketch' are not named" in caplog.text
 
 
@@ -483,11 +483,11 @@ def test_a_surface_that_slicer_marks_as_ras_is_turned(surface_folder):
 
 def test_bone_goes_over_muscle_over_skin_and_a_head_without_muscle_is_whole(surface_folder):
     (surface_folder / "muscle.ply").unlink()
-    found = read_segmentation(surface_folder, "P1", VALUES, SEGMENTS)
-    wanted = expected(found, UPRIGHT[2])
+    head = read_segmentation(surface_folder, "P1", VALUES, SEGMENTS)
+    wanted = expected(head, UPRIGHT[2])
     wanted[wanted == CODES["muscle"]] = CODES["superficial"]
-    assert (found.labels != wanted).sum() < 0.03 * (wanted > 0).sum()
-    assert not (found.labels == CODES["muscle"]).any()
+    assert (head.labels != wanted).sum() < 0.03 * (wanted > 0).sum()
+    assert not (head.labels == CODES["muscle"]).any()
 
 
 def test_overlapping_sheets_join_and_sheets_within_are_cavities():
@@ -517,10 +517,10 @@ def test_a_flat_cut_of_the_skin_is_the_border_of_the_volume_and_a_round_end_is_n
     skin = pv.read(surface_folder / "superficial.stl")
     bottom = UPRIGHT[2][2] - 20.3
     skin.clip_closed_surface("z", origin=(0, 0, bottom)).triangulate().save(surface_folder / "superficial.stl")
-    found = read_segmentation(surface_folder, "P1", VALUES, SEGMENTS)
-    assert found.origin[2] - 0.5 == pytest.approx(bottom, abs=0.01)
-    ends = [(found.labels.take(0, axis) > 0).sum() for axis in range(3)]
-    ends += [(found.labels.take(-1, axis) > 0).sum() for axis in range(3)]
+    head = read_segmentation(surface_folder, "P1", VALUES, SEGMENTS)
+    assert head.origin[2] - 0.5 == pytest.approx(bottom, abs=0.01)
+    ends = [(head.labels.take(0, axis) > 0).sum() for axis in range(3)]
+    ends += [(head.labels.take(-1, axis) > 0).sum() for axis in range(3)]
     assert ends[2] > 1000 and sum(ends) == ends[2]
 
 

@@ -1,6 +1,7 @@
 """The muscle layer of segmentations without one: the rule, its agreement with labelled muscles, and a single layer."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -69,16 +70,17 @@ def test_crumbs_are_no_muscle():
 
 def test_the_word_says_where_the_layer_comes_from():
     labels = slab()
-    given = SPACING, np.zeros(3), 50.0
-    single, word = muscle_layer(labels, *given, "single", "P1", "head.nii.gz")
+    rule = partial(muscle_layer, spacing=SPACING, origin=np.zeros(3), top=50.0, case="P1", file="head.nii.gz")
+    single, word = rule(labels, unlabelled="single")
     assert word == "single" and (single == labels).all()
-    derived, word = muscle_layer(labels, *given, "derived", "P1", "head.nii.gz")
+    derived, word = rule(labels, unlabelled="derived")
     assert word == "derived" and derived.dtype == np.uint8
-    assert ((derived == MUSCLE) == derive_muscle(labels, *given)).all() and (derived != labels).sum() > 1000
-    again, word = muscle_layer(derived, *given, "refuse", "P1", "head.nii.gz")
+    expected = derive_muscle(labels, SPACING, np.zeros(3), top=50.0)
+    assert ((derived == MUSCLE) == expected).all() and (derived != labels).sum() > 1000
+    again, word = rule(derived, unlabelled="refuse")
     assert word == "labelled" and again.tobytes() == derived.tobytes()
     with pytest.raises(InputError, match="'P1': head.nii.gz: no muscle is labelled.*unlabelled_muscle"):
-        muscle_layer(labels, *given, "refuse", "P1", "head.nii.gz")
+        rule(labels, unlabelled="refuse")
 
 
 @pytest.fixture(scope="module")
@@ -102,9 +104,9 @@ def test_the_layer_resembles_the_muscles_of_virtual_heads(heads):
         derived, _ = muscle_layer(
             without_muscle(head), head.spacing, head.origin, upper_top(head), "derived", "V", "v.nii.gz"
         )
-        found, truth = derived == MUSCLE, head.labels == MUSCLE
-        assert 2 * (found & truth).sum() / (found.sum() + truth.sum()) > 0.45
-        assert 0.75 < found.sum() / truth.sum() < 1.33
+        muscle, truth = derived == MUSCLE, head.labels == MUSCLE
+        assert 2 * (muscle & truth).sum() / (muscle.sum() + truth.sum()) > 0.45
+        assert 0.75 < muscle.sum() / truth.sum() < 1.33
         assert ndimage.label(np.isin(derived, (SUPERFICIAL, MUSCLE)))[1] == 1
 
 
@@ -122,8 +124,8 @@ def test_a_single_layer_runs_through_interfaces_and_finite_elements(heads):
     result = simulate(patient, plan, "mucosa", FEM)
     assert result.converged and jacobians(patient.points, patient.cells, result.displacement).min() > 0
     assert result.displacement[:, 1].max() > 1.9
-    found = volume_metrics(patient.points, patient.cells, patient.tissue, result.displacement)
-    assert np.isnan(found["volume_change_muscle"]) and abs(found["volume_change_superficial"]) < 1
+    metrics = volume_metrics(patient.points, patient.cells, patient.tissue, result.displacement)
+    assert np.isnan(metrics["volume_change_muscle"]) and abs(metrics["volume_change_superficial"]) < 1
 
 
 def single_layer() -> PatientModel:
@@ -145,14 +147,14 @@ def test_networks_learn_on_a_single_layer(decomposition):
     optimizer = torch.optim.AdamW(network.parameters(), lr=3e-3)
     losses = []
     for _ in range(25):
-        found = network(patient.anatomy, patient.signal(plan))
-        data = volume_loss(found.displacement, target)
-        loss = data + 1e-4 * physics_loss(patient.operator, patient.free, found.displacement)
+        prediction = network(patient.anatomy, patient.signal(plan))
+        data = volume_loss(prediction.displacement, target)
+        loss = data + 1e-4 * physics_loss(patient.operator, patient.free, prediction.displacement)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
         losses.append(data.item())
-    assert torch.isfinite(found.displacement).all() and losses[-1] < 0.7 * losses[0]
+    assert torch.isfinite(prediction.displacement).all() and losses[-1] < 0.7 * losses[0]
     assert not len(patient.anatomy.muscle_nodes)
 
 

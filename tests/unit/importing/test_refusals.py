@@ -164,12 +164,12 @@ def run_register(folder, scan, limit=1.5, top=1e9):
     segments, bone, (points, faces) = patient(1)
     faces = faces[(points[faces, 2] < top).all(axis=1)]
     used, faces = np.unique(faces, return_inverse=True)
-    (folder / "given").mkdir()
-    bone.write(folder / "given/bone.vtp")
-    write_surface(points[used], faces.reshape(-1, 3), folder / "given/skin.vtp")
+    (folder / "preop").mkdir()
+    bone.write(folder / "preop/bone.vtp")
+    write_surface(points[used], faces.reshape(-1, 3), folder / "preop/skin.vtp")
     (folder / "out").mkdir()
-    given = str(folder / "given/skin.vtp"), str(folder / "given/bone.vtp")
-    register_postop("P1", str(scan), *given, segments, 20.0, limit, str(folder / "out/postop.h5"))
+    skin, bone = str(folder / "preop/skin.vtp"), str(folder / "preop/bone.vtp")
+    register_postop("P1", str(scan), skin, bone, segments, 20.0, limit, str(folder / "out/postop.h5"))
 
 
 def of_scan(points, faces=None, suffix="ply", **settings):

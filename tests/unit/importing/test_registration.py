@@ -48,16 +48,16 @@ def test_the_motion_of_a_noisy_partial_scan_with_moved_jaws_is_found(angles, shi
     skin, faces = head()
     points, scan_faces = scan()
     rotation = Rotation.from_rotvec(angles, degrees=True).as_matrix()
-    found = register(
+    registration = register(
         points @ rotation.T + shift, scan_faces, skin, faces, PLANE, case="P1", file="postop.ply", limit=1.5
     )
-    error = np.rad2deg(np.linalg.norm(Rotation.from_matrix(found.motion.rotation @ rotation).as_rotvec()))
+    error = np.rad2deg(np.linalg.norm(Rotation.from_matrix(registration.motion.rotation @ rotation).as_rotvec()))
     upper = points[:, 2] > PLANE
-    back = found.motion.apply(points[upper] @ rotation.T + shift)
+    back = registration.motion.apply(points[upper] @ rotation.T + shift)
     assert error < 0.1
     assert np.abs((back - points[upper]).mean(axis=0)).max() < 0.1
-    assert 0.1 < found.median < 0.35 and found.median < found.p95 < 1.2
-    assert found.count > 500
+    assert 0.1 < registration.median < 0.35 and registration.median < registration.p95 < 1.2
+    assert registration.count > 500
 
 
 def test_moved_jaws_would_spoil_a_registration_of_the_whole_face():
@@ -100,9 +100,9 @@ def test_partial_overlap_and_outliers_do_not_pull_the_scan_away(defect):
         keep = np.ones(len(points), bool)
     faces = faces[keep[faces].all(axis=1)]
     moved = points @ rotation.T + [30, -20, 15]
-    found = register(moved, faces, skin, skin_faces, PLANE, case="P1", file="f", limit=1.5)
+    registration = register(moved, faces, skin, skin_faces, PLANE, case="P1", file="f", limit=1.5)
     upper = true[true[:, 2] > PLANE]
-    assert np.linalg.norm(found.motion.apply(upper @ rotation.T + [30, -20, 15]) - upper, axis=1).max() < 0.6
+    assert np.linalg.norm(registration.motion.apply(upper @ rotation.T + [30, -20, 15]) - upper, axis=1).max() < 0.6
 
 
 def test_another_surface_and_a_face_without_forehead_are_refused():

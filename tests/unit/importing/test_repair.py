@@ -57,9 +57,9 @@ def test_salt_and_pepper_goes_and_the_rest_stays():
         noisy[chosen] = rng.choice(others, len(chosen[0]))
     wrong = int((noisy != clean).sum())
     assert wrong > 500
-    given = noisy.copy()
+    before = noisy.copy()
     mended, statements = mend(noisy, limit=5.0)
-    assert np.array_equal(noisy, given), "the argument is left alone"
+    assert np.array_equal(noisy, before), "the argument is left alone"
     assert (mended == clean).all()
     assert repaired_voxels(statements) == wrong
     assert (mend(noisy, limit=5.0)[0] == mended).all()
@@ -158,11 +158,11 @@ def test_a_segment_of_a_few_voxels_is_refused_as_noise():
 @pytest.mark.skipif(not ARTISYNTH.is_file(), reason=f"the ArtiSynth label map is not at {ARTISYNTH}")
 def test_the_artisynth_face_keeps_its_shells():
     values = {"superficial": 1, "muscle": 2, "cranium": 10, "maxilla": 11, "mandible": 12}
-    given = read_segmentation(ARTISYNTH, "A", values, ("maxilla", "mandible"), "PRS").labels
-    mended, statements = repair(given, ("maxilla", "mandible"), 2.0, "A", ARTISYNTH)
+    labels = read_segmentation(ARTISYNTH, "A", values, ("maxilla", "mandible"), "PRS").labels
+    mended, statements = repair(labels, ("maxilla", "mandible"), 2.0, "A", ARTISYNTH)
     assert 0 < repaired_voxels(statements) < 300
     for code in (SUPERFICIAL, MUSCLE, CRANIUM, UPPER, LOWER):
-        assert ((mended != given) & (given == code)).sum() <= 0.01 * (given == code).sum()
+        assert ((mended != labels) & (labels == code)).sum() <= 0.01 * (labels == code).sum()
         _, pieces = ndimage.label(mended == code, TOUCHING)
         assert pieces == (8 if code == CRANIUM else 1)
 

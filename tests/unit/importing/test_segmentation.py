@@ -60,11 +60,11 @@ def stored(path, made):
 def test_any_orientation_and_format_gives_the_same_labels_in_the_same_place(tmp_path, orientation, suffix):
     turned = sitk.DICOMOrient(image(), orientation)
     path = stored(tmp_path / f"head.{suffix}", turned)
-    found = read_segmentation(path, "P1", VALUES, SEGMENTS)
-    assert found.labels.dtype == np.uint8
-    np.testing.assert_array_equal(found.labels, expected())
-    np.testing.assert_allclose(found.spacing, SPACING, atol=1e-6)
-    np.testing.assert_allclose(found.origin, ORIGIN, atol=1e-4)
+    head = read_segmentation(path, "P1", VALUES, SEGMENTS)
+    assert head.labels.dtype == np.uint8
+    np.testing.assert_array_equal(head.labels, expected())
+    np.testing.assert_allclose(head.spacing, SPACING, atol=1e-6)
+    np.testing.assert_allclose(head.origin, ORIGIN, atol=1e-4)
 
 
 def test_an_oblique_grid_is_resampled_to_the_place_where_it_was(tmp_path):
@@ -73,9 +73,9 @@ def test_an_oblique_grid_is_resampled_to_the_place_where_it_was(tmp_path):
         fine = image(np.kron(user_volume(), np.ones((3, 3, 3), np.int16)), SPACING / 3)
         c, s = np.cos(angle), np.sin(angle)
         fine.SetDirection([c, -s, 0, s, c, 0, 0, 0, 1])
-        found = read_segmentation(stored(tmp_path / f"{angle}.nii.gz", fine), "P1", VALUES, SEGMENTS)
-        inside = np.argwhere(found.labels == 11)
-        centres.append(found.origin + inside.mean(axis=0) * found.spacing)
+        head = read_segmentation(stored(tmp_path / f"{angle}.nii.gz", fine), "P1", VALUES, SEGMENTS)
+        inside = np.argwhere(head.labels == 11)
+        centres.append(head.origin + inside.mean(axis=0) * head.spacing)
         assert len(inside) == pytest.approx(3 * 3 * 4 * 27, rel=0.05)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     np.testing.assert_allclose(centres[1], turn @ (centres[0] - ORIGIN) + ORIGIN, atol=0.3)
@@ -84,8 +84,8 @@ def test_an_oblique_grid_is_resampled_to_the_place_where_it_was(tmp_path):
 def test_floats_that_hold_integers_pass_and_unknown_values_are_air_with_a_warning(tmp_path, caplog):
     volume = user_volume().astype(np.float32)
     volume[0, 0, 0], volume[0, 1, 0] = 99, 41
-    found = read_segmentation(stored(tmp_path / "head.mha", image(volume)), "P1", VALUES, SEGMENTS)
-    np.testing.assert_array_equal(found.labels, expected())
+    head = read_segmentation(stored(tmp_path / "head.mha", image(volume)), "P1", VALUES, SEGMENTS)
+    np.testing.assert_array_equal(head.labels, expected())
     assert "41, 99" in caplog.text and "P1" in caplog.text
 
 
@@ -138,16 +138,16 @@ def test_an_unknown_format_and_a_value_that_the_configuration_lacks_are_refused(
 @pytest.mark.parametrize("values", [VALUES, {name: code for name, code in VALUES.items() if name != "muscle"}])
 def test_a_head_without_muscle_comes_in_without_it(tmp_path, values, caplog):
     path = stored(tmp_path / "head.nrrd", image(without(7)))
-    found = read_segmentation(path, "P1", values, SEGMENTS)
-    assert not (found.labels == 2).any()
-    np.testing.assert_array_equal(found.labels, np.where(expected() == 2, 0, expected()))
+    head = read_segmentation(path, "P1", values, SEGMENTS)
+    assert not (head.labels == 2).any()
+    np.testing.assert_array_equal(head.labels, np.where(expected() == 2, 0, expected()))
     assert ("nothing carries the label 7 of 'muscle'" in caplog.text) == ("muscle" in values)
 
 
 def test_muscle_that_the_configuration_does_not_name_is_air_with_a_warning(tmp_path, caplog):
     values = {name: value for name, value in VALUES.items() if name != "muscle"}
-    found = read_segmentation(stored(tmp_path / "head.nrrd", image()), "P1", values, SEGMENTS)
-    assert not (found.labels[expected() == 2]).any() and "voxel values 7 are not named" in caplog.text
+    head = read_segmentation(stored(tmp_path / "head.nrrd", image()), "P1", values, SEGMENTS)
+    assert not (head.labels[expected() == 2]).any() and "voxel values 7 are not named" in caplog.text
 
 
 @pytest.mark.parametrize("suffix", ["nii.gz", "nrrd", "mha", "nii"])
@@ -155,10 +155,10 @@ def test_written_labels_come_back_voxel_by_voxel_and_byte_by_byte(tmp_path, suff
     first, second = tmp_path / f"a.{suffix}", tmp_path / f"b.{suffix}"
     for path in (first, second):
         write_segmentation(expected(), SPACING, ORIGIN, path)
-    found = read_labels(first)
-    np.testing.assert_array_equal(found.labels, expected())
-    np.testing.assert_allclose(found.origin, ORIGIN)
-    np.testing.assert_allclose(found.spacing, SPACING)
+    head = read_labels(first)
+    np.testing.assert_array_equal(head.labels, expected())
+    np.testing.assert_allclose(head.origin, ORIGIN)
+    np.testing.assert_allclose(head.spacing, SPACING)
     assert first.read_bytes() == second.read_bytes()
     assert sorted(p.name for p in tmp_path.iterdir()) == [first.name, second.name]
 
@@ -178,9 +178,9 @@ def face():
 def test_a_scan_is_read_with_shared_vertices(tmp_path, suffix):
     points, mesh = face()
     mesh.save(tmp_path / f"face.{suffix}")
-    found, faces = read_postop(tmp_path / f"face.{suffix}", "P1", points)
-    again = pv.PolyData.from_regular_faces(found, faces)
-    assert len(found) == len(points) and len(faces) == mesh.n_cells
+    vertices, faces = read_postop(tmp_path / f"face.{suffix}", "P1", points)
+    again = pv.PolyData.from_regular_faces(vertices, faces)
+    assert len(vertices) == len(points) and len(faces) == mesh.n_cells
     assert again.n_open_edges == 0
     assert again.volume == pytest.approx(mesh.volume, rel=1e-5)
 
@@ -196,9 +196,9 @@ def test_an_stl_in_any_metric_unit_comes_in_as_millimetres_with_each_vertex_once
     assert mesh.n_points == 3 * mesh.n_cells
     mesh.save(tmp_path / "face.stl", binary=binary)
     assert (tmp_path / "face.stl").read_bytes().startswith(b"solid") != binary
-    found, faces = read_postop(tmp_path / "face.stl", "P1", points)
-    again = pv.PolyData.from_regular_faces(found, faces)
-    assert len(found) == len(points) and again.n_open_edges == 0
+    vertices, faces = read_postop(tmp_path / "face.stl", "P1", points)
+    again = pv.PolyData.from_regular_faces(vertices, faces)
+    assert len(vertices) == len(points) and again.n_open_edges == 0
     np.testing.assert_allclose(again.bounds, pv.PolyData(points).bounds, atol=1e-3)
     assert ("taken as" in caplog.text) == (scale != 1)
 
@@ -236,15 +236,15 @@ def test_the_artisynth_face_imports():
     if not ARTISYNTH.exists():
         pytest.skip(f"{ARTISYNTH} is not on this machine")
     values = {"superficial": 1, "muscle": 2, "cranium": 10, "maxilla": 11, "mandible": 12}
-    found = read_segmentation(ARTISYNTH, "A", values, ("maxilla", "mandible"))
+    head = read_segmentation(ARTISYNTH, "A", values, ("maxilla", "mandible"))
     stored_image = sitk.ReadImage(str(ARTISYNTH))
     raw = sitk.GetArrayFromImage(stored_image).transpose(2, 1, 0)
     for code in (1, 2, 10, 11, 12):
-        place = found.origin + np.argwhere(found.labels == code).mean(axis=0) * found.spacing
+        place = head.origin + np.argwhere(head.labels == code).mean(axis=0) * head.spacing
         index = np.argwhere(raw == code).mean(axis=0).tolist()
         np.testing.assert_allclose(place, stored_image.TransformContinuousIndexToPhysicalPoint(index), atol=1e-3)
-    mandible = np.argwhere(found.labels == 12).mean(axis=0)
-    maxilla = np.argwhere(found.labels == 11).mean(axis=0)
+    mandible = np.argwhere(head.labels == 12).mean(axis=0)
+    maxilla = np.argwhere(head.labels == 11).mean(axis=0)
     assert mandible[2] < maxilla[2]
 
 

@@ -102,10 +102,10 @@ def truth(segmented):
     return structures(places(segmented.spacing, segmented.labels.shape))
 
 
-def astray(found, true) -> float:
-    """Share of the true voxels that are wrong by more than a voxel: found outside their rim, or lost in their core."""
-    outside = found & ~ndimage.binary_dilation(true, np.ones((3, 3, 3)))
-    lost = ndimage.binary_erosion(true, np.ones((3, 3, 3))) & ~found
+def astray(labelled, true) -> float:
+    """Share of the true voxels wrong by more than a voxel: labelled outside their rim, or lost in their core."""
+    outside = labelled & ~ndimage.binary_dilation(true, np.ones((3, 3, 3)))
+    lost = ndimage.binary_erosion(true, np.ones((3, 3, 3))) & ~labelled
     return (outside | lost).sum() / true.sum()
 
 
@@ -159,8 +159,8 @@ def test_the_box_cuts_the_map_and_changes_nothing_inside(ct, cuts, segmented):
 
 
 def test_tissue_reaches_from_the_skin_to_its_depth(ct, cuts):
-    given = replace(GIVEN, depth=20, closing=0.5)
-    shallow = segment_ct(ct, Cuts.read(cuts), given)
+    thresholds = replace(GIVEN, depth=20, closing=0.5)
+    shallow = segment_ct(ct, Cuts.read(cuts), thresholds)
     part = structures(places(shallow.spacing, shallow.labels.shape))
     bones = np.any([part[name] for name in ("skull", "mandible", "maxilla", "joints")], axis=0)
     depth = 1.5 * ndimage.distance_transform_edt(part["head"])
@@ -187,11 +187,11 @@ def test_a_wrong_header_is_corrected(ct, tmp_path, axes):
 def test_the_command_line_writes_the_same_map(ct, cuts, segmented, tmp_path):
     sitk.WriteImage(ct, str(tmp_path / "ct.nrrd"))
     arguments = f"--cuts {cuts} --skin 500 --bone 1500 --opening 4.5 --depth 50 --aperture 10 --margin 5".split()
-    given = parser().parse_args(["ct.nrrd", "labels.nii.gz", *arguments])
-    made = Thresholds(**{name: getattr(given, name) for name, *_ in Thresholds.options()})
+    options = parser().parse_args(["ct.nrrd", "labels.nii.gz", *arguments])
+    made = Thresholds(**{name: getattr(options, name) for name, *_ in Thresholds.options()})
     assert made == GIVEN
     labels = str(tmp_path / "labels.nii.gz")
-    volumes = segment_file(str(tmp_path / "ct.nrrd"), given.cuts, given.orientation, made, labels)
+    volumes = segment_file(str(tmp_path / "ct.nrrd"), options.cuts, options.orientation, made, labels)
     written = read_labels(labels)
     assert np.array_equal(written.labels, segmented.labels) and np.allclose(written.origin, segmented.origin)
     assert volumes["cranium"] == pytest.approx((segmented.labels == CRANIUM).sum() * 1.5**3 / 1000)

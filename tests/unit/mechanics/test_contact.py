@@ -75,8 +75,8 @@ def test_force_is_the_gradient_of_the_energy_on_a_moving_sphere():
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     points = directions * rng.uniform(20.2, 21, (30, 1))
     motion = RigidMotion.from_degrees([5.0, 3, 15], [2.5, 1.0, 2.0], [0, 0, 0])
-    held = ContactSet(np.arange(30), rng.uniform(1, 4, 30), None, *sphere(20.0, 2000), motion.fraction)
-    contact = UnilateralContact(points, [held], KAPPA)
+    contact_set = ContactSet(np.arange(30), rng.uniform(1, 4, 30), None, *sphere(20.0, 2000), motion.fraction)
+    contact = UnilateralContact(points, [contact_set], KAPPA)
     u = rng.normal(0, 0.3, points.shape) - 0.5 * directions
     closed = contact.gaps(u, 0.6) < 0
     assert 5 < closed.sum() < 28
@@ -87,7 +87,7 @@ def test_force_is_the_gradient_of_the_energy_on_a_moving_sphere():
     # The gap itself, to the sphere that has moved: the energy is a sum of A kappa / 2 gap^2.
     away = np.linalg.norm(points + u - motion.fraction(0.6).apply(np.zeros((1, 3))), axis=1) - 20
     np.testing.assert_allclose(contact.gaps(u, 0.6), away, atol=1e-2)
-    assert energy == pytest.approx(0.5 * KAPPA * (held.areas * np.minimum(contact.gaps(u, 0.6), 0) ** 2).sum())
+    assert energy == pytest.approx(0.5 * KAPPA * (contact_set.areas * np.minimum(contact.gaps(u, 0.6), 0) ** 2).sum())
     assert len(contact.pairs) == 30 and (contact.pairs[:, 0] == contact.pairs[:, 1]).all()
 
 
@@ -231,10 +231,12 @@ def test_a_pressed_block_is_in_uniaxial_stress_up_to_the_penetration():
     stretch = brentq(lambda s: s * height - (height - travel + gap + pressure(s) / kappa), 0.8, 1.0, xtol=1e-14)
     across, depth = wide(stretch), pressure(stretch) / kappa
     exact = points @ np.diag([across - 1, across - 1, stretch - 1]) - [0, 0, gap + depth]
-    held = top[[0, 3]]
+    prescribed = top[[0, 3]]
     up = np.array([0, 0, 1.0])
-    plate = SlidingSet(np.setdiff1d(top, held), *plane(up, height * up), RigidMotion(np.eye(3), -travel * up).fraction)
-    boundary = BoundaryConditions(held, exact[held], [plate], [bone])
+    plate = SlidingSet(
+        np.setdiff1d(top, prescribed), *plane(up, height * up), RigidMotion(np.eye(3), -travel * up).fraction
+    )
+    boundary = BoundaryConditions(prescribed, exact[prescribed], [plate], [bone])
     result = solve(points, cells, law, boundary, solver_options(tolerance=1e-10))
     assert result.converged
     np.testing.assert_allclose(result.displacement, exact, atol=1e-6)
@@ -249,12 +251,14 @@ def test_pressed_and_shifted_blocks_transmit_pressure_but_no_shear():
     elements = Elements.build(points, cells, law)
     sets = lips(points, cells, above, below)
     top, bottom = (np.flatnonzero(points[:, 2] == z) for z in (12, 0))
-    told = np.concatenate([top, bottom])
+    prescribed = np.concatenate([top, bottom])
     contact = UnilateralContact(points, sets, penalty(elements.modulus, elements.edge))
     loads = []
     for shift in (0.0, 2.0):
-        move = np.where(np.isin(told, top)[:, None], [shift, 0, -1.2], 0.0)
-        result = solve(points, cells, law, BoundaryConditions(told, move, contact=sets), solver_options(tolerance=1e-6))
+        move = np.where(np.isin(prescribed, top)[:, None], [shift, 0, -1.2], 0.0)
+        result = solve(
+            points, cells, law, BoundaryConditions(prescribed, move, contact=sets), solver_options(tolerance=1e-6)
+        )
         assert result.converged
         u = result.displacement
         upper = np.arange(len(points)) < len(points) - 5 * 6 * 3

@@ -75,11 +75,11 @@ def monomials(x):
 
 
 def conjugate(q, lam):
-    """U*(q) of U = lam/2 (ln J)^2: q J - U(J) where dU/dJ = q, found by Newton's method."""
+    """U*(q) of U = lam/2 (ln J)^2: q J - U(J) where dU/dJ = q, by Newton's method."""
     log = torch.zeros_like(q.detach())
     for _ in range(60):
         log = log - (lam * log * torch.exp(-log) - q.detach()) / (lam * (1 - log) * torch.exp(-log))
-    # By the envelope theorem J may be held; its own derivative drops out.
+    # By the envelope theorem J counts as constant; its own derivative drops out.
     return q * torch.exp(log) - lam / 2 * log**2
 
 
@@ -213,8 +213,8 @@ def test_equilibrium_does_not_depend_on_increments_or_the_linear_solver(element)
         result = solve_mixed(points, cells, law, boundary, element, increments, 1e-11, linear_kind=kind)
         assert result.converged, result.reason
         assert result.residual <= 1e-11
-        told = boundary.prescribed_nodes
-        np.testing.assert_allclose(result.displacement[told], boundary.displacement(1.0), rtol=0, atol=1e-12)
+        prescribed = boundary.prescribed_nodes
+        np.testing.assert_allclose(result.displacement[prescribed], boundary.displacement(1.0), rtol=0, atol=1e-12)
         fields.append(result.everywhere)
     np.testing.assert_allclose(fields[0], fields[1], rtol=0, atol=1e-9)
 
@@ -270,7 +270,7 @@ def top_error(coarse, fine, elements) -> dict:
     reference, cells = box(BLOCK, fine)
     points, few = box(BLOCK, coarse)
     whole, boundary = block_boundary(reference), block_boundary(points)
-    # The coarse mesh holds the bottom as far as its nodes go: the fine one is held there and no further.
+    # The coarse mesh holds the bottom as far as its nodes go: the fine one is fixed there and no further.
     edge, x = points[boundary.prescribed_nodes, 0], reference[whole.prescribed_nodes, 0]
     kept = (x <= edge[edge < BLOCK[0] / 2].max()) | (x >= edge[edge > BLOCK[0] / 2].min())
     same = BoundaryConditions(whole.prescribed_nodes[kept], lambda t: whole.displacement(t)[kept])
@@ -308,10 +308,10 @@ def test_linear_elements_with_a_pressure_do_not_lock():
 def test_sliding_and_contact_are_refused():
     points, cells, boundary = bent_block((3, 2, 2))
     law = uniform(len(cells))
-    told = {"prescribed_nodes": boundary.prescribed_nodes, "displacement": boundary.displacement}
+    prescribed = {"prescribed_nodes": boundary.prescribed_nodes, "displacement": boundary.displacement}
     for extra in ({"sliding": [object()], "contact": []}, {"sliding": [], "contact": [object()]}):
         with pytest.raises(InputError, match="no sliding and no contact"):
-            solve_mixed(points, cells, law, SimpleNamespace(**told, **extra))
+            solve_mixed(points, cells, law, SimpleNamespace(**prescribed, **extra))
 
 
 @pytest.mark.parametrize(
@@ -328,9 +328,9 @@ def test_sliding_and_contact_are_refused():
 )
 def test_bad_input_is_refused(change, message):
     points, cells, boundary = bent_block((3, 2, 2))
-    told = {"points": points, "cells": cells, "material": uniform(len(cells)), "boundary": boundary}
+    arguments = {"points": points, "cells": cells, "material": uniform(len(cells)), "boundary": boundary}
     with pytest.raises(InputError, match=message):
-        solve_mixed(**(told | change))
+        solve_mixed(**(arguments | change))
 
 
 @every

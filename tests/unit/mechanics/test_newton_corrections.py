@@ -110,11 +110,11 @@ def test_carried_pressure_needs_fewer_corrections_than_newton_and_no_cut_tangent
     corrector.close()
 
 
-def test_a_tangent_that_is_given_its_own_pressure_is_the_tangent(bent):
+def test_a_tangent_with_its_own_pressure_is_the_tangent(bent):
     points, cells, law, nodes, _, field = bent
-    elements, held = Elements.build(points, cells, law), np.zeros(points.shape, bool)
-    held[nodes] = True
-    assembler, frames = Assembler(elements, held, []), np.zeros((0, 3, 3))
+    elements, constrained = Elements.build(points, cells, law), np.zeros(points.shape, bool)
+    constrained[nodes] = True
+    assembler, frames = Assembler(elements, constrained, []), np.zeros((0, 3, 3))
     u = field + 0.1 * RNG(0).normal(size=field.shape)
     own = expected_pressure(elements, u, np.zeros_like(u))
     plain, same, none = (assembler.tangent(u, frames, pressure=p)[0] for p in (None, own, 0 * own))
@@ -142,8 +142,8 @@ def test_expected_pressure_is_the_first_order(bent, seed):
 def test_no_correction_turns_an_element_inside_out_on_an_interface_that_would(bent):
     """The interface moves four nodes of one element through each other: it is met but there."""
     points, cells, law, nodes, motion, field = bent
-    held = np.isin(np.arange(len(points)), nodes)
-    cell = cells[held[cells].sum(axis=1) == 3][2]
+    constrained = np.isin(np.arange(len(points)), nodes)
+    cell = cells[constrained[cells].sum(axis=1) == 3][2]
     wild, place = motion.copy(), np.flatnonzero(np.isin(nodes, cell))[0]
     wild[place] += 12 * np.array([np.sign(20 - points[nodes[place], 0]), 0, 0])  # deep into the block
     moved = field.copy()

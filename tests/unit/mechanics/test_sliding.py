@@ -69,15 +69,15 @@ def test_block_pressed_between_sliding_planes(volumetric):
     exact = points @ (f - np.eye(3)).T
     local = points @ turn
     bottom, top = (np.flatnonzero(np.abs(local[:, 0] - x) < 1e-9) for x in (0, 12))
-    held = bottom[[0, 3]]  # the closed form itself: carries no reaction, stops the rigid motions
+    prescribed = bottom[[0, 3]]  # the closed form itself: carries no reaction, stops the rigid motions
     # While it presses, the upper plane also travels and turns within itself: that must leave no trace.
     normal = turn[:, 0]
     motion = RigidMotion(
         Rotation.from_rotvec(0.4 * normal).as_matrix(), -2.4 * normal + 5.0 * turn[:, 1], turn @ [12.0, 2, 3]
     )
-    fixed = SlidingSet(np.setdiff1d(bottom, held), *plane(-normal, np.zeros(3)), RigidMotion().fraction)
+    fixed = SlidingSet(np.setdiff1d(bottom, prescribed), *plane(-normal, np.zeros(3)), RigidMotion().fraction)
     pressing = SlidingSet(top, *plane(normal, 12 * normal), motion.fraction)
-    boundary = BoundaryConditions(held, exact[held], [fixed, pressing])
+    boundary = BoundaryConditions(prescribed, exact[prescribed], [fixed, pressing])
     law = uniform(len(cells))
     result = solve(points, cells, law, boundary, solver_options(volumetric=volumetric, tolerance=1e-10))
     assert result.converged
@@ -103,10 +103,10 @@ def test_sliding_nodes_keep_their_distance_to_a_moved_sphere(volumetric):
     points, cells, rim, inner = shell()
     motion = RigidMotion.from_degrees([5.0, 0, 15], [2.5, 1.0, 2.0], [0, 0, 0])
     contact = SlidingSet(np.flatnonzero(inner), *sphere(20.0, 4000), motion.fraction)
-    told = np.flatnonzero(rim)
+    prescribed = np.flatnonzero(rim)
     law = uniform(len(cells))
     options = solver_options(volumetric=volumetric, tolerance=1e-8)
-    slid = solve(points, cells, law, BoundaryConditions(told, np.zeros((len(told), 3)), [contact]), options)
+    slid = solve(points, cells, law, BoundaryConditions(prescribed, np.zeros((len(prescribed), 3)), [contact]), options)
     assert slid.converged
     assert slid.violation < 0.01
     assert slid.iterations <= 12  # without the bend of the surface in the tangent each digit costs an iteration
@@ -142,11 +142,11 @@ def test_arms_of_a_plan():
         result = solve(model.points, model.cells, law, boundary, solver_options())
         assert result.converged
         fields[arm] = result.displacement
-        told = np.zeros(len(model.points), bool)
-        told[boundary.prescribed_nodes] = True
-        assert told[(model.node_type == MOVING) | (model.node_type == FIXED)].all()
-        assert not told[model.node_type == FREE].any()
-        np.testing.assert_array_equal(told[slides], ~bridging[slides] if arm == "bonded" else False)
+        prescribed = np.zeros(len(model.points), bool)
+        prescribed[boundary.prescribed_nodes] = True
+        assert prescribed[(model.node_type == MOVING) | (model.node_type == FIXED)].all()
+        assert not prescribed[model.node_type == FREE].any()
+        np.testing.assert_array_equal(prescribed[slides], ~bridging[slides] if arm == "bonded" else False)
         assert result.violation < 1e-6
     expected = motion.displacement(model.points)
     bonded = own & slides & ~bridging
@@ -222,5 +222,5 @@ def test_projection_reaches_its_level_where_the_gradient_is_small():
     start = np.column_stack([rng.uniform(-6, 6, (200, 2)), rng.uniform(0.15, 1.5, 200)])
     value, gradient = surface.distance(start)
     assert np.linalg.norm(gradient, axis=1).min() < 0.35
-    found = surface.project(start + rng.normal(0, 0.1, start.shape) * [1, 1, 0.5], value)
-    assert np.abs(surface.distance(found)[0] - value).max() < 1e-9
+    projected = surface.project(start + rng.normal(0, 0.1, start.shape) * [1, 1, 0.5], value)
+    assert np.abs(surface.distance(projected)[0] - value).max() < 1e-9

@@ -138,10 +138,10 @@ def pressed(squeeze, poisson):
 
     rest = np.linspace(INSIDE, OUTSIDE, 31)
     guess = INSIDE + (rest - INSIDE) * (1 - squeeze / (OUTSIDE - INSIDE))
-    found = solve_bvp(slope, ends, rest, np.stack([guess, np.gradient(guess, rest)]), tol=1e-8)
-    assert found.success
-    along = found.sol(INSIDE)[1]  # the stretch around is 1 there, so that Cauchy stress and P_r are the same
-    return lambda at: found.sol(at)[0], nominal(along, np.log(along))
+    profile = solve_bvp(slope, ends, rest, np.stack([guess, np.gradient(guess, rest)]), tol=1e-8)
+    assert profile.success
+    along = profile.sol(INSIDE)[1]  # the stretch around is 1 there, so that Cauchy stress and P_r are the same
+    return lambda at: profile.sol(at)[0], nominal(along, np.log(along))
 
 
 @both
@@ -155,18 +155,19 @@ def test_a_tube_pressed_onto_a_cylinder_turns_with_its_outer_surface(squeeze, vo
     points = points @ TILT.T
     outer, inner = radius > OUTSIDE - 1e-9, radius < INSIDE + 1e-9
     ends = (height == 0) | (height == LENGTH)
-    told = np.flatnonzero(outer | (inner & ends))  # a node slides on one surface: the inner rims are told
-    held = RigidMotion().fraction
+    prescribed_nodes = np.flatnonzero(outer | (inner & ends))  # a node slides on one surface, so the inner rims do not
+    at_rest = RigidMotion().fraction
     sets = [SlidingSet(np.flatnonzero(inner & ~ends), *cylinder(), about_axis(-30, 3.0).fraction)]
     for z in (0, LENGTH):
         face = np.flatnonzero((height == z) & ~inner & ~outer)
-        sets.append(SlidingSet(face, *plane(TILT[:, 2], z * TILT[:, 2], half=60.0, step=3.0), held))
+        sets.append(SlidingSet(face, *plane(TILT[:, 2], z * TILT[:, 2], half=60.0, step=3.0), at_rest))
     shrunk = exact @ turn.rotation - points  # about the origin: undoes the turn
 
     def prescribed(fraction):
-        return turn.fraction(fraction).apply(points[told] + fraction * shrunk[told]) - points[told]
+        own = points[prescribed_nodes]
+        return turn.fraction(fraction).apply(own + fraction * shrunk[prescribed_nodes]) - own
 
-    result, force = solved(points, cells, BoundaryConditions(told, prescribed, sets), 0.4, volumetric, 1e-8)
+    result, force = solved(points, cells, BoundaryConditions(prescribed_nodes, prescribed, sets), 0.4, volumetric, 1e-8)
     assert result.iterations <= 8  # without the bend of the cylinder in the tangent each digit costs an iteration
     np.testing.assert_allclose(result.displacement, exact - points, rtol=0, atol=0.03)
     on = inner & ~ends

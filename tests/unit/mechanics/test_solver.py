@@ -65,10 +65,10 @@ def test_same_field_as_felupe():
     mesh = felupe.Mesh(points, cells, "tetra")
     field = felupe.FieldContainer([felupe.Field(felupe.RegionTetra(mesh), dim=3)])
     body = felupe.SolidBody(felupe.NeoHookeCompressible(mu=mu, lmbda=lam), field)
-    told = np.zeros(points.shape, bool)
-    told[boundary.prescribed_nodes] = True
+    prescribed = np.zeros(points.shape, bool)
+    prescribed[boundary.prescribed_nodes] = True
     unknowns = np.arange(points.size).reshape(points.shape)
-    free, fixed = unknowns[~told], unknowns[told]
+    free, fixed = unknowns[~prescribed], unknowns[prescribed]
     for fraction in (0.25, 0.5, 0.75, 1.0):
         wanted = np.zeros(points.shape)
         wanted[boundary.prescribed_nodes] = boundary.displacement(fraction)
@@ -215,10 +215,10 @@ def test_time_limit_and_iteration_limit_stop_the_solver():
     assert "1 Newton iterations" in result.reason
 
 
-@pytest.mark.parametrize("held", [[0], [0, 1]])
-def test_a_loose_mesh_is_refused(held):
+@pytest.mark.parametrize("fixed", [[0], [0, 1]])
+def test_a_loose_mesh_is_refused(fixed):
     points, cells = box((9, 6, 6), (3, 2, 2))
-    boundary = BoundaryConditions(np.array(held), np.zeros((len(held), 3)))
+    boundary = BoundaryConditions(np.array(fixed), np.zeros((len(fixed), 3)))
     with pytest.raises(InputError, match="free to move"):
         solve(points, cells, uniform(len(cells)), boundary, solver_options())
 

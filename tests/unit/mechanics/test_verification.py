@@ -58,7 +58,7 @@ def shell_solution(poisson):
     """Radius r(R) and pressure of the inflated shell from the equilibrium of the compressible law.
 
     dP_r/dR + 2 (P_r - P_t)/R = 0 with P_i = mu (l_i - 1/l_i) + lam ln J / l_i, l_r = r', l_t = r/R, J = l_r l_t^2;
-    r(INSIDE) is given and P_r(OUTSIDE) = 0. The pressure is -P_r / l_t^2 inside (Cauchy).
+    r(INSIDE) is prescribed and P_r(OUTSIDE) = 0. The pressure is -P_r / l_t^2 inside (Cauchy).
     """
     mu, lam = lame(5.0, poisson)
 
@@ -80,11 +80,11 @@ def shell_solution(poisson):
 
     rest = np.linspace(INSIDE, OUTSIDE, 41)
     guess = np.cbrt(rest**3 + INFLATED**3 - INSIDE**3)
-    found = solve_bvp(slope, ends, rest, np.stack([guess, (rest / guess) ** 2]), tol=1e-8, max_nodes=20000)
-    assert found.success
-    radius, along = found.sol(INSIDE)
+    profile = solve_bvp(slope, ends, rest, np.stack([guess, (rest / guess) ** 2]), tol=1e-8, max_nodes=20000)
+    assert profile.success
+    radius, along = profile.sol(INSIDE)
     across = radius / INSIDE
-    return lambda rest: found.sol(rest)[0], -nominal(along, np.log(along * across**2)) / across**2
+    return lambda rest: profile.sol(rest)[0], -nominal(along, np.log(along * across**2)) / across**2
 
 
 def incompressible_pressure():
@@ -210,7 +210,7 @@ def test_square_column_twisted_far(volumetric):
 
 
 def cook(steps):
-    """Cook's membrane (48 x 44 mm, right side 16 mm high), 10 mm thick; left face held, right face lifted by 6 mm."""
+    """Cook's membrane (48 x 44 mm, right side 16 mm high), 10 mm thick; left face fixed, right face lifted by 6 mm."""
     points, cells = box((48, 1, 10), steps)
     x, share = points[:, 0], points[:, 1].copy()
     low, high = 44 * x / 48, 44 + 16 * x / 48
@@ -224,11 +224,11 @@ def cook_reference(poisson):
     """Lift (mN) at the right face by Taylor-Hood elements."""
     points, cells, boundary = cook((10, 9, 2))
     law = uniform(len(cells), poisson)
-    found = solve_mixed(points, cells, law, boundary, "taylor_hood")
-    assert found.converged
+    result = solve_mixed(points, cells, law, boundary, "taylor_hood")
+    assert result.converged
     elements = MixedElements(points, cells, law, "taylor_hood")
-    force = elements.evaluate(found.everywhere, found.pressure)[1]
-    return force[: 3 * len(found.points)].reshape(-1, 3)[found.points[:, 0] == 48, 1].sum()
+    force = elements.evaluate(result.everywhere, result.pressure)[1]
+    return force[: 3 * len(result.points)].reshape(-1, 3)[result.points[:, 0] == 48, 1].sum()
 
 
 @pytest.mark.parametrize("poisson", [0.3, 0.4999])
@@ -267,9 +267,9 @@ AMPLITUDE = 1e-5  # so small that the linear theory holds to 1e-4 of the error
 def l2_error(points, cells, displacement, exact):
     """Root mean square over the volume, by the four-point rule."""
     at = np.full((4, 4), 0.1381966011250105) + np.eye(4) * 0.4472135954999579
-    places, found = (np.einsum("qa,eai->eqi", at, values[cells]) for values in (points, displacement))
+    places, field = (np.einsum("qa,eai->eqi", at, values[cells]) for values in (points, displacement))
     volume = np.linalg.det(points[cells[:, 1:]] - points[cells[:, :1]])
-    square = ((found - exact(*np.moveaxis(places, -1, 0))) ** 2).sum(axis=2).mean(axis=1)
+    square = ((field - exact(*np.moveaxis(places, -1, 0))) ** 2).sum(axis=2).mean(axis=1)
     return np.sqrt((volume * square).sum() / volume.sum())
 
 
@@ -362,8 +362,8 @@ def test_a_symmetric_problem_has_a_symmetric_solution(volumetric):
     both_halves = np.vstack([cells, image[cells[:, [0, 2, 1, 3]]]])
     ends = np.flatnonzero(np.abs(whole[:, 0]) == 20)
     moved = np.where(whole[ends, :1] > 0, [-3.0, 2.0, 4.0], [3.0, 2.0, 4.0])
-    held = np.flatnonzero((whole[:, 2] == 0) & (np.abs(whole[:, 0]) < 10))
-    boundary = BoundaryConditions(np.append(ends, held), np.vstack([moved, np.zeros((len(held), 3))]))
+    fixed = np.flatnonzero((whole[:, 2] == 0) & (np.abs(whole[:, 0]) < 10))
+    boundary = BoundaryConditions(np.append(ends, fixed), np.vstack([moved, np.zeros((len(fixed), 3))]))
     result, _ = solved(whole, both_halves, boundary, 0.49, volumetric, 1e-11)
     asymmetry = result.displacement - result.displacement[partner] * [-1, 1, 1]
     rms = np.sqrt((asymmetry**2).sum(axis=1).mean())
@@ -375,9 +375,9 @@ def test_a_symmetric_problem_has_a_symmetric_solution(volumetric):
 
 def random_gradients(count):
     """Deformation gradients (count, 3, 3) with J from 0.4 to 2.5."""
-    found = np.eye(3) + np.random.default_rng(7).normal(0, 0.35, (20 * count, 3, 3))
-    j = np.linalg.det(found)
-    return found[(j > 0.4) & (j < 2.5)][:count]
+    gradients = np.eye(3) + np.random.default_rng(7).normal(0, 0.35, (20 * count, 3, 3))
+    j = np.linalg.det(gradients)
+    return gradients[(j > 0.4) & (j < 2.5)][:count]
 
 
 def element_stress(f, volumetric, poisson):

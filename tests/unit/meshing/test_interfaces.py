@@ -77,16 +77,16 @@ def test_tissue_is_lifted_off_at_osteotomies(face):
 
 
 def test_a_cut_lets_go_of_tissue_that_a_bone_carries():
-    """Between a mandible and a cut one element below it, no element is held by both; elsewhere the cut is fixed."""
+    """Between a mandible and a cut one element below it no element belongs to both; elsewhere the cut is fixed."""
     labels = np.full((60, 70, 40), AIR, np.uint8)
     labels[:, 8:, :] = SUPERFICIAL
     labels[10:50, 16:36, 6:] = DISTAL
     mesh = tetrahedralize(labels, np.ones(3), ORIGIN, 900)
     bone = bone_surface(labels, np.ones(3), ORIGIN, SEGMENTS)
     model = label_interfaces(mesh, labels, np.ones(3), ORIGIN, SEGMENTS, bone)
-    cut, held = model.node_beyond == m.CUT_PLANE, np.isin(model.node_type, (m.FIXED, m.MOVING))
+    cut, constrained = model.node_beyond == m.CUT_PLANE, np.isin(model.node_type, (m.FIXED, m.MOVING))
     both = [(kind[model.cells]).any(axis=1) for kind in (model.node_type == m.FIXED, model.node_type == m.MOVING)]
-    assert not (held[model.cells].all(axis=1) & np.all(both, axis=0)).any()
+    assert not (constrained[model.cells].all(axis=1) & np.all(both, axis=0)).any()
     place = model.points - ORIGIN
     under = cut & (place[:, 2] < 0) & (np.abs(place[:, 0] - 30) < 12) & (np.abs(place[:, 1] - 26) < 6)
     assert under.sum() > 5 and (model.node_type[under] == m.FREE).mean() > 0.5

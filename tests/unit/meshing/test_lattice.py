@@ -234,9 +234,9 @@ def test_same_input_gives_the_same_bytes(tmp_path):
     ],
 )
 def test_bad_input(change, words):
-    given = {"labels": np.ones((9, 9, 9), np.uint8), "spacing": (1, 1, 1), "origin": (0, 0, 0), "target_nodes": 100}
+    arguments = {"labels": np.ones((9, 9, 9), np.uint8), "spacing": (1, 1, 1), "origin": (0, 0, 0), "target_nodes": 100}
     with pytest.raises(InputError, match=words):
-        tetrahedralize(**(given | change))
+        tetrahedralize(**(arguments | change))
 
 
 def test_real_head():

@@ -91,20 +91,20 @@ def test_what_makes_a_face_a_lip():
     points = np.vstack([points for points, _ in parts.values()])
     faces = np.vstack([faces + first for (_, faces), first in zip(parts.values(), start[:-1], strict=True)])
     of = dict(zip(parts, (slice(a, b) for a, b in zip(start[:-1], start[1:], strict=True)), strict=True))
-    airy, held = np.ones(len(faces), bool), np.zeros(len(points), bool)
-    lip = lip_nodes(points, faces, airy, held, mouth)
+    airy, on_bone = np.ones(len(faces), bool), np.zeros(len(points), bool)
+    lip = lip_nodes(points, faces, airy, on_bone, mouth)
     half = (start[1] - start[0]) // 2
     assert (lip[of["slit"]][:half] == m.UPPER_LIP).all() and (lip[of["slit"]][half:] == m.LOWER_LIP).all()
     for name in ("pocket", "nostril", "cheek", "gap"):
         assert not lip[of[name]].any(), name
-    # A wider reach takes the gap too; what is held, or has no air beyond, is no lip.
-    wide = lip_nodes(points, faces, airy, held, mouth, reach_mm=7.0)
+    # A wider reach takes the gap too; what is on bone, or has no air beyond, is no lip.
+    wide = lip_nodes(points, faces, airy, on_bone, mouth, reach_mm=7.0)
     assert wide[of["gap"]].all()
-    held[:half] = True
-    some = lip_nodes(points, faces, airy, held, mouth)
+    on_bone[:half] = True
+    some = lip_nodes(points, faces, airy, on_bone, mouth)
     assert not some[:half].any()
-    assert not lip_nodes(points, faces, ~airy, held, mouth).any()
-    assert not lip_nodes(points, faces, airy, held, mouth[:0]).any()
+    assert not lip_nodes(points, faces, ~airy, on_bone, mouth).any()
+    assert not lip_nodes(points, faces, airy, on_bone, mouth[:0]).any()
 
 
 def test_lips_are_kept_in_the_file(folded, tmp_path):

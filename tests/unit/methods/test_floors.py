@@ -52,8 +52,8 @@ def test_ridge_finds_a_linear_law_and_shrinks_before_noise():
     values, owner = np.column_stack([rows, np.ones(60)]) @ law, np.repeat(np.arange(20), 3)
     assert np.allclose(ridge(rows, values, owner), law, atol=1e-3)
     noise = rng.normal(size=(60, 7))
-    found, least = ridge(rows, noise, owner), np.linalg.lstsq(np.column_stack([rows, np.ones(60)]), noise)[0]
-    assert np.abs(found[:-1]).max() < 0.6 * np.abs(least[:-1]).max()  # there is nothing to be found
+    shrunk, least = ridge(rows, noise, owner), np.linalg.lstsq(np.column_stack([rows, np.ones(60)]), noise)[0]
+    assert np.abs(shrunk[:-1]).max() < 0.6 * np.abs(least[:-1]).max()  # there is nothing to learn
 
 
 def test_regression_learns_a_share_of_the_plan_and_what_the_skins_add(models, tmp_path):
@@ -63,9 +63,9 @@ def test_regression_learns_a_share_of_the_plan_and_what_the_skins_add(models, tm
     def field(model, plan):
         return np.tile(0.6 * plan.motion("mandible_distal").translation, (len(model.points), 1))
 
-    taught = [[(plan, field(model, plan)) for plan in plans] for model in models]
+    samples = [[(plan, field(model, plan)) for plan in plans] for model in models]
     skins = [(model.skin_points + field(model, plans[0]) + [0, -1.0, 0], model.skin_faces) for model in models]
-    linear = fit(models, taught, [plans[0]] * 3, skins)
+    linear = fit(models, samples, [plans[0]] * 3, skins)
     linear.write(tmp_path / "linear.h5")
     predict = LinearPredictor(LinearModel.read(tmp_path / "linear.h5"), models[1])
     alone = LinearPredictor(replace(linear, adapted=0 * linear.adapted), models[1])

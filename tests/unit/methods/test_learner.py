@@ -194,7 +194,7 @@ def test_schedule_and_sample_order():
     assert np.argmax(values) == 10 and values[10] == 1 and 0 < values[0] < 0.1 and 0 < values[-1] < 0.01
     assert np.all(np.diff(values[:11]) > 0) and np.all(np.diff(values[10:]) < 0)
     stepped = training_settings(100, 1e-3, warmup=0, decay=0.5, decay_every=0.1, decay_floor=0.1)
-    found = [schedule(step, stepped) for step in range(100)]
-    assert found[:10] == [1] * 10 and found[10] == 0.5 and found[30] == 0.125 and min(found) == found[-1] == 0.1
+    rates = [schedule(step, stepped) for step in range(100)]
+    assert rates[:10] == [1] * 10 and rates[10] == 0.5 and rates[30] == 0.125 and min(rates) == rates[-1] == 0.1
     orders = [[sample_at(5 * epoch + i, 5, 1, "x") for i in range(5)] for epoch in range(3)]
     assert all(sorted(order) == list(range(5)) for order in orders) and len(set(map(tuple, orders))) > 1

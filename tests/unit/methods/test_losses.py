@@ -173,11 +173,11 @@ def test_search_by_all_pairs_finds_what_the_tree_finds(monkeypatch, pairs):
     random = torch.Generator().manual_seed(1)
     cloud = 100 + 10 * torch.randn(3000, 3, generator=random)
     queries = 100 + 20 * torch.randn(500, 3, generator=random)
-    near, found = nearest(queries, cloud, 4.0)
+    near, nearest_index = nearest(queries, cloud, 4.0)
     distance, index = losses.all_pairs(queries, cloud)
     assert 50 < len(near) < 450
-    assert torch.equal(near, torch.nonzero(distance < 4.0)[:, 0]) and torch.equal(found, index[near])
-    assert torch.equal(nearest(queries, cloud, 4.0, cKDTree(cloud.numpy()))[1], found)
+    assert torch.equal(near, torch.nonzero(distance < 4.0)[:, 0]) and torch.equal(nearest_index, index[near])
+    assert torch.equal(nearest(queries, cloud, 4.0, cKDTree(cloud.numpy()))[1], nearest_index)
 
 
 def test_chamfer_pulls_the_skin_towards_the_target(patient):

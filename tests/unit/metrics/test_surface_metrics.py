@@ -34,24 +34,24 @@ def metrics(predicted, target, roi=None, samples=4000, seed=1):
 
 @pytest.mark.parametrize(("gap", "pwr1", "pwr2"), [(0.7, 100, 100), (1.5, 0, 100), (3.0, 0, 0)])
 def test_concentric_spheres_are_a_gap_apart(gap, pwr1, pwr2):
-    found = metrics(sphere(50), sphere(50 + gap))
-    assert found["cd"] == pytest.approx(gap, abs=0.02)
-    assert found["cd_sum"] == pytest.approx(2 * found["cd"])
-    assert found["cd_sq"] == pytest.approx(gap**2, rel=0.03)
-    assert found["cd_vertex"] == pytest.approx(gap, abs=0.02)
-    assert found["hd95"] == pytest.approx(gap, abs=0.06)
-    assert found["hdmax"] == pytest.approx(gap, abs=0.1)
-    assert found["hd_mean_oneway"] == pytest.approx(gap, abs=0.1)
-    assert (found["pwr1"], found["pwr2"], found["pwr1_target"], found["pwr2_target"]) == (pwr1, pwr2, pwr1, pwr2)
+    values = metrics(sphere(50), sphere(50 + gap))
+    assert values["cd"] == pytest.approx(gap, abs=0.02)
+    assert values["cd_sum"] == pytest.approx(2 * values["cd"])
+    assert values["cd_sq"] == pytest.approx(gap**2, rel=0.03)
+    assert values["cd_vertex"] == pytest.approx(gap, abs=0.02)
+    assert values["hd95"] == pytest.approx(gap, abs=0.06)
+    assert values["hdmax"] == pytest.approx(gap, abs=0.1)
+    assert values["hd_mean_oneway"] == pytest.approx(gap, abs=0.1)
+    assert (values["pwr1"], values["pwr2"], values["pwr1_target"], values["pwr2_target"]) == (pwr1, pwr2, pwr1, pwr2)
 
 
 def test_a_plane_moved_along_its_normal_is_exactly_that_far():
     lines = np.linspace(0, 40, 9)
-    found = metrics(plate(lines, lines), plate(lines, lines, 1.5))
+    values = metrics(plate(lines, lines), plate(lines, lines, 1.5))
     for name in ("cd", "hd95", "hdmax", "hd_mean_oneway"):
-        assert found[name] == pytest.approx(1.5, abs=1e-9)
-    assert found["cd_sq"] == pytest.approx(2.25, abs=1e-9)
-    assert (found["pwr1"], found["pwr2"]) == (0, 100)
+        assert values[name] == pytest.approx(1.5, abs=1e-9)
+    assert values["cd_sq"] == pytest.approx(2.25, abs=1e-9)
+    assert (values["pwr1"], values["pwr2"]) == (0, 100)
 
 
 def test_directions_differ_and_are_averaged_or_maximised():
@@ -59,14 +59,14 @@ def test_directions_differ_and_are_averaged_or_maximised():
     lines = np.linspace(0, 40, 9)
     flat, ramp = plate(lines, lines), plate(lines, lines)
     ramp[0][:, 2] = ramp[0][:, 0] / 10
-    found = metrics(flat, ramp, samples=40000)
+    values = metrics(flat, ramp, samples=40000)
     sine = 1 / np.hypot(1, 10)
     # flat -> ramp: x sin(a); ramp -> flat: x / 10; borders (x = 40 / cos^2 and outer rims) cost a little.
-    assert found["cd"] == pytest.approx((20 * sine + 2.0) / 2, rel=0.01)
-    assert found["cd_sum"] == pytest.approx(2 * found["cd"])
-    assert found["cd_sq"] == pytest.approx((1600 / 3 * sine**2 + 16 / 3) / 2, rel=0.02)
-    assert found["hd95"] == pytest.approx(3.8, rel=0.01)
-    assert found["hdmax"] == pytest.approx(4.0, rel=0.01)
+    assert values["cd"] == pytest.approx((20 * sine + 2.0) / 2, rel=0.01)
+    assert values["cd_sum"] == pytest.approx(2 * values["cd"])
+    assert values["cd_sq"] == pytest.approx((1600 / 3 * sine**2 + 16 / 3) / 2, rel=0.02)
+    assert values["hd95"] == pytest.approx(3.8, rel=0.01)
+    assert values["hdmax"] == pytest.approx(4.0, rel=0.01)
 
 
 def test_the_direction_that_sees_the_larger_distance_decides():
@@ -76,21 +76,21 @@ def test_the_direction_that_sees_the_larger_distance_decides():
     target = np.vstack([low[0], high[0]]), np.vstack([low[1], high[1] + len(low[0])])
     predicted = plate(lines, lines)
     roi = (np.abs(predicted[0][predicted[1]][..., :2]) <= 20).all(axis=(1, 2))
-    found = metrics(predicted, target, roi, samples=20000)
-    assert found["hd95"] == found["hdmax"] == pytest.approx(6)
-    assert found["cd"] == pytest.approx((1 + 8 / 3) / 2, rel=0.02)
-    assert found["cd_sq"] == pytest.approx((1 + 38 / 3) / 2, rel=0.03)
-    assert found["pwr2"] == 100 and 55 < found["pwr2_target"] < 75
+    values = metrics(predicted, target, roi, samples=20000)
+    assert values["hd95"] == values["hdmax"] == pytest.approx(6)
+    assert values["cd"] == pytest.approx((1 + 8 / 3) / 2, rel=0.02)
+    assert values["cd_sq"] == pytest.approx((1 + 38 / 3) / 2, rel=0.03)
+    assert values["pwr2"] == 100 and 55 < values["pwr2_target"] < 75
 
 
 def test_distance_is_to_the_triangle_not_to_the_vertex():
     coarse = plate([0, 40], [0, 40])
     lines = np.linspace(5, 35, 31)
     fine = plate(lines, lines, 1.0)
-    found = closest_points(fine[0], *coarse)
-    np.testing.assert_allclose(found.distance, 1.0, atol=1e-9)
-    np.testing.assert_allclose(found.points[:, :2], fine[0][:, :2], atol=1e-9)
-    assert not found.border.any()
+    closest = closest_points(fine[0], *coarse)
+    np.testing.assert_allclose(closest.distance, 1.0, atol=1e-9)
+    np.testing.assert_allclose(closest.points[:, :2], fine[0][:, :2], atol=1e-9)
+    assert not closest.border.any()
 
 
 def test_share_within_is_of_the_area_not_of_the_vertices():
@@ -98,11 +98,11 @@ def test_share_within_is_of_the_area_not_of_the_vertices():
     x = np.concatenate([np.linspace(0, 10, 91), np.linspace(10, 100, 10)[1:]])
     predicted, target = plate(x, [0, 10, 20]), plate([-9, 30, 70, 109], [-9, 10, 29])
     predicted[0][predicted[0][:, 0] > 10, 2] = 5.0
-    found = metrics(predicted, target, samples=1000)
+    values = metrics(predicted, target, samples=1000)
     # The strip from z = 0 to z = 5 has a third of its triangles' area on either side; the rest is by length.
     strip = np.hypot(10, 5)
-    assert found["pwr1"] == pytest.approx(100 * (10 + strip / 2) / (10 + strip + 80), rel=1e-9)
-    assert (predicted[0][:, 2] < 1).mean() > 0.9 and found["pwr1"] < 20
+    assert values["pwr1"] == pytest.approx(100 * (10 + strip / 2) / (10 + strip + 80), rel=1e-9)
+    assert (predicted[0][:, 2] < 1).mean() > 0.9 and values["pwr1"] < 20
 
 
 def test_vertex_areas_share_out_the_whole_area():
@@ -116,18 +116,18 @@ def test_what_lies_beyond_an_open_border_is_dropped():
     lines = np.linspace(0, 40, 21)
     whole, half = plate(lines, lines), plate(lines[:11], lines, 1.0)
     for predicted, target in ((whole, half), (half, whole)):
-        found = metrics(predicted, target)
-        assert found["hdmax"] == pytest.approx(1.0, abs=1e-9)  # else 20
-        assert found["cd"] == pytest.approx(1.0, abs=1e-9)
-        assert found["pwr2"] == pytest.approx(100)
+        values = metrics(predicted, target)
+        assert values["hdmax"] == pytest.approx(1.0, abs=1e-9)  # else 20
+        assert values["cd"] == pytest.approx(1.0, abs=1e-9)
+        assert values["pwr2"] == pytest.approx(100)
     inside, over_edge, over_corner = closest_points([[10, 10, 3], [25, 10, 0], [-3, -3, 0]], *half).border
     assert not inside and over_edge and over_corner
 
 
 def test_an_inner_edge_is_no_border():
     points, faces = plate([0, 10, 20], [0, 10, 20])
-    found = closest_points([[10, 5, 1], [10, 10, 1], [5, 5, 1], [0, 5, 1]], points, faces)
-    np.testing.assert_array_equal(found.border, [False, False, False, True])
+    closest = closest_points([[10, 5, 1], [10, 10, 1], [5, 5, 1], [0, 5, 1]], points, faces)
+    np.testing.assert_array_equal(closest.border, [False, False, False, True])
 
 
 def test_only_the_judged_half_counts_in_either_direction():
@@ -135,9 +135,9 @@ def test_only_the_judged_half_counts_in_either_direction():
     points, faces = sphere(50)
     outer = points * np.where(points[:, 2] > 0, 51, 56)[:, None] / 50
     roi = (points[faces][..., 2] > 2).all(axis=1)
-    found = metrics((points, faces), (outer, faces), roi)
-    assert found["cd"] == pytest.approx(1, abs=0.03)
-    assert found["hdmax"] < 1.7 and found["pwr2"] == 100 and found["pwr2_target"] == 100
+    values = metrics((points, faces), (outer, faces), roi)
+    assert values["cd"] == pytest.approx(1, abs=0.03)
+    assert values["hdmax"] < 1.7 and values["pwr2"] == 100 and values["pwr2_target"] == 100
     below = metrics((points, faces), (outer, faces), (points[faces][..., 2] < -6).all(axis=1))
     assert below["cd"] == pytest.approx(6, abs=0.15)
     assert metrics((points, faces), (outer, faces))["cd"] == pytest.approx(3.5, abs=0.2)
@@ -154,15 +154,15 @@ def test_a_target_elsewhere_and_an_empty_region_are_refused():
 
 def test_samples_are_uniform_in_area_seeded_and_on_the_surface():
     points, faces = plate([0, 1, 10], [0, 3])
-    found = sample_surface(points, faces, 20000, 5)
-    np.testing.assert_array_equal(found, sample_surface(points, faces, 20000, 5))
-    assert not np.array_equal(found, sample_surface(points, faces, 20000, 6))
-    assert np.histogram(found[:, 0], bins=10, range=(0, 10))[0] == pytest.approx(np.full(10, 2000), rel=0.08)
-    assert np.histogram(found[:, 1], bins=3, range=(0, 3))[0] == pytest.approx(np.full(3, 20000 / 3), rel=0.05)
-    assert (found[:, 2] == 0).all()
+    drawn = sample_surface(points, faces, 20000, 5)
+    np.testing.assert_array_equal(drawn, sample_surface(points, faces, 20000, 5))
+    assert not np.array_equal(drawn, sample_surface(points, faces, 20000, 6))
+    assert np.histogram(drawn[:, 0], bins=10, range=(0, 10))[0] == pytest.approx(np.full(10, 2000), rel=0.08)
+    assert np.histogram(drawn[:, 1], bins=3, range=(0, 3))[0] == pytest.approx(np.full(3, 20000 / 3), rel=0.05)
+    assert (drawn[:, 2] == 0).all()
 
 
 def test_signed_distances_are_negative_inside():
     points, faces = sphere(30)
-    found = signed_distances([[0, 0, 40], [10, 0, 0], [0, -30, 0]], points, faces)
-    np.testing.assert_allclose(found, [10, -20, 0], atol=0.1)
+    distances = signed_distances([[0, 0, 40], [10, 0, 0], [0, -30, 0]], points, faces)
+    np.testing.assert_allclose(distances, [10, -20, 0], atol=0.1)

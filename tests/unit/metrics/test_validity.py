@@ -50,15 +50,15 @@ def test_volume_change_is_by_tissue_and_inverted_elements_are_counted():
     u = np.zeros_like(points)
     above = points[:, 2] >= 20
     u[above, 2] = 0.1 * (points[above, 2] - 20)  # upper half 10% taller
-    found = volume_metrics(points, cells, tissue, u)
-    assert found["volume_change_superficial"] == pytest.approx(10)
-    assert found["volume_change_muscle"] == pytest.approx(0, abs=1e-9)
-    assert found["min_jacobian"] == pytest.approx(1) and found["inverted"] == 0
+    metrics = volume_metrics(points, cells, tissue, u)
+    assert metrics["volume_change_superficial"] == pytest.approx(10)
+    assert metrics["volume_change_muscle"] == pytest.approx(0, abs=1e-9)
+    assert metrics["min_jacobian"] == pytest.approx(1) and metrics["inverted"] == 0
     u[62] += [0, 0, 25]  # the middle node through its upper neighbours
     ratio = jacobians(points, cells, u)
-    found = volume_metrics(points, cells, tissue, u)
-    assert found["inverted"] == (ratio <= 0).sum() > 0 and found["min_jacobian"] == ratio.min() < 0
-    assert found["p1_jacobian"] == pytest.approx(np.percentile(ratio, 1))
+    metrics = volume_metrics(points, cells, tissue, u)
+    assert metrics["inverted"] == (ratio <= 0).sum() > 0 and metrics["min_jacobian"] == ratio.min() < 0
+    assert metrics["p1_jacobian"] == pytest.approx(np.percentile(ratio, 1))
     assert np.isnan(volume_metrics(points, cells, np.ones_like(tissue), u)["volume_change_muscle"])
 
 
@@ -71,11 +71,11 @@ def test_the_four_forms_of_eqres_by_hand():
     stiffness = np.array([[1.0, 1, 1], [2, 2, 2], [1, 4, 1], [5, 5, 5]])
     u = np.array([[3.0, 4, 0], [0, 0, 1], [0, 2, 0], [0, 0, 2]])  # forces 5, 2, 8 | 10
     kinds = np.array([FREE, FREE, FREE, FIXED])
-    found = equilibrium_metrics(*springs(stiffness, u), kinds)
-    assert found["eqres_paper"] == pytest.approx((25 + 4 + 64) / 3)
-    assert found["eqres_rms"] == pytest.approx(np.sqrt(31))
-    assert found["eqres_rel"] == pytest.approx(np.sqrt(93) / 10)
-    assert found["eqres_disp"] == pytest.approx((5 + 1 + 2) / 3)
+    metrics = equilibrium_metrics(*springs(stiffness, u), kinds)
+    assert metrics["eqres_paper"] == pytest.approx((25 + 4 + 64) / 3)
+    assert metrics["eqres_rms"] == pytest.approx(np.sqrt(31))
+    assert metrics["eqres_rel"] == pytest.approx(np.sqrt(93) / 10)
+    assert metrics["eqres_disp"] == pytest.approx((5 + 1 + 2) / 3)
     sliding = equilibrium_metrics(*springs(stiffness, u), np.array([FREE, FREE, SLIDING, MOVING]))
     assert sliding["eqres_rel"] == pytest.approx(np.sqrt(29 / 164))
 
@@ -129,19 +129,19 @@ def test_boundary_errors_are_zero_for_the_rigid_motion_and_count_gap_and_penetra
     motion = RigidMotion.from_degrees([4, 0, 0], [3, 0, -2], [10, 10, 0])
     plan = Plan("P1", {"jaw": motion})
     rigid = motion.displacement(patient.points)
-    found = boundary_metrics(patient, plan, rigid)
-    assert found["moving_error"] < 1e-12 and found["sliding_error"] < 1e-4
+    metrics = boundary_metrics(patient, plan, rigid)
+    assert metrics["moving_error"] < 1e-12 and metrics["sliding_error"] < 1e-4
     normal = motion.rotation @ [0, 0, 1.0]
     slid = rigid + motion.rotation @ [5.0, 0, 0]  # along the bone: free for sliding nodes, wrong for moving ones
-    found = boundary_metrics(patient, plan, slid)
-    assert found["moving_error"] == pytest.approx(5) and found["sliding_error"] < 1e-4
+    metrics = boundary_metrics(patient, plan, slid)
+    assert metrics["moving_error"] == pytest.approx(5) and metrics["sliding_error"] < 1e-4
     side = np.where(np.arange(len(rigid)) % 2, 0.5, -0.7)[:, None]
-    found = boundary_metrics(patient, plan, rigid + side * normal)
+    metrics = boundary_metrics(patient, plan, rigid + side * normal)
     expected = np.abs(side[patient.node_type == SLIDING]).mean()
-    assert found["sliding_error"] == pytest.approx(expected, abs=1e-3)
+    assert metrics["sliding_error"] == pytest.approx(expected, abs=1e-3)
     deeper = replace(patient, bone_points=patient.bone_points - [0, 0, 2])  # tissue rests 2 mm off the bone
-    found = boundary_metrics(deeper, plan, rigid + 0.4 * normal)
-    assert found["sliding_error"] == pytest.approx(0.4, abs=1e-3)
+    metrics = boundary_metrics(deeper, plan, rigid + 0.4 * normal)
+    assert metrics["sliding_error"] == pytest.approx(0.4, abs=1e-3)
     assert boundary_metrics(patient, Plan("P1", {}), np.zeros_like(rigid))["moving_error"] == 0
 
 
@@ -149,11 +149,11 @@ def test_a_linear_field_is_interpolated_exactly_and_outside_by_the_closest_point
     points, cells = block(3)
     gradient, shift = np.array([[0.1, 0.02, 0], [0, -0.1, 0.3], [0.2, 0, 0.05]]), [1.0, 2, 3]
     queries = np.random.default_rng(0).uniform(0, 40, (200, 3))
-    found = interpolate(queries, points, cells, points @ gradient.T + shift)
-    np.testing.assert_allclose(found, queries @ gradient.T + shift, atol=1e-8)
+    interpolated = interpolate(queries, points, cells, points @ gradient.T + shift)
+    np.testing.assert_allclose(interpolated, queries @ gradient.T + shift, atol=1e-8)
     outside = np.array([[50.0, 20, 10], [-3, -4, 45]])
-    found = interpolate(outside, points, cells, points @ gradient.T + shift)
-    np.testing.assert_allclose(found, np.clip(outside, 0, 40) @ gradient.T + shift, atol=1e-8)
+    interpolated = interpolate(outside, points, cells, points @ gradient.T + shift)
+    np.testing.assert_allclose(interpolated, np.clip(outside, 0, 40) @ gradient.T + shift, atol=1e-8)
 
 
 def test_truth_errors_are_between_fields_on_two_meshes():
@@ -164,8 +164,8 @@ def test_truth_errors_are_between_fields_on_two_meshes():
     assert truth_errors(points, u, *truth).max() < 1e-8
     errors = truth_errors(points, u + points[:, 2:] * [0, 0.05, 0], *truth)
     np.testing.assert_allclose(errors, points[:, 2] / 20, atol=1e-8)
-    found = mean_and_p95("volume_error", errors, node_volumes(points, cells))
-    assert found == {"volume_error_mean": pytest.approx(1), "volume_error_p95": pytest.approx(2)}
+    metrics = mean_and_p95("volume_error", errors, node_volumes(points, cells))
+    assert metrics == {"volume_error_mean": pytest.approx(1), "volume_error_p95": pytest.approx(2)}
     anywhere = points[:3] + 1.0  # a skin is compared where its own points are
     np.testing.assert_allclose(truth_errors(anywhere, 0 * anywhere, *truth), 0.1 * anywhere[:, 0], atol=1e-8)
 
@@ -178,8 +178,8 @@ def test_errors_are_means_over_volume_however_dense_the_nodes_are():
     for own in (points, crowded):
         volumes = node_volumes(own, cells)
         assert volumes.sum() == pytest.approx(40**3) and volumes.min() > 0
-        found = mean_and_p95("volume_error", own[:, 2], volumes)
-        assert found["volume_error_mean"] == pytest.approx(20) and found["volume_error_p95"] >= 35
+        metrics = mean_and_p95("volume_error", own[:, 2], volumes)
+        assert metrics["volume_error_mean"] == pytest.approx(20) and metrics["volume_error_p95"] >= 35
     assert crowded[:, 2].mean() < 16
 
 
@@ -228,9 +228,9 @@ def test_eqres_of_a_uniform_stretch_is_zero_inside_and_of_a_kicked_node_is_not(p
     kinds = np.where(((patient.points > 0) & (patient.points < 40)).all(axis=1), FREE, FIXED).astype(np.int8)
     stretch = patient.points * [0.05, -0.02, 0.01]
     patient = replace(patient, node_type=kinds)
-    found = equilibrium_of(patient, stretch, fem)
-    assert found["eqres_rel"] < 1e-9 and found["eqres_disp"] < 1e-9
+    metrics = equilibrium_of(patient, stretch, fem)
+    assert metrics["eqres_rel"] < 1e-9 and metrics["eqres_disp"] < 1e-9
     kicked = stretch.copy()
     kicked[62] += [0, 0, 0.3]
-    found = equilibrium_of(patient, kicked, fem)
-    assert found["eqres_rel"] > 1e-2 and found["eqres_element"] == "patch"
+    metrics = equilibrium_of(patient, kicked, fem)
+    assert metrics["eqres_rel"] > 1e-2 and metrics["eqres_element"] == "patch"

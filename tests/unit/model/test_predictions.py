@@ -37,19 +37,24 @@ def read(path):
 
 
 def test_npz_is_read_in_the_order_of_the_mesh(tmp_path):
-    found = read(write_npz(tmp_path / "P1.npz", displacement=FIELD, seconds=2.5))
-    np.testing.assert_array_equal(found.displacement, FIELD)
-    assert (found.seconds, found.device, found.threads, found.converged) == (2.5, "external", 0, True)
-    assert np.isnan(found.setup_seconds)
-    write_predictions(tmp_path / "predictions.h5", {"P1": found})
+    prediction = read(write_npz(tmp_path / "P1.npz", displacement=FIELD, seconds=2.5))
+    np.testing.assert_array_equal(prediction.displacement, FIELD)
+    assert (prediction.seconds, prediction.device, prediction.threads, prediction.converged) == (
+        2.5,
+        "external",
+        0,
+        True,
+    )
+    assert np.isnan(prediction.setup_seconds)
+    write_predictions(tmp_path / "predictions.h5", {"P1": prediction})
     back = read_prediction(tmp_path / "predictions.h5", "P1")
     np.testing.assert_array_equal(back.displacement, FIELD)
     assert back.seconds == 2.5 and np.isnan(back.setup_seconds) and back.device == "external"
 
 
 def test_a_networks_prediction_keeps_its_interface_and_what_the_inversion_repair_did(tmp_path):
-    given = Prediction(FIELD, boundary=2 * FIELD, raw_min_jacobian=-0.5, raw_inverted=3, repaired=40, damping=1.0)
-    write_predictions(tmp_path / "predictions.h5", {"P1": given, "P2": Prediction(FIELD)})
+    prediction = Prediction(FIELD, boundary=2 * FIELD, raw_min_jacobian=-0.5, raw_inverted=3, repaired=40, damping=1.0)
+    write_predictions(tmp_path / "predictions.h5", {"P1": prediction, "P2": Prediction(FIELD)})
     back, bare = (read_prediction(tmp_path / "predictions.h5", case) for case in ("P1", "P2"))
     np.testing.assert_array_equal(back.boundary, 2 * FIELD)
     assert (back.raw_min_jacobian, back.raw_inverted, back.repaired, back.damping) == (-0.5, 3, 40, 1)
@@ -60,9 +65,9 @@ def test_a_networks_prediction_keeps_its_interface_and_what_the_inversion_repair
 @pytest.mark.parametrize("seed", range(6))
 def test_vtu_is_matched_by_position_even_across_a_closed_slit(tmp_path, seed):
     order = np.random.default_rng(seed).permutation(8)
-    found = read(write_vtu(tmp_path / "P1.vtu", order=order, setup_seconds=4.0))
-    np.testing.assert_array_equal(found.displacement, FIELD)
-    assert found.setup_seconds == 4 and np.isnan(found.seconds)
+    prediction = read(write_vtu(tmp_path / "P1.vtu", order=order, setup_seconds=4.0))
+    np.testing.assert_array_equal(prediction.displacement, FIELD)
+    assert prediction.setup_seconds == 4 and np.isnan(prediction.seconds)
 
 
 def test_vtu_in_single_precision_and_in_order_needs_no_cells(tmp_path):
@@ -109,7 +114,7 @@ def test_a_bad_npz_is_refused(tmp_path, arrays, problem):
         ({"points": POINTS + [0, 0, 0.01]}, "its 8 points are not the 8 nodes"),
         ({"points": POINTS + [0, 0, 0.01], "order": [7, 6, 5, 4, 3, 2, 1, 0]}, "are not the 8 nodes"),
         ({"points": POINTS[:4], "cells": CELLS[:1], "field": FIELD[:4]}, "its 4 points are not the 8 nodes"),
-        # Reordered, and the two sides of the slit are no longer to be told apart.
+        # Reordered, and the two sides of the slit are no longer to be distinguished.
         ({"cells": CELLS[:1], "order": [1, 0, 2, 3, 4, 5, 6, 7]}, "are not the 8 nodes"),
         ({"cells": CELLS[:, [0, 0, 0, 0]], "order": [4, 1, 2, 3, 0, 5, 6, 7]}, "are not the 8 nodes"),
         ({"field": with_nan()}, "not finite"),

@@ -31,12 +31,12 @@ WITHIN = {
 @pytest.fixture(scope="module")
 def heads():
     """Head, model and regions of a patient of each deformity."""
-    found = {}
+    by_deformity = {}
     for number, deformity in enumerate(DEFORMITIES):
         head = build_head(sample_parameters(np.random.default_rng(3 + number), deformity), spacing=2.0)
         model = as_model(head)
-        found[deformity] = head, model, regions(model)
-    return found
+        by_deformity[deformity] = head, model, regions(model)
+    return by_deformity
 
 
 @pytest.fixture(params=DEFORMITIES)
@@ -73,7 +73,7 @@ def test_every_judged_point_has_a_region_and_no_other(head):
 
 
 def test_landmarks_lie_where_the_head_was_built_with_them(head):
-    truth, found = head[0].landmarks, face_landmarks(head[1])
+    truth, derived = head[0].landmarks, face_landmarks(head[1])
     heights = {
         "pronasale": ("pronasale", 3),
         "labrale_superius": ("labrale_superius", 3),
@@ -82,13 +82,13 @@ def test_landmarks_lie_where_the_head_was_built_with_them(head):
     }
     heights |= {"subnasale": ("subnasale", 8), "sellion": ("nasion", 12)}
     for own, (name, tolerance) in heights.items():
-        assert abs(getattr(found, own)[2] - truth[name][2]) < tolerance, own
+        assert abs(getattr(derived, own)[2] - truth[name][2]) < tolerance, own
     between = 0.5 * (truth["upper_incisor"] + truth["lower_incisor"])
-    assert abs(found.stomion[2] - between[2]) < 5
-    assert abs(found.pogonion[0] - truth["pogonion_soft"][0]) < 3
+    assert abs(derived.stomion[2] - between[2]) < 5
+    assert abs(derived.pogonion[0] - truth["pogonion_soft"][0]) < 3
     for row, side in enumerate(("right", "left")):
-        assert abs(found.cheilion[row, 0] - truth[f"cheilion_{side}"][0]) < 7
-        assert 12 <= abs(found.alare[row, 0]) <= 24
+        assert abs(derived.cheilion[row, 0] - truth[f"cheilion_{side}"][0]) < 7
+        assert 12 <= abs(derived.alare[row, 0]) <= 24
 
 
 def test_landmarks_lie_in_their_regions(head):
@@ -164,7 +164,7 @@ def test_each_side_has_its_own_corner_of_the_mouth(heads):
 
 
 def test_a_jaw_of_any_name_will_do(heads):
-    """Without a segment named after the upper jaw all segments count; the chin is found by its place."""
+    """Without a segment named after the upper jaw all segments count; the chin is known by its place."""
     _, model, codes = heads["open_bite"]
     bone = np.where(model.bone_segment == 0, 0, -1).astype(np.int8)
     renamed = replace(model, segments=("piece",), bone_segment=bone)

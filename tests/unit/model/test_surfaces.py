@@ -48,9 +48,9 @@ def test_box_fills_its_voxels(labels, bone):
     voxels = (labels == 12).sum() * SPACING.prod()
     assert enclosed_volume(box.points, box.faces) == pytest.approx(voxels, rel=0.02)
     low, high = box.points.min(0), box.points.max(0)
-    found = grid()[labels == 12]
-    np.testing.assert_allclose(low, found.min(0) - SPACING / 2, atol=0.35)
-    np.testing.assert_allclose(high, found.max(0) + SPACING / 2, atol=0.35)
+    centres = grid()[labels == 12]
+    np.testing.assert_allclose(low, centres.min(0) - SPACING / 2, atol=0.35)
+    np.testing.assert_allclose(high, centres.max(0) + SPACING / 2, atol=0.35)
 
 
 def test_every_segment_is_closed_with_the_wanted_edges_and_absent_ones_are_absent(bone):

@@ -86,15 +86,15 @@ def test_threads_do_not_change_a_bit():
     cells = np.column_stack([np.arange(2000)] + [rng.integers(2000, size=2000) for _ in range(3)])
     graph, layer = Graph.build(rng.normal(size=(2000, 3)) * 10, cells), random_layer(32, 4)
     x, weight = torch.randn(2, 2000, 32)
-    threads, found = torch.get_num_threads(), []
+    threads, outputs = torch.get_num_threads(), []
     try:
         for count in (1, 2, 3):
             torch.set_num_threads(count)
-            found.append(results(layer, layer, graph, x, weight)[0])
+            outputs.append(results(layer, layer, graph, x, weight)[0])
     finally:
         torch.set_num_threads(threads)
-    assert torch.equal(found[0], found[1]) and torch.equal(found[0], found[2])
-    assert torch.allclose(found[0], layer.general(x, graph.edges, graph.attributes), atol=1e-5)
+    assert torch.equal(outputs[0], outputs[1]) and torch.equal(outputs[0], outputs[2])
+    assert torch.allclose(outputs[0], layer.general(x, graph.edges, graph.attributes), atol=1e-5)
 
 
 def test_other_precisions_are_served():

@@ -107,29 +107,29 @@ def test_volume_networks_see_zero_on_free_nodes_and_the_mask_on_interfaces(monke
         network.get_submodule(name).register_forward_pre_hook(lambda _, inputs, name=name: seen.update({name: inputs}))
     prediction = network(patient.anatomy, patient.signal(plan))
     model = patient.model
-    given = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
+    fixed = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
     bone = np.isin(model.interface_kind, (1, 2))
-    known = {"muscle": given | bone, "superficial": given | (model.interface_kind > 0)}
+    known = {"muscle": fixed | bone, "superficial": fixed | (model.interface_kind > 0)}
     for name, (_, _, sparse, mask) in seen.items():
         expected = known[name][getattr(patient.anatomy, f"{name}_nodes").numpy()]
         assert np.array_equal(mask[:, 0].numpy() > 0, expected)
         sparse = sparse.detach().abs().sum(1).numpy()
         assert (sparse[~expected] == 0).all() and (sparse[expected] > 0).any()
     assert np.array_equal(prediction.known[:, 0].numpy() > 0, known["superficial"])
-    assert prediction.boundary.detach().numpy()[given].any() == 0
+    assert prediction.boundary.detach().numpy()[fixed].any() == 0
     assert (model.node_type == SLIDING).any()
     assert np.abs(prediction.boundary.detach().numpy()[model.node_type == SLIDING]).min() > 0
 
 
 def test_shared_nodes_take_the_mean_of_both_tissues():
     patient, plan = tensors(tiny_patient()), tiny_plan()
-    network, found = shaken(), {}
+    network, outputs = shaken(), {}
     for name in ("muscle", "superficial"):
-        network.get_submodule(name).register_forward_hook(lambda *a, name=name: found.update({name: a[2]}))
+        network.get_submodule(name).register_forward_hook(lambda *a, name=name: outputs.update({name: a[2]}))
     whole = network(patient.anatomy, patient.signal(plan)).displacement
     fields = torch.full((2, *whole.shape), torch.nan)
-    fields[0, patient.anatomy.muscle_nodes] = found["muscle"]
-    fields[1, patient.anatomy.superficial_nodes] = found["superficial"]
+    fields[0, patient.anatomy.muscle_nodes] = outputs["muscle"]
+    fields[1, patient.anatomy.superficial_nodes] = outputs["superficial"]
     assert torch.isfinite(fields).all(0).all(1).sum() > 5
     assert torch.allclose(whole, fields.nanmean(0), atol=1e-6)
 

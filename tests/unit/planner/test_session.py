@@ -20,7 +20,7 @@ MIDDLE = PATIENT.bone_points[PATIENT.bone_segment == 0].mean(axis=0)
 
 @pytest.fixture
 def session(tmp_path):
-    return Session(PATIENT, "tiny", {"given": PLAN}, tmp_path)
+    return Session(PATIENT, "tiny", {"proposed": PLAN}, tmp_path)
 
 
 def bone(plan):
@@ -35,8 +35,8 @@ def test_a_motion_about_another_pivot_is_the_same_motion():
     assert other.pivot.tolist() == [-40, 3, 8] and np.linalg.norm(other.translation - motion.translation) > 1
 
 
-def test_a_session_starts_with_the_given_plan_beside_nothing_moved(session):
-    assert list(session.plans) == [REST, "given"]
+def test_a_session_starts_with_the_proposed_plan_beside_nothing_moved(session):
+    assert list(session.plans) == [REST, "proposed"]
     np.testing.assert_allclose(bone(session.drafts["A"].plan), bone(PLAN), atol=1e-9)
     assert not bone(session.drafts["B"].plan).any()
     assert session.values("left") == pytest.approx(dict(zip(QUANTITIES, [1, -3, 1.5, 2, 0, 0], strict=True)), abs=1e-9)
@@ -107,7 +107,7 @@ def test_each_side_has_its_own_plan_and_its_own_undo(session):
     session.draft.undo()
     session.draft.undo()
     assert not bone(session.draft.plan).any() and session.drafts["A"].can_undo
-    session.open("given")
+    session.open("proposed")
     np.testing.assert_allclose(bone(session.draft.plan), bone(PLAN), atol=1e-9)
     assert {side: draft.can_undo for side, draft in session.drafts.items()} == dict.fromkeys(SIDES, True)
 
@@ -131,7 +131,12 @@ def test_a_saved_plan_reads_back_from_both_forms(session, tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "said"),
-    [("given", "'given' already"), ("there", "'there' already"), ("../up", "not of letters"), ("", "not of letters")],
+    [
+        ("proposed", "'proposed' already"),
+        ("there", "'there' already"),
+        ("../up", "not of letters"),
+        ("", "not of letters"),
+    ],
 )
 def test_no_other_plan_and_no_other_folder_is_written_to(session, tmp_path, name, said):
     (tmp_path / "plans").mkdir()

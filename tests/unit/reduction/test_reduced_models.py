@@ -68,11 +68,11 @@ def test_bone_that_stays_lets_go_where_it_opposes_a_moving_segment_or_is_near_th
     labels = rod()
     labels[4:-4, 10:12, 4:10] = segment_code(1)  # a plate along the rod
     plan = moved(lefort1=(5, 0, 0))
-    held = amplitude(labels, ONES, ZERO, JAWS, plan, ("lefort1",), [], 60, 0)
+    fixed = amplitude(labels, ONES, ZERO, JAWS, plan, ("lefort1",), [], 60, 0)
     slides = amplitude(labels, ONES, ZERO, JAWS, plan, ("lefort1",), [(0, 1)], 60, 0)
     near = amplitude(labels, ONES, ZERO, JAWS, plan, ("lefort1",), [], 60, 12)
     bare = amplitude(np.where(labels == segment_code(1), AIR, labels), ONES, ZERO, JAWS, plan, ("lefort1",), [], 18, 0)
-    middle = held.value[10, 3, 3], near.value[10, 3, 3], slides.value[10, 3, 3]
+    middle = fixed.value[10, 3, 3], near.value[10, 3, 3], slides.value[10, 3, 3]
     assert middle[0] < 0.2 < middle[1] < middle[2]
     np.testing.assert_allclose(slides.value[4:18, 3, 3], bare.value[4:18, 3, 3], atol=1e-2)
 
@@ -162,11 +162,11 @@ def test_parts_of_a_plan_compose_to_it():
     chin = RigidMotion(advance.rotation @ jaw.rotation, whole, centre)
     upper = RigidMotion(translation=np.array([0.0, -3, 0]))
     plan = Plan("-", {"lefort1": upper, "mandible_distal": jaw, "chin": chin})
-    found = parts(plan, centre)
-    assert list(found) == ["lefort1", "mandible", "genioplasty", "bimaxillary"]
-    assert set(found["mandible"].motions) == {"mandible_distal", "chin"} and found["bimaxillary"] == plan
+    by_name = parts(plan, centre)
+    assert list(by_name) == ["lefort1", "mandible", "genioplasty", "bimaxillary"]
+    assert set(by_name["mandible"].motions) == {"mandible_distal", "chin"} and by_name["bimaxillary"] == plan
     points = np.random.default_rng(1).normal(centre, 10, (5, 3))
-    own = found["genioplasty"].motions["chin"]
+    own = by_name["genioplasty"].motions["chin"]
     np.testing.assert_allclose(own.apply(jaw.apply(points)), chin.apply(points), atol=1e-9)
     same = Plan("-", {"mandible_distal": jaw, "chin": jaw})
     np.testing.assert_array_equal(parts(same, centre)["genioplasty"].motions["chin"].translation, [0, -5, 0])
@@ -176,7 +176,7 @@ def test_parts_of_a_plan_compose_to_it():
 def test_summary_keeps_the_worst_patient_and_the_worst_point():
     row = {column.name: 1 if column.kind in (int, float) else "x" for column in TRIALS} | {"converged": True}
     rows = [row | {"error_mean": 0.1, "error_max": 0.4}, row | {"case": "B", "error_mean": 0.3, "error_max": 0.2}]
-    found = summarise(pd.DataFrame([*rows, row | {"model": "y", "converged": False, "made": ""}]))
-    assert found["model"].tolist() == ["x", "y"] and found["n"].tolist() == [2, 1]
-    assert found["failed"].tolist() == [0, 1]
-    assert found.loc[0, ["error_mean", "error_mean_max", "error_max"]].tolist() == pytest.approx([0.2, 0.3, 0.4])
+    summary = summarise(pd.DataFrame([*rows, row | {"model": "y", "converged": False, "made": ""}]))
+    assert summary["model"].tolist() == ["x", "y"] and summary["n"].tolist() == [2, 1]
+    assert summary["failed"].tolist() == [0, 1]
+    assert summary.loc[0, ["error_mean", "error_mean_max", "error_max"]].tolist() == pytest.approx([0.2, 0.3, 0.4])

@@ -86,12 +86,12 @@ def test_other_quantiles_are_found_out():
 
 def cohort(rng, patients: int = 40, folds: int = 5, size: float = 1.0) -> list[HeldOut]:
     """Patients whose region r has errors (1 + r) times those of the first; the last region only every second has."""
-    found = []
+    scanned = []
     for number in range(patients):
         region = np.repeat(np.arange(len(NAMES) - number % 2), 30).astype(np.int8)
         error = size * (1 + region) * np.abs(rng.normal(size=len(region)))
-        found.append(HeldOut(f"P{number}", str(number % folds + 1), error, region))
-    return found
+        scanned.append(HeldOut(f"P{number}", str(number % folds + 1), error, region))
+    return scanned
 
 
 def test_coverage_is_measured_region_by_region():
@@ -120,7 +120,7 @@ def test_cross_validated_coverage_of_exchangeable_patients_is_the_level():
 
 
 def test_a_fold_is_not_calibrated_on_itself():
-    """A fold whose errors are ten times those of the others must be found uncovered."""
+    """A fold whose errors are ten times those of the others must turn out uncovered."""
     rng = np.random.default_rng(3)
     patients = [replace(p, error=10 * p.error) if p.fold == "1" else p for p in cohort(rng)]
     own = [p for p in patients if p.fold == "1"]
@@ -162,10 +162,10 @@ def test_errors_are_distances_to_triangles_of_the_scan():
     scan = np.array([[-50, -150, high], [end, -150, high], [end, 0, high], [-50, 0, high]])
     lifted = np.zeros_like(patient.points)
     lifted[:, 2] = 0.5
-    found = held_out("P", "1", patient, region, lifted, scan, np.array([[0, 1, 2], [0, 2, 3]]))
+    judged = held_out("P", "1", patient, region, lifted, scan, np.array([[0, 1, 2], [0, 2, 3]]))
     expected = (region == 0) & (patient.points[:, 0] < end)
     assert 0 < expected.sum() < (region == 0).sum()
-    assert len(found.error) == expected.sum() == len(found.region) and np.allclose(found.error, 1.5)
+    assert len(judged.error) == expected.sum() == len(judged.region) and np.allclose(judged.error, 1.5)
 
 
 def flat():
@@ -193,9 +193,9 @@ def test_usual_spread_is_the_root_mean_square_over_patients():
     region = np.array([0, 0, 1, -1], np.int8)
     one = np.array([1.0, 1, 2, 99]), region
     two = np.array([3.0, 3, 9, 99]), np.array([0, 0, 0, -1], np.int8)
-    found = usual_spreads([one, two])
-    assert found[0] == pytest.approx(np.sqrt((1 + (9 + 9 + 81) / 3) / 2)) and found[1] == 2
-    assert np.isnan(found[2:]).all()
+    spreads = usual_spreads([one, two])
+    assert spreads[0] == pytest.approx(np.sqrt((1 + (9 + 9 + 81) / 3) / 2)) and spreads[1] == 2
+    assert np.isnan(spreads[2:]).all()
 
 
 @pytest.fixture
@@ -222,11 +222,11 @@ def models(patient, heights):
 
 def test_the_interval_is_the_calibrated_one_where_models_agree(block, calibration):
     patient, codes = block
-    found = interval(patient, models(patient, [0.9, 1.0, 1.1]), calibration)
-    assert np.allclose(found.displacement, [0, 0, 1]) and np.allclose(found.spread, np.sqrt(0.02 / 3))
+    result = interval(patient, models(patient, [0.9, 1.0, 1.1]), calibration)
+    assert np.allclose(result.displacement, [0, 0, 1]) and np.allclose(result.spread, np.sqrt(0.02 / 3))
     known = (codes >= 0) & (codes != NAMES.index("chin"))
-    assert np.array_equal(found.half_width[known], 1.0 + codes[known])
-    assert np.isnan(found.half_width[~known]).all() and np.array_equal(found.region, codes)
+    assert np.array_equal(result.half_width[known], 1.0 + codes[known])
+    assert np.isnan(result.half_width[~known]).all() and np.array_equal(result.region, codes)
 
 
 def test_the_interval_widens_where_models_disagree_and_never_narrows(block, calibration):
@@ -251,10 +251,10 @@ def test_calibration_and_interval_come_back_from_disk(block, calibration, tmp_pa
     patient, _ = block
     calibration.write(tmp_path / "calibration.json")
     assert Calibration.read(tmp_path / "calibration.json") == calibration
-    found = interval(patient, models(patient, [0, 1, 3]), calibration)
-    found.write(tmp_path / "interval.h5", case="P", level=LEVEL)
+    result = interval(patient, models(patient, [0, 1, 3]), calibration)
+    result.write(tmp_path / "interval.h5", case="P", level=LEVEL)
     for name, value in vars(Interval.read(tmp_path / "interval.h5")).items():
-        np.testing.assert_array_equal(value, getattr(found, name))
-    interval_picture(patient, found, calibration, "P", tmp_path / "interval.png")
+        np.testing.assert_array_equal(value, getattr(result, name))
+    interval_picture(patient, result, calibration, "P", tmp_path / "interval.png")
     assert (tmp_path / "interval.png").stat().st_size > 20_000
     assert scale(calibration) == 10.5

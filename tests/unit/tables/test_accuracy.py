@@ -64,8 +64,8 @@ def test_nothing_that_scipy_warns_of_leaks():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for difference in ([1.0] * 8, [0.0] * 8, [0, 0, 1, 1, 1, -1, -2, 2], [1.0] * 30, [2.0] * 5, [1.0], []):
-            found = compare(difference, np.zeros(len(difference)), 0)
-            assert found.statement and (found.p > 0 or "not tested" in found.statement)
+            comparison = compare(difference, np.zeros(len(difference)), 0)
+            assert comparison.statement and (comparison.p > 0 or "not tested" in comparison.statement)
 
 
 def test_zeros_and_small_n_give_a_statement_instead_of_a_p():
@@ -94,9 +94,9 @@ def test_the_bootstrap_interval_is_seeded_and_as_wide_as_the_mean_is_uncertain()
     assert low == pytest.approx(difference.mean() - half, abs=0.03)
     assert high == pytest.approx(difference.mean() + half, abs=0.03)
     assert np.isnan(bootstrap_interval([1.0], 0)).all()
-    found = compare(difference, np.zeros(100), 7)
-    assert (found.low, found.high, found.n) == (low, high, 100)
-    assert found.median == pytest.approx(np.median(difference))
+    comparison = compare(difference, np.zeros(100), 7)
+    assert (comparison.low, comparison.high, comparison.n) == (low, high, 100)
+    assert comparison.median == pytest.approx(np.median(difference))
 
 
 @pytest.fixture
@@ -109,42 +109,42 @@ def cases():
 
 
 def test_the_summary_has_the_mean_spread_and_test_of_every_method(cases):
-    found = summarise(cases, "pinnochio", ["worse", "fem_like", "pinnochio"]).set_index("method")
-    assert list(found.index) == ["worse", "fem_like", "pinnochio"]
+    summary = summarise(cases, "pinnochio", ["worse", "fem_like", "pinnochio"]).set_index("method")
+    assert list(summary.index) == ["worse", "fem_like", "pinnochio"]
     base = np.linspace(1, 2, 8)
-    assert found.loc["pinnochio", "cd_mean"] == pytest.approx(1.5)
-    assert found.loc["pinnochio", "cd_sd"] == pytest.approx(base.std(ddof=1))
-    assert found.loc["worse", "cd_mean_difference"] == pytest.approx(0.45)
-    assert found.loc["worse", "cd_median_difference"] == pytest.approx(0.45)
-    assert found.loc["worse", "p"] == pytest.approx(2 / 256)
-    assert found.loc["worse", "p_holm"] == pytest.approx(4 / 256)
+    assert summary.loc["pinnochio", "cd_mean"] == pytest.approx(1.5)
+    assert summary.loc["pinnochio", "cd_sd"] == pytest.approx(base.std(ddof=1))
+    assert summary.loc["worse", "cd_mean_difference"] == pytest.approx(0.45)
+    assert summary.loc["worse", "cd_median_difference"] == pytest.approx(0.45)
+    assert summary.loc["worse", "p"] == pytest.approx(2 / 256)
+    assert summary.loc["worse", "p_holm"] == pytest.approx(4 / 256)
     assert (
-        found.loc["fem_like", "p_holm"] == pytest.approx(found.loc["fem_like", "p"])
-        and found.loc["fem_like", "p"] > 0.5
+        summary.loc["fem_like", "p_holm"] == pytest.approx(summary.loc["fem_like", "p"])
+        and summary.loc["fem_like", "p"] > 0.5
     )
-    assert np.isnan(found.loc["pinnochio", "p"]) and found.loc["pinnochio", "test"] == "reference"
-    assert (found["n"] == 8).all() and (found["inverted"] == 16).all() and found.loc["worse", "cd_low"] > 0
+    assert np.isnan(summary.loc["pinnochio", "p"]) and summary.loc["pinnochio", "test"] == "reference"
+    assert (summary["n"] == 8).all() and (summary["inverted"] == 16).all() and summary.loc["worse", "cd_low"] > 0
 
 
 def test_failed_patients_are_counted_and_left_out_of_the_pairs(cases):
     cases.loc[(cases["method"] == "worse") & (cases["case"] == "V3"), ["cd", "converged"]] = [np.nan, False]
-    found = summarise(cases).set_index("method")
-    assert found.loc["worse", ["n", "failed", "pairs"]].tolist() == [7, 1, 7]
-    assert found.loc["fem_like", ["n", "failed", "pairs"]].tolist() == [8, 0, 8]
+    summary = summarise(cases).set_index("method")
+    assert summary.loc["worse", ["n", "failed", "pairs"]].tolist() == [7, 1, 7]
+    assert summary.loc["fem_like", ["n", "failed", "pairs"]].tolist() == [8, 0, 8]
 
 
 def test_nothing_is_tested_without_a_reference(cases, tmp_path):
-    found = summarise(cases, None, ["worse", "fem_like"]).set_index("method")
-    assert (found["test"] == "no reference: not tested").all() and not found["reference"].any()
-    assert found[["p", "p_holm", "pairs"]].isna().all(None) and found.loc["worse", "cd_mean"] == pytest.approx(1.95)
-    write(table(found.reset_index(), "virtual cohort"), tmp_path / "accuracy.csv")
+    summary = summarise(cases, None, ["worse", "fem_like"]).set_index("method")
+    assert (summary["test"] == "no reference: not tested").all() and not summary["reference"].any()
+    assert summary[["p", "p_holm", "pairs"]].isna().all(None) and summary.loc["worse", "cd_mean"] == pytest.approx(1.95)
+    write(table(summary.reset_index(), "virtual cohort"), tmp_path / "accuracy.csv")
 
 
 def test_a_method_that_nobody_timed_has_no_time_and_is_not_the_fastest(cases, tmp_path):
     cases.loc[cases["method"] == "worse", ["seconds", "setup_seconds"]] = np.nan
-    found = summarise(cases).set_index("method")
-    assert np.isnan(found.loc["worse", "seconds_mean"]) and found.loc["fem_like", "seconds_mean"] == 1
-    write(table(found.reset_index(), "virtual cohort"), tmp_path / "accuracy.csv")
+    summary = summarise(cases).set_index("method")
+    assert np.isnan(summary.loc["worse", "seconds_mean"]) and summary.loc["fem_like", "seconds_mean"] == 1
+    write(table(summary.reset_index(), "virtual cohort"), tmp_path / "accuracy.csv")
     line = next(text for text in (tmp_path / "accuracy.md").read_text().splitlines() if text.startswith("| worse"))
     assert line.split("|")[6].strip() == ""
 
@@ -212,9 +212,9 @@ def test_the_twins_hold_the_numbers_of_the_csv(cases, tmp_path):
     wanted = [value for name in ("cd", "hd95", "pwr1", "pwr2") for value in stored[f"{name}_mean"]]
     for suffix, text in texts.items():
         assert "Test clinic" in text and "n = 8" in text
-        found = numbers(text)
-        assert not [value for value in wanted if value not in found], suffix
-        assert sorted(found) == sorted(numbers(texts["md"])), suffix
+        printed = numbers(text)
+        assert not [value for value in wanted if value not in printed], suffix
+        assert sorted(printed) == sorted(numbers(texts["md"])), suffix
     star = f"{stored['cd_mean'][0]} ± {stored['cd_sd'][0]}*"
     assert star.replace("*", "\\*") in texts["md"] and star.replace("±", r"$\pm$") in texts["tex"]
     assert star in html.unescape(texts["html"]) and texts["html"].count("*</td>") == 1

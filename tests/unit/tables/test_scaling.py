@@ -1,11 +1,15 @@
 """Exponents of known growths, what a call costs in a process of its own, and the tables of made-up measurements."""
 
+import time
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from pinnochio.columns import read_table, write_csv
 from pinnochio.errors import InputError
+from pinnochio.experiments import measuring
 from pinnochio.experiments.measuring import DONE, measure
 from pinnochio.figures.scaling import draw
 from pinnochio.files import megabytes
@@ -23,19 +27,19 @@ NODES = np.array([1500, 3000, 6000, 12500, 25000, 50000])
 @pytest.mark.parametrize("exponent", [0.7, 1.0, 1.33, 2.0])
 @pytest.mark.parametrize("constant", [0.0, 0.5, 5.0])
 def test_the_exponent_is_found_whatever_does_not_grow(exponent, constant):
-    found = fit(NODES, constant + 20 * (NODES / 50000) ** exponent)
-    assert found.exponent == pytest.approx(exponent, abs=1e-4) and found.error < 1e-4
-    assert found.constant == pytest.approx(constant, abs=1e-3) and found.growing == pytest.approx(20, abs=1e-3)
-    assert found(100000) == pytest.approx(constant + 20 * 2**exponent, rel=1e-3)
+    growth = fit(NODES, constant + 20 * (NODES / 50000) ** exponent)
+    assert growth.exponent == pytest.approx(exponent, abs=1e-4) and growth.error < 1e-4
+    assert growth.constant == pytest.approx(constant, abs=1e-3) and growth.growing == pytest.approx(20, abs=1e-3)
+    assert growth(100000) == pytest.approx(constant + 20 * 2**exponent, rel=1e-3)
 
 
 def test_the_interval_holds_the_exponent_as_often_as_it_says():
     """Of 100 series with five percent of noise; 0.9, because six points make the 95 % interval a rough one."""
     rng, inside, widths = np.random.default_rng(0), 0, []
     for _ in range(100):
-        found = fit(NODES, (2 + 20 * (NODES / 50000) ** 1.33) * np.exp(0.05 * rng.normal(size=len(NODES))))
-        inside += abs(found.exponent - 1.33) <= found.error
-        widths.append(found.error)
+        growth = fit(NODES, (2 + 20 * (NODES / 50000) ** 1.33) * np.exp(0.05 * rng.normal(size=len(NODES))))
+        inside += abs(growth.exponent - 1.33) <= growth.error
+        widths.append(growth.error)
     assert 0.88 < inside / 100 < 1 and np.median(widths) < 0.4
 
 
@@ -49,25 +53,46 @@ def test_too_few_sizes_give_no_exponent_or_no_interval():
 
 
 def test_what_does_not_grow_has_no_interval():
-    found = fit(NODES, [3.1, 2.9, 3.05, 3.0, 3.02, 2.9])
-    assert found(50000) == pytest.approx(3, abs=0.1) and (np.isnan(found.error) or found.error > 0.5)
+    growth = fit(NODES, [3.1, 2.9, 3.05, 3.0, 3.02, 2.9])
+    assert growth(50000) == pytest.approx(3, abs=0.1) and (np.isnan(growth.error) or growth.error > 0.5)
 
 
 def test_a_sum_over_patients_needs_no_constant():
-    found = fit([5, 10, 20, 40], [50, 101, 199, 402], constant=False)
-    assert found.exponent == pytest.approx(1, abs=0.01) and found.constant == 0 and 0 < found.error < 0.05
+    growth = fit([5, 10, 20, 40], [50, 101, 199, 402], constant=False)
+    assert growth.exponent == pytest.approx(1, abs=0.01) and growth.constant == 0 and 0 < growth.error < 0.05
 
 
 def test_a_call_is_measured_in_its_own_process():
-    found = measure("tests.helpers.measured_calls:hold", {"megabytes": 200, "seconds": 0.3}, 600)
-    assert found.outcome == DONE and found.seconds - found.cpu_seconds > 0.25  # it sleeps
+    began = time.time()
+    cost = measure("tests.helpers.measured_calls:hold", {"megabytes": 200, "seconds": 0.3}, 600)
+    assert cost.outcome == DONE and cost.seconds - cost.cpu_seconds > 0.25  # it sleeps
+    assert np.isfinite(cost.start_seconds) and cost.start_seconds > 0
+    assert cost.start_seconds + 2 * cost.seconds <= time.time() - began  # a short call is made twice
     small = measure("tests.helpers.measured_calls:hold", {"megabytes": 0, "seconds": 0}, 600)
-    assert found.memory - small.memory == pytest.approx(200, rel=0.1) and found.start_seconds > 0.01
+    assert cost.memory - small.memory == pytest.approx(200, rel=0.1)
+
+
+def test_the_start_ends_where_the_call_begins(monkeypatch):
+    """By a clock of our own: 2 s until the process runs, 7 s for its modules, 4 s and then 3 s for the call."""
+    now, calls = [100.0], iter((4.0, 3.0))
+    clock = SimpleNamespace(**dict.fromkeys(("time", "perf_counter"), lambda: now[0]), process_time=lambda: now[0] / 2)
+
+    def pass_time(seconds):
+        now[0] += seconds
+
+    def load(name):
+        pass_time(7.0)
+        return SimpleNamespace(call=lambda: pass_time(next(calls)))
+
+    monkeypatch.setattr(measuring, "time", clock)
+    monkeypatch.setattr(measuring, "importlib", SimpleNamespace(import_module=load))
+    cost = measuring.answer("module:call", {}, 98.0)
+    assert (cost.outcome, cost.start_seconds, cost.seconds, cost.cpu_seconds) == (DONE, 9.0, 3.0, 1.5)
 
 
 def test_a_function_may_speak_for_itself():
-    found = measure("tests.helpers.measured_calls:speak", {}, 600)
-    assert (found.seconds, found.cpu_seconds) == (12.5, 7.0)
+    cost = measure("tests.helpers.measured_calls:speak", {}, 600)
+    assert (cost.seconds, cost.cpu_seconds) == (12.5, 7.0)
 
 
 @pytest.mark.parametrize(
@@ -80,12 +105,12 @@ def test_a_function_may_speak_for_itself():
 )
 def test_why_there_is_no_number_is_said(function, limit, outcome):
     arguments = {"megabytes": 0, "seconds": 300} if function == "hold" else {}
-    found = measure(f"tests.helpers.measured_calls:{function}", arguments, limit)
-    assert found.outcome == outcome and np.isnan(found.seconds)
+    cost = measure(f"tests.helpers.measured_calls:{function}", arguments, limit)
+    assert cost.outcome == outcome and np.isnan(cost.seconds)
 
 
 def sizes():
-    """Two stages with known exponents, of which one is given up at the largest size."""
+    """Two stages with known exponents, of which one is stopped at the largest size."""
     rows = []
     for target in NODES:
         nodes = target + 7
@@ -123,10 +148,10 @@ def benchmarks(tmp_path):
 def test_jobs_of_a_patient_are_added_up(benchmarks):
     runs = patient_runs(benchmarks, CASES)
     assert runs.groupby("stage")["case"].agg(list).to_dict() == {"tetrahedralize": CASES, "make_lift elastic": CASES}
-    found = patients(runs, [2, 4, 9]).set_index(["stage", "patients"])
-    assert list(found.index) == [(s, n) for s in ("tetrahedralize", "make_lift elastic") for n in (2, 4)]
-    assert found.loc[("tetrahedralize", 4)].tolist() == [46, 11.5, pytest.approx(1.2909944), 13, 403]
-    assert found.loc[("make_lift elastic", 2), "seconds"] == 4
+    sums = patients(runs, [2, 4, 9]).set_index(["stage", "patients"])
+    assert list(sums.index) == [(s, n) for s in ("tetrahedralize", "make_lift elastic") for n in (2, 4)]
+    assert sums.loc[("tetrahedralize", 4)].tolist() == [46, 11.5, pytest.approx(1.2909944), 13, 403]
+    assert sums.loc[("make_lift elastic", 2), "seconds"] == 4
 
 
 def test_tables_hold_sizes_exponents_failures_and_paragraphs(benchmarks, tmp_path):

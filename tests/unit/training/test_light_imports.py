@@ -88,11 +88,11 @@ def light(tmp_path_factory):
         (folder / f"{name}.json").write_text(json.dumps(value))
     arguments = [json.dumps(ABSENT), folder, folder, str(torch.get_num_threads())]
     environment = os.environ | {"PYTHONPATH": str(ROOT / "workflow")}
-    found = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", CHILD, *arguments], env=environment, capture_output=True, text=True, timeout=300
     )
-    assert found.returncode == 0, found.stderr
-    return folder, json.loads(found.stdout.splitlines()[-1])
+    assert process.returncode == 0, process.stderr
+    return folder, json.loads(process.stdout.splitlines()[-1])
 
 
 def test_both_phases_run_without_the_other_packages_to_the_same_weights(light, tmp_path):

@@ -30,10 +30,10 @@ def towards_one(network, physics=None, seen=None):
     def terms(step):
         if seen is not None:
             seen.append(step)
-        found = {"data": (network.w - 1) ** 2, "boundary": 0 * network.w}
+        loss_terms = {"data": (network.w - 1) ** 2, "boundary": 0 * network.w}
         if step.physics and physics:
-            found["physics"] = physics(step) + 0 * network.w
-        return found
+            loss_terms["physics"] = physics(step) + 0 * network.w
+        return loss_terms
 
     return terms
 
@@ -100,7 +100,7 @@ def test_resumed_run_keeps_the_best_weights_of_before_and_counts_on(tmp_path):
     (rows, network), (again, other) = runs["unbroken"][0], runs["resumed"][0]
     kept = next(row["step"] for row in rows if row["kept"])
     assert kept < 30 and rows[-1]["step"] == kept + 40 < 100
-    table, same = ([list(row.values()) for row in found] for found in (rows, again))
+    table, same = ([list(row.values()) for row in history] for history in (rows, again))
     assert np.array_equal(table, same, equal_nan=True)
     assert network.w.item() == other.w.item() and runs["resumed"][1] == len(rows) - 1 - 30
 

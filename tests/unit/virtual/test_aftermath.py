@@ -27,7 +27,7 @@ def test_lip_change_is_local_and_of_the_asked_size():
     assert np.linalg.norm(change[3]) < 1e-6
 
 
-def test_tissue_is_held_at_the_bone():
+def test_tissue_is_constrained_at_the_bone():
     bone = np.zeros((1, 3))
     loose = looseness(np.array([[0.0, 0, 0], [5, 0, 0], [10, 0, 0], [40, 0, 0]]), bone)
     assert np.allclose(loose, [0, 0.5, 1, 1])

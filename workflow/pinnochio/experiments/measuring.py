@@ -19,8 +19,8 @@ SHORT = 5.0  # s; a call that is over sooner is made once more, and the faster o
 
 @dataclass(frozen=True)
 class Cost:
-    """seconds and cpu_seconds of the call; start_seconds until its process and modules were there; memory: the most
-    that the process held, MB; outcome: DONE, or why there is no number."""
+    """seconds and cpu_seconds of the call; start_seconds until its process and modules were there; memory: peak of the
+    process, MB; outcome: DONE, or why there is no number."""
 
     outcome: str
     seconds: float = np.nan
@@ -56,12 +56,12 @@ def answer(function: str, arguments: Mapping, began: float) -> Cost:
         module, name = function.split(":")
         called = getattr(importlib.import_module(module), name)
         start = time.time() - began
-        found = _timed(called, arguments)
-        if found[0] < SHORT:
-            found = min(found, _timed(called, arguments))
+        seconds = _timed(called, arguments)
+        if seconds[0] < SHORT:
+            seconds = min(seconds, _timed(called, arguments))
     except Exception as error:  # whatever stops a stage belongs into its table
         return Cost(f"failed: {type(error).__name__}: {error}".splitlines()[0])
-    return Cost(DONE, *found, start, peak_memory())
+    return Cost(DONE, *seconds, start, peak_memory())
 
 
 def _timed(called, arguments) -> tuple[float, float]:
@@ -71,9 +71,9 @@ def _timed(called, arguments) -> tuple[float, float]:
 
 
 def peak_memory() -> float:
-    """The most resident memory that this process has held in MB, NaN where the system does not say.
+    """Peak resident memory of this process in MB, NaN where the system does not say.
 
-    Not that of getrusage, which begins with what the parent held.
+    Not that of getrusage, which begins with that of the parent.
     """
     try:
         status = Path("/proc/self/status").read_text(encoding="utf-8")

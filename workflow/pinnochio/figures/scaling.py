@@ -15,7 +15,7 @@ COLUMNS = SCALING
 MARKS, LINES = "osD^vPX<>*", ("-", "--", "-.", ":")
 COLOURS = ("#1f4e79", "#b5541c", "#3c7d3c", "#7a4b94", "#8c6d1f", "#444444", "#b03060")
 LOOSE = 1.0  # half-width of an interval beyond which its exponent says nothing
-PANELS = (("seconds", "seconds of a job, a plan or a step"), ("memory", "most memory held, MB"))
+PANELS = (("seconds", "seconds of a job, a plan or a step"), ("memory", "peak memory, MB"))
 
 
 def draw(sizes: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:

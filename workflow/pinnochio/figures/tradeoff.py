@@ -10,7 +10,7 @@ from pinnochio.figures.style import EVERY, add_grid, label_log, save_figure
 from pinnochio.tables.tradeoff import FRONTS, TRADEOFF, named
 
 COLUMNS = TRADEOFF
-# Families by the beginning of a method's name, told apart by shape, then by colour.
+# Families by the beginning of a method's name, distinguished by shape, then by colour.
 FAMILIES = (
     ("finite elements", ("fem",), "s", "#1f4e79"),
     ("linear elasticity", ("elastic",), "D", "#5b9bd5"),
@@ -26,21 +26,23 @@ FASTEST = 1e-3  # s; what takes less is drawn here
 
 
 def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
-    """Draw rows of TRADEOFF to every path; its ending says the format. Settings on a front are listed by number."""
+    """Draw rows of TRADEOFF to every path; its ending says the format. Pareto-optimal settings are listed by number."""
     figure = Figure(figsize=(13, 7.5), dpi=130, layout="constrained")
     family = frame["method"].map(
         lambda name: next(i for i, (_, starts, *_) in enumerate(FAMILIES) if name.startswith(starts))
     )
     for axes, (error, (label, marks)) in zip(figure.subplots(1, 2), PANELS.items(), strict=True):
         sound = frame[(frame["failed"] == 0) & (frame[error] > 0)].assign(x=lambda f: f["seconds"].clip(lower=FASTEST))
-        front = sound[sound[FRONTS[error]]].sort_values("seconds")
-        axes.step(front["x"], front[error], where="post", color="black", linewidth=1.0, zorder=1, label="Pareto front")
+        optimal = sound[sound[FRONTS[error]]].sort_values("seconds")
+        axes.step(
+            optimal["x"], optimal[error], where="post", color="black", linewidth=1.0, zorder=1, label="Pareto front"
+        )
         for number, (name, _, mark, colour) in enumerate(FAMILIES):
             own = sound[family[sound.index] == number]
             axes.scatter(own["x"], own[error], marker=mark, s=26, color=colour, alpha=0.75, linewidth=0.9, label=name)
-        names = [f"{number}  {named(row)}" for number, (_, row) in enumerate(front.iterrows(), 1)]
-        for number, (_, row) in enumerate(front.iterrows(), 1):
-            below = (-5, -13 if number % 2 else -22)  # where the front never runs; neighbours apart
+        names = [f"{number}  {named(row)}" for number, (_, row) in enumerate(optimal.iterrows(), 1)]
+        for number, (_, row) in enumerate(optimal.iterrows(), 1):
+            below = (-5, -13 if number % 2 else -22)  # where the Pareto front never runs; neighbours apart
             axes.annotate(str(number), (row["x"], row[error]), below, textcoords="offset points", ha="center")
         for column in (0, 1):
             text = "\n".join(names[column::2])

@@ -18,7 +18,7 @@ def edges_of(cells) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pieces(elements, count: int) -> np.ndarray:
-    """Connected piece (count,) of each node, held together by triangles or tetrahedra."""
+    """Connected piece (count,) of each node, connected by triangles or tetrahedra."""
     first = np.repeat(elements[:, 0], elements.shape[1] - 1)
     ends = first, np.asarray(elements)[:, 1:].ravel()
     graph = sparse.coo_array((np.ones(len(first), np.int8), ends), shape=(count, count))

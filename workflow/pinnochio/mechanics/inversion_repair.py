@@ -32,7 +32,7 @@ OPTIONS = SolverOptions(
 
 @dataclass(frozen=True)
 class Repair:
-    """What the inversion repair found and did: least J and inverted elements of the field before; least J after.
+    """What the inversion repair measured and did: least J and inverted elements of the field before; least J after.
 
     elements: those that were solved again; nodes: those that have moved, interface: those of the interface among them;
     change: the largest way of one, mm; damping: factor on the whole field, 1 for none.
@@ -105,7 +105,7 @@ def volume_ratios(points, cells, displacement) -> np.ndarray:
 
 
 def damped(points, cells, displacement) -> tuple[np.ndarray, float]:
-    """The field times the largest factor found that leaves every J at FLOOR or above, and that factor.
+    """The field times the largest factor that leaves every J at FLOOR or above, and that factor.
 
     There is one: J is 1 at rest. Looked for from 1 downwards in steps of 1/64, then by bisection.
     """

@@ -168,7 +168,7 @@ class Scipy:
 
 
 def symmetric_product(upper: sparse.csr_matrix) -> Callable[[np.ndarray], np.ndarray]:
-    """x -> A x for a symmetric matrix given by its upper triangle."""
+    """x -> A x for a symmetric matrix stored as its upper triangle."""
     lower, diagonal = upper.T, upper.diagonal()
     return lambda x: upper @ x + lower @ x - diagonal * x
 

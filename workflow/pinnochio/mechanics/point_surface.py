@@ -1,4 +1,4 @@
-"""The signed distance to a surface given by points and normals."""
+"""The signed distance to a surface of points and normals."""
 
 import numpy as np
 from scipy.spatial import cKDTree

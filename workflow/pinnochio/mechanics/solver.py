@@ -16,7 +16,7 @@ from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.sliding import BoundaryConditions
 
 # Volume ratio below which ln J is extended while a start is untangled: the energy is all but quadratic in J then. With
-# 0.3 a patch mesh whose elements were half inverted found another equilibrium in 1 of 12 tries, with 0.9 in none [X].
+# 0.3 a patch mesh whose elements were half inverted reached another equilibrium in 1 of 12 tries, with 0.9 in none [X].
 UNTANGLING = 0.9
 # A start with a larger share of inverted elements says nothing of where to go: plain elements settle in a crumpled
 # equilibrium from there [X].
@@ -30,7 +30,7 @@ class SolverOptions:
     tolerance: residual on the free nodes over the reaction on the constrained ones, at the end of the load;
     loose: the same at intermediate loads, which only have to be good starts.
     max_iterations: Newton iterations per increment. time_limit in s. min_increment: share of the load.
-    restart: begin again from rest if a given start leads nowhere, or at once if more than a quarter of its elements are
+    restart: begin again from rest if the start leads nowhere, or at once if more than a quarter of its elements are
     inverted; else its last iterate is the result.
     reuse: solve by conjugate gradients on factors in single precision, of an earlier tangent where that costs less than
     new factors; else every system is factorised in double precision.

@@ -45,7 +45,7 @@ def lip_nodes(points, faces, airy, constrained, mouth, reach_mm: float = 5.0) ->
 
     A face is lip if it is airy, not on bone, nearer than MOUTH to the middle of the bite, no further behind its front
     than DEPTH, looks down (upper lip) or up (lower lip), and most of the rays that leave it outward meet such a face of
-    the other lip, which looks back, within `reach_mm`. Of the patches of a lip, held together by shared nodes, those
+    the other lip, which looks back, within `reach_mm`. Of the patches of a lip, connected by shared nodes, those
     smaller than PATCH of the largest are folds of skin or vestibule. Constrained nodes are no lips, nor are those of
     both or of a triangle with both: the corners of the mouth. No slit, no lips.
     """
@@ -75,7 +75,7 @@ def lip_nodes(points, faces, airy, constrained, mouth, reach_mm: float = 5.0) ->
 
 
 def _patches(points, faces) -> tuple[np.ndarray, np.ndarray]:
-    """Patch (f,) of every face, held together by shared nodes, and the area of each patch, mm2."""
+    """Patch (f,) of every face, connected by shared nodes, and the area of each patch, mm2."""
     count = len(faces)
     row = np.repeat(np.arange(count), 3)
     touching = sparse.csr_array((np.ones(3 * count), (row, faces.ravel())), (count, len(points)))

@@ -22,7 +22,7 @@ class Predictor:
         self._threads, self._warm = threads, False
 
     def __call__(self, planned: Planned) -> Prediction:
-        """A solve that stops early is given out as such, with the last good state."""
+        """A solve that stops early is returned as such, with the last good state."""
         if not self._warm:
             self._solve(planned, replace(self._fem, time_limit=1e-3))
             self._warm = True

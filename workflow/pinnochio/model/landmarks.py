@@ -50,7 +50,7 @@ def face_landmarks(patient: PatientModel) -> FaceLandmarks:
 
     Across the nose (the foremost of sections between subnasale and pronasale) the wings lie farthest behind the chords
     from the ridge to the cheeks; the mean of both sides counts. The mouth ends where its lip nodes end, but no nearer
-    than the canon has it, because a closed or coarsely meshed slit is found in its middle only.
+    than the canon has it, because a closed or coarsely meshed slit shows in its middle only.
 
     Raises InputError where skin or bone is missing.
     """

@@ -8,7 +8,7 @@ const LAMP = { x: -60000, y: 50000, z: 100000 }; // as seen from the camera: to 
 
 const decode = (text, Kind) => new Kind(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
 
-// A surface as Plotly takes it: coordinates, moved by a displacement (in steps) where one is given, and corners.
+// A surface as Plotly takes it: coordinates, moved by a displacement (in steps) where there is one, and corners.
 function shape(surface, moved, step) {
   const points = decode(surface.points, Float32Array);
   const shift = moved ? decode(moved, Int16Array) : null;
@@ -22,7 +22,7 @@ function shape(surface, moved, step) {
 
 const rgb = (values) => `rgb(${values})`;
 
-// Colour of a signed distance, given as a share of the farthest.
+// Colour of a signed distance, as a share of the farthest.
 function colour(share) {
   const end = share < 0 ? INSIDE : OUTSIDE;
   const part = Math.min(Math.abs(share), 1);

@@ -67,7 +67,7 @@ def fit(sizes: Sequence[float], values: Sequence[float], constant: bool = True) 
 
 
 def _error(solution) -> float:
-    """Half-width of the 95 % interval of the first unknown, those at a bound held there."""
+    """Half-width of the 95 % interval of the first unknown, those at a bound fixed there."""
     loose = solution.active_mask == 0
     freedom = len(solution.fun) - int(loose.sum())
     if not loose[0] or freedom < 1:

@@ -142,6 +142,6 @@ def repaired_interval(
 ) -> tuple[Interval, Repair]:
     """The interval of :func:`interval` with no element of the mean field inverted, and what that took."""
     raw = interval(patient, displacements, calibration, region)
-    mesh, held = (patient.points, patient.cells, fem.material(patient.tissue)), patient.node_type != FREE
-    displacement, repair = repair_inversions(*mesh, raw.displacement, held, fem.volumetric)
+    mesh, constrained = (patient.points, patient.cells, fem.material(patient.tissue)), patient.node_type != FREE
+    displacement, repair = repair_inversions(*mesh, raw.displacement, constrained, fem.volumetric)
     return replace(raw, displacement=displacement), repair

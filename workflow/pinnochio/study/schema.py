@@ -1,4 +1,4 @@
-"""A configuration held against its schema: text is read as YAML reads it, and what is wrong is said by key.
+"""A configuration checked against its schema: text is read as YAML reads it, and what is wrong is said by key.
 
 Snakemake lays a nested value of `--config` over the section of the file, but reads it without types: the number of
 `fem="{poisson: 0.45}"` arrives as the text "0.45". PyYAML reads 1e-6 as text, from a file too. So the schema says what

@@ -13,19 +13,19 @@ from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
 
 # Of the longest time measured on a patient: another one may take longer [X: docs/tradeoff.md].
 SAFETY = 1.5
-NEAR = 0.25  # of the real error
+NEAR = 0.25  # of the measured error
 
 CHOICES = (
     Column("asked", str, "", "budget in seconds or tolerance in mm"),
-    Column("n", int, "", "predictions: patients for whom the others' front offers something"),
+    Column("n", int, "", "predictions: patients for whom the others' Pareto front offers something"),
     Column("kept", int, "", "of them, how many kept the budget, or the tolerance in the mean"),
     Column("setting", str, "", "what was chosen, most often first"),
     number("seconds_max", "s", "longest of them"),
     number("cd_expected", "mm", "mean Chamfer distance expected"),
-    number("cd", "mm", "mean Chamfer distance found"),
+    number("cd", "mm", "mean Chamfer distance measured"),
     number("cd_near", "", "share of predictions whose Chamfer distance expected is within 25 % of it", ".2f"),
     number("face_error_expected", "mm", "mean distance from the reference solution expected"),
-    number("face_error", "mm", "mean distance from the reference solution found"),
+    number("face_error", "mm", "mean distance from the reference solution measured"),
 )
 
 
@@ -57,39 +57,39 @@ def choose_setting(
 
 
 def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequence[float]) -> pd.DataFrame:
-    """One row of CHOICES per budget and tolerance: each patient's choice from the front of all the others.
+    """One row of CHOICES per budget and tolerance: each patient's choice from the Pareto front of all the others.
 
     rows: of TRADEOFF_CASES, of two patients at least.
     """
-    fronts = {case: summarise(rows[rows["case"] != case]) for case in rows["case"].unique()}
+    summaries = {case: summarise(rows[rows["case"] != case]) for case in rows["case"].unique()}
     own = rows.set_index(["case", "method", "dial", "value"])
     tried = []
     for name, limits in (("budget_seconds", budgets), ("tolerance_mm", tolerances)):
         for limit in limits:
             pairs = []
-            for case, front in fronts.items():
+            for case, summary in summaries.items():
                 try:
-                    chosen = choose_setting(front, **{name: limit})
+                    chosen = choose_setting(summary, **{name: limit})
                 except InputError:
                     continue
                 pairs.append((chosen, own.loc[(case, chosen["method"], chosen["dial"], chosen["value"])]))
             row = {"asked": f"{name} {limit:g}", "n": len(pairs), "kept": 0, "setting": "none"}
             if pairs:
-                expected, real = (pd.DataFrame(side).reset_index(drop=True) for side in zip(*pairs, strict=True))
-                kept = real["seconds" if name == "budget_seconds" else "face_error"] <= limit
+                expected, measured = (pd.DataFrame(side).reset_index(drop=True) for side in zip(*pairs, strict=True))
+                kept = measured["seconds" if name == "budget_seconds" else "face_error"] <= limit
                 settings = expected["method"] + " " + expected["dial"] + " " + expected["value"]
                 row |= {"kept": int(kept.sum()), "setting": "; ".join(settings.value_counts().index)}
-                row |= {"seconds_max": real["seconds"].max()}
-                row |= {"cd_near": ((expected["cd"] - real["cd"]).abs() <= NEAR * real["cd"]).mean()}
+                row |= {"seconds_max": measured["seconds"].max()}
+                row |= {"cd_near": ((expected["cd"] - measured["cd"]).abs() <= NEAR * measured["cd"]).mean()}
                 for measure in ("cd", "face_error"):
-                    row |= {f"{measure}_expected": expected[measure].mean(), measure: real[measure].mean()}
+                    row |= {f"{measure}_expected": expected[measure].mean(), measure: measured[measure].mean()}
             tried.append(row)
     frame = pd.DataFrame(tried)
     return check(frame.reindex(columns=[column.name for column in CHOICES]), CHOICES)
 
 
 def tabulate(cases: str | os.PathLike, budgets: Sequence[float], tolerances: Sequence[float], cohort: str) -> Table:
-    """Budgets in s and tolerances in mm, tried on each patient of tradeoff_cases.csv with the front of the others."""
+    """Budgets in s and tolerances in mm, tried on each patient of tradeoff_cases.csv by the others' Pareto front."""
     frame = check_choices(read_table(cases, TRADEOFF_CASES), budgets, tolerances)
     headers = {
         "asked": "Asked",
@@ -104,7 +104,8 @@ def tabulate(cases: str | os.PathLike, budgets: Sequence[float], tolerances: Seq
         "face_error": "Face mm",
     }
     caption = (
-        f"Choices from the front, {cohort}: for each patient from the front of all the others, whose settings kept the "
-        f"budget with a margin of {SAFETY:g}, and what the choice then took and missed on the patient."
+        f"Choices from the Pareto front, {cohort}: for each patient from the Pareto front of all the others, whose "
+        f"settings kept the budget with a margin of {SAFETY:g}, and what the choice then took and missed on the "
+        "patient."
     )
     return Table(frame, CHOICES, [Block.of(frame, views(CHOICES, headers), caption, "Budgets and tolerances")])

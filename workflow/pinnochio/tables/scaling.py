@@ -21,7 +21,7 @@ SCALING = (
     number("seconds", "s", "one unit, without the start of its process"),
     number("cpu_seconds", "s", "processor time of it"),
     number("start_seconds", "s", "until the process and its modules were there"),
-    number("memory", "MB", "the most that the process held", ".1f"),
+    number("memory", "MB", "peak resident memory of the process", ".1f"),
     number("written", "MB", "size of the files that it wrote", ".3f"),
     Column("outcome", str, "", "done, or why there is no number"),
 )
@@ -82,7 +82,7 @@ def table(sizes: pd.DataFrame, sums: pd.DataFrame, cohort: str, paragraphs: Sequ
         "the exponent. A job writes files; a plan is solved by finite elements from rest, or predicted warm by a "
         "trained network; a step trains on one patient under one plan."
     )
-    memory = f"The most that the process of a stage held; {cohort}. The constant is mostly libraries."
+    memory = f"Peak resident memory of a stage's process; {cohort}. The constant is mostly libraries."
     added = (
         f"Seconds of the stages that have a job for each patient, {cohort}, from the benchmark files of the study's "
         "jobs, with the start of each process: the first patients together, exponent of this sum with its 95% "

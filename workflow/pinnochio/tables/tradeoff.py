@@ -49,19 +49,19 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
         summaries.append(row)
     frame = pd.DataFrame(summaries)
     frame.loc[frame["min_jacobian"].isna(), "inverted"] = np.nan
-    for error, front in FRONTS.items():
-        frame[front] = pareto(frame["seconds"], frame[error].where(frame["failed"] == 0))
+    for error, column in FRONTS.items():
+        frame[column] = pareto(frame["seconds"], frame[error].where(frame["failed"] == 0))
     return check(frame, TRADEOFF)
 
 
 def pareto(seconds, errors) -> np.ndarray:
     """Rows (n,) bool that no other row beats in one without losing in the other; never those without a number."""
     seconds, errors = np.asarray(seconds, float), np.asarray(errors, float)
-    front, best = np.zeros(len(seconds), bool), np.inf
+    optimal, best = np.zeros(len(seconds), bool), np.inf
     for row in np.lexsort((errors, seconds)):
         if errors[row] < best:  # not of NaN
-            front[row], best = True, errors[row]
-    return front
+            optimal[row], best = True, errors[row]
+    return optimal
 
 
 def answers(frame: pd.DataFrame, cohort: str) -> list[str]:
@@ -76,9 +76,9 @@ def answers(frame: pd.DataFrame, cohort: str) -> list[str]:
             if len(fast)
         ]
     for error, what in ERRORS.items():
-        front = sound[sound[FRONTS[error]] & (sound[error] > 0)].sort_values("seconds")  # not the reference itself
-        last = front.iloc[-1]
-        near = front[front[error] <= last[error] + LAST].iloc[0]
+        optimal = sound[sound[FRONTS[error]] & (sound[error] > 0)].sort_values("seconds")  # not the reference itself
+        last = optimal.iloc[-1]
+        near = optimal[optimal[error] <= last[error] + LAST].iloc[0]
         ratio = last["seconds"] / max(near["seconds"], 1e-9)
         cost.append(
             f"against {what} from {_shown(near, error)} to {_shown(last, error)}, {ratio:.3g} times as long"
@@ -95,8 +95,8 @@ def answers(frame: pd.DataFrame, cohort: str) -> list[str]:
     return [
         f"Best per plan, {cohort}, n = {frame['n'].max()} patients: {'; '.join(best) or 'nothing is so fast'}.",
         f"What the last {LAST} mm cost: {'; '.join(cost)}.",
-        f"On neither front at any setting, so not to be used for speed or accuracy: {'; '.join(worse) or 'no method'}.",
-        f"Not converged on every patient, and so on no front: {'; '.join(failed) or 'nothing'}.",
+        f"On neither Pareto front at any setting, so not to be used: {'; '.join(worse) or 'no method'}.",
+        f"Not converged on every patient, and so on no Pareto front: {'; '.join(failed) or 'nothing'}.",
     ]
 
 
@@ -114,7 +114,7 @@ def _best(rows: pd.DataFrame, error: str) -> str:
 
 
 def _fronts(row) -> str:
-    return " ".join(word for word, front in (("CD", "front_outcome"), ("face", "front_reference")) if row[front])
+    return " ".join(word for word, column in (("CD", "front_outcome"), ("face", "front_reference")) if row[column])
 
 
 def tabulate(cases: str | os.PathLike, choices: str | os.PathLike, cohort: str) -> Table:
@@ -139,12 +139,12 @@ def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = ()) -> Ta
         "min_jacobian": "min J",
         "failed": "Failed",
     }
-    view = [*views(TRADEOFF, headers, {"seconds": -1, "cd": -1}), View("Front", _fronts)]
+    view = [*views(TRADEOFF, headers, {"seconds": -1, "cd": -1}), View("Pareto front", _fronts)]
     caption = (
         f"Seconds against accuracy, {cohort}, n = {frame['n'].max()} held-out patients. Seconds: one plan, warm, "
         "nothing else running (without a dial: as in the study, with other jobs beside it); set-up: what the patient "
         "takes beside the mesh. CD: Chamfer distance to the outcome. Face, volume: distance from the reference "
-        "solution, sliding finite elements on the finest mesh. EqRes: residual of the study's elements. Front: nothing "
-        "is faster and nearer to the outcome (CD) or the reference (face)."
+        "solution, sliding finite elements on the finest mesh. EqRes: residual of the study's elements. Pareto front: "
+        "nothing is faster and nearer to the outcome (CD) or the reference (face)."
     )
     return Table(frame, TRADEOFF, [Block.of(frame, view, caption), *further], answers(frame, cohort))

@@ -23,7 +23,7 @@ TERMS = ("data", "physics", "boundary")
 # Losses and validation error of a row are those of the weights after `step` steps, nan where they were not measured;
 # `kept` is 1 where the network ends with these weights.
 COLUMNS = ("step", "learning_rate", "total", *TERMS, "physics_weight", "gradient", "validation", "kept")
-GIVE_UP = 20  # steps in a row whose loss or gradient is not finite, before the run is given up
+GIVE_UP = 20  # steps in a row whose loss or gradient is not finite, before the run stops
 MEMORY = 50  # steps over which the ratio of data to physics is averaged
 
 

@@ -1,4 +1,4 @@
-"""Prediction by a trained graph network, whose fields are repaired and corrected before they are given out."""
+"""Prediction by a trained graph network, whose fields are repaired and corrected before they are returned."""
 
 import logging
 import os
@@ -24,7 +24,7 @@ from pinnochio.training.checkpoint import read_network
 class Predictor:
     """As :class:`pinnochio.methods.protocol.Predictor`; settings: fem and newton_corrections.
 
-    No field is given out with an inverted element, and each after so many Newton corrections; both are timed with the
+    No field is returned with an inverted element, and each after so many Newton corrections; both are timed with the
     network, warm.
     """
 
