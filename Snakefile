@@ -29,16 +29,7 @@ include: "rules/report.smk"
 
 
 wildcard_constraints:
-    home="cases|chin|patients",
-    case="|".join([*STUDY.cases, *STUDY.patients]),
-    mesh=r"|/lips|/nodes_\d+",
-    plan="|" + any_of(f"/{plan}" for plan in STUDY.plans),
-    fold="|".join(STUDY.held_out),
-    batch="folds/({})|patients/({})/({})".format(
-        "|".join(STUDY.held_out), any_of(STUDY.patients), any_of(STUDY.plans)
-    ),
-    nodes=r"\d+",
-    method="|".join([*STUDY.registry, config["predict"]["method"]]),
+    **STUDY.wildcards,
 
 
 rule all:

@@ -70,20 +70,7 @@ TABLES = {
         NAMED | {"variants": {m: NETWORKS[m] for m in STUDY.design}, "seed": SEED},
     ),
     "corrections": (
-        {
-            "metrics": [
-                f"<results>/folds/{fold}/{method}{corrected}/metrics.csv"
-                for method in STUDY.asked("corrections")
-                for corrected in [
-                    "",
-                    *(
-                        f"/corrected_{count}"
-                        for count in config["corrections"]["counts"]
-                    ),
-                ]
-                for fold in STUDY.held_out
-            ]
-        },
+        {"metrics": STUDY.corrected_metrics},
         NAMED
         | {
             "methods": STUDY.asked("corrections"),

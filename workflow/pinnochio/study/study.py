@@ -153,6 +153,17 @@ class Study:
         names = graph_networks(self.config)
         return [self.config["design"]["base"], *(name for name in names if name.startswith("design_"))]
 
+    @property
+    def corrected_metrics(self) -> list[str]:
+        """Metrics of the corrected methods, first without correction, then after each number of them."""
+        counts = self.config["corrections"]["counts"]
+        return [
+            f"<results>/folds/{fold}/{method}{corrected}/metrics.csv"
+            for method in self.asked("corrections")
+            for corrected in ("", *(f"/corrected_{count}" for count in counts))
+            for fold in self.held_out
+        ]
+
     @cached_property
     def packed(self) -> list[str]:
         """What is packed for new patients: every method with an interval, and the one that shall predict them."""
@@ -355,6 +366,21 @@ class Study:
             "method": choice.method,
             "corrections": choice.corrections,
             "fem": choice.settings["fem"],
+        }
+
+    @property
+    def wildcards(self) -> dict[str, str]:
+        """What each wildcard of the rules may be; where there is nothing, a name that nothing bears."""
+        plans, folds = "|".join(self.plans) or "none", "|".join(self.held_out)
+        return {
+            "home": "cases|chin|patients",
+            "case": "|".join([*self.cases, *self.patients]),
+            "mesh": r"|/lips|/nodes_\d+",
+            "plan": f"|/(?:{plans})",
+            "fold": folds,
+            "batch": f"folds/(?:{folds})|patients/(?:{'|'.join(self.patients) or 'none'})/(?:{plans})",
+            "nodes": r"\d+",
+            "method": "|".join([*self.registry, self.config["predict"]["method"]]),
         }
 
     # A patient's files.
