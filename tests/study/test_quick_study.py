@@ -125,7 +125,7 @@ def test_no_file_of_a_held_out_patient_reaches_training(studied):
         for path, content in before.items():
             path.write_bytes(content)
         studied.quick("--touch")
-    for trained in (r"(?:Pretrain|Adapt) pinnochio .*", r"Pretrain acmt_pretrained .*", r"Fit the linear .*"):
+    for trained in (r"(?:Pretrain|Adapt) pinnochio .*", r"Pretrain acmt_pretrained .*", r"Fit pca_linear .*"):
         folds = set(re.findall(trained + r" fold (\d)", plan))
         assert other in folds and str(fold) not in folds, trained
 
