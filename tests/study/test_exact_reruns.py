@@ -30,12 +30,14 @@ class Job:
 
     rule: str
     wildcards: dict[str, str]
-    reads: list["Job"] = field(default_factory=list)
-    read_by: list["Job"] = field(default_factory=list)
+    reads: list["Job"] = field(default_factory=list, repr=False)
+    read_by: list["Job"] = field(default_factory=list, repr=False)
 
     def wildcard(self, name: str) -> str | None:
-        """The value of a wildcard, of the job's own or of what it reads."""
-        values = (self.wildcards.get(name), *(job.wildcard(name) for job in self.reads))
+        """The value of a wildcard, of the job's own or of what it reads of the same method."""
+        if name in self.wildcards:
+            return self.wildcards[name]
+        values = (job.wildcard(name) for job in self.reads if job.rule in BY_NAME)
         return next((value for value in values if value is not None), None)
 
     def sources(self, scripts: dict[str, str]) -> set[Path]:
