@@ -91,6 +91,22 @@ rule archive:
         "The models are packed: see {config[pathvars][results]}/archive"
 
 
+# Every plan has been read and checked before any heavy work starts; a further plan meshes nothing anew.
+use rule check_cohort as check_patient with:
+    input:
+        imports=["<results>/patients/{case}/import.json"],
+        plans=STUDY.plans_of_patient,
+    output:
+        table=ensure("<results>/patients/{case}/imported.csv", non_empty=True),
+    log:
+        "<logs>/check_patient/{case}.log",
+    params:
+        cases=lambda wildcards: [wildcards.case],
+        code=code_of("check_cohort"),
+    message:
+        "All files of the new patient {wildcards.case} are read and checked"
+
+
 rule export_prediction:
     input:
         model="<results>/{home}/{case}/model.h5",
@@ -193,7 +209,7 @@ rule prepare_planner:
         model="<results>/{home}/{case}/model.h5",
         lifts=STUDY.of_ensemble("lifts"),
         quality="<results>/{home}/{case}/quality.json",
-        plans=STUDY.checked,
+        plans=STUDY.plans_of_patient,
         archive=lambda wildcards: STUDY.choice.files,
     output:
         prepared="<results>/{home}/{case}/planner.json",

@@ -65,7 +65,7 @@ def test_a_plan_that_is_added_later_shares_the_patient(clinic):
     plan.with_name("again.json").unlink()
     assert done.returncode == 0, done.stdout[-4000:]
     made = jobs(done.stdout)
-    assert made.pop("predict_cases") == 3 and made.pop("import_plan") == 1
+    assert made.pop("predict_cases") == 3 and made.pop("import_plan") == 1 and made.pop("check_patient") == 1
     assert not made.keys() & {*SHARED, *TRAINING}
     folder = clinic.folder / "results/quick/patients/P01/again/elastic"
     assert json.loads((folder / "certificate.json").read_text())["in_distribution"] is None

@@ -93,7 +93,7 @@ def test_new_patients_by_finite_elements_need_no_archive(tmp_path):
     assert made.plans == ["plan"] and made.choice.method == "fem_sliding"
     wildcards = job(home="patients", case="anna", plan="/plan", method="fem_sliding", batch="patients/anna/plan")
     assert made.plan(wildcards) == str(folder / "plan.json")
-    assert made.checked(wildcards) == ["<results>/patients/anna/plan/plan.json"]
+    assert made.plans_of_patient(wildcards) == ["<results>/patients/anna/plan/plan.json"]
     assert made.result_of_patient(wildcards) == "<results>/patients/anna/plan/fem_sliding/predictions.h5"
     batch = made.predicted(wildcards)
     assert batch.models == ["<results>/patients/anna/model.h5"] and batch.settings["contact"] == "mucosa"

@@ -439,12 +439,17 @@ class Study:
             )
         return case.postop
 
-    def checked(self, wildcards) -> list[str]:
-        """What is read and checked before the patient is meshed: every file that the user brings."""
-        if wildcards.home == "patients":
-            plans = self.patients[wildcards.case].plans
-            return [f"<results>/patients/{wildcards.case}/{plan}/plan.json" for plan in plans]
-        return ["<results>/cohort.csv"]
+    def checked(self, wildcards) -> str:
+        """The table that says that every file of the cohort, or of the new patient, has been read and checked."""
+        return (
+            f"<results>/patients/{wildcards.case}/imported.csv"
+            if wildcards.home == "patients"
+            else "<results>/cohort.csv"
+        )
+
+    def plans_of_patient(self, wildcards) -> list[str]:
+        """The checked plans of a new patient."""
+        return [f"<results>/patients/{wildcards.case}/{plan}/plan.json" for plan in self.patients[wildcards.case].plans]
 
     def model_of(self, case: str, method: str) -> str:
         """The model of the study's patient that the method predicts on."""
