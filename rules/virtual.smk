@@ -6,9 +6,9 @@ rule virtual_patient:
         landmarks="<results>/{cohort}/{case}/landmarks.json",
         anatomy="<results>/{cohort}/{case}/anatomy.json",
     log:
-        "<logs>/virtual_patient/{cohort}_{case}.log",
+        "<logs>/virtual_patient/{cohort}/{case}.log",
     benchmark:
-        "<benchmarks>/virtual_patient/{cohort}_{case}.tsv"
+        "<benchmarks>/virtual_patient/{cohort}/{case}.tsv"
     wildcard_constraints:
         cohort="virtual|virtual_chin",
     conda:

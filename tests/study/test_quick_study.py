@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from pinnochio.tables.large_cohort import Measured
+from pinnochio.tables.scaling_patients import PATIENT_STAGES, patient_runs
 from tests.helpers.study import jobs, made_tables, without_timings
 
 LEARNED = ["pinnochio_unified", "pinnochio_no_physics", "pinnochio", "pinnochio_plus"]
@@ -91,6 +93,24 @@ def test_provenance_names_what_made_the_results(studied):
     record = json.loads((studied.folder / "results/quick/provenance.json").read_text())
     assert record["config"]["virtual"]["patients"] == 6 and record["packages"]["torch"].startswith("2.13.0")
     assert len(record["code"]) == 12 and record["machine"]["cores"] >= 1
+
+
+def test_what_every_job_of_a_patient_and_of_a_fold_took_is_found(studied):
+    """Where the rules write their benchmark files, the tables of cost look for them."""
+    folder = studied.folder / "results/quick/benchmarks"
+    cases = [f"V{number:02d}" for number in range(1, 7)]
+    runs = patient_runs(folder, cases).groupby("stage")["case"].agg(list)
+    stages = {
+        *(stage for stage in PATIENT_STAGES if stage != "make_lift"),
+        "make_lift elastic",
+        "label_interfaces lips",
+    }
+    assert runs.to_dict() == dict.fromkeys(stages, cases)
+    fold = {"1": [], "2": []}
+    measured = Measured(folder, cases, fold, {}, METHODS, pd.DataFrame(), 0, 0.0).folds()
+    assert set(measured["rule"]) == {"pretrain", "finetune", "predict", "evaluate"}
+    for rule in ("predict", "evaluate"):
+        assert sorted(measured.loc[measured["rule"] == rule, "method"]) == sorted([*METHODS, *METHODS])
 
 
 def test_a_second_run_has_nothing_to_do(studied):

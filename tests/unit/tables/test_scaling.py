@@ -154,6 +154,16 @@ def test_jobs_of_a_patient_are_added_up(benchmarks):
     assert sums.loc[("make_lift elastic", 2), "seconds"] == 4
 
 
+def test_jobs_of_rules_that_serve_others_too_are_found_and_the_others_left_out(tmp_path):
+    """A rule's files lie below the home of its patients: those of the study count, no new patient, no further mesh."""
+    places = ("label_interfaces/cases/A", "label_interfaces/cases/A/lips", "virtual_patient/virtual/A")
+    others = ("label_interfaces/patients/A", "label_interfaces/cases/A/nodes_900", "virtual_patient/virtual_chin/A")
+    for place in (*places, *others):
+        benchmark(tmp_path / f"{place}.tsv", 1.0, 1.0, 100)
+    runs = patient_runs(tmp_path, ["A"])
+    assert runs["stage"].tolist() == ["virtual_patient", "label_interfaces", "label_interfaces lips"]
+
+
 def test_tables_hold_sizes_exponents_failures_and_paragraphs(benchmarks, tmp_path):
     paths = {name: tmp_path / f"{name}.csv" for name in ("scaling", "patients", "exponents", "sizes")}
     cohort = patients(patient_runs(benchmarks, CASES), [1, 2, 4])

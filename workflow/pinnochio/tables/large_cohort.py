@@ -43,7 +43,8 @@ class Measured:
         for rule in (*TRAINING, *PATIENT_BY_PATIENT):
             for fold in self.held_out:
                 for method in self.methods:
-                    path = Path(self.benchmarks, rule, f"{fold}_{method}.tsv")
+                    folder = "folds" if rule == "predict" else ""  # its batches are folds, or plans of new patients
+                    path = Path(self.benchmarks, rule, folder, f"{fold}_{method}.tsv")
                     if path.exists():
                         run = read_benchmark(path).iloc[-1]
                         rows.append((rule, fold, method, run["s"], run["max_rss"]))

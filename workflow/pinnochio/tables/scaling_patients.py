@@ -1,5 +1,6 @@
 """The table of cost against the number of patients, from the benchmark files of the study's jobs."""
 
+import itertools
 import os
 from collections.abc import Sequence
 from functools import partial
@@ -26,22 +27,25 @@ PATIENTS = (
 # Rules of the study that have a job for each patient.
 PATIENT_STAGES = (
     *("virtual_patient", "virtual_outcome", "import_segmentation", "register_postop", "tetrahedralize"),
-    *("label_interfaces", "report_quality", "refine_lips", "label_lips", "simulate_fem", "make_lift"),
+    *("label_interfaces", "report_quality", "refine_lips", "simulate_fem", "make_lift"),
 )
 
 
 def patient_runs(folder: str | os.PathLike, cases: Sequence[str]) -> pd.DataFrame:
     """Stage, case, seconds and memory of the jobs of PATIENT_STAGES, stage by stage in the order of `cases`.
 
-    Their benchmark files are {rule}/{case}.tsv or, of a rule with further wildcards, {rule}/{case}_{them}.tsv.
+    Their benchmark files are {rule}/{case}.tsv, with further wildcards {rule}/{case}_{them}.tsv, of rules that serve
+    others than the study's patients too below {rule}/cases or {rule}/virtual, and {case}/lips.tsv of the mesh for lips.
     """
     rows = []
-    for rule in PATIENT_STAGES:
-        for path in Path(folder, rule).glob("*.tsv"):
-            own = [case for case in cases if path.stem == case or path.stem.startswith(f"{case}_")]
+    for rule, home in itertools.product(PATIENT_STAGES, ("", "cases", "virtual")):
+        base = Path(folder, rule, home)
+        for path in (*base.glob("*.tsv"), *base.glob("*/lips.tsv")):
+            name = path.relative_to(base).with_suffix("").as_posix().replace("/", "_")
+            own = [case for case in cases if name == case or name.startswith(f"{case}_")]
             if own:
                 case = max(own, key=len)
-                stage = f"{rule} {path.stem[len(case) + 1 :]}".strip()
+                stage = f"{rule} {name[len(case) + 1 :]}".strip()
                 run = read_benchmark(path).iloc[-1]
                 place = PATIENT_STAGES.index(rule), stage, cases.index(case)
                 rows.append((place, stage, case, run["s"], run["max_rss"]))
