@@ -14,6 +14,8 @@ rule predict_ensemble:
         "<logs>/predict_ensemble/{home}/{case}{plan}_{method}.log",
     benchmark:
         "<benchmarks>/predict_ensemble/{home}/{case}{plan}_{method}.tsv"
+    wildcard_constraints:
+        method=any_of([*NETWORKS, config["predict"]["method"]]),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -73,6 +75,7 @@ rule calibrate:
         "../scripts/calibrate.py"
 
 
+# Of a patient with a scan there is none: all but one network have seen the outcome.
 rule predict_interval:
     input:
         model="<results>/{home}/{case}/model.h5",
@@ -85,6 +88,9 @@ rule predict_interval:
         "<logs>/predict_interval/{home}/{case}{plan}_{method}.log",
     benchmark:
         "<benchmarks>/predict_interval/{home}/{case}{plan}_{method}.tsv"
+    wildcard_constraints:
+        case=any_of([*STUDY.unscanned, *STUDY.patients]),
+        method=any_of([*NETWORKS, config["predict"]["method"]]),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
