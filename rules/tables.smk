@@ -96,7 +96,7 @@ rule render_case:
 
 rule tables:
     input:
-        table_and_twins(*STUDIED),
+        table_and_twins(*STUDY.tables),
     message:
         "The tables are made"
 
@@ -202,6 +202,6 @@ rule design:
 # Read from the benchmark files of the study's jobs; these differ from run to run and are no input.
 rule cost:
     input:
-        table_and_twins(*COSTS),
+        table_and_twins(*STUDY.costs),
     message:
         "The cost of the study is known"

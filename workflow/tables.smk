@@ -175,21 +175,15 @@ TABLES = {
         {"cases": list(STUDY.cases)},
     ),
 }
-# Those of the target `tables`, and of the target `cost`.
-STUDIED = [
-    "cases",
-    *(["accuracy", "regions"] if STUDY.scanned else []),
-    *(["better"] if STUDY.better else []),
-    *(["landmarks"] if STUDY.scanned and STUDY.virtual else []),
-    *(["ablation"] if STUDY.ablated else []),
-]
-COSTS = ["stages", *(["training"] if STUDY.learned else [])]
 BEFORE = dict.fromkeys(
     ("scaling", "scaling_patients", "scaling_exponents"), COUNTED_FILES
 )
 # Last of all.
 BEFORE["stages"] = [
-    *expand("<results>/tables/{table}.csv", table=[*STUDIED, "quality", *COSTS[1:]]),
+    *expand(
+        "<results>/tables/{table}.csv",
+        table=[*STUDY.tables, "quality", *STUDY.costs[1:]],
+    ),
     *expand("<results>/cases/{case}/fem/mucosa.json", case=STUDY.unscanned),
 ]
 

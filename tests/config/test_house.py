@@ -6,20 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.helpers.sources import imported
+
 TESTS = Path(__file__).resolve().parents[1]
 MODULES = sorted([*TESTS.rglob("test_*.py"), *TESTS.rglob("conftest.py"), *(TESTS / "helpers").glob("*.py")])
-
-
-def imported(path: Path) -> set[str]:
-    """Full names of all that a file imports, wherever in it."""
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {name.name for name in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            names |= {f"{node.module}.{name.name}" for name in node.names}
-    return names
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(TESTS)))

@@ -1,12 +1,11 @@
 """The library's rooms stand in one order, and no module imports from a room above its own."""
 
-import ast
-from functools import cache
 from pathlib import Path
 
 import pytest
 
 from tests.helpers.settings import ROOT
+from tests.helpers.sources import imported
 
 LIBRARY = ROOT / "workflow/pinnochio"
 # From the bottom to the top; rooms of one line do not import each other. The modules at the root stand below all.
@@ -38,19 +37,6 @@ MODULES = sorted(path for path in LIBRARY.rglob("*.py") if path.name != "__init_
 def room(path: Path) -> str:
     """Room of a file of the library; "" at its root."""
     return path.relative_to(LIBRARY).parts[0] if path.parent != LIBRARY else ""
-
-
-@cache
-def imported(path: Path) -> frozenset[str]:
-    """Full names of all that a file imports, wherever in it."""
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {name.name for name in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            names |= {f"{node.module}.{name.name}" for name in node.names}
-    return frozenset(names)
 
 
 def rooms_imported(path: Path) -> set[str]:

@@ -1,6 +1,7 @@
 """Settings laid over others, and what differs between two."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 
 def overlaid(base: Mapping, overlay: Mapping) -> dict:
@@ -11,13 +12,16 @@ def overlaid(base: Mapping, overlay: Mapping) -> dict:
     return merged
 
 
-def changes(base: Mapping, other: Mapping, prefix: str = "") -> Sequence[str]:
-    """What differs between two settings, as "key value" in words; keys of nested mappings are joined by dots."""
-    changed = []
+def differences(base: Mapping, other: Mapping, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """What differs between two settings: name, keys of nested mappings joined by dots, and value in `other`."""
     for key in sorted({*base, *other}):
         one, two = base.get(key), other.get(key)
         if isinstance(one, Mapping) and isinstance(two, Mapping):
-            changed += changes(one, two, f"{prefix}{key}.")
+            yield from differences(one, two, f"{prefix}{key}.")
         elif one != two:
-            changed.append(f"{prefix}{key} {two}")
-    return changed
+            yield f"{prefix}{key}", two
+
+
+def changes(base: Mapping, other: Mapping) -> list[str]:
+    """The same as "key value" in words."""
+    return [f"{name} {value}" for name, value in differences(base, other)]

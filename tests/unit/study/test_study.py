@@ -103,3 +103,9 @@ def test_the_tradeoff_takes_as_they_are_what_it_changes_nothing_of():
     names = study().as_they_are
     assert {"no_change", "ratio", "fem_rlse", "pinnochio_unified"} <= set(names)
     assert not {"elastic", "fem_bonded", "fem_sliding", "pinnochio"} & set(names)
+
+
+def test_a_method_that_only_an_archive_knows_is_a_graph_network():
+    made = study()
+    assert made.module(job(method="of_an_archive")) == made.module(job(method="pinnochio"))
+    assert made.module(job(method="acmt")) != made.module(job(method="pinnochio"))

@@ -18,6 +18,5 @@ PARTS = {
     "quality": "Quality of the patients' models",
 }
 
-# Parts with a figure, and those that further targets make.
+# Parts with a figure.
 FIGURES = ("tradeoff", "corrections", "stability", "scaling")
-FURTHER = ("tradeoff", "corrections", "design", "coverage", "scene", "stability", "scaling")

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pinnochio.overlays import differences
+
 # They say where files lie and who is predicted or shown, not how results are made.
 PLACES = ("pathvars", "patient", "models", "predict", "report")
 
@@ -26,12 +28,4 @@ def changed_since(provenance: str | os.PathLike, config: Mapping[str, Any]) -> l
     """The keys, nested ones joined by dots, that differ from the configuration in a `provenance.json`."""
     recorded = json.loads(Path(provenance).read_text(encoding="utf-8"))["config"]
     one, other = ({key: each[key] for key in each if key not in PLACES} for each in (recorded, config))
-    return _differing(one, json.loads(json.dumps(other)), "")
-
-
-def _differing(one: Any, other: Any, place: str) -> list[str]:
-    """Names of the values that are not the same in both; a section that only one has is named as a whole."""
-    if not (isinstance(one, dict) and isinstance(other, dict)):
-        return [place] * (one != other)
-    keys = sorted({*one, *other})
-    return [name for key in keys for name in _differing(one.get(key), other.get(key), f"{place}.{key}".lstrip("."))]
+    return [name for name, _ in differences(one, json.loads(json.dumps(other)))]

@@ -9,16 +9,15 @@ from types import SimpleNamespace
 from pinnochio.errors import InputError
 from pinnochio.experiments.tradeoff_settings import Setting, fem_settings, network_settings
 from pinnochio.importing.cohort import Case, read_cases
-from pinnochio.methods.registry import Method, graph_networks, registry
+from pinnochio.methods.registry import GRAPH_NETWORK, Method, graph_networks, registry
 from pinnochio.patients.archive import configuration_hash
-from pinnochio.report.parts import FURTHER, PARTS
+from pinnochio.report.parts import PARTS
 from pinnochio.study.cases import assign_folds, external_file, virtual_cases
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, read_patients
+from pinnochio.study.provenance import PLACES
 
 STUDY_FILES = "<results>/cases/{case}"
-# Sections of the configuration that say where files lie and who is predicted, not what the models are.
-NOT_OF_MODELS = ("pathvars", "patient", "models", "predict", "report")
 
 
 @dataclass(frozen=True)
@@ -182,15 +181,26 @@ class Study:
         return [name for name in names if name in self.learned]
 
     @property
+    def tables(self) -> list[str]:
+        """Tables of what is measured of the methods."""
+        return [
+            "cases",
+            *(["accuracy", "regions"] if self.scanned else []),
+            *(["better"] if self.better else []),
+            *(["landmarks"] if self.scanned and self.virtual else []),
+            *(["ablation"] if self.ablated else []),
+        ]
+
+    @property
+    def costs(self) -> list[str]:
+        """Tables of what the study costs."""
+        return ["stages", *(["training"] if self.learned else [])]
+
+    @property
     def reported(self) -> list[str]:
         """Parts of the report, in its order: the study's own tables and what the configuration adds."""
-        absent = set(FURTHER) - set(self.config["report"]["further"])
-        absent |= set() if self.scanned else {"accuracy", "regions"}
-        absent |= set() if self.better else {"better"}
-        absent |= set() if self.scanned and self.virtual else {"landmarks"}
-        absent |= set() if self.ablated else {"ablation"}
-        absent |= set() if self.learned else {"training"}
-        return [part for part in PARTS if part not in absent]
+        parts = {*self.tables, *self.costs, "quality", *self.config["report"]["further"]}
+        return [part for part in PARTS if part in parts]
 
     @property
     def card_tables(self) -> list[str]:
@@ -309,7 +319,7 @@ class Study:
     @property
     def configuration(self) -> str:
         """Hash of what decides about the models, not of where files lie and who is predicted."""
-        return configuration_hash({name: own for name, own in self.config.items() if name not in NOT_OF_MODELS})
+        return configuration_hash({name: own for name, own in self.config.items() if name not in PLACES})
 
     def archived(self, wildcards) -> list[str]:
         """The archive of the study, where it trains what is to be packed."""
@@ -475,8 +485,8 @@ class Study:
         return self._lifts(wildcards.method, self.training(wildcards.fold))
 
     def module(self, wildcards) -> str:
-        """Module with the Predictor of the job's method."""
-        return self.registry[wildcards.method].module
+        """Module with the Predictor of the job's method; one that an archive alone knows is a graph network."""
+        return self.registry.get(wildcards.method, GRAPH_NETWORK).module
 
     def learner(self, wildcards) -> str:
         """Module with the Learner or the `fit` of the job's method."""
