@@ -76,6 +76,7 @@ rule virtual_outcome:
     output:
         postop="<results>/virtual/{case}/postop.ply",
         truth="<results>/virtual/{case}/truth.h5",
+        executed="<results>/virtual/{case}/executed.json",
     log:
         "<logs>/virtual_outcome/{case}.log",
     benchmark:
@@ -141,6 +142,7 @@ rule data_card:
                 "anatomy.json",
                 "postop.ply",
                 "truth.h5",
+                "executed.json",
             ],
         ),
         tables=expand("<results>/virtual/{table}.md", table=STUDY.card_tables),

@@ -47,7 +47,7 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
         "anatomy": file("anatomy.json"),
     }
     virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], sources)
-    made = {"postop": file("scan.ply"), "truth": file("truth.h5")}
+    made = {"postop": file("scan.ply"), "truth": file("truth.h5"), "executed": file("executed.json")}
     virtual_outcome(case, sources, OUTCOME, CONFIG["labels"], SEGMENTS, SEED, made)
     names = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "report.json"}
     imported = {key: file(name) for key, name in names.items()}

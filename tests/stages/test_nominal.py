@@ -20,7 +20,8 @@ from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
 @pytest.fixture(scope="module")
 def nominal(patient, tmp_path_factory):
     folder = tmp_path_factory.mktemp("nominal")
-    made = {"postop": str(folder / "scan.ply"), "truth": str(folder / "truth.h5")}
+    made = {"postop": str(folder / "scan.ply"), "truth": str(folder / "truth.h5"),
+            "executed": str(folder / "executed.json")}  # fmt: skip
     inputs = {name: getattr(patient, name) for name in ("segmentation", "landmarks")} | {"plan": patient.input_plan}
     outcome = OUTCOME | {"effects": "nominal"}
     virtual_outcome(patient.case, inputs, outcome, CONFIG["labels"], SEGMENTS, SEED, made)

@@ -8,7 +8,15 @@ import pytest
 from pinnochio.virtual.effects import EVERYTHING, NOTHING
 from pinnochio.virtual.ground_truth import EFFECTS, SCAN
 
-FILES = ("segmentation.nii.gz", "plan.json", "landmarks.json", "anatomy.json", "postop.ply", "truth.h5")
+FILES = (
+    "segmentation.nii.gz",
+    "plan.json",
+    "landmarks.json",
+    "anatomy.json",
+    "postop.ply",
+    "truth.h5",
+    "executed.json",
+)
 
 
 @pytest.fixture(scope="module")

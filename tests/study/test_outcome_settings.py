@@ -37,7 +37,15 @@ CHANGED = {
         "boundary": "hard",
     },
 }
-CASE_FILES = ("segmentation.nii.gz", "plan.json", "landmarks.json", "anatomy.json", "postop.ply", "truth.h5")
+CASE_FILES = (
+    "segmentation.nii.gz",
+    "plan.json",
+    "landmarks.json",
+    "anatomy.json",
+    "postop.ply",
+    "truth.h5",
+    "executed.json",
+)
 TABLES = ("thickness", "anatomy", "effects", "ratios")
 
 

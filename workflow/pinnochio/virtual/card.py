@@ -44,6 +44,7 @@ FILES = {
         "the whole displacement field of the outcome and the plan as it was carried out",
         "**evaluation only**",
     ),
+    "executed.json": ("JSON", "LPS, mm", "the plan as it was carried out", "**evaluation only**"),
 }
 # Tables that the card shows where they have been made, with their headings.
 TABLES = {
