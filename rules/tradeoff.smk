@@ -29,7 +29,7 @@ rule measure_fem:
         seed=SEED,
         code=code_of("measure_fem"),
     message:
-        "Solve {wildcards.case} along the dials of finite elements"
+        "Solve {wildcards.case} along the parameters of finite elements"
     script:
         "../scripts/measure_fem.py"
 
@@ -73,7 +73,7 @@ rule measure_networks:
         seed=SEED,
         code=code_of("measure_networks"),
     message:
-        "Predict {wildcards.case} along the dials of the networks"
+        "Predict {wildcards.case} along the parameters of the networks"
     script:
         "../scripts/measure_networks.py"
 

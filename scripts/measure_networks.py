@@ -52,7 +52,7 @@ def measure_networks(
         planned = Planned(case, patient, motion, lift)
         prediction = predict_network(setting, networks[setting.method], planned, fem, device, threads)
         judgements.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
-        logging.info("%(method)s, %(dial)s %(value)s: %(seconds).3f s, %(face_error).3f mm", judgements[-1])
+        logging.info("%(method)s, %(parameter)s %(value)s: %(seconds).3f s, %(face_error).3f mm", judgements[-1])
     write_csv(pd.DataFrame(judgements), rows, TRADEOFF_CASES)
 
 

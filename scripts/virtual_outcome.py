@@ -19,8 +19,8 @@ def virtual_outcome(
     """Operate with the effects of `outcome`, then scan.
 
     inputs: segmentation, plan, landmarks; outcome: section `virtual.outcome` of the configuration. outputs: postop
-    (PLY, mm, in the scanner's frame), truth (HDF5: points, cells, displacement, the executed plan), executed (that plan as
-    JSON). RuntimeError if no displacement is in equilibrium.
+    (PLY, mm, in the scanner's frame), truth (HDF5: points, cells, displacement, the executed plan), executed (that plan
+    as JSON). RuntimeError if no displacement is in equilibrium.
     """
     operation = Operation.read(
         case=case, inputs=inputs, labels=label_values, segments=segments, outcome=outcome, seed=seed

@@ -36,7 +36,7 @@ def rows(factors=None) -> pd.DataFrame:
     for case, (time, error) in (factors or {"A": (1, 1), "B": (1.1, 0.9), "C": (0.9, 1.1)}).items():
         for method, value, seconds, cd, face in SETTINGS:
             recipe = "" if method == "bad" else json.dumps({"method": method})
-            row = {"case": case, "method": method, "dial": "turn", "value": value, "recipe": recipe, "nodes": 100}
+            row = {"case": case, "method": method, "parameter": "turn", "value": value, "recipe": recipe, "nodes": 100}
             row |= {"seconds": seconds * time, "setup_seconds": 0, "threads": 1, "converged": True, "cd": cd * error}
             row |= {"face_error": face * error, "face_error_max": 3 * face, "volume_error": face, "eqres_rel": 0.1}
             cells.append(row | {"min_jacobian": 0.5, "inverted": 0})
@@ -120,32 +120,32 @@ def test_a_budget_that_nothing_keeps_is_said_so():
 
 def test_the_dials_turn_one_thing_at_a_time():
     config = {"reference": 9000, "nodes": [500, 1000], "mixed": ["taylor_hood"], "increments": [4], "tolerances": [0.1]}
-    methods = {name: own for name, own in registry(CONFIG).items() if own.dials and own.trains == "no"}
-    dials = {name: own.dials for name, own in methods.items()}
+    methods = {name: own for name, own in registry(CONFIG).items() if own.parameters and own.trains == "no"}
+    parameters = {name: own.parameters for name, own in methods.items()}
     contacts = {name: own.options.get("contact", "") for name, own in methods.items()}
-    own = fem_settings(1000, config, dials, contacts)
+    own = fem_settings(1000, config, parameters, contacts)
     assert (own[0].method, own[0].nodes) == ("fem_sliding", 9000)
-    assert len({(s.method, s.dial, s.value) for s in own}) == len(own)
-    base = [s for s in own if s.dial == "nodes" and s.nodes == 1000]
+    assert len({(s.method, s.parameter, s.value) for s in own}) == len(own)
+    base = [s for s in own if s.parameter == "nodes" and s.nodes == 1000]
     assert [s.method for s in base] == ["elastic", "fem_bonded", "fem_sliding"]
     assert [s.contact for s in base] == ["", "bonded", "mucosa"]
     assert [s.method for s in own if s.value == "taylor_hood"] == ["fem_bonded"]
-    assert all(s.nodes == 1000 for s in own if s.dial != "nodes")
-    assert json.loads(next(s for s in own if s.dial == "tolerance").recipe)["fem"] == {"tolerance": 0.1}
+    assert all(s.nodes == 1000 for s in own if s.parameter != "nodes")
+    assert json.loads(next(s for s in own if s.parameter == "tolerance").recipe)["fem"] == {"tolerance": 0.1}
     variants = {
         "a": {"newton_corrections": 1, "network": {"channels": 64}},
         "b": {"newton_corrections": 1, "network": {"channels": 32}},
     }
     network = {"networks": ["a"], "further": ["b"], "corrections": [0, 2], "nodes": [500, 1000, 9000]}
     own = network_settings(1000, network | {"largest_network": 1000}, variants)
-    assert [(s.dial, s.value) for s in own if s.method == "a"] == [
+    assert [(s.parameter, s.value) for s in own if s.method == "a"] == [
         ("corrections", "0"),
         ("corrections", "1, as in the study"),
         ("corrections", "2"),
         ("nodes", "500"),
         ("precision", "double"),
     ]
-    assert [(s.dial, s.value) for s in own if s.method == "b"] == [("network", "channels 32")]
+    assert [(s.parameter, s.value) for s in own if s.method == "b"] == [("network", "channels 32")]
 
 
 def test_judging_the_reference_itself_finds_no_error():

@@ -108,7 +108,7 @@ def measured(folder):
     for case in ("A", "B"):
         for method, nodes, fem, corrections, seconds, cd, face in settings:
             recipe = json.dumps({"method": method, "nodes": nodes, "fem": fem, "corrections": corrections})
-            row = {"case": case, "method": method, "dial": "nodes", "value": str(nodes), "recipe": recipe}
+            row = {"case": case, "method": method, "parameter": "nodes", "value": str(nodes), "recipe": recipe}
             row |= {"nodes": nodes, "seconds": seconds, "setup_seconds": 0, "threads": 1, "converged": True, "cd": cd}
             row |= {"face_error": face, "face_error_max": 1, "volume_error": 1, "eqres_rel": 0.1}
             rows.append(row | {"min_jacobian": 0.5, "inverted": 0})

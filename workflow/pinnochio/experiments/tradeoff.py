@@ -69,7 +69,7 @@ def judge(
 
     target: points and faces of the registered post-operative skin; fem: of the study, whose residual is reported.
     """
-    row = {"case": case, "method": setting.method, "dial": setting.dial, "value": setting.value}
+    row = {"case": case, "method": setting.method, "parameter": setting.parameter, "value": setting.value}
     row |= {"recipe": setting.recipe, "nodes": len(patient.points), "converged": prediction.converged}
     row |= {"seconds": prediction.seconds, "setup_seconds": prediction.setup_seconds, "threads": prediction.threads}
     u, moved = prediction.displacement, prediction.moved_skin(patient)
@@ -89,7 +89,7 @@ def judge(
 
 
 def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSettings, threads: int) -> Prediction:
-    """The plan by finite elements with the setting's dial; warm, median of repeats unless a solve takes long."""
+    """The plan by finite elements with the setting's parameter; warm, median of repeats unless a solve takes long."""
     own = setting.fem
     if not setting.contact:
         displacement, seconds, setup = simulate_elastic(patient, plan, replace(fem, **own))

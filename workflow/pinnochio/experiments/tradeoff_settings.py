@@ -1,4 +1,4 @@
-"""The settings that are measured: each method at its own in the study, then one dial turned at a time."""
+"""The settings that are measured: each method at its own in the study, then one parameter varied at a time."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -11,13 +11,13 @@ BASE = "as in the study"
 
 @dataclass(frozen=True)
 class Setting:
-    """method and the dial that is turned to `value`; what differs from the study: nodes of the mesh, `fem` settings,
+    """method and the parameter that is set to `value`; what differs from the study: nodes of the mesh, `fem` settings,
     corrections after a network, double precision. contact: which interfaces slide, of finite elements; empty of linear
     elasticity. A recipe holds what a prediction needs to repeat it; settings that serve the comparison alone have none.
     """
 
     method: str
-    dial: str
+    parameter: str
     value: str
     nodes: int
     contact: str = ""
@@ -37,37 +37,37 @@ class Setting:
 
 
 def fem_settings(
-    nodes: int, config: Mapping, dials: Mapping[str, Sequence[str]], contacts: Mapping[str, str]
+    nodes: int, config: Mapping, varied: Mapping[str, Sequence[str]], contacts: Mapping[str, str]
 ) -> list[Setting]:
-    """Finite elements along their dials, the reference first.
+    """Finite elements along their parameters, the reference first.
 
-    nodes: of the study; config: section `tradeoff` of the configuration; dials, contacts: of each method.
+    nodes: of the study; config: section `tradeoff` of the configuration; varied, contacts: of each method.
     """
 
-    def turned(method: str, dial: str, value: str, size: int = nodes, **more) -> list[Setting]:
-        own = Setting(method, dial, value, size, contacts.get(method, ""), **more)
-        return [own] if dial in dials[method] else []
+    def setting(method: str, parameter: str, value: str, size: int = nodes, **more) -> list[Setting]:
+        own = Setting(method, parameter, value, size, contacts.get(method, ""), **more)
+        return [own] if parameter in varied[method] else []
 
-    settings = turned("fem_sliding", "nodes", str(config["reference"]), config["reference"])
-    for method in dials:
-        settings += turned(method, "nodes", f"{nodes}, {BASE}")
+    settings = setting("fem_sliding", "nodes", str(config["reference"]), config["reference"])
+    for method in varied:
+        settings += setting(method, "nodes", f"{nodes}, {BASE}")
         for size in config["nodes"]:
-            settings += turned(method, "nodes", str(size), size) if size != nodes else []
+            settings += setting(method, "nodes", str(size), size) if size != nodes else []
     settings.append(Setting("fem_lips", "arm", "mucosa+lip", nodes, "mucosa+lip", repeatable=False))
-    for method in dials:
-        settings += turned(method, "element", "p1", fem={"volumetric": "p1"})
-        for name in config["mixed"] if "mixed" in dials[method] else ():
-            settings += turned(method, "element", name, fem={"volumetric": name}, repeatable=False)
+    for method in varied:
+        settings += setting(method, "element", "p1", fem={"volumetric": "p1"})
+        for name in config["mixed"] if "mixed" in varied[method] else ():
+            settings += setting(method, "element", name, fem={"volumetric": name}, repeatable=False)
         for count in config["increments"]:
-            settings += turned(method, "increments", str(count), fem={"increments": count})
+            settings += setting(method, "increments", str(count), fem={"increments": count})
         for tolerance in config["tolerances"]:
-            settings += turned(method, "tolerance", f"{tolerance:g}", fem={"tolerance": tolerance})
-        settings += turned(method, "precision", "double factors", double=True, repeatable=False)
+            settings += setting(method, "tolerance", f"{tolerance:g}", fem={"tolerance": tolerance})
+        settings += setting(method, "precision", "double factors", double=True, repeatable=False)
     return settings
 
 
 def network_settings(nodes: int, config: Mapping, variants: Mapping[str, Mapping]) -> list[Setting]:
-    """Learned methods along their dials: those of `networks` by mesh, corrections and precision, those of `further`
+    """Networks along their parameters: those of `networks` by mesh, corrections and precision, those of `further`
     (other widths, depths, lifts) as they are. variants: settings by method, see methods.registry.graph_networks.
     """
     settings = []

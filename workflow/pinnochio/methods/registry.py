@@ -19,8 +19,8 @@ class Method:
     module: of the library, with the method's Predictor. learner: the one with its `fit` (trains at once) or its Learner
     (by steps). sections: of the configuration that it reads; options: further values, fixed. mesh: "study", or "lips"
     for the mesh that resolves the lips. trains: "no", "at once" or "by steps". new_patients: whether it predicts
-    patients of no study. dials: what the trade-off changes of it. reduced: whether a reduced model serves it. settings:
-    values of the sections and options, by section, once the configuration is known.
+    patients of no study. varied: what the trade-off changes of it. reduced: whether a reduced model serves it.
+    settings: values of the sections and options, by section, once the configuration is known.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Method:
     mesh: str = "study"
     trains: str = "no"
     new_patients: bool = False
-    dials: tuple[str, ...] = ()
+    varied: tuple[str, ...] = ()
     reduced: bool = False
     settings: Mapping[str, object] = field(default_factory=dict)
 
@@ -50,15 +50,15 @@ def _finite_elements(name: str, contact: str, **more) -> Method:
 
 
 _WHOLE = {"new_patients": True, "reduced": True}
-_DIALS = ("nodes", "element", "increments", "tolerance", "precision")
+_VARIED = ("nodes", "element", "increments", "tolerance", "precision")
 _REGRESSION = "pinnochio.methods.pca_linear"
 BUILT_IN = (
     Method("no_change", "floor", "pinnochio.methods.no_change"),
     Method("ratio", "floor", "pinnochio.methods.ratio"),
     Method("pca_linear", "regression", _REGRESSION, _REGRESSION, trains="at once"),
-    Method("elastic", "finite elements", "pinnochio.methods.elastic", sections=("fem",), dials=("nodes",), **_WHOLE),
-    _finite_elements("fem_bonded", "bonded", dials=("nodes", "element", "mixed"), **_WHOLE),
-    _finite_elements("fem_sliding", "mucosa", dials=_DIALS, **_WHOLE),
+    Method("elastic", "finite elements", "pinnochio.methods.elastic", sections=("fem",), varied=("nodes",), **_WHOLE),
+    _finite_elements("fem_bonded", "bonded", varied=("nodes", "element", "mixed"), **_WHOLE),
+    _finite_elements("fem_sliding", "mucosa", varied=_VARIED, **_WHOLE),
     _finite_elements("fem_rlse_bonded", "bonded", mesh="lips"),
     _finite_elements("fem_rlse_mucosa", "mucosa", mesh="lips"),
     _finite_elements("fem_rlse", "mucosa+lip", mesh="lips"),
@@ -72,7 +72,7 @@ GRAPH_NETWORK = Method(
     ("network", "pretraining", "finetuning", "newton_corrections", "fem"),
     trains="by steps",
     new_patients=True,
-    dials=("corrections", "nodes", "precision"),
+    varied=("corrections", "nodes", "precision"),
 )
 SURFACE_NETWORK = Method(
     "",

@@ -81,7 +81,7 @@ def _offered(config: Mapping, folder: Path, pareto_front: str | os.PathLike) -> 
     recipe = json.loads(row["recipe"])
     own = _as_in_the_study(config, folder, recipe["method"])
     expected = {name: limit for name, limit in asked.items() if limit}
-    expected |= {"setting": f"{row['method']}, {row['dial']} {row['value']}", "patients": int(row["n"])}
+    expected |= {"setting": f"{row['method']}, {row['parameter']} {row['value']}", "patients": int(row["n"])}
     expected |= {name: float(row[name]) for name in (*times, "cd", "face_error")}
     settings = overlaid(own.settings, {"mesh": {"nodes": recipe["nodes"]}, "fem": recipe["fem"]})
     return replace(own, settings=settings, corrections=recipe["corrections"] or 0, expected=expected)

@@ -226,8 +226,8 @@ class Study:
     @cached_property
     def as_they_are(self) -> list[str]:
         """Methods that the trade-off takes as the study predicts by them, for it changes nothing of them."""
-        changed = [name for name, method in self.registry.items() if method.dials and method.trains == "no"]
-        return [name for name in self.methods if name not in (*changed, *self.traded_networks)]
+        varied = [name for name, method in self.registry.items() if method.varied and method.trains == "no"]
+        return [name for name in self.methods if name not in (*varied, *self.traded_networks)]
 
     @cached_property
     def sizes(self) -> list[int]:
@@ -237,18 +237,18 @@ class Study:
 
     @cached_property
     def fem_settings(self) -> list[Setting]:
-        """Finite elements along the dials that the registry names."""
-        turned = {name: method for name, method in self.registry.items() if method.dials and method.trains == "no"}
+        """Finite elements along the parameters that the registry names."""
+        varied = {name: method for name, method in self.registry.items() if method.varied and method.trains == "no"}
         return fem_settings(
             nodes=self.config["mesh"]["nodes"],
             config=self.config["tradeoff"],
-            dials={name: method.dials for name, method in turned.items()},
-            contacts={name: method.options.get("contact", "") for name, method in turned.items()},
+            varied={name: method.varied for name, method in varied.items()},
+            contacts={name: method.options.get("contact", "") for name, method in varied.items()},
         )
 
     @cached_property
     def network_settings(self) -> list[Setting]:
-        """Networks along their dials."""
+        """Networks along their parameters."""
         if not self.traded:
             return []
         return network_settings(self.config["mesh"]["nodes"], self.config["tradeoff"], graph_networks(self.config))

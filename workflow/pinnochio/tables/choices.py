@@ -62,7 +62,7 @@ def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequ
     rows: of TRADEOFF_CASES, of two patients at least.
     """
     summaries = {case: summarise(rows[rows["case"] != case]) for case in rows["case"].unique()}
-    own = rows.set_index(["case", "method", "dial", "value"])
+    own = rows.set_index(["case", "method", "parameter", "value"])
     tried = []
     for name, limits in (("budget_seconds", budgets), ("tolerance_mm", tolerances)):
         for limit in limits:
@@ -72,12 +72,12 @@ def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequ
                     chosen = choose_setting(summary, **{name: limit})
                 except InputError:
                     continue
-                pairs.append((chosen, own.loc[(case, chosen["method"], chosen["dial"], chosen["value"])]))
+                pairs.append((chosen, own.loc[(case, chosen["method"], chosen["parameter"], chosen["value"])]))
             row = {"asked": f"{name} {limit:g}", "n": len(pairs), "kept": 0, "setting": "none"}
             if pairs:
                 expected, measured = (pd.DataFrame(side).reset_index(drop=True) for side in zip(*pairs, strict=True))
                 kept = measured["seconds" if name == "budget_seconds" else "face_error"] <= limit
-                settings = expected["method"] + " " + expected["dial"] + " " + expected["value"]
+                settings = expected["method"] + " " + expected["parameter"] + " " + expected["value"]
                 row |= {"kept": int(kept.sum()), "setting": "; ".join(settings.value_counts().index)}
                 row |= {"seconds_max": measured["seconds"].max()}
                 row |= {"cd_near": ((expected["cd"] - measured["cd"]).abs() <= NEAR * measured["cd"]).mean()}

@@ -102,7 +102,9 @@ def answers(frame: pd.DataFrame, cohort: str) -> list[str]:
 
 def named(row) -> str:
     """A setting as it is read."""
-    return row["method"] if row["dial"] == "none" else f"{row['method']}, {row['dial']} {row['value'].split(',')[0]}"
+    if row["parameter"] == "none":
+        return row["method"]
+    return f"{row['method']}, {row['parameter']} {row['value'].split(',')[0]}"
 
 
 def _shown(row, error: str) -> str:
@@ -126,7 +128,7 @@ def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = ()) -> Ta
     """The table of rows of TRADEOFF; further blocks stand below it, and the answers below all."""
     headers = {
         "method": "Method",
-        "dial": "Dial",
+        "parameter": "Parameter",
         "value": "Value",
         "nodes": "Nodes",
         "seconds": "Seconds",
@@ -142,7 +144,7 @@ def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = ()) -> Ta
     view = [*views(TRADEOFF, headers, {"seconds": -1, "cd": -1}), View("Pareto front", _fronts)]
     caption = (
         f"Seconds against accuracy, {cohort}, n = {frame['n'].max()} held-out patients. Seconds: one plan, warm, "
-        "nothing else running (without a dial: as in the study, with other jobs beside it); set-up: what the patient "
+        "nothing else running (no parameter: as in the study, with other jobs beside it); set-up: what the patient "
         "takes beside the mesh. CD: Chamfer distance to the outcome. Face, volume: distance from the reference "
         "solution, sliding finite elements on the finest mesh. EqRes: residual of the study's elements. Pareto front: "
         "nothing is faster and nearer to the outcome (CD) or the reference (face)."

@@ -9,8 +9,8 @@ from pinnochio.tables.document import Block, Table, views
 
 SETTING = (
     Column("method", str, "", "method"),
-    Column("dial", str, "", "what is turned: nodes, element, increments, tolerance, precision, corrections, network"),
-    Column("value", str, "", "where it is turned to"),
+    Column("parameter", str, "", "varied: nodes, element, increments, tolerance, precision, corrections, network"),
+    Column("value", str, "", "what it is set to"),
     Column("recipe", str, "", "the setting as JSON, for a prediction to repeat; empty where none can", optional=True),
 )
 TRADEOFF_CASES = (
