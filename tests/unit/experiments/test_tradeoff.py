@@ -118,7 +118,7 @@ def test_a_budget_that_nothing_keeps_is_said_so():
     assert (row["n"], row["kept"], row["setting"]) == (0, 0, "none") and np.isnan(row["cd"])
 
 
-def test_the_dials_turn_one_thing_at_a_time():
+def test_the_settings_vary_one_parameter_at_a_time():
     config = {"reference": 9000, "nodes": [500, 1000], "mixed": ["taylor_hood"], "increments": [4], "tolerances": [0.1]}
     methods = {name: own for name, own in registry(CONFIG).items() if own.parameters and own.trains == "no"}
     parameters = {name: own.parameters for name, own in methods.items()}
