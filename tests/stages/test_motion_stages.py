@@ -29,12 +29,12 @@ def bones(patients, tmp_path_factory) -> list[str]:
     return files
 
 
-def register(patient, bones, folder, limit=0.6, share=40.0) -> tuple[Path, Path]:
-    achieved, fits = folder / "achieved.json", folder / "segments.csv"
+def register(patient, bones, folder, limit=0.45, share=70.0) -> list[Path]:
+    files = [folder / name for name in ("achieved.json", "segments.csv")]
     register_segments(
-        patient.case, bones, patient.labels, patient.bone, patient.plan, SEGMENTS, limit, share, str(achieved), str(fits)
+        patient.case, bones, patient.labels, patient.bone, patient.plan, SEGMENTS, limit, share, *map(str, files)
     )  # fmt: skip
-    return achieved, fits
+    return files
 
 
 def test_the_achieved_motion_is_the_executed_one_not_the_plan(patient, bones, tmp_path):
@@ -62,7 +62,7 @@ def test_the_same_seed_scans_the_same_bones(patient, bones, tmp_path):
 
 
 def test_bones_of_another_patient_are_refused_and_leave_no_file(patient, bones, tmp_path):
-    with pytest.raises(InputError, match=rf"'{patient.case}'.*T1.nii.gz.*median distance of .*limit 0.6 mm.*Remedy"):
+    with pytest.raises(InputError, match=rf"'{patient.case}'.*T1.nii.gz.*median distance of .*limit 0.45 mm.*Remedy"):
         register(patient, bones[1], tmp_path)
     with pytest.raises(InputError, match="'cranium' registered .*at least 100 % is asked"):
         register(patient, bones[0], tmp_path, share=100.0)

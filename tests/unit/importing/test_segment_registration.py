@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import pyvista as pv
 import SimpleITK as sitk
 from scipy.spatial.transform import Rotation
 
@@ -28,6 +27,7 @@ TRUE = Plan(
         "proximal_right": RigidMotion.from_degrees((1.5, -1, 0.5), (0, 0.5, -0.3), (-50, -10, -4)),
     },
 )
+LIMITS = {"limit": 0.45, "share": 70.0, "case": "P1", "file": "bones"}
 # What was planned: a millimetre or two and a degree or two away.
 PLANNED = Plan(
     "P1",
@@ -40,14 +40,14 @@ PLANNED = Plan(
 )  # fmt: skip
 
 
-def head_of(seed: int):
-    head = build_head(sample_parameters(np.random.default_rng(seed), "class_iii"), spacing=1.5)
+def head_of(seed: int, deformity: str):
+    head = build_head(sample_parameters(np.random.default_rng(seed), deformity), spacing=1.5)
     return Segmentation(head.labels, head.spacing, head.origin)
 
 
 @pytest.fixture(scope="module")
 def head():
-    return head_of(4)
+    return head_of(4, "asymmetry")
 
 
 @pytest.fixture(scope="module")
@@ -55,17 +55,22 @@ def bone(head):
     return bone_surface(head.labels, head.spacing, head.origin, SEGMENTS, 3.0)
 
 
-def scanned(head, artefacts=1.0, seed=3):
-    return scan_bones(head, SEGMENTS, TRUE, np.random.default_rng(seed), artefacts)
-
-
-def surface(head, tmp_path, artefacts=1.0, change=None):
+def surface(head, folder, artefacts, executed=TRUE, change=None):
     """The scanned bones as read from a label map, which `change` alters."""
-    scan = scanned(head, artefacts)
-    labels = scan.labels if change is None else change(scan.labels.copy())
-    path = tmp_path / "bones.nii.gz"
-    write_segmentation(labels, scan.spacing, scan.origin, path)
-    return read_postop_bones(path, "P1", np.zeros((0, 3)))
+    scan = scan_bones(head, SEGMENTS, executed, np.random.default_rng(3), artefacts)
+    labels = scan.labels if change is None else change(scan.labels)
+    write_segmentation(labels, scan.spacing, scan.origin, folder / "bones.nii.gz")
+    return read_postop_bones(folder / "bones.nii.gz", "P1", np.zeros((0, 3)))
+
+
+@pytest.fixture(scope="module")
+def clean(head, tmp_path_factory):
+    return surface(head, tmp_path_factory.mktemp("clean"), 0.0)
+
+
+@pytest.fixture(scope="module")
+def noisy(head, tmp_path_factory):
+    return surface(head, tmp_path_factory.mktemp("noisy"), 1.0)
 
 
 def errors(head, bone, points, faces, planned=PLANNED):
@@ -79,79 +84,68 @@ def largest(errors, key="error_max"):
     return max(own[key] for own in errors.values())
 
 
-def test_clean_bones_give_the_motions_back(head, bone, tmp_path):
-    off, fits = errors(head, bone, *surface(head, tmp_path, artefacts=0))
+def test_clean_bones_give_the_motions_back(head, bone, clean):
+    off, fits = errors(head, bone, *clean)
     assert set(off) == set(SEGMENTS)
-    assert largest(off) < 0.25 and largest(off, "error_degrees") < 0.3
+    assert largest(off) < 0.25 and largest(off, "error_degrees") < 0.5
     assert all(fit.median < 0.15 and fit.matched > 90 for fit in fits)
-    check_fits(fits, limit=0.5, share=70, case="P1", file="bones")
+    check_fits(fits, **LIMITS)
 
 
 @pytest.mark.parametrize(
-    "turn", [(0, 0, 0), (165, -30, 20), (80, 80, -100)], ids=["as it lies", "upside down", "on its side"]
+    ("turn", "planned"),
+    [((165, -30, 20), PLANNED), ((80, 80, -100), Plan("P1", {}))],
+    ids=["upside down", "on its side, without a plan"],
 )
-def test_noise_plates_callus_and_streaks_in_any_frame(head, bone, tmp_path, turn):
-    points, faces = surface(head, tmp_path)
+def test_noise_plates_callus_and_streaks_in_any_frame(head, bone, noisy, turn, planned):
+    points, faces = noisy
     rotation = Rotation.from_rotvec(turn, degrees=True).as_matrix()
-    off, fits = errors(head, bone, points @ rotation.T + [300.0, -80, 1200], faces)
-    assert largest(off, "error_mean") < 0.45 and largest(off) < 0.6 and largest(off, "error_degrees") < 1.2
+    off, fits = errors(head, bone, points @ rotation.T + [300.0, -80, 1200], faces, planned)
+    assert largest(off, "error_mean") < 0.35 and largest(off) < 0.6 and largest(off, "error_degrees") < 1.0
     assert all(0.05 < fit.median < 0.4 < fit.p90 < 1.5 for fit in fits)
-    assert fits[1].from_plan == pytest.approx(2, abs=1) and fits[1].from_plan_degrees == pytest.approx(1.5, abs=0.8)
+    check_fits(fits, **LIMITS)
+    if planned is PLANNED:
+        assert fits[1].from_plan == pytest.approx(2, abs=1) and fits[1].from_plan_degrees == pytest.approx(1.5, abs=0.8)
 
 
-def test_a_third_out_of_view_costs_little(head, bone, tmp_path):
-    """The left of the head is missing up to the middle of the left orbit; its proximal segment is refused."""
+def test_a_third_out_of_view_costs_little_and_what_is_not_seen_is_refused(head, bone, tmp_path):
+    """The left of the head is missing up to the left orbit, and with it the left proximal segment."""
 
     def cut(labels):
-        labels[int(0.72 * len(labels)) :] = 0
-        return labels
+        return labels[: int(0.7 * len(labels))]
 
-    off, fits = errors(head, bone, *surface(head, tmp_path, change=cut))
-    seen = {name: own for name, own in off.items() if name != "proximal_left"}
-    assert largest(seen) < 0.9
+    off, fits = errors(head, bone, *surface(head, tmp_path, 1.0, change=cut))
+    assert max(own["error_max"] for name, own in off.items() if name != "proximal_left") < 0.9
     with pytest.raises(InputError, match=r"'P1'.*bones.*'proximal_left'.* [0-9.]+ mm .*Remedy"):
-        check_fits(fits, limit=0.6, share=40, case="P1", file="bones")
-
-
-def test_the_plan_is_not_needed(head, bone, tmp_path):
-    off, _ = errors(head, bone, *surface(head, tmp_path), planned=Plan("P1", {}))
-    assert largest(off) < 0.6
+        check_fits([fit for fit in fits if fit.segment == "proximal_left"], **LIMITS)
 
 
 def test_a_segment_that_the_case_does_not_have_has_no_motion(head, tmp_path):
     labels = np.where(head.labels == segment_code(0), CRANIUM, head.labels)
     still = Plan("P1", {name: own for name, own in TRUE.motions.items() if name != "lefort1"})
     own = Segmentation(labels, head.spacing, head.origin)
-    scan = scan_bones(own, SEGMENTS, still, np.random.default_rng(1), 0)
-    write_segmentation(scan.labels, scan.spacing, scan.origin, tmp_path / "bones.nrrd")
-    points, faces = read_postop_bones(tmp_path / "bones.nrrd", "P1", np.zeros((0, 3)))
-    _, fits = register_bones(own, SEGMENTS, still, points, faces, case="P1", file="bones")
+    _, fits = register_bones(own, SEGMENTS, still, *surface(own, tmp_path, 0.0, still), case="P1", file="bones")
     assert [fit.segment for fit in fits] == list(SEGMENTS[1:])
 
 
-def test_another_patient_and_a_mirrored_one_are_refused(head, bone, tmp_path):
-    points, faces = surface(head, tmp_path)
-    other = surface(head_of(11), tmp_path)
-    for wrong in (other, (points * [-1, 1, 1], faces[:, ::-1])):
+def test_another_patient_and_a_mirrored_one_are_refused(head, bone, noisy, tmp_path):
+    points, faces = noisy
+    for wrong in (surface(head_of(11, "class_ii"), tmp_path, 1.0), (points * [-1, 1, 1], faces[:, ::-1])):
         _, fits = errors(head, bone, *wrong)
-        with pytest.raises(InputError, match=r"'P1'.*bones.*median distance of [0-9.]+ mm .limit 0.6 mm.*Remedy: .+"):
-            check_fits(fits, limit=0.6, share=40, case="P1", file="bones")
+        with pytest.raises(InputError, match=r"'P1'.*bones.*median distance of [0-9.]+ mm .limit 0.45.*Remedy: .+"):
+            check_fits(fits, **LIMITS)
 
 
-def test_labels_surfaces_and_folders_are_the_same_bones(head, bone, tmp_path):
-    """One label, several, a PLY in centimetres and a folder of STL files give the same motions to 0.15 mm."""
-    points, faces = surface(head, tmp_path, artefacts=0)
+def test_surfaces_in_centimetres_and_folders_of_them_are_the_same_bones(head, bone, clean, tmp_path):
+    points, faces = clean
     write_surface(points / 10, faces, tmp_path / "bones.ply")
     (tmp_path / "parts").mkdir()
-    sheets = pv.PolyData.from_regular_faces(points, faces).split_bodies()
-    for number, part in enumerate(sheets):
-        part.extract_surface(algorithm="dataset_surface").save(tmp_path / f"parts/{number}.stl")
-    found = {}
-    for name in ("bones.nii.gz", "bones.ply", "parts"):
-        read = read_postop_bones(tmp_path / name, "P1", bone.points)
-        found[name], _ = errors(head, bone, *read)
-    for own in found.values():
-        assert largest(own) < 0.25
+    middle = points[faces].mean(axis=1)[:, 2] > np.median(points[:, 2])
+    for name, half in (("upper", middle), ("lower", ~middle)):
+        write_surface(points, faces[half], tmp_path / f"parts/{name}.stl")
+    for name in ("bones.ply", "parts"):
+        own, _ = errors(head, bone, *read_postop_bones(tmp_path / name, "P1", bone.points))
+        assert largest(own) < 0.25, name
 
 
 def test_what_is_read_is_open_at_the_border_and_looks_outward(tmp_path):

@@ -40,7 +40,8 @@ def upper_face_plane(bone: BoneSurface, segments: tuple[str, ...], nasion_above_
     The upper jaw is every segment named after "lefort" or "maxilla"; without one, every moving segment counts.
     """
     upper = [i for i, name in enumerate(segments) if "lefort" in name or "maxilla" in name]
-    top = bone.points[np.isin(bone.segment, upper or range(len(segments))), 2]
+    own = np.isin(bone.segment, upper)
+    top = bone.points[own if own.any() else bone.segment >= 0, 2]
     if not len(top):
         raise InputError("-", "bone surface", "no segment has a surface", "label the bone segments")
     return float(top.max()) + nasion_above_lefort

@@ -19,10 +19,10 @@ from pinnochio.plans.plan import Plan
 
 SPACING = (0.8, 1.0)  # mm, voxel edge; cone-beam voxels of 0.3-0.4 mm [R] resampled for the segmentation [I]
 ANGLE, SHIFT = 10.0, 25.0  # degrees and mm per axis by which the scanner's frame is off at most [I]
-NOISE, CORRELATION = 0.25, 1.5  # mm: SD of the surface along its normal, and the Gaussian that makes it smooth [I]
+NOISE, CORRELATION = 0.25, 1.0  # mm, SD of the surface along its normal; voxels, the Gaussian that makes it smooth [I]
 ROUNDING = 0.7  # voxels: takes the steps of the labels before surgery off
-TOP_CUT = 15.0  # mm of the forehead that the field of view lacks at most [I]
-REAR_CUT, REAR_CHANCE = (3.0, 10.0), 0.3  # mm of joints and rami that it lacks, in this share of the patients [I]
+TOP_CUT = (2.0, 15.0)  # mm of the forehead that the field of view lacks [I]
+REAR_CUT, REAR_CHANCE = (4.0, 14.0), 0.3  # mm of joints and rami that it lacks, in this share of the patients [I]
 PLATES = (2, 4)  # per pair of bones that were cut apart; two to four miniplates each [R]
 PLATE_RADIUS, SCREW_RADIUS = (
     1.1,
@@ -157,17 +157,13 @@ def scan_bones(
     spacing = draws[0].uniform(*SPACING)
     boxes = ndimage.find_objects(head.labels)
     starts = {code: head.origin + head.spacing * [part.start for part in boxes[code - 1]] for code in codes}
-    corners = [
-        frame.apply(
-            motion.apply(
-                _corners(
-                    starts[code], starts[code] + head.spacing * [part.stop - part.start for part in boxes[code - 1]]
-                )
-            )
-        )
-        for code, motion in codes.items()
-    ]
-    low, high = np.min(corners, axis=(0, 1)) - MARGIN, np.max(corners, axis=(0, 1)) + MARGIN
+    shown = np.concatenate(
+        [
+            frame.apply(motion.apply(np.argwhere(head.labels == code)[::5] * head.spacing + head.origin))
+            for code, motion in codes.items()
+        ]
+    )
+    low, high = shown.min(axis=0) - MARGIN, shown.max(axis=0) + MARGIN
     if artefacts:
         low, high = _seen(draws[1], low, high)
     volume = Volume(low, high, spacing, frame)
@@ -177,7 +173,7 @@ def scan_bones(
         start = starts[code] - pad * head.spacing
         volume.add_bone(code, distance_field(inside, head.spacing), start, head.spacing, motion)
     if artefacts:
-        noise = _smooth_noise(draws[2], volume.nearest.shape, CORRELATION / spacing)
+        noise = _smooth_noise(draws[2], volume.nearest.shape, CORRELATION)
         gap = (volume.nearest > 0) & (volume.nearest + volume.second < artefacts * CALLUS)
         volume.nearest[gap & (_smooth_noise(draws[3], gap.shape, 2 / spacing) > 0)] = -0.5
         _add_metal(volume, head, codes, draws[4], artefacts)
@@ -200,7 +196,7 @@ def _frame(rng: np.random.Generator, head: Segmentation) -> RigidMotion:
 
 def _seen(rng: np.random.Generator, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The field of view: less of the forehead, and of some patients less of the joints."""
-    top, chance, rear = rng.uniform(0, TOP_CUT), rng.random(), rng.uniform(*REAR_CUT)
+    top, chance, rear = rng.uniform(*TOP_CUT), rng.random(), rng.uniform(*REAR_CUT)
     return low, high - [0, MARGIN + rear if chance < REAR_CHANCE else 0, MARGIN + top]
 
 
