@@ -86,6 +86,59 @@ rule register_postop:
         "../scripts/register_postop.py"
 
 
+# The motion that surgery gave each segment; what explains the scanned bones badly is refused.
+rule register_segments:
+    input:
+        postop_bones=STUDY.postop_bones,
+        labels="<results>/cases/{case}/labels.nii.gz",
+        bone="<results>/cases/{case}/bone.vtp",
+        plan="<results>/cases/{case}/plan.json",
+    output:
+        achieved="<results>/cases/{case}/achieved.json",
+        fits=ensure("<results>/cases/{case}/segments.csv", non_empty=True),
+    log:
+        "<logs>/register_segments/{case}.log",
+    benchmark:
+        "<benchmarks>/register_segments/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=10,
+    params:
+        segments=config["segments"],
+        limit=config["registration"]["segment_limit"],
+        share=config["registration"]["segment_share"],
+        code=code_of("register_segments"),
+    message:
+        "Register the bones of {wildcards.case} after surgery"
+    script:
+        "../scripts/register_segments.py"
+
+
+rule import_covariates:
+    input:
+        source=STUDY.covariates_file,
+    output:
+        covariates="<results>/cases/{case}/covariates.json",
+    log:
+        "<logs>/import_covariates/{case}.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        known=STUDY.covariates,
+        code=code_of("import_covariates"),
+    message:
+        "Write down what else is known of {wildcards.case}"
+    script:
+        "../scripts/import_covariates.py"
+
+
 # Every file that a user gave has been read and checked before any heavy work starts.
 rule check_cohort:
     input:
@@ -94,6 +147,10 @@ rule check_cohort:
         postops=expand(
             "<results>/cases/{case}/postop.h5",
             case=[] if STUDY.virtual else STUDY.scanned,
+        ),
+        achieved=expand(
+            "<results>/cases/{case}/achieved.json",
+            case=[] if STUDY.virtual else STUDY.registered,
         ),
     output:
         table=ensure("<results>/cohort.csv", non_empty=True),

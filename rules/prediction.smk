@@ -100,6 +100,8 @@ rule inputs:
             file=["mesh.vtu", "model.h5", "plan.json"],
         ),
         expand("<results>/cases/{case}/postop.h5", case=STUDY.scanned),
+        expand("<results>/cases/{case}/achieved.json", case=STUDY.registered),
+        expand("<results>/cases/{case}/covariates.json", case=STUDY.described),
         "<results>/folds.csv",
     message:
         "Everything is there that a method may read"

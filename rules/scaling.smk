@@ -8,7 +8,7 @@ rule measure_scaling:
         bone=f"<results>/cases/{STUDY.measured}/bone.vtp",
         skin=f"<results>/cases/{STUDY.measured}/skin.vtp",
         report=f"<results>/cases/{STUDY.measured}/import.json",
-        plan=f"<results>/cases/{STUDY.measured}/plan.json",
+        plan=STUDY.motion_of(STUDY.measured),
         postop=f"<results>/cases/{STUDY.measured}/postop.h5" if STUDY.scanned else [],
         truth=f"<results>/virtual/{STUDY.measured}/truth.h5" if STUDY.virtual else [],
         networks=expand(

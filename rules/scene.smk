@@ -6,7 +6,7 @@ rule make_scene:
         model="<results>/cases/{case}/model.h5",
         labels="<results>/cases/{case}/labels.nii.gz",
         skin="<results>/cases/{case}/skin.vtp",
-        plan="<results>/cases/{case}/plan.json",
+        plan=STUDY.motion,
     output:
         scene="<results>/cases/{case}/scene/scene.json",
         model="<results>/cases/{case}/scene/model.h5",

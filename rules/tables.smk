@@ -1,8 +1,8 @@
 rule evaluate:
     input:
-        predictions="<results>/folds/{fold}/{method}{corrected}/predictions.h5",
+        predictions="<results>/{arm}/{fold}/{method}{corrected}/predictions.h5",
         models=STUDY.models_of_held_out,
-        plans=STUDY.of_held_out("<results>/cases/{case}/plan.json"),
+        plans=STUDY.motions_of_held_out,
         postops=STUDY.of_judged("<results>/cases/{case}/postop.h5"),
         truths=(
             STUDY.of_held_out("<results>/virtual/{case}/truth.h5")
@@ -11,12 +11,12 @@ rule evaluate:
         ),
     output:
         metrics=ensure(
-            "<results>/folds/{fold}/{method}{corrected}/metrics.csv", non_empty=True
+            "<results>/{arm}/{fold}/{method}{corrected}/metrics.csv", non_empty=True
         ),
     log:
-        "<logs>/evaluate/{fold}_{method}{corrected}.log",
+        "<logs>/evaluate/{arm}/{fold}_{method}{corrected}.log",
     benchmark:
-        "<benchmarks>/evaluate/{fold}_{method}{corrected}.tsv"
+        "<benchmarks>/evaluate/{arm}/{fold}_{method}{corrected}.tsv"
     wildcard_constraints:
         corrected=r"|/corrected_\d+",
     conda:
@@ -33,7 +33,7 @@ rule evaluate:
         seed=SEED,
         code=code_of("evaluate"),
     message:
-        "Measure {wildcards.method}{wildcards.corrected} on fold {wildcards.fold}"
+        "Measure {wildcards.method}{wildcards.corrected} on {wildcards.arm}/{wildcards.fold}"
     script:
         "../scripts/evaluate.py"
 
@@ -67,7 +67,7 @@ rule render_case:
         models=lambda wildcards: [
             STUDY.model_of(wildcards.case, method) for method in STUDY.methods
         ],
-        plan="<results>/cases/{case}/plan.json",
+        plan=STUDY.motion,
         postop="<results>/cases/{case}/postop.h5",
         predictions=lambda wildcards: expand(
             "<results>/folds/{fold}/{method}/predictions.h5",

@@ -5,7 +5,7 @@
 rule measure_fem:
     input:
         models=[STUDY.sized(nodes, "model.h5") for nodes in STUDY.sizes],
-        plan="<results>/cases/{case}/plan.json",
+        plan=STUDY.motion,
         postop="<results>/cases/{case}/postop.h5",
     output:
         rows="<results>/tradeoff/{case}/fem.csv",
@@ -45,7 +45,7 @@ rule measure_networks:
         lifts=[
             STUDY.sized(nodes, f"lift_{kind}.h5") for kind, nodes in STUDY.traded_lifts
         ],
-        plan="<results>/cases/{case}/plan.json",
+        plan=STUDY.motion,
         postop="<results>/cases/{case}/postop.h5",
         reference="<results>/tradeoff/{case}/reference.h5",
     output:

@@ -38,7 +38,7 @@ rule finetune:
         network=STUDY.pretrained,
         models=STUDY.of_training("<results>/cases/{case}/model.h5"),
         lifts=STUDY.lifts_of_training,
-        plans=STUDY.of_training("<results>/cases/{case}/plan.json"),
+        plans=STUDY.motions_of_training,
         postops=STUDY.of_training("<results>/cases/{case}/postop.h5"),
     output:
         network="<results>/folds/{fold}/{method}/network.pt",
@@ -73,7 +73,7 @@ rule fit:
     input:
         models=STUDY.of_training("<results>/cases/{case}/model.h5"),
         fem_samples=STUDY.of_training("<results>/cases/{case}/fem_samples.h5"),
-        plans=STUDY.of_training("<results>/cases/{case}/plan.json"),
+        plans=STUDY.motions_of_training,
         postops=STUDY.of_training("<results>/cases/{case}/postop.h5"),
     output:
         fitted="<results>/folds/{fold}/{method}/fitted.h5",

@@ -5,7 +5,7 @@
 rule predict_ensemble:
     input:
         model="<results>/{home}/{case}/model.h5",
-        plan="<results>/{home}/{case}{plan}/plan.json",
+        plan=STUDY.motion,
         lifts=STUDY.of_ensemble("lifts"),
         networks=STUDY.of_ensemble("networks"),
     output:

@@ -99,6 +99,35 @@ rule virtual_outcome:
         "../scripts/virtual_outcome.py"
 
 
+# Segmented bones of a scan after surgery; the truth of the motion stays with the outcome.
+rule virtual_postop_bones:
+    input:
+        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
+        executed="<results>/virtual/{case}/executed.json",
+    output:
+        bones="<results>/virtual/{case}/postop_bones.nii.gz",
+    log:
+        "<logs>/virtual_postop_bones/{case}.log",
+    benchmark:
+        "<benchmarks>/virtual_postop_bones/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=10,
+    params:
+        labels=config["labels"],
+        segments=config["segments"],
+        artefacts=config["virtual"]["bone_scan"],
+        seed=SEED,
+        code=code_of("virtual_postop_bones"),
+    message:
+        "Scan the bones of virtual patient {wildcards.case} after surgery"
+    script:
+        "../scripts/virtual_postop_bones.py"
+
+
 rule measure_effects:
     input:
         segmentation="<results>/virtual/{case}/segmentation.nii.gz",
@@ -141,6 +170,7 @@ rule data_card:
                 "landmarks.json",
                 "anatomy.json",
                 "postop.ply",
+                "postop_bones.nii.gz",
                 "truth.h5",
                 "executed.json",
             ],
@@ -162,7 +192,9 @@ rule data_card:
         tables=STUDY.card_tables,
         settings={
             "seed": SEED,
-            "code": code_of("virtual_patient", "virtual_outcome"),
+            "code": code_of(
+                "virtual_patient", "virtual_outcome", "virtual_postop_bones"
+            ),
             "virtual": config["virtual"],
             "labels": {
                 name: value

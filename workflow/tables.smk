@@ -53,6 +53,42 @@ TABLES = {
         COMPARED | {"reference": config["design"]["base"], "published": False},
     ),
     "regions": (JUDGED, COMPARED),
+    # The same networks and solvers, given the plan instead of the achieved motion.
+    "planned": (
+        {
+            arm: expand(
+                METRICS.replace("folds", folder, 1),
+                fold=STUDY.held_out,
+                method=STUDY.planned,
+            )
+            for arm, folder in (("achieved", "folds"), ("planned", "planned"))
+        },
+        NAMED | {"cases": STUDY.both_motions, "methods": STUDY.planned, "seed": SEED},
+    ),
+    "segments": (
+        {
+            "fits": expand(
+                "<results>/cases/{case}/segments.csv", case=STUDY.registered
+            ),
+            **(
+                {
+                    "achieved": expand(
+                        "<results>/cases/{case}/achieved.json", case=STUDY.registered
+                    ),
+                    "executed": expand(
+                        "<results>/virtual/{case}/executed.json",
+                        case=STUDY.registered,
+                    ),
+                    "bones": expand(
+                        "<results>/cases/{case}/bone.vtp", case=STUDY.registered
+                    ),
+                }
+                if STUDY.virtual
+                else {}
+            ),
+        },
+        NAMED | {"cases": STUDY.registered, "segments": config["segments"]},
+    ),
     "landmarks": (JUDGED, COMPARED),
     "ablation": (
         JUDGED,

@@ -48,14 +48,14 @@ def added(studied):
 def test_a_further_method_reruns_nothing_of_the_others(added):
     said = added.quick("--dry-run")
     made = jobs(said)
-    assert {made.pop(rule) for rule in ("predict_cases", "evaluate")} == {2}  # one of each fold
+    assert {made.pop(rule) for rule in ("predict_cases", "evaluate")} == {4}  # of each fold, with either motion
     assert made.keys() == {"tabulate", "format_table", "provenance", "all"}
     assert set(re.findall(r"(?:Predict|Measure) .*", said)) == {
-        *(f"Predict folds/{fold} by mean_motion" for fold in "12"),
-        *(f"Measure mean_motion on fold {fold}" for fold in "12"),
+        *(f"Predict {arm}/{fold} by mean_motion" for arm in ("folds", "planned") for fold in "12"),
+        *(f"Measure mean_motion on {arm}/{fold}" for arm in ("folds", "planned") for fold in "12"),
     }
     # Tables of what is measured of every method; nothing that one method's training or patients' meshes decide.
-    assert made_tables(said) <= {"cases", "accuracy", "better", "regions", "landmarks", "ablation", "stages"}
+    assert made_tables(said) <= {"cases", "accuracy", "better", "regions", "landmarks", "planned", "ablation", "stages"}
 
 
 def test_a_method_added_as_the_page_says_is_a_row_of_the_table(project):

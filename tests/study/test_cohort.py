@@ -14,6 +14,7 @@ FILES = (
     "landmarks.json",
     "anatomy.json",
     "postop.ply",
+    "postop_bones.nii.gz",
     "truth.h5",
     "executed.json",
 )

@@ -38,6 +38,37 @@ def cases_read(files, name):
     return {file.split("/")[1] for file in files if file.endswith(f"/{name}")}
 
 
+def test_bones_after_surgery_decide_what_motion_a_case_is_trained_and_predicted_with(project):
+    """Given for three scanned patients and one without a scan; every method is also predicted from the plan."""
+    write_cohort(project, SCANNED, UNSCANNED)
+    table = project.folder / "cases.tsv"
+    header, *rows = table.read_text().splitlines()
+    with_bones = {"S0", "S1", "S2", "U1"}
+    (project.folder / "bones.stl").touch()
+    rows = [f"{row}\t{'bones.stl' if row[:2] in with_bones else ''}\t30" for row in rows]
+    table.write_text("\n".join([f"{header}\tpostop_bones\tage", *rows]) + "\n")
+    jobs, _ = asked(project)
+    assert cases_read(jobs["cohort.csv"], "achieved.json") == with_bones
+    for fold in "123":
+        held_out = cases_read(jobs[f"folds/{fold}/pinnochio/predictions.h5"], "model.h5")
+        training = set(SCANNED) - held_out
+        for name, cases in (("predictions.h5", held_out), ("metrics.csv", held_out), ("network.pt", training)):
+            files = jobs[f"folds/{fold}/pinnochio/{name}"]
+            assert cases_read(files, "achieved.json") == cases & with_bones
+            assert cases_read(files, "plan.json") == cases - with_bones
+        files = jobs[f"planned/{fold}/pinnochio/predictions.h5"]
+        assert cases_read(files, "plan.json") == held_out and not cases_read(files, "achieved.json")
+        assert f"folds/{fold}/pinnochio/network.pt" in files and f"planned/{fold}/pinnochio/network.pt" not in jobs
+        assert cases_read(jobs[f"planned/{fold}/pinnochio/metrics.csv"], "plan.json") == held_out
+    assert {"tables/planned.csv", "tables/segments.md"} <= set(jobs)
+    assert cases_read(jobs["tables/segments.csv"], "segments.csv") == with_bones
+    planned, _ = asked(project, "motion=planned")
+    assert "tables/planned.csv" not in planned and not any(path.startswith("planned/") for path in planned)
+    assert not cases_read(planned["folds/1/pinnochio/predictions.h5"], "achieved.json")
+    inputs, _ = asked(project, "--", "inputs")
+    assert {f"cases/{name}/covariates.json" for name in [*SCANNED, *UNSCANNED]} <= set(inputs)
+
+
 ON_LIPS = {"fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse"}
 SCANNED, UNSCANNED = [f"S{i}" for i in range(6)], ["A1", "U1", "U2", "U3"]
 

@@ -43,6 +43,7 @@ CASE_FILES = (
     "landmarks.json",
     "anatomy.json",
     "postop.ply",
+    "postop_bones.nii.gz",
     "truth.h5",
     "executed.json",
 )

@@ -69,7 +69,18 @@ def test_tables_have_one_row_per_case_and_method(studied):
     assert training.loc["pinnochio", "parameters"] > training.loc["pinnochio_unified", "parameters"]
     stages = pd.read_csv(results / "tables/stages.csv").set_index("rule")
     assert stages.loc["pretrain", "jobs"] == 2 * pretrained.sum() and stages.index[-1] == "all"
-    for name in ("cases", "accuracy", "better", "ablation", "regions", "landmarks", "training", "stages"):
+    for name in (
+        "cases",
+        "accuracy",
+        "better",
+        "planned",
+        "ablation",
+        "regions",
+        "landmarks",
+        "segments",
+        "training",
+        "stages",
+    ):
         for suffix in ("md", "tex", "html"):
             assert (results / f"tables/{name}.{suffix}").stat().st_size > 100
 
@@ -123,9 +134,10 @@ def test_a_method_that_is_added_is_trained_alone(studied):
     said = studied.quick("added.yaml", "--dry-run")
     assert set(re.findall(r"(?:Pretrain|Adapt|Fit) (\w+)", said)) == {"mine"}
     made = jobs(said)
-    assert {made.pop(rule) for rule in ("pretrain", "finetune", "predict_cases", "evaluate")} == {2}
+    assert {made.pop(rule) for rule in ("pretrain", "finetune")} == {2}
+    assert {made.pop(rule) for rule in ("predict_cases", "evaluate")} == {4}  # with either motion
     assert made.keys() == {"tabulate", "format_table", "provenance", "all"}
-    compared = {"cases", "accuracy", "better", "regions", "landmarks", "ablation"}
+    compared = {"cases", "accuracy", "better", "planned", "regions", "landmarks", "ablation"}
     assert made_tables(said) == compared | {"training", "stages"}
 
 
@@ -164,7 +176,8 @@ def test_rerunning_one_fold_changes_that_fold_and_the_aggregates_alone(studied):
     assert before.keys() == after.keys()
     assert {name for name in before if before[name] != after[name]} <= written
     assert "folds/1/pinnochio/network.pt" in written
-    assert all(name.startswith(("folds/1/pinnochio/", "tables/", "provenance")) for name in written), written
+    own = ("folds/1/pinnochio/", "planned/1/pinnochio/")
+    assert all(name.startswith((*own, "tables/", "provenance")) for name in written), written
     assert before["folds/1/pinnochio/network.pt"] == after["folds/1/pinnochio/network.pt"]
     for one, two in zip(old, tables(results), strict=True):
         pd.testing.assert_frame_equal(without_timings(one), without_timings(two))

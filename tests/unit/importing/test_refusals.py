@@ -301,7 +301,7 @@ BAD = {
     "head without a forehead": (of_scan(skin_of(1), top=-10.0), "P1", "P1.ply", "up to the forehead"),
     # the cohort table and the configuration
     "no table": (of_table(None), "-", "cases.tsv", "does not exist"),
-    "commas for tabs": (of_table("case,segmentation,plan,postop\n"), "-", "cases.tsv", "columns are"),
+    "commas for tabs": (of_table("case,segmentation,plan,postop\n"), "-", "cases.tsv", "is unknown"),
     "no case": (of_table(HEADER), "-", "cases.tsv", "no case"),
     "a name twice": (of_table(HEADER + 2 * ROW, *FILES), "P1", "cases.tsv", "two rows"),
     "a path as name": (of_table(HEADER + ROW.replace("P1", "../P1"), *FILES), "../P1", "cases.tsv", "name is not of"),

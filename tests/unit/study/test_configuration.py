@@ -15,11 +15,14 @@ from tests.helpers.settings import ROOT
 
 DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
 HEADER = "case\tsegmentation\tplan\tpostop\n"
+FULL = "sex\tcase\tsegmentation\tplan\tpostop\tpostop_bones\tage\tbmi\tmonths\tclosure\tcinch\n"
+ROW = "female\tP1\ta.nii.gz\tplan.json\tpost.ply\tbones\t31.5\t22\t\tVY\tno\n"
 
 
 def write_table(folder: Path, text: str) -> Path:
     for name in ("a.nii.gz", "plan.json", "post.ply"):
         (folder / name).touch()
+    (folder / "bones").mkdir()
     table = folder / "cases.tsv"
     table.write_text(text)
     return table
@@ -31,15 +34,29 @@ def test_table_paths_are_relative_to_the_table(tmp_path):
     assert cases[0].postop == str(tmp_path / "post.ply") and cases[1].postop == ""
 
 
+def test_bones_and_covariates_are_columns_that_may_be_there(tmp_path):
+    """In any order; what is empty is not known."""
+    (case,) = read_cases(write_table(tmp_path, FULL + ROW))
+    assert case.postop_bones == str(tmp_path / "bones") and case.covariates_file == ""
+    assert case.covariates == {"sex": "female", "age": 31.5, "bmi": 22, "closure": "vy", "cinch": False}
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("case\tplan\n", "columns"),
+        ("case\tplan\n", "lacks the column 'segmentation'"),
         (HEADER, "no case"),
         (HEADER + "P1\tb.nii.gz\tplan.json\t\n", "b.nii.gz"),
         (HEADER + "P1\ta.nii.gz\t\t\n", "column plan is empty"),
         (HEADER + "P1\ta.nii.gz\tplan.json\tpast.ply\n", "past.ply"),
         (HEADER + "P1\ta.nii.gz\tplan.json\t\nP1\ta.nii.gz\tplan.json\t\n", "two rows carry this name"),
+        (HEADER.replace("postop", "post_op"), "column 'post_op' is unknown; did you mean 'postop'?"),
+        (HEADER.replace("postop", "postop\tpostop"), "column 'postop' is there twice"),
+        (FULL.replace("bmi", "weight") + ROW, "column 'weight' is unknown"),
+        (FULL + ROW.replace("female", "w"), "column sex holds 'w'"),
+        (FULL + ROW.replace("31.5", "old"), "column age holds 'old'"),
+        (FULL + ROW.replace("22", "2200"), "column bmi holds '2200'. Remedy: write a number of kg/m2 from 10 to 80"),
+        (FULL + ROW.replace("bones", "other"), "the postop_bones file does not exist"),
         (HEADER + "P/1\ta.nii.gz\tplan.json\t\n", "letters"),
     ],
 )
@@ -103,6 +120,7 @@ def test_seed_depends_on_base_stage_and_key():
         (("variants", "acmt"), {}, "'variants' and in 'surface.networks'"),
         (("surface", "networks", "dgcfp", "softmax"), True, "'dgcfp' cannot be built"),
         (("ablation",), ["pinnochio", "other"], "ablation names 'other'"),
+        (("planned", "without"), ["fem_rsle"], "planned.without names 'fem_rsle'"),
         (("design", "base"), "other", "design.base names 'other'"),
         (("network", "heads"), 7, "multiple"),
         (("variants", "pinnochio_unified", "network", "lift"), "elastic", "'pinnochio_unified' cannot be built"),

@@ -13,11 +13,14 @@ from tests.helpers.settings import ROOT
 DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
 
 
-def study(scanned=10, unscanned=2, **changes) -> Study:
-    """A study of made-up patients S0, S1 ... with a scan and U0, U1 ... without."""
+def study(scanned=10, unscanned=2, bones=(), **changes) -> Study:
+    """A study of made-up patients S0, S1 ... with a scan and U0, U1 ... without; `bones`: those with bones after it."""
     made = Study(DEFAULTS | {"cohort": "clinic.tsv"} | changes, "results")
     names = {f"S{n}": "scan.ply" for n in range(scanned)} | {f"U{n}": "" for n in range(unscanned)}
-    vars(made)["cases"] = {name: Case(name, f"{name}.nii.gz", f"{name}.json", scan) for name, scan in names.items()}
+    vars(made)["cases"] = {
+        name: Case(name, f"{name}.nii.gz", f"{name}.json", scan, "bones.stl" if name in bones else "")
+        for name, scan in names.items()
+    }
     return made
 
 
@@ -53,6 +56,41 @@ def test_each_method_predicts_on_its_own_mesh():
     reduced = study(scene=DEFAULTS["scene"] | {"mode": "auto"})
     assert reduced.model_of("S1", "fem_sliding") == "<results>/cases/S1/scene/model.h5"
     assert reduced.model_of("S1", "pinnochio") == "<results>/cases/S1/model.h5"
+
+
+def test_training_and_prediction_take_the_achieved_motion_where_there_are_bones():
+    made = study(bones=("S0", "S1", "U0"))
+    assert made.motion_of("S0") == "<results>/cases/S0/achieved.json"
+    assert made.motion_of("S2") == made.motion(job(case="S2")) == "<results>/cases/S2/plan.json"
+    assert made.motion_of("S0", "pinnochio", "planned/1") == "<results>/cases/S0/plan.json"
+    assert made.motion(job(home="patients", case="S0", plan="/b")) == "<results>/patients/S0/b/plan.json"
+    fold = made.fold_of("S0")
+    for batch, own in (("folds", "achieved"), ("planned", "plan")):
+        predicted = made.predicted(job(batch=f"{batch}/{fold}", method="pinnochio"))
+        assert predicted.plans[predicted.cases.index("S0")] == f"<results>/cases/S0/{own}.json"
+        assert predicted.trained == f"<results>/folds/{fold}/pinnochio/network.pt"
+        judged = made.motions_of_held_out(job(arm=batch, fold=fold, method="pinnochio"))
+        assert judged == predicted.plans
+    other = next(fold for fold in made.held_out if fold != made.fold_of("S0"))
+    assert "<results>/cases/S0/achieved.json" in made.motions_of_training(job(fold=other, method="pinnochio"))
+    assert made.registered == ["S0", "S1", "U0"] and made.both_motions == ["S0", "S1"]
+
+
+def test_the_arm_of_the_plan_is_there_where_motions_differ():
+    assert DEFAULTS["planned"]["without"] == ["fem_rlse"]
+    others = [name for name in DEFAULTS["methods"] if name != "fem_rlse"]
+    assert study(bones=("S0",), external={"mine": "folder"}).planned == others
+    for made in (study(), study(bones=("U0",)), study(bones=("S0",), motion="planned")):
+        assert made.planned == [] and "planned" not in made.tables
+    assert study(bones=("S0",), motion="planned").motion_of("S0") == "<results>/cases/S0/plan.json"
+    assert {"planned", "segments"} <= set(study(bones=("S0",)).tables) and "segments" not in study().tables
+
+
+def test_the_plan_is_predicted_on_the_whole_patient():
+    """A reduced model is that of the achieved motion."""
+    made = study(bones=("S1",), scene=DEFAULTS["scene"] | {"mode": "auto"})
+    assert made.model_of("S1", "fem_sliding", "folds/1") == "<results>/cases/S1/scene/model.h5"
+    assert made.model_of("S1", "fem_sliding", "planned/1") == "<results>/cases/S1/model.h5"
 
 
 def test_the_mesh_has_the_nodes_that_its_name_says():

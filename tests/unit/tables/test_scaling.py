@@ -140,8 +140,8 @@ def benchmarks(tmp_path):
     for fold in "12":
         benchmark(folder / f"pretrain/{fold}_net.tsv", 100, 90, 590)
         benchmark(folder / f"finetune/{fold}_net.tsv", 20, 20, 500)
-        benchmark(folder / f"evaluate/{fold}_net.tsv", 5, 5, 500)
-        benchmark(folder / f"evaluate/{fold}_other.tsv", 500, 5, 500)
+        benchmark(folder / f"evaluate/folds/{fold}_net.tsv", 5, 5, 500)
+        benchmark(folder / f"evaluate/folds/{fold}_other.tsv", 500, 5, 500)
     return folder
 
 

@@ -1,40 +1,78 @@
-"""The table of a cohort: its patients and where their files lie."""
+"""The table of a cohort: its patients, where their files lie and what else is known of them."""
 
 import csv
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 
 from pinnochio.errors import InputError
 
 COLUMNS = ("case", "segmentation", "plan", "postop")
+FILES = ("segmentation", "plan", "postop", "postop_bones")
+OPTIONAL_FILES = ("postop", "postop_bones")
+# What may be a folder: of surfaces, of transforms.
+FOLDERS = ("segmentation", "plan", "postop_bones")
+
+
+def _number(low: float, high: float, unit: str):
+    """Reader of a number within bounds."""
+
+    def read(text: str) -> float:
+        value = float(text)
+        if not low <= value <= high:
+            raise ValueError
+        return value
+
+    return read, f"a number of {unit} from {low:g} to {high:g}"
+
+
+def _word(**values):
+    """Reader of one of these words."""
+    return lambda text: values[text.lower()], " or ".join(values)
+
+
+# Column -> reader of its text, and what it may hold.
+COVARIATES = {
+    "sex": _word(female="female", male="male"),
+    "age": _number(5, 110, "years"),
+    "bmi": _number(10, 80, "kg/m2"),
+    "months": _number(0, 600, "months from surgery to the scan"),
+    "closure": _word(vy="vy", simple="simple"),
+    "cinch": _word(yes=True, no=False),
+}
 
 
 @dataclass(frozen=True)
 class Case:
-    """One patient of a cohort table; `postop` is empty where there is no post-operative scan."""
+    """One patient of a cohort table; `postop` is empty where there is no post-operative scan, `postop_bones` where
+    there are no post-operative bones.
+
+    covariates: those of :data:`COVARIATES` that are known; covariates_file: JSON that holds them instead.
+    """
 
     name: str
     segmentation: str
     plan: str
     postop: str = ""
+    postop_bones: str = ""
+    covariates: Mapping[str, str | float | bool] = field(default_factory=dict)
+    covariates_file: str = ""
 
 
 def read_cases(table: str | os.PathLike) -> list[Case]:
-    """Read a cohort table (tab-separated; paths relative to the table) and check that its files exist."""
+    """Read a cohort table (tab-separated; paths relative to the table) and check files and values.
+
+    :data:`COLUMNS` must be there; `postop_bones` and :data:`COVARIATES` may; the order is free.
+    """
     table = Path(table)
     if not table.is_file():
         raise InputError("-", table, "the cohort table does not exist", "set 'cohort' to 'virtual' or to a table")
     with open(table, newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file, delimiter="\t")
-        if tuple(reader.fieldnames or ()) != COLUMNS:
-            raise InputError(
-                "-",
-                table,
-                f"its columns are {reader.fieldnames}",
-                f"use tab-separated columns {', '.join(COLUMNS)}",
-            )
-        rows = [{key: (value or "").strip() for key, value in row.items() if key} for row in reader]
+        _check_columns([name.strip() for name in reader.fieldnames or ()], table)
+        rows = [{key.strip(): (value or "").strip() for key, value in row.items() if key} for row in reader]
     cases = []
     for row in rows:
         name = row["case"]
@@ -42,14 +80,40 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
             raise InputError(name, table, "the name is not of letters, digits, '-' and '_'", "rename the case")
         if name in {case.name for case in cases}:
             raise InputError(name, table, "two rows carry this name", "give each case its own name, once")
-        paths = {key: str(table.parent / row[key]) if row[key] else "" for key in COLUMNS[1:]}
+        paths = {key: str(table.parent / row[key]) if row.get(key) else "" for key in FILES}
         for key, path in paths.items():
-            if not path and key != "postop":
+            if not path and key not in OPTIONAL_FILES:
                 raise InputError(name, table, f"column {key} is empty", f"name the {key} file of the case")
-            # A segmentation may be a folder of surfaces, a plan one of transforms.
-            if path and not (Path(path).is_file() or (key != "postop" and Path(path).is_dir())):
+            if path and not (Path(path).is_file() or (key in FOLDERS and Path(path).is_dir())):
                 raise InputError(name, path, f"the {key} file does not exist", f"correct the path in {table}")
-        cases.append(Case(name, **paths))
+        cases.append(Case(name, **paths, covariates=_covariates(row, name, table)))
     if not cases:
         raise InputError("-", table, "the cohort table has no case", "add one row per case")
     return cases
+
+
+def _check_columns(columns: list[str], table: Path) -> None:
+    known = (*COLUMNS, "postop_bones", *COVARIATES)
+    remedy = f"use tab-separated columns {', '.join(COLUMNS)}, and any of {', '.join(known[len(COLUMNS) :])}"
+    for name in columns:
+        if name not in known:
+            near = get_close_matches(name, known, n=1, cutoff=0.5)
+            meant = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError("-", table, f"its column {name!r} is unknown{meant}", remedy)
+        if columns.count(name) > 1:
+            raise InputError("-", table, f"its column {name!r} is there twice", remedy)
+    if missing := [name for name in COLUMNS if name not in columns]:
+        raise InputError("-", table, f"it lacks the column {missing[0]!r}; its columns are {columns}", remedy)
+
+
+def _covariates(row: Mapping[str, str], name: str, table: Path) -> dict[str, str | float | bool]:
+    """The covariates of a row; what is empty is not known."""
+    values = {}
+    for key, (read, allowed) in COVARIATES.items():
+        if text := row.get(key):
+            try:
+                values[key] = read(text)
+            except (ValueError, KeyError):
+                problem = f"column {key} holds {text!r}"
+                raise InputError(name, table, problem, f"write {allowed}, or leave it empty") from None
+    return values

@@ -40,7 +40,8 @@ def upper_face_plane(bone: BoneSurface, segments: tuple[str, ...], nasion_above_
     The upper jaw is every segment named after "lefort" or "maxilla"; without one, every moving segment counts.
     """
     upper = [i for i, name in enumerate(segments) if "lefort" in name or "maxilla" in name]
-    top = bone.points[np.isin(bone.segment, upper or range(len(segments))), 2]
+    own = np.isin(bone.segment, upper)
+    top = bone.points[own if own.any() else bone.segment >= 0, 2]
     if not len(top):
         raise InputError("-", "bone surface", "no segment has a surface", "label the bone segments")
     return float(top.max()) + nasion_above_lefort
@@ -60,11 +61,12 @@ def register(
         problem = f"hardly any skin of the segmentation lies above the nasion plane (z = {plane:.0f} mm)"
         raise InputError(case, file, problem, "segment the head up to the forehead")
     all_normals = vertex_normals(points, faces)
-    few = _spread(points, faces, COARSE_SAMPLES)
-    rotation, shift = _coarse(points[few], all_normals[few], skin_points, skin_faces, plane)
+    few = spread(points, faces, COARSE_SAMPLES)
+    front = skin_points[skin_points[:, 1] <= np.median(skin_points[:, 1])]  # a scan shows the face, not the nape
+    rotation, shift = coarse(points[few], all_normals[few], skin_points, skin_faces, plane, front)
     # From here on only what lies above the plane, and a margin that the scan may still turn through.
     near = points @ rotation.T + shift
-    chosen = _spread(points, faces[(near[faces, 2] >= plane - 10).all(axis=1)], SAMPLES)
+    chosen = spread(points, faces[(near[faces, 2] >= plane - 10).all(axis=1)], SAMPLES)
     moving, normals = points[chosen], all_normals[chosen]
     skin_faces = skin_faces[(skin_points[skin_faces, 2] >= plane - 20).any(axis=1)]
     rotation, shift = _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane)
@@ -83,7 +85,7 @@ def register(
     return Registration(motion, median, float(np.percentile(distance, 95)), len(distance))
 
 
-def _spread(points, faces, count: int) -> np.ndarray:
+def spread(points, faces, count: int) -> np.ndarray:
     """Vertices chosen evenly over the area, in the order of z, so that dense parts weigh no more than sparse."""
     if not len(faces):
         return np.zeros(0, int)
@@ -94,9 +96,12 @@ def _spread(points, faces, count: int) -> np.ndarray:
     return order[np.unique(picked)]
 
 
-def _coarse(moving, normals, skin_points, skin_faces, plane) -> tuple[np.ndarray, np.ndarray]:
-    """Best of many starts on the vertices of the skin: a few steps on the whole face each, then the most promising
-    are followed on the upper face alone."""
+def coarse(moving, normals, skin_points, skin_faces, plane: float, front) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and shift (3,) that bring the points `moving` (k, 3) with their normals onto a surface.
+
+    The best of many starts on the vertices of the surface, a skin or a skull: a few steps on all of it each, then the
+    most promising are followed on what lies above z = plane (mm) alone. front (n, 3): the part that `moving` shows.
+    """
     skin_normals, tree = vertex_normals(skin_points, skin_faces), cKDTree(skin_points)
 
     def cost(rotation, shift, low):
@@ -119,20 +124,19 @@ def _coarse(moving, normals, skin_points, skin_faces, plane) -> tuple[np.ndarray
             if used.sum() < 20:
                 break
             used &= distance <= np.quantile(distance[used], COARSE_KEPT)
-            turn, move = _step(placed[used], skin_points[near[used]], skin_normals[near[used]])
+            turn, move = step(placed[used], skin_points[near[used]], skin_normals[near[used]])
             rotation, shift = turn @ rotation, turn @ shift + move
         return rotation, shift
 
     anywhere, upper = -np.inf, plane - 10
-    starts = [improved(*start, anywhere, 5) for start in _starts(moving, skin_points)]
+    starts = [improved(*start, anywhere, 5) for start in _starts(moving, front)]
     promising = sorted(starts, key=lambda start: cost(*start, anywhere))[:COARSE_TRIED]  # stable: ties stay in order
     return min((improved(*start, upper, 25) for start in promising), key=lambda start: cost(*start, upper))
 
 
-def _starts(moving, skin_points):
-    """Identity; then turns (24 of the axes, 4 of both principal frames), each on the front of the head or beside it."""
+def _starts(moving, front):
+    """Identity; then turns (24 of the axes, 4 of both principal frames), each on the points `front` or beside them."""
     yield np.eye(3), np.zeros(3)
-    front = skin_points[skin_points[:, 1] <= np.median(skin_points[:, 1])]  # a scan shows the face, not the nape
     turns = [np.eye(3)[list(order)] * np.array(signs)[:, None]
              for order in permutations(range(3)) for signs in product((1, -1), repeat=3)]  # fmt: skip
     turns = [turn for turn in turns if np.linalg.det(turn) > 0]
@@ -161,7 +165,7 @@ def _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane, step
         # alone costs 5% of the precision; a hard trim would cost far more.
         spread = 4.685 * 1.4826 * max(np.median(closest.distance[fit]), 1e-3)
         weights = np.clip(1 - (closest.distance[fit] / spread) ** 2, 0, None) ** 2
-        turn, move = _step(placed[upper[fit]], closest.points[fit], skin_normals[closest.face[fit]], weights)
+        turn, move = step(placed[upper[fit]], closest.points[fit], skin_normals[closest.face[fit]], weights)
         change = np.abs(placed[upper] @ (turn - np.eye(3)).T + move).max()
         rotation, shift = turn @ rotation, turn @ shift + move
         if change < 1e-3:
@@ -169,7 +173,7 @@ def _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane, step
     return rotation, shift
 
 
-def _step(placed, targets, normals, weights=1.0) -> tuple[np.ndarray, np.ndarray]:
+def step(placed, targets, normals, weights=1.0) -> tuple[np.ndarray, np.ndarray]:
     """Rotation and shift of the linearised, weighted least-squares step along the normals."""
     centre = placed.mean(axis=0)
     matrix = np.hstack([np.cross(placed - centre, normals), normals])

@@ -205,18 +205,28 @@ def read_postop(path: str | os.PathLike, case: str, skin_points) -> tuple[np.nda
         raise InputError(case, file, problem, remedy)
 
     points, faces = read_triangles(path, refuse)
-    ratio = _diagonal(points) / _diagonal(skin_points)
+    return in_millimetres(points, skin_points, "skin", case, path), faces
+
+
+def in_millimetres(points, reference, what: str, case: str, path: str | os.PathLike) -> np.ndarray:
+    """Points (p, 3) of a patient's skin or bone in mm: their size is compared with that of `reference` (k, 3) mm.
+
+    Centimetres and metres are turned into millimetres with a warning; InputError for any other size.
+    """
+    ratio = _diagonal(points) / _diagonal(reference)
     for unit, factor in (("metres", 1000.0), ("centimetres", 10.0)):
         if 1 / 2.5 < ratio * factor < 2.5:
-            LOG.warning("case %r: %s: %.3g times the size of the skin in mm; taken as %s", case, path, ratio, unit)
+            LOG.warning("case %r: %s: %.3g times the size of the %s in mm; taken as %s", case, path, ratio, what, unit)
             points, ratio = points * factor, ratio * factor
             break
     if not 0.25 < ratio < 4:
-        refuse(
-            f"the surface is {ratio:.3g} times the size of the patient's skin",
-            "give the skin of this patient in millimetres, centimetres or metres, the whole face and little else",
+        raise InputError(
+            case,
+            path,
+            f"the surface is {ratio:.3g} times the size of the patient's {what}",
+            f"give the {what} of this patient in millimetres, centimetres or metres, the whole face and little else",
         )
-    return points, faces
+    return points
 
 
 def _check_extent(extent: float | None, refuse) -> None:

@@ -3,6 +3,7 @@
 PARTS = {
     "accuracy": "Accuracy",
     "better": "Accuracy against the better network",
+    "planned": "Accuracy from the plan",
     "ablation": "Ablation",
     "regions": "Regions of the face",
     "landmarks": "Landmarks, skin and volume",
@@ -16,6 +17,7 @@ PARTS = {
     "scaling": "Cost against nodes and patients",
     "stages": "Time of every stage",
     "quality": "Quality of the patients' models",
+    "segments": "Registered motions of the bones",
 }
 
 # Parts with a figure.

@@ -19,6 +19,7 @@ def virtual_cases(patients: int, folder: str) -> list[Case]:
             f"{folder}/{name}/segmentation.nii.gz",
             f"{folder}/{name}/plan.json",
             f"{folder}/{name}/postop.ply",
+            f"{folder}/{name}/postop_bones.nii.gz",
         )
         for name in names
     ]

@@ -29,6 +29,8 @@ def check_config(config: Mapping) -> None:
             f"method {unknown[0]!r} is none of {built_in} and not among 'variants' and 'surface.networks'",
             "correct its name, or describe it in 'variants'",
         )
+    if unknown := [name for name in config["planned"]["without"] if name not in {*built_in, *learned, *surface}]:
+        refuse(f"planned.without names {unknown[0]!r}, which is no method", "correct its name")
     if taken := [name for name in [*config["external"], *learned, *surface] if name in built_in]:
         refuse(f"{taken[0]!r} is the name of a built-in method", "choose another name in 'external' or 'variants'")
     named = {"external": config["external"], "variants": learned, "surface.networks": surface}

@@ -27,7 +27,8 @@ class Study:
     Patterns begin with <results>/, which Snakemake fills in. `wildcards` of the functions below are those of a job:
     `home` is the folder of imported patients below the results: cases of the study, patients that are new, virtual ones
     with a chin segment (chin), and `case` the name; `mesh` is empty, /lips or /nodes_N; `plan` is empty for the study's
-    own plan, /NAME for one of a new patient; `batch` is what is predicted in one job: folds/N, or patients/NAME/PLAN.
+    own plan, /NAME for one of a new patient; `batch` is what is predicted in one job: folds/N, planned/N (the same
+    patients from their plans) or patients/NAME/PLAN; `arm` is folds or planned.
     """
 
     config: Mapping
@@ -64,6 +65,32 @@ class Study:
     def held_out(self) -> dict[str, list[str]]:
         """Held-out patients of each fold."""
         return assign_folds(self.scanned, self.unscanned, self.config["folds"], self.config["seed"])
+
+    @cached_property
+    def registered(self) -> list[str]:
+        """Patients whose segments are registered on post-operative bones: their achieved motion is known."""
+        return [name for name, case in self.cases.items() if case.postop_bones]
+
+    def motion_of(self, case: str, method: str = "", batch: str = "") -> str:
+        """The file of the motion that the method's prediction of the study's patient takes, and training with it.
+
+        The achieved motion where it is known and the configuration does not ask for the plan; in the batches `planned`
+        the plan.
+        """
+        achieved = self.config["motion"] == "achieved" and case in self.registered and not batch.startswith("planned")
+        return f"<results>/cases/{case}/{'achieved' if achieved else 'plan'}.json"
+
+    @property
+    def both_motions(self) -> list[str]:
+        """Patients with a scan that are predicted from the achieved motion and from the plan."""
+        return [name for name in self.scanned if self.motion_of(name) != self.motion_of(name, batch="planned")]
+
+    @property
+    def planned(self) -> list[str]:
+        """Methods that are also predicted from the plan; those made elsewhere predict once."""
+        without = self.config["planned"]["without"]
+        names = [name for name in self.methods if self.registry[name].module and name not in without]
+        return names if self.both_motions else []
 
     def fold_of(self, case: str) -> str:
         """The fold that holds the case out."""
@@ -187,8 +214,10 @@ class Study:
             "cases",
             *(["accuracy", "regions"] if self.scanned else []),
             *(["better"] if self.better else []),
+            *(["planned"] if self.planned else []),
             *(["landmarks"] if self.scanned and self.virtual else []),
             *(["ablation"] if self.ablated else []),
+            *(["segments"] if self.registered else []),
         ]
 
     @property
@@ -388,7 +417,8 @@ class Study:
             "mesh": r"|/lips|/nodes_\d+",
             "plan": f"|/(?:{plans})",
             "fold": folds,
-            "batch": f"folds/(?:{folds})|patients/(?:{'|'.join(self.patients) or 'none'})/(?:{plans})",
+            "arm": "folds|planned",
+            "batch": f"(?:folds|planned)/(?:{folds})|patients/(?:{'|'.join(self.patients) or 'none'})/(?:{plans})",
             "nodes": r"\d+",
             "method": "|".join([*self.registry, self.config["predict"]["method"]]),
         }
@@ -449,6 +479,26 @@ class Study:
             )
         return case.postop
 
+    def postop_bones(self, wildcards) -> str:
+        case = self.cases[wildcards.case]
+        if not case.postop_bones:
+            raise InputError(case.name, self.config["cohort"], "there are no post-operative bones", "give them")
+        return case.postop_bones
+
+    def covariates(self, wildcards) -> dict | None:
+        """What the case table says of the patient; None where a file says it."""
+        case = self.cases[wildcards.case]
+        return None if case.covariates_file else dict(case.covariates)
+
+    def covariates_file(self, wildcards) -> str | list:
+        """The file that says it instead, as the virtual cohort brings it."""
+        return self.cases[wildcards.case].covariates_file or []
+
+    @property
+    def described(self) -> list[str]:
+        """Patients of whom covariates are known."""
+        return [name for name, case in self.cases.items() if case.covariates or case.covariates_file]
+
     def checked(self, wildcards) -> str:
         """The table that says that every file of the cohort, or of the new patient, has been read and checked."""
         return (
@@ -461,10 +511,10 @@ class Study:
         """The checked plans of a new patient."""
         return [f"<results>/patients/{wildcards.case}/{plan}/plan.json" for plan in self.patients[wildcards.case].plans]
 
-    def model_of(self, case: str, method: str) -> str:
-        """The model of the study's patient that the method predicts on."""
+    def model_of(self, case: str, method: str, batch: str = "") -> str:
+        """The model of the study's patient that the method predicts on; a reduced one serves the study's motion."""
         own = self.registry[method]
-        reduced = own.reduced and self.config["scene"]["mode"] == "auto"
+        reduced = own.reduced and self.config["scene"]["mode"] == "auto" and not batch.startswith("planned")
         return f"<results>/cases/{case}{'/lips' if own.mesh == 'lips' else '/scene' if reduced else ''}/model.h5"
 
     # Input functions of training and prediction.
@@ -509,7 +559,21 @@ class Study:
 
     def models_of_held_out(self, wildcards) -> list[str]:
         """The models that the method predicts the held-out cases of the fold on."""
-        return [self.model_of(case, wildcards.method) for case in self.held_out[wildcards.fold]]
+        return [self.model_of(case, wildcards.method, wildcards.arm) for case in self.held_out[wildcards.fold]]
+
+    def motions_of_held_out(self, wildcards) -> list[str]:
+        """The motions that the method predicts the held-out cases of the fold with."""
+        return [self.motion_of(case, wildcards.method, wildcards.arm) for case in self.held_out[wildcards.fold]]
+
+    def motions_of_training(self, wildcards) -> list[str]:
+        """The motions that made the skins which the method trains on."""
+        return [self.motion_of(case, wildcards.method) for case in self.training(wildcards.fold)]
+
+    def motion(self, wildcards) -> str:
+        """The motion that predictions of a patient take: of the study's own as everywhere, of a new one the plan."""
+        if getattr(wildcards, "home", "cases") == "cases":
+            return self.motion_of(wildcards.case, getattr(wildcards, "method", ""))
+        return f"<results>/{wildcards.home}/{wildcards.case}{wildcards.plan}/plan.json"
 
     def _lifts(self, method: str, cases: Iterable[str]) -> list[str]:
         kind = self.registry[method].lift
@@ -535,15 +599,15 @@ class Study:
                 trained=[],
                 settings=_predicting(own.settings),
             )
-        fold = wildcards.batch.removeprefix("folds/")
+        fold = wildcards.batch.split("/")[1]
         cases = self.held_out[fold]
         name = {"no": "", "at once": "fitted.h5", "by steps": "network.pt"}[method.trains]
         return SimpleNamespace(
             cases=cases,
-            models=[self.model_of(case, wildcards.method) for case in cases],
-            plans=filled(f"{STUDY_FILES}/plan.json", cases),
+            models=[self.model_of(case, wildcards.method, wildcards.batch) for case in cases],
+            plans=[self.motion_of(case, wildcards.method, wildcards.batch) for case in cases],
             lifts=self._lifts(wildcards.method, cases),
-            trained=f"<results>/{wildcards.batch}/{wildcards.method}/{name}" if name else [],
+            trained=f"<results>/folds/{fold}/{wildcards.method}/{name}" if name else [],
             settings=_predicting(method.settings),
         )
 

@@ -13,7 +13,7 @@ from pinnochio.tables.stages import read_benchmark
 
 # One after another, from the segmentation to the FEM samples.
 CHAIN = ("import_segmentation", "tetrahedralize", "label_interfaces", "simulate_fem")
-VIRTUAL = ("virtual_patient", "virtual_outcome")
+VIRTUAL = ("virtual_patient", "virtual_outcome", "virtual_postop_bones")
 # One job per fold and method: of a length that the steps decide, or the patients.
 TRAINING = ("pretrain", "finetune")
 PATIENT_BY_PATIENT = ("predict", "evaluate")
@@ -43,7 +43,7 @@ class Measured:
         for rule in (*TRAINING, *PATIENT_BY_PATIENT):
             for fold in self.held_out:
                 for method in self.methods:
-                    folder = "folds" if rule == "predict" else ""  # its batches are folds, or plans of new patients
+                    folder = "folds" if rule in PATIENT_BY_PATIENT else ""  # these also serve other arms and patients
                     path = Path(self.benchmarks, rule, folder, f"{fold}_{method}.tsv")
                     if path.exists():
                         run = read_benchmark(path).iloc[-1]

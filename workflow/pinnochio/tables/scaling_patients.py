@@ -26,8 +26,9 @@ PATIENTS = (
 )
 # Rules of the study that have a job for each patient.
 PATIENT_STAGES = (
-    *("virtual_patient", "virtual_outcome", "import_segmentation", "register_postop", "tetrahedralize"),
-    *("label_interfaces", "report_quality", "refine_lips", "simulate_fem", "make_lift"),
+    *("virtual_patient", "virtual_outcome", "virtual_postop_bones", "import_segmentation", "register_postop"),
+    *("register_segments", "tetrahedralize", "label_interfaces", "report_quality", "refine_lips", "simulate_fem"),
+    "make_lift",
 )
 
 

@@ -38,6 +38,13 @@ FILES = {
         "scan of the face after surgery: noisy, with holes, partial",
         "training on other folds; evaluation",
     ),
+    "postop_bones.nii.gz": (
+        "NIfTI label map, unsigned integers",
+        "voxels of 0.8 to 1 mm; mm, in the frame of a second scanner",
+        "bones after surgery as a segmented scan shows them: noise, plates, callus, streaks, parts out of view; 1 "
+        "bone, or 1 skull with upper jaw and 2 lower jaw",
+        "every method, by the motions registered on it (`achieved.json`)",
+    ),
     "truth.h5": (
         "HDF5: `points` (n, 3), `cells` (m, 4), `displacement` (n, 3); attribute `executed`",
         "LPS, mm",
@@ -62,11 +69,13 @@ LIMITS = """\
 * Adults with one of four deformities in equal numbers. The distributions are literature means [R] and choices [I], not
   a fit to one population; age, origin, body mass, clefts and syndromes are not modelled.
 * Given sex and deformity the numbers are drawn independently of each other.
-* Segmentations are free of artefacts: no metal, no motion, no wrong label.
+* Segmentations before surgery are free of artefacts: no metal, no motion, no wrong label. Those after surgery have
+  metal, streaks and noise of our own making, not those of a scanner.
 * The scan lacks what two cameras do not see, and some millimetres around every open border."""
 EVALUATION = """\
 1. `snakemake inputs --cores 2` makes what a method may read, per case `mesh.vtu` and `model.h5` (tetrahedra, tissues,
-   interfaces, bone), `plan.json` and `postop.h5` (registered scan) in `cases/{case}/`, and `folds.csv`.
+   interfaces, bone), `achieved.json` (the motions registered on the bones after surgery, with which every method is
+   judged), `plan.json` and `postop.h5` (registered scan) in `cases/{case}/`, and `folds.csv`.
 2. Predict every case by a model that has not seen it: `folds.csv` names the fold that holds each case out.
 3. Write one file per case: `{case}.npz` with `displacement` (n, 3) in mm, LPS, for the n nodes of `mesh.vtu` in their
    order, or `{case}.vtu` with that mesh, in any order, and `displacement` as point data. `seconds` and `setup_seconds`

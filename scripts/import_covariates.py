@@ -1,0 +1,29 @@
+"""Makes one file of what is known of a patient beside anatomy and motion."""
+
+import json
+from collections.abc import Mapping
+
+from pinnochio.files import replacing
+from pinnochio.importing.cohort import COVARIATES
+from pinnochio.logs import attach_log
+
+
+def import_covariates(known: Mapping | None, source: str | None, covariates: str) -> None:
+    """Write each of COVARIATES, null where it is not known.
+
+    known: what the case table says; None: the JSON file `source` says it.
+    """
+    if known is None:
+        with open(source, encoding="utf-8") as file:
+            known = json.load(file)
+    with replacing(covariates) as temporary:
+        temporary.write_text(json.dumps({name: known.get(name) for name in COVARIATES}, indent=1) + "\n", "utf-8")
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    import_covariates(
+        known=snakemake.params.known,
+        source=snakemake.input.get("source") or None,
+        covariates=snakemake.output.covariates,
+    )

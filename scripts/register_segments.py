@@ -1,0 +1,65 @@
+"""Makes the motion that surgery gave each bone segment of the bones of a post-operative scan in any frame."""
+
+import logging
+from collections.abc import Sequence
+
+import pandas as pd
+
+from pinnochio.columns import write_csv
+from pinnochio.importing.postop_bones import read_postop_bones
+from pinnochio.importing.segment_registration import FITS, check_fits, register_bones
+from pinnochio.importing.segmentation import read_labels
+from pinnochio.logs import attach_log
+from pinnochio.model.surfaces import BoneSurface
+from pinnochio.plans.plan import Plan
+
+
+def register_segments(
+    case: str,
+    postop_bones: str,
+    labels: str,
+    bone: str,
+    plan: str,
+    segments: Sequence[str],
+    limit: float,
+    share: float,
+    achieved: str,
+    fits: str,
+) -> None:
+    """Register the scanned bones on the cranium, then each segment on them, and write the motions as a plan.
+
+    labels, bone: the patient before surgery; plan: the planned motions; limit (mm) is the median distance above which,
+    share (%) the matched part of the surface below which a bone is refused (InputError). fits: one row per bone.
+    """
+    points, faces = read_postop_bones(postop_bones, case, BoneSurface.read(bone).points)
+    cranium, found = register_bones(
+        head=read_labels(labels),
+        segments=segments,
+        plan=Plan.read(plan, case),
+        points=points,
+        faces=faces,
+        case=case,
+        file=postop_bones,
+    )
+    rows = [{name: value for name, value in vars(fit).items() if name != "motion"} for fit in (cranium, *found)]
+    for row in rows:
+        logging.info("%(segment)s: median %(median).3f mm, p90 %(p90).3f mm, %(matched).0f %% matched", row)
+    check_fits((cranium, *found), limit=limit, share=share, case=case, file=postop_bones)
+    write_csv(pd.DataFrame(rows).assign(case=case), fits, FITS)
+    Plan(case, {fit.segment: fit.motion for fit in found}).write(achieved)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    register_segments(
+        case=snakemake.wildcards.case,
+        postop_bones=snakemake.input.postop_bones,
+        labels=snakemake.input.labels,
+        bone=snakemake.input.bone,
+        plan=snakemake.input.plan,
+        segments=snakemake.params.segments,
+        limit=snakemake.params.limit,
+        share=snakemake.params.share,
+        achieved=snakemake.output.achieved,
+        fits=snakemake.output.fits,
+    )

@@ -1,0 +1,165 @@
+"""Bones of a virtual head, moved by known motions and scanned: the motions are found again, and wrong bones refused."""
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+from scipy.spatial.transform import Rotation
+
+from pinnochio.errors import InputError
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.importing.postop_bones import read_postop_bones
+from pinnochio.importing.segment_registration import check_fits, register_bones
+from pinnochio.importing.segmentation import Segmentation, write_segmentation
+from pinnochio.model.labels import CRANIUM, segment_code
+from pinnochio.model.surfaces import bone_surface, write_surface
+from pinnochio.plans.plan import Plan
+from pinnochio.tables.segments import motion_errors
+from pinnochio.virtual.head import SEGMENTS, build_head
+from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.postop_bones import scan_bones
+
+TRUE = Plan(
+    "P1",
+    {
+        "lefort1": RigidMotion.from_degrees((2, -1, 1.5), (1.0, -5.0, 2.0), (0, -80, -40)),
+        "mandible_distal": RigidMotion.from_degrees((-2.5, 1, 1), (-1.0, -7.0, 1.0), (0, -60, -60)),
+        "proximal_left": RigidMotion.from_degrees((-2, 0.5, 1), (0.3, -0.5, 0), (50, -10, -4)),
+        "proximal_right": RigidMotion.from_degrees((1.5, -1, 0.5), (0, 0.5, -0.3), (-50, -10, -4)),
+    },
+)
+LIMITS = {"limit": 0.45, "share": 70.0, "case": "P1", "file": "bones"}
+# What was planned: a millimetre or two and a degree or two away.
+PLANNED = Plan(
+    "P1",
+    {
+        name: RigidMotion.from_degrees(
+            own.degrees + [1.2, -0.6, 0.6], own.translation + [0.8, 1.5, -1.0], own.pivot
+        )
+        for name, own in TRUE.motions.items()
+    },
+)  # fmt: skip
+
+
+def head_of(seed: int, deformity: str):
+    head = build_head(sample_parameters(np.random.default_rng(seed), deformity), spacing=1.5)
+    return Segmentation(head.labels, head.spacing, head.origin)
+
+
+@pytest.fixture(scope="module")
+def head():
+    return head_of(4, "asymmetry")
+
+
+@pytest.fixture(scope="module")
+def bone(head):
+    return bone_surface(head.labels, head.spacing, head.origin, SEGMENTS, 3.0)
+
+
+def surface(head, folder, artefacts, executed=TRUE, change=None):
+    """The scanned bones as read from a label map, which `change` alters."""
+    scan = scan_bones(head, SEGMENTS, executed, np.random.default_rng(3), artefacts)
+    labels = scan.labels if change is None else change(scan.labels)
+    write_segmentation(labels, scan.spacing, scan.origin, folder / "bones.nii.gz")
+    return read_postop_bones(folder / "bones.nii.gz", "P1", np.zeros((0, 3)))
+
+
+@pytest.fixture(scope="module")
+def clean(head, tmp_path_factory):
+    return surface(head, tmp_path_factory.mktemp("clean"), 0.0)
+
+
+@pytest.fixture(scope="module")
+def noisy(head, tmp_path_factory):
+    return surface(head, tmp_path_factory.mktemp("noisy"), 1.0)
+
+
+def errors(head, bone, points, faces, planned=PLANNED):
+    """Errors of the motions by segment, and all fits."""
+    cranium, fits = register_bones(head, SEGMENTS, planned, points, faces, case="P1", file="bones")
+    found = Plan("P1", {fit.segment: fit.motion for fit in fits})
+    return motion_errors(found, TRUE, bone, SEGMENTS), [cranium, *fits]
+
+
+def largest(errors, key="error_max"):
+    return max(own[key] for own in errors.values())
+
+
+def test_clean_bones_give_the_motions_back(head, bone, clean):
+    off, fits = errors(head, bone, *clean)
+    assert set(off) == set(SEGMENTS)
+    assert largest(off) < 0.25 and largest(off, "error_degrees") < 0.5
+    assert all(fit.median < 0.15 and fit.matched > 90 for fit in fits)
+    check_fits(fits, **LIMITS)
+
+
+@pytest.mark.parametrize(
+    ("turn", "planned"),
+    [((165, -30, 20), PLANNED), ((80, 80, -100), Plan("P1", {}))],
+    ids=["upside down", "on its side, without a plan"],
+)
+def test_noise_plates_callus_and_streaks_in_any_frame(head, bone, noisy, turn, planned):
+    points, faces = noisy
+    rotation = Rotation.from_rotvec(turn, degrees=True).as_matrix()
+    off, fits = errors(head, bone, points @ rotation.T + [300.0, -80, 1200], faces, planned)
+    assert largest(off, "error_mean") < 0.35 and largest(off) < 0.6 and largest(off, "error_degrees") < 1.0
+    assert all(0.05 < fit.median < 0.4 < fit.p90 < 1.5 for fit in fits)
+    check_fits(fits, **LIMITS)
+    if planned is PLANNED:
+        assert fits[1].from_plan == pytest.approx(2, abs=1) and fits[1].from_plan_degrees == pytest.approx(1.5, abs=0.8)
+
+
+def test_a_third_out_of_view_costs_little_and_what_is_not_seen_is_refused(head, bone, tmp_path):
+    """The left of the head is missing up to the left orbit, and with it the left proximal segment."""
+
+    def cut(labels):
+        return labels[: int(0.7 * len(labels))]
+
+    off, fits = errors(head, bone, *surface(head, tmp_path, 1.0, change=cut))
+    assert max(own["error_max"] for name, own in off.items() if name != "proximal_left") < 0.9
+    with pytest.raises(InputError, match=r"'P1'.*bones.*'proximal_left'.* [0-9.]+ mm .*Remedy"):
+        check_fits([fit for fit in fits if fit.segment == "proximal_left"], **LIMITS)
+
+
+def test_a_segment_that_the_case_does_not_have_has_no_motion(head, tmp_path):
+    labels = np.where(head.labels == segment_code(0), CRANIUM, head.labels)
+    still = Plan("P1", {name: own for name, own in TRUE.motions.items() if name != "lefort1"})
+    own = Segmentation(labels, head.spacing, head.origin)
+    _, fits = register_bones(own, SEGMENTS, still, *surface(own, tmp_path, 0.0, still), case="P1", file="bones")
+    assert [fit.segment for fit in fits] == list(SEGMENTS[1:])
+
+
+def test_another_patient_and_a_mirrored_one_are_refused(head, bone, noisy, tmp_path):
+    points, faces = noisy
+    for wrong in (surface(head_of(11, "class_ii"), tmp_path, 1.0), (points * [-1, 1, 1], faces[:, ::-1])):
+        _, fits = errors(head, bone, *wrong)
+        with pytest.raises(InputError, match=r"'P1'.*bones.*median distance of [0-9.]+ mm .limit 0.45.*Remedy: .+"):
+            check_fits(fits, **LIMITS)
+
+
+def test_surfaces_in_centimetres_and_folders_of_them_are_the_same_bones(head, bone, clean, tmp_path):
+    points, faces = clean
+    write_surface(points / 10, faces, tmp_path / "bones.ply")
+    (tmp_path / "parts").mkdir()
+    middle = points[faces].mean(axis=1)[:, 2] > np.median(points[:, 2])
+    for name, half in (("upper", middle), ("lower", ~middle)):
+        write_surface(points, faces[half], tmp_path / f"parts/{name}.stl")
+    for name in ("bones.ply", "parts"):
+        own, _ = errors(head, bone, *read_postop_bones(tmp_path / name, "P1", bone.points))
+        assert largest(own) < 0.25, name
+
+
+def test_what_is_read_is_open_at_the_border_and_looks_outward(tmp_path):
+    """A block that leaves the volume at the top; its normals look away from its middle."""
+    labels = np.zeros((20, 20, 20), np.uint8)
+    labels[5:15, 5:15, 8:] = 7
+    for direction in (np.eye(3), np.diag([-1.0, 1, 1])):  # the second grid is left-handed
+        image = sitk.GetImageFromArray(labels.transpose(2, 1, 0))
+        image.SetDirection(direction.ravel())
+        sitk.WriteImage(image, str(tmp_path / "block.nrrd"))
+        points, faces = read_postop_bones(tmp_path / "block.nrrd", "P1", np.zeros((0, 3)))
+        own = points @ direction
+        assert own[:, 2].max() < 19.6 and np.isclose(own[:, 2].min(), 7.5, atol=0.3)
+        corners = points[faces]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        lower = own[faces].mean(axis=1)[:, 2] < 8
+        assert lower.sum() > 50 and ((normals @ direction)[lower, 2] < 0).mean() > 0.95

@@ -1,0 +1,214 @@
+"""Finds the rigid motion that surgery gave each bone segment, from the bones of a post-operative scan in any frame.
+
+The cranium, which surgery leaves alone, brings the scan into the patient's frame. Then each segment is moved onto the
+scanned bone by point-to-plane steps on what of its surface was visible before surgery. Steps, weights and search are
+those of the skin's registration (:mod:`pinnochio.importing.registration`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from pinnochio.columns import Column
+from pinnochio.errors import InputError
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.geometry.triangles import vertex_normals
+from pinnochio.importing.registration import coarse, spread, step, upper_face_plane
+from pinnochio.importing.segmentation import Segmentation
+from pinnochio.model.labels import CRANIUM, segment_name
+from pinnochio.model.surfaces import bone_surface
+from pinnochio.plans.plan import Plan
+
+EDGE = 1.5  # mm of the segments' surfaces: finer than those of the model
+HIDDEN, RIM = 2.0, 3.0  # mm: bone so near in front of a point hides it; so near the volume's border is a cut
+SAMPLES, FEW, COARSE_SAMPLES = 4000, 800, 700
+TURNED = 4.0  # mm that a mismatch of the normals by one radian counts when nearest points are looked for
+COMPATIBLE = 0.7  # cosine between normals of a pair
+REACHES = (10.0, 6.0, 3.5, 2.0)  # mm within which a pair is looked for, one pass after the other
+STEPS, SETTLED = 25, (0.02, 0.002)  # of a pass at most; mm of a step that ends it, in all passes but the last and there
+LEAST_SPREAD = 0.05  # mm
+MATCHED, CUT = 1.0, 3.0  # mm: a point so near bone is matched; beyond this, a point tells nothing but that it has none
+FEWEST = 60  # points of a segment that can be registered
+
+FITS = (
+    Column("case", str, "", "patient"),
+    Column("segment", str, "", "bone; the cranium brings the scan into the patient's frame"),
+    Column("points", int, "", "visible points of its surface before surgery that are registered"),
+    Column("median", float, "mm", "median distance of the points from the scanned bone", ".3f"),
+    Column("p90", float, "mm", "90th percentile of it", ".3f"),
+    Column("matched", float, "%", "points with scanned bone within 1 mm that faces the same way", ".1f"),
+    Column("from_plan", float, "mm", "mean distance of the surface from where the plan takes it", ".3f"),
+    Column("from_plan_degrees", float, "deg", "angle between the registered and the planned motion", ".3f"),
+)
+
+
+@dataclass(frozen=True)
+class SegmentFit:
+    """A segment's motion, and how well it explains the scan.
+
+    The numbers are the columns of :data:`FITS`; distances run along the normals, from points that have bone within CUT
+    that faces the same way.
+    """
+
+    segment: str
+    motion: RigidMotion
+    points: int
+    median: float
+    p90: float
+    matched: float
+    from_plan: float
+    from_plan_degrees: float
+
+
+class Target:
+    """The scanned bone as points with normals, looked up by place and direction."""
+
+    def __init__(self, points: np.ndarray, normals: np.ndarray):
+        self.points, self.normals = points, normals
+        self.tree = cKDTree(np.hstack([points, TURNED * normals]))
+
+    def pairs(self, placed, normals, reach: float):
+        """Which points `placed` have bone within `reach`, its places and normals, and the offsets along these."""
+        near = self.tree.query(np.hstack([placed, TURNED * normals]), distance_upper_bound=reach + TURNED)[1]
+        found = near < len(self.points)
+        near = near[found]
+        away = self.points[near] - placed[found]
+        fit = np.einsum("ij,ij->i", self.normals[near], normals[found]) > COMPATIBLE
+        fit &= np.einsum("ij,ij->i", away, away) < reach**2
+        used = np.flatnonzero(found)[fit]
+        near = near[fit]
+        return used, self.points[near], self.normals[near], np.einsum("ij,ij->i", away[fit], self.normals[near])
+
+
+@dataclass(frozen=True)
+class Source:
+    """Visible points (k, 3) mm of a bone before surgery with normals, evenly over its area; few: some of them."""
+
+    points: np.ndarray
+    normals: np.ndarray
+    few: np.ndarray
+
+
+def register_bones(
+    head: Segmentation,
+    segments: Sequence[str],
+    plan: Plan,
+    points: np.ndarray,
+    faces: np.ndarray,
+    *,
+    case: str,
+    file: object,
+) -> tuple[SegmentFit, list[SegmentFit]]:
+    """The cranium's registration (its motion: patient -> scanner) and that of each segment of the case.
+
+    head: the labels before surgery, internal codes; plan: the planned motions, from which the search begins; points
+    (p, 3) mm, faces (f, 3): the scanned bones, outward, in any frame. A segment's motion is in the patient's frame and
+    relative to the cranium, about its own centre. InputError where there is no cranium to register on; nothing else is
+    refused here (:func:`check_fits`).
+    """
+    bone = bone_surface(head.labels, head.spacing, head.origin, tuple(segments), EDGE)
+    present = [int(index) for index in np.unique(bone.segment)]
+    sources = {index: _source(bone.part(index), head) for index in present}
+    cranium = sources.get(-1)
+    if cranium is None or len(cranium.points) < FEWEST:
+        raise InputError(case, file, "hardly any cranium is segmented before surgery", "segment it up to the orbits")
+    normals = vertex_normals(points, faces)
+    chosen = spread(points, faces, COARSE_SAMPLES)
+    plane = upper_face_plane(bone, tuple(segments), 0.0)
+    rotation, shift = coarse(points[chosen], normals[chosen], bone.points, bone.faces, plane, bone.points)
+    scanned = Target(points @ rotation.T + shift, normals @ rotation.T)
+    back = _fitted(cranium, scanned, RigidMotion())  # what is left to turn, from the patient to the scan
+    frame = RigidMotion(rotation.T @ back.rotation, rotation.T @ (back.translation - shift))
+    scanned = Target(back.inverse(scanned.points), scanned.normals @ back.rotation)
+    fits = []
+    for index in present:
+        own, name = sources[index], segment_name(index, tuple(segments))
+        planned = RigidMotion() if index < 0 else plan.motion(name)
+        if index < 0:
+            motion = RigidMotion()
+        elif len(own.points) < FEWEST:
+            raise InputError(case, file, f"hardly any surface of {name!r} is free of other bone", "check its labels")
+        else:
+            tried = [_fitted(own, scanned, start) for start in (planned, RigidMotion())]
+            motion = min(tried, key=lambda motion: _cost(own, scanned, motion)).about(own.points.mean(axis=0))
+        fits.append(_judged(name, own, scanned, motion, planned, frame))
+    return fits[0], fits[1:]
+
+
+def check_fits(fits: Sequence[SegmentFit], *, limit: float, share: float, case: str, file: object) -> None:
+    """Refuse (InputError) a bone whose median distance exceeds `limit` mm or whose matched share is below `share` %."""
+    for fit in fits:
+        if fit.median > limit or fit.matched < share:
+            raise InputError(
+                case,
+                file,
+                f"{fit.segment!r} registered on the scanned bone leaves a median distance of {fit.median:.2f} mm "
+                f"(limit {limit:g} mm) and has bone within {MATCHED:g} mm of {fit.matched:.0f} % of its surface "
+                f"(at least {share:g} % is asked)",
+                "check that these are all bones of this patient after surgery, not mirrored; or leave postop_bones "
+                "empty, and the case is predicted from its plan",
+            )
+
+
+def _source(part, head: Segmentation) -> Source:
+    """What was visible of a bone before surgery: neither cut by the volume's border nor against another bone."""
+    low, high = head.origin, head.origin + head.spacing * (np.array(head.labels.shape) - 1)
+    seen = ((part.points > low + RIM) & (part.points < high - RIM)).all(axis=1)
+    for step_out in (0.5 * HIDDEN, HIDDEN):
+        index = np.round((part.points + step_out * part.normals - head.origin) / head.spacing).astype(int)
+        index = np.clip(index, 0, np.array(head.labels.shape) - 1)
+        seen &= head.labels[tuple(index.T)] < CRANIUM
+    chosen = spread(part.points, part.faces[seen[part.faces].all(axis=1)], SAMPLES)
+    step_over = max(1, len(chosen) // FEW)
+    return Source(part.points[chosen], part.normals[chosen], np.arange(0, len(chosen), step_over))
+
+
+def _fitted(source: Source, target: Target, start: RigidMotion) -> RigidMotion:
+    """The motion nearest to `start` that brings the points onto the target."""
+    rotation, shift = start.rotation, start.apply(np.zeros((1, 3)))[0]
+    for reach in REACHES:
+        last = reach == REACHES[-1]
+        points, normals = (source.points, source.normals) if last else (
+            source.points[source.few], source.normals[source.few]
+        )  # fmt: skip
+        for _ in range(STEPS):
+            placed = points @ rotation.T + shift
+            used, places, theirs, off = target.pairs(placed, normals @ rotation.T, reach)
+            if len(used) < 20:
+                break
+            width = 4.685 * 1.4826 * max(np.median(np.abs(off)), LEAST_SPREAD)  # Tukey's, as for the skin
+            weights = np.clip(1 - (off / width) ** 2, 0, None) ** 2
+            turn, move = step(placed[used], places, theirs, weights)
+            change = np.abs(placed @ (turn - np.eye(3)).T + move).max()
+            rotation, shift = turn @ rotation, turn @ shift + move
+            if change < SETTLED[last]:
+                break
+    return RigidMotion(rotation, shift)
+
+
+def _cost(source: Source, target: Target, motion: RigidMotion) -> float:
+    """Mean distance (mm) along the normals, cut off: what has no bone costs the same in any pose."""
+    used, _, _, off = target.pairs(motion.apply(source.points), source.normals @ motion.rotation.T, CUT)
+    return (np.abs(off).sum() + CUT * (len(source.points) - len(used))) / len(source.points)
+
+
+def _judged(
+    name: str, source: Source, target: Target, motion: RigidMotion, planned: RigidMotion, frame: RigidMotion
+) -> SegmentFit:
+    """How well a motion explains the scan; of the cranium the frame is told."""
+    placed = motion.apply(source.points)
+    off = np.abs(target.pairs(placed, source.normals @ motion.rotation.T, CUT)[3])
+    turned = Rotation.from_matrix(motion.rotation @ planned.rotation.T).magnitude()
+    return SegmentFit(
+        segment=name,
+        motion=frame if name == "cranium" else motion,
+        points=len(source.points),
+        median=float(np.median(off)) if len(off) else np.inf,
+        p90=float(np.percentile(off, 90)) if len(off) else np.inf,
+        matched=100 * float((off < MATCHED).sum()) / len(source.points),
+        from_plan=float(np.linalg.norm(placed - planned.apply(source.points), axis=1).mean()),
+        from_plan_degrees=float(np.degrees(turned)),
+    )
