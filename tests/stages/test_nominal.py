@@ -7,9 +7,9 @@ import pytest
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.simulation import simulate
-from pinnochio.metrics.volume import read_truth
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import read_surface
+from pinnochio.model.truth import read_truth
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.outcome import admissible
 from scripts.register_postop import register_postop

@@ -82,26 +82,45 @@ class Study:
         """Every method that the configuration knows."""
         return registry(self.config)
 
+    @property
+    def untrained(self) -> list[str]:
+        """Named methods that train, where fewer patients have a scan than there are folds to train in turn."""
+        few = len(self.scanned) < self.config["folds"]
+        return [name for name in self.config["methods"] if few and self.registry[name].trains != "no"]
+
+    @property
+    def unbounded(self) -> list[str]:
+        """Named bounds, where the truth is not known."""
+        return [name for name in self.config["methods"] if not self.virtual and self.registry[name].bound]
+
     @cached_property
     def left_out(self) -> list[str]:
-        """Methods that train, where fewer patients have a scan than there are folds to train in turn."""
-        named = self.config["methods"]
-        few = len(self.scanned) < self.config["folds"]
-        names = [name for name in named if self.registry[name].trains != "no"] if few else []
-        if len(names) == len(named) and not self.config["external"]:
+        """Named methods that this cohort cannot have; InputError where none would be left."""
+        names = [*self.untrained, *self.unbounded]
+        if len(names) == len(self.config["methods"]) and not self.config["external"]:
             raise InputError(
                 "-",
                 "configuration",
                 f"none of 'methods' is left: {len(self.scanned)} scanned patients do not fill {self.config['folds']} "
-                "folds to train on",
+                "folds to train on, and bounds need the virtual truth",
                 "add a method that needs no training, or lower 'folds'",
             )
         return names
 
     @cached_property
     def methods(self) -> list[str]:
-        """Methods that predict the cohort, in the order of the configuration."""
+        """What predicts the cohort, bounds among it, in the order of the configuration."""
         return [name for name in [*self.config["methods"], *self.config["external"]] if name not in self.left_out]
+
+    @cached_property
+    def bounds(self) -> list[str]:
+        """The bounds among them, which no method is tested against."""
+        return [name for name in self.methods if self.registry[name].bound]
+
+    @cached_property
+    def compared(self) -> list[str]:
+        """The methods proper among them."""
+        return [name for name in self.methods if name not in self.bounds]
 
     def of_family(self, *families: str) -> list[str]:
         """Known methods of the families."""
@@ -227,7 +246,7 @@ class Study:
     def as_they_are(self) -> list[str]:
         """Methods that the trade-off takes as the study predicts by them, for it changes nothing of them."""
         changed = [name for name, method in self.registry.items() if method.dials and method.trains == "no"]
-        return [name for name in self.methods if name not in (*changed, *self.traded_networks)]
+        return [name for name in self.compared if name not in (*changed, *self.traded_networks)]
 
     @cached_property
     def sizes(self) -> list[int]:
@@ -511,6 +530,15 @@ class Study:
         """The models that the method predicts the held-out cases of the fold on."""
         return [self.model_of(case, wildcards.method) for case in self.held_out[wildcards.fold]]
 
+    def plans_of_held_out(self, wildcards) -> list[str]:
+        """What the held-out cases of the fold are moved by, as the method is told it."""
+        return self._plans(wildcards.method, self.held_out[wildcards.fold])
+
+    def _plans(self, method: str, cases: Iterable[str]) -> list[str]:
+        """What each case is moved by: its plan; of a bound that reads the true motion, how that was carried out."""
+        true = self.registry[method].truth == "motion"
+        return filled("<results>/virtual/{case}/executed.json" if true else f"{STUDY_FILES}/plan.json", cases)
+
     def _lifts(self, method: str, cases: Iterable[str]) -> list[str]:
         kind = self.registry[method].lift
         return [] if kind == "none" else filled(f"{STUDY_FILES}/lift_{kind}.h5", cases)
@@ -521,7 +549,10 @@ class Study:
         return f"<results>/folds/{wildcards.fold}/{wildcards.method}/pretrained.pt" if own else []
 
     def predicted(self, wildcards) -> SimpleNamespace:
-        """What a batch holds: cases with their files, the trained file, and the method's settings."""
+        """What a batch holds: cases with their files, the trained file, and the method's settings.
+
+        truths are the files of the virtual truth: of a bound that is it, of nothing else.
+        """
         method = self.registry[wildcards.method]
         if wildcards.batch.startswith("patients/"):
             _, name, plan = wildcards.batch.split("/")
@@ -531,6 +562,7 @@ class Study:
                 cases=[name],
                 models=[f"{folder}/model.h5"],
                 plans=[f"{folder}/{plan}/plan.json"],
+                truths=[],
                 lifts=[],
                 trained=[],
                 settings=_predicting(own.settings),
@@ -541,7 +573,8 @@ class Study:
         return SimpleNamespace(
             cases=cases,
             models=[self.model_of(case, wildcards.method) for case in cases],
-            plans=filled(f"{STUDY_FILES}/plan.json", cases),
+            plans=self._plans(wildcards.method, cases),
+            truths=filled("<results>/virtual/{case}/truth.h5", cases) if method.truth == "field" else [],
             lifts=self._lifts(wildcards.method, cases),
             trained=f"<results>/{wildcards.batch}/{wildcards.method}/{name}" if name else [],
             settings=_predicting(method.settings),

@@ -27,7 +27,7 @@ PATIENTS = (
 # Rules of the study that have a job for each patient.
 PATIENT_STAGES = (
     *("virtual_patient", "virtual_outcome", "import_segmentation", "register_postop", "tetrahedralize"),
-    *("label_interfaces", "report_quality", "refine_lips", "simulate_fem", "make_lift"),
+    *("label_interfaces", "choose_samples", "report_quality", "refine_lips", "simulate_fem", "make_lift"),
 )
 
 
