@@ -20,7 +20,7 @@ def carried(points, faces, target_points, target_faces, part, seed: int) -> np.n
     of a Gaussian field (FIELDS) of which each sample of `part` says how far the target is along its normal: that
     leaves the surface free along itself where nothing holds it. Samples are paired with closest points, coarse fields
     first, anew in every step; without a partner are those at an open border of the target or before a surface that
-    faces elsewhere.
+    faces elsewhere. Where none has a partner the points stay.
     """
     points, faces = np.asarray(points, float), np.asarray(faces)
     normals = vertex_normals(target_points, target_faces)
@@ -39,6 +39,8 @@ def carried(points, faces, target_points, target_faces, part, seed: int) -> np.n
             )
             facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
             paired = ~near.border & (np.einsum("sx,scx,sc->s", facing, own, weights) > FACING)
+            if not paired.any():
+                return points
             wanted = np.einsum("sx,sx->s", facing, near.points - samples)[paired]
             system = np.einsum("sx,sk->skx", facing[paired], basis(samples[paired])).reshape(len(wanted), -1)
             normal_matrix = system.T @ system / NOISE**2 + np.kron(prior, np.eye(3))
