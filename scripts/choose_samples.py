@@ -6,13 +6,16 @@ from pinnochio.logs import attach_log
 from pinnochio.metrics.judged import choose
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
+from pinnochio.plans.plan import Plan
 from pinnochio.seeds import derive_seed
 
 
-def choose_samples(case: str, model: str, postop: str, samples: int, seed: int, judged: str) -> None:
+def choose_samples(case: str, model: str, plan: str, postop: str, samples: int, seed: int, judged: str) -> None:
     """Write about `samples` samples of the scan and of the skin each; InputError where they share no region."""
     target = PostopSkin.read(postop).surface
-    chosen = choose(PatientModel.read(model), *target, samples, derive_seed(seed, "choose_samples", case), case)
+    chosen = choose(
+        PatientModel.read(model), Plan.read(plan, case), *target, samples, derive_seed(seed, "choose_samples", case)
+    )
     logging.info("%s: %d samples of the scan, %d of the skin", case, len(chosen.target), len(chosen.skin))
     chosen.write(judged)
 
@@ -22,6 +25,7 @@ if __name__ == "__main__":
     choose_samples(
         case=snakemake.wildcards.case,
         model=snakemake.input.model,
+        plan=snakemake.input.plan,
         postop=snakemake.input.postop,
         samples=snakemake.params.samples,
         seed=snakemake.params.seed,

@@ -64,7 +64,7 @@ def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, t
     """The true skin misses its noiseless scan by what the registration leaves, and so do finite elements told all."""
     postop, judged = str(tmp_path / "postop.h5"), str(tmp_path / "judged.h5")
     register_postop(patient.case, nominal["postop"], patient.skin, patient.bone, SEGMENTS, 20.0, 1.0, postop)
-    choose_samples(patient.case, patient.model, postop, 3000, SEED, judged)
+    choose_samples(patient.case, patient.model, patient.plan, postop, 3000, SEED, judged)
     rows = {}
     for name, module, settings, truths in (
         ("floor_scan", "floor_scan", {}, [nominal["truth"]]),

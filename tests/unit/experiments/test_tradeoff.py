@@ -158,7 +158,7 @@ def test_judging_the_reference_itself_finds_no_error():
     assert solved.converged and solved.seconds > 0
     reference = Reference(patient, solved.displacement)
     target = patient.moved_skin(solved.displacement), patient.skin_faces
-    judged = choose(patient, *target, 500, 1)
+    judged = choose(patient, plan, *target, 500, 1)
     row = judge(as_in_the_study("x", 0), "tiny", patient, solved, target, judged, reference, fem)
     assert row["face_error"] == 0 and row["volume_error"] < 1e-9 and row["cd"] < 1e-9
     assert row["eqres_rel"] < fem.tolerance and row["recipe"] == ""

@@ -37,7 +37,7 @@ def test_the_true_skin_against_a_scan_without_noise_is_nothing_off(tmp_path):
     assert prediction.displacement is None and np.isnan(prediction.seconds)
     moved, scan = prediction.moved_skin(patient), patient.moved_skin(true)
     assert np.allclose(moved, scan, atol=1e-9)
-    judged = choose(patient, scan, patient.skin_faces, 500, 1)
+    judged = choose(patient, tiny_plan(), scan, patient.skin_faces, 500, 1)
     values = surface_metrics(
         moved, patient.skin_faces, judged.carried(patient, moved), scan, patient.skin_faces, judged.target
     )

@@ -204,8 +204,8 @@ def test_one_case_gives_one_complete_row(patient):
     top = patient.skin_faces
     target = patient.points + [0, 0, 1.5], top
     plan = Plan("P1", {"jaw": RigidMotion()})
+    judged = choose(patient, plan, *target, 500, 1)
     fem = fem_settings()
-    judged = choose(patient, *target, 500, 1)
     options = {"fem": fem, "seed": 1, "labels": LABELS}
     row = evaluate_case(
         patient,

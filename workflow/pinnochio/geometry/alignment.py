@@ -13,21 +13,22 @@ SAMPLES, STEPS = 2500, 8
 FACING = 0.5  # cosine of the normals of two points that can be the same one
 
 
-def carried(points, faces, target_points, target_faces, part, seed: int) -> np.ndarray:
+def carried(points, faces, target_points, target_faces, part, start, seed: int) -> np.ndarray:
     """Points (p, 3) mm of a surface where they are on the target, as a smooth motion brings them there.
 
-    faces (f, 3); part (f,) bool: the faces that are to fit, all points follow them. The motion is the most likely one
+    faces (f, 3); part (f,) bool: the faces that are to fit, all points follow them; start (p, 3) mm: about where the
+    points are, from which the first pairs are found and nothing else. The motion is the most likely one
     of a Gaussian field (FIELDS) of which each sample of `part` says how far the target is along its normal: that
     leaves the surface free along itself where nothing holds it. Samples are paired with closest points, coarse fields
     first, anew in every step; without a partner are those at an open border of the target or before a surface that
-    faces elsewhere. Where none has a partner the points stay.
+    faces elsewhere. Where none has a partner the points stay where they are.
     """
     points, faces = np.asarray(points, float), np.asarray(faces)
     normals = vertex_normals(target_points, target_faces)
     samples = sample_surface(points, faces[part], SAMPLES, seed)
     here = closest_points(samples, points, faces)
     corners, weights = faces[here.face], here.weights(points, faces)
-    moved = points
+    moved = np.asarray(start, float)
     for count in range(1, len(FIELDS) + 1):
         basis, prior = _fields(samples, points, FIELDS[:count])
         for _ in range(STEPS):
@@ -40,7 +41,7 @@ def carried(points, faces, target_points, target_faces, part, seed: int) -> np.n
             facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
             paired = ~near.border & (np.einsum("sx,scx,sc->s", facing, own, weights) > FACING)
             if not paired.any():
-                return points
+                return moved
             wanted = np.einsum("sx,sx->s", facing, near.points - samples)[paired]
             system = np.einsum("sx,sk->skx", facing[paired], basis(samples[paired])).reshape(len(wanted), -1)
             normal_matrix = system.T @ system / NOISE**2 + np.kron(prior, np.eye(3))

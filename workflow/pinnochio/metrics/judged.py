@@ -14,7 +14,9 @@ from pinnochio.geometry.closest_points import Closest, closest_points
 from pinnochio.geometry.triangles import face_normals, sample_surface
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NOT_JUDGED, regions
+from pinnochio.plans.plan import Plan
 
+BONE = 30  # points of the bone nearest to a point of the skin, whose mean motion it is first sought by
 AROUND = 25.0  # mm about the judged face that is fitted to the scan too, so that it is held at its edges
 
 
@@ -52,27 +54,31 @@ class Judged:
             return cls(**{item.name: file[item.name][()] for item in fields(cls)})
 
 
-def choose(patient: PatientModel, target_points, target_faces, samples: int, seed: int, case: str = "-") -> Judged:
+def choose(patient: PatientModel, plan: Plan, target_points, target_faces, samples: int, seed: int) -> Judged:
     """About `samples` area-uniform samples of either surface in the part that both show, and the region of each.
 
     The surface that decides is the skin before surgery carried smoothly onto the scan itself
-    (:func:`pinnochio.geometry.alignment.carried`): no method, no plan and no bone has a part in it. A sample of the
-    scan is judged if its closest point there lies on a judged face and not on an open border, one of the skin if it is
-    judged and its closest point on the scan does not lie on an open border of that. Either then counts for every
-    method, wherever the method takes the skin: nothing is dropped later. A sample's region is that of the nearest point
-    of the skin before surgery, of the scan by the carried one.
+    (:func:`pinnochio.geometry.alignment.carried`): no method has a part in it, and the plan none but to say about where
+    the jaws have gone, so that the search does not begin with a lip before the other one. A sample of the scan is
+    judged if its closest point there lies on a judged face and not on an open border, one of the skin if it is judged
+    and its closest point on the scan does not lie on an open border of that. Either then counts for every method,
+    wherever the method takes the skin: nothing is dropped later. A sample's region is that of the nearest point of the
+    skin before surgery, of the scan by the carried one.
 
     Closest points of the skin where it was would do without the alignment; but where a jaw has moved by 10 mm the lip
-    is then taken for the other lip. Landmarks read on the scan itself need bone, which no scan shows.
+    is then taken for the other lip. Landmarks read on the scan itself need bone, which no scan shows. Measured against
+    the truth: docs/metrics.md.
 
     InputError where the surfaces share no region.
     """
     points, faces, roi = patient.skin_points, patient.skin_faces, patient.face_roi
     if not roi.any():
-        raise InputError(case, "model", "no skin face is in the judged region", "check the segmentation's frame")
+        raise InputError(plan.case, "model", "no skin face is in the judged region", "check the segmentation's frame")
     centre = points[faces].mean(axis=1)
     part = cKDTree(centre[roi]).query(centre, distance_upper_bound=AROUND)[0] <= AROUND
-    placed = carried(points, faces, target_points, target_faces, part, seed)
+    near = cKDTree(patient.bone_points).query(points, BONE)[1]
+    start = points + patient.bone_displacement(plan)[near].mean(axis=1)
+    placed = carried(points, faces, target_points, target_faces, part, start, seed)
     codes = _regions(patient)
 
     skin = sample_surface(points, faces[roi], samples, seed)
@@ -84,7 +90,9 @@ def choose(patient: PatientModel, target_points, target_faces, samples: int, see
     closest = closest_points(queries, placed, faces)
     kept = ~closest.border & roi[closest.face]
     if not (shown.any() and kept.any()):
-        raise InputError(case, "postop", "the scan covers nothing of the judged face", "check scan and registration")
+        raise InputError(
+            plan.case, "postop", "the scan covers nothing of the judged face", "check scan and registration"
+        )
     return Judged(
         queries[kept], _nearest(codes, closest, placed, faces)[kept], skin[shown], _nearest(codes, own, points, faces)
     )
