@@ -257,6 +257,34 @@ rule label_interfaces:
         "../scripts/label_interfaces.py"
 
 
+# Before any method predicts, and by none of them.
+rule choose_samples:
+    input:
+        model="<results>/cases/{case}/model.h5",
+        plan="<results>/cases/{case}/plan.json",
+        postop="<results>/cases/{case}/postop.h5",
+    output:
+        judged="<results>/cases/{case}/judged.h5",
+    log:
+        "<logs>/choose_samples/{case}.log",
+    benchmark:
+        "<benchmarks>/choose_samples/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        samples=config["evaluation"]["samples"],
+        seed=SEED,
+        code=code_of("choose_samples"),
+    message:
+        "Choose where {wildcards.case} is judged"
+    script:
+        "../scripts/choose_samples.py"
+
+
 rule meshes:
     input:
         expand("<results>/cases/{case}/model.h5", case=STUDY.cases),

@@ -5,6 +5,7 @@ rule predict_cases:
         models=STUDY.of_batch("models"),
         lifts=STUDY.of_batch("lifts"),
         plans=STUDY.of_batch("plans"),
+        truths=STUDY.of_batch("truths"),
     output:
         predictions="<results>/{batch}/{method}/predictions.h5",
     log:

@@ -10,6 +10,7 @@ rule measure_scaling:
         report=f"<results>/cases/{STUDY.measured}/import.json",
         plan=STUDY.motion_of(STUDY.measured),
         postop=f"<results>/cases/{STUDY.measured}/postop.h5" if STUDY.scanned else [],
+        judged=f"<results>/cases/{STUDY.measured}/judged.h5" if STUDY.scanned else [],
         truth=f"<results>/virtual/{STUDY.measured}/truth.h5" if STUDY.virtual else [],
         networks=expand(
             "<results>/folds/{fold}/{method}/network.pt",
@@ -35,8 +36,7 @@ rule measure_scaling:
         sections={
             name: config[name]
             for name in [
-                *("segments", "mesh", "interfaces", "fem", "lift", "evaluation"),
-                "scaling",
+                *("segments", "mesh", "interfaces", "fem", "lift", "scaling"),
             ]
         },
         seed=SEED,

@@ -4,6 +4,7 @@ rule evaluate:
         models=STUDY.models_of_held_out,
         plans=STUDY.motions_of_held_out,
         postops=STUDY.of_judged("<results>/cases/{case}/postop.h5"),
+        judged=STUDY.of_judged("<results>/cases/{case}/judged.h5"),
         truths=(
             STUDY.of_held_out("<results>/virtual/{case}/truth.h5")
             if STUDY.virtual
@@ -28,7 +29,6 @@ rule evaluate:
     params:
         cases=STUDY.held_out_cases,
         scanned=STUDY.judged_cases,
-        samples=config["evaluation"]["samples"],
         fem=config["fem"],
         seed=SEED,
         code=code_of("evaluate"),

@@ -7,6 +7,7 @@ rule measure_fem:
         models=[STUDY.sized(nodes, "model.h5") for nodes in STUDY.sizes],
         plan=STUDY.motion,
         postop="<results>/cases/{case}/postop.h5",
+        judged="<results>/cases/{case}/judged.h5",
     output:
         rows="<results>/tradeoff/{case}/fem.csv",
         reference="<results>/tradeoff/{case}/reference.h5",
@@ -25,8 +26,6 @@ rule measure_fem:
         sizes=STUDY.sizes,
         nodes=config["mesh"]["nodes"],
         fem=config["fem"],
-        samples=config["evaluation"]["samples"],
-        seed=SEED,
         code=code_of("measure_fem"),
     message:
         "Solve {wildcards.case} along the parameters of finite elements"
@@ -47,6 +46,7 @@ rule measure_networks:
         ],
         plan=STUDY.motion,
         postop="<results>/cases/{case}/postop.h5",
+        judged="<results>/cases/{case}/judged.h5",
         reference="<results>/tradeoff/{case}/reference.h5",
     output:
         rows="<results>/tradeoff/{case}/networks.csv",
@@ -69,8 +69,6 @@ rule measure_networks:
         sizes=STUDY.sizes,
         reference_nodes=config["tradeoff"]["reference"],
         fem=config["fem"],
-        samples=config["evaluation"]["samples"],
-        seed=SEED,
         code=code_of("measure_networks"),
     message:
         "Predict {wildcards.case} along the parameters of the networks"
@@ -89,6 +87,7 @@ rule measure_study:
             STUDY.model_of(wildcards.case, method) for method in STUDY.as_they_are
         ],
         postop="<results>/cases/{case}/postop.h5",
+        judged="<results>/cases/{case}/judged.h5",
         reference="<results>/tradeoff/{case}/reference.h5",
         reference_model=STUDY.sized(config["tradeoff"]["reference"], "model.h5"),
     output:
@@ -106,8 +105,6 @@ rule measure_study:
     params:
         methods=STUDY.as_they_are,
         fem=config["fem"],
-        samples=config["evaluation"]["samples"],
-        seed=SEED,
         code=code_of("measure_study"),
     message:
         "Judge the study's other predictions of {wildcards.case}"

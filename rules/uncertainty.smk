@@ -38,6 +38,7 @@ rule calibrate:
     input:
         models=expand("<results>/cases/{case}/model.h5", case=STUDY.scanned),
         postops=expand("<results>/cases/{case}/postop.h5", case=STUDY.scanned),
+        judged=expand("<results>/cases/{case}/judged.h5", case=STUDY.scanned),
         predictions=expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
             fold=[STUDY.fold_of(case) for case in STUDY.scanned],

@@ -8,6 +8,7 @@ import numpy as np
 
 from pinnochio.columns import write_csv
 from pinnochio.logs import attach_log
+from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
@@ -25,6 +26,7 @@ class ScannedCase:
     fold: str
     model: str
     postop: str
+    judged: str
     predictions: str
     ensemble: str
 
@@ -45,7 +47,7 @@ def calibrate(cases: Sequence[ScannedCase], method: str, level: float, seed: int
                 case=files.case,
                 fold=files.fold,
                 patient=patient,
-                region=region,
+                judged=Judged.read(files.judged),
                 displacement=predicted,
                 points=scan.points,
                 faces=scan.faces,
@@ -74,7 +76,7 @@ def by_region(values: np.ndarray) -> dict[str, float | None]:
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     columns = {"case": snakemake.params.cases, "fold": snakemake.params.folds}
-    columns |= {"model": snakemake.input.models, "postop": snakemake.input.postops}
+    columns |= {"model": snakemake.input.models, "postop": snakemake.input.postops, "judged": snakemake.input.judged}
     columns |= {"predictions": snakemake.input.predictions, "ensemble": snakemake.input.ensembles}
     calibrate(
         cases=[ScannedCase(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)],

@@ -10,10 +10,11 @@ from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.cases import evaluate_case
 from pinnochio.metrics.columns import CASES
-from pinnochio.metrics.volume import read_truth
+from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
+from pinnochio.model.truth import read_truth
 from pinnochio.plans.plan import Plan
 
 
@@ -23,8 +24,8 @@ def evaluate(
     models: Sequence[str],
     plans: Sequence[str],
     postops: Mapping[str, str],
+    judged: Mapping[str, str],
     truths: Sequence[str],
-    samples: int,
     fem: FemSettings,
     labels: dict,
     seed: int,
@@ -32,7 +33,8 @@ def evaluate(
 ) -> None:
     """Write one row per case; labels are fold, method and code.
 
-    postops: file by case of those that have a scan, the others get no accuracy; truths may be empty (no virtual truth).
+    postops, judged: files by case of those that have a scan, the others get no accuracy; truths may be empty (no
+    virtual truth).
     """
     rows = []
     for number, case in enumerate(cases):
@@ -44,9 +46,9 @@ def evaluate(
                 Plan.read(plans[number], case),
                 read_prediction(predictions, case),
                 fem=fem,
-                samples=samples,
                 seed=seed,
                 target=skin and skin.surface,
+                judged=skin and Judged.read(judged[case]),
                 truth=read_truth(truths[number], case)[:3] if truths else None,
                 labels=labels | ({"registration_residual": skin.residual} if skin else {}),
             )
@@ -63,8 +65,8 @@ if __name__ == "__main__":
         models=snakemake.input.models,
         plans=snakemake.input.plans,
         postops=dict(zip(snakemake.params.scanned, snakemake.input.get("postops", []), strict=True)),
+        judged=dict(zip(snakemake.params.scanned, snakemake.input.get("judged", []), strict=True)),
         truths=snakemake.input.get("truths", []),
-        samples=snakemake.params.samples,
         fem=FemSettings(**snakemake.params.fem),
         labels={name: snakemake.wildcards[name] for name in ("fold", "method")} | {"code": snakemake.params.code},
         seed=snakemake.params.seed,

@@ -4,8 +4,8 @@ import pandas as pd
 
 from pinnochio.columns import write_csv
 from pinnochio.logs import attach_log
-from pinnochio.metrics.volume import read_truth
 from pinnochio.model.surfaces import bone_surface, skin_surface
+from pinnochio.model.truth import read_truth
 from pinnochio.virtual.effects import CASE, measure
 from pinnochio.virtual.outcome import Operation
 

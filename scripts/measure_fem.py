@@ -11,6 +11,7 @@ from pinnochio.experiments.tradeoff import Reference, judge, predict_fem
 from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import write_predictions
@@ -25,11 +26,10 @@ def measure_fem(
     models: Mapping[int, str],
     plan: str,
     postop: str,
+    judged: str,
     settings: Sequence[Setting],
     nodes: int,
     fem: FemSettings,
-    samples: int,
-    seed: int,
     threads: int,
     rows: str,
     reference: str,
@@ -43,18 +43,18 @@ def measure_fem(
     motion, target = Plan.read(plan, case), PostopSkin.read(postop).surface
     predict_fem(settings[1], patients[nodes], motion, fem, threads)
     predict_fem(settings[0], patients[nodes], motion, replace(fem, time_limit=BEFOREHAND), threads)
-    judged, judgements = None, []
+    samples, solution, judgements = Judged.read(judged), None, []
     for setting in settings:
         # The reference, first of all, is given the time that it needs.
-        limit = fem.time_limit if judged else 20 * fem.time_limit
+        limit = fem.time_limit if solution else 20 * fem.time_limit
         patient = patients[setting.nodes]
         prediction = predict_fem(setting, patient, motion, replace(fem, time_limit=limit), threads)
-        if judged is None:
+        if solution is None:
             if not prediction.converged:
                 raise RuntimeError(f"case {case!r}: the reference did not converge: {prediction.reason}")
-            judged = Reference(patient, prediction.displacement)
+            solution = Reference(patient, prediction.displacement)
             write_predictions(reference, {case: prediction})
-        judgements.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
+        judgements.append(judge(setting, case, patient, prediction, target, samples, solution, fem))
         logging.info("%(method)s, %(parameter)s %(value)s: %(seconds).3f s, %(face_error).3f mm", judgements[-1])
     write_csv(pd.DataFrame(judgements), rows, TRADEOFF_CASES)
 
@@ -66,11 +66,10 @@ if __name__ == "__main__":
         models=dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),
         plan=snakemake.input.plan,
         postop=snakemake.input.postop,
+        judged=snakemake.input.judged,
         settings=[Setting(**own) for own in snakemake.params.settings],
         nodes=snakemake.params.nodes,
         fem=FemSettings(**snakemake.params.fem),
-        samples=snakemake.params.samples,
-        seed=snakemake.params.seed,
         threads=snakemake.threads,
         rows=snakemake.output.rows,
         reference=snakemake.output.reference,

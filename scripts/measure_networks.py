@@ -12,6 +12,7 @@ from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.protocol import Planned
+from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
@@ -29,10 +30,9 @@ def measure_networks(
     lifts: Mapping[tuple[str, int], str],
     plan: str,
     postop: str,
+    judged: str,
     reference: tuple[str, int],
     fem: FemSettings,
-    samples: int,
-    seed: int,
     device: str,
     threads: int,
     rows: str,
@@ -44,14 +44,17 @@ def measure_networks(
     """
     patients = {size: PatientModel.read(path) for size, path in models.items()}
     motion, target = Plan.read(plan, case), PostopSkin.read(postop).surface
-    judged = Reference(patients[reference[1]], read_prediction(reference[0], case).displacement)
+    samples, solution = (
+        Judged.read(judged),
+        Reference(patients[reference[1]], read_prediction(reference[0], case).displacement),
+    )
     judgements = []
     for setting in settings:
         patient, kind = patients[setting.nodes], kinds[setting.method]
         lift = None if kind == "none" else Lift.read(lifts[kind, setting.nodes])
         planned = Planned(case, patient, motion, lift)
         prediction = predict_network(setting, networks[setting.method], planned, fem, device, threads)
-        judgements.append(judge(setting, case, patient, prediction, target, judged, fem, samples, seed))
+        judgements.append(judge(setting, case, patient, prediction, target, samples, solution, fem))
         logging.info("%(method)s, %(parameter)s %(value)s: %(seconds).3f s, %(face_error).3f mm", judgements[-1])
     write_csv(pd.DataFrame(judgements), rows, TRADEOFF_CASES)
 
@@ -67,10 +70,9 @@ if __name__ == "__main__":
         lifts=dict(zip(snakemake.params.lifts, snakemake.input.lifts, strict=True)),
         plan=snakemake.input.plan,
         postop=snakemake.input.postop,
+        judged=snakemake.input.judged,
         reference=(snakemake.input.reference, snakemake.params.reference_nodes),
         fem=FemSettings(**snakemake.params.fem),
-        samples=snakemake.params.samples,
-        seed=snakemake.params.seed,
         device=choose_device(snakemake.resources.gpu, snakemake.threads),
         threads=snakemake.threads,
         rows=snakemake.output.rows,

@@ -26,7 +26,7 @@ from scripts.predict import predict
 from scripts.pretrain import pretrain
 
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-FILES = ("labels", "bone", "skin", "report", "plan", "postop", "truth")
+FILES = ("labels", "bone", "skin", "report", "plan", "postop", "judged", "truth")
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def measure_scaling(
 ) -> None:
     """Write a row of SCALING per stage of the patient on a mesh of `target` nodes.
 
-    files: its labels, bone, skin, report, plan and, where there are any, postop and truth; networks: a trained
+    files: its labels, bone, skin, report, plan and, where there are any, postop, judged and truth; networks: a trained
     one of each method; settings: sections of the configuration, `variants` those of the methods. What the stages make
     is thrown away; a stage that lacks what an earlier one did not make says so.
     """
@@ -194,8 +194,8 @@ def stages(
                 "models": [model],
                 "plans": [files["plan"]],
                 "postops": {case: files["postop"]} if files.get("postop") else {},
+                "judged": {case: files["judged"]} if files.get("judged") else {},
                 "truths": [files["truth"]] if files.get("truth") else [],
-                "samples": settings["evaluation"]["samples"],
                 "fem": fem,
                 "labels": {"fold": "-", "method": method, "code": "-"},
                 "seed": seed,
@@ -215,7 +215,9 @@ def training_step(**arguments) -> tuple[float, float]:
 
 def warm_plan(**arguments) -> tuple[float, float]:
     """Seconds of a prediction on the CPU as the tables have it; of the processor's nothing is known."""
-    predict(module="pinnochio.methods.pinnochio.predictor", device=choose_device(0, 1), threads=1, **arguments)
+    predict(
+        module="pinnochio.methods.pinnochio.predictor", device=choose_device(0, 1), threads=1, truths=[], **arguments
+    )
     return read_prediction(arguments["predictions"], arguments["cases"][0]).seconds, np.nan
 
 

@@ -9,6 +9,7 @@ from pinnochio.experiments.tradeoff import Reference, judge
 from pinnochio.experiments.tradeoff_settings import as_in_the_study
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
@@ -20,16 +21,15 @@ def measure_study(
     predictions: Mapping[str, str],
     models: Mapping[str, str],
     postop: str,
+    judged: str,
     reference: str,
     reference_model: str,
     fem: FemSettings,
-    samples: int,
-    seed: int,
     rows: str,
 ) -> None:
     """Write one row per method; predictions, models: file by method."""
-    judged = Reference(PatientModel.read(reference_model), read_prediction(reference, case).displacement)
-    target, judgements = PostopSkin.read(postop).surface, []
+    solution = Reference(PatientModel.read(reference_model), read_prediction(reference, case).displacement)
+    target, samples, judgements = PostopSkin.read(postop).surface, Judged.read(judged), []
     for method, path in predictions.items():
         patient, prediction = PatientModel.read(models[method]), read_prediction(path, case)
         setting = as_in_the_study(method, len(patient.points))
@@ -40,10 +40,9 @@ def measure_study(
                 patient=patient,
                 prediction=prediction,
                 target=target,
-                reference=judged,
+                judged=samples,
+                reference=solution,
                 fem=fem,
-                samples=samples,
-                seed=seed,
             )
         )
     write_csv(pd.DataFrame(judgements), rows, TRADEOFF_CASES)
@@ -56,10 +55,9 @@ if __name__ == "__main__":
         predictions=dict(zip(snakemake.params.methods, snakemake.input.predictions, strict=True)),
         models=dict(zip(snakemake.params.methods, snakemake.input.models, strict=True)),
         postop=snakemake.input.postop,
+        judged=snakemake.input.judged,
         reference=snakemake.input.reference,
         reference_model=snakemake.input.reference_model,
         fem=FemSettings(**snakemake.params.fem),
-        samples=snakemake.params.samples,
-        seed=snakemake.params.seed,
         rows=snakemake.output.rows,
     )

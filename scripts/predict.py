@@ -21,6 +21,7 @@ def predict(
     models: Sequence[str],
     lifts: Sequence[str],
     plans: Sequence[str],
+    truths: Sequence[str],
     device: str,
     threads: int,
     predictions: str,
@@ -28,16 +29,18 @@ def predict(
     """Predict each case by the method of a `module`; FloatingPointError if a field is not finite.
 
     settings: values of the sections that its Predictor reads; trained: file of what a fold trained, None where nothing
-    is; lifts may be empty for a method without one.
+    is; lifts may be empty for a method without one; truths, files of the virtual truth, are empty for all but a bound.
     """
     predictor = import_module(module).Predictor(settings=settings, trained=trained, device=device, threads=threads)
     made = {}
-    for case, model, lift, plan in zip(cases, models, lifts or [None] * len(cases), plans, strict=True):
+    nothing = [None] * len(cases)
+    for case, model, lift, plan, truth in zip(cases, models, lifts or nothing, plans, truths or nothing, strict=True):
         planned = Planned(
             case=case,
             patient=PatientModel.read(model),
             plan=Plan.read(plan, case),
             lift=Lift.read(lift) if lift else None,
+            truth=truth,
         )
         made[case] = own = predictor(planned)
         logging.info("%s: %.4f s, and %.3f s for the patient", case, own.seconds, own.setup_seconds)
@@ -54,6 +57,7 @@ if __name__ == "__main__":
         models=snakemake.input.models,
         lifts=snakemake.input.get("lifts", []),
         plans=snakemake.input.plans,
+        truths=snakemake.input.get("truths", []),
         device=choose_device(snakemake.resources.gpu, snakemake.threads),
         threads=snakemake.threads,
         predictions=snakemake.output.predictions,

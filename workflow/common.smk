@@ -43,9 +43,13 @@ SEED, COHORT = config["seed"], STUDY.cohort
 ALL_CORES = workflow.resource_settings.cores or 1
 # A job of a cluster does not hear of --resources: it asks its step for a GPU only where SLURM has granted it one.
 GPU = int(not workflow.remote_exec or "SLURM_GPUS_ON_NODE" in os.environ)
-if workflow.is_main_process and STUDY.left_out:
+if workflow.is_main_process and STUDY.unbounded:
     logger.warning(
-        f"Left out: {', '.join(STUDY.left_out)}. Training by cross-validation needs a post-operative scan of at least "
+        f"Left out: {', '.join(STUDY.unbounded)}. Bounds read the truth, which is known of the virtual cohort alone."
+    )
+if workflow.is_main_process and STUDY.untrained:
+    logger.warning(
+        f"Left out: {', '.join(STUDY.untrained)}. Training by cross-validation needs a post-operative scan of at least "
         f"one patient per fold; {len(STUDY.scanned)} of {len(STUDY.cases)} patients have one, and 'folds' is "
         f"{config['folds']}."
     )

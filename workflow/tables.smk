@@ -16,7 +16,8 @@ ANATOMIES = {
 NAMED = {"cohort": COHORT}
 COMPARED = NAMED | {
     "reference": STUDY.reference,
-    "methods": STUDY.methods,
+    "methods": STUDY.compared,
+    "bounds": STUDY.bounds,
     "seed": SEED,
 }
 SUMS = NAMED | {
@@ -30,7 +31,7 @@ COUNTED_FILES = expand(
 ) + expand(
     "<results>/cases/{case}/{file}",
     case=[name for name in STUDY.counted if name in STUDY.scanned],
-    file=["postop.h5", "fem_samples.h5"] if STUDY.learned else ["postop.h5"],
+    file=["postop.h5", "judged.h5", *(["fem_samples.h5"] if STUDY.learned else [])],
 )
 MODULES = {
     "better": "pinnochio.tables.accuracy",

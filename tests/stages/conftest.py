@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from pinnochio.mechanics.settings import FemSettings
+from scripts.choose_samples import choose_samples
 from scripts.import_plan import import_plan
 from scripts.import_segmentation import import_segmentation
 from scripts.label_interfaces import label_case
@@ -70,6 +71,7 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
     register_postop(
         case, made["postop"], imported["skin"], imported["bone"], SEGMENTS, 20.0, 1.5, file("postop.h5")
     )  # fmt: skip
+    choose_samples(case, file("model.h5"), plan, file("postop.h5"), 3000, SEED, file("judged.h5"))
     simulate_fem(case, file("model.h5"), plan, 2, fem, SEED, file("fem_samples.h5"))
     return Patient(case, folder, fem)
 

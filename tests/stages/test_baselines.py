@@ -15,8 +15,8 @@ from tests.helpers.training import predict_by
 def measured(patient, predictions, metrics):
     labels = {"fold": "1", "method": "some", "code": "x"}
     evaluate(
-        [patient.case], predictions, [patient.model], [patient.plan], {patient.case: patient.postop}, [patient.truth],
-        2000, patient.fem, labels, SEED, metrics,
+        [patient.case], predictions, [patient.model], [patient.plan], {patient.case: patient.postop},
+        {patient.case: patient.judged}, [patient.truth], patient.fem, labels, SEED, metrics,
     )  # fmt: skip
     return pd.read_csv(metrics).loc[0]
 

@@ -19,7 +19,8 @@ from tests.helpers.training import predict_by
 
 OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
 ACCURACY = ["cd", "cd_sum", "cd_sq", "cd_vertex", "hd95", "hdmax", "hd_mean_oneway"]
-ACCURACY += ["pwr1", "pwr2", "pwr1_target", "pwr2_target", "registration_residual"]
+ACCURACY += ["pwr1", "pwr2", "pwr1_target", "pwr2_target", "target_samples", "skin_samples"]
+ACCURACY += ["registration_residual"]
 GUARD = ["raw_min_jacobian", "raw_inverted", "repaired", "damping", "interface_error"]  # of networks alone
 ACCURACY += [f"{kind}_{name}" for name in REGIONS for kind in ("region", "bias")]
 TRUTH = ["volume_error_mean", "volume_error_p95", "skin_error_mean", "skin_error_p95"]
@@ -30,9 +31,9 @@ def measure(patient, predictions, method, table, postops, truths=(), case=None):
     """metrics.csv of one method, as a frame."""
     case = case or patient.case
     labels = {"fold": "1", "method": method, "code": "0" * 12}
-    evaluate(
-        [case], predictions, [patient.model], [patient.plan], postops, truths, 2000, patient.fem, labels, SEED, table
-    )  # fmt: skip
+    judged = dict.fromkeys(postops, patient.judged)
+    files = [patient.model], [patient.plan], postops, judged, truths
+    evaluate([case], predictions, *files, patient.fem, labels, SEED, table)
     return pd.read_csv(table)
 
 
@@ -92,7 +93,7 @@ def test_patients_without_a_scan_do_not_count_as_failed(patient, solved, tmp_pat
     frame.assign(case="unscanned").to_csv(unscanned, index=False)
     cases, table = tmp_path / "cases.csv", tmp_path / "accuracy.csv"
     make(cases, "tables.cases", metrics=[scanned, unscanned], cohort="test clinic")
-    compared = {"methods": ["fem_bonded"], "reference": None, "published": False}
+    compared = {"methods": ["fem_bonded"], "bounds": [], "reference": None, "published": False}
     make(table, "tables.accuracy", cases=cases, cohort="test clinic", seed=SEED, **compared)
     accuracy = pd.read_csv(table)
     assert len(pd.read_csv(cases)) == 2 and accuracy.loc[0, ["n", "failed"]].tolist() == [1, 0]

@@ -2,16 +2,20 @@
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.simulation import simulate
-from pinnochio.metrics.volume import read_truth
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import read_surface
+from pinnochio.model.truth import read_truth
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.outcome import admissible
+from scripts.choose_samples import choose_samples
+from scripts.evaluate import evaluate
+from scripts.predict import predict
 from scripts.register_postop import register_postop
 from scripts.virtual_outcome import virtual_outcome
 from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
@@ -54,6 +58,51 @@ def test_the_scan_is_the_skin_that_they_predict(patient, nominal, field, tmp_pat
     assert read_surface(nominal["postop"])[0].shape == points.shape
     near = closest_points(points, model.moved_skin(displacement), model.skin_faces)
     assert near.distance.max() < 0.25  # what the registration leaves on a forehead that follows the jaws a little
+
+
+def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, tmp_path):
+    """The true skin misses its noiseless scan by what the registration leaves, and so do finite elements told all."""
+    postop, judged = str(tmp_path / "postop.h5"), str(tmp_path / "judged.h5")
+    register_postop(patient.case, nominal["postop"], patient.skin, patient.bone, SEGMENTS, 20.0, 1.0, postop)
+    choose_samples(patient.case, patient.model, patient.plan, postop, 3000, SEED, judged)
+    rows = {}
+    for name, module, settings, truths in (
+        ("floor_scan", "floor_scan", {}, [nominal["truth"]]),
+        ("oracle", "finite_elements", {"fem": CONFIG["fem"], "contact": "mucosa", "apart": 0.0}, []),
+    ):
+        predictions, metrics = str(tmp_path / f"{name}.h5"), str(tmp_path / f"{name}.csv")
+        predict(
+            module=f"pinnochio.methods.{module}",
+            settings=settings,
+            trained=None,
+            cases=[patient.case],
+            models=[patient.model],
+            lifts=[],
+            plans=[nominal["executed"]],
+            truths=truths,
+            device="cpu",
+            threads=1,
+            predictions=predictions,
+        )
+        evaluate(
+            cases=[patient.case],
+            predictions=predictions,
+            models=[patient.model],
+            plans=[nominal["executed"]],
+            postops={patient.case: postop},
+            judged={patient.case: judged},
+            truths=[nominal["truth"]],
+            fem=patient.fem,
+            labels={"fold": "1", "method": name, "code": "x"},
+            seed=SEED,
+            metrics=metrics,
+        )
+        rows[name] = pd.read_csv(metrics).loc[0]
+    floor, oracle = rows["floor_scan"], rows["oracle"]
+    assert floor["skin_error_p95"] < 1e-4 > floor["landmark_pogonion"] and np.isnan(floor["seconds"])
+    assert 0 < floor["cd"] < 0.1 and oracle["cd"] == pytest.approx(floor["cd"], abs=0.005)
+    assert oracle["moving_error"] < 1e-6 and oracle["sliding_error"] < 1e-6
+    assert (floor["target_samples"], floor["skin_samples"]) == (oracle["target_samples"], oracle["skin_samples"])
 
 
 def test_the_effects_make_another_outcome(patient, field):

@@ -21,7 +21,10 @@ TRAINING = vars(training_settings(steps=4, learning_rate=1e-3))
 
 
 def input_files(patient) -> dict:
-    return {name: getattr(patient, name) for name in ("labels", "bone", "skin", "report", "plan", "postop", "truth")}
+    return {
+        name: getattr(patient, name)
+        for name in ("labels", "bone", "skin", "report", "plan", "postop", "judged", "truth")
+    }
 
 
 def test_every_stage_has_a_row_with_its_cost(patient, tmp_path):

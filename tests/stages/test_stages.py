@@ -202,15 +202,15 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
             [patient.model],
             [patient.plan],
             {patient.case: patient.postop},
+            {patient.case: patient.judged},
             [patient.truth],
-            3000,
             patient.fem,
             labels,
             SEED,
             metrics[-1],
         )
     make(tmp_path / "cases.csv", "tables.cases", metrics=metrics, cohort="virtual cohort")
-    compared = {"cases": tmp_path / "cases.csv", "methods": list(predicted), "reference": "pinnochio"}
+    compared = {"cases": tmp_path / "cases.csv", "methods": list(predicted), "bounds": [], "reference": "pinnochio"}
     compared |= {"cohort": "virtual cohort", "seed": SEED}
     make(tmp_path / "accuracy.csv", "tables.accuracy", published=True, **compared)
     cases = pd.read_csv(tmp_path / "cases.csv").set_index("method")

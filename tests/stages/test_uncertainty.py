@@ -7,6 +7,7 @@ import torch
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import closest_points
+from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
@@ -67,9 +68,8 @@ def calibrated(patients, ensembles, folder, level=LEVEL):
     for fold, patient in zip(FOLDS, patients, strict=False):
         held_out = str(folder / f"predictions_{fold}.h5")
         write_predictions(held_out, {patient.case: read_prediction(ensembles[patient.case], fold)})
-        cases.append(
-            ScannedCase(patient.case, fold, patient.model, patient.postop, held_out, ensembles[patient.case])
-        )  # fmt: skip
+        own = patient.model, patient.postop, patient.judged, held_out, ensembles[patient.case]
+        cases.append(ScannedCase(patient.case, fold, *own))
     files = str(folder / "calibration.json"), str(folder / "part.csv")
     calibrate(cases, "pinnochio_plus", level, SEED, *files)
     return files
@@ -110,11 +110,10 @@ def test_the_half_width_covers_half_of_both_patients(patients, ensembles, calibr
     errors = []
     for fold, files in zip(FOLDS, patients, strict=False):
         patient = PatientModel.read(files.model)
-        chin = regions(patient) == NAMES.index("chin")
+        judged = Judged.read(files.judged)
         scan = PostopSkin.read(files.postop).surface
-        skin = patient.moved_skin(read_prediction(ensembles[files.case], fold).displacement)
-        closest = closest_points(skin[chin], *scan)
-        errors.append(closest.distance[~closest.border])
+        skin = judged.carried(patient, patient.moved_skin(read_prediction(ensembles[files.case], fold).displacement))
+        errors.append(closest_points(skin[judged.skin_region == NAMES.index("chin")], *scan).distance)
     width = Calibration.read(calibration[0]).half_width["chin"]
     share = sum(np.mean(own <= width) for own in errors) / 2
     assert 0.75 <= share < 0.75 + max(1 / len(own) for own in errors)

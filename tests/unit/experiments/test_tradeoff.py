@@ -11,6 +11,7 @@ from pinnochio.experiments.tradeoff_settings import Setting, as_in_the_study, fe
 from pinnochio.figures.tradeoff import draw
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.methods.registry import registry
+from pinnochio.metrics.judged import choose
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.choices import SAFETY, check_choices, choose_setting
 from pinnochio.tables.tradeoff import answers, pareto, summarise
@@ -157,7 +158,8 @@ def test_judging_the_reference_itself_finds_no_error():
     assert solved.converged and solved.seconds > 0
     reference = Reference(patient, solved.displacement)
     target = patient.moved_skin(solved.displacement), patient.skin_faces
-    row = judge(as_in_the_study("x", 0), "tiny", patient, solved, target, reference, fem, 500, 1)
+    judged = choose(patient, plan, *target, 500, 1)
+    row = judge(as_in_the_study("x", 0), "tiny", patient, solved, target, judged, reference, fem)
     assert row["face_error"] == 0 and row["volume_error"] < 1e-9 and row["cd"] < 1e-9
     assert row["eqres_rel"] < fem.tolerance and row["recipe"] == ""
     off = patient.moved_skin(solved.displacement) + [0.3, 0, 0.4]

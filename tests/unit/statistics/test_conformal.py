@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pinnochio.columns import check, read_table
 from pinnochio.errors import InputError
 from pinnochio.figures.interval import interval_picture, scale
+from pinnochio.metrics.judged import Judged
 from pinnochio.model.regions import NAMES
 from pinnochio.statistics import intervals as intervals
 from pinnochio.statistics.conformal import FACE, HeldOut, coverage, half_width, half_widths, held_out
@@ -153,19 +154,18 @@ def test_the_table_and_its_twins_show_the_same_numbers(tmp_path):
 
 
 def test_errors_are_distances_to_triangles_of_the_scan():
-    """A flat scan 2 mm above the block's flat skin, smaller than it: beyond its border nothing is known."""
+    """A flat scan 2 mm above the block's flat skin, which is lifted by half a millimetre at places of either region."""
     patient = flat()
     skin = np.unique(patient.skin_faces)
-    region = np.full(len(patient.points), -1, np.int8)
-    region[skin[patient.points[skin, 0] > 18]] = 0
-    end, high = patient.points[skin, 0].max() - 7, patient.points[skin, 2].max() + 2
-    scan = np.array([[-50, -150, high], [end, -150, high], [end, 0, high], [-50, 0, high]])
+    high = patient.points[skin, 2].max() + 2
+    scan = np.array([[-50, -150, high], [90, -150, high], [90, 0, high], [-50, 0, high]])
     lifted = np.zeros_like(patient.points)
     lifted[:, 2] = 0.5
-    judged = held_out("P", "1", patient, region, lifted, scan, np.array([[0, 1, 2], [0, 2, 3]]))
-    expected = (region == 0) & (patient.points[:, 0] < end)
-    assert 0 < expected.sum() < (region == 0).sum()
-    assert len(judged.error) == expected.sum() == len(judged.region) and np.allclose(judged.error, 1.5)
+    places = patient.points[skin] * [0.9, 1, 1] + [2, 0, 0]
+    judged = Judged(places, np.zeros(len(places), np.int8), places, np.where(places[:, 0] > 18, 0, -1))
+    found = held_out("P", "1", patient, judged, lifted, scan, np.array([[0, 1, 2], [0, 2, 3]]))
+    assert 0 < (places[:, 0] > 18).sum() < len(places)
+    assert len(found.error) == (places[:, 0] > 18).sum() == len(found.region) and np.allclose(found.error, 1.5)
 
 
 def flat():

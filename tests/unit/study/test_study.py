@@ -30,10 +30,18 @@ def job(**wildcards) -> SimpleNamespace:
 
 def test_learned_methods_need_a_scanned_patient_per_fold():
     learned = [name for name in DEFAULTS["methods"] if study().registry[name].trains != "no"]
-    assert study(5).left_out == [] and study(4).left_out == study(0).left_out == learned != []
+    assert study(5).untrained == [] and study(4).untrained == study(0).untrained == learned != []
     assert study(0, 5, methods=["no_change", "fem_sliding"]).left_out == []
     with pytest.raises(InputError, match="none of 'methods' is left"):
         _ = study(0, 5, methods=["pinnochio"]).left_out
+
+
+def test_bounds_need_the_virtual_truth():
+    clinic, virtual = study(), study(cohort="virtual")
+    assert clinic.left_out == clinic.unbounded == ["floor_scan", "oracle"] and virtual.left_out == []
+    assert clinic.bounds == [] and virtual.bounds == ["floor_scan", "oracle"] and clinic.compared == virtual.compared
+    with pytest.raises(InputError, match="none of 'methods' is left"):
+        _ = study(methods=["floor_scan"]).left_out
 
 
 def test_a_fold_trains_on_no_patient_that_it_holds_out():

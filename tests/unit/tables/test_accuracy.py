@@ -14,6 +14,7 @@ from pinnochio.errors import InputError
 from pinnochio.metrics.columns import CASES
 from pinnochio.statistics.significance import bootstrap_interval, compare, holm, wilcoxon
 from pinnochio.tables.accuracy import table
+from pinnochio.tables.cases import same_samples
 from pinnochio.tables.comparison import COMPARISON, summarise
 from tests.helpers.rows import row
 from tests.helpers.tables import make, write
@@ -233,3 +234,45 @@ def test_below_six_patients_there_is_no_star(cases, tmp_path):
     text = (tmp_path / "accuracy.md").read_text()
     assert "n = 5 < 6: not tested" in text and "\\*" not in text.split("\n\n")[0]
     assert "virtual cohort" in text
+
+
+@pytest.fixture
+def bounded(cases):
+    """Fixed distances to the floor: the reference half way from finite elements to it, one method worse than these."""
+    base = np.linspace(1, 2, 8)
+    rows = [row(f"V{i}", "fem_sliding", c + 0.4) for i, c in enumerate(base)]
+    rows += [row(f"V{i}", "floor_scan", c - 0.4, seconds=np.nan, setup_seconds=np.nan) for i, c in enumerate(base)]
+    return pd.concat([cases, pd.DataFrame(rows)])
+
+
+def test_the_explained_share_is_nothing_of_finite_elements_and_all_of_the_floor(bounded, tmp_path):
+    methods = ["fem_sliding", "pinnochio", "worse"]
+    frame = summarise(bounded, "pinnochio", methods, 1, ["floor_scan"])
+    by_method = frame.set_index("method")
+    assert list(by_method.index) == [*methods, "floor_scan"] and by_method["bound"].tolist() == [False] * 3 + [True]
+    assert by_method["explained"].to_dict() == pytest.approx(
+        {"fem_sliding": 0, "pinnochio": 0.5, "worse": (0.4 - 0.45) / 0.8, "floor_scan": 1}
+    )
+    assert by_method.loc["pinnochio", ["explained_low", "explained_high"]].tolist() == pytest.approx([0.5, 0.5])
+    floor = by_method.loc["floor_scan"]
+    assert floor["test"] == "bound: not tested" and np.isnan(floor["p_holm"]) and floor["cd_mean"] == pytest.approx(1.1)
+    without = summarise(bounded, "pinnochio", methods, 1).set_index("method")
+    assert without["p_holm"].to_dict() == pytest.approx(by_method["p_holm"][:3].to_dict(), nan_ok=True)
+    write(table(frame, "virtual cohort"), tmp_path / "accuracy.csv")
+    above, below = (tmp_path / "accuracy.md").read_text().split("Bounds")
+    assert "floor_scan" not in above.split("\n\n")[0] and "| floor_scan" in below and "**" not in below.split("\n\n")[1]
+    assert "Explained" in above and "0.500 [0.500, 0.500]" in above
+
+
+def test_without_a_floor_nothing_is_explained(cases, tmp_path):
+    summary = summarise(cases)
+    assert summary[["explained", "explained_low", "explained_high"]].isna().all(None)
+    write(table(summary, "some clinic"), tmp_path / "accuracy.csv")
+    assert "| Explained" not in (tmp_path / "accuracy.md").read_text()
+
+
+def test_rows_that_were_judged_by_different_samples_are_refused(cases):
+    same_samples(cases.assign(target_samples=100.0, skin_samples=90.0))
+    numbers = np.where(cases["method"] == "worse", 99.0, 100.0)
+    with pytest.raises(InputError, match="'V0'.*different target_samples"):
+        same_samples(cases.assign(target_samples=numbers, skin_samples=90.0))

@@ -19,6 +19,7 @@ from pinnochio.mechanics.solver import solve
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.methods.pinnochio.predictor import Predictor
 from pinnochio.methods.protocol import Planned
+from pinnochio.metrics.judged import Judged
 from pinnochio.metrics.surface import surface_metrics
 from pinnochio.metrics.validity import equilibrium_of, volume_metrics
 from pinnochio.metrics.volume import truth_errors
@@ -60,14 +61,14 @@ def judge(
     patient: PatientModel,
     prediction: Prediction,
     target: tuple[np.ndarray, np.ndarray],
+    judged: Judged,
     reference: Reference,
     fem: FemSettings,
-    samples: int,
-    seed: int,
 ) -> dict:
     """One row of :data:`~pinnochio.tables.tradeoff_cases.TRADEOFF_CASES`; a field that is not finite has no metrics.
 
-    target: points and faces of the registered post-operative skin; fem: of the study, whose residual is reported.
+    target: points and faces of the registered post-operative skin; judged: where; fem: of the study, whose residual is
+    reported.
     """
     row = {"case": case, "method": setting.method, "parameter": setting.parameter, "value": setting.value}
     row |= {"recipe": setting.recipe, "nodes": len(patient.points), "converged": prediction.converged}
@@ -77,7 +78,8 @@ def judge(
     row |= dict.fromkeys(("volume_error", "eqres_rel", "min_jacobian", "inverted"), np.nan)
     if not np.isfinite(moved).all():
         return row | {"converged": False}
-    row["cd"] = surface_metrics(moved, patient.skin_faces, patient.face_roi, *target, samples, seed, case)["cd"]
+    skin = judged.carried(patient, moved)
+    row["cd"] = surface_metrics(moved, patient.skin_faces, skin, *target, judged.target)["cd"]
     errors = reference.face_errors(patient, moved)
     row |= {"face_error": errors.mean(), "face_error_max": errors.max()}
     if u is not None:

@@ -17,6 +17,10 @@ class Closest:
     face: np.ndarray
     border: np.ndarray
 
+    def weights(self, points, faces) -> np.ndarray:
+        """Barycentric coordinates (k, 3) of the closest points in their faces, of the same surface."""
+        return barycentric(self.points, np.asarray(points, float)[np.asarray(faces)[self.face]])
+
 
 def closest_points(queries, points, faces) -> Closest:
     """Exact closest point of each query (k, 3) on the triangles points (p, 3), faces (f, 3)."""

@@ -15,12 +15,13 @@ from pinnochio.plans.plan import Plan
 
 @dataclass(frozen=True)
 class Planned:
-    """A patient under a plan; lift: of a method whose network wants one."""
+    """A patient under a plan; lift: of a method whose network wants one; truth: file of the virtual one, of a bound."""
 
     case: str
     patient: PatientModel
     plan: Plan
     lift: Lift | None = None
+    truth: str | None = None
 
 
 class Predictor(Protocol):

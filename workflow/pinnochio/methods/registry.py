@@ -19,8 +19,9 @@ class Method:
     module: of the library, with the method's Predictor. learner: the one with its `fit` (trains at once) or its Learner
     (by steps). sections: of the configuration that it reads; options: further values, fixed. mesh: "study", or "lips"
     for the mesh that resolves the lips. trains: "no", "at once" or "by steps". new_patients: whether it predicts
-    patients of no study. varied: what the trade-off changes of it. reduced: whether a reduced model serves it.
-    settings: values of the sections and options, by section, once the configuration is known.
+    patients of no study. varied: what the trade-off changes of it. reduced: whether a reduced model serves it. truth:
+    what a bound reads of the virtual truth, "motion" or "field"; empty for every method proper. settings: values of the
+    sections and options, by section, once the configuration is known.
     """
 
     name: str
@@ -34,7 +35,13 @@ class Method:
     new_patients: bool = False
     varied: tuple[str, ...] = ()
     reduced: bool = False
+    truth: str = ""
     settings: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def bound(self) -> bool:
+        """Whether it says how near a method can come, and is none itself: it knows what happened."""
+        return bool(self.truth)
 
     @property
     def lift(self) -> str:
@@ -62,6 +69,8 @@ BUILT_IN = (
     _finite_elements("fem_rlse_bonded", "bonded", mesh="lips"),
     _finite_elements("fem_rlse_mucosa", "mucosa", mesh="lips"),
     _finite_elements("fem_rlse", "mucosa+lip", mesh="lips"),
+    _finite_elements("oracle", "mucosa", truth="motion"),
+    Method("floor_scan", "scan", "pinnochio.methods.floor_scan", truth="field"),
 )
 # Those that the configuration names: in `variants` and `design.switches`, in `surface.networks`, in `external`.
 GRAPH_NETWORK = Method(

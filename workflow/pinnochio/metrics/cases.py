@@ -5,12 +5,14 @@ import logging
 import numpy as np
 
 from pinnochio.errors import InputError
+from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.mechanics.elements import node_volumes
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.columns import CASES
+from pinnochio.metrics.judged import Judged
 from pinnochio.metrics.regions import landmark_errors, region_errors
-from pinnochio.metrics.surface import surface_metrics, target_samples
+from pinnochio.metrics.surface import surface_metrics
 from pinnochio.metrics.validity import boundary_metrics, equilibrium_of, volume_metrics
 from pinnochio.metrics.volume import mean_and_p95, truth_errors
 from pinnochio.model.patient import FREE, NO_INTERFACE, PatientModel
@@ -28,17 +30,17 @@ def evaluate_case(
     prediction: Prediction,
     *,
     fem: FemSettings,
-    samples: int,
     seed: int,
     target: tuple[np.ndarray, np.ndarray] | None = None,
+    judged: Judged | None = None,
     truth: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     labels: dict | None = None,
 ) -> dict:
     """One row of cases.csv.
 
-    target: points and faces of the registered post-operative skin; truth: points, cells, displacement; either may be
-    absent, and its columns are then empty. labels: what the caller knows (fold, method, code, registration_residual).
-    fem: material and elements of the residual.
+    target: points and faces of the registered post-operative skin, and judged: where it is judged; truth: points,
+    cells, displacement; either may be absent, and its columns are then empty. labels: what the caller knows (fold,
+    method, code, registration_residual). fem: material and elements of the residual.
     A prediction of the skin alone has none of the columns of the volume. One that is not finite gives a row without
     metrics, marked as not converged. Regions and landmarks stay empty where the face cannot be read.
     """
@@ -57,32 +59,17 @@ def evaluate_case(
         contact = (patient.node_type != FREE) & (patient.interface_kind != NO_INTERFACE)
         row["interface_error"] = np.linalg.norm(u - prediction.boundary, axis=1)[contact].mean()
     if target is not None:
-        sampled = target_samples(moved, patient.skin_faces, patient.face_roi, *target, samples, seed)
-        row |= surface_metrics(
-            moved,
-            patient.skin_faces,
-            patient.face_roi,
-            *target,
-            samples=samples,
-            seed=seed,
-            case=plan.case,
-            sampled=sampled,
-        )
-        row |= _where_readable(plan.case, region_errors, patient, moved, sampled)
+        row |= {"target_samples": len(judged.target), "skin_samples": len(judged.skin)}
+        row |= surface_metrics(moved, patient.skin_faces, judged.carried(patient, moved), *target, judged.target)
+        row |= region_errors(judged.target_region, -signed_distances(judged.target, moved, patient.skin_faces))
     if truth is not None:
         if u is not None:
             errors = truth_errors(patient.points, u, *truth)
             row |= mean_and_p95("volume_error", errors, node_volumes(patient.points, patient.cells))
         errors = truth_errors(patient.skin_points, moved - patient.skin_points, *truth)
         row |= mean_and_p95("skin_error", errors, vertex_areas(patient.skin_points, patient.skin_faces))
-        row |= _where_readable(plan.case, landmark_errors, patient, errors)
+        try:
+            row |= landmark_errors(patient, errors)
+        except InputError as error:
+            logging.info("%s: no landmarks (%s)", plan.case, error)
     return row
-
-
-def _where_readable(case: str, measure, *arguments) -> dict[str, float]:
-    """What measure(*arguments) gives; nothing, and a line in the log, where the patient's face cannot be read."""
-    try:
-        return measure(*arguments)
-    except InputError as error:
-        logging.info("%s: no %s (%s)", case, measure.__name__.replace("_", " "), error)
-        return {}

@@ -3,11 +3,9 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pinnochio.geometry.closest_points import signed_distances
-from pinnochio.metrics.surface import Sampled
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.regions import NAMES, regions
+from pinnochio.model.regions import NAMES
 
 REGIONS = tuple(name for name in NAMES if name != "other")
 MIDLINE = (
@@ -22,20 +20,12 @@ MIDLINE = (
 LANDMARKS = (*MIDLINE, "cheilion_right", "cheilion_left")
 
 
-def region_errors(patient: PatientModel, moved, sampled: Sampled) -> dict[str, float]:
+def region_errors(region, outside) -> dict[str, float]:
     """Mean unsigned (region_*) and signed (bias_*) distance in mm of every region of REGIONS; NaN where it has none.
 
-    moved (s, 3) mm: the predicted skin; sampled: the samples of the target that the accuracy takes. Each belongs to the
-    region of the skin point nearest to its closest point on the prediction. Signed: positive where the prediction lies
-    outside the target. Raises InputError where the face cannot be read.
+    region (k,): of each judged sample of the target, an index into NAMES; outside (k,) mm: its signed distance,
+    positive where the prediction lies outside the target.
     """
-    codes, faces = regions(patient), patient.skin_faces
-    closest, kept = sampled.closest, sampled.judged
-    queries, near = sampled.queries[kept], closest.points[kept]
-    corners = faces[closest.face[kept]]
-    nearest = np.linalg.norm(moved[corners] - near[:, None], axis=2).argmin(axis=1)
-    region = codes[corners[np.arange(len(corners)), nearest]]
-    outside = -signed_distances(queries, moved, faces)
     errors = {}
     for name in REGIONS:
         own = outside[region == NAMES.index(name)]

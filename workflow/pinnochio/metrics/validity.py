@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.mechanics.assembly import diagonal_blocks
 from pinnochio.mechanics.elements import Elements, jacobians, shape_gradients
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.sliding import SlidingContact, boundary_conditions
 from pinnochio.model.labels import TISSUES
-from pinnochio.model.patient import FREE, MOVING, SLIDING, PatientModel
+from pinnochio.model.patient import FREE, MOVING, PatientModel
 from pinnochio.plans.plan import Plan
 
 
@@ -59,19 +59,14 @@ def equilibrium_metrics(force, stiffness, node_type) -> dict[str, float]:
 def boundary_metrics(patient: PatientModel, plan: Plan, displacement) -> dict[str, float]:
     """Mean error in mm of the moving nodes against the rigid plan, of the sliding nodes against the moved bone.
 
-    A sliding node should keep its signed distance to the surface of its segment; the error is the change of that
-    distance, gap and penetration alike. NaN where the patient has no such node.
+    A sliding node should keep its signed distance to the bone that faces it, by the very surface that the solver
+    slides it on (:class:`pinnochio.mechanics.sliding.SlidingContact`); the error is the change of that distance, gap
+    and penetration alike. NaN where the patient has no such node.
     """
     cue, _ = patient.reference_cue(plan)
     moving = patient.node_type == MOVING
-    slid, moved_bone = [], patient.bone_points + patient.bone_displacement(plan)
-    for index in range(len(patient.segments)):
-        nodes = (patient.node_type == SLIDING) & (patient.node_segment == index)
-        faces = patient.bone_faces[patient.bone_segment[patient.bone_faces[:, 0]] == index]
-        if nodes.any() and len(faces):
-            rest = signed_distances(patient.points[nodes], patient.bone_points, faces)
-            slid.append(signed_distances((patient.points + displacement)[nodes], moved_bone, faces) - rest)
+    slid = SlidingContact(patient.points, boundary_conditions(patient, plan, "mucosa").sliding).violation(displacement)
     return {
         "moving_error": float(np.linalg.norm(displacement - cue, axis=1)[moving].mean()) if moving.any() else np.nan,
-        "sliding_error": float(np.abs(np.concatenate(slid)).mean()) if slid else np.nan,
+        "sliding_error": float(np.abs(slid).mean()) if len(slid) else np.nan,
     }

@@ -22,6 +22,7 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.geometry.closest_points import closest_points
+from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
 from pinnochio.seeds import derive_seed
@@ -44,15 +45,14 @@ class HeldOut:
         return self.error[self.region == region]
 
 
-def held_out(case: str, fold: str, patient: PatientModel, region, displacement, points, faces) -> HeldOut:
+def held_out(case: str, fold: str, patient: PatientModel, judged: Judged, displacement, points, faces) -> HeldOut:
     """Errors of a predicted displacement (n, 3) mm against the registered post-operative skin points, faces.
 
-    region (s,): of each skin point, negative where none is judged. As in the accuracy, a point is left out whose
-    closest point lies on an open border of the scan: there the scan has simply ended.
+    judged: the samples of the skin, which are those of the accuracy.
     """
-    judged = region >= 0
-    closest = closest_points(patient.moved_skin(displacement)[judged], points, faces)
-    return HeldOut(case, fold, closest.distance[~closest.border], region[judged][~closest.border])
+    moved = judged.carried(patient, patient.moved_skin(displacement))
+    known = judged.skin_region >= 0
+    return HeldOut(case, fold, closest_points(moved[known], points, faces).distance, judged.skin_region[known])
 
 
 def half_width(errors: Sequence[np.ndarray], level: float) -> float:

@@ -42,6 +42,8 @@ def check_config(config: Mapping) -> None:
             f"reference {config['reference']!r} is not among 'methods' and 'external'",
             "add it, or choose another reference",
         )
+    if config["reference"] in [method.name for method in BUILT_IN if method.bound]:
+        refuse(f"reference {config['reference']!r} is a bound, which knows what happened", "choose a method")
     named = {
         "ablation": config["ablation"],
         "design.base": [config["design"]["base"]],

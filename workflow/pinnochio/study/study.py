@@ -75,8 +75,10 @@ class Study:
         """The file of the motion that the method's prediction of the study's patient takes, and training with it.
 
         The achieved motion where it is known and the configuration does not ask for the plan; in the batches `planned`
-        the plan.
+        the plan; the true one for a bound that reads it.
         """
+        if method in self.bounds and self.registry[method].truth == "motion":
+            return f"<results>/virtual/{case}/executed.json"
         achieved = self.config["motion"] == "achieved" and case in self.registered and not batch.startswith("planned")
         return f"<results>/cases/{case}/{'achieved' if achieved else 'plan'}.json"
 
@@ -89,7 +91,7 @@ class Study:
     def planned(self) -> list[str]:
         """Methods that are also predicted from the plan; those made elsewhere predict once."""
         without = self.config["planned"]["without"]
-        names = [name for name in self.methods if self.registry[name].module and name not in without]
+        names = [name for name in self.compared if self.registry[name].module and name not in without]
         return names if self.both_motions else []
 
     def fold_of(self, case: str) -> str:
@@ -109,26 +111,45 @@ class Study:
         """Every method that the configuration knows."""
         return registry(self.config)
 
+    @property
+    def untrained(self) -> list[str]:
+        """Named methods that train, where fewer patients have a scan than there are folds to train in turn."""
+        few = len(self.scanned) < self.config["folds"]
+        return [name for name in self.config["methods"] if few and self.registry[name].trains != "no"]
+
+    @property
+    def unbounded(self) -> list[str]:
+        """Named bounds, where the truth is not known."""
+        return [name for name in self.config["methods"] if not self.virtual and self.registry[name].bound]
+
     @cached_property
     def left_out(self) -> list[str]:
-        """Methods that train, where fewer patients have a scan than there are folds to train in turn."""
-        named = self.config["methods"]
-        few = len(self.scanned) < self.config["folds"]
-        names = [name for name in named if self.registry[name].trains != "no"] if few else []
-        if len(names) == len(named) and not self.config["external"]:
+        """Named methods that this cohort cannot have; InputError where none would be left."""
+        names = [*self.untrained, *self.unbounded]
+        if len(names) == len(self.config["methods"]) and not self.config["external"]:
             raise InputError(
                 "-",
                 "configuration",
                 f"none of 'methods' is left: {len(self.scanned)} scanned patients do not fill {self.config['folds']} "
-                "folds to train on",
+                "folds to train on, and bounds need the virtual truth",
                 "add a method that needs no training, or lower 'folds'",
             )
         return names
 
     @cached_property
     def methods(self) -> list[str]:
-        """Methods that predict the cohort, in the order of the configuration."""
+        """What predicts the cohort, bounds among it, in the order of the configuration."""
         return [name for name in [*self.config["methods"], *self.config["external"]] if name not in self.left_out]
+
+    @cached_property
+    def bounds(self) -> list[str]:
+        """The bounds among them, which no method is tested against."""
+        return [name for name in self.methods if self.registry[name].bound]
+
+    @cached_property
+    def compared(self) -> list[str]:
+        """The methods proper among them."""
+        return [name for name in self.methods if name not in self.bounds]
 
     def of_family(self, *families: str) -> list[str]:
         """Known methods of the families."""
@@ -256,7 +277,7 @@ class Study:
     def as_they_are(self) -> list[str]:
         """Methods that the trade-off takes as the study predicts by them, for it changes nothing of them."""
         varied = [name for name, method in self.registry.items() if method.varied and method.trains == "no"]
-        return [name for name in self.methods if name not in (*varied, *self.traded_networks)]
+        return [name for name in self.compared if name not in (*varied, *self.traded_networks)]
 
     @cached_property
     def sizes(self) -> list[int]:
@@ -585,7 +606,10 @@ class Study:
         return f"<results>/folds/{wildcards.fold}/{wildcards.method}/pretrained.pt" if own else []
 
     def predicted(self, wildcards) -> SimpleNamespace:
-        """What a batch holds: cases with their files, the trained file, and the method's settings."""
+        """What a batch holds: cases with their files, the trained file, and the method's settings.
+
+        truths are the files of the virtual truth: of a bound that is it, of nothing else.
+        """
         method = self.registry[wildcards.method]
         if wildcards.batch.startswith("patients/"):
             _, name, plan = wildcards.batch.split("/")
@@ -595,6 +619,7 @@ class Study:
                 cases=[name],
                 models=[f"{folder}/model.h5"],
                 plans=[f"{folder}/{plan}/plan.json"],
+                truths=[],
                 lifts=[],
                 trained=[],
                 settings=_predicting(own.settings),
@@ -606,6 +631,7 @@ class Study:
             cases=cases,
             models=[self.model_of(case, wildcards.method, wildcards.batch) for case in cases],
             plans=[self.motion_of(case, wildcards.method, wildcards.batch) for case in cases],
+            truths=filled("<results>/virtual/{case}/truth.h5", cases) if method.truth == "field" else [],
             lifts=self._lifts(wildcards.method, cases),
             trained=f"<results>/folds/{fold}/{wildcards.method}/{name}" if name else [],
             settings=_predicting(method.settings),

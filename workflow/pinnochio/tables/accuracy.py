@@ -2,32 +2,51 @@
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pandas as pd
 
 from pinnochio.columns import read_table
 from pinnochio.metrics.columns import CASES, scanned
-from pinnochio.tables.comparison import COMPARISON, count, significance, spread, starred, summarise
+from pinnochio.tables.comparison import (
+    BASELINE,
+    BOUNDS,
+    COMPARISON,
+    FLOOR,
+    count,
+    share,
+    significance,
+    spread,
+    starred,
+    summarise,
+)
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.tables.published import ordering, published_block
 
 
 def tabulate(
-    cases: str | os.PathLike, methods: Sequence[str], reference: str | None, published: bool, cohort: str, seed: int
+    cases: str | os.PathLike,
+    methods: Sequence[str],
+    bounds: Sequence[str],
+    reference: str | None,
+    published: bool,
+    cohort: str,
+    seed: int,
 ) -> Table:
-    """The patients of cases.csv that have a post-operative scan, method by method.
+    """The patients of cases.csv that have a post-operative scan, method by method and bound by bound.
 
     published: whether the paper's own values, and how the orderings agree, stand below in the twins.
     """
     rows = scanned(read_table(cases, CASES))
-    frame = summarise(rows, reference, methods, seed)
+    frame = summarise(rows, reference, methods, seed, bounds)
     if not published:
         return table(frame, cohort)
     return table(frame, cohort, [published_block()], ordering(rows, frame, cohort, seed))
 
 
 def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = (), paragraphs: Sequence[str] = ()) -> Table:
-    """The table in the form of the paper's Table 1; bold: best; *: Holm p < 0.05; further blocks stand below it."""
+    """The table in the form of the paper's Table 1; bold: best; *: Holm p < 0.05; then bounds and further blocks."""
+    own, bounds = frame[~frame["bound"]], frame[frame["bound"]]
     view = [
         *views(COMPARISON, {"method": "Method"}),
         View("CD mm", starred(spread("cd")), -1),
@@ -35,12 +54,18 @@ def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = (), parag
         View("PWR@1 %", spread("pwr1"), 1),
         View("PWR@2 %", spread("pwr2"), 1),
         *views(COMPARISON, {"seconds_mean": "Seconds"}, {"seconds_mean": -1}),
+        *([View("Explained", share)] if frame["explained"].notna().any() else []),
         View("p vs reference", significance),
     ]
     reference = ", ".join(frame.loc[frame["reference"], "method"])
     caption = (
-        f"Accuracy on the {cohort}, {count(frame['n'])} patients: mean ± standard deviation. Bold: best mean. p: "
+        f"Accuracy on the {cohort}, {count(own['n'])} patients: mean ± standard deviation. Bold: best mean. p: "
         f"two-sided Wilcoxon signed-rank test of CD against {reference or 'the reference'}, Holm-corrected; * p < "
-        "0.05. Seconds: one plan, warm, with other jobs beside it."
+        f"0.05. Seconds: one plan, warm, with other jobs beside it. Explained: what CD is below that of {BASELINE}, as "
+        f"a share of what that is above {FLOOR}, with its bootstrap 95% interval over patients; without these two "
+        "there is none."
     )
-    return Table(frame, COMPARISON, [Block.of(frame, view, caption), *further], paragraphs)
+    blocks = [Block.of(own, view, caption)]
+    if len(bounds):
+        blocks.append(Block.of(bounds, [replace(column, sign=0) for column in view], BOUNDS, "Bounds"))
+    return Table(frame, COMPARISON, [*blocks, *further], paragraphs)

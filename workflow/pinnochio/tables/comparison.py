@@ -9,8 +9,16 @@ from pinnochio.columns import Column, check, number
 from pinnochio.errors import InputError
 from pinnochio.metrics.columns import BY_NAME, CASES
 from pinnochio.seeds import derive_seed
+from pinnochio.statistics.shares import explained
 from pinnochio.statistics.significance import Comparison, compare, holm
 
+# Explained is what a method does better than the one, of what the other leaves to be done.
+BASELINE, FLOOR = "fem_sliding", "floor_scan"
+BOUNDS = (
+    "What no method can know, measured as the methods are and never tested. floor_scan: the true skin against its own "
+    "registered scan, so noise and registration alone. oracle: the mechanics of fem_sliding with the motion that was "
+    "carried out. Against the virtual truth itself floor_scan is zero."
+)
 # What is averaged over patients: column of cases -> also its standard deviation.
 SUMMARISED = {
     "cd": True,
@@ -41,10 +49,16 @@ def _summaries() -> list[Column]:
 COMPARISON = (
     Column("method", str, "", "method"),
     Column("reference", bool, "", "whether the others are tested against this method"),
+    Column("bound", bool, "", "whether it knows the truth and bounds the methods; never tested"),
     Column("n", int, "", "patients with a metric"),
     Column("failed", int, "", "patients without one, or whose solver did not converge"),
     *_summaries(),
     number("inverted", "", "inverted elements over all patients", ".0f"),
+    number(
+        "explained", "", f"(cd of {BASELINE} - cd) / (cd of {BASELINE} - cd of {FLOOR}), of means over patients", ".3f"
+    ),
+    number("explained_low", "", "lower end of its bootstrap 95% interval", ".3f"),
+    number("explained_high", "", "upper end of it", ".3f"),
     number("pairs", "", "patients that the test compares", ".0f"),
     number("cd_median_difference", "mm", "median of cd minus the reference's"),
     number("cd_mean_difference", "mm", "mean of cd minus the reference's"),
@@ -58,43 +72,60 @@ _COMPARISON = {column.name: column for column in COMPARISON}
 
 
 def summarise(
-    cases: pd.DataFrame, reference: str | None = "pinnochio", methods: Sequence[str] | None = None, seed: int = 0
+    cases: pd.DataFrame,
+    reference: str | None = "pinnochio",
+    methods: Sequence[str] | None = None,
+    seed: int = 0,
+    bounds: Sequence[str] = (),
 ) -> pd.DataFrame:
-    """One row per method (in the order of `methods`, else by name): the COMPARISON columns, tested on cd.
+    """One row per method (in the order of `methods`, else by name), then per bound: the COMPARISON columns, tested on
+    cd.
 
     A patient without cd (failed prediction) counts as failed and is left out of that method's means; the
-    test takes the patients that both methods have. Without a reference nothing is tested.
+    test takes the patients that both methods have, the explained share those that BASELINE and FLOOR have too. Without
+    a reference nothing is tested, without these two nothing explained.
     """
     cases = check(cases, CASES)
     if cases.duplicated(["case", "method"]).any():
         raise InputError("-", "cases", "a case appears twice for one method", "keep one row per case and method")
-    methods = list(methods) if methods is not None else sorted(cases["method"].unique())
-    if unknown := [method for method in [*methods, reference] if method and method not in set(cases["method"])]:
+    methods = list(methods) if methods is not None else sorted(set(cases["method"]) - set(bounds))
+    if unknown := [
+        method for method in [*methods, *bounds, reference] if method and method not in set(cases["method"])
+    ]:
         raise InputError("-", "cases", f"method {unknown[0]!r} has no row", "predict and evaluate it first")
-    rows = []
-    for method in methods:
+    rows, errors = [], cases.pivot(index="case", columns="method", values="cd")
+    for method in [*methods, *bounds]:
         own = cases[cases["method"] == method]
-        row = {"method": method, "reference": method == reference, "n": int(own["cd"].notna().sum())}
+        row = {"method": method, "reference": method == reference, "bound": method in bounds}
+        row["n"] = int(own["cd"].notna().sum())
         row["failed"] = int((own["cd"].isna() | ~own["converged"]).sum())
         for name, spread in SUMMARISED.items():
             row[f"{name}_mean"] = own[name].mean()
             if spread:
                 row[f"{name}_sd"] = own[name].std()
         row["inverted"] = own["inverted"].sum()
-        test = paired(cases, "cd", method, reference, derive_seed(seed, "bootstrap", method))
+        if {BASELINE, FLOOR} <= set(errors):
+            common = errors[list(dict.fromkeys([method, BASELINE, FLOOR]))].dropna()
+            share = explained(common[method], common[BASELINE], common[FLOOR], derive_seed(seed, "explained", method))
+            row |= {"explained": share.share, "explained_low": share.low, "explained_high": share.high}
+        test = paired(cases, "cd", method, reference, derive_seed(seed, "bootstrap", method), bounds)
         row |= {"pairs": test.n, "cd_median_difference": test.median, "cd_mean_difference": test.mean}
         row |= {"cd_low": test.low, "cd_high": test.high, "p": test.p, "test": test.statement}
         rows.append(row)
-    frame = pd.DataFrame(rows)
+    frame = pd.DataFrame(rows).reindex(columns=[column.name for column in COMPARISON])
     frame["p_holm"] = holm(frame["p"])
     return check(frame, COMPARISON)
 
 
-def paired(cases: pd.DataFrame, measure: str, method: str, reference: str | None, seed: int) -> Comparison:
+def paired(
+    cases: pd.DataFrame, measure: str, method: str, reference: str | None, seed: int, bounds: Sequence[str] = ()
+) -> Comparison:
     """A method against the reference by one column of CASES, over the patients that both have.
 
-    Of the reference itself, or without one, nothing but a statement.
+    Of the reference itself, of a bound, or without a reference, nothing but a statement.
     """
+    if method in bounds:
+        return Comparison.none("bound: not tested")
     if method == reference or reference is None:
         return Comparison.none("reference" if reference else "no reference: not tested")
     errors = cases.pivot(index="case", columns="method", values=measure)[[method, reference]].dropna()
@@ -119,6 +150,12 @@ def spread(name: str, columns: Mapping[str, Column] = _COMPARISON) -> Callable:
 def starred(text: Callable) -> Callable:
     """The text of a row with a star where Holm's p is below 0.05."""
     return lambda row: text(row) + ("*" if row["p_holm"] < 0.05 else "")
+
+
+def share(row) -> str:
+    """Text of a row of COMPARISON: the explained share with its interval; empty where there is none."""
+    middle, low, high = (_COMPARISON[f"explained{end}"].text(row[f"explained{end}"]) for end in ("", "_low", "_high"))
+    return f"{middle} [{low}, {high}]" if low else middle
 
 
 def significance(row) -> str:

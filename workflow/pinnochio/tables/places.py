@@ -10,7 +10,7 @@ from pinnochio.columns import Column, check, number, words
 from pinnochio.metrics.columns import CASES
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.significance import holm
-from pinnochio.tables.comparison import count, paired, starred
+from pinnochio.tables.comparison import BOUNDS, count, paired, starred
 from pinnochio.tables.document import Block, Table, View, views
 
 
@@ -22,6 +22,7 @@ PLACES = (
     Column("method", str, "", "method"),
     Column("place", str, "", "region, landmark, or what of the whole field"),
     Column("reference", bool, "", "whether the others are tested against this method"),
+    Column("bound", bool, "", "whether it knows the truth and bounds the methods; never tested"),
     Column("n", int, "", "patients with an error there"),
     _number("mean", "mean error over the patients"),
     _number("sd", "standard deviation of it"),
@@ -56,25 +57,31 @@ class Group:
 
 
 def summarise(
-    cases: pd.DataFrame, places: Sequence[Place], reference: str | None, methods: Sequence[str], seed: int = 0
+    cases: pd.DataFrame,
+    places: Sequence[Place],
+    reference: str | None,
+    methods: Sequence[str],
+    seed: int = 0,
+    bounds: Sequence[str] = (),
 ) -> pd.DataFrame:
-    """One row of PLACES per method and place, each tested against the reference over the patients of both.
+    """One row of PLACES per method, then bound, and place, each method tested against the reference over the patients
+    of both.
 
     Without a reference nothing is tested.
     """
     cases = check(cases, CASES)
     rows = []
-    for method in methods:
+    for method in [*methods, *bounds]:
         own = cases[cases["method"] == method]
         for place in places:
-            test = paired(
-                cases, place.error, method, reference, derive_seed(seed, "bootstrap", f"{place.error}/{method}")
-            )
+            drawn = derive_seed(seed, "bootstrap", f"{place.error}/{method}")
+            test = paired(cases, place.error, method, reference, drawn, bounds)
             rows.append(
                 {
                     "method": method,
                     "place": place.name,
                     "reference": method == reference,
+                    "bound": method in bounds,
                     "n": int(own[place.error].notna().sum()),
                     "mean": own[place.error].mean(),
                     "sd": own[place.error].std(),
@@ -93,27 +100,34 @@ def summarise(
 
 
 def table(frame: pd.DataFrame, groups: Sequence[Group], cohort: str) -> Table:
-    """The table of rows of PLACES, in the twins one row per method and one column per place; signed errors below."""
+    """The table of rows of PLACES, in the twins one row per method and one column per place; bounds below the
+    methods, and signed errors below all."""
     reference = ", ".join(frame.loc[frame["reference"], "method"].unique()) or "the reference"
     n = count(frame.loc[frame["n"] > 0, "n"]) if frame["n"].any() else "n = 0"
     cells = frame.set_index(["place", "method"])
-    by_method = pd.DataFrame({"method": frame["method"].unique()})
+    every, bounds = (pd.DataFrame({"method": own["method"].unique()}) for own in (frame, frame[frame["bound"]]))
+    methods = every[~every["method"].isin(bounds["method"])]
 
-    def block(places: Sequence[Place], text, sign: int, caption: str, title: str) -> Block:
+    def block(rows: pd.DataFrame, places: Sequence[Place], text, sign: int, caption: str, title: str) -> Block:
         def view(place: Place) -> View:
             return View(words(place.name), lambda row: text(cells.loc[(place.name, row["method"])]), sign)
 
         method = views(PLACES, {"method": "Method"})
-        return Block.of(by_method, [*method, *(view(place) for place in places)], caption, title)
+        return Block.of(rows, [*method, *(view(place) for place in places)], caption, title)
 
     tested = (
         f" in mm, {cohort}, {n} patients: mean ± standard deviation. Bold: best mean. * p < 0.05: two-sided "
         f"Wilcoxon signed-rank test against {reference}, Holm-corrected per column."
     )
-    blocks = [block(group.places, starred(_spread), -1, group.caption + tested, group.title) for group in groups]
+    blocks = []
+    for group in groups:
+        blocks.append(block(methods, group.places, starred(_spread), -1, group.caption + tested, group.title))
+        if len(bounds):
+            title = f"{group.title}: bounds" if group.title else "Bounds"
+            blocks.append(block(bounds, group.places, _spread, 0, BOUNDS, title))
     if signed := [place for group in groups for place in group.places if place.bias]:
         caption = "Mean signed distance in mm: positive where the prediction lies outside the target."
-        blocks.append(block(signed, lambda row: _signed(row["bias"]), 0, caption, "Signed"))
+        blocks.append(block(every, signed, lambda row: _signed(row["bias"]), 0, caption, "Signed"))
     return Table(frame, PLACES, blocks)
 
 

@@ -17,8 +17,15 @@ GROUPS = (
 )
 
 
-def tabulate(cases: str | os.PathLike, methods: Sequence[str], reference: str | None, cohort: str, seed: int) -> Table:
-    """The scanned patients of cases.csv by method and region, tested against the reference."""
+def tabulate(
+    cases: str | os.PathLike,
+    methods: Sequence[str],
+    bounds: Sequence[str],
+    reference: str | None,
+    cohort: str,
+    seed: int,
+) -> Table:
+    """The scanned patients of cases.csv by method, then bound, and region, tested against the reference."""
     rows = scanned(read_table(cases, CASES))
     places = [place for group in GROUPS for place in group.places]
-    return table(summarise(rows, places, reference, methods, seed), GROUPS, cohort)
+    return table(summarise(rows, places, reference, methods, seed, bounds), GROUPS, cohort)

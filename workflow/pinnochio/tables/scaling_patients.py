@@ -27,8 +27,8 @@ PATIENTS = (
 # Rules of the study that have a job for each patient.
 PATIENT_STAGES = (
     *("virtual_patient", "virtual_outcome", "virtual_postop_bones", "import_segmentation", "register_postop"),
-    *("register_segments", "tetrahedralize", "label_interfaces", "report_quality", "refine_lips", "simulate_fem"),
-    "make_lift",
+    *("register_segments", "tetrahedralize", "label_interfaces", "choose_samples", "report_quality", "refine_lips"),
+    *("simulate_fem", "make_lift"),
 )
 
 

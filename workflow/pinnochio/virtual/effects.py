@@ -9,9 +9,9 @@ import pandas as pd
 
 from pinnochio.columns import Column, check, read_tables
 from pinnochio.geometry.closest_points import closest_points
+from pinnochio.geometry.interpolation import interpolate
 from pinnochio.geometry.triangles import face_normals
 from pinnochio.importing.registration import register, upper_face_plane
-from pinnochio.metrics.volume import interpolate
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.tables.document import Block, Table, View
 from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, SCAN, alone, resolve

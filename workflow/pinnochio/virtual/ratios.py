@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, check
-from pinnochio.metrics.volume import interpolate, read_truth
+from pinnochio.geometry.interpolation import interpolate
+from pinnochio.model.truth import read_truth
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.virtual.aftermath import read_landmarks

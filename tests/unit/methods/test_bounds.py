@@ -1,0 +1,80 @@
+"""The bounds: they know what happened, and nothing else does."""
+
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+
+from pinnochio.code import closure, source_file
+from pinnochio.errors import InputError
+from pinnochio.methods.floor_scan import Predictor
+from pinnochio.methods.protocol import Planned
+from pinnochio.methods.registry import registry
+from pinnochio.metrics.judged import choose
+from pinnochio.metrics.surface import surface_metrics
+from pinnochio.study.configuration import check_config
+from pinnochio.study.study import Study
+from tests.helpers.patients import tiny_patient, tiny_plan
+from tests.helpers.settings import CONFIG
+
+BOUNDS = ["floor_scan", "oracle"]
+
+
+def truth_file(path, patient, displacement):
+    """A file of the virtual truth, as the outcome writes it."""
+    with h5py.File(path, "w") as file:
+        file["points"], file["cells"], file["displacement"] = patient.points, patient.cells, displacement
+        file.attrs["executed"] = tiny_plan().to_json()
+    return str(path)
+
+
+def test_the_true_skin_against_a_scan_without_noise_is_nothing_off(tmp_path):
+    patient = tiny_patient()
+    true = patient.points @ np.array([[0.02, 0, 0], [0, -0.01, 0.03], [0.01, 0, 0]]) + [0, -3.0, 1.0]
+    planned = Planned("tiny", patient, tiny_plan(), truth=truth_file(tmp_path / "truth.h5", patient, true))
+    prediction = Predictor({}, None, "cpu", 1)(planned)
+    assert prediction.displacement is None and np.isnan(prediction.seconds)
+    moved, scan = prediction.moved_skin(patient), patient.moved_skin(true)
+    assert np.allclose(moved, scan, atol=1e-9)
+    judged = choose(patient, tiny_plan(), scan, patient.skin_faces, 500, 1)
+    values = surface_metrics(
+        moved, patient.skin_faces, judged.carried(patient, moved), scan, patient.skin_faces, judged.target
+    )
+    assert values["hdmax"] < 1e-9 and values["pwr1"] == 100
+
+
+def test_no_method_but_the_bounds_reads_the_truth():
+    """Neither by its files, which reach one job each, nor by its code."""
+    made, truth = Study(CONFIG, "results"), source_file("pinnochio.model.truth")
+    for name, method in made.registry.items():
+        if name not in made.methods:
+            continue
+        job = SimpleNamespace(method=name, batch="folds/1", fold="1")
+        batch = made.predicted(job)
+        files = [file for own in (batch.models, batch.plans, batch.lifts, batch.truths) for file in own]
+        secret = {file.split("/")[-1] for file in files if "virtual/" in file}
+        assert secret == {"floor_scan": {"truth.h5"}, "oracle": {"executed.json"}}.get(name, set()), name
+        assert (truth in closure(source_file(method.module))) == (name == "floor_scan"), name
+        if method.learner:
+            assert truth not in closure(source_file(method.learner)), name
+    for stage in ("predict", "fit", "pretrain", "finetune", "predict_ensemble", "simulate_fem"):
+        assert truth not in closure(source_file(stage)), stage
+
+
+def test_bounds_are_predicted_and_never_compared_with():
+    made = Study(CONFIG, "results")
+    assert made.bounds == BOUNDS and not set(BOUNDS) & set(made.compared)
+    assert set(made.compared) | set(BOUNDS) == set(made.methods)
+    for others in (made.as_they_are, made.packed, made.learned, made.traded_networks, made.volumes):
+        assert not set(BOUNDS) & set(others)
+    assert not {own.method for own in made.fem_settings} & set(BOUNDS)
+    assert not any(registry(CONFIG)[name].new_patients for name in BOUNDS)
+    plain, oracle = (registry(CONFIG)[name] for name in ("fem_sliding", "oracle"))
+    assert (plain.module, plain.settings) == (oracle.module, oracle.settings)
+
+
+@pytest.mark.parametrize("bound", BOUNDS)
+def test_a_bound_is_no_reference(bound):
+    with pytest.raises(InputError, match=f"reference '{bound}' is a bound"):
+        check_config(CONFIG | {"reference": bound})

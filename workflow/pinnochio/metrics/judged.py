@@ -1,0 +1,119 @@
+"""Where a case is judged: samples of scan and skin and their regions, chosen once by a surface that no method makes."""
+
+import os
+from dataclasses import dataclass, fields
+
+import h5py
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pinnochio.errors import InputError
+from pinnochio.files import replacing
+from pinnochio.geometry.alignment import carried
+from pinnochio.geometry.closest_points import Closest, closest_points
+from pinnochio.geometry.triangles import face_normals, sample_surface
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.regions import NOT_JUDGED, regions
+from pinnochio.plans.plan import Plan
+
+BONE = 30  # points of the bone nearest to a point of the skin, whose mean motion it is first sought by
+AROUND = 25.0  # mm about the judged face that is fitted to the scan too, so that it is held at its edges
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What every method of a case is judged by.
+
+    target (k, 3) mm: samples of the registered scan; skin (j, 3) mm: samples of the skin before surgery, which a method
+    carries along. target_region (k,), skin_region (j,) int8: index into `regions.NAMES`, NOT_JUDGED where the face
+    cannot be read.
+    """
+
+    target: np.ndarray
+    target_region: np.ndarray
+    skin: np.ndarray
+    skin_region: np.ndarray
+
+    def carried(self, patient: PatientModel, moved) -> np.ndarray:
+        """Where the samples of the skin (j, 3) mm are when the skin points of a model of the case are moved (s, 3) mm.
+
+        The models of a case share one skin, but for some triangles between the lips.
+        """
+        return _carried(self.skin, patient.skin_points, patient.skin_faces, moved)
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write as HDF5."""
+        with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+            for item in fields(self):
+                file.create_dataset(item.name, data=getattr(self, item.name), compression="gzip", track_times=False)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike) -> "Judged":
+        """Read what :meth:`write` wrote."""
+        with h5py.File(path, "r") as file:
+            return cls(**{item.name: file[item.name][()] for item in fields(cls)})
+
+
+def choose(patient: PatientModel, plan: Plan, target_points, target_faces, samples: int, seed: int) -> Judged:
+    """About `samples` area-uniform samples of either surface in the part that both show, and the region of each.
+
+    The surface that decides is the skin before surgery carried smoothly onto the scan itself
+    (:func:`pinnochio.geometry.alignment.carried`): no method has a part in it, and the plan none but to say about where
+    the jaws have gone, so that the search does not begin with a lip before the other one. A sample of the scan is
+    judged if its closest point there lies on a judged face and not on an open border, one of the skin if it is judged
+    and its closest point on the scan does not lie on an open border of that. Either then counts for every method,
+    wherever the method takes the skin: nothing is dropped later. A sample's region is that of the nearest point of the
+    skin before surgery, of the scan by the carried one.
+
+    Closest points of the skin where it was would do without the alignment; but where a jaw has moved by 10 mm the lip
+    is then taken for the other lip. Landmarks read on the scan itself need bone, which no scan shows. Measured against
+    the truth: docs/metrics.md.
+
+    InputError where the surfaces share no region.
+    """
+    points, faces, roi = patient.skin_points, patient.skin_faces, patient.face_roi
+    if not roi.any():
+        raise InputError(plan.case, "model", "no skin face is in the judged region", "check the segmentation's frame")
+    centre = points[faces].mean(axis=1)
+    part = cKDTree(centre[roi]).query(centre, distance_upper_bound=AROUND)[0] <= AROUND
+    near = cKDTree(patient.bone_points).query(points, BONE)[1]
+    start = points + patient.bone_displacement(plan)[near].mean(axis=1)
+    placed = carried(points, faces, target_points, target_faces, part, start, seed)
+    codes = _regions(patient)
+
+    skin = sample_surface(points, faces[roi], samples, seed)
+    shown = ~closest_points(_carried(skin, points, faces, placed), target_points, target_faces).border
+    own = closest_points(skin[shown], points, faces)
+    ratio = face_normals(target_points, target_faces)[1].sum() / face_normals(points, faces[roi])[1].sum()
+    many = int(np.ceil(samples * np.clip(ratio, 1, 5)))
+    queries = sample_surface(target_points, target_faces, many, seed + 1)
+    closest = closest_points(queries, placed, faces)
+    kept = ~closest.border & roi[closest.face]
+    if not (shown.any() and kept.any()):
+        raise InputError(
+            plan.case, "postop", "the scan covers nothing of the judged face", "check scan and registration"
+        )
+    return Judged(
+        queries[kept], _nearest(codes, closest, placed, faces)[kept], skin[shown], _nearest(codes, own, points, faces)
+    )
+
+
+def _carried(places, points, faces, moved) -> np.ndarray:
+    """Places (k, 3) mm on a surface where they are when its points have moved."""
+    here = closest_points(places, points, faces)
+    return np.einsum("kc,kcx->kx", here.weights(points, faces), np.asarray(moved)[faces[here.face]])
+
+
+def _regions(patient: PatientModel) -> np.ndarray:
+    """Region (s,) of every skin point; NOT_JUDGED where the face cannot be read."""
+    try:
+        return regions(patient)
+    except InputError:
+        return np.full(len(patient.skin_points), NOT_JUDGED, np.int8)
+
+
+def _nearest(codes, closest: Closest, points, faces) -> np.ndarray:
+    """Code (k,) of the corner nearest to each closest point on a surface."""
+    corners = faces[closest.face]
+    nearest = np.linalg.norm(points[corners] - closest.points[:, None], axis=2).argmin(axis=1)
+    return codes[corners[np.arange(len(corners)), nearest]]
