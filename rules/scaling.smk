@@ -35,7 +35,7 @@ rule measure_scaling:
         sections={
             name: config[name]
             for name in [
-                *("segments", "mesh", "interfaces", "fem", "lift", "evaluation"),
+                *("mesh", "interfaces", "fem", "lift", "evaluation"),
                 "scaling",
             ]
         },

@@ -14,7 +14,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.virtual.outcome import admissible
 from scripts.register_postop import register_postop
 from scripts.virtual_outcome import virtual_outcome
-from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
+from tests.helpers.settings import CONFIG, OUTCOME, SEED
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def nominal(patient, tmp_path_factory):
             "executed": str(folder / "executed.json")}  # fmt: skip
     inputs = {name: getattr(patient, name) for name in ("segmentation", "landmarks")} | {"plan": patient.input_plan}
     outcome = OUTCOME | {"effects": "nominal"}
-    virtual_outcome(patient.case, inputs, outcome, CONFIG["labels"], SEGMENTS, SEED, made)
+    virtual_outcome(patient.case, inputs, outcome, CONFIG["labels"], CONFIG["segments"], SEED, made)
     return made
 
 
@@ -48,7 +48,7 @@ def test_sliding_finite_elements_reproduce_the_truth(patient, nominal, field):
 def test_the_scan_is_the_skin_that_they_predict(patient, nominal, field, tmp_path):
     model, _, displacement = field
     path = str(tmp_path / "postop.h5")
-    register_postop(patient.case, nominal["postop"], patient.skin, patient.bone, SEGMENTS, 20.0, 1.0, path)
+    register_postop(patient.case, nominal["postop"], patient.skin, patient.bone, 20.0, 1.0, path)
     with h5py.File(path, "r") as file:
         points = file["points"][()]
     assert read_surface(nominal["postop"])[0].shape == points.shape

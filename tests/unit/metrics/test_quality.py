@@ -69,7 +69,7 @@ def test_contact_is_the_area_of_the_nodes_by_bone_and_type():
     measured = contact(replace(model, node_type=kind, node_beyond=beyond))
     # 25 mm2 each: two rows of three move, one slides, one is released, one is on the cranium.
     assert measured == {
-        "cranium": {"fixed": 0.75, "released": 0.0},
+        "cranium": {"fixed": 0.75, "sliding": 0.0, "released": 0.0},
         "left": {"moving": 1.5, "sliding": 0.75, "released": 0.75},
     }
 

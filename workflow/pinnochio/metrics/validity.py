@@ -59,13 +59,13 @@ def equilibrium_metrics(force, stiffness, node_type) -> dict[str, float]:
 def boundary_metrics(patient: PatientModel, plan: Plan, displacement) -> dict[str, float]:
     """Mean error in mm of the moving nodes against the rigid plan, of the sliding nodes against the moved bone.
 
-    A sliding node should keep its signed distance to the surface of its segment; the error is the change of that
+    A sliding node should keep its signed distance to the surface of its bone; the error is the change of that
     distance, gap and penetration alike. NaN where the patient has no such node.
     """
     cue, _ = patient.reference_cue(plan)
     moving = patient.node_type == MOVING
     slid, moved_bone = [], patient.bone_points + patient.bone_displacement(plan)
-    for index in range(len(patient.segments)):
+    for index in range(-1, len(patient.segments)):
         nodes = (patient.node_type == SLIDING) & (patient.node_segment == index)
         faces = patient.bone_faces[patient.bone_segment[patient.bone_faces[:, 0]] == index]
         if nodes.any() and len(faces):
