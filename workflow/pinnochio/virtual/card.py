@@ -207,9 +207,10 @@ def data_card(
     values = [("air", 0), *labels.items()]
     sections = [
         "# Data card: virtual cohort for facial soft-tissue prediction",
-        f"{count} simulated patients ({count - men} women, {men} men) with a dentofacial deformity, a plan that "
-        "treats it in one jaw or both, and the face after surgery: a benchmark with a volumetric truth for methods that "
-        "predict how soft tissue follows bone. **Virtual, not clinical**: no datum comes from a person. Licence: MIT.",
+        f"{count} simulated patients ({count - men} women, {men} men) with a dentofacial deformity, a plan "
+        "that treats it in one jaw or both, and the face after surgery: a benchmark with a volumetric truth for "
+        "methods that predict how soft tissue follows bone. **Virtual, not clinical**: no datum comes from a person. "
+        "Licence: MIT.",
         "Tags of sources: **[S]** sourced, **[R]** recalled from the literature, **[I]** our choice. Units are mm, kPa "
         "and degrees; the frame is LPS (+x the patient's left, +y posterior, +z up).",
         "## How it was made",
