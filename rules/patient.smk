@@ -1,4 +1,4 @@
-# What belongs to a patient, once for all plans: of the study (cases), with a chin segment (chin) or new (patients).
+# What belongs to a patient, once for all plans: of the study (cases) or new (patients).
 
 
 rule import_segmentation:
@@ -21,8 +21,8 @@ rule import_segmentation:
         runtime=10,
     params:
         labels=config["labels"],
-        segments=STUDY.of_patient("segments"),
-        orientation=STUDY.of_patient("orientation"),
+        segments=config["segments"],
+        orientation=config["orientation"],
         repair=config["repair"],
         unlabelled_muscle=config["unlabelled_muscle"],
         bone_edge=STUDY.of_patient("mesh", "bone_edge"),
@@ -50,7 +50,6 @@ rule import_plan:
         mem_mb=1000,
         runtime=5,
     params:
-        segments=STUDY.of_patient("segments"),
         code=code_of("import_plan"),
     message:
         "Import the plan of {wildcards.case}{wildcards.plan}"
@@ -76,7 +75,6 @@ rule register_postop:
         mem_mb=4000,
         runtime=10,
     params:
-        segments=config["segments"],
         nasion_above_maxilla=config["interfaces"]["nasion_above_maxilla"],
         limit=config["registration"]["limit"],
         code=code_of("register_postop"),
@@ -218,7 +216,6 @@ rule refine_lips:
         mem_mb=2000,
         runtime=10,
     params:
-        segments=config["segments"],
         sliding_band=config["interfaces"]["sliding_band"],
         lip_edge=config["fem_rlse"]["lip_edge"],
         code=code_of("refine_lips"),
@@ -248,7 +245,6 @@ rule label_interfaces:
         mem_mb=2000,
         runtime=10,
     params:
-        segments=STUDY.of_patient("segments"),
         interfaces=STUDY.of_patient("interfaces"),
         code=code_of("label_interfaces"),
     message:

@@ -119,11 +119,8 @@ rule export_prediction:
             kind=["vtp", "ply", "stl"],
             allow_missing=True,
         ),
-        bones=expand(
-            "<results>/{home}/{case}{plan}/{method}/bone_{bone}.stl",
-            bone=["cranium", *config["segments"]],
-            allow_missing=True,
-        ),
+        # One file per bone of the patient, which its segmentation tells.
+        bones=directory("<results>/{home}/{case}{plan}/{method}/bones"),
     log:
         "<logs>/export_prediction/{home}/{case}{plan}_{method}.log",
     conda:

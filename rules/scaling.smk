@@ -36,7 +36,7 @@ rule measure_scaling:
         sections={
             name: config[name]
             for name in [
-                *("segments", "mesh", "interfaces", "fem", "lift", "scaling"),
+                *("mesh", "interfaces", "fem", "lift", "scaling"),
             ]
         },
         seed=SEED,

@@ -33,10 +33,10 @@ rule make_scene:
 
 rule measure_scene:
     input:
-        labels=f"<results>/{STUDY.reduced_home}/{{case}}/labels.nii.gz",
-        bone=f"<results>/{STUDY.reduced_home}/{{case}}/bone.vtp",
-        skin=f"<results>/{STUDY.reduced_home}/{{case}}/skin.vtp",
-        plan=f"<results>/{STUDY.reduced_home}/{{case}}/plan.json",
+        labels="<results>/cases/{case}/labels.nii.gz",
+        bone="<results>/cases/{case}/bone.vtp",
+        skin="<results>/cases/{case}/skin.vtp",
+        plan="<results>/cases/{case}/plan.json",
     output:
         table=ensure("<results>/scene/{case}/trials.csv", non_empty=True),
         scene="<results>/scene/{case}/scene.json",
@@ -51,7 +51,6 @@ rule measure_scene:
         mem_mb=4000,
         runtime=60,
     params:
-        segments=STUDY.all_segments,
         mesh=config["mesh"],
         interfaces=config["interfaces"],
         fem=config["fem"],

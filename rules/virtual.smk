@@ -1,16 +1,13 @@
-# The cohort, and the same heads with the chin cut off as a further segment (virtual_chin).
 rule virtual_patient:
     output:
-        segmentation="<results>/{cohort}/{case}/segmentation.nii.gz",
-        plan="<results>/{cohort}/{case}/plan.json",
-        landmarks="<results>/{cohort}/{case}/landmarks.json",
-        anatomy="<results>/{cohort}/{case}/anatomy.json",
+        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
+        plan="<results>/virtual/{case}/plan.json",
+        landmarks="<results>/virtual/{case}/landmarks.json",
+        anatomy="<results>/virtual/{case}/anatomy.json",
     log:
-        "<logs>/virtual_patient/{cohort}/{case}.log",
+        "<logs>/virtual_patient/{case}.log",
     benchmark:
-        "<benchmarks>/virtual_patient/{cohort}/{case}.tsv"
-    wildcard_constraints:
-        cohort="virtual|virtual_chin",
+        "<benchmarks>/virtual_patient/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -21,11 +18,7 @@ rule virtual_patient:
         number=lambda wildcards: list(STUDY.cases).index(wildcards.case),
         spacing=config["virtual"]["spacing"],
         labels=config["labels"],
-        segments=lambda wildcards: (
-            STUDY.all_segments
-            if wildcards.cohort == "virtual_chin"
-            else config["segments"]
-        ),
+        procedures=config["virtual"]["procedures"],
         muscles=config["virtual"]["muscles"],
         seed=SEED,
         code=code_of("virtual_patient"),
@@ -161,24 +154,10 @@ rule measure_effects:
 # What stands beside the cohort for those who take it elsewhere.
 rule data_card:
     input:
-        files=expand(
-            "<results>/virtual/{case}/{file}",
-            case=STUDY.cases,
-            file=[
-                "segmentation.nii.gz",
-                "plan.json",
-                "landmarks.json",
-                "anatomy.json",
-                "postop.ply",
-                "postop_bones.nii.gz",
-                "truth.h5",
-                "executed.json",
-            ],
-        ),
+        files=STUDY.virtual_files("anatomy.json", "plan.json"),
         tables=expand("<results>/virtual/{table}.md", table=STUDY.card_tables),
     output:
         card="<results>/virtual/README.md",
-        checksums="<results>/virtual/SHA256SUMS",
     log:
         "<logs>/data_card.log",
     conda:
@@ -204,14 +183,39 @@ rule data_card:
         },
         code=code_of("data_card"),
     message:
-        "Describe the virtual cohort and sum up its files"
+        "Describe the virtual cohort"
     script:
         "../scripts/data_card.py"
+
+
+# Of a locked cohort the outcomes are summed up apart.
+rule sum_up:
+    input:
+        files=STUDY.summed_up,
+    output:
+        checksums="<results>/virtual/{sums}",
+    log:
+        "<logs>/sum_up/{sums}.log",
+    wildcard_constraints:
+        sums=r"SHA256SUMS(\.outcomes)?",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    params:
+        code=code_of("sum_up"),
+    message:
+        "Sum up files of the virtual cohort: {wildcards.sums}"
+    script:
+        "../scripts/sum_up.py"
 
 
 rule cohort:
     input:
         rules.data_card.output if STUDY.virtual else [],
+        "<results>/virtual/SHA256SUMS" if STUDY.virtual else [],
         expand(
             "<results>/virtual/{table}.{kind}",
             table=["anatomy", *STUDY.card_tables] if STUDY.virtual else [],
@@ -219,3 +223,44 @@ rule cohort:
         ),
     message:
         "The virtual cohort is made"
+
+
+rule reveal:
+    input:
+        "<results>/virtual/SHA256SUMS.outcomes" if STUDY.locked else [],
+        expand(
+            "<results>/virtual/ratios.{kind}",
+            kind=["csv", *TWINS] if STUDY.locked else [],
+        ),
+    message:
+        "The outcomes of the locked cohort are made"
+
+
+# Whether the cohort as it is made here is the one that was frozen; its outcomes too, once they are revealed.
+rule verify_cohort:
+    input:
+        made=expand("<results>/virtual/{sums}", sums=STUDY.sums),
+        frozen=f"results/reference/SHA256SUMS.{config['virtual']['role']}",
+    output:
+        table=ensure("<results>/virtual/verified.csv", non_empty=True),
+    log:
+        "<logs>/verify_cohort.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        code=code_of("verify_cohort"),
+    message:
+        "Compare the virtual cohort with its frozen checksums"
+    script:
+        "../scripts/verify_cohort.py"
+
+
+rule verify:
+    input:
+        rules.verify_cohort.output,
+    message:
+        "The virtual cohort is the one that was frozen"

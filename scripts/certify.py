@@ -52,7 +52,6 @@ def certify(
             patient=patient,
             plan=planned,
             quality=json.loads(Path(quality).read_text(encoding="utf-8")),
-            archive=archive,
             ranges=Ranges.read(Path(folder) / RANGES),
         )
     with replacing(certificate) as temporary:

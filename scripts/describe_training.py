@@ -14,14 +14,18 @@ def describe_training(
     cases: Sequence[str], models: Sequence[str], plans: Sequence[str], qualities: Sequence[str], ranges: str
 ) -> None:
     """Write the ranges of the cases' anatomy (model and quality report) and of their own plans."""
-    anatomies, movements, muscle = [], [], set()
+    anatomies, movements, muscle, segments = [], [], set(), set()
     for case, model, plan, quality in zip(cases, models, plans, qualities, strict=True):
         patient = PatientModel.read(model)
         anatomies.append(anatomy_quantities(patient, json.loads(Path(quality).read_text(encoding="utf-8"))))
         movements.append(plan_quantities(patient, Plan.read(plan, case)))
         muscle.add(patient.muscle)
+        segments.update(patient.segments)
     norms = Ranges(
-        anatomy=Norm.of(anatomies, from_rest=False), plan=Norm.of(movements, from_rest=True), muscle=sorted(muscle)
+        anatomy=Norm.of(anatomies, from_rest=False),
+        plan=Norm.of(movements, from_rest=True),
+        muscle=sorted(muscle),
+        segments=sorted(segments),
     )
     norms.write(ranges)
 

@@ -11,7 +11,7 @@ from pinnochio.plans.plan import Plan
 
 
 def export_prediction(case: str, model: str, plan: str, result: str, folder: str) -> None:
-    """Write deformed.vtu, skin.vtp, skin.ply, skin.stl and bone_{segment}.stl into the folder, LPS mm."""
+    """Write deformed.vtu, skin.vtp, skin.ply, skin.stl and bones/{bone}.stl into the folder, LPS mm."""
     patient, planned, out = PatientModel.read(model), Plan.read(plan, case), Path(folder)
     prediction = read_result(result, case, patient)
     write_mesh(patient, prediction.displacement, out / "deformed.vtu")
@@ -23,11 +23,12 @@ def export_prediction(case: str, model: str, plan: str, result: str, folder: str
         ply=out / "skin.ply",
         stl=out / "skin.stl",
     )
+    (out / "bones").mkdir(exist_ok=True)
     moved = patient.bone_points + patient.bone_displacement(planned)
     owner = patient.bone_segment[patient.bone_faces[:, 0]]
     for index in range(-1, len(patient.segments)):
         name = segment_name(index, patient.segments)
-        write_surface(moved, patient.bone_faces[owner == index], out / f"bone_{name}.stl")
+        write_surface(moved, patient.bone_faces[owner == index], out / f"bones/{name}.stl")
 
 
 if __name__ == "__main__":

@@ -6,11 +6,11 @@ from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
 
 
-def import_plan(case: str, source: str, bone: str, segments: tuple[str, ...], plan: str) -> None:
+def import_plan(case: str, source: str, bone: str, plan: str) -> None:
     """Read a plan file or a folder of transforms and write it; InputError where it does not fit the patient's bone."""
-    checked = Plan.read(source, case)
-    check_plan(checked, segments, source)
-    check_travel(plan=checked, bone=BoneSurface.read(bone), segments=segments, path=source)
+    checked, surface = Plan.read(source, case), BoneSurface.read(bone)
+    check_plan(checked, surface.segments, source)
+    check_travel(plan=checked, bone=surface, segments=surface.segments, path=source)
     checked.write(plan)
 
 
@@ -20,6 +20,5 @@ if __name__ == "__main__":
         case=snakemake.wildcards.case,
         source=snakemake.input.source,
         bone=snakemake.input.bone,
-        segments=tuple(snakemake.params.segments),
         plan=snakemake.output.plan,
     )

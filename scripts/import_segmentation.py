@@ -27,7 +27,8 @@ def import_segmentation(
 ) -> None:
     """Read, repair and check one patient; write labels, bone, skin and a report of volumes and repairs.
 
-    label_values maps each structure's name to its voxel value or to its name in the file; orientation is "header", or
+    label_values maps each structure's name to its voxel value or to its name in the file; segments are those that a
+    case may have, its own those that the file holds; orientation is "header", or
     where the voxel axes point if the header is wrong; repair_limit is the share of a structure in percent that repairs
     may change; unlabelled_muscle (derived | single | refuse) serves where no muscle is labelled; bone_edge is the edge
     length of the bone surface in mm; outputs names the files labels, bone, skin and report.
@@ -36,7 +37,7 @@ def import_segmentation(
     head = read_segmentation(
         path=segmentation, case=case, label_values=label_values, segments=segments, orientation=orientation
     )
-    voxel = float(np.prod(head.spacing))
+    voxel, segments = float(np.prod(head.spacing)), head.segments
     labels, repairs = repair(
         labels=head.labels, segments=segments, limit_percent=repair_limit, case=case, file=segmentation, voxel=voxel
     )

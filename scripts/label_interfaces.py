@@ -21,7 +21,6 @@ def label_case(
     bone: str,
     skin: str,
     report: str,
-    segments: tuple[str, ...],
     interfaces: dict[str, float],
     model: str,
 ) -> None:
@@ -29,14 +28,14 @@ def label_case(
 
     report: the import's, which knows where the muscle layer comes from.
     """
-    head = read_labels(labels)
+    head, surface = read_labels(labels), BoneSurface.read(bone)
     patient = label_interfaces(
         mesh=TetMesh.read(mesh),
         labels=head.labels,
         spacing=head.spacing,
         origin=head.origin,
-        segments=segments,
-        bone=BoneSurface.read(bone),
+        segments=surface.segments,
+        bone=surface,
         skin=read_surface(skin),
         **interfaces,
     )
@@ -53,7 +52,6 @@ if __name__ == "__main__":
         bone=snakemake.input.bone,
         skin=snakemake.input.skin,
         report=snakemake.input.report,
-        segments=tuple(snakemake.params.segments),
         interfaces=snakemake.params.interfaces,
         model=snakemake.output.model,
     )

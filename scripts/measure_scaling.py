@@ -108,7 +108,6 @@ def stages(
         arguments={
             "mesh": mesh,
             **{name: files[name] for name in ("labels", "bone", "skin", "report")},
-            "segments": tuple(settings["segments"]),
             "interfaces": settings["interfaces"],
             "model": model,
         },

@@ -16,7 +16,7 @@ from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.model.surfaces import BoneSurface, read_surface
 from pinnochio.plans.plan import Plan
-from pinnochio.plans.sampling import role
+from pinnochio.plans.roles import role
 from pinnochio.plans.scenarios import parts
 from pinnochio.reduction.decisions import Decision, decide, write_decisions
 from pinnochio.reduction.models import reduced
@@ -27,7 +27,6 @@ from pinnochio.tables.reductions import TRIALS
 def measure_scene(
     case: str,
     files: dict[str, str],
-    segments: tuple[str, ...],
     mesh: dict[str, float],
     interfaces: dict[str, float],
     fem: FemSettings,
@@ -44,6 +43,7 @@ def measure_scene(
     that solves it.
     """
     head, bone, skin = read_labels(files["labels"]), BoneSurface.read(files["bone"]), read_surface(files["skin"])
+    segments = bone.segments
     for nodes in (500, mesh["nodes"]):  # the first loads compiled code
         start = time.perf_counter()
         cells = tetrahedralize(
@@ -130,7 +130,6 @@ if __name__ == "__main__":
     measure_scene(
         case=snakemake.wildcards.case,
         files=dict(snakemake.input.items()),
-        segments=tuple(snakemake.params.segments),
         mesh=snakemake.params.mesh,
         interfaces=snakemake.params.interfaces,
         fem=FemSettings(**snakemake.params.fem),

@@ -13,16 +13,19 @@ from pinnochio.meshing.refinement import LONGEST_OVER_MEAN, refine
 from pinnochio.model.surfaces import BoneSurface
 
 
-def refine_lips(
-    mesh: str, labels: str, bone: str, segments: tuple[str, ...], sliding_band: float, lip_edge: float, lips: str
-) -> None:
+def refine_lips(mesh: str, labels: str, bone: str, sliding_band: float, lip_edge: float, lips: str) -> None:
     """Write the mesh whose edges around the mouth have `lip_edge` mm in the mean; the mesh itself if there is no bite.
 
     sliding_band in mm: as for the interfaces, which find the bite by it too.
     """
     head, surface, coarse = read_labels(labels), BoneSurface.read(bone), TetMesh.read(mesh)
     pairs = opposing_pairs(
-        bone=surface, labels=head.labels, spacing=head.spacing, origin=head.origin, segments=segments, band=sliding_band
+        bone=surface,
+        labels=head.labels,
+        spacing=head.spacing,
+        origin=head.origin,
+        segments=surface.segments,
+        band=sliding_band,
     )
     mouth = bite(surface, pairs, sliding_band)
     longest = LONGEST_OVER_MEAN * lip_edge
@@ -38,7 +41,6 @@ if __name__ == "__main__":
         mesh=snakemake.input.mesh,
         labels=snakemake.input.labels,
         bone=snakemake.input.bone,
-        segments=tuple(snakemake.params.segments),
         sliding_band=snakemake.params.sliding_band,
         lip_edge=snakemake.params.lip_edge,
         lips=snakemake.output.mesh,

@@ -14,19 +14,19 @@ def register_postop(
     postop: str,
     skin: str,
     bone: str,
-    segments: tuple[str, ...],
     nasion_above_maxilla: float,
     limit: float,
     registered: str,
 ) -> None:
     """Register the scan rigidly on the skin above the nasion plane, which surgery does not move.
 
-    nasion_above_maxilla (mm) places that plane above the first segment; limit (mm) is the median residual above which
+    nasion_above_maxilla (mm) places that plane above the maxilla; limit (mm) is the median residual above which
     the registration is refused (InputError). Writes points (k, 3) mm LPS, faces (l, 3) and the residual.
     """
     skin_points, skin_faces = read_surface(skin)
     points, faces = read_postop(postop, case, skin_points)
-    plane = upper_face_plane(BoneSurface.read(bone), segments, nasion_above_maxilla)
+    surface = BoneSurface.read(bone)
+    plane = upper_face_plane(surface, surface.segments, nasion_above_maxilla)
     fit = register(
         points=points,
         faces=faces,
@@ -48,7 +48,6 @@ if __name__ == "__main__":
         postop=snakemake.input.postop,
         skin=snakemake.input.skin,
         bone=snakemake.input.bone,
-        segments=tuple(snakemake.params.segments),
         nasion_above_maxilla=snakemake.params.nasion_above_maxilla,
         limit=snakemake.params.limit,
         registered=snakemake.output.postop,

@@ -28,7 +28,7 @@ def render_cohort(
         about = json.loads(Path(anatomy).read_text(encoding="utf-8"))
         caption = f"{case}: {about['sex']}, {NAMES[about['deformity']]}"
         head = read_segmentation(path=segmentation, case=case, label_values=label_values, segments=segments)
-        sitters.append(Sitter(caption, head, segments))
+        sitters.append(Sitter(caption, head, head.segments))
     gallery(sitters=sitters, columns=COLUMNS, panel=PANEL, path=cohort)
     gallery(sitters=sitters[:2], columns=2, panel=LARGE_PANEL, path=heads)
 

@@ -1,7 +1,7 @@
 """Makes a virtual patient of its seed: segmentation, the plan that treats its deformity, landmarks, anatomy."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from pinnochio.logs import attach_log
 from pinnochio.model.labels import AIR, internal_codes
 from pinnochio.seeds import generator
 from pinnochio.virtual.description import describe
-from pinnochio.virtual.head import build_head, with_segments
+from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import DEFORMITIES, sample_parameters
+from pinnochio.virtual.procedures import dealt
 from pinnochio.virtual.treatment import treatment_plan
 
 
@@ -23,27 +24,26 @@ def virtual_patient(
     seed: int,
     spacing: float,
     label_values: dict[str, int],
-    segments: Sequence[str],
+    procedures: Mapping[str, float],
     muscles: Sequence[str],
     outputs: dict[str, str],
 ) -> None:
     """Sample the anatomy and the plan, and write them as a clinic would deliver them.
 
-    number picks the deformity class in turn; spacing is the voxel edge (mm); label_values maps each structure to its
-    voxel value; segments are those that the plan moves ("chin" asks for a genioplasty), muscles those that are
-    labelled. The landmarks (mm, LPS) and the anatomy serve the simulated outcome and the tables alone. outputs:
-    segmentation, plan, landmarks, anatomy. Raises InputError for segments or label values that it cannot make.
+    number picks the deformity class in turn, and with the shares of procedures the operation; spacing is the voxel edge
+    (mm); label_values maps each structure to its voxel value; muscles are those that are labelled. The landmarks (mm,
+    LPS) and the anatomy serve the simulated outcome and the tables alone. outputs: segmentation, plan, landmarks,
+    anatomy. Raises InputError for label values that it cannot write.
     """
     rng = generator(seed, "virtual_patient", case)
     parameters = sample_parameters(rng, DEFORMITIES[number % len(DEFORMITIES)])
-    head = build_head(parameters=parameters, spacing=spacing, genioplasty="chin" in segments, muscles=muscles)
+    head = build_head(parameters=parameters, spacing=spacing, procedure=dealt(procedures, number), muscles=muscles)
     try:
-        head = with_segments(head, segments)
         values = np.full(256, AIR, np.uint16)
         for name, code in internal_codes(head.segments).items():
             values[code] = label_values[name]
     except ValueError as error:
-        remedy = "name segments of a virtual patient, each with a whole number in 'labels'"
+        remedy = "give each structure of a virtual patient a whole number in 'labels'"
         raise InputError(case, "configuration", str(error), remedy) from error
     plan = treatment_plan(head, rng, case)
     write_segmentation(
@@ -64,7 +64,7 @@ if __name__ == "__main__":
         seed=snakemake.params.seed,
         spacing=snakemake.params.spacing,
         label_values=snakemake.params.labels,
-        segments=snakemake.params.segments,
+        procedures=snakemake.params.procedures,
         muscles=snakemake.params.muscles,
         outputs=dict(snakemake.output.items()),
     )

@@ -191,8 +191,8 @@ TABLES = {
         {"reports": expand("<results>/cases/{case}/quality.json", case=STUDY.cases)},
         NAMED | {"segments": config["segments"]},
     ),
-    "thickness": (ANATOMIES, {}),
-    "anatomy": (ANATOMIES, {}),
+    "thickness": (ANATOMIES, NAMED),
+    "anatomy": (ANATOMIES, NAMED),
     "effects": (
         {
             "rows": expand(
@@ -200,7 +200,7 @@ TABLES = {
                 case=list(STUDY.cases)[: config["virtual"]["effects"]],
             )
         },
-        {"effects": config["virtual"]["outcome"]["effects"]},
+        NAMED | {"effects": config["virtual"]["outcome"]["effects"]},
     ),
     "ratios": (
         {
@@ -209,7 +209,7 @@ TABLES = {
             ),
             "truths": expand("<results>/virtual/{case}/truth.h5", case=STUDY.cases),
         },
-        {"cases": list(STUDY.cases)},
+        NAMED | {"cases": list(STUDY.cases)},
     ),
 }
 BEFORE = dict.fromkeys(

@@ -30,6 +30,7 @@ def project(tmp_path_factory) -> Project:
         rows.append("\t".join([f"C{number}", *parts]))
         files += [project.folder / part for part in parts]
     files += [project.folder / f"elsewhere/V{number:02d}.npz" for number in range(1, 41)]
+    files += [project.folder / f"results/reference/SHA256SUMS.{role}" for role in ("development", "locked")]
     labels = [project.folder / "results/headsq/labels.nii.gz"]
     labels.append(project.folder.parent / "shared/data/artisynth_face/labels_1mm.nii.gz")
     for file in [*files, *labels]:

@@ -12,6 +12,7 @@ import pandas as pd
 import SimpleITK as sitk
 import trimesh
 
+from pinnochio.virtual.procedures import Procedure
 from tests.helpers.settings import ROOT
 
 SOON = ("--max-jobs-per-timespan", "2000/2s")  # Snakemake ends one time span after its last job
@@ -90,13 +91,18 @@ def write_case(folder, name="P1", *, labels=None, plan=None, scale=1.0):
     image = sitk.GetImageFromArray(labels.transpose(2, 1, 0))
     image.SetSpacing((3.0, 3.0, 3.0))
     sitk.WriteImage(image, str(folder / f"{name}.nii.gz"))
-    motion = {"rotation": np.eye(3).tolist(), "translation": [0, -5, 0], "pivot": [0, 0, 0]}
-    (folder / f"{name}.json").write_text(json.dumps(plan or {"case": name, "segments": {"lefort1": motion}}))
+    (folder / f"{name}.json").write_text(json.dumps(plan or {"case": name, "segments": moving("lefort1")}))
     sphere = trimesh.creation.box(extents=(100, 100, 100))
     sphere.apply_translation((60, 60, 60))
     sphere.apply_scale(scale)
     sphere.export(folder / f"{name}.ply")
     return f"{name}\t{name}.nii.gz\t{name}.json\t{name}.ply\n"
+
+
+def moving(*names):
+    """Segments of a plan: those of the small head, of which the named ones go 5 mm forward."""
+    still = {"rotation": np.eye(3).tolist(), "translation": [0, 0, 0], "pivot": [0, 0, 0]}
+    return dict.fromkeys(Procedure().segments, still) | dict.fromkeys(names, still | {"translation": [0, -5, 0]})
 
 
 def good_labels():

@@ -15,7 +15,7 @@ from scripts.simulate_fem import simulate_fem
 from scripts.tetrahedralize import mesh_case
 from scripts.virtual_outcome import virtual_outcome
 from scripts.virtual_patient import virtual_patient
-from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
+from tests.helpers.settings import BIMAXILLARY, CONFIG, OUTCOME, SEED
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Patient:
         return str(matches[0])
 
 
-def make_patient(case: str, number: int, folder: Path) -> Patient:
-    """A 2 mm head on 700 nodes with its outcome, registered scan and two fem_samples plans."""
+def make_patient(case: str, number: int, folder: Path, procedures=BIMAXILLARY) -> Patient:
+    """A 2 mm head on 700 nodes, operated so, with its outcome, registered scan and two fem_samples plans."""
 
     def file(name: str) -> str:
         return str(folder / name)
@@ -47,16 +47,17 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
         "landmarks": file("landmarks.json"),
         "anatomy": file("anatomy.json"),
     }
-    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], sources)
+    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], procedures, CONFIG["virtual"]["muscles"], sources)
     made = {"postop": file("scan.ply"), "truth": file("truth.h5"), "executed": file("executed.json")}
-    virtual_outcome(case, sources, OUTCOME, CONFIG["labels"], SEGMENTS, SEED, made)
+    vocabulary = tuple(CONFIG["segments"])
+    virtual_outcome(case, sources, OUTCOME, CONFIG["labels"], vocabulary, SEED, made)
     names = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "report.json"}
     imported = {key: file(name) for key, name in names.items()}
     import_segmentation(
-        case, sources["segmentation"], CONFIG["labels"], SEGMENTS, "header", 2.0, "derived", 6.0, imported
+        case, sources["segmentation"], CONFIG["labels"], vocabulary, "header", 2.0, "derived", 6.0, imported
     )  # fmt: skip
     plan = file("plan.json")
-    import_plan(case, sources["plan"], imported["bone"], SEGMENTS, plan)
+    import_plan(case, sources["plan"], imported["bone"], plan)
     mesh_case(imported["labels"], 700, 12.0, file("mesh.vtu"))
     label_case(
         file("mesh.vtu"),
@@ -64,13 +65,10 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
         imported["bone"],
         imported["skin"],
         imported["report"],
-        SEGMENTS,
         CONFIG["interfaces"],
         file("model.h5"),
     )
-    register_postop(
-        case, made["postop"], imported["skin"], imported["bone"], SEGMENTS, 20.0, 1.5, file("postop.h5")
-    )  # fmt: skip
+    register_postop(case, made["postop"], imported["skin"], imported["bone"], 20.0, 1.5, file("postop.h5"))
     choose_samples(case, file("model.h5"), plan, file("postop.h5"), 3000, SEED, file("judged.h5"))
     simulate_fem(case, file("model.h5"), plan, 2, fem, SEED, file("fem_samples.h5"))
     return Patient(case, folder, fem)

@@ -89,7 +89,7 @@ def test_an_archive_holds_what_prediction_needs(archive):
 
 def test_a_plan_is_checked_against_the_bone(patient, tmp_path):
     source, out = Path(patient.input_plan), tmp_path / "plan.json"
-    import_plan(patient.case, str(source), patient.bone, SEGMENTS, str(out))
+    import_plan(patient.case, str(source), patient.bone, str(out))
     one, two = (Plan.read(path, patient.case) for path in (source, out))
     assert all(np.array_equal(one.motion(name).translation, two.motion(name).translation) for name in SEGMENTS)
     far = json.loads(source.read_text())
@@ -97,7 +97,7 @@ def test_a_plan_is_checked_against_the_bone(patient, tmp_path):
     far["segments"]["lefort1"]["rotation"] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     (tmp_path / "far.json").write_text(json.dumps(far))
     with pytest.raises(InputError, match="carries a point of 'lefort1'"):
-        import_plan(patient.case, str(tmp_path / "far.json"), patient.bone, SEGMENTS, str(tmp_path / "no.json"))
+        import_plan(patient.case, str(tmp_path / "far.json"), patient.bone, str(tmp_path / "no.json"))
     assert not (tmp_path / "no.json").exists()
 
 
@@ -105,15 +105,15 @@ def test_the_files_of_a_prediction(patient, result, tmp_path):
     export_prediction(patient.case, patient.model, patient.plan, result, str(tmp_path))
     model = PatientModel.read(patient.model)
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"deformed.vtu", "skin.vtp", "skin.ply", "skin.stl", "bone_cranium.stl"} | {
-        f"bone_{name}.stl" for name in SEGMENTS
+    assert names == {"deformed.vtu", "skin.vtp", "skin.ply", "skin.stl", "bones/cranium.stl"} | {
+        f"bones/{name}.stl" for name in SEGMENTS
     }
     assert np.allclose(pv.read(tmp_path / "deformed.vtu").points, model.points + [0, -2, 0])
     assert np.allclose(pv.read(tmp_path / "skin.ply").points, model.skin_points + [0, -2, 0], atol=1e-4)
-    moved, plan = pv.read(tmp_path / "bone_lefort1.stl"), Plan.read(patient.plan, patient.case)
+    moved, plan = pv.read(tmp_path / "bones/lefort1.stl"), Plan.read(patient.plan, patient.case)
     rest = model.bone_points[model.bone_segment == 0]
     assert np.allclose(moved.points.mean(axis=0), plan.motion("lefort1").apply(rest).mean(axis=0), atol=1e-3)
-    still = pv.read(tmp_path / "bone_cranium.stl").points
+    still = pv.read(tmp_path / "bones/cranium.stl").points
     assert np.allclose(still.mean(axis=0), model.bone_points[model.bone_segment == -1].mean(axis=0), atol=1e-3)
 
 

@@ -18,7 +18,7 @@ from scripts.evaluate import evaluate
 from scripts.predict import predict
 from scripts.register_postop import register_postop
 from scripts.virtual_outcome import virtual_outcome
-from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
+from tests.helpers.settings import CONFIG, OUTCOME, SEED
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def nominal(patient, tmp_path_factory):
             "executed": str(folder / "executed.json")}  # fmt: skip
     inputs = {name: getattr(patient, name) for name in ("segmentation", "landmarks")} | {"plan": patient.input_plan}
     outcome = OUTCOME | {"effects": "nominal"}
-    virtual_outcome(patient.case, inputs, outcome, CONFIG["labels"], SEGMENTS, SEED, made)
+    virtual_outcome(patient.case, inputs, outcome, CONFIG["labels"], CONFIG["segments"], SEED, made)
     return made
 
 
@@ -52,7 +52,7 @@ def test_sliding_finite_elements_reproduce_the_truth(patient, nominal, field):
 def test_the_scan_is_the_skin_that_they_predict(patient, nominal, field, tmp_path):
     model, _, displacement = field
     path = str(tmp_path / "postop.h5")
-    register_postop(patient.case, nominal["postop"], patient.skin, patient.bone, SEGMENTS, 20.0, 1.0, path)
+    register_postop(patient.case, nominal["postop"], patient.skin, patient.bone, 20.0, 1.0, path)
     with h5py.File(path, "r") as file:
         points = file["points"][()]
     assert read_surface(nominal["postop"])[0].shape == points.shape
@@ -63,7 +63,7 @@ def test_the_scan_is_the_skin_that_they_predict(patient, nominal, field, tmp_pat
 def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, tmp_path):
     """The true skin misses its noiseless scan by what the registration leaves, and so do finite elements told all."""
     postop, judged = str(tmp_path / "postop.h5"), str(tmp_path / "judged.h5")
-    register_postop(patient.case, nominal["postop"], patient.skin, patient.bone, SEGMENTS, 20.0, 1.0, postop)
+    register_postop(patient.case, nominal["postop"], patient.skin, patient.bone, 20.0, 1.0, postop)
     choose_samples(patient.case, patient.model, patient.plan, postop, 3000, SEED, judged)
     rows = {}
     for name, module, settings, truths in (

@@ -14,7 +14,7 @@ from pinnochio.networks.building import build
 from pinnochio.tables.scaling import SCALING
 from pinnochio.training.checkpoint import save_network
 from scripts.measure_scaling import measure_scaling, training_step, warm_plan
-from tests.helpers.settings import CONFIG, SEED, SEGMENTS, network_settings, training_settings
+from tests.helpers.settings import CONFIG, SEED, network_settings, training_settings
 
 NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
 TRAINING = vars(training_settings(steps=4, learning_rate=1e-3))
@@ -28,7 +28,7 @@ def input_files(patient) -> dict:
 
 
 def test_every_stage_has_a_row_with_its_cost(patient, tmp_path):
-    settings = CONFIG | {"segments": SEGMENTS, "variants": {}}
+    settings = CONFIG | {"variants": {}}
     measure_scaling(patient.case, 600, input_files(patient), {}, settings, SEED, str(tmp_path / "600.csv"))
     rows = read_table(tmp_path / "600.csv", SCALING).set_index("stage")
     assert rows["unit"].to_dict() == {"tetrahedralize": "job", "label_interfaces": "job", "simulate_fem": "plan"}
@@ -39,7 +39,7 @@ def test_every_stage_has_a_row_with_its_cost(patient, tmp_path):
 
 
 def test_a_stage_that_fails_and_those_that_need_it_say_so(patient, tmp_path):
-    settings = CONFIG | {"segments": SEGMENTS, "variants": {"net": {"network": asdict(NETWORK)} | PHASES}}
+    settings = CONFIG | {"variants": {"net": {"network": asdict(NETWORK)} | PHASES}}
     lacking = input_files(patient) | {"labels": str(tmp_path / "nowhere.nii.gz")}
     measure_scaling(patient.case, 600, lacking, {"net": "-"}, settings, SEED, str(tmp_path / "600.csv"))
     rows = read_table(tmp_path / "600.csv", SCALING).set_index("stage")

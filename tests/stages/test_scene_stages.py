@@ -15,7 +15,7 @@ from pinnochio.reduction.settings import REDUCTIONS
 from pinnochio.tables.reductions import SCENES, TRIALS
 from scripts.make_scene import make_scene
 from scripts.measure_scene import measure_scene
-from tests.helpers.settings import CONFIG, MESH, SEED, SEGMENTS, scene_settings
+from tests.helpers.settings import CONFIG, MESH, SEED, scene_settings
 from tests.helpers.tables import make
 
 LEFORT = "lefort1"
@@ -51,7 +51,7 @@ def test_scene_of_a_lefort_plan_is_smaller_and_its_face_moves_alike(patient, lef
 def test_trials_and_table_compare_every_reduction_with_the_full_model(patient, lefort, tmp_path):
     settings = replace(scene_settings(), graded=False)
     out = str(tmp_path / "trials.csv"), str(tmp_path / "scene.json")
-    rest = SEGMENTS, MESH, CONFIG["interfaces"], patient.fem, settings, SEED, "code", *out
+    rest = MESH, CONFIG["interfaces"], patient.fem, settings, SEED, "code", *out
     measure_scene(patient.case, lefort, *rest)
     trials = read_table(out[0], TRIALS).set_index("model")
     assert list(trials.index) == ["full", *REDUCTIONS, "auto"] and trials["converged"].all()

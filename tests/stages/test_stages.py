@@ -32,7 +32,7 @@ from scripts.register_postop import register_postop
 from scripts.render_case import render_case
 from scripts.solve_plan import solve_plan
 from scripts.virtual_patient import virtual_patient
-from tests.helpers.settings import CONFIG, SEED, SEGMENTS, network_settings, training_settings
+from tests.helpers.settings import BIMAXILLARY, CONFIG, SEED, SEGMENTS, network_settings, training_settings
 from tests.helpers.tables import make
 from tests.helpers.training import predict_by
 
@@ -43,7 +43,7 @@ def test_virtual_patient_is_its_seed(patient, tmp_path):
     names = {"segmentation": "segmentation.nii.gz", "plan": "input_plan.json"}
     names |= {"landmarks": "landmarks.json", "anatomy": "anatomy.json"}
     again = {key: str(tmp_path / name) for key, name in names.items()}
-    rest = CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], again
+    rest = CONFIG["labels"], BIMAXILLARY, CONFIG["virtual"]["muscles"], again
     virtual_patient(patient.case, 0, SEED, 2.0, *rest)
     for name in names.values():
         assert (tmp_path / name).read_bytes() == (patient.folder / name).read_bytes()
@@ -80,12 +80,12 @@ def test_mesh_fills_the_tissue(patient):
 def test_the_mesh_that_resolves_the_lips(patient, tmp_path):
     """More nodes on the lips, the same tissue, every arm solved; lips in contact enter each other less than apart."""
     made = {name: str(tmp_path / name) for name in ("mesh.vtu", "model.h5")}
-    refine_lips(patient.mesh, patient.labels, patient.bone, SEGMENTS, 18.0, 5.0, made["mesh.vtu"])
+    refine_lips(patient.mesh, patient.labels, patient.bone, 18.0, 5.0, made["mesh.vtu"])
     coarse, fine = TetMesh.read(patient.mesh), TetMesh.read(made["mesh.vtu"])
     assert np.array_equal(fine.points[: len(coarse.points)], coarse.points)
     assert 1.2 * len(coarse.points) < len(fine.points) < 10 * len(coarse.points)
     assert fine.volumes().sum() == pytest.approx(coarse.volumes().sum(), rel=1e-12)
-    rest = patient.report, SEGMENTS, CONFIG["interfaces"], made["model.h5"]
+    rest = patient.report, CONFIG["interfaces"], made["model.h5"]
     label_case(made["mesh.vtu"], patient.labels, patient.bone, patient.skin, *rest)
     before, model = PatientModel.read(patient.model), PatientModel.read(made["model.h5"])
     for lip in (UPPER_LIP, LOWER_LIP):
@@ -101,7 +101,7 @@ def test_the_mesh_that_resolves_the_lips(patient, tmp_path):
     gaps = UnilateralContact(model.points, contact, 1.0).gaps
     assert gaps(fields["mucosa+lip"].displacement).min() > min(-0.3, gaps(fields["mucosa"].displacement).min() / 2)
     # Nowhere to refine: the mesh it was.
-    refine_lips(patient.mesh, patient.labels, patient.bone, SEGMENTS, 0.0, 5.0, made["mesh.vtu"])
+    refine_lips(patient.mesh, patient.labels, patient.bone, 0.0, 5.0, made["mesh.vtu"])
     assert Path(made["mesh.vtu"]).read_bytes() == Path(patient.mesh).read_bytes()
 
 
@@ -138,7 +138,7 @@ def test_solve_plan_leaves_field_summary_and_picture(patient, tmp_path):
 def test_a_scan_that_does_not_fit_is_refused(patient, tmp_path):
     with pytest.raises(InputError, match=f"'{patient.case}'.*scan.ply.*Remedy"):
         register_postop(
-            patient.case, patient.scan, patient.skin, patient.bone, SEGMENTS, 20.0, 0.01, str(tmp_path / "postop.h5")
+            patient.case, patient.scan, patient.skin, patient.bone, 20.0, 0.01, str(tmp_path / "postop.h5")
         )  # fmt: skip
     assert not list(tmp_path.iterdir())
 

@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from tests.helpers.study import good_labels, write_case
+from tests.helpers.study import good_labels, moving, write_case
 
 CODES = {"superficial": 1, "muscle": 2, "cranium": 10, "lefort1": 11, "mandible_distal": 12}
 CODES |= {"proximal_left": 13, "proximal_right": 14}
@@ -32,11 +32,6 @@ def not_a_number():
     return labels
 
 
-def moving(segment):
-    motion = {"rotation": np.eye(3).tolist(), "translation": [0, -5, 0], "pivot": [0, 0, 0]}
-    return {"case": "P1", "segments": {segment: motion}}
-
-
 def run(project, rows, *config, target="meshes"):
     table = project.folder / "cases.tsv"
     table.write_text("case\tsegmentation\tplan\tpostop\n" + "".join(rows))
@@ -56,10 +51,10 @@ def check(project, rows, *said, config=()):
 @pytest.mark.parametrize(
     ("defect", "said"),
     [
-        ({"labels": without(12)}, ("'P1'", "P1.nii.gz", "mandible_distal")),
+        ({"labels": without(12)}, ("'P1'", "P1.json", "'mandible_distal', which the segmentation does not hold")),
         ({"labels": not_a_number()}, ("'P1'", "P1.nii.gz", "NaN")),
         ({"labels": in_two_halves(11)}, ("'P1'", "P1.nii.gz", "lefort1_left and lefort1_right")),
-        ({"plan": moving("chin")}, ("'P1'", "P1.json", "chin")),
+        ({"plan": {"case": "P1", "segments": moving("chin")}}, ("'P1'", "P1.json", "chin")),
         ({"scale": 1e6}, ("'P1'", "P1.ply", "times the size")),
     ],
     ids=["missing label", "NaN", "two halves", "no such segment", "wrong scale"],

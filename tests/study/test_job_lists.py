@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+from tests.helpers.study import jobs as counted
+
 
 def write_cohort(project, scanned, unscanned):
     """Empty files will do: no job runs."""
@@ -214,3 +216,21 @@ def test_what_runs_nothing_needs_no_number_of_cores(project, asked):
     )
     assert done.returncode == 0, done.stderr[-2000:]
     assert "simulate_fem" in done.stdout
+
+
+def test_a_locked_cohort_is_packed_without_its_outcomes_until_they_are_revealed(project):
+    """Other patients in a folder of their own; the whole study makes the outcomes that it trains on."""
+    locked = ("-n", "--configfile", "config/locked.yaml", "--")
+    said, revealing = (project.snakemake(*locked, target).stdout for target in ("cohort", "reveal"))
+    packed, revealed = counted(said), counted(revealing)
+    assert packed["virtual_patient"] == 40 and packed["data_card"] == packed["sum_up"] == 1
+    assert "virtual_outcome" not in packed and "measure_effects" not in packed
+    assert revealed["virtual_outcome"] == 40 and revealed["sum_up"] == 1
+    open_one = counted(project.snakemake("-n", "--", "cohort").stdout)
+    assert open_one["virtual_outcome"] == 40 and open_one["measure_effects"] > 0
+    assert "results/locked/virtual/V01/segmentation.nii.gz" in said and "results/virtual/" not in said
+
+
+def test_procedures_need_their_segments_in_the_vocabulary(project):
+    done = project.snakemake("-n", "--config", "segments=[lefort1, mandible_distal, proximal_left, proximal_right]")
+    assert done.returncode != 0 and "mandible" in done.stdout and "virtual.procedures" in done.stdout

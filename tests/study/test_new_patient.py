@@ -47,7 +47,7 @@ def test_an_archive_alone_predicts_two_plans_of_one_patient(clinic):
         said[plan] = json.loads((folder / "certificate.json").read_text())
         assert said[plan]["measures"]["inverted"] == 0 and said[plan]["interval"]["median_mm"] > 0
         assert (folder / "index.html").stat().st_size > 200_000
-        for name in ("deformed.vtu", "skin.ply", "skin.stl", "skin.vtp", "bone_lefort1.stl"):
+        for name in ("deformed.vtu", "skin.ply", "skin.stl", "skin.vtp", "bones/lefort1.stl"):
             assert (folder / name).stat().st_size > 1000
     assert said["treat"]["in_distribution"]["within"]  # it is one of the training
     assert (

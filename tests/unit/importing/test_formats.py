@@ -291,10 +291,10 @@ def test_overlapping_layers_keep_bone_over_muscle_over_skin_and_segments_over_th
 
 BAD_SEGMENTS = {
     "unknown name": (
-        ALL, NAMES | {"mandible": "Lower jaw"},
-        r"no segment is called 'Lower jaw' \('mandible'\); it holds 'Fat.*' \(3\), .*'Mandible' \(23\)", "labels",
+        ALL, NAMES | {"cranium": "Upper skull"},
+        r"no segment is called 'Upper skull' \('cranium'\); it holds 'Fat.*' \(3\), .*'Mandible' \(23\)", "labels",
     ),
-    "unknown value": (ALL, VALUES | {"mandible": 77}, r"no segment has the number 77 .*'Mandible' \(23\)", "'labels'"),
+    "unknown value": (ALL, VALUES | {"cranium": 77}, r"no segment has the number 77 .*'Mandible' \(23\)", "'labels'"),
     "two of a name": ([*ALL, ("Mandible", 99, 0)], NAMES, "2 segments are called 'Mandible'", "a name of its own"),
     "two of a value": ([*ALL, ("Chin", 23, 0)], VALUES, r"2 segments are called 23 \('Mandible' \(23\), 'C", "name"),
     "no such layer": ([*ALL, ("Chin", 99, 2)], NAMES, "lies in layer 2, the file has 1", "Slicer"),
@@ -414,8 +414,8 @@ def test_a_bad_dicom_file_is_refused(tmp_path):
     _, spacing, place = UPRIGHT
     path = tmp_path / "head.dcm"
     write_dicom_seg(path, np.eye(3), 2 * spacing, place)
-    with pytest.raises(InputError, match=r"no segment is called 'Jaw'.*'Fat and skin' \(1\).*Remedy: "):
-        read_segmentation(path, "P1", NAMES | {"mandible": "Jaw"}, SEGMENTS)
+    with pytest.raises(InputError, match=r"no segment is called 'Bone'.*'Fat and skin' \(1\).*Remedy: "):
+        read_segmentation(path, "P1", NAMES | {"cranium": "Bone"}, SEGMENTS)
     scan_slices((8, 8, 1), np.eye(3), np.ones(3), np.zeros(3))[0].save_as(path, enforce_file_format=True)
     with pytest.raises(InputError, match=r"head\.dcm: it cannot be read as DICOM-SEG.*Remedy: export"):
         read_segmentation(path, "P1", NAMES, SEGMENTS)
@@ -543,7 +543,7 @@ def second(folder):
 
 BAD_FOLDER = {
     "open": (torn, r"superficial\.stl: the surface is not closed \(3 open edges\)", "close it"),
-    "missing": (lambda d: (d / "mandible.stl").unlink(), "no segment is called 'mandible'.*'cranium', ", "labels"),
+    "missing": (lambda d: (d / "cranium.obj").unlink(), "no segment is called 'cranium'.*'lefort1', ", "labels"),
     "no surface": (lambda d: [f.unlink() for f in d.iterdir()], "head: the folder holds no surface", "one closed"),
     "two files": (second, r"muscle\.stl: 'muscle' has two surfaces", "one file per structure"),
     "metres": (lambda d: scaled(d, 1e-3), "in metres", "millimetres"),

@@ -21,6 +21,7 @@ from scripts.register_postop import register_postop
 from tests.helpers.settings import ROOT
 
 SEGMENTS = ("lefort1", "mandible")
+CUT = (*SEGMENTS, "proximal_left")
 CODES = {"superficial": 1, "muscle": 2, "cranium": 10, "lefort1": 11, "mandible": 12}
 PLAIN = ".nii.gz"
 
@@ -57,7 +58,7 @@ def motion(**parts):
 
 
 def plan_text(segment="lefort1", case="P1", head=None, **parts):
-    return json.dumps({"case": case} | (head or {}) | {"segments": {segment: motion(**parts)}})
+    return json.dumps({"case": case} | (head or {}) | {"segments": {"mandible": motion(), segment: motion(**parts)}})
 
 
 def run_import(folder, segmentation=None, plan=None, values=CODES, segments=SEGMENTS, unlabelled="derived", limit=2.0):
@@ -71,7 +72,7 @@ def run_import(folder, segmentation=None, plan=None, values=CODES, segments=SEGM
     if plan is None:
         plan = folder / "P1.json"
         plan.write_text(plan_text())
-    import_plan("P1", str(plan), outputs["bone"], segments, str(folder / "out/plan.json"))
+    import_plan("P1", str(plan), outputs["bone"], str(folder / "out/plan.json"))
 
 
 def of_labels(labels, spacing=3.0, suffix=PLAIN, **settings):
@@ -169,7 +170,7 @@ def run_register(folder, scan, limit=1.5, top=1e9):
     write_surface(points[used], faces.reshape(-1, 3), folder / "preop/skin.vtp")
     (folder / "out").mkdir()
     skin, bone = str(folder / "preop/skin.vtp"), str(folder / "preop/bone.vtp")
-    register_postop("P1", str(scan), skin, bone, segments, 20.0, limit, str(folder / "out/postop.h5"))
+    register_postop("P1", str(scan), skin, bone, 20.0, limit, str(folder / "out/postop.h5"))
 
 
 def of_scan(points, faces=None, suffix="ply", **settings):
@@ -247,12 +248,16 @@ BAD = {
     "metres": (of_labels(head(), 0.003, ".mha"), "P1", "P1.mha", "0.096 mm.*metres"),
     "centimetres": (of_labels(head(), 0.3, ".nrrd"), "P1", "P1.nrrd", "9.6 mm.*centimetres"),
     "micrometres": (of_labels(head(), 3000.0), "P1", "P1.nii.gz", "9.6e[+]04 mm.*micrometres"),
-    "no mandible": (of_labels(changed(code=0, clear=12)), "P1", "P1.nii.gz", "bone 'mandible' .* 12. is empty"),
+    "no cranium": (of_labels(changed(code=0, clear=10)), "P1", "P1.nii.gz", "bone 'cranium' .* 10. is empty"),
+    "no segment": (of_labels(np.where(head() > 10, 10, head())), "P1", "P1.nii.gz", "holds no bone segment"),
+    "a jaw and its pieces": (of_labels(changed(np.s_[20:30], np.s_[10:30], np.s_[10:15], code=13), segments=CUT,
+                                       values=CODES | {"proximal_left": 13}), "P1", "P1.nii.gz",
+                             "'mandible' is the whole bone, and its pieces proximal_left are labelled too"),
     "no skin": (of_labels(np.where(head() == 1, 0, head())), "P1", "P1.nii.gz", "tissue 'superficial' .* is empty"),
     "unnamed segment": (of_labels(head(), segments=(*SEGMENTS, "chin")), "P1", "P1.nii.gz", "no voxel value.* 'chin'"),
     "name without names": (of_labels(head(), values=CODES | {"mandible": "Jaw"}), "P1", "P1.nii.gz", "'Jaw'.*no names"),
-    "Slicer name missing": (slicer_names("superficial", "muscle", "cranium", "lefort1", "jaw"), "P1", "P1.seg.nrrd",
-                            "is called 'mandible'.* 'jaw'"),
+    "Slicer name missing": (slicer_names("superficial", "muscle", "skull", "lefort1", "mandible"), "P1", "P1.seg.nrrd",
+                            "is called 'cranium'.* 'skull'"),
     "Slicer name twice": (slicer_names("superficial", "muscle", "lefort1", "lefort1", "mandible"), "P1", "P1.seg.nrrd",
                           "cranium"),
     "folder without surfaces": (surfaces(lambda folder: None), "P1", "P1", "holds no surface"),
@@ -277,7 +282,9 @@ BAD = {
     "plan in RAS": (of_plan(plan_text(head={"frame": "RAS"})), "P1", "P1.json", "frame is 'RAS'"),
     "plan in cm": (of_plan(plan_text(head={"units": "cm"})), "P1", "P1.json", "units is 'cm'"),
     "plan of another case": (of_plan(plan_text(case="P2")), "P1", "P1.json", "belongs to case 'P2'"),
-    "plan for no such segment": (of_plan(plan_text("chin")), "P1", "P1.json", "'chin', which is not a segment"),
+    "plan for no such segment": (of_plan(plan_text("chin")), "P1", "P1.json", "'chin', .* segmentation does not hold"),
+    "plan without a segment": (of_plan(json.dumps({"segments": {"lefort1": motion()}})), "P1", "P1.json",
+                               "says nothing of 'mandible'"),
     "scaled rotation": (of_plan(plan_text(rotation=(2 * np.eye(3)).tolist())), "P1", "P1.json", "not a rotation"),
     "mirroring": (of_plan(plan_text(rotation=np.diag([-1, 1, 1]).tolist())), "P1", "P1.json", "not a rotation"),
     "NaN translation": (of_plan(plan_text(translation=[0, float("nan"), 0])), "P1", "P1.json", "not finite"),

@@ -164,7 +164,9 @@ def test_written_labels_come_back_voxel_by_voxel_and_byte_by_byte(tmp_path, suff
 
 
 def test_a_plan_for_an_unknown_segment_is_refused():
-    check_plan(Plan("P1", {"chin": RigidMotion()}), SEGMENTS, "plan.json")
+    check_plan(Plan("P1", dict.fromkeys(SEGMENTS, RigidMotion())), SEGMENTS, "plan.json")
+    with pytest.raises(InputError, match=r"case 'P1': plan\.json: .*nothing of 'lefort1'.*Remedy: give 'lefort1'"):
+        check_plan(Plan("P1", {"chin": RigidMotion()}), SEGMENTS, "plan.json")
     with pytest.raises(InputError, match=r"case 'P1': plan\.json: .*'ramus'.*Remedy: rename 'ramus'"):
         check_plan(Plan("P1", {"ramus": RigidMotion()}), SEGMENTS, "plan.json")
 

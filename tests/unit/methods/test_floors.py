@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pinnochio.methods.pca_linear import LinearModel, LinearPredictor, fit, ridge
-from pinnochio.methods.ratio import RATIOS, RatioRule, named
+from pinnochio.methods.ratio import RATIOS, RatioRule
 from pinnochio.model.regions import NAMES, regions
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.head import build_head
@@ -39,11 +39,6 @@ def test_regions_follow_their_jaw_by_their_share(models):
     assert np.allclose(rule(together), both)
     brow = model.skin_points[:, 2] > model.skin_points[codes == NAMES.index("nose"), 2].max() + 15
     assert np.abs(both[brow]).max() < 0.5 and np.abs(rule(shift("proximal_left"))).max() == 0
-
-
-def test_a_chin_of_its_own_goes_before_the_mandible():
-    assert named(("maxilla", "mandible", "chin"), ("chin", "mandible")) == "chin"
-    assert named(("maxilla", "mandible"), ("chin", "mandible")) == "mandible" and named(("ramus",), ("chin",)) is None
 
 
 def test_ridge_finds_a_linear_law_and_shrinks_before_noise():

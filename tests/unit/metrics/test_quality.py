@@ -69,7 +69,7 @@ def test_contact_is_the_area_of_the_nodes_by_bone_and_type():
     measured = contact(replace(model, node_type=kind, node_beyond=beyond))
     # 25 mm2 each: two rows of three move, one slides, one is released, one is on the cranium.
     assert measured == {
-        "cranium": {"fixed": 0.75, "released": 0.0},
+        "cranium": {"fixed": 0.75, "sliding": 0.0, "released": 0.0},
         "left": {"moving": 1.5, "sliding": 0.75, "released": 0.75},
     }
 
@@ -96,6 +96,17 @@ def test_the_table_has_one_row_per_case_and_its_twins(tmp_path):
     assert frame.loc["P1", "volume_muscle"] == 1.5 and frame.loc["P1", "contact_left_moving"] > 0
     for suffix in ("md", "tex", "html"):
         assert "16.00" in path.with_suffix(f".{suffix}").read_text()
+
+
+def test_patients_with_other_segments_stand_in_one_table():
+    """A column for every segment that any of them has, and none for one that nobody has."""
+    reports = [quality(replace(block(), segments=(name,)), imported()) for name in ("lefort1", "mandible")]
+    for report, name in zip(reports, ("lefort1", "mandible"), strict=True):
+        report["case"], report["volume_cm3"] = name, {"superficial": 7.0, "muscle": 1.5, "cranium": 2.0, name: 3.0}
+    frame = table(reports, ("lefort1", "mandible", "chin"), "clinic").frame.set_index("case")
+    assert frame["volume_lefort1"].isna().tolist() == [False, True]
+    assert frame["volume_mandible"].isna().tolist() == [True, False]
+    assert not any("chin" in name for name in frame)
 
 
 def test_report_and_table_are_written_and_repeat_their_bytes(tmp_path):

@@ -1,13 +1,13 @@
 """What the certificate measures of known fields, and what it says of them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pinnochio.model.patient import FREE
 from pinnochio.model.regions import CHIN, NAMES, NOSE
-from pinnochio.patients.archive import Archive
 from pinnochio.patients.certificate import in_distribution, in_words, interval_measures, measures, plain
 from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities
 from pinnochio.plans.plan import Plan
@@ -17,7 +17,11 @@ from tests.helpers.settings import fem_settings
 
 FEM = fem_settings()
 PATIENT = tiny_patient()
-QUALITY = {"volume_cm3": {"left": 1.0}, "thickness_mm": {}, "contact_cm2": {"left": {"moving": 2.0}}}
+QUALITY = {
+    "volume_cm3": {"superficial": 5.0, "muscle": 3.0, "cranium": 2.0, "lefort1": 1.0},
+    "thickness_mm": {"cranium": None, "lefort1": {"mean": 8.0}},
+    "contact_cm2": {"cranium": {"fixed": 1.0}, "lefort1": {"moving": 2.0}},
+}
 
 
 def certificate(displacement, plan, **parts):
@@ -75,23 +79,26 @@ def test_the_interval_counts_where_it_is_widened():
 
 @pytest.mark.parametrize(("factor", "within"), [(1.0, True), (6.0, False)])
 def test_a_plan_far_beyond_the_training_is_called_so(factor, within):
-    plans = [tiny_plan(0, -y, 0, pitch=1) for y in (2, 3, 4, 5)]
-    anatomy = anatomy_quantities(PATIENT, QUALITY)
-    ranges = Ranges(
-        Norm.of([anatomy] * 4), Norm.of([plan_quantities(PATIENT, plan) for plan in plans], True), ["labelled"]
-    )
-    archive = Archive("virtual cohort", 4, ["left"], ["1"], {}, {}, "", "")
-    compared = in_distribution(PATIENT, tiny_plan(0, -4 * factor, 0, pitch=1), QUALITY, archive, ranges)
+    patient = replace(PATIENT, segments=("lefort1",))
+
+    def forward(distance):
+        return Plan("tiny", {"lefort1": tiny_plan(0, -distance, 0, pitch=1).motion("left")})
+
+    plans = [forward(distance) for distance in (2, 3, 4, 5)]
+    anatomy = Norm.of([anatomy_quantities(patient, QUALITY)] * 4)
+    movements = Norm.of([plan_quantities(patient, plan) for plan in plans], True)
+    ranges = Ranges(anatomy, movements, ["labelled"], ["chin", "lefort1"])
+    compared = in_distribution(patient, forward(4 * factor), QUALITY, ranges)
     assert compared["within"] == compared["plan"]["within"] == within
     assert compared["anatomy"]["within"] and compared["muscle"]["within"]
     models = {"cohort": "virtual cohort", "usual": {"min_jacobian": [0.1, 0.2, 0.3]}}
     interval = {"level": 0.9, "patients": 4, "median_mm": 1.0, "largest_mm": 2.0, "widened_percent": 0.0}
     said = certificate(
-        np.zeros_like(PATIENT.points), plans[0], models=models, interval=interval, in_distribution=compared
+        np.zeros_like(PATIENT.points), tiny_plan(0, -2), models=models, interval=interval, in_distribution=compared
     )  # fmt: skip
     assert judgements(said)["Plan"] is within and judgements(said)["Bone segments"]
     words = {row.what: row.meaning for row in in_words(said)}
     assert ("do not rely on it" in words["Interval"]) != within and "0.10 to 0.30, median 0.20" in str(words)
-    assert ("forward_left_mm is 2" in words["Plan"]) != within
-    beyond = in_distribution(PATIENT, plans[0], QUALITY, Archive("c", 4, ["chin"], [], {}, {}, "", ""), ranges)
+    assert ("_mm is 2" in words["Plan"]) != within
+    beyond = in_distribution(patient, plans[0], QUALITY, replace(ranges, segments=["chin"]))
     assert not beyond["within"] and not beyond["segments"]["within"]

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from pinnochio.model.bones import places
 from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import tiny_patient
@@ -59,37 +60,63 @@ def test_the_false_alarms_are_as_many_as_promised():
 
 
 def test_ranges_are_read_as_they_were_written(tmp_path):
-    ranges = Ranges(norm(0.0, 10.0, 40.0), norm(1.0, 2.0, from_rest=True), ["labelled"])
+    ranges = Ranges(norm(0.0, 10.0, 40.0), norm(1.0, 2.0, from_rest=True), ["labelled"], ["lefort1"])
     ranges.write(tmp_path / "ranges.json")
     assert Ranges.read(tmp_path / "ranges.json") == ranges
 
 
 def test_quantities_of_a_plan():
-    """A turn about the middle of the segment leaves that where it is; the rest is the translation."""
-    patient = tiny_patient()
-    middle = patient.bone_points[patient.bone_segment == 0].mean(axis=0)
+    """A turn about the middle of a place leaves that where it is; what the plan does not move has zeros."""
+    patient = dataclasses.replace(tiny_patient(), segments=("lefort1",))
+    middle = patient.bone_points[places(patient)["upper_incisors"]].mean(axis=0)
     quantities = plan_quantities(
-        patient, Plan("tiny", {"left": RigidMotion.from_degrees([3, 0, 4], [-2, -6, 1], middle)})
+        patient, Plan("tiny", {"lefort1": RigidMotion.from_degrees([3, 0, 4], [-2, -6, 1], middle)})
     )
-    expected = {"sideways_left_mm": 2, "forward_left_mm": 6, "up_left_mm": 1, "rotation_left_deg": 5}
-    assert quantities == pytest.approx(expected)
-    assert plan_quantities(patient, Plan("tiny", {})) == pytest.approx(dict.fromkeys(expected, 0), abs=1e-12)
+    own = {"sideways_upper_incisors_mm": 2, "forward_upper_incisors_mm": 6, "up_upper_incisors_mm": 1}
+    own["rotation_maxilla_deg"] = 5
+    assert {name: quantities[name] for name in own} == pytest.approx(own)
+    assert quantities["forward_upper_molars_left_mm"] != pytest.approx(6, abs=0.1)
+    assert quantities["forward_chin_mm"] == quantities["rotation_mandible_deg"] == 0
+    assert plan_quantities(patient, Plan("tiny", {})) == pytest.approx(dict.fromkeys(quantities, 0), abs=1e-12)
+
+
+def test_a_cut_does_not_change_the_quantities_of_an_anatomy():
+    """The same head with other cuts: volumes and contact of skull and lower jaw are sums, the thickness is weighted."""
+    patient = tiny_patient()
+    said = []
+    for pieces in (
+        {"lefort1": 0.4, "mandible": 0.6},
+        {"lefort1_left": 0.1, "mandible_distal": 0.2, "proximal_left": 0.4},
+    ):
+        skull = 1 - sum(own for name, own in pieces.items() if name.startswith("lefort"))
+        bones = {"cranium": skull} | pieces
+        jaw = [name for name in pieces if not name.startswith("lefort")]
+        share = sum(pieces[name] for name in jaw)
+        bones |= {name: pieces[name] * 0.6 / share for name in jaw}
+        quality = {
+            "volume_cm3": {"superficial": 5, "muscle": 3} | {name: 10 * own for name, own in bones.items()},
+            "thickness_mm": {name: {"mean": 4.0, "p5": 1, "p95": 9} for name in bones},
+            "contact_cm2": {name: {"moving": own, "sliding": own, "released": 7.0} for name, own in bones.items()},
+        }
+        own = dataclasses.replace(patient, segments=tuple(pieces))
+        said.append(anatomy_quantities(own, quality))
+    assert said[0] == pytest.approx(said[1]) and said[0]["volume_lower_jaw_cm3"] == pytest.approx(6)
 
 
 def test_quantities_of_an_anatomy():
     patient = tiny_patient()
-    patient = dataclasses.replace(patient, points=patient.points * [1, 2, 3])
+    patient = dataclasses.replace(patient, points=patient.points * [1, 2, 3], segments=("mandible",))
     quality = {
-        "volume_cm3": {"superficial": 5, "left": 1},
-        "thickness_mm": {"cranium": None, "left": {"mean": 4.0, "p5": 1, "p95": 9}},
-        "contact_cm2": {"left": {"moving": 2.0, "sliding": 0.5, "released": 7.0}},
+        "volume_cm3": {"superficial": 5, "muscle": 2, "cranium": 8, "mandible": 1},
+        "thickness_mm": {"cranium": None, "mandible": {"mean": 4.0, "p5": 1, "p95": 9}},
+        "contact_cm2": {
+            "cranium": {"fixed": 3.0, "released": 7.0},
+            "mandible": {"moving": 2.0, "sliding": 0.5, "released": 7.0},
+        },
     }
     quantities = anatomy_quantities(patient, quality)
     assert (quantities["width_mm"], quantities["height_mm"]) == pytest.approx((30, 45), abs=3)
-    assert (quantities["volume_superficial_cm3"], quantities["thickness_left_mm"], quantities["contact_left_cm2"]) == (
-        5,
-        4,
-        2.5,
-    )
-    assert np.isnan(quantities["thickness_cranium_mm"])
+    names = "volume_superficial_cm3", "thickness_lower_jaw_mm", "contact_lower_jaw_cm2", "contact_skull_cm2"
+    assert [quantities[name] for name in names] == [5, 4, 2.5, 3]
+    assert np.isnan(quantities["thickness_skull_mm"])
     json.dumps(Norm.of([quantities, quantities]).compare(quantities), allow_nan=False)

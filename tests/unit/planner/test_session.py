@@ -1,12 +1,13 @@
 """Editing plans by hand: motions and pivots, undo, two sides, saving; and what is prepared for it."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.importing.segmentation import check_plan
 from pinnochio.planner.prepared import Prepared
 from pinnochio.planner.session import QUANTITIES, REST, SIDES, Session
 from pinnochio.plans.plan import Plan
@@ -168,3 +169,15 @@ def test_what_is_prepared_reads_back_and_a_missing_file_is_said(tmp_path):
         Prepared.read(tmp_path / "planner.json")
     with pytest.raises(InputError, match="no patient is prepared.*make planner"):
         Prepared.read(tmp_path / "nothing.json")
+
+
+def test_a_saved_plan_moves_exactly_the_segments_of_its_patient(tmp_path):
+    """Whatever is cut, and of whatever plan it starts: what is saved can be imported again."""
+    parted = np.where(PATIENT.bone_segment == 0, PATIENT.bone_points[:, 0] > 20, -1).astype(np.int8)
+    cut = replace(PATIENT, segments=("mandible", "chin"), bone_segment=parted)
+    session = Session(cut, "tiny", {}, tmp_path)
+    session.change("chin", "y", -3.0)
+    file, folder = session.save("mine")
+    check_plan(Plan.read(file, "tiny"), cut.segments, file)
+    check_plan(Plan.read(folder, "tiny"), cut.segments, folder)
+    assert session.values("mandible")["y"] == 0 and session.values("chin")["y"] == -3

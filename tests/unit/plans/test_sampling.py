@@ -7,11 +7,14 @@ from scipy.spatial.transform import Rotation
 from pinnochio.errors import InputError
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.plans.sampling import (
+    AUTOROTATION,
     DEFORMITIES,
     EXECUTION,
     LIMITS,
+    WIDENING,
     JawAnatomy,
     execution_error,
+    raising,
     role,
     sample_plan,
 )
@@ -28,9 +31,14 @@ def bones(segments=SEGMENTS):
         "proximal_left": ([44, -48, -60], [52, -8, 0]),
         "proximal_right": ([-52, -48, -60], [-44, -8, 0]),
         "chin": ([-15, -90, -95], [15, -75, -80]),
+        "lefort1_left": ([0, -95, -55], [30, -45, -25]),
+        "lefort1_right": ([-30, -95, -55], [0, -45, -25]),
+        "lefort1_front": ([-15, -95, -55], [15, -80, -25]),
     }
-    points = [rng.uniform(*boxes[name], (400, 3)) for name in segments]
-    return np.concatenate(points), np.repeat(np.arange(len(segments)), 400)
+    whole = {"mandible": ("mandible_distal", "proximal_left", "proximal_right")}
+    parts = [[rng.uniform(*boxes[part], (400, 3)) for part in whole.get(name, (name,))] for name in segments]
+    points = [np.concatenate(own) for own in parts]
+    return np.concatenate(points), np.repeat(np.arange(len(segments)), list(map(len, points)))
 
 
 def angles(move):
@@ -105,14 +113,73 @@ def test_rami_follow_the_distal_segment():
 
 
 @pytest.mark.parametrize(
-    "segments", [("lefort1", "mandible_distal"), ("mandible_distal",), ("lefort1",), (*SEGMENTS, "chin")]
+    "segments",
+    [
+        ("lefort1", "mandible_distal"),
+        ("mandible_distal",),
+        ("lefort1",),
+        (*SEGMENTS, "chin"),
+        ("lefort1", "mandible"),
+        ("lefort1_left", "lefort1_right", "mandible", "chin"),
+        ("lefort1_left", "lefort1_right", "lefort1_front", *SEGMENTS[1:]),
+        ("mandible_distal", "proximal_left", "proximal_right"),
+    ],
 )
 def test_any_set_of_segments(segments):
     points, segment = bones(segments)
     plan = sample_plan(np.random.default_rng(1), "P", segments, points, segment)
     assert set(plan.motions) == set(segments)
-    assert all(np.linalg.norm(move.translation) > 0 for move in plan.motions.values())
+    anatomy = JawAnatomy.from_points(points, segment, segments)
+    for name, move in plan.motions.items():
+        assert np.linalg.norm(move.displacement(anatomy.front[name][None])) > 0.05
     assert Plan.from_json(plan.to_json(), case="P").motions.keys() == plan.motions.keys()
+
+
+def test_an_uncut_mandible_turns_about_its_condyles_as_the_maxilla_lets_it():
+    """Up with an impaction, down without; the condyles stay, and no turn is larger than a joint allows."""
+    segments = ("lefort1", "mandible")
+    points, segment = bones(segments)
+    anatomy = JawAnatomy.from_points(points, segment, segments)
+    hinge, front = anatomy.hinge["mandible"], anatomy.front["mandible"]
+    assert abs(hinge[0]) < 5 and hinge[1] > -30 and hinge[2] > -20
+    rises = []
+    for seed in range(30):
+        plan = sample_plan(np.random.default_rng(seed), "P", segments, points, segment)
+        turn = plan.motion("mandible")
+        assert np.allclose(turn.displacement(hinge[None]), 0, atol=1e-9) and np.allclose(angles(turn)[1:], 0)
+        assert abs(angles(turn)[0]) <= AUTOROTATION + 1e-9
+        upper, lower = (plan.motion(name).displacement(front[None])[0, 2] for name in segments)
+        rises.append((upper, lower))
+    assert np.corrcoef(np.array(rises).T)[0, 1] > 0.5
+    up, down = (raising(anatomy, "mandible", rise).displacement(front[None])[0, 2] for rise in (3.0, -3.0))
+    assert up == pytest.approx(3, abs=0.5) and down == pytest.approx(-3, abs=0.5)
+
+
+@pytest.mark.parametrize("front", [False, True])
+def test_pieces_of_a_maxilla_travel_together_and_get_wider_behind(front):
+    pieces = ("lefort1_left", "lefort1_right", *(("lefort1_front",) if front else ()))
+    segments = (*pieces, *SEGMENTS[1:])
+    points, segment = bones(segments)
+    anatomy = JawAnatomy.from_points(points, segment, segments)
+    for seed in range(20):
+        plan = sample_plan(np.random.default_rng(seed), "P", segments, points, segment)
+        moved = {name: plan.motion(name).displacement(anatomy.centre[name][None])[0] for name in pieces}
+        spread = max(np.linalg.norm(one - other) for one in moved.values() for other in moved.values())
+        assert spread < 6.5
+        behind = [plan.motion(name).displacement(anatomy.rear[name][None])[0, 0] for name in pieces[:2]]
+        assert WIDENING[2] - 1.5 < behind[0] - behind[1] < WIDENING[3] + 1.5
+
+
+def test_pieces_of_a_maxilla_share_the_error_of_the_splint():
+    still = Plan("P", dict.fromkeys(("lefort1_left", "lefort1_right", "mandible"), RigidMotion()))
+    rng = np.random.default_rng(1)
+    done = [execution_error(still, rng) for _ in range(600)]
+    one, other, jaw = (np.array([p.motion(name).translation for p in done]) for name in still.motions)
+    for axis in range(3):
+        assert np.corrcoef(one[:, axis], other[:, axis])[0, 1] > 0.9
+        assert abs(np.corrcoef(one[:, axis], jaw[:, axis])[0, 1]) < 0.15
+    assert np.allclose(np.abs(one).mean(0), EXECUTION[:3, 0], rtol=0.1)
+    assert np.allclose(np.abs(jaw).mean(0), EXECUTION[:3, 0] / 2, rtol=0.1)
 
 
 def test_chin_travels_with_the_jaw_and_further_forward():

@@ -109,13 +109,6 @@ def test_the_mesh_has_the_nodes_that_its_name_says():
     assert made.sized(900, "model.h5") == "<results>/cases/{case}/nodes_900/model.h5"
 
 
-def test_a_virtual_patient_with_a_chin_is_sampled_with_a_further_segment():
-    made = study(cohort="virtual")
-    assert made.of_patient("segments")(job(home="cases")) == DEFAULTS["segments"]
-    assert made.of_patient("segments")(job(home="chin")) == [*DEFAULTS["segments"], "chin"]
-    assert made.segmentation(job(home="chin", case="V01")) == "<results>/virtual_chin/V01/segmentation.nii.gz"
-
-
 def test_the_report_holds_the_studys_own_tables_and_the_further_ones_that_are_named():
     parts = ["accuracy", "better", "ablation", "regions", "training", "stages", "quality"]
     assert study().reported == parts

@@ -10,18 +10,28 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
-from pinnochio.virtual.card import FILES, data_card, markdown_table, spread
+from pinnochio.virtual.card import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, data_card, markdown_table, spread
 from pinnochio.virtual.ground_truth import EFFECTS
 from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE, sample_parameters
+from pinnochio.virtual.procedures import Procedure
 from scripts.data_card import describe_cohort
+from scripts.sum_up import sum_up
+from scripts.verify_cohort import verify_cohort
 
 CASES = [f"V{number:02d}" for number in range(1, 11)]
 OWN = {"nodes": 9000, "noise": 0.3, "poisson": "nominal", "coverage": 0.15, "swelling": "nominal"}
 ALL = {name: effect.nominal for name, effect in EFFECTS.items()} | OWN
-VIRTUAL = {"patients": 10, "spacing": 1.5, "muscles": ["masseter", "mentalis"], "outcome": {"effects": ALL}}
+VIRTUAL = {
+    "role": "development",
+    "patients": 10,
+    "spacing": 1.5,
+    "muscles": ["masseter", "mentalis"],
+    "outcome": {"effects": ALL},
+}
 LABELS = {"superficial": 1, "muscle": 2, "cranium": 10}
 
 
@@ -29,6 +39,7 @@ LABELS = {"superficial": 1, "muscle": 2, "cranium": 10}
 def anatomies():
     return [
         asdict(sample_parameters(generator(3, "card", case), DEFORMITIES[number % 4]))
+        | {"procedure": Procedure(chin=number == 2).name}
         for number, case in enumerate(CASES)
     ]
 
@@ -133,7 +144,8 @@ def test_the_checksums_are_those_of_sha256sum(anatomies, plans, tmp_path):
     settings = {"seed": 3, "code": "0", "virtual": VIRTUAL, "labels": LABELS}
     sums = tmp_path / "SHA256SUMS"
     tables = {"ratios": str(tmp_path / "ratios.md")}
-    describe_cohort(CASES, files[::-1], tables, settings, str(tmp_path / "README.md"), str(sums))
+    describe_cohort(CASES, tables, settings, str(tmp_path / "README.md"))
+    sum_up(files[::-1], str(sums))
     lines = sums.read_text().splitlines()
     assert [line.split("  ")[1] for line in lines] == sorted(f"{case}/{name}" for case in CASES for name in
                                                               ("anatomy.json", "plan.json", "truth.h5"))  # fmt: skip
@@ -144,6 +156,40 @@ def test_the_checksums_are_those_of_sha256sum(anatomies, plans, tmp_path):
     assert subprocess.run(check, cwd=tmp_path, check=False, capture_output=True).returncode == 1
     card = (tmp_path / "README.md").read_text()
     assert "10 simulated patients" in card and "| Landmark |" in card
+
+
+def test_operations_are_counted_by_deformity(card):
+    (row,) = cells(card, "bimaxillary, genioplasty")
+    assert row[1:] == ["0", "0", "1", "0", "1"]
+    (row,) = cells(card, "bimaxillary")
+    assert row[1:] == ["3", "3", "1", "2", "9"]
+
+
+def test_the_card_of_a_locked_cohort_tells_no_outcome_and_how_to_reveal_it(anatomies, plans):
+    locked = VIRTUAL | {"role": LOCKED}
+    card = data_card(anatomies, plans, seed=2, code="", virtual=locked, labels=LABELS, tables={})
+    assert not any(cells(card, f"`{name}`") for name in OUTCOMES) and all(cells(card, f"`{name}`") for name in INPUTS)
+    assert "snakemake reveal" in card and OUTCOME_SUMS in card and "no setting is ever chosen on it" in card
+
+
+def test_a_cohort_is_compared_with_its_frozen_checksums(tmp_path):
+    for name in ("a", "b", "c"):
+        (tmp_path / name).write_text(name)
+    files = [str(tmp_path / name) for name in "ab"]
+    sum_up(files, str(tmp_path / "SUMS"))
+    sum_up([str(tmp_path / "c")], str(tmp_path / "SUMS.outcomes"))
+    made, table = [str(tmp_path / name) for name in ("SUMS", "SUMS.outcomes")], tmp_path / "verified.csv"
+    frozen = tmp_path / "frozen"
+    frozen.write_text("# frozen\n" + "".join((tmp_path / name).read_text() for name in ("SUMS", "SUMS.outcomes")))
+    verify_cohort(made, str(frozen), str(table))
+    verify_cohort(made[:1], str(frozen), str(table))  # what is not revealed is not compared
+    assert table.read_text().splitlines()[1:] == ["a,same", "b,same"]
+    (tmp_path / "b").write_text("other")
+    sum_up(files, made[0])
+    frozen.write_text("".join(line for line in frozen.read_text().splitlines(True) if not line.endswith("  c\n")))
+    with pytest.raises(InputError, match="2 of 3 files are not as they were frozen, the first is b"):
+        verify_cohort(made, str(frozen), str(table))
+    assert table.read_text().splitlines()[1:] == ["a,same", "b,differs", "c,missing"]
 
 
 def test_the_angle_of_a_motion_is_its_whole_rotation(anatomies):

@@ -8,11 +8,12 @@ import pytest
 
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.plans.plan import Plan
-from pinnochio.plans.sampling import LIMITS
+from pinnochio.plans.sampling import AUTOROTATION, LIMITS
 from pinnochio.virtual import treatment
-from pinnochio.virtual.description import describe, summarise
-from pinnochio.virtual.head import build_head, with_segments
+from pinnochio.virtual.description import describe, magnitudes, summarise
+from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import DEFORMITIES, NORMAL_OVERJET, TABLE, sample_parameters
+from pinnochio.virtual.procedures import MANDIBLE, MAXILLA, Procedure
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.treatment import (
     CONTACT,
@@ -21,6 +22,7 @@ from pinnochio.virtual.treatment import (
     overlap,
     split_overlaps,
     treatment_plan,
+    turn_to,
 )
 from tests.helpers.tables import make
 
@@ -79,7 +81,7 @@ def test_overlap_is_the_volume_of_the_shared_voxels():
 def test_jaws_do_not_overlap_after_the_plan(deformity):
     for seed in range(3):
         rng = np.random.default_rng(10 + seed)
-        head = build_head(sample_parameters(rng, deformity), spacing=2.0, genioplasty=True)
+        head = build_head(sample_parameters(rng, deformity), spacing=2.0, procedure=Procedure(chin=True))
         plan = treatment_plan(head, rng, "V01")
         assert jaw_overlap(head, plan) <= CONTACT
         assert max(split_overlaps(head, plan).values()) < 6000
@@ -115,8 +117,8 @@ def replace_translation(plan, segment, up):
 def test_genioplasty_gives_the_chin_what_it_lacks():
     p = sample_parameters(np.random.default_rng(5), "class_ii")
     mean = TABLE["chin_prominence"].mean + p.male * TABLE["chin_prominence"].male
-    for lacking, expected in ((4.0, 4.0), (-2.0, 0.0)):
-        head = build_head(replace(p, chin_prominence=mean - lacking), spacing=2.5, genioplasty=True)
+    for lacking, expected in ((4.0, 4.0), (-2.0, treatment.LEAST_ADVANCE)):
+        head = build_head(replace(p, chin_prominence=mean - lacking), spacing=2.5, procedure=Procedure(chin=True))
         plan = treatment_plan(head, np.random.default_rng(0), "V")
         chin = head.landmarks["pogonion_bone"][None]
         own = plan.motion("chin").displacement(chin) - plan.motion("mandible_distal").displacement(chin)
@@ -124,19 +126,64 @@ def test_genioplasty_gives_the_chin_what_it_lacks():
 
 
 def test_without_a_maxilla_the_mandible_alone_closes_the_bite():
-    rng = np.random.default_rng(4)
-    head = build_head(sample_parameters(rng, "class_iii"), spacing=2.5)
-    lower = with_segments(head, ("proximal_left", "mandible_distal", "proximal_right"))
-    plan = treatment_plan(lower, rng, "V")
-    assert set(plan.motions) == set(lower.segments)
-    assert abs(bite(head.parameters, plan)["overjet"] - NORMAL_OVERJET) < 1.6
+    """Against teeth that belong to the cranium, which it does not enter."""
+    for deformity in ("class_ii", "class_iii"):
+        rng = np.random.default_rng(4)
+        head = build_head(sample_parameters(rng, deformity), spacing=2.0, procedure=Procedure(MANDIBLE))
+        plan = treatment_plan(head, rng, "V")
+        assert set(plan.motions) == {"mandible_distal", "proximal_left", "proximal_right"}
+        assert abs(bite(head.parameters, plan)["overjet"] - NORMAL_OVERJET) < 1.6
+        assert jaw_overlap(head, plan) <= CONTACT
+        lifted = replace_translation(plan, "mandible_distal", 8.0)
+        assert jaw_overlap(head, lifted) > 500
+
+
+@pytest.mark.parametrize("deformity", ["class_iii", "open_bite"])
+def test_without_a_cut_the_mandible_turns_about_its_condyles_to_meet_the_maxilla(deformity):
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        head = build_head(sample_parameters(rng, deformity), spacing=2.0, procedure=Procedure(MAXILLA))
+        plan = treatment_plan(head, rng, "V")
+        assert set(plan.motions) == {"lefort1", "mandible"}
+        after, before = bite(head.parameters, plan), bite(head.parameters)
+        assert abs(after["overjet"] - NORMAL_OVERJET) < 1.6 and abs(after["midline"]) < 1.6
+        assert abs(after["open_bite"]) < 1.6 and abs(after["open_bite"]) <= max(abs(before["open_bite"]), 1.0)
+        assert jaw_overlap(head, plan) <= CONTACT
+        turn = plan.motion("mandible")
+        assert np.allclose(turn.degrees[1:], 0) and abs(turn.degrees[0]) <= AUTOROTATION + 1e-9
+        for side in ("left", "right"):
+            travel = turn.displacement(head.landmarks[f"condyle_{side}"][None])
+            assert np.linalg.norm(travel) < 1.5
+
+
+@pytest.mark.parametrize("pieces", [2, 3])
+def test_pieces_of_the_maxilla_part_at_the_molars_and_stay_together_in_front(pieces):
+    head = build_head(sample_parameters(np.random.default_rng(1), "open_bite"), 2.0, Procedure(pieces=pieces))
+    upper = [name for name in head.segments if name.startswith("lefort1_")]
+    assert len(upper) == pieces
+    for seed in range(5):
+        plan = treatment_plan(head, np.random.default_rng(seed), "V")
+        wider = magnitudes(head, plan)["maxilla_wider"]
+        assert 0.5 < wider < 7.5
+        moved = [plan.motion(name).displacement(head.landmarks["upper_incisor"][None])[0] for name in upper]
+        # Two pieces hinge in front; with a front piece the sides stand beside the teeth that they leave.
+        most = 1.5 if pieces == 2 else 5.0
+        assert max(np.linalg.norm(one - other) for one in moved for other in moved) < most
+
+
+def test_the_turn_takes_a_point_to_a_height():
+    hinge, point = np.array([0.0, -10, -4]), np.array([3.0, -85, -62])
+    for height in (-55.0, -62.0, -70.0):
+        degrees = turn_to(point, hinge, height)
+        moved = RigidMotion.from_degrees((degrees, 0, 0), np.zeros(3), hinge).apply(point[None])[0]
+        assert moved[2] == pytest.approx(height) and abs(degrees) < 10 and (degrees < 0) == (height > -62)
 
 
 def test_description_says_what_was_sampled_and_what_the_plan_does(tmp_path):
     rows = []
     for number, deformity in enumerate(DEFORMITIES):
         rng = np.random.default_rng(number)
-        head = build_head(sample_parameters(rng, deformity), spacing=2.5, genioplasty=number == 0)
+        head = build_head(sample_parameters(rng, deformity), spacing=2.5, procedure=Procedure(chin=number == 0))
         plan = treatment_plan(head, rng, "V")
         described = describe(head, plan)
         p, move = head.parameters, plan.motion("lefort1").displacement(head.landmarks["upper_incisor"][None])[0]
@@ -145,6 +192,7 @@ def test_description_says_what_was_sampled_and_what_the_plan_does(tmp_path):
         assert described["bite_before"] == bite(p) and described["bite_before"]["overjet"] == pytest.approx(p.overjet)
         assert described["plan"]["maxilla_forward"] == pytest.approx(-move[1])
         assert ("chin_forward" in described["plan"]) == (number == 0)
+        assert described["procedure"] == ("bimaxillary, genioplasty" if number == 0 else "bimaxillary")
         assert len(described["thickness"]) == 12
         rows.append(described | {"case": f"V{number}"})
     assert rows[1]["cephalometry"]["convexity"] < rows[0]["cephalometry"]["convexity"]  # Class III is flatter
@@ -152,7 +200,8 @@ def test_description_says_what_was_sampled_and_what_the_plan_does(tmp_path):
     files = [tmp_path / f"{number}.json" for number in range(len(rows))]
     for file, row in zip(files, rows, strict=True):
         file.write_text(json.dumps(row))
-    make(tmp_path / "anatomy.csv", "virtual.description", anatomies=files)
+    make(tmp_path / "anatomy.csv", "virtual.description", anatomies=files, cohort="virtual cohort (locked)")
     lines = (tmp_path / "anatomy.csv").read_text().splitlines()
     assert len(lines) == 5 and lines[1].startswith("V0,") and "class_ii," in lines[1]
-    assert (tmp_path / "anatomy.md").is_file() and table["chin_forward"].isna().tolist() == [False, True, True, True]
+    assert "virtual cohort (locked)" in (tmp_path / "anatomy.md").read_text()
+    assert table["chin_forward"].isna().tolist() == [False, True, True, True]

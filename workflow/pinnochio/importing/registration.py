@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.triangles import face_normals, vertex_normals
+from pinnochio.model.bones import nasion_height
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import RigidMotion
 
@@ -35,16 +36,11 @@ class Registration:
 
 
 def upper_face_plane(bone: BoneSurface, segments: tuple[str, ...], nasion_above_lefort: float) -> float:
-    """Height z (mm) of the nasion plane: nasion_above_lefort (mm) above the top of the upper jaw.
-
-    The upper jaw is every segment named after "lefort" or "maxilla"; without one, every moving segment counts.
-    """
-    upper = [i for i, name in enumerate(segments) if "lefort" in name or "maxilla" in name]
-    own = np.isin(bone.segment, upper)
-    top = bone.points[own if own.any() else bone.segment >= 0, 2]
-    if not len(top):
+    """Height z (mm) of the nasion plane, as :func:`pinnochio.model.bones.nasion_height`; InputError without bone."""
+    height = nasion_height(bone.points, bone.segment, segments, nasion_above_lefort)
+    if not np.isfinite(height):
         raise InputError("-", "bone surface", "no segment has a surface", "label the bone segments")
-    return float(top.max()) + nasion_above_lefort
+    return height
 
 
 def register(

@@ -18,6 +18,7 @@ from pinnochio.importing.segment_files import Segment, read_segments
 from pinnochio.model.labels import AIR, TISSUES, internal_codes
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
+from pinnochio.plans.roles import check_together
 
 LOG = logging.getLogger(__name__)
 HEADER = "header"
@@ -26,11 +27,15 @@ HEAD_EXTENT = (50.0, 600.0)  # mm; the longest side of what is labelled lies bet
 
 @dataclass(frozen=True)
 class Segmentation:
-    """labels (nx, ny, nz) uint8 internal codes [ix, iy, iz]; spacing (3,) mm; origin (3,) centre of voxel 0, LPS."""
+    """labels (nx, ny, nz) uint8 internal codes [ix, iy, iz]; spacing (3,) mm; origin (3,) centre of voxel 0, LPS.
+
+    segments: the bone segments that it holds, in the order of their codes.
+    """
 
     labels: np.ndarray
     spacing: np.ndarray
     origin: np.ndarray
+    segments: tuple[str, ...] = ()
 
 
 def read_segmentation(
@@ -45,7 +50,8 @@ def read_segmentation(
     path: a label map (NIfTI, NRRD, MHA), a 3D Slicer `.seg.nrrd`, a DICOM-SEG (`.dcm`), or a folder with one closed
     surface per structure (STL, PLY, OBJ, VTP; voxels of 1 mm). label_values: of "superficial", "muscle", "cranium" and
     of every segment the voxel value (of a DICOM-SEG the segment number; a surface then bears the name of its
-    structure), or the name that the file gives it. Where structures overlap, bone goes over muscle, muscle over
+    structure), or the name that the file gives it. segments: those that a case may have; its own are those that it
+    holds, coded in this order. Where structures overlap, bone goes over muscle, muscle over
     superficial tissue, a segment over the cranium and over segments listed before it. What is not named counts as air,
     with a warning. Muscle may be missing in `label_values` and in the file; the result then holds none.
 
@@ -57,27 +63,31 @@ def read_segmentation(
     def refuse(problem: str, remedy: str, file=path):
         raise InputError(case, file, problem, remedy)
 
-    codes = internal_codes(tuple(segments))
-    for name in codes:
+    structures = internal_codes(tuple(segments))
+    for name in structures:
         if name not in label_values and name != "muscle":
             refuse(f"the configuration gives no voxel value for {name!r}", f"add {name!r} to 'labels'")
-    wanted = {name: label_values[name] for name in codes if name in label_values}
+    wanted = {name: label_values[name] for name in structures if name in label_values}
+    optional = ("muscle", *segments)
     direction = None
     if orientation != HEADER:
         direction = axes_of(orientation)
     if Path(path).is_dir():
         files = surface_files(path, refuse)
         wanted = {name: value if isinstance(value, str) else name for name, value in wanted.items()}
-        chosen = _chosen([Segment(stem) for stem in files], wanted, case, path, refuse)
+        chosen = _chosen([Segment(stem) for stem in files], wanted, optional, case, path, refuse)
         surfaces = [read_closed_surface(files[part.name], direction, refuse) for part in chosen.values()]
         _check_extent(float(max(np.ptp(points, axis=0).max() for points, _ in surfaces)), refuse)
         image, masks = voxelised(surfaces)
     else:
         image, parts = read_segments(path, refuse)
-        chosen = _chosen(parts, wanted, case, path, refuse)
+        chosen = _chosen(parts, wanted, optional, case, path, refuse)
         masks = (part.voxels() for part in chosen.values())
         if direction is not None:
             turn(image, direction)
+    own = tuple(name for name in segments if name in chosen)
+    check_together(own, case, path)
+    codes = internal_codes(own)
     values = np.full(image.GetSize()[::-1], AIR, np.uint8)
     for name, mask in zip(chosen, masks, strict=True):
         values[mask] = codes[name]
@@ -92,7 +102,7 @@ def read_segmentation(
         if name != "muscle" and not (labels == codes[name]).any():
             what = "tissue" if name in TISSUES else "bone"
             refuse(f"{what} {name!r} ({part}) is empty or covered by other structures", "label it where it alone is")
-    return Segmentation(labels, np.array(coded.GetSpacing()), np.array(coded.GetOrigin()))
+    return Segmentation(labels, np.array(coded.GetSpacing()), np.array(coded.GetOrigin()), own)
 
 
 def axes_of(orientation: str) -> np.ndarray:
@@ -107,10 +117,12 @@ def turn(image: sitk.Image, direction: np.ndarray) -> None:
     image.SetDirection(direction.ravel().tolist())
 
 
-def _chosen(parts: Sequence[Segment], wanted: Mapping[str, int | str], case: str, path, refuse) -> dict[str, Segment]:
-    """The segment of each structure, in the order of `wanted`; "muscle" may have none."""
+def _chosen(
+    parts: Sequence[Segment], wanted: Mapping[str, int | str], optional: Sequence[str], case: str, path, refuse
+) -> dict[str, Segment]:
+    """The segment of each structure, in the order of `wanted`; the `optional` ones may have none."""
     named = any(part.name is not None for part in parts)
-    listed = ", ".join(map(str, parts))
+    listed = ", ".join(map(str, parts)) or "nothing"
     chosen = {}
     for structure, value in wanted.items():
         if isinstance(value, str) and not named:
@@ -126,8 +138,11 @@ def _chosen(parts: Sequence[Segment], wanted: Mapping[str, int | str], case: str
             )
         if own:
             chosen[structure] = own[0]
-        elif structure == "muscle":
-            LOG.warning("case %r: %s: nothing carries the label %r of 'muscle'; it holds %s", case, path, value, listed)
+        elif structure in optional:
+            if structure == "muscle":
+                LOG.warning(
+                    "case %r: %s: nothing carries the label %r of 'muscle'; it holds %s", case, path, value, listed
+                )
         elif named:
             what = "is called" if isinstance(value, str) else "has the number"
             refuse(f"no segment {what} {value!r} ({structure!r}); it holds {listed}", "correct the name in 'labels'")
@@ -169,14 +184,23 @@ def read_labels(path: str | os.PathLike) -> Segmentation:
 
 
 def check_plan(plan: Plan, segments: Sequence[str], path: str | os.PathLike) -> None:
-    """Refuse a plan that moves what is not a segment."""
+    """Refuse a plan that does not name exactly the segments of its case, each once."""
+    listed = ", ".join(segments)
     for name in plan.motions:
         if name not in segments:
             raise InputError(
                 plan.case,
                 path,
-                f"it moves {name!r}, which is not a segment ({', '.join(segments)})",
-                f"rename {name!r} in the plan, or add it to 'segments' in the configuration",
+                f"it moves {name!r}, which the segmentation does not hold ({listed})",
+                f"rename {name!r} in the plan, or label it (one of 'segments' in the configuration)",
+            )
+    for name in segments:
+        if name not in plan.motions:
+            raise InputError(
+                plan.case,
+                path,
+                f"it says nothing of {name!r}, which the segmentation holds ({listed})",
+                f"give {name!r} its motion; one that stays where it is has the identity",
             )
 
 

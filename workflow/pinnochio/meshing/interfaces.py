@@ -16,12 +16,13 @@ from pinnochio.meshing.lips import bite, lip_nodes
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.splitting import simplex_points
 from pinnochio.model import patient as m
-from pinnochio.model.labels import AIR, CRANIUM, FIRST_SEGMENT, MUSCLE, SUPERFICIAL, segment_code
+from pinnochio.model.bones import nasion_height, of_segments
+from pinnochio.model.labels import AIR, CRANIUM, FIRST_SEGMENT, MUSCLE, SUPERFICIAL, segment_code, segment_name
 from pinnochio.model.surfaces import BoneSurface
+from pinnochio.plans.roles import UNCUT, of_role
 
 LOG = logging.getLogger(__name__)
 NO_BODY = -9
-UPPER, LOWER, RAMUS = ("lefort", "maxilla"), ("mandible", "proximal", "ramus"), ("proximal", "ramus")
 
 
 def label_interfaces(
@@ -55,9 +56,10 @@ def label_interfaces(
     the bone with the largest part; else air.
 
     Types. Cut planes and cranium contact are FIXED, contact with a segment MOVING, but SLIDING where a segment that
-    opposes it is nearer than `sliding_band` (teeth and vestibule). Two segments oppose each other if
+    opposes it is nearer than `sliding_band` (teeth and vestibule). Two bones oppose each other if
     `opposing` names them, or, without it, if air lies between them on a tenth of the places where they come that near
-    (mouth) and neither is a proximal segment; pieces of one bone meet at an osteotomy, without air. There the surgeon
+    (mouth) and neither is a proximal segment; pieces of one bone meet at an osteotomy, without air. Where the maxilla
+    is not cut, it is the cranium that opposes the lower jaw. At an osteotomy the surgeon
     lifts the tissue off: contact nearer than `release` to the other bone is FREE [I], and so are both ends of a mesh
     edge from one bone to the other, which could not follow both. So are the cut plane nodes of an element that has no
     other nodes but contact of segments: the tissue goes on beyond the cut. All else is FREE, skin and oral surface too.
@@ -101,15 +103,15 @@ def label_interfaces(
         pairs = opposing_pairs(bone, labels, spacing, origin, segments, sliding_band)
     else:
         pairs = [_named_pair(pair, segments) for pair in opposing]
-    LOG.info("opposing segments: %s", [tuple(segments[i] for i in pair) for pair in pairs])
+    LOG.info("opposing bones: %s", [tuple(segment_name(i, segments) for i in pair) for pair in pairs])
+    body = np.where(contact, node_beyond - FIRST_SEGMENT, NO_BODY)
+    body[contact & (node_beyond == CRANIUM)] = -1
     for i, j in pairs:
         for own, other in ((i, j), (j, i)):
-            nodes, target = np.flatnonzero(node_segment == own), bone.points[bone.segment == other]
+            nodes, target = np.flatnonzero(body == own), bone.points[bone.segment == other]
             if len(nodes) and len(target):
                 near = cKDTree(target).query(points[nodes])[0] < sliding_band
                 node_type[nodes[near]] = m.SLIDING
-    body = np.where(contact, node_beyond - FIRST_SEGMENT, NO_BODY)
-    body[contact & (node_beyond == CRANIUM)] = -1
     released = _released(points, mesh.cells, body, bone, pairs, release)
     node_type[released], node_segment[released] = m.FREE, -1
     node_type[_torn_cut(mesh.cells, node_beyond == m.CUT_PLANE, node_segment >= 0)] = m.FREE
@@ -125,8 +127,10 @@ def label_interfaces(
     carried = {} if skin is None or not len(outer) else _carried(skin, points, outer)
     skin_points, skin_faces = carried.get("skin_points", points), carried.pop("skin_faces", outer)
     centre = skin_points[skin_faces].mean(axis=1)
-    top = _bone_extent(bone, segments, UPPER, 2) + nasion_above_maxilla
-    back = _bone_extent(bone, segments, LOWER, 1) - tragus_before_mandible
+    top = nasion_height(bone.points, bone.segment, segments, nasion_above_maxilla)
+    lower = of_segments(bone.segment, segments, "distal", UNCUT, "proximal")
+    lower = lower if lower.any() else bone.segment >= 0
+    back = bone.points[lower, 1].max(initial=-np.inf) - tragus_before_mandible if lower.any() else np.inf
     roi = (centre[:, 2] < top) & (centre[:, 1] < back)
     airy = (beyond == AIR).mean(axis=1) > 0.5
     cut = faces[(beyond == m.CUT_PLANE).all(axis=1)]
@@ -225,18 +229,20 @@ def _named_pair(pair, segments) -> tuple[int, int]:
         raise InputError("-", "opposing", f"{tuple(pair)} is not a pair of {segments}", "name two segments") from None
 
 
-def _named(segments, words) -> list[int]:
-    """Indices of the segments whose name has one of the words."""
-    return [i for i, name in enumerate(segments) if any(word in name.lower() for word in words)]
-
-
 def opposing_pairs(bone, labels, spacing, origin, segments, band: float) -> list[tuple[int, int]]:
-    """Pairs of segments with air between them on a tenth of the surface points where they come within the band."""
+    """Pairs of bones, by segment index, with air between them on a tenth of the surface points where they come within
+    the band: jaws against each other, neither rami nor pieces of one maxilla. -1, the cranium, is the upper jaw of a
+    case whose maxilla is not cut but whose lower jaw is."""
     pairs = []
-    jaws = [i for i in np.unique(bone.segment[bone.segment >= 0]).tolist() if i not in _named(segments, RAMUS)]
+    upper, lower, ramus = (of_role(segments, *what) for what in (("maxilla",), ("distal", UNCUT), ("proximal",)))
+    jaws = [i for i in np.unique(bone.segment[bone.segment >= 0]).tolist() if segments[i] not in ramus]
+    if lower and not upper and (bone.segment == -1).any():
+        jaws = [-1, *jaws]
     trees = {i: cKDTree(bone.points[bone.segment == i]) for i in jaws}
     along = np.linspace(0.2, 0.8, 7)[:, None]
     for i, j in combinations(jaws, 2):
+        if {segment_name(i, segments), segment_name(j, segments)} <= {*upper}:
+            continue
         one = trees[i].data
         distance, nearest = trees[j].query(one)
         close = distance < band
@@ -247,7 +253,7 @@ def opposing_pairs(bone, labels, spacing, origin, segments, band: float) -> list
         index = np.clip(index, 0, np.array(labels.shape) - 1)
         through = labels[tuple(np.moveaxis(index, 2, 0))]
         airy = (distance[close] > 2 * spacing.max()) & ((through == AIR).mean(axis=1) > 0.4)
-        LOG.debug("segments %d and %d: air between %.0f %% of %d points", i, j, 100 * airy.mean(), len(airy))
+        LOG.debug("bones %d and %d: air between %.0f %% of %d points", i, j, 100 * airy.mean(), len(airy))
         if airy.mean() > 0.1:
             pairs.append((i, j))
     return pairs
@@ -307,13 +313,6 @@ def _skin(faces, beyond, ends, areas, labels, spacing, origin, opening_mm) -> np
     largest = np.bincount(piece, areas[index]).argmax()
     outer[index[piece != largest]] = False
     return outer
-
-
-def _bone_extent(bone, segments, names, axis: int) -> float:
-    """Largest coordinate of the segments whose name has one of these words; of all segments if none has."""
-    wanted = _named(segments, names)
-    own = np.isin(bone.segment, wanted) if wanted else bone.segment >= 0
-    return float(bone.points[own, axis].max()) if own.any() else np.inf
 
 
 def _node_normals(faces, beyond, node_beyond, normals, areas) -> np.ndarray:

@@ -14,12 +14,12 @@ import h5py
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from pinnochio.files import replacing
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.scattered import farthest, nearest, spread
 from pinnochio.methods.protocol import Planned, predict_skin
+from pinnochio.model.bones import motion_of_places
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
@@ -129,13 +129,9 @@ def fit(
 
 
 def features(model: PatientModel, plan: Plan, shape: np.ndarray) -> np.ndarray:
-    """What is regressed on: of each segment the displacement of its middle, mm, and its rotation, degrees; shape."""
-    parts = []
-    for index, name in enumerate(model.segments):
-        motion, bone = plan.motion(name), model.bone_points[model.bone_segment == index]
-        middle = bone.mean(axis=0) if len(bone) else np.zeros(3)
-        parts += [motion.displacement(middle[None])[0], np.degrees(Rotation.from_matrix(motion.rotation).as_rotvec())]
-    return np.concatenate([*parts, shape])
+    """What is regressed on: the displacement (mm) of fixed places of the skeleton, whichever segments carry them, and
+    the shape; so cases that are cut differently have the same features."""
+    return np.concatenate([*motion_of_places(model, plan).values(), shape])
 
 
 def ridge(rows: np.ndarray, values: np.ndarray, owner: np.ndarray) -> np.ndarray:

@@ -11,13 +11,14 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.model.regions import NAMES, NOT_JUDGED, RIM, regions
 from pinnochio.plans.plan import Plan
+from pinnochio.plans.roles import displacement_at
 
 # Region: jaw that it follows and its share. Nose [S: PMC6173856] 0.17, [R] 0.2-0.35; lips [S] 0.21 and 0.66,
 # [R] 0.4-0.7 and 0.6-0.8; chin [R] 0.9-1.0.
 RATIOS = {"nose": ("upper", 0.25), "upper_lip": ("upper", 0.5), "lower_lip": ("lower", 0.7), "chin": ("chin", 0.95)}
 CHEEK = 0.5  # of the lower jaw below the mouth, of the upper above it, falling to none at the rim of the orbit [I]
 BLEND = 6.0  # mm over which neighbouring regions run into each other [I]
-JAWS = {"upper": ("lefort", "maxilla"), "lower": ("mandible",), "chin": ("chin", "mandible")}
+JAWS = ("upper", "lower", "chin")
 
 
 class Predictor:
@@ -41,7 +42,7 @@ class RatioRule:
         rim = (1 - RIM) * marks.subnasale[2] + RIM * marks.sellion[2]
         shares = np.zeros((len(skin), len(JAWS)))
         for region, (jaw, share) in RATIOS.items():
-            shares[codes == NAMES.index(region), list(JAWS).index(jaw)] = share
+            shares[codes == NAMES.index(region), JAWS.index(jaw)] = share
         cheek = np.isin(codes, [NAMES.index(name) for name in ("cheek_right", "cheek_left")])
         height = skin[cheek, 2]
         fading = np.clip((rim - height) / (rim - marks.subnasale[2]), 0, 1)
@@ -51,17 +52,10 @@ class RatioRule:
         near = cKDTree(skin[judged]).query_ball_point(skin, BLEND)
         blended = [shares[judged[own]].mean(axis=0) if len(own) else np.zeros(len(JAWS)) for own in near]
         self._skin, self._shares = skin, np.array(blended)
-        self._segments = [named(model.segments, words) for words in JAWS.values()]
 
     def __call__(self, plan: Plan) -> np.ndarray:
         """Displacement (s, 3) mm of the skin points."""
         moved = np.zeros_like(self._skin)
-        for segment, share in zip(self._segments, self._shares.T, strict=True):
-            if segment is not None:
-                moved += share[:, None] * plan.motion(segment).displacement(self._skin)
+        for jaw, share in zip(JAWS, self._shares.T, strict=True):
+            moved += share[:, None] * displacement_at(plan, jaw, self._skin)
         return moved
-
-
-def named(segments: tuple[str, ...], words: tuple[str, ...]) -> str | None:
-    """The first segment whose name holds the first of the words that any name holds."""
-    return next((name for word in words for name in segments if word in name), None)

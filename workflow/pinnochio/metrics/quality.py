@@ -70,7 +70,7 @@ def contact(patient: PatientModel) -> dict[str, dict[str, float]]:
         touched[name] = {
             kind: round(float(areas[on_bone & (patient.node_type == code)].sum()), 4)
             for kind, code in CONTACT.items()
-            if (code == FIXED) == (index < 0) or code == FREE
+            if code not in ((MOVING,) if index < 0 else (FIXED,))
         }
     return touched
 

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinnochio.errors import InputError
+from pinnochio.model.bones import above_teeth, of_segments
 from pinnochio.model.patient import LOWER_LIP, UPPER_LIP, PatientModel
+from pinnochio.plans.roles import UNCUT
 
 STEP = 0.5  # mm between the points of a profile
 TEETH = 15.0  # mm from the midline and behind the front of the upper jaw: its incisors [I]
@@ -40,7 +42,7 @@ class FaceLandmarks:
 def face_landmarks(patient: PatientModel) -> FaceLandmarks:
     """Landmarks of an upright face (+z up, looking to -y; some degrees of pitch do little).
 
-    The midline is the middle of the upper jaw (the segment named after it, else all segments) down to the mouth; from
+    The midline is the middle of the upper jaw (:func:`_upper_jaw`) down to the mouth; from
     there it runs to the middle of the chin's bone. Stomion lies between the nodes of the lips, else at the edge of
     the upper incisors; menton is the skin in front of the bone's lower end. All else lies farthest from a chord of
     the profile: pronasale in front of that from stomion to the top; subnasale behind that from stomion to pronasale;
@@ -110,10 +112,13 @@ def _refused(problem: str) -> InputError:
 
 
 def _upper_jaw(patient: PatientModel) -> np.ndarray:
-    """Points (k, 3) mm of the upper jaw's bone, by the segment's name as registration does; else of every segment."""
-    named = [i for i, name in enumerate(patient.segments) if "lefort" in name or "maxilla" in name]
-    own = np.isin(patient.bone_segment, named) if named else patient.bone_segment >= 0
-    return patient.bone_points[own]
+    """Points (k, 3) mm of the upper jaw's bone: of its segments; where it is not cut, of the cranium above the lower
+    jaw's teeth; without either, of every segment."""
+    own = of_segments(patient.bone_segment, patient.segments, "maxilla")
+    lower = of_segments(patient.bone_segment, patient.segments, "distal", UNCUT)
+    if not own.any() and lower.any():
+        own = above_teeth(patient.bone_points, patient.bone_segment, lower)
+    return patient.bone_points[own if own.any() else patient.bone_segment >= 0]
 
 
 def _chin(bone, middle: float, mouth: float) -> tuple[float, float]:

@@ -27,7 +27,7 @@ class PatientModel:
     points (n, 3) mm; cells (m, 4) int32, positive volume; tissue (m,) int8 label code.
     node_type (n,) int8 FREE | FIXED | MOVING | SLIDING. A bone contact node is MOVING or SLIDING even where the plan
     happens to leave its segment in place; FIXED are cranium contact and cut planes.
-    node_segment (n,) int8 segment index of moving and sliding nodes, else -1.
+    node_segment (n,) int8 segment index of moving and sliding nodes, else -1; -1 of a sliding node: on the cranium.
     node_beyond (n,) int16 INTERIOR, 0 air, 10 cranium, 11 + segment, CUT_PLANE.
     node_normal (n, 3) unit normal out of the tissue on boundary nodes, zero inside.
     interface_kind (n,) int8 NO_INTERFACE | BONE_MUSCLE | BONE_SUPERFICIAL | MUSCLE_SUPERFICIAL.
@@ -36,8 +36,8 @@ class PatientModel:
     skin_weights (s, 3) give the displacement of each of its points. By default it is the mesh's own boundary.
     bone_points (b, 3), bone_normals (b, 3) out of the bone, bone_faces (g, 3) int32.
     bone_segment (b,) int8 segment index, -1 cranium.
-    segments: names, in the order of the indices. muscle: where the muscle layer comes from (importing.muscle_layer):
-    labelled | derived | single.
+    segments: names of the case's own, in the order of the indices. muscle: where the muscle layer comes from
+    (importing.muscle_layer): labelled | derived | single.
     lip (n,) int8 NOT_LIP | UPPER_LIP | LOWER_LIP: nodes that the other lip can touch; by default none.
     """
 

@@ -23,25 +23,27 @@ class BoneSurface:
     """Closed surfaces of the bones, one after the other.
 
     points (b, 3) mm; normals (b, 3) unit, out of the bone; faces (g, 3) int32, outward; segment (b,) int8
-    index of the segment, -1 on the cranium.
+    index of the segment, -1 on the cranium; segments: their names, in the order of the indices.
     """
 
     points: np.ndarray
     normals: np.ndarray
     faces: np.ndarray
     segment: np.ndarray
+    segments: tuple[str, ...] = ()
 
     def part(self, index: int) -> "BoneSurface":
         """The surface of one segment (-1: the cranium); empty if there is none."""
         own = self.segment == index
         renumber = np.cumsum(own) - 1
         faces = renumber[self.faces[own[self.faces[:, 0]]]].astype(np.int32)
-        return BoneSurface(self.points[own], self.normals[own], faces, self.segment[own])
+        return BoneSurface(self.points[own], self.normals[own], faces, self.segment[own], self.segments)
 
     def write(self, path: str | os.PathLike) -> None:
-        """Write as VTP, normals and segment as point data."""
+        """Write as VTP: normals and segment as point data, the names as field data."""
         mesh = pv.PolyData.from_regular_faces(self.points, self.faces)
         mesh["normal"], mesh["segment"] = self.normals, self.segment
+        mesh.field_data["segments"] = np.array(self.segments, str)
         with replacing(path) as temporary:
             mesh.save(temporary)
 
@@ -50,7 +52,10 @@ class BoneSurface:
         """Read what :meth:`write` wrote."""
         mesh = pv.read(path)
         faces = mesh.regular_faces.astype(np.int32)
-        return cls(np.asarray(mesh.points, float), np.asarray(mesh["normal"]), faces, np.asarray(mesh["segment"]))
+        names = tuple(str(name) for name in mesh.field_data["segments"])
+        return cls(
+            np.asarray(mesh.points, float), np.asarray(mesh["normal"]), faces, np.asarray(mesh["segment"]), names
+        )
 
 
 def bone_surface(labels, spacing, origin, segments: tuple[str, ...], edge_mm: float = 2.5) -> BoneSurface:
@@ -73,13 +78,15 @@ def bone_surface(labels, spacing, origin, segments: tuple[str, ...], edge_mm: fl
         segment = np.full(len(points), index, np.int8)
         parts.append(BoneSurface(points, vertex_normals(points, faces), faces, segment))
     if not parts:
-        return BoneSurface(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int8))
+        none = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int8)
+        return BoneSurface(*none, tuple(segments))
     offsets = np.cumsum([0] + [len(part.points) for part in parts[:-1]])
     return BoneSurface(
         np.vstack([part.points for part in parts]),
         np.vstack([part.normals for part in parts]),
         np.vstack([part.faces + offset for part, offset in zip(parts, offsets, strict=True)]).astype(np.int32),
         np.concatenate([part.segment for part in parts]),
+        tuple(segments),
     )
 
 

@@ -20,9 +20,10 @@ READ_BY_NETWORKS = ("mesh", "interfaces", "fem", "lift")
 class Archive:
     """What stands in the manifest.
 
-    cohort, patients: what the models were trained on; segments: bones of the plans; folds: names of the models of each
-    method; methods: by name, the Newton corrections after the network (`corrections`) and the smallest, middle and
-    largest value of some metrics on held-out patients (`usual`); settings: the sections READ_BY_NETWORKS;
+    cohort, patients: what the models were trained on; segments: those that its patients could have; folds: names of
+    the models of each method; methods: by name, the Newton corrections after the network (`corrections`) and the
+    smallest, middle and largest value of some metrics on held-out patients (`usual`); settings: the sections
+    READ_BY_NETWORKS;
     configuration, code: hashes of the whole configuration and of the library.
     """
 

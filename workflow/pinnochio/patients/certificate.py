@@ -9,7 +9,6 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.validity import boundary_metrics, equilibrium_of, volume_metrics
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
-from pinnochio.patients.archive import Archive
 from pinnochio.patients.in_distribution import Ranges, anatomy_quantities, plan_quantities
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration, Interval
@@ -59,7 +58,7 @@ def interval_measures(interval: Interval, calibration: Calibration) -> dict:
     }
 
 
-def in_distribution(patient: PatientModel, plan: Plan, quality: Mapping, archive: Archive, ranges: Ranges) -> dict:
+def in_distribution(patient: PatientModel, plan: Plan, quality: Mapping, ranges: Ranges) -> dict:
     """Whether each of PARTS is in the distribution of the training (`within`), all of them are, and by which numbers.
 
     quality: the patient's quality report.
@@ -67,8 +66,8 @@ def in_distribution(patient: PatientModel, plan: Plan, quality: Mapping, archive
     parts = {
         "segments": {
             "value": list(patient.segments),
-            "trained": list(archive.segments),
-            "within": set(patient.segments) == set(archive.segments),
+            "trained": list(ranges.segments),
+            "within": set(patient.segments) <= set(ranges.segments),
         },
         "muscle": {
             "value": patient.muscle,

@@ -18,14 +18,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pinnochio.files import replacing
+from pinnochio.model.bones import motion_of_places
+from pinnochio.model.labels import TISSUES
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
+from pinnochio.plans.roles import UNCUT, of_role
 
 LEVEL = 0.95
 # Least width of a range: in the quantity's own unit (mm, degrees, cm2, cm3), and as a share of its middle. Less is a
 # matter of voxels [I].
 LEAST, LEAST_SHARE = 1.0, 0.04
 BESIDE_CONTACT = "released"  # contact with bone that an osteotomy takes away
+TURNED = {"maxilla": ("maxilla",), "mandible": ("distal", UNCUT), "rami": ("proximal",), "chin": ("chin",)}
 
 
 @dataclass(frozen=True)
@@ -85,11 +89,13 @@ class Norm:
 
 @dataclass(frozen=True)
 class Ranges:
-    """The norms of anatomy and plans of the training, and where the muscle layers of its patients come from."""
+    """The norms of anatomy and plans of the training, where the muscle layers of its patients come from, and the bone
+    segments that its patients have."""
 
     anatomy: Norm
     plan: Norm
     muscle: Sequence[str]
+    segments: Sequence[str]
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as JSON."""
@@ -100,7 +106,7 @@ class Ranges:
     def read(cls, path: str | os.PathLike) -> "Ranges":
         """Read what :meth:`write` wrote."""
         ranges = json.loads(Path(path).read_text(encoding="utf-8"))
-        return cls(Norm(**ranges["anatomy"]), Norm(**ranges["plan"]), ranges["muscle"])
+        return cls(Norm(**ranges["anatomy"]), Norm(**ranges["plan"]), ranges["muscle"], ranges["segments"])
 
 
 def _range(values: np.ndarray, from_rest: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -116,31 +122,44 @@ def _excess(values, low, high) -> np.ndarray:
 
 
 def anatomy_quantities(patient: PatientModel, quality: Mapping) -> dict[str, float]:
-    """Extents (mm), volumes (cm3), thickness of the soft tissue over each bone (mm) and its contact with it (cm2).
+    """Extents (mm), volumes (cm3), thickness of the soft tissue over skull and lower jaw (mm) and its contact (cm2).
 
-    quality: the patient's quality report (metrics.quality).
+    quality: the patient's quality report (metrics.quality). The skull is cranium and maxilla, the lower jaw all of its
+    pieces, so that the same head has the same numbers however it is cut; the thickness is the mean of the bones',
+    weighted by their contact. NaN where a bone has none.
     """
     extent = np.ptp(patient.points, axis=0)
     quantities = dict(zip(("width_mm", "depth_mm", "height_mm"), extent.tolist(), strict=True))
-    quantities |= {f"volume_{name}_cm3": float(value) for name, value in quality["volume_cm3"].items()}
-    for bone, values in quality["thickness_mm"].items():
-        quantities[f"thickness_{bone}_mm"] = float(values["mean"]) if values else np.nan
-    for bone, areas in quality["contact_cm2"].items():
-        quantities[f"contact_{bone}_cm2"] = sum(area for kind, area in areas.items() if kind != BESIDE_CONTACT)
+    volume, thickness = quality["volume_cm3"], quality["thickness_mm"]
+    quantities |= {f"volume_{name}_cm3": float(volume[name]) for name in TISSUES}
+    touched = {
+        bone: sum(area for kind, area in areas.items() if kind != BESIDE_CONTACT)
+        for bone, areas in quality["contact_cm2"].items()
+    }
+    skull = ["cranium", *of_role(patient.segments, "maxilla")]
+    for name, bones in (("skull", skull), ("lower_jaw", [own for own in patient.segments if own not in skull])):
+        area = {bone: touched[bone] for bone in bones if thickness[bone]}
+        total = sum(area.values())
+        mean = sum(thickness[bone]["mean"] * own for bone, own in area.items()) / total if total else np.nan
+        quantities |= {
+            f"volume_{name}_cm3": float(sum(volume[bone] for bone in bones)) if bones else np.nan,
+            f"thickness_{name}_mm": float(mean),
+            f"contact_{name}_cm2": float(sum(touched[bone] for bone in bones)) if bones else np.nan,
+        }
     return quantities
 
 
 def plan_quantities(patient: PatientModel, plan: Plan) -> dict[str, float]:
-    """Where the middle of each segment goes (sideways either way, forward, up; mm), and how far it turns (degrees).
+    """Where the places of the skeleton go (sideways either way, forward, up; mm), and how far the most turned segment
+    of each role turns (degrees): the same quantities however a case is cut, zero of what is not.
 
     Sideways either way, because networks are trained on mirror images too.
     """
     quantities = {}
-    for index, name in enumerate(patient.segments):
-        motion = plan.motion(name)
-        middle = patient.bone_points[patient.bone_segment == index].mean(axis=0)
-        left, back, up = motion.displacement(middle[None])[0].tolist()
-        turned = math.degrees(Rotation.from_matrix(motion.rotation).magnitude())
+    for name, (left, back, up) in motion_of_places(patient, plan).items():
         quantities |= {f"sideways_{name}_mm": abs(left), f"forward_{name}_mm": -back, f"up_{name}_mm": up}
-        quantities[f"rotation_{name}_deg"] = turned
-    return quantities
+    for name, roles in TURNED.items():
+        turned = [plan.motion(own).rotation for own in of_role(patient.segments, *roles)]
+        angles = [math.degrees(Rotation.from_matrix(rotation).magnitude()) for rotation in turned]
+        quantities[f"rotation_{name}_deg"] = max(angles, default=0.0)
+    return {name: float(value) for name, value in quantities.items()}

@@ -81,7 +81,7 @@ FILES = {
     "deformed.vtu": "tetrahedra after the plan; displacement and type of nodes, tissue and volume ratio of elements",
     "skin.vtp": "predicted skin; displacement and half_width of the interval (NaN where there is none) of its points",
     "skin.ply, skin.stl": "predicted skin",
-    "bone_*.stl": "each bone after the plan",
+    "bones/*.stl": "each bone after the plan",
     "certificate.json": "the numbers of the table above, and more",
 }
 

@@ -84,7 +84,7 @@ class Forecaster:
         return forecast
 
     def _forecast(self, plan: Plan, result: Interval, least: float | None, began: float) -> Forecast:
-        compared = in_distribution(self.patient, plan, self._quality, self._archive, self._ranges)
+        compared = in_distribution(self.patient, plan, self._quality, self._ranges)
         skin = self.patient.moved_skin(result.displacement)
         moved = np.linalg.norm(skin - self.patient.skin_points, axis=1)[self._judged]
         return Forecast(

@@ -2,9 +2,11 @@
 
 A bimaxillary plan is not two independent plans: the mandible first closes the bite against the maxilla and then
 travels with it. So distal motion = maxilla's motion after the occlusal correction, and the rami follow by turning
-about their condyles.
+about their condyles. The pieces of a segmental maxilla travel together and move little against each other. A mandible
+that is not cut can but turn about both condyles, as far as the maxilla lets it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,17 +15,20 @@ from scipy.stats import truncnorm
 
 from pinnochio.errors import InputError
 from pinnochio.plans.plan import Plan, RigidMotion
+from pinnochio.plans.roles import FRONT, UNCUT, of_role, role
 
 DEFORMITIES = ("class_ii", "class_iii", "asymmetry", "open_bite")
-# What a segment does, by the beginning of its name.
-ROLES = {"lefort": "maxilla", "maxilla": "maxilla", "mandible": "distal", "distal": "distal", "proximal": "proximal",
-         "ramus": "proximal", "chin": "chin", "genio": "chin"}  # fmt: skip
 # Largest movements of practice [R: methods 7.2], mm and degrees: (left, forward, up) as low, high; (pitch, roll, yaw).
 LIMITS = {
     "maxilla": (np.array([[-5.0, 5], [-4, 10], [-7, 7]]), np.array([10.0, 6, 6])),
     "distal": (np.array([[-10.0, 10], [-14, 12], [-10, 10]]), np.array([10.0, 6, 6])),
 }
 PROXIMAL_SHIFT, PROXIMAL_ANGLE = 3.0, 5.0  # mm at the centroid, degrees [R]
+AUTOROTATION = 6.0  # degrees: largest turn of an uncut mandible about its condyles [I]
+WIDENING = (3.5, 1.0, 2.0, 5.0)  # mm between the molars of a segmental maxilla [R: 2 to 5]
+PIECE_SHIFT = (0.0, 0.5, -1.0, 1.0)  # mm up of the front piece of a maxilla against the others [I]
+PIECE_TURN = (0.0, 1.0, -2.0, 2.0)  # degrees about each axis, of each piece [I]
+OWN_ERROR = 0.3  # error of a piece of the maxilla against the others, over that of all: one splint holds them [I]
 # Normal (mean, SD, low, high): maxilla forward and up, then the correction of the bite (lower jaw against upper):
 # forward, midline (absolute), closing of an open bite. mm [R: methods 7.2 for the magnitudes, the shares are I].
 MAXILLA = {
@@ -48,38 +53,39 @@ def truncated(rng: np.random.Generator, mean: float, sd: float, low: float, high
     return float(truncnorm.ppf(rng.random(), (low - mean) / sd, (high - mean) / sd, loc=mean, scale=sd))
 
 
-def role(segment: str) -> str:
-    """maxilla | distal | proximal | chin, by the segment's name."""
-    for start, what in ROLES.items():
-        if segment.startswith(start):
-            return what
-    raise InputError(
-        "?", "segments", f"segment {segment!r} has no known role", f"start its name with {', '.join(ROLES)}"
-    )
-
-
 @dataclass(frozen=True)
 class JawAnatomy:
-    """Reference points (3,) mm by segment name: `centre` of all, `hinge` (condyle) and `front` of rami."""
+    """Reference points (3,) mm by segment name: `centre`, `front` and `rear` of all, `hinge` of what has condyles: the
+    condyle of a ramus, the middle between both of an uncut mandible."""
 
     centre: dict[str, np.ndarray]
     hinge: dict[str, np.ndarray]
     front: dict[str, np.ndarray]
+    rear: dict[str, np.ndarray]
 
     @classmethod
     def from_points(cls, points: np.ndarray, segment: np.ndarray, segments: tuple[str, ...]) -> "JawAnatomy":
         """From bone points (b, 3), segment index (b,). The condyle is the top posterior part of a ramus."""
-        centre, hinge, front = {}, {}, {}
+        centre, hinge, front, rear = {}, {}, {}, {}
         for index, name in enumerate(segments):
             own = points[segment == index]
             if not len(own):
                 raise InputError("?", "bone surface", f"segment {name!r} has no points", "label it or drop it")
             centre[name] = own.mean(0)
+            front[name] = own[own[:, 1] <= np.quantile(own[:, 1], 0.15)].mean(0)
+            rear[name] = own[own[:, 1] >= np.quantile(own[:, 1], 0.85)].mean(0)
             if role(name) == "proximal":
-                top = own[own[:, 2] >= np.quantile(own[:, 2], 0.85)]
-                hinge[name] = top[top[:, 1] >= np.median(top[:, 1])].mean(0)
-                front[name] = own[own[:, 1] <= np.quantile(own[:, 1], 0.15)].mean(0)
-        return cls(centre, hinge, front)
+                hinge[name] = _condyle(own)
+            elif role(name) == UNCUT:
+                left = own[:, 0] > np.median(own[:, 0])
+                hinge[name] = 0.5 * (_condyle(own[left]) + _condyle(own[~left]))
+        return cls(centre, hinge, front, rear)
+
+
+def _condyle(ramus: np.ndarray) -> np.ndarray:
+    """Middle (3,) of the condyle: the hind half of the top of a ramus, or of one side of a mandible, points (r, 3)."""
+    top = ramus[ramus[:, 2] >= np.quantile(ramus[:, 2], 0.85)]
+    return top[top[:, 1] >= np.median(top[:, 1])].mean(0)
 
 
 def motion(angles, shift, pivot) -> RigidMotion:
@@ -121,6 +127,50 @@ def proximal_motion(rng: np.random.Generator, anatomy: JawAnatomy, name: str, di
     return move if excess <= 1 else move.fraction(0.98 / excess)
 
 
+def autorotation(anatomy: JawAnatomy, name: str, degrees: float) -> RigidMotion:
+    """Turn of an uncut mandible about the axis through its condyles, AUTOROTATION at most; positive opens."""
+    turned = float(np.clip(degrees, -AUTOROTATION, AUTOROTATION))
+    return RigidMotion.from_degrees((turned, 0, 0), np.zeros(3), anatomy.hinge[name])
+
+
+def raising(anatomy: JawAnatomy, name: str, rise: float) -> RigidMotion:
+    """The autorotation that takes the front of an uncut mandible up by `rise` mm."""
+    arm = anatomy.hinge[name][1] - anatomy.front[name][1]
+    return autorotation(anatomy, name, -np.degrees(np.arcsin(np.clip(rise / arm, -1, 1))))
+
+
+def segmental_motions(
+    rng: np.random.Generator, anatomy: JawAnatomy, pieces: Sequence[str], jaw: RigidMotion
+) -> dict[str, RigidMotion]:
+    """Motions of the pieces of a maxilla: that of the whole, after small ones against each other.
+
+    Left and right part by WIDENING mm between their hind ends: beside a front piece they shift sideways, without one
+    they turn about their front ends, where they stay together. Every piece turns a little by itself.
+    """
+    if len(pieces) == 1:
+        return {pieces[0]: jaw}
+    middle = np.mean([anatomy.centre[name] for name in pieces], 0)
+    front = any(FRONT in name for name in pieces)
+    wider = truncated(rng, *WIDENING)
+    motions = {}
+    for name in pieces:
+        angles = np.array([truncated(rng, *PIECE_TURN) for _ in range(3)])
+        shift, pivot = np.zeros(3), anatomy.front[name]
+        if FRONT in name:
+            shift[2] = truncated(rng, *PIECE_SHIFT)
+        else:
+            side = np.sign(anatomy.centre[name][0] - middle[0])
+            if front:
+                shift[0] = side * wider / 2
+            else:
+                pivot = np.array([middle[0], *pivot[1:]])
+                length = anatomy.rear[name][1] - pivot[1]
+                angles[2] = -side * np.degrees(np.arctan(wider / 2 / length))
+        own = RigidMotion.from_degrees(angles, shift, pivot)
+        motions[name] = composed(jaw, own, anatomy.centre[name])
+    return motions
+
+
 def compose_plan(
     rng: np.random.Generator,
     case: str,
@@ -128,20 +178,22 @@ def compose_plan(
     maxilla: RigidMotion,
     bite: RigidMotion,
     chin_advance: float | None = None,
+    turn: float | None = None,
 ) -> Plan:
     """Plan of the segments in `anatomy` from the maxilla's motion and the correction of the bite before it.
 
-    The correction moves the lower jaw against the upper; both motions are cut back to :data:`LIMITS`.
+    The correction moves the lower jaw against the upper; both motions are cut back to :data:`LIMITS`. A maxilla that is
+    not cut stays, and the lower jaw goes to it. turn (degrees about the condyles): of an uncut mandible; by default it
+    follows the upward motion of maxilla and correction.
     """
     roles = {name: role(name) for name in anatomy.centre}
     motions: dict[str, RigidMotion] = {}
     upper = [name for name in roles if roles[name] == "maxilla"]
     lower = [name for name in roles if roles[name] == "distal"]
-    jaw = RigidMotion()
+    jaw, share = RigidMotion(), 1.0
     if upper:
         pivot = np.mean([anatomy.centre[name] for name in upper], 0)
         jaw = limited(composed(maxilla, RigidMotion(), pivot), *LIMITS["maxilla"])
-        motions |= dict.fromkeys(upper, jaw)
     pivot = np.mean([anatomy.centre[name] for name in lower or roles], 0)
     distal = RigidMotion(pivot=pivot)
     if lower:
@@ -151,7 +203,16 @@ def compose_plan(
             distal = limited(wanted, *LIMITS["distal"])
             if distal is wanted:
                 break
-        motions |= dict.fromkeys(upper, jaw.fraction(share)) | dict.fromkeys(lower, distal)
+        motions |= dict.fromkeys(lower, distal)
+    elif UNCUT in roles:
+        if turn is None:
+            wanted = composed(jaw, bite, anatomy.front[UNCUT])
+            distal = raising(anatomy, UNCUT, wanted.translation[2])
+        else:
+            distal = autorotation(anatomy, UNCUT, turn)
+        motions[UNCUT] = distal
+    if upper:
+        motions |= segmental_motions(rng, anatomy, upper, jaw.fraction(share))
     for name in (name for name in roles if roles[name] == "chin"):
         advance = truncated(rng, *CHIN_ADVANCE) if chin_advance is None else chin_advance
         motions[name] = composed(RigidMotion(translation=np.array([0.0, -advance, 0])), distal, anatomy.centre[name])
@@ -180,7 +241,7 @@ def sample_plan(
     deformity: str | None = None,
     scale: float = 1.0,
 ) -> Plan:
-    """A plausible bimaxillary plan for a patient of whom only bone points are known.
+    """A plausible plan for a patient of whom only bone points are known.
 
     points (b, 3) mm with segment index (b,), -1 ignored; segments: any subset of jaw pieces.
     deformity: one of :data:`DEFORMITIES`, or None to draw one; scale multiplies the
@@ -191,7 +252,7 @@ def sample_plan(
     anatomy = JawAnatomy.from_points(points, segment, tuple(segments))
     pivots = list(anatomy.centre.values())
     upper = [anatomy.centre[name] for name in segments if role(name) == "maxilla"] or pivots
-    lower = [anatomy.centre[name] for name in segments if role(name) == "distal"] or pivots
+    lower = [anatomy.centre[name] for name in segments if role(name) in ("distal", UNCUT)] or pivots
     maxilla = sample_maxilla(rng, deformity, np.mean(upper, 0))
     forward, midline, closing = (truncated(rng, *numbers) for numbers in BITE[deformity])
     side = 1.0 if rng.random() < 0.5 else -1.0
@@ -209,13 +270,18 @@ def execution_error(plan: Plan, rng: np.random.Generator, scale: float = 1.0) ->
     """The plan as carried out: each motion with a random error of published size [S: PMC8432567] times `scale`.
 
     Absolute errors are gamma variables of the published mean and SD with a random sign. Proximal segments, which the
-    surgeon seats by hand about the condyle, take half of it [I].
+    surgeon seats by hand about the condyle, and an uncut mandible, which stays in its joints, take half of it [I]. The
+    pieces of a maxilla share one error and take OWN_ERROR of it each by themselves.
     """
-    carried = {}
+    carried, common = {}, None
+    pieces = of_role(list(plan.motions), "maxilla")
     for name, move in sorted(plan.motions.items()):
         mean, sd = EXECUTION.T
         size = rng.gamma((mean / sd) ** 2, sd**2 / mean) * rng.choice([-1.0, 1.0], 6)
-        size *= scale * (0.5 if role(name) == "proximal" else 1.0)
+        if len(pieces) > 1 and name in pieces:
+            common = size if common is None else common
+            size = common + OWN_ERROR * (size - common)
+        size *= scale * (0.5 if role(name) in ("proximal", UNCUT) else 1.0)
         turned = Rotation.from_rotvec(size[3:], degrees=True).as_matrix() @ move.rotation
         carried[name] = RigidMotion(turned, move.translation + size[:3], move.pivot)
     return Plan(plan.case, carried)

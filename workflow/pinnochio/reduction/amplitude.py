@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import cg
 
 from pinnochio.meshing.fields import is_tissue
-from pinnochio.model.labels import AIR, CRANIUM, segment_code
+from pinnochio.model.labels import AIR, CRANIUM, segment_code, segment_name
 from pinnochio.plans.plan import Plan
 
 EDGE = 2.0  # mm of a block, or one voxel where that is larger
@@ -40,7 +40,7 @@ def amplitude(labels, spacing, origin, segments, plan: Plan, moving, pairs, band
     the border of the volume zero.
 
     labels (nx, ny, nz) internal codes, spacing and origin (3,) mm; moving: names of the segments that are followed;
-    pairs of indices of the segments that oppose each other; band_mm, release_mm: as in the interfaces. Bone that stays
+    pairs of indices of the bones that oppose each other; band_mm, release_mm: as in the interfaces. Bone that stays
     does not hold the tissue (natural condition) where the interfaces do not: where it slides, nearer than `band_mm` to
     a segment that opposes it, and where it is released, nearer than `release_mm` to moving bone at an osteotomy.
     Harmonic functions have their extremes on the boundary, and the length of a harmonic vector field is at most the
@@ -57,7 +57,7 @@ def amplitude(labels, spacing, origin, segments, plan: Plan, moving, pairs, band
     codes = {"cranium": CRANIUM} | {name: segment_code(i) for i, name in enumerate(segments)}
     share = {name: _means(whole == code, factor) for name, code in codes.items()}
     away = {name: _distance(share[name] > 0, block) for name in segments}
-    opposed = {frozenset((segments[i], segments[j])) for i, j in pairs}
+    opposed = {frozenset(segment_name(i, segments) for i in pair) for pair in pairs}
     loose = np.zeros(whole.shape, bool)
     for name, code in codes.items():
         if name in moving:

@@ -14,7 +14,7 @@ from pinnochio.mechanics.elements import mean_edge
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.meshing.fields import is_tissue
 from pinnochio.meshing.interfaces import opposing_pairs
-from pinnochio.model.labels import MUSCLE
+from pinnochio.model.labels import MUSCLE, segment_name
 from pinnochio.model.patient import SLIDING, PatientModel
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
@@ -93,7 +93,7 @@ def decide(
         limit = enough
     share = float((value > limit).mean())
     keep = f"{share:.0%} of the tissue can move by more than {limit:.3f} mm (at least {settings.amplitude} mm)"
-    sliding = [(patient.segments[i], patient.segments[j]) for i, j in pairs]
+    sliding = [tuple(segment_name(i, patient.segments) for i in pair) for pair in pairs]
     touched = [pair for pair in sliding if set(pair) & set(moving)]
     slides = patient.points[patient.node_type == SLIDING]
     slip = float(field.at(slides, head.spacing, head.origin).max(initial=0))

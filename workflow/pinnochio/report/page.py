@@ -60,11 +60,19 @@ def write_page(
         patients=shown,
         words={name: _words(captions[name]) for name in ("picture", "volume")},
         record=record,
-        study="Virtual cohort" if record["config"]["cohort"] == "virtual" else Path(record["config"]["cohort"]).stem,
+        study=_cohort(record["config"]),
+        virtual=record["config"]["cohort"] == "virtual",
         plotly=get_plotlyjs() if shown else "",
     )
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def _cohort(config: Mapping) -> str:
+    """What the page calls the cohort."""
+    if config["cohort"] == "virtual":
+        return f"Virtual cohort ({config['virtual']['role']})"
+    return Path(config["cohort"]).stem
 
 
 def read_body(path: str | os.PathLike) -> str:

@@ -45,7 +45,7 @@ def choose(config: Mapping, models: str | os.PathLike, pareto_front: str | os.Pa
 
     With a budget or a tolerance in `predict` the Pareto front offers the setting, else it is predict.method as in the
     study. A learned method is used as it was trained: with the settings of the archive, not with those of `config`.
-    InputError where the archive is missing, lacks the method or was trained with other segments, where there is no
+    InputError where the archive is missing, lacks the method or knows fewer segments, where there is no
     Pareto front, or where nothing on it keeps what is asked.
     """
     # Absolute, so that no rule of the study makes these files: a prediction never starts a training.
@@ -98,12 +98,12 @@ def _as_in_the_study(config: Mapping, folder: Path, method: str) -> Choice:
             f"the archive has no {method!r}, but {', '.join(archive.methods)}",
             f"choose predict.method among these, or add {method!r} to uncertainty.methods and pack the study again",
         )
-    if set(archive.segments) != set(config["segments"]) and config["predict"]["other_segments"] == "refuse":
+    strange = [name for name in config["segments"] if name not in archive.segments]
+    if strange and config["predict"]["other_segments"] == "refuse":
         raise InputError(
             "-",
             "configuration",
-            f"'segments' are {', '.join(config['segments'])}, the models were trained with "
-            f"{', '.join(archive.segments)}",
+            f"'segments' names {', '.join(strange)}, and the models were trained with {', '.join(archive.segments)}",
             "label and name them so, or set predict.other_segments to 'predict'; the certificate then says that the "
             "patient is unlike the training",
         )

@@ -7,6 +7,7 @@ from pinnochio.errors import InputError
 from pinnochio.methods.registry import BUILT_IN, graph_networks, surface_networks
 from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.networks.settings import NetworkSettings
+from pinnochio.virtual.procedures import dealt
 
 
 def check_config(config: Mapping) -> None:
@@ -70,6 +71,14 @@ def check_config(config: Mapping) -> None:
         if settings["finetuning"]["execution_prior"] and settings["network"]["lift"] == "none":
             refuse(
                 f"{name!r} has an execution_prior and no lift", "choose a lift, or set finetuning.execution_prior to 0"
+            )
+    if config["cohort"] == "virtual":
+        every = [dealt(config["virtual"]["procedures"], number) for number in range(config["virtual"]["patients"])]
+        made = dict.fromkeys(name for own in every for name in own.segments)
+        if missing := [name for name in made if name not in config["segments"]]:
+            refuse(
+                f"the procedures of the virtual patients have segments {missing}, and 'segments' lacks them",
+                "add them to 'segments', or set the share of their procedures in 'virtual.procedures' to 0",
             )
     if config["cohort"] == "virtual" and config["virtual"]["patients"] < config["folds"]:
         refuse("there are fewer virtual patients than folds", "lower 'folds' or raise virtual.patients")

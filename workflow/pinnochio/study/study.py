@@ -16,6 +16,7 @@ from pinnochio.study.cases import assign_folds, external_file, virtual_cases
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, read_patients
 from pinnochio.study.provenance import PLACES
+from pinnochio.virtual.card import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
 
 STUDY_FILES = "<results>/cases/{case}"
 
@@ -25,10 +26,10 @@ class Study:
     """Everything that the configuration, its case table and the new patients that it names decide.
 
     Patterns begin with <results>/, which Snakemake fills in. `wildcards` of the functions below are those of a job:
-    `home` is the folder of imported patients below the results: cases of the study, patients that are new, virtual ones
-    with a chin segment (chin), and `case` the name; `mesh` is empty, /lips or /nodes_N; `plan` is empty for the study's
-    own plan, /NAME for one of a new patient; `batch` is what is predicted in one job: folds/N, planned/N (the same
-    patients from their plans) or patients/NAME/PLAN; `arm` is folds or planned.
+    `home` is the folder of imported patients below the results: cases of the study or patients that are new, and
+    `case` the name; `mesh` is empty, /lips or /nodes_N; `plan` is empty for the study's own plan, /NAME for one of a
+    new patient; `batch` is what is predicted in one job: folds/N, planned/N (the same patients from their plans) or
+    patients/NAME/PLAN; `arm` is folds or planned.
     """
 
     config: Mapping
@@ -40,8 +41,14 @@ class Study:
 
     @property
     def cohort(self) -> str:
-        """What tables call the cohort."""
-        return "virtual cohort" if self.virtual else Path(self.config["cohort"]).stem
+        """What tables call the cohort: of a virtual one whether settings are chosen on it."""
+        role = self.config["virtual"]["role"]
+        return f"virtual cohort ({role})" if self.virtual else Path(self.config["cohort"]).stem
+
+    @property
+    def locked(self) -> bool:
+        """Whether the cohort is a virtual one whose outcomes are kept apart."""
+        return self.virtual and self.config["virtual"]["role"] == LOCKED
 
     @cached_property
     def cases(self) -> dict[str, Case]:
@@ -254,8 +261,27 @@ class Study:
 
     @property
     def card_tables(self) -> list[str]:
-        """Tables of the data card; the effects are measured on as many patients as the configuration says."""
+        """Tables of the data card; the effects are measured on as many patients as the configuration says. A locked
+        cohort's say nothing of its outcomes."""
+        if self.locked:
+            return ["thickness"]
         return ["thickness", "ratios", *(["effects"] if self.config["virtual"]["effects"] else [])]
+
+    def virtual_files(self, *names: str) -> list[str]:
+        """These files of every virtual patient."""
+        return [f"<results>/virtual/{case}/{name}" for case in self.cases for name in names]
+
+    def summed_up(self, wildcards) -> list[str]:
+        """The files of the virtual cohort that a file of checksums holds: of a locked one its outcomes apart."""
+        if not self.locked:
+            return self.virtual_files(*FILES)
+        return self.virtual_files(*(OUTCOMES if wildcards.sums == OUTCOME_SUMS else INPUTS))
+
+    @property
+    def sums(self) -> list[str]:
+        """The files of checksums that are made; of a locked cohort's outcomes where they have been revealed."""
+        revealed = self.locked and Path(self.results, "virtual", OUTCOME_SUMS).is_file()
+        return [SUMS, *([OUTCOME_SUMS] if revealed else [])]
 
     # The trade-off measures held-out patients of the first fold.
 
@@ -335,16 +361,6 @@ class Study:
     def reduction(self) -> dict:
         """How models are reduced to what a plan requires."""
         return {name: value for name, value in self.config["scene"].items() if name not in ("mode", "patients")}
-
-    @property
-    def reduced_home(self) -> str:
-        """Folder of these patients, of the virtual ones with a chin segment."""
-        return "chin" if self.virtual else "cases"
-
-    @cached_property
-    def all_segments(self) -> list[str]:
-        """Segments of the study and, in a virtual cohort, the chin."""
-        return list(dict.fromkeys([*self.config["segments"], *(["chin"] if self.virtual else [])]))
 
     # New patients.
 
@@ -433,7 +449,7 @@ class Study:
         """What each wildcard of the rules may be; where there is nothing, a name that nothing bears."""
         plans, folds = "|".join(self.plans) or "none", "|".join(self.held_out)
         return {
-            "home": "cases|chin|patients",
+            "home": "cases|patients",
             "case": "|".join([*self.cases, *self.patients]),
             "mesh": r"|/lips|/nodes_\d+",
             "plan": f"|/(?:{plans})",
@@ -448,12 +464,8 @@ class Study:
 
     def config_of(self, home: str) -> Mapping:
         """The configuration that patients are made with: new ones with the settings that their models were trained
-        with, virtual ones with a chin segment as they are sampled."""
-        if home == "patients":
-            return {**self.config, **self.choice.settings}
-        if home == "chin":
-            return {**self.config, "segments": self.all_segments, "orientation": "header"}
-        return self.config
+        with."""
+        return {**self.config, **self.choice.settings} if home == "patients" else self.config
 
     def of_patient(self, *keys: str) -> Callable:
         """Params function: a value of the patient's configuration."""
@@ -477,14 +489,10 @@ class Study:
         return f"{STUDY_FILES}{own}/{file}"
 
     def segmentation(self, wildcards) -> str:
-        if wildcards.home == "chin":
-            return f"<results>/virtual_chin/{wildcards.case}/segmentation.nii.gz"
         return (self.patients if wildcards.home == "patients" else self.cases)[wildcards.case].segmentation
 
     def plan(self, wildcards) -> str:
         """The plan as the user, or the virtual cohort, brings it."""
-        if wildcards.home == "chin":
-            return f"<results>/virtual_chin/{wildcards.case}/plan.json"
         if wildcards.home == "patients":
             return self.patients[wildcards.case].plans[wildcards.plan[1:]]
         return self.cases[wildcards.case].plan

@@ -20,7 +20,7 @@ def quality_columns(segments: Sequence[str]) -> tuple[Column, ...]:
     """Schema of quality.csv for these bone segments."""
 
     bones = ("cranium", *segments)
-    kinds = {bone: ("moving", "sliding", "released") if bone in segments else ("fixed", "released") for bone in bones}
+    kinds = {bone: ("moving" if bone in segments else "fixed", "sliding", "released") for bone in bones}
     return (
         Column("case", str, "", "patient"),
         Column(
@@ -52,8 +52,8 @@ def tabulate(reports: Sequence[str | os.PathLike], segments: Sequence[str], coho
 
 
 def table(reports: Sequence[Mapping], segments: Sequence[str], cohort: str) -> Table:
-    """The same of what the files hold."""
-    columns = quality_columns(segments)
+    """The same of what the files hold; columns of the segments that any of them has."""
+    columns = quality_columns([name for name in segments if any(name in report["volume_cm3"] for report in reports)])
     names = [column.name for column in columns]
     rows = []
     for report in reports:

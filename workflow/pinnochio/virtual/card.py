@@ -11,8 +11,8 @@ from pinnochio.plans.plan import Plan
 from pinnochio.virtual.ground_truth import EFFECTS, resolve
 from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE
 
-# Files of a case: name, format, units and frame, content, and who may read it.
-FILES = {
+# Files of a case before surgery and of its outcome: name, format, units and frame, content, and who may read it.
+INPUTS = {
     "segmentation.nii.gz": (
         "NIfTI label map, unsigned integers",
         "voxels of the spacing above; world mm (RAS in the file, as NIfTI has it)",
@@ -32,6 +32,8 @@ FILES = {
         "analysis",
     ),
     "anatomy.json": ("JSON", "as in the parameter table", "sex, deformity and every sampled number", "analysis"),
+}
+OUTCOMES = {
     "postop.ply": (
         "PLY triangles",
         "mm, in the scanner's own frame",
@@ -53,12 +55,23 @@ FILES = {
     ),
     "executed.json": ("JSON", "LPS, mm", "the plan as it was carried out", "**evaluation only**"),
 }
+FILES = INPUTS | OUTCOMES
+LOCKED = "locked"  # role of a cohort that no setting is chosen on; its outcomes are kept apart
+SUMS, OUTCOME_SUMS = "SHA256SUMS", "SHA256SUMS.outcomes"
 # Tables that the card shows where they have been made, with their headings.
 TABLES = {
     "thickness": "Soft-tissue thickness",
     "ratios": "Soft-to-hard tissue ratios",
     "effects": "What each effect does to the outer face",
 }
+ROLES = {
+    "development": "development: settings are chosen on it",
+    LOCKED: "locked: for final tables; no setting is ever chosen on it",
+}
+HIDDEN = f"""\
+The outcomes of this cohort ({", ".join(f"`{name}`" for name in OUTCOMES)}) are not in this packet. `snakemake reveal
+--configfile config/locked.yaml --cores 2` makes them, with their checksums in `{OUTCOME_SUMS}`; do so once, when every
+setting is final, and report all that you then find."""
 LIMITS = """\
 * Every patient, plan and outcome is simulated: results on this cohort are results on a virtual cohort. Nothing was
   validated against clinical outcomes, and nothing is for planning or treating patients.
@@ -95,6 +108,17 @@ def spread(values: Sequence[float], digits: int = 1) -> str:
     numbers = values.mean(), values.std(ddof=min(1, len(values) - 1)), values.min(), values.max()
     mean, sd, low, high = (f"{round(number, digits) + 0.0:.{digits}f}" for number in numbers)  # + 0.0: no minus zero
     return f"{mean} ± {sd} [{low}, {high}]"
+
+
+def procedures_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
+    """Counts of the operations by deformity."""
+    count = Counter((anatomy["procedure"], anatomy["deformity"]) for anatomy in anatomies)
+    rows = [
+        (name, *own, sum(own))
+        for name in sorted({name for name, _ in count})
+        for own in [[count[name, deformity] for deformity in DEFORMITIES]]
+    ]
+    return markdown_table(("operation", *DEFORMITIES, "all"), rows)
 
 
 def patients_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
@@ -177,11 +201,13 @@ def data_card(
     anatomies: per patient `deformity`, `male` and the numbers of :data:`TABLE`; plans in the same order; virtual: that
     section of the configuration; labels: voxel value of each structure; tables: Markdown of any of :data:`TABLES`.
     """
-    count = len(anatomies)
+    count, locked = len(anatomies), virtual["role"] == LOCKED
+    files = INPUTS if locked else FILES
     men = sum(bool(anatomy["male"]) for anatomy in anatomies)
     made = [
         ("command", "`snakemake cohort --cores 2`"),
         ("seed", seed),
+        ("role", ROLES[virtual["role"]]),
         ("code", f"`{code}` (content hash of the modules that made it, whatever the commit)"),
         ("patients", count),
         ("voxel edge", f"{virtual['spacing']:g} mm"),
@@ -190,9 +216,10 @@ def data_card(
     values = [("air", 0), *labels.items()]
     sections = [
         "# Data card: virtual cohort for facial soft-tissue prediction",
-        f"{count} simulated patients ({count - men} women, {men} men) with a dentofacial deformity, a bimaxillary plan "
-        "that treats it, and the face after surgery: a benchmark with a volumetric truth for methods that predict how "
-        "soft tissue follows bone. **Virtual, not clinical**: no datum comes from a person. Licence: MIT.",
+        f"{count} simulated patients ({count - men} women, {men} men) with a dentofacial deformity, a plan "
+        "that treats it in one jaw or both, and the face after surgery: a benchmark with a volumetric truth for "
+        "methods that predict how soft tissue follows bone. **Virtual, not clinical**: no datum comes from a person. "
+        "Licence: MIT.",
         "Tags of sources: **[S]** sourced, **[R]** recalled from the literature, **[I]** our choice. Units are mm, kPa "
         "and degrees; the frame is LPS (+x the patient's left, +y posterior, +z up).",
         "## How it was made",
@@ -206,6 +233,10 @@ def data_card(
         parameters_table(anatomies),
         "A deformity has distributions of its own for some of them (same meaning and source):",
         shifts_table(),
+        "## Operations",
+        "Dealt by the shares of `virtual.procedures` among those that suit the deformity. A patient's segments are "
+        "those that its operation cuts free; a mandible that is not cut turns about its condyles.",
+        procedures_table(anatomies),
         "## Plans",
         "Planned motion, mean ± SD [lowest, highest]: translation at the pivot of the plan, and angle of rotation.",
         plans_table(anatomies, plans),
@@ -215,11 +246,12 @@ def data_card(
         effects_table(virtual["outcome"]["effects"]),
         *(part for name, title in TABLES.items() if name in tables for part in (f"## {title}", tables[name].strip())),
         "## Files",
-        "Each patient has a folder; `SHA256SUMS` holds the checksum of every file (`sha256sum -c SHA256SUMS`).",
+        f"Each patient has a folder; `{SUMS}` holds the checksum of every file (`sha256sum -c {SUMS}`).",
         markdown_table(
             ("file", "format", "units and frame", "content", "for"),
-            [(f"`{name}`", *about) for name, about in FILES.items()],
+            [(f"`{name}`", *about) for name, about in files.items()],
         ),
+        *([HIDDEN] if locked else []),
         "`truth.h5` is for evaluation only: a method that reads it, in training or prediction, is not comparable.",
         f"Values of `segmentation.nii.gz`: {', '.join(f'{value} {name}' for name, value in values)}.",
         "## Evaluate your own method",

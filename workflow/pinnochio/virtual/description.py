@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from pinnochio.columns import Column, check, number, words
 from pinnochio.plans.plan import Plan
+from pinnochio.plans.roles import carriers, displacement_at
 from pinnochio.tables.document import Block, Table, View
 from pinnochio.virtual.head import Head
 from pinnochio.virtual.skeleton import Skeleton
@@ -47,20 +48,29 @@ def cephalometry(s: Skeleton) -> dict[str, float]:
 
 
 def magnitudes(head: Head, plan: Plan) -> dict[str, float]:
-    """Planned motions: of the incisor edges and of the chin (mm; forward, up, left) and of the jaws (degrees)."""
+    """Planned motions: of the incisor edges and of the chin (mm; forward, up, left) and of the jaws (degrees), and how
+    much wider a maxilla in pieces gets between the molars (mm); of what is not cut, none."""
     s = Skeleton(head.parameters)
     sizes = {}
-    for name, segment, point in (
-        ("maxilla", "lefort1", s.upper_incisor),
-        ("distal", "mandible_distal", s.lower_incisor),
-    ):
-        left, back, up = plan.motion(segment).displacement(point[None])[0]
-        turn = Rotation.from_matrix(plan.motion(segment).rotation).as_rotvec(degrees=True)
-        sizes |= {f"{name}_forward": -back, f"{name}_up": up, f"{name}_left": left}
-        sizes |= {f"{name}_{axis}": angle for axis, angle in zip(("pitch", "roll", "yaw"), turn, strict=True)}
+    for name, jaw, point in (("maxilla", "upper", s.upper_incisor), ("distal", "lower", s.lower_incisor)):
+        own = carriers(head.segments, jaw)
+        if own:
+            left, back, up = displacement_at(plan, jaw, point[None])[0]
+            turn = Rotation.from_matrix([plan.motion(segment).rotation for segment in own]).mean()
+            sizes |= {f"{name}_forward": -back, f"{name}_up": up, f"{name}_left": left}
+            angles = turn.as_rotvec(degrees=True)
+            sizes |= {f"{name}_{axis}": angle for axis, angle in zip(("pitch", "roll", "yaw"), angles, strict=True)}
     if "chin" in head.segments:
-        chin, jaw = (plan.motion(name).displacement(s.pogonion[None])[0, 1] for name in ("chin", "mandible_distal"))
+        chin, jaw = (displacement_at(plan, name, s.pogonion[None])[0, 1] for name in ("chin", "lower"))
         sizes["chin_forward"] = jaw - chin
+    if "lefort1_left" in head.segments:
+        molars = [s.arch_upper[end] for end in (0, -1)]
+        at = np.array([[*molar, s.upper_edge(molar[1])] for molar in molars])
+        right, left = (
+            plan.motion(f"lefort1_{side}").displacement(place[None])[0, 0]
+            for side, place in zip(("right", "left"), at, strict=True)
+        )
+        sizes["maxilla_wider"] = left - right
     return {name: float(value) for name, value in sizes.items()}
 
 
@@ -69,6 +79,7 @@ def describe(head: Head, plan: Plan) -> dict[str, Any]:
     thickness = {name: None if np.isnan(value) else round(value, 2) for name, value in measure(head).items()}
     return asdict(head.parameters) | {
         "sex": "male" if head.parameters.male else "female",
+        "procedure": head.procedure.name,
         "cephalometry": cephalometry(Skeleton(head.parameters)),
         "thickness": thickness,
         "plan": magnitudes(head, plan),
@@ -86,6 +97,7 @@ ANATOMY = (
     Column("case", str, "", "patient"),
     Column("sex", str, "", "female or male"),
     Column("deformity", str, "", "class of the deformity"),
+    Column("procedure", str, "", "operation"),
     _number("face_height", "mm", "bony nasion to menton"),
     _number("lower_face_height", "mm", "anterior nasal spine to menton"),
     _number("mandible_length", "mm", "gonion to pogonion"),
@@ -101,11 +113,12 @@ ANATOMY = (
     _number("overjet_before", "mm", "upper incisor edge ahead of the lower"),
     _number("open_bite_before", "mm", "incisor gap beyond the rest gap"),
     _number("midline_before", "mm", "lower incisors left of the upper"),
-    _number("maxilla_forward", "mm", "plan: upper incisor edge forward"),
+    _number("maxilla_forward", "mm", "plan: upper incisor edge forward; empty where the maxilla is not cut"),
     _number("maxilla_up", "mm", "plan: upper incisor edge up"),
+    _number("maxilla_wider", "mm", "plan: wider between the upper molars; empty for a maxilla in one piece"),
     _number("distal_forward", "mm", "plan: lower incisor edge forward"),
     _number("distal_up", "mm", "plan: lower incisor edge up"),
-    _number("distal_pitch", "degree", "plan: turn of the tooth-bearing mandible about the transverse axis"),
+    _number("distal_pitch", "degree", "plan: turn of the lower jaw, cut or not, about the transverse axis"),
     _number("distal_roll", "degree", "plan: about the sagittal axis"),
     _number("distal_yaw", "degree", "plan: about the vertical axis"),
     _number("chin_forward", "mm", "plan: chin against the jaw; empty without a genioplasty"),
@@ -126,14 +139,14 @@ def summarise(patients: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
         row = patient["cephalometry"] | patient["plan"]
         for when in ("before", "after"):
             row |= {f"{name}_{when}": value for name, value in patient[f"bite_{when}"].items()}
-        row |= {name: patient[name] for name in ("case", "sex", "deformity", "jaw_overlap")}
+        row |= {name: patient[name] for name in ("case", "sex", "deformity", "procedure", "jaw_overlap")}
         rows.append(row | {"split_overlap": sum(patient["split_overlap"].values())})
     return check(pd.DataFrame(rows).reindex(columns=[column.name for column in ANATOMY]), ANATOMY)
 
 
-def tabulate(anatomies: Sequence[str | os.PathLike]) -> Table:
+def tabulate(anatomies: Sequence[str | os.PathLike], cohort: str) -> Table:
     """The table of the patients' anatomy files (JSON)."""
     frame = summarise([json.loads(Path(path).read_text(encoding="utf-8")) for path in anatomies])
     view = [View(f"{words(c.name)} {c.unit}".strip(), lambda row, c=c: c.text(row[c.name])) for c in ANATOMY]
-    caption = "The virtual patients before surgery, their plans, and the bite that the plans lead to."
+    caption = f"The patients before surgery, their plans, and the bite that the plans lead to; {cohort}."
     return Table(frame, ANATOMY, [Block.of(frame, view, caption)])

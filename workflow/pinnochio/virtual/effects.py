@@ -122,13 +122,13 @@ def summarise(rows: pd.DataFrame, effects: Mapping[str, Any] | str) -> pd.DataFr
     return check(pd.DataFrame(entries), SUMMARY)
 
 
-def tabulate(rows: Sequence[str | os.PathLike], effects: Mapping[str, Any] | str) -> Table:
+def tabulate(rows: Sequence[str | os.PathLike], effects: Mapping[str, Any] | str, cohort: str) -> Table:
     """Mean of each effect over the patients' rows, with its magnitude (`effects`: section of the configuration)."""
     frame = summarise(read_tables(rows, CASE), effects)
     view = [View(f"{c.name} {c.unit}".strip(), lambda row, c=c: c.text(row[c.name])) for c in SUMMARY]
     caption = (
         f"What each effect of the simulated outcome does to the outer face when it alone is on, against the nominal "
-        f"outcome; virtual cohort, n = {frame['n'].max()}. Mechanics, lips and swelling: displacement. Scan "
+        f"outcome; {cohort}, n = {frame['n'].max()}. Mechanics, lips and swelling: displacement. Scan "
         f"effects: distance of the registered scan from the true skin."
     )
     return Table(frame, SUMMARY, [Block.of(frame, view, caption)])

@@ -1,20 +1,22 @@
 """A virtual head as a label volume: bone segments, muscle, superficial tissue and the landmarks of the patient."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
 
-from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
+from pinnochio.model.labels import AIR, MUSCLE, SUPERFICIAL
 from pinnochio.virtual.implicit import Field
 from pinnochio.virtual.muscles import MUSCLES, muscle_region
+from pinnochio.virtual.osteotomy import cut
 from pinnochio.virtual.parameters import HeadParameters
-from pinnochio.virtual.skeleton import SIDES, Skeleton, mandible, split_sides, upper_skull
+from pinnochio.virtual.procedures import Procedure
+from pinnochio.virtual.skeleton import Skeleton, mandible, upper_skull
 from pinnochio.virtual.skin import mouth_line, profile, skin
 
-SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right")
-LEFORT, DISTAL, LEFT, RIGHT, CHIN = (segment_code(i) for i in range(5))
+USUAL = Procedure()
+SEGMENTS = USUAL.segments
 SKIN_LAYER = 3.5  # mm of superficial tissue over muscle at least [I]
 SLIT = 1.4  # mm between the lips [I]
 CRUMB = 300.0  # mm3; smaller pieces of muscle are left out [I]
@@ -22,14 +24,20 @@ CRUMB = 300.0  # mm3; smaller pieces of muscle are left out [I]
 
 @dataclass(frozen=True)
 class Head:
-    """labels (nx, ny, nz) uint8 internal codes; spacing, origin (3,) mm; landmarks name -> (3,) mm; its parameters."""
+    """labels (nx, ny, nz) uint8 internal codes; spacing, origin (3,) mm; landmarks name -> (3,) mm; its parameters and
+    the procedure whose cuts its bones have."""
 
     labels: np.ndarray
     spacing: np.ndarray
     origin: np.ndarray
     landmarks: dict[str, np.ndarray]
     parameters: HeadParameters
-    segments: tuple[str, ...] = SEGMENTS
+    procedure: Procedure = USUAL
+
+    @property
+    def segments(self) -> tuple[str, ...]:
+        """The bone segments, in the order of their codes."""
+        return self.procedure.segments
 
 
 def grid(s: Skeleton, spacing: float) -> list[np.ndarray]:
@@ -46,13 +54,13 @@ def grid(s: Skeleton, spacing: float) -> list[np.ndarray]:
 def build_head(
     parameters: HeadParameters,
     spacing: float = 1.0,
-    genioplasty: bool = False,
+    procedure: Procedure = USUAL,
     muscles: Iterable[str] = MUSCLES,
 ) -> Head:
     """Label volume of one virtual patient on cubes of `spacing` mm.
 
-    genioplasty cuts the chin as fifth segment; muscles: what is labelled as muscle, any of :data:`MUSCLES`, the rest
-    is superficial tissue. Raises ValueError for other names.
+    procedure: the cuts, whose segments the head has; muscles: what is labelled as muscle, any of :data:`MUSCLES`, the
+    rest is superficial tissue. Raises ValueError for other names.
     """
     s = Skeleton(parameters)
     axes = grid(s, spacing)
@@ -63,7 +71,7 @@ def build_head(
     x, y, z = (axis.astype(np.float32) for axis in axes)
     x, y, z = x[:, None, None], y[None, :, None], z[None, None, :]
 
-    bone = _bones(s, upper.values < 0, jaw.values < 0, (x, y, z), genioplasty)
+    bone = cut(s, upper.values < 0, jaw.values < 0, (x, y, z), procedure)
     inside = (face.values < 0) & ~_oral(s, x, y, z) & ~_slit(s, points, x, y, z, spacing)
     labels = np.where(bone > 0, bone, np.where(inside, SUPERFICIAL, AIR)).astype(np.uint8)
     _clean(labels)
@@ -73,33 +81,7 @@ def build_head(
     _absorb(labels, MUSCLE, SUPERFICIAL, CRUMB / spacing**3)
     origin = np.array([axis[0] for axis in axes])
     marks = landmarks(s, points, labels, axes)
-    return Head(labels, np.full(3, spacing), origin, marks, parameters, SEGMENTS + ("chin",) * genioplasty)
-
-
-def with_segments(head: Head, segments: Sequence[str]) -> Head:
-    """The head with these of its segments, their codes in this order; bone of the others belongs to the cranium.
-
-    Raises ValueError for a segment that the head does not have.
-    """
-    if unknown := [name for name in segments if name not in head.segments]:
-        raise ValueError(f"a virtual patient has no segment {unknown[0]!r}, only {', '.join(head.segments)}")
-    recoded = np.arange(256, dtype=np.uint8)
-    for index, name in enumerate(head.segments):
-        recoded[segment_code(index)] = segment_code(segments.index(name)) if name in segments else CRANIUM
-    return replace(head, labels=recoded[head.labels], segments=tuple(segments))
-
-
-def _bones(s: Skeleton, skull: np.ndarray, jaw: np.ndarray, grid_xyz, genioplasty: bool) -> np.ndarray:
-    """Codes of the bones after the osteotomies, 0 elsewhere."""
-    x, y, z = grid_xyz
-    bone = np.where(skull, CRANIUM, 0).astype(np.uint8)
-    bone[skull & (z < s.cut_height(y)) & (np.abs(x) < 38 * s.wide) & (y < s.molar_y + 7)] = LEFORT
-    bone[jaw] = DISTAL
-    for side, code in zip(SIDES, (LEFT, RIGHT), strict=True):
-        bone[jaw & split_sides(s, x, y, z, side)] = code
-    if genioplasty:
-        bone[(z < s.menton[2] + 13) & (np.abs(x - s.menton[0]) < 20 * s.wide) & (bone == DISTAL)] = CHIN
-    return bone
+    return Head(labels, np.full(3, spacing), origin, marks, parameters, procedure)
 
 
 def _interior(line: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

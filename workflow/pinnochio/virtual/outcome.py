@@ -58,10 +58,11 @@ class Operation:
         seed: int,
     ) -> "Operation":
         """From the files segmentation, plan and landmarks; outcome: section `virtual.outcome` of the configuration."""
+        head = read_segmentation(inputs["segmentation"], case, labels, segments)
         return cls(
             case=case,
-            head=read_segmentation(inputs["segmentation"], case, labels, segments),
-            segments=tuple(segments),
+            head=head,
+            segments=head.segments,
             landmarks=read_landmarks(inputs["landmarks"]),
             plan=Plan.read(inputs["plan"], case),
             settings=OutcomeSettings.of(outcome),

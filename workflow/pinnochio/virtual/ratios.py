@@ -11,6 +11,7 @@ from pinnochio.columns import Column, check
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.model.truth import read_truth
 from pinnochio.plans.plan import Plan
+from pinnochio.plans.roles import displacement_at
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.virtual.aftermath import read_landmarks
 
@@ -19,23 +20,24 @@ LEAST = 1.0  # mm of bone motion below which a patient says nothing about a rati
 
 
 class Ratio(NamedTuple):
-    """Soft landmark, the bone landmark that it follows, the segment that carries it, and the band of the ratio."""
+    """Soft landmark, the bone landmark that it follows, the jaw that carries it (:data:`pinnochio.plans.roles.PLACES`),
+    and the band of the ratio."""
 
     soft: str
     hard: str
-    segment: str
+    jaw: str
     low: float
     high: float
     source: str
 
 
 RATIOS = {
-    "Pog'": Ratio("pogonion_soft", "pogonion_bone", "mandible_distal", 0.8, 1.1, "[R] 0.9-1.0"),
-    "B'": Ratio("mentolabial", "b_point", "mandible_distal", 0.75, 1.1, "[R] about 1.0"),
-    "Li": Ratio("labrale_inferius", "lower_incisor", "mandible_distal", 0.4, 1.0, "[S: PMC6173856] 0.66"),
-    "Ls": Ratio("labrale_superius", "upper_incisor", "lefort1", 0.1, 0.8, "[S: PMC6173856] 0.21, [R] 0.4-0.7"),
-    "Sn": Ratio("subnasale", "a_point", "lefort1", 0.1, 0.8, "[R] 0.4-0.6"),
-    "Prn": Ratio("pronasale", "a_point", "lefort1", 0.0, 0.4, "[S: PMC6173856] 0.17, [R] 0.2-0.35"),
+    "Pog'": Ratio("pogonion_soft", "pogonion_bone", "chin", 0.8, 1.1, "[R] 0.9-1.0"),
+    "B'": Ratio("mentolabial", "b_point", "lower", 0.75, 1.1, "[R] about 1.0"),
+    "Li": Ratio("labrale_inferius", "lower_incisor", "lower", 0.4, 1.0, "[S: PMC6173856] 0.66"),
+    "Ls": Ratio("labrale_superius", "upper_incisor", "upper", 0.1, 0.8, "[S: PMC6173856] 0.21, [R] 0.4-0.7"),
+    "Sn": Ratio("subnasale", "a_point", "upper", 0.1, 0.8, "[R] 0.4-0.6"),
+    "Prn": Ratio("pronasale", "a_point", "upper", 0.0, 0.4, "[S: PMC6173856] 0.17, [R] 0.2-0.35"),
 }
 STILL, STILL_LIMIT = "glabella", 0.2  # the skin above the orbits stays where it is, mm
 TABLE = (
@@ -57,9 +59,12 @@ def motions(
     cells: np.ndarray,
     displacement: np.ndarray,
 ) -> dict[str, tuple[float, float]]:
-    """Forward motion (soft, hard) in mm of each landmark pair, and of the still skin (its whole motion, 0)."""
+    """Forward motion (soft, hard) in mm of each landmark pair, and of the still skin (its whole motion, 0).
+
+    Bone that the plan does not cut stays, so that such a patient says nothing about its ratio.
+    """
     soft = interpolate(np.array([landmarks[r.soft] for r in RATIOS.values()]), points, cells, displacement) @ FORWARD
-    hard = [executed.motion(r.segment).displacement(landmarks[r.hard][None])[0] @ FORWARD for r in RATIOS.values()]
+    hard = [displacement_at(executed, r.jaw, landmarks[r.hard][None])[0] @ FORWARD for r in RATIOS.values()]
     still = interpolate(landmarks[STILL][None], points, cells, displacement)[0]
     pairs = {name: (float(s), float(h)) for name, s, h in zip(RATIOS, soft, hard, strict=True)}
     return pairs | {STILL: (float(np.linalg.norm(still)), 0.0)}
@@ -83,7 +88,7 @@ def summarise(patients: Sequence[Mapping[str, tuple[float, float]]]) -> pd.DataF
 
 
 def tabulate(
-    landmarks: Sequence[str | os.PathLike], truths: Sequence[str | os.PathLike], cases: Sequence[str]
+    landmarks: Sequence[str | os.PathLike], truths: Sequence[str | os.PathLike], cases: Sequence[str], cohort: str
 ) -> Table:
     """Motion of the landmarks in each truth against that of the bone as operated; one row per landmark."""
     patients = []
@@ -98,7 +103,7 @@ def tabulate(
         *views(TABLE, {"median": "Median of patients", "n": "n", "source": "Source of the band"}),
     ]
     caption = (
-        "Soft-to-hard tissue ratios of the simulated outcomes (virtual cohort), forward motion: slope through the "
+        f"Soft-to-hard tissue ratios of the simulated outcomes ({cohort}), forward motion: slope through the "
         "origin over the patients; last row: largest motion of the skin above the orbits, mm."
     )
     return Table(frame, TABLE, [Block.of(frame, view, caption)])

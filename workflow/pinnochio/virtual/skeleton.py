@@ -270,22 +270,3 @@ def mandible(s: Skeleton, axes, reach: float) -> Field:
         field.union(ellipsoid(co, [8.5, 4.6, 5.0]), k=4)
     field.union(*tooth_row(s.arch_lower - [0, 3], edge, LOWER_TEETH, -1.0))
     return field
-
-
-def split_sides(s: Skeleton, x: np.ndarray, y: np.ndarray, z: np.ndarray, side: float) -> np.ndarray:
-    """Where the sagittal split leaves mandible with the ramus of one side (proximal segment).
-
-    Lateral plate from the second molar back, whole thickness behind the lingula and above it.
-    """
-    border = s.border()
-    half = border[border[:, 0] * side > abs(s.menton[0])]
-    half = half[np.argsort(half[:, 1])]
-    middle = np.interp(y, half[:, 1], half[:, 0] * side).astype(np.float32)
-    lateral = (x * side > middle) & (y > s.lower_incisor[1] + 37 * s.deep)
-    lateral &= np.abs(x) > 28 * s.wide
-    return (x * side > 0) & (
-        lateral
-        | (y > s.gonion[1] - 18) & (y > s.molar_y + 12)
-        | (z > s.upper_edge(s.molar_y) + 14)
-        | (z > s.lower_edge(s.molar_y) - 4) & (y > s.molar_y + 3)
-    )

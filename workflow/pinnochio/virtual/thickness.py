@@ -90,13 +90,13 @@ def summarise(patients: Sequence[Mapping[str, float]]) -> pd.DataFrame:
     return check(pd.DataFrame(rows), TABLE)
 
 
-def tabulate(anatomies: Sequence[str | os.PathLike]) -> Table:
+def tabulate(anatomies: Sequence[str | os.PathLike], cohort: str) -> Table:
     """The table of the patients' anatomy files (JSON)."""
     patients = [json.loads(Path(path).read_text(encoding="utf-8"))["thickness"] for path in anatomies]
-    return table(summarise(patients))
+    return table(summarise(patients), cohort)
 
 
-def table(frame: pd.DataFrame) -> Table:
+def table(frame: pd.DataFrame, cohort: str) -> Table:
     """The table of what :func:`summarise` gives."""
     text = {column.name: column.text for column in TABLE}
     view = [
@@ -107,7 +107,7 @@ def table(frame: pd.DataFrame) -> Table:
         *views(TABLE, {"n": "n", "source": "Source"}),
     ]
     caption = (
-        "Thickness of the soft tissue over bone, mean ± standard deviation, measured on the labels of the virtual "
-        "cohort; difference of the means in published standard deviations."
+        f"Thickness of the soft tissue over bone, mean ± standard deviation, measured on the labels of the {cohort}; "
+        "difference of the means in published standard deviations."
     )
     return Table(frame, TABLE, [Block.of(frame, view, caption)])

@@ -1,0 +1,115 @@
+"""Cases that are cut differently through the stages: one jaw, an uncut mandible, a maxilla in pieces."""
+
+import json
+from collections import Counter
+
+import h5py
+import numpy as np
+import pytest
+
+from pinnochio.errors import InputError
+from pinnochio.mechanics.elements import jacobians
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import simulate
+from pinnochio.methods.ratio import RatioRule
+from pinnochio.model.patient import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
+from pinnochio.plans.plan import Plan
+from pinnochio.virtual.procedures import JAWS, SEGMENTAL, dealt
+from scripts.import_plan import import_plan
+from scripts.import_segmentation import import_segmentation
+from scripts.label_interfaces import label_case
+from scripts.simulate_fem import simulate_fem
+from scripts.tetrahedralize import mesh_case
+from scripts.virtual_patient import virtual_patient
+from tests.helpers.settings import CONFIG, SEED
+
+FEM = FemSettings(**CONFIG["fem"] | {"time_limit": 600})
+NAMES = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "report.json"}
+# Number of a patient with the procedure, and its shares.
+KINDS = {
+    "mandible_only": (4, CONFIG["virtual"]["procedures"] | {"mandible_only": 0.9, "bimaxillary": 0.01}),
+    "maxilla_only": (3, CONFIG["virtual"]["procedures"] | {"maxilla_only": 0.9, "segmental": 0.0}),
+    "segmental": (2, CONFIG["virtual"]["procedures"] | {"segmental": 1.0, "genioplasty": 1.0}),
+}
+
+
+def file(folder, name):
+    return str(folder / name)
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def case(request, tmp_path_factory):
+    """Folder, procedure and model of a patient that went through import, mesher and interfaces."""
+    number, shares = KINDS[request.param]
+    folder, case = tmp_path_factory.mktemp(request.param), request.param
+    sources = {name: file(folder, f"{name}.json") for name in ("landmarks", "anatomy")}
+    sources |= {"segmentation": file(folder, "segmentation.nii.gz"), "plan": file(folder, "input.json")}
+    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], shares, CONFIG["virtual"]["muscles"], sources)
+    imported = {key: file(folder, name) for key, name in NAMES.items()}
+    values, vocabulary = CONFIG["labels"], tuple(CONFIG["segments"])
+    import_segmentation(case, sources["segmentation"], values, vocabulary, "header", 2.0, "derived", 6.0, imported)
+    import_plan(case, sources["plan"], imported["bone"], file(folder, "plan.json"))
+    mesh_case(imported["labels"], 900, 12.0, file(folder, "mesh.vtu"))
+    rest = imported["report"], CONFIG["interfaces"], file(folder, "model.h5")
+    label_case(file(folder, "mesh.vtu"), imported["labels"], imported["bone"], imported["skin"], *rest)
+    return folder, dealt(shares, number), PatientModel.read(file(folder, "model.h5"))
+
+
+def test_a_case_has_its_own_segments_in_the_order_of_the_vocabulary(case):
+    folder, procedure, model = case
+    assert model.segments == tuple(name for name in CONFIG["segments"] if name in procedure.segments)
+    report = json.loads((folder / "report.json").read_text())
+    assert set(report["volume_cm3"]) == {"superficial", "muscle", "cranium", *model.segments}
+    assert Counter(model.bone_segment.tolist()).keys() == {-1, *range(len(model.segments))}
+    assert set(json.loads((folder / "plan.json").read_text())["segments"]) == set(model.segments)
+
+
+def test_the_jaws_slide_past_each_other_whichever_is_cut(case):
+    _, procedure, model = case
+    kinds = np.bincount(model.node_type, minlength=4)
+    assert kinds[[FIXED, MOVING, SLIDING]].min() > 5
+    sliding = {(-1 if own < 0 else model.segments[own]) for own in model.node_segment[model.node_type == SLIDING]}
+    lower = "mandible" if procedure.jaws == "maxilla_only" else "mandible_distal"
+    assert lower in sliding
+    assert (-1 in sliding) == (procedure.jaws == "mandible_only")  # its upper teeth are cranium
+    assert min((model.lip == lip).sum() for lip in (UPPER_LIP, LOWER_LIP)) > 2
+
+
+def test_its_plan_and_sampled_ones_are_solved(case):
+    folder, procedure, model = case
+    name = procedure.jaws if procedure.pieces == 1 else SEGMENTAL
+    plan = Plan.read(folder / "plan.json", name)
+    for arm in ("bonded", "mucosa"):
+        result = simulate(model, plan, arm, FEM)
+        assert result.converged and jacobians(model.points, model.cells, result.displacement).min() > 0
+    simulate_fem(name, file(folder, "model.h5"), file(folder, "plan.json"), 2, FEM, SEED, file(folder, "samples.h5"))
+    with h5py.File(folder / "samples.h5") as samples:
+        for group in samples.values():
+            assert set(Plan.from_json(group.attrs["plan"]).motions) == set(model.segments)
+    assert 0.5 < np.abs(RatioRule(model)(plan)).max() < 20
+
+
+def test_a_plan_that_misses_a_segment_or_names_another_is_refused(case, tmp_path):
+    folder, _, model = case
+    whole = json.loads((folder / "plan.json").read_text())
+    lacking, foreign = json.loads(json.dumps(whole)), json.loads(json.dumps(whole))
+    own = model.segments[0]
+    del lacking["segments"][own]
+    other = next(name for name in CONFIG["segments"] if name not in model.segments)
+    foreign["segments"][other] = whole["segments"][own]
+    for plan, words in (
+        (lacking, f"nothing of '{own}'"),
+        (foreign, f"'{other}', which the segmentation does not hold"),
+    ):
+        (tmp_path / "plan.json").write_text(json.dumps(plan))
+        with pytest.raises(InputError, match=words):
+            import_plan(
+                whole["case"], str(tmp_path / "plan.json"), file(folder, "bone.vtp"), file(tmp_path, "out.json")
+            )
+        assert not (tmp_path / "out.json").exists()
+
+
+def test_the_kinds_are_what_they_say():
+    said = {name: dealt(shares, number) for name, (number, shares) in KINDS.items()}
+    assert {said[name].jaws for name in JAWS if name in said} == {"mandible_only", "maxilla_only"}
+    assert said["segmental"].pieces == 3 and said["segmental"].chin
