@@ -17,14 +17,19 @@ from scripts.virtual_outcome import virtual_outcome
 from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
 
 
+def inputs_of(patient) -> dict[str, str]:
+    """Files of the operation."""
+    names = ("segmentation", "landmarks", "anatomy", "covariates")
+    return {name: getattr(patient, name) for name in names} | {"plan": patient.input_plan}
+
+
 @pytest.fixture(scope="module")
 def nominal(patient, tmp_path_factory):
     folder = tmp_path_factory.mktemp("nominal")
     made = {"postop": str(folder / "scan.ply"), "truth": str(folder / "truth.h5"),
             "executed": str(folder / "executed.json")}  # fmt: skip
-    inputs = {name: getattr(patient, name) for name in ("segmentation", "landmarks")} | {"plan": patient.input_plan}
     outcome = OUTCOME | {"effects": "nominal"}
-    virtual_outcome(patient.case, inputs, outcome, CONFIG["labels"], SEGMENTS, SEED, made)
+    virtual_outcome(patient.case, inputs_of(patient), outcome, CONFIG["labels"], SEGMENTS, SEED, made)
     return made
 
 

@@ -42,6 +42,7 @@ CASE_FILES = (
     "plan.json",
     "landmarks.json",
     "anatomy.json",
+    "covariates.json",
     "postop.ply",
     "truth.h5",
     "executed.json",

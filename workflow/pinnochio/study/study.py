@@ -205,7 +205,7 @@ class Study:
     @property
     def card_tables(self) -> list[str]:
         """Tables of the data card; the effects are measured on as many patients as the configuration says."""
-        return ["thickness", "ratios", *(["effects"] if self.config["virtual"]["effects"] else [])]
+        return ["thickness", "ratios", *(["nasolabial", "effects"] if self.config["virtual"]["effects"] else [])]
 
     # The trade-off measures held-out patients of the first fold.
 
