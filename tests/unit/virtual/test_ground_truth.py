@@ -46,7 +46,7 @@ def field(shares):
 
 
 def test_ratio_is_the_slope_of_forward_motion():
-    shares = [0.9, 0.95, 0.6, 0.2, 0.5, 0.25, 0.0]
+    shares = [0.92, 0.95, 0.65, 0.3, 0.5, 0.25, 0.0]
     marks, *mesh = field(shares)
     forward = RigidMotion(translation=np.array([3.0, -10, 2]))
     plan = Plan("x", {"mandible_distal": forward, "lefort1": forward})

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from pinnochio.columns import Column, check, read_tables
+from pinnochio.columns import Column, check, number, read_tables
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan, RigidMotion
@@ -28,7 +28,7 @@ CASE = (
 )
 TABLE = (
     Column("what", str, "", "whose prediction"),
-    Column("n", int, "", "patients", optional=True),
+    number("n", "", "patients", ".0f"),
     Column("mean", float, "degree", "mean angle", ".1f"),
     Column("sd", float, "degree", "standard deviation over patients", ".1f"),
     Column("source", str, "", "source of it", optional=True),
@@ -76,7 +76,7 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
         for name, values in ours.items()
     ]  # fmt: skip
     for name, (mean, sd) in PUBLISHED.items():
-        entries.append({"what": f"{name}, after", "n": None, "mean": mean, "sd": sd, "source": "[S: Modabber 2022]"})
+        entries.append({"what": f"{name}, after", "n": np.nan, "mean": mean, "sd": sd, "source": "[S: Modabber 2022]"})
     return check(pd.DataFrame(entries), TABLE)
 
 
