@@ -135,7 +135,8 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
         share = {name: 100 * (1 - own[name] / own["all"]) for name in ("flat", "linear")}
         entries.append(
             {"region": place, "n": rows["case"].nunique(), "rms": np.sqrt(own["all"] / own["area"]),
-             "systematic": share["flat"], "linear": share["linear"], "left": np.sqrt(max(own["linear"], 0) / own["area"])}
+             "systematic": share["flat"], "linear": share["linear"],
+             "left": np.sqrt(max(own["linear"], 0) / own["area"])}
         )  # fmt: skip
     return check(pd.DataFrame(entries), TABLE)
 
