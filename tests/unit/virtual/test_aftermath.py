@@ -25,6 +25,7 @@ MARKS = {
     "labrale_inferius": on(0, -14),
     "mentolabial": on(0, -24),
     "pogonion_soft": on(0, -36),
+    "menton_soft": on(0, -46),
     "cheilion_left": on(25, -8),
     "cheilion_right": on(-25, -8),
     "tragus_left": on(70, 20),
@@ -68,13 +69,13 @@ def test_normals_point_out_of_the_skin(site):
 @pytest.mark.parametrize(
     ("name", "place", "circumstances", "amount"),
     [
-        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=5.0), -1.1),
-        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=5.0, gap=4.0), -1.54),
-        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=-5.0), 0.4),
-        ("chin_pad", MARKS["pogonion_soft"], replace(STILL, chin=10.0), -0.7),
-        ("chin_pad", MARKS["mentolabial"], replace(STILL, chin=10.0), 0.4),
-        ("upper_lip", MARKS["labrale_superius"], replace(STILL, maxilla=5.0), -0.6),
-        ("paranasal", on(25, 16), replace(STILL, maxilla=10.0), 0.8),
+        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=5.0), -1.1 / 0.72),
+        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=5.0, gap=4.0), -1.54 / 0.72),
+        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=-5.0), 0.4 / 0.72),
+        ("chin_pad", MARKS["pogonion_soft"], replace(STILL, chin=10.0), -0.7 / 0.72),
+        ("chin_pad", MARKS["mentolabial"], replace(STILL, chin=10.0), 0.4 / 0.72),
+        ("upper_lip", MARKS["labrale_superius"], replace(STILL, maxilla=5.0), -0.6 / 0.72),
+        ("paranasal", on(25, 16), replace(STILL, maxilla=10.0), 0.8 / 0.72),
     ],
 )
 def test_a_change_has_its_mean_where_it_belongs_and_none_on_the_forehead(site, name, place, circumstances, amount):
@@ -93,7 +94,7 @@ def test_sutures_and_thickness_decide(site):
     def out(name, c):
         return CHANGES[name](site, c, rng(0))[lip] @ site.points[lip] / 80
 
-    assert out("upper_lip", sutured) - out("upper_lip", moved) == pytest.approx(1.1, rel=0.15)
+    assert out("upper_lip", sutured) - out("upper_lip", moved) == pytest.approx(1.1 / 0.72, rel=0.15)
     assert abs(out("upper_lip", replace(moved, thickness=thick)) - out("upper_lip", STILL)) < abs(
         out("upper_lip", moved) - out("upper_lip", STILL)
     )
@@ -122,8 +123,8 @@ def test_the_gain_is_a_share_of_the_motion(site):
 def test_expression_has_its_spread_and_leaves_the_forehead(site):
     fields = np.array([expression(site, np.random.default_rng(seed)) for seed in range(400)])
     lip = at(site, site.regions["lower_lip"][0])
-    assert np.linalg.norm(fields[:, lip], axis=1).std() == pytest.approx(0.4 * np.sqrt(1 - 2 / np.pi), rel=0.2)
-    assert np.abs(fields[:, at(site, on(0, 60))]).max() < 0.02
+    assert np.linalg.norm(fields[:, lip], axis=1).std() == pytest.approx(0.4 / 0.72 * np.sqrt(1 - 2 / np.pi), rel=0.2)
+    assert np.abs(fields[:, at(site, on(0, 60))]).max() < 0.06
 
 
 def test_motions_are_those_of_the_plan_whatever_its_pieces_are_called():

@@ -14,6 +14,9 @@ MARKS = {
     "cheilion_left": np.array([25.0, 0, 0]),
     "cheilion_right": np.array([0.0, 0, 0]),
     "labrale_inferius": np.array([12.0, 0, 3]),
+    "nasion": np.array([0.0, -1000, 0]),  # a nose far away
+    "pronasale": np.array([0.0, -1010, -10]),
+    "subnasale": np.array([0.0, -1000, -20]),
 }
 
 
@@ -34,9 +37,20 @@ def patient():
 
 
 def test_the_weight_turns_from_the_back_of_the_head_to_the_feet(patient):
-    forces = weight_change(patient, 1.0)
+    forces = weight_change(patient, MARKS, 1.0)
     assert forces.sum(axis=0) == pytest.approx([0, -WEIGHT * 1e6, -WEIGHT * 1e6])
     assert np.allclose(forces[:, 1], -WEIGHT * node_volumes(patient.points, patient.cells))
+
+
+def test_the_nose_hangs_on_cartilage(patient):
+    nose = {
+        "nasion": np.array([50.0, 0, 60]),
+        "pronasale": np.array([50.0, 0, 50]),
+        "subnasale": np.array([50.0, 0, 45]),
+    }
+    free, carried = (weight_change(patient, MARKS | marks, 1.0) for marks in ({}, nose))
+    at, far = (np.argmin(np.linalg.norm(patient.points - place, axis=1)) for place in ([50, 0, 50], [100, 100, 0]))
+    assert np.allclose(carried[at], 0) and np.allclose(carried[far], free[far])
 
 
 def test_more_body_mass_and_age_sag_more():

@@ -1,8 +1,9 @@
 """What surgery does to a face beyond moving bone, as displacement fields: lips, chin, nose, swelling, expression.
 
 Every field is a smooth shape of fixed size around landmarks, along the local normal of the skin where nothing else is
-said, times an amount in mm: a part that plan, anatomy and covariates decide, and noise. Sizes and forms: reality of
-orthognathic outcomes, with the sources that :data:`pinnochio.virtual.ground_truth.EFFECTS` names.
+said, times an amount in mm, the mean over the skin where the shape is above half of its peak: a part that plan, anatomy
+and covariates decide, and noise. Sizes and forms: reality of orthognathic outcomes, with the sources that
+:data:`pinnochio.virtual.ground_truth.EFFECTS` names.
 """
 
 import json
@@ -23,6 +24,7 @@ from pinnochio.virtual.covariates import Covariates
 LIP_THICKNESS = 10.0  # mm from bone at which tissue follows fully; none at the bone [I]
 NORMAL_REACH, NORMAL_NEIGHBOURS = 6.0, 48  # mm over which normals of the skin are averaged [I]
 WING = np.array([0.34, 4.0, 4.0])  # wing of the nose from subnasale: share of the mouth's width, then mm [I]
+MEAN_OF_HALF = 0.5 / np.log(2)  # mean of a Gaussian over the disc where it is above half of its peak
 LIP_DEPTH = 4.0  # mm behind the lips' fronts where they meet [I]
 WIDEST_GAP = 8.0  # mm of gaping lips beyond which nothing changes [I]
 SWELLING_AT_6 = 39.54 - 13.14 * np.log(6)  # % of the swelling [S: PMID 34619733]
@@ -106,8 +108,8 @@ class Site:
         return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-9)
 
     def shape(self, name: str) -> np.ndarray:
-        """Shape (n,) of a region, 1 at its middle."""
-        return bump(self.points, *self.regions[name])
+        """Shape (n,) of a region, 1 in the mean over what is above half of its peak."""
+        return bump(self.points, *self.regions[name]) / MEAN_OF_HALF
 
     @cached_property
     def regions(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -129,14 +131,15 @@ class Site:
             regions |= {
                 f"wing_{side}": (wing, [8, 8, 9]),
                 f"paranasal_{side}": (wing + [sign * 9, 3, 2], [10, 12, 11]),
-                f"cheek_{side}": (0.6 * corner + 0.4 * ear + [0, 0, 8], [24, 24, 22]),
-                f"jaw_{side}": (0.3 * corner + 0.7 * ear + [0, 0, -38], [24, 24, 20]),
+                f"cheek_{side}": (0.6 * corner + 0.4 * ear + [0, 0, 6], [28, 28, 26]),
+                f"jaw_{side}": (0.35 * corner + 0.65 * ear + [0, 0, -36], [26, 28, 22]),
             }
+        regions["submental"] = (marks["menton_soft"] + [0, 18, -2], [30, 22, 16])
         return regions
 
 
 def _normal(site: Site, amounts: Mapping[str, float]) -> np.ndarray:
-    """Field (n, 3) mm of these amounts (mm) at the middles of regions, along the normals."""
+    """Field (n, 3) mm of these amounts (mm) in regions, along the normals."""
     return sum(amount * site.shape(name) for name, amount in amounts.items())[:, None] * site.outward
 
 
@@ -185,12 +188,12 @@ GAINS = {"upper_lip": 0.12, "lower_lip": 0.12, "paranasal": 0.12, "chin": 0.08, 
 
 
 def gain(site: Site, displacement: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Change (n, 3) mm of a displacement (n, 3) mm by the patient's own gain in each region."""
+    """Change (n, 3) mm of a displacement (n, 3) mm by the patient's own gain in each region, whole at its middle."""
     total = np.zeros(len(site.points))
     for region, spread in GAINS.items():
         own = rng.normal(0, spread)
         names = [region] if region in site.regions else [f"{region}_{side}" for side in SIDES]
-        total += own * np.max([site.shape(name) for name in names], axis=0)
+        total += own * MEAN_OF_HALF * np.max([site.shape(name) for name in names], axis=0)
     return total[:, None] * displacement
 
 
@@ -198,7 +201,7 @@ def swelling(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarr
     left = max(39.54 - 13.14 * np.log(c.covariates.months), 0) / SWELLING_AT_6
     own = np.exp(rng.normal(-0.125, 0.5))  # mean 1
     sides = {side: left * own * np.exp(rng.normal(-0.02, 0.2)) for side in SIDES}
-    amounts = {"upper_lip": 0.2 * left * own, "lower_lip": 0.2 * left * own}
+    amounts = {"upper_lip": 0.2 * left * own, "lower_lip": 0.2 * left * own, "submental": 0.35 * left * own}
     for side, amount in sides.items():
         amounts |= {f"cheek_{side}": 0.35 * amount, f"jaw_{side}": 0.45 * amount}
     return _normal(site, amounts)
@@ -206,7 +209,8 @@ def swelling(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarr
 
 def masseter_loss(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
     more = 1 + 0.2 * c.covariates.mass
-    return _normal(site, _both("jaw", -0.4 * more, 0.7, rng) | _both("cheek", -0.2 * more, 0.4, rng))
+    sides = _both("jaw", -0.4 * more, 0.7, rng) | _both("cheek", -0.2 * more, 0.4, rng)
+    return _normal(site, sides | {"submental": -0.3 * more + rng.normal(0, 0.6)})
 
 
 # Changes of the tissue by name, in the order in which they stand in the configuration.

@@ -53,7 +53,7 @@ EFFECTS = {
         MECHANICS,
     ),
     "pre_stress": Effect(
-        "tension of the skin, times one that rises from 7 kPa at the mouth to 53 kPa in the cheek",
+        "tension of the skin, times one that rises from 7 kPa at mouth and nose to 53 kPa in the cheek",
         "",
         "[S: 10.1007/978-3-319-59764-5_6]; skin of 1.2 mm [R]",
         0.0,
@@ -111,8 +111,10 @@ EFFECTS = {
         "swelling that is left, by months to the scan", "", "[S: PMID 34619733]; regions [I]", 0.0, CHANGE, "log SD 0.5"
     ),
     "masseter_loss": Effect(
-        "masseter and weight lost after surgery: jaw angle and cheek", "", "[S: -13.5 % of volume, -2.8 kg]; mm [I]",
-        0.0, CHANGE, "SD 0.7 mm jaw, 0.4 mm cheek",
+        "masseter and weight lost after surgery: jaw angle, cheek and under the chin",
+        "",
+        "[S: -13.5 % of volume, -2.8 kg]; mm [I]",
+        0.0, CHANGE, "SD 0.7 mm jaw, 0.4 mm cheek, 0.6 mm under the chin",
     ),
     "expression": Effect(
         "another expression at the scan: SD 0.3 mm upper lip, 0.4 mm lower lip, 0.15 mm cheek",
