@@ -43,11 +43,8 @@ def test_the_weight_turns_from_the_back_of_the_head_to_the_feet(patient):
 
 
 def test_the_nose_hangs_on_cartilage(patient):
-    nose = {
-        "nasion": np.array([50.0, 0, 60]),
-        "pronasale": np.array([50.0, 0, 50]),
-        "subnasale": np.array([50.0, 0, 45]),
-    }
+    corners = np.array([[50.0, 0, 60], [50, -10, 50], [50, 0, 40]])
+    nose = dict(zip(("nasion", "pronasale", "subnasale"), corners, strict=True))
     free, carried = (weight_change(patient, MARKS | marks, 1.0) for marks in ({}, nose))
     at, far = (np.argmin(np.linalg.norm(patient.points - place, axis=1)) for place in ([50, 0, 50], [100, 100, 0]))
     assert np.allclose(carried[at], 0) and np.allclose(carried[far], free[far])
