@@ -30,6 +30,7 @@ from pinnochio.virtual.scan import Scan, scan
 
 LOG = logging.getLogger(__name__)
 TURN = 6.0, 12.0  # degrees by which the lattice of the outcome is turned [I]
+LARGEST_CHANGE = 5.0  # mm that no change beyond mechanics exceeds [I]
 ATTEMPTS = 4  # an executed plan that tissue cannot follow is drawn again
 
 
@@ -167,8 +168,10 @@ def change(operation: Operation, effects: Mapping[str, Any], outcome: Outcome) -
 
 
 def changed(outcome: Outcome, field: np.ndarray) -> Outcome:
-    """The outcome with a further displacement (n, 3) mm, as far as its elements take it."""
+    """The outcome with a further displacement (n, 3) mm, as far as its elements take it; large ones level off."""
     patient, moved_so_far = outcome.patient, outcome.displacement
+    size = np.linalg.norm(field, axis=1, keepdims=True) / LARGEST_CHANGE
+    field = field * np.tanh(size) / np.maximum(size, 1e-9)
     field = admissible(patient.points, patient.cells, moved_so_far, field)
     return replace(outcome, displacement=moved_so_far + field)
 
