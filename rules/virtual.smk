@@ -61,11 +61,36 @@ rule render_cohort:
         "../scripts/render_cohort.py"
 
 
+rule sample_covariates:
+    input:
+        anatomy="<results>/virtual/{case}/anatomy.json",
+    output:
+        covariates="<results>/virtual/{case}/covariates.json",
+    log:
+        "<logs>/sample_covariates/{case}.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        reality=config["virtual"]["outcome"]["reality"],
+        seed=SEED,
+        code=code_of("sample_covariates"),
+    message:
+        "Draw sex, age, body mass, months and sutures of {wildcards.case}"
+    script:
+        "../scripts/sample_covariates.py"
+
+
 rule virtual_outcome:
     input:
         segmentation="<results>/virtual/{case}/segmentation.nii.gz",
         plan="<results>/virtual/{case}/plan.json",
         landmarks="<results>/virtual/{case}/landmarks.json",
+        anatomy="<results>/virtual/{case}/anatomy.json",
+        covariates="<results>/virtual/{case}/covariates.json",
     output:
         postop="<results>/virtual/{case}/postop.ply",
         truth="<results>/virtual/{case}/truth.h5",
@@ -126,6 +151,8 @@ rule measure_effects:
         segmentation="<results>/virtual/{case}/segmentation.nii.gz",
         plan="<results>/virtual/{case}/plan.json",
         landmarks="<results>/virtual/{case}/landmarks.json",
+        anatomy="<results>/virtual/{case}/anatomy.json",
+        covariates="<results>/virtual/{case}/covariates.json",
         truth="<results>/virtual/{case}/truth.h5",
     output:
         table=ensure("<results>/virtual/{case}/effects.csv", non_empty=True),
@@ -151,10 +178,137 @@ rule measure_effects:
         "../scripts/measure_effects.py"
 
 
+# The scale of each reality, on patients of other seeds: --configfile config/calibration.yaml
+rule measure_reality:
+    input:
+        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
+        plan="<results>/virtual/{case}/plan.json",
+        landmarks="<results>/virtual/{case}/landmarks.json",
+        anatomy="<results>/virtual/{case}/anatomy.json",
+        covariates="<results>/virtual/{case}/covariates.json",
+    output:
+        table=ensure("<results>/virtual/{case}/reality.csv", non_empty=True),
+    log:
+        "<logs>/measure_reality/{case}.log",
+    benchmark:
+        "<benchmarks>/measure_reality/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=6000,
+        runtime=60,
+    params:
+        outcome=config["virtual"]["outcome"],
+        segments=config["segments"],
+        labels=config["labels"],
+        samples=config["evaluation"]["samples"],
+        seed=SEED,
+        code=code_of("measure_reality"),
+    message:
+        "Measure sliding finite elements at each scale of the outcome's changes on {wildcards.case}"
+    script:
+        "../scripts/measure_reality.py"
+
+
+rule measure_deviation:
+    input:
+        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
+        plan="<results>/virtual/{case}/plan.json",
+        landmarks="<results>/virtual/{case}/landmarks.json",
+        anatomy="<results>/virtual/{case}/anatomy.json",
+        covariates="<results>/virtual/{case}/covariates.json",
+        truth="<results>/virtual/{case}/truth.h5",
+    output:
+        table=ensure("<results>/virtual/{case}/deviation.csv", non_empty=True),
+    log:
+        "<logs>/measure_deviation/{case}.log",
+    benchmark:
+        "<benchmarks>/measure_deviation/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=6000,
+        runtime=60,
+    params:
+        outcome=config["virtual"]["outcome"],
+        segments=config["segments"],
+        labels=config["labels"],
+        seed=SEED,
+        code=code_of("measure_deviation"),
+    message:
+        "Measure how far the outcome of {wildcards.case} is from nominal mechanics, place by place"
+    script:
+        "../scripts/measure_deviation.py"
+
+
+rule measure_refinement:
+    input:
+        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
+        plan="<results>/virtual/{case}/plan.json",
+        landmarks="<results>/virtual/{case}/landmarks.json",
+        anatomy="<results>/virtual/{case}/anatomy.json",
+        covariates="<results>/virtual/{case}/covariates.json",
+    output:
+        table=ensure("<results>/virtual/{case}/refinement.csv", non_empty=True),
+    log:
+        "<logs>/measure_refinement/{case}.log",
+    benchmark:
+        "<benchmarks>/measure_refinement/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=12000,
+        runtime=120,
+    params:
+        outcome=config["virtual"]["outcome"],
+        segments=config["segments"],
+        labels=config["labels"],
+        seed=SEED,
+        code=code_of("measure_refinement"),
+    message:
+        "Measure the discretisation error of the outcome on {wildcards.case}"
+    script:
+        "../scripts/measure_refinement.py"
+
+
+rule measure_nasolabial:
+    input:
+        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
+        plan="<results>/virtual/{case}/plan.json",
+        landmarks="<results>/virtual/{case}/landmarks.json",
+        anatomy="<results>/virtual/{case}/anatomy.json",
+        covariates="<results>/virtual/{case}/covariates.json",
+    output:
+        table=ensure("<results>/virtual/{case}/nasolabial.csv", non_empty=True),
+    log:
+        "<logs>/measure_nasolabial/{case}.log",
+    benchmark:
+        "<benchmarks>/measure_nasolabial/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=6000,
+        runtime=60,
+    params:
+        outcome=config["virtual"]["outcome"],
+        segments=config["segments"],
+        labels=config["labels"],
+        seed=SEED,
+        code=code_of("measure_nasolabial"),
+    message:
+        "Measure the nasolabial angle of {wildcards.case} after 5 mm of maxillary advance"
+    script:
+        "../scripts/measure_nasolabial.py"
+
+
 # What stands beside the cohort for those who take it elsewhere.
 rule data_card:
     input:
-        files=STUDY.virtual_files("anatomy.json", "plan.json"),
+        files=STUDY.virtual_files("anatomy.json", "covariates.json", "plan.json"),
         tables=expand("<results>/virtual/{table}.md", table=STUDY.card_tables),
     output:
         card="<results>/virtual/README.md",
@@ -172,7 +326,10 @@ rule data_card:
         settings={
             "seed": SEED,
             "code": code_of(
-                "virtual_patient", "virtual_outcome", "virtual_postop_bones"
+                "virtual_patient",
+                "sample_covariates",
+                "virtual_outcome",
+                "virtual_postop_bones",
             ),
             "virtual": config["virtual"],
             "labels": {
@@ -264,3 +421,23 @@ rule verify:
         rules.verify_cohort.output,
     message:
         "The virtual cohort is the one that was frozen"
+# Further tables about the outcome: of calibration patients, of all patients, of the first ones.
+rule reality:
+    input:
+        expand("<results>/virtual/reality.{kind}", kind=["csv", *TWINS]),
+    message:
+        "The scale of the outcome's changes is found: results/calibration/virtual/reality.md"
+
+
+rule learnable:
+    input:
+        expand("<results>/virtual/learnable.{kind}", kind=["csv", *TWINS]),
+    message:
+        "The learnable share of the outcome is measured"
+
+
+rule refinement:
+    input:
+        expand("<results>/virtual/refinement.{kind}", kind=["csv", *TWINS]),
+    message:
+        "The discretisation error of the outcome is measured"

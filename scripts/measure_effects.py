@@ -19,7 +19,7 @@ def measure_effects(
     seed: int,
     table: str,
 ) -> None:
-    """inputs: segmentation, plan, landmarks, truth; the rest as in the outcome's stage."""
+    """inputs: segmentation, plan, landmarks, anatomy, covariates, truth; the rest as in the outcome's stage."""
     operation = Operation.read(
         case=case, inputs=inputs, labels=label_values, segments=segments, outcome=outcome, seed=seed
     )

@@ -18,9 +18,9 @@ def virtual_outcome(
 ) -> None:
     """Operate with the effects of `outcome`, then scan.
 
-    inputs: segmentation, plan, landmarks; outcome: section `virtual.outcome` of the configuration. outputs: postop
-    (PLY, mm, in the scanner's frame), truth (HDF5: points, cells, displacement, the executed plan), executed (that plan
-    as JSON). RuntimeError if no displacement is in equilibrium.
+    inputs: segmentation, plan, landmarks, anatomy, covariates; outcome: section `virtual.outcome` of the configuration.
+    outputs: postop (PLY, mm, in the scanner's frame), truth (HDF5: points, cells, displacement, the executed plan),
+    executed (that plan as JSON). RuntimeError if no displacement is in equilibrium.
     """
     operation = Operation.read(
         case=case, inputs=inputs, labels=label_values, segments=segments, outcome=outcome, seed=seed

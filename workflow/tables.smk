@@ -40,6 +40,10 @@ MODULES = {
     "anatomy": "pinnochio.virtual.description",
     "effects": "pinnochio.virtual.effects",
     "ratios": "pinnochio.virtual.ratios",
+    "nasolabial": "pinnochio.virtual.nasolabial",
+    "reality": "pinnochio.virtual.reality",
+    "learnable": "pinnochio.virtual.learnable",
+    "refinement": "pinnochio.virtual.refinement",
 }
 # Files by argument, and the other arguments.
 TABLES = {
@@ -200,7 +204,8 @@ TABLES = {
                 case=list(STUDY.cases)[: config["virtual"]["effects"]],
             )
         },
-        NAMED | {"effects": config["virtual"]["outcome"]["effects"]},
+        NAMED
+        | {key: config["virtual"]["outcome"][key] for key in ("effects", "reality")},
     ),
     "ratios": (
         {
@@ -210,6 +215,32 @@ TABLES = {
             "truths": expand("<results>/virtual/{case}/truth.h5", case=STUDY.cases),
         },
         NAMED | {"cases": list(STUDY.cases)},
+    ),
+    "nasolabial": (
+        {
+            "rows": expand(
+                "<results>/virtual/{case}/nasolabial.csv",
+                case=list(STUDY.cases)[: config["virtual"]["effects"]],
+            )
+        },
+        {},
+    ),
+    "reality": (
+        {"rows": expand("<results>/virtual/{case}/reality.csv", case=STUDY.cases)},
+        {},
+    ),
+    "learnable": (
+        {"rows": expand("<results>/virtual/{case}/deviation.csv", case=STUDY.cases)},
+        {},
+    ),
+    "refinement": (
+        {
+            "rows": expand(
+                "<results>/virtual/{case}/refinement.csv",
+                case=list(STUDY.cases)[: config["virtual"]["refinement"]],
+            )
+        },
+        {},
     ),
 }
 BEFORE = dict.fromkeys(

@@ -11,6 +11,7 @@ from scripts.import_plan import import_plan
 from scripts.import_segmentation import import_segmentation
 from scripts.label_interfaces import label_case
 from scripts.register_postop import register_postop
+from scripts.sample_covariates import draw_covariates
 from scripts.simulate_fem import simulate_fem
 from scripts.tetrahedralize import mesh_case
 from scripts.virtual_outcome import virtual_outcome
@@ -48,9 +49,11 @@ def make_patient(case: str, number: int, folder: Path, procedures=BIMAXILLARY) -
         "anatomy": file("anatomy.json"),
     }
     virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], procedures, CONFIG["virtual"]["muscles"], sources)
+    covariates = file("covariates.json")
+    draw_covariates(case, sources["anatomy"], OUTCOME["reality"], SEED, covariates)
     made = {"postop": file("scan.ply"), "truth": file("truth.h5"), "executed": file("executed.json")}
     vocabulary = tuple(CONFIG["segments"])
-    virtual_outcome(case, sources, OUTCOME, CONFIG["labels"], vocabulary, SEED, made)
+    virtual_outcome(case, sources | {"covariates": covariates}, OUTCOME, CONFIG["labels"], vocabulary, SEED, made)
     names = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "report.json"}
     imported = {key: file(name) for key, name in names.items()}
     import_segmentation(

@@ -6,13 +6,16 @@ import pandas as pd
 import pytest
 
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.mechanics.elements import jacobians
+from pinnochio.mechanics.elements import Elements, jacobians
 from pinnochio.mechanics.simulation import simulate
-from pinnochio.model.patient import PatientModel
+from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.surfaces import read_surface
 from pinnochio.model.truth import read_truth
 from pinnochio.plans.plan import Plan
-from pinnochio.virtual.outcome import admissible
+from pinnochio.virtual.aftermath import CHANGES
+from pinnochio.virtual.ground_truth import alone
+from pinnochio.virtual.loading import sag, weight_change
+from pinnochio.virtual.outcome import Operation, Outcome, admissible, change, changed, moved
 from scripts.choose_samples import choose_samples
 from scripts.evaluate import evaluate
 from scripts.predict import predict
@@ -21,14 +24,19 @@ from scripts.virtual_outcome import virtual_outcome
 from tests.helpers.settings import CONFIG, OUTCOME, SEED
 
 
+def inputs_of(patient) -> dict[str, str]:
+    """Files of the operation."""
+    names = ("segmentation", "landmarks", "anatomy", "covariates")
+    return {name: getattr(patient, name) for name in names} | {"plan": patient.input_plan}
+
+
 @pytest.fixture(scope="module")
 def nominal(patient, tmp_path_factory):
     folder = tmp_path_factory.mktemp("nominal")
     made = {"postop": str(folder / "scan.ply"), "truth": str(folder / "truth.h5"),
             "executed": str(folder / "executed.json")}  # fmt: skip
-    inputs = {name: getattr(patient, name) for name in ("segmentation", "landmarks")} | {"plan": patient.input_plan}
     outcome = OUTCOME | {"effects": "nominal"}
-    virtual_outcome(patient.case, inputs, outcome, CONFIG["labels"], CONFIG["segments"], SEED, made)
+    virtual_outcome(patient.case, inputs_of(patient), outcome, CONFIG["labels"], CONFIG["segments"], SEED, made)
     return made
 
 
@@ -110,6 +118,44 @@ def test_the_effects_make_another_outcome(patient, field):
     points, _, truth, _ = read_truth(patient.truth, patient.case)
     assert points.shape != model.points.shape
     assert abs(np.linalg.norm(truth, axis=1).mean() - np.linalg.norm(displacement, axis=1).mean()) > 0.01
+
+
+@pytest.fixture(scope="module")
+def operation(patient):
+    return Operation.read(patient.case, inputs_of(patient), CONFIG["labels"], CONFIG["segments"], OUTCOME, SEED)
+
+
+def test_the_scale_scales_what_goes_beyond_mechanics(operation, field):
+    model, plan, displacement = field
+    effects, base = operation.settings.effects, Outcome(model, displacement, plan)
+    one = change(operation, effects, base)
+    assert 0.3 < np.linalg.norm(one, axis=1).max() < 12 and np.array_equal(one, change(operation, effects, base))
+    small, twice = (changed(base, scale * one).displacement - displacement for scale in (0.01, 0.02))
+    assert np.allclose(twice, 2 * small, rtol=1e-3) and np.allclose(small, 0.01 * one, rtol=1e-3)
+    assert np.array_equal(changed(base, 0 * one).displacement, displacement)
+
+
+def test_each_change_has_a_switch_that_changes_only_itself(operation, field):
+    model, plan, displacement = field
+    effects, base = operation.settings.effects, Outcome(model, displacement, plan)
+    every = change(operation, effects, base)
+    parts = {name: change(operation, alone(effects, name), base) for name in CHANGES}
+    assert all(part.any() for part in parts.values()) and np.allclose(sum(parts.values()), every)
+    without = change(operation, effects | {"swelling": 0.0}, base)
+    assert np.allclose(every - without, parts["swelling"])
+
+
+def test_a_face_that_sits_up_is_in_equilibrium_with_its_weight(operation, patient, field):
+    model, plan, displacement = field
+    up = moved(operation, alone(operation.settings.effects, "posture"), model).displacement
+    weight = weight_change(model, operation.landmarks, sag(operation.covariates))
+    inner = Elements.build(model.points, model.cells, patient.fem.material(model.tissue)).evaluate(up)[1]
+    free = (model.node_type == FREE) & np.isin(np.arange(len(model.points)), model.cells)
+    assert np.abs(inner - weight)[free].max() < 1e-3 * np.abs(weight).max()
+    shift = model.moved_skin(up) - model.moved_skin(displacement)
+    assert shift[model.judged_points, 2].mean() < -0.1  # down
+    without = moved(operation, alone(operation.settings.effects | {"posture": 0.0}, "posture"), model)
+    assert np.abs(without.displacement - displacement).max() < 0.01
 
 
 def test_a_change_never_turns_an_element_inside_out(field):

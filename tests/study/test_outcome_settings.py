@@ -42,12 +42,13 @@ CASE_FILES = (
     "plan.json",
     "landmarks.json",
     "anatomy.json",
+    "covariates.json",
     "postop.ply",
     "postop_bones.nii.gz",
     "truth.h5",
     "executed.json",
 )
-TABLES = ("thickness", "anatomy", "effects", "ratios")
+TABLES = ("thickness", "anatomy", "effects", "ratios", "nasolabial")
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +59,7 @@ def cohort(tmp_path_factory) -> Project:
     cases = [f"V{number:02d}" for number in range(1, 7)]
     files = [f"{case}/{name}" for case in cases for name in CASE_FILES]
     files += [f"{table}.{suffix}" for table in TABLES for suffix in ("csv", "md", "tex", "html")]
-    for name in [*files, "V01/effects.csv", "README.md", "SHA256SUMS"]:
+    for name in [*files, "V01/effects.csv", "V01/nasolabial.csv", "README.md", "SHA256SUMS"]:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text("made\n")
     project.quick("--touch", "--forceall", "--", "cohort")
@@ -85,6 +86,7 @@ def test_no_setting_of_the_methods_makes_an_outcome_again(cohort, section):
         {"mesh": {"bone_edge": 7}},
         {"interfaces": {"release": 6}},
         {"effects": {"noise": 0.4}},
+        {"reality": "same_modality"},
     ],
     ids=lambda changes: next(iter(changes)),
 )

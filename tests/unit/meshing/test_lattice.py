@@ -168,6 +168,22 @@ def test_shift_gives_other_nodes():
     assert (distance > 0.3).mean() > 0.8
 
 
+@pytest.mark.parametrize("turn", [-12.0, 10.0])
+def test_a_turned_lattice_keeps_the_cuts_flat_and_lies_otherwise(turn):
+    """A slab cut behind, below and above, with air in front and beside it."""
+    labels = np.zeros((60, 50, 30), np.uint8)
+    labels[12:48, 14:] = SUPERFICIAL
+    spacing, origin = np.ones(3), np.array([-30.0, -50, 0])
+    straight, turned = (tetrahedralize(labels, spacing, origin, 2500, turn=angle) for angle in (0.0, turn))
+    check(turned, 2500)
+    assert turned.volumes().sum() == pytest.approx((labels > 0).sum(), rel=0.03)
+    for axis, plane in ((1, -0.5), (2, -0.5), (2, 29.5)):
+        near = np.abs(turned.points[:, axis] - plane) < 0.5
+        assert near.sum() > 30 and np.abs(turned.points[near, axis] - plane).max() < 1e-9
+    inner = [m.points[(np.abs(m.points - [0, -22, 14.5]) < [14, 8, 10]).all(axis=1)] for m in (straight, turned)]
+    assert (cKDTree(inner[0]).query(inner[1])[0] > 0.3).mean() > 0.7
+
+
 @pytest.mark.parametrize("target", [1500, 6000])
 @pytest.mark.parametrize("width", [1, 3])
 def test_slit_is_opened(target, width):

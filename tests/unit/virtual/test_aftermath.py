@@ -1,52 +1,149 @@
-"""Lips, swelling and expression: local, of the asked size, nothing at the bone."""
+"""Changes beyond mechanics: local, along the skin's normal, decided by what they say, of the asked size."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from pinnochio.virtual.aftermath import LOWER_LIP, UPPER_LIP, WING, expression, lip_change, looseness, swelling
+from pinnochio.model.labels import AIR, SUPERFICIAL
+from pinnochio.plans.plan import Plan, RigidMotion
+from pinnochio.virtual.aftermath import CHANGES, GAINS, Circumstances, Site, expression, gain, lip_gap, looseness
+from pinnochio.virtual.covariates import Covariates
+from pinnochio.virtual.ground_truth import CHANGE, EFFECTS
+from pinnochio.virtual.thickness import PUBLISHED
 from tests.helpers.heads import dome
 
+
+def on(x, z):
+    """Place on a sphere of 80 mm in front."""
+    return np.array([x, -np.sqrt(80.0**2 - x**2 - z**2), z])
+
+
 MARKS = {
-    "labrale_superius": np.array([0.0, -108, -45]),
-    "labrale_inferius": np.array([0.0, -105, -60]),
-    "subnasale": np.array([0.0, -104, -27]),
-    "cheilion_left": np.array([25.0, -95, -52]),
-    "cheilion_right": np.array([-25.0, -95, -52]),
-    "tragus_left": np.array([70.0, 0, 0]),
-    "tragus_right": np.array([-70.0, 0, 0]),
+    "subnasale": on(0, 10),
+    "labrale_superius": on(0, -2),
+    "labrale_inferius": on(0, -14),
+    "mentolabial": on(0, -24),
+    "pogonion_soft": on(0, -36),
+    "menton_soft": on(0, -46),
+    "cheilion_left": on(25, -8),
+    "cheilion_right": on(-25, -8),
+    "tragus_left": on(70, 20),
+    "tragus_right": on(-70, 20),
+    "upper_incisor": np.array([0.0, -65, -5]),
+    "lower_incisor": np.array([0.0, -63, -8]),
+    "pogonion_bone": np.array([0.0, -65, -36]),
 }
+USUAL = Covariates("female", 25.0, 23.5, 6.0, "simple", False)
+MEAN = dict.fromkeys(PUBLISHED, 0.0)
+STILL = Circumstances(0.0, 0.0, 0.0, 0.0, MEAN, 0.0, USUAL)
 
 
-def test_lip_change_is_local_and_of_the_asked_size():
-    wing = MARKS["subnasale"] + [0.34 * 50, 4, 4]
-    points = np.array([MARKS["labrale_superius"], MARKS["labrale_inferius"], wing, [0, -95, 30.0], wing * [-1, 1, 1]])
-    change = lip_change(points, MARKS)
-    assert change[0, 1] == pytest.approx(UPPER_LIP, abs=0.25)  # back
-    assert change[1, 1] == pytest.approx(0.5 * LOWER_LIP, abs=0.25) and change[1, 2] > 0.2
-    assert change[2, 0] == pytest.approx(WING, abs=0.15) and change[4, 0] == pytest.approx(-change[2, 0])
-    assert np.linalg.norm(change[3]) < 1e-6
+@pytest.fixture(scope="module")
+def site():
+    skin = dome()
+    return Site(skin[0], skin, MARKS)
+
+
+def mean_field(name, site, circumstances, count=300):
+    """Mean over patients of a change at every point, along the normal of the sphere."""
+    decided_by = np.tile([0.0, -5, 0], (len(site.points), 1)) if name == "gain" else circumstances
+    fields = [CHANGES[name](site, decided_by, np.random.default_rng(seed)) for seed in range(count)]
+    return np.mean(fields, axis=0)
+
+
+def at(site, place):
+    return np.argmin(np.linalg.norm(site.points - place, axis=1))
+
+
+def test_every_change_is_an_effect_and_has_a_field():
+    assert list(CHANGES) == [name for name, effect in EFFECTS.items() if effect.kind == CHANGE]
+
+
+def test_normals_point_out_of_the_skin(site):
+    assert (np.sum(site.outward * site.points, 1) > 0.98 * 80).all()
+    inside = Site(0.8 * site.points, site.skin, MARKS)
+    assert (np.sum(inside.outward * site.points, 1) > 0.98 * 80).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "circumstances", "amount"),
+    [
+        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=5.0), -1.1 / 0.72),
+        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=5.0, gap=4.0), -1.54 / 0.72),
+        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=-5.0), 0.4 / 0.72),
+        ("chin_pad", MARKS["pogonion_soft"], replace(STILL, chin=10.0), -0.7 / 0.72),
+        ("chin_pad", MARKS["mentolabial"], replace(STILL, chin=10.0), 0.4 / 0.72),
+        ("upper_lip", MARKS["labrale_superius"], replace(STILL, maxilla=5.0), -0.6 / 0.72),
+        ("paranasal", on(25, 16), replace(STILL, maxilla=10.0), 0.8 / 0.72),
+    ],
+)
+def test_a_change_has_its_mean_where_it_belongs_and_none_on_the_forehead(site, name, place, circumstances, amount):
+    field = mean_field(name, site, circumstances)
+    outward = np.sum(field * site.points, 1) / 80
+    assert outward[at(site, place)] == pytest.approx(amount, rel=0.3, abs=0.1)
+    assert np.linalg.norm(field[at(site, on(0, 60))]) < 0.02
+
+
+def test_sutures_and_thickness_decide(site):
+    rng = np.random.default_rng
+    moved, thick = replace(STILL, maxilla=5.0), MEAN | {"labrale_superius": 1.0, "labrale_inferius": 1.0}
+    sutured = replace(moved, covariates=replace(USUAL, closure="vy", cinch=True))
+    lip, nose = at(site, MARKS["labrale_superius"]), at(site, site.regions["wing_left"][0])
+
+    def out(name, c):
+        return CHANGES[name](site, c, rng(0))[lip] @ site.points[lip] / 80
+
+    assert out("upper_lip", sutured) - out("upper_lip", moved) == pytest.approx(1.1 / 0.72, rel=0.15)
+    assert abs(out("upper_lip", replace(moved, thickness=thick)) - out("upper_lip", STILL)) < abs(
+        out("upper_lip", moved) - out("upper_lip", STILL)
+    )
+    wide, narrow = (CHANGES["alar_width"](site, c, rng(0))[nose, 0] for c in (moved, sutured))
+    assert wide > narrow > 0
+    assert CHANGES["alar_width"](site, moved, rng(0))[at(site, on(-12, 10)), 0] < 0
+
+
+def test_swelling_fades_with_the_months(site):
+    later = replace(STILL, covariates=replace(USUAL, months=12.0))
+    one, other = (mean_field("swelling", site, c, 100) for c in (STILL, later))
+    cheek = at(site, site.regions["cheek_left"][0])
+    share = np.linalg.norm(other[cheek]) / np.linalg.norm(one[cheek])
+    assert share == pytest.approx((39.54 - 13.14 * np.log(12)) / (39.54 - 13.14 * np.log(6)))
+    assert (np.sum(one * site.points, 1) >= 0).all() and one.any()
+
+
+def test_the_gain_is_a_share_of_the_motion(site):
+    motion = np.tile([0.0, -5, 1], (len(site.points), 1))
+    fields = np.array([gain(site, motion, np.random.default_rng(seed)) for seed in range(400)])
+    lip = fields[:, at(site, MARKS["labrale_inferius"])]
+    assert np.allclose(np.cross(lip, motion[0]), 0)
+    assert (lip @ motion[0] / (motion[0] @ motion[0])).std() == pytest.approx(GAINS["lower_lip"], rel=0.2)
+
+
+def test_expression_has_its_spread_and_leaves_the_forehead(site):
+    fields = np.array([expression(site, np.random.default_rng(seed)) for seed in range(400)])
+    lip = at(site, site.regions["lower_lip"][0])
+    assert np.linalg.norm(fields[:, lip], axis=1).std() == pytest.approx(0.4 / 0.72 * np.sqrt(1 - 2 / np.pi), rel=0.2)
+    assert np.abs(fields[:, at(site, on(0, 60))]).max() < 0.06
+
+
+def test_motions_are_those_of_the_plan_whatever_its_pieces_are_called():
+    forward, up = RigidMotion(translation=np.array([0.0, -6, 0])), RigidMotion(translation=np.array([0.0, -2, 4]))
+    two = Plan("x", {"lefort1_left": forward, "lefort1_right": up, "mandible": forward})
+    own = Circumstances.of(two, MARKS, MEAN, 20.0, USUAL)
+    assert (own.maxilla, own.impaction, own.mandible, own.chin) == (4.0, 2.0, 6.0, 6.0) and own.gap == 8.0
+    chin = Circumstances.of(Plan("x", {"mandible_distal": forward, "chin": up}), MARKS, MEAN, 0.0, USUAL)
+    assert (chin.maxilla, chin.mandible, chin.chin) == (0.0, 6.0, 2.0)
+
+
+def test_the_gap_is_the_air_between_the_lips():
+    labels = np.full((41, 40, 60), SUPERFICIAL, np.uint8)
+    labels[:, :, 28:31] = AIR
+    marks = {"labrale_superius": np.array([0.0, -100, -40]), "labrale_inferius": np.array([0.0, -99, -52])}
+    assert lip_gap(labels, np.ones(3), np.array([-20.0, -110, -75]), marks) == 3.0
 
 
 def test_tissue_is_constrained_at_the_bone():
     bone = np.zeros((1, 3))
     loose = looseness(np.array([[0.0, 0, 0], [5, 0, 0], [10, 0, 0], [40, 0, 0]]), bone)
     assert np.allclose(loose, [0, 0.5, 1, 1])
-
-
-def test_swelling_is_outward_and_has_its_mean():
-    points, faces = dome()
-    fields = [swelling(points, (points, faces), MARKS, 0.8, np.random.default_rng(seed)) for seed in range(200)]
-    assert min(np.sum(field * points, 1).min() for field in fields) >= 0  # outward on a sphere about the origin
-    sizes = [np.linalg.norm(field, axis=1).max() for field in fields]  # the larger side
-    assert 0.8 < np.mean(sizes) < 1.3 and np.std(sizes) > 0.1
-    assert np.linalg.norm(np.mean(fields, 0)[np.argmax(points[:, 2])]) < 0.01  # none on the forehead
-
-
-def test_expression_moves_both_corners_alike_and_not_the_nose():
-    points = np.array([MARKS["cheilion_left"], MARKS["cheilion_right"], MARKS["subnasale"] + [0, 0, 40]])
-    draws = np.random.default_rng(0)
-    fields = np.array([expression(points, MARKS, 0.8, draws) for _ in range(2000)])
-    assert np.linalg.norm(fields[:, :2], axis=2).std(0) == pytest.approx(0.8 * np.sqrt(1 - 2 / np.pi), rel=0.1)
-    assert np.corrcoef(fields[:, 0, 2], fields[:, 1, 2])[0, 1] > 0.8
-    assert np.allclose(fields[:, 0, 0] * fields[:, 1, 0] < 0, fields[:, 0, 2] * fields[:, 1, 2] > 0)
-    assert np.abs(fields[:, 2]).max() < 0.01

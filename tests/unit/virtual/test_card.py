@@ -25,12 +25,13 @@ from scripts.verify_cohort import verify_cohort
 CASES = [f"V{number:02d}" for number in range(1, 11)]
 OWN = {"nodes": 9000, "noise": 0.3, "poisson": "nominal", "coverage": 0.15, "swelling": "nominal"}
 ALL = {name: effect.nominal for name, effect in EFFECTS.items()} | OWN
+OUTCOME = {"reality": "clinic", "effects": ALL}
 VIRTUAL = {
     "role": "development",
     "patients": 10,
     "spacing": 1.5,
     "muscles": ["masseter", "mentalis"],
-    "outcome": {"effects": ALL},
+    "outcome": OUTCOME,
 }
 LABELS = {"superficial": 1, "muscle": 2, "cranium": 10}
 
@@ -111,7 +112,7 @@ def test_effects_stand_with_magnitude_and_source(card):
         "swelling": "off",
         "coverage": "0.15",
     }
-    assert all(rows[f"`{name}`"][4] == effect.source for name, effect in EFFECTS.items())
+    assert all(rows[f"`{name}`"][4:] == [effect.noise, effect.source] for name, effect in EFFECTS.items())
 
 
 def test_the_card_shows_given_tables_and_says_who_may_read_what(card):
@@ -125,7 +126,7 @@ def test_the_card_shows_given_tables_and_says_who_may_read_what(card):
 
 
 def test_an_outcome_without_effects_says_so(anatomies, plans):
-    plain = VIRTUAL | {"outcome": {"effects": "nominal"}}
+    plain = VIRTUAL | {"outcome": {"reality": "nominal", "effects": "nominal"}}
     card = data_card(anatomies, plans, seed=3, code="", virtual=plain, labels=LABELS, tables={})
     sizes = {row[2] for name in EFFECTS for row in cells(card, f"`{name}`")}
     assert sizes == {"off"}

@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from pinnochio.plans.plan import Plan, RigidMotion
-from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, alone, resolve
+from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, alone, in_reality, resolve
 from pinnochio.virtual.ratios import RATIOS, STILL, motions, summarise
 from tests.helpers.settings import ROOT
 
@@ -16,12 +16,21 @@ def test_config_names_every_effect():
     assert list(DEFAULT) == list(EFFECTS)
 
 
+def test_a_reality_keeps_the_motion_and_the_noise_of_the_scan():
+    off, all_on = resolve(NOMINAL), resolve(DEFAULT)
+    assert in_reality(DEFAULT, "clinic") == all_on
+    assert in_reality(DEFAULT, "same_modality") == all_on | {"posture": 0.0}
+    plain = in_reality(DEFAULT, "nominal")
+    kept = {"execution_error", "noise", "holes", "coverage", "frame"}
+    assert plain == off | {name: all_on[name] for name in kept}
+
+
 def test_nominal_switches_all_or_one():
     off = {name: effect.nominal for name, effect in EFFECTS.items()}
     assert resolve(NOMINAL) == off
     assert resolve(DEFAULT | {"swelling": NOMINAL}) == DEFAULT | {"swelling": 0.0}
     for effect in EFFECTS:
-        changed = {name for name, value in alone(DEFAULT, effect).items() if value != off[name]}
+        changed = {name for name, value in alone(DEFAULT | {"contact": 1}, effect).items() if value != off[name]}
         assert changed == {effect}
 
 
@@ -37,7 +46,7 @@ def field(shares):
 
 
 def test_ratio_is_the_slope_of_forward_motion():
-    shares = [0.9, 0.95, 0.6, 0.2, 0.5, 0.25, 0.0]
+    shares = [0.92, 0.95, 0.65, 0.3, 0.5, 0.25, 0.0]
     marks, *mesh = field(shares)
     forward = RigidMotion(translation=np.array([3.0, -10, 2]))
     plan = Plan("x", {"mandible_distal": forward, "lefort1": forward})

@@ -50,7 +50,7 @@ class ElasticSolver:
         sliding = np.concatenate([np.zeros(0, int)] + [np.asarray(item.nodes, int) for item in boundary.sliding])
         same = np.array_equal(prescribed, self._constraints.prescribed)
         same &= np.array_equal(sliding, self._constraints.sliding.nodes)
-        if boundary.contact or not same:
+        if boundary.contact or boundary.loads or not same:
             raise InputError("-", "boundary", "constrains other nodes than the factors are of", "make a new solver")
         motions = np.zeros(self._used.shape)
         motions[prescribed] = boundary.displacement(1.0)

@@ -275,8 +275,9 @@ class _Problem:
         self.iterations = self.factorizations = 0
         corners, nodes = len(elements.node_volumes), len(elements.points)
         prescribed = np.asarray(boundary.prescribed_nodes, int)
-        if boundary.sliding or boundary.contact:
-            raise InputError("-", "boundary", "mixed elements know no sliding and no contact", "prescribe the nodes")
+        if boundary.sliding or boundary.contact or boundary.loads:
+            problem = "mixed elements know no sliding, no contact and no loads"
+            raise InputError("-", "boundary", problem, "prescribe the nodes")
         if (
             len(prescribed) < 3
             or prescribed.min() < 0

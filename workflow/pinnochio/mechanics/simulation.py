@@ -1,10 +1,12 @@
 """Finite-element simulation of a plan on a patient: what the FEM methods, the pretraining and the tables share."""
 
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
 
 from pinnochio.mechanics.elastic import ElasticSolver
+from pinnochio.mechanics.loads import Loads
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions, solve
@@ -25,13 +27,23 @@ def solver_options(settings: FemSettings) -> SolverOptions:
     )
 
 
-def simulate(patient: PatientModel, plan: Plan, arm: str, settings: FemSettings, apart: float = 0.0) -> SolveResult:
-    """Displacement of every node under the plan; arm: one of `sliding.ARMS`; apart in mm: as in boundary_conditions."""
+def simulate(
+    patient: PatientModel,
+    plan: Plan,
+    arm: str,
+    settings: FemSettings,
+    apart: float = 0.0,
+    unilateral: bool = False,
+    loads: Loads | None = None,
+) -> SolveResult:
+    """Displacement of every node under the plan; arm: one of `sliding.ARMS`; apart in mm and unilateral: as in
+    boundary_conditions; loads: forces beside those of the elements."""
+    boundary = boundary_conditions(patient, plan, arm, unilateral, apart)
     return solve(
         patient.points,
         patient.cells,
         settings.material(patient.tissue),
-        boundary_conditions(patient, plan, arm, apart=apart),
+        replace(boundary, loads=loads),
         solver_options(settings),
     )
 

@@ -12,6 +12,7 @@ from pinnochio.errors import InputError
 from pinnochio.geometry.faces import boundary_faces, edges_of
 from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.mechanics.contact import ContactSet, facing_sets
+from pinnochio.mechanics.loads import Loads
 from pinnochio.mechanics.point_surface import PointSurface
 from pinnochio.model.labels import CRANIUM, segment_name
 from pinnochio.model.patient import FIXED, FREE, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
@@ -40,12 +41,14 @@ class BoundaryConditions:
     """What a solution is asked for: prescribed nodes, sliding sets and contact sets; a node is in one of them at most.
 
     prescribed: displacement (p, 3) in mm at the end, applied in proportion, or a function of the fraction in [0, 1].
+    loads: forces beside those of the elements.
     """
 
     prescribed_nodes: np.ndarray
     prescribed: np.ndarray | Callable[[float], np.ndarray]
     sliding: list[SlidingSet] = field(default_factory=list)
     contact: list[ContactSet] = field(default_factory=list)
+    loads: Loads | None = None
 
     def displacement(self, fraction: float) -> np.ndarray:
         """Displacement (p, 3) in mm of the prescribed nodes at a fraction of the load."""

@@ -12,6 +12,7 @@ from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.contact import UnilateralContact, penalty
 from pinnochio.mechanics.elements import Elements, jacobians
 from pinnochio.mechanics.linear import conjugate_gradients, linear_solver, symmetric_product
+from pinnochio.mechanics.loads import OuterForces
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.sliding import BoundaryConditions
 
@@ -135,8 +136,10 @@ class Newton:
         self.sliding = self.constraints.sliding
         stiffness = penalty(self.elements.modulus, self.elements.edge)
         self.contact = UnilateralContact(self.points, boundary.contact, stiffness)
+        self.outer = OuterForces(self.points, boundary.loads)
         constrained = self.constraints.constrained
-        self.assembler = Assembler(self.elements, constrained, self.sliding.nodes, self.contact.pairs)
+        couplings = np.concatenate([self.contact.pairs, self.outer.pairs])
+        self.assembler = Assembler(self.elements, constrained, self.sliding.nodes, couplings)
         self.systems = {}
         self.single, self.factorized, self.indefinite, self.spent = options.reuse, False, False, 0
         self.history: list[dict] = []
@@ -152,7 +155,8 @@ class Newton:
         """The state `u` with its residual: forces on the free unknowns over the reactions on the constrained ones."""
         energy, force, least = self.elements.evaluate(u)
         pressing, push = self.contact.evaluate(u, fraction)
-        energy, force = energy + pressing, force + push
+        loaded, pull = self.outer.evaluate(u, fraction)
+        energy, force = energy + pressing + loaded, force + push + pull
         frames = self.sliding.frames(u, fraction)
         local = self.constraints.local(force, frames)
         free_force = self.assembler.gather(local)
@@ -178,14 +182,18 @@ class Newton:
 
     # ---- steps
 
-    def direction(self, state: State, tolerance: float, step=None, pressure=None, cut_below: float = 0.0) -> Direction:
+    def direction(
+        self, state: State, tolerance: float, step=None, pressure=None, cut_below: float = 0.0, further=0.0
+    ) -> Direction:
         """What takes the state to equilibrium, to first order, while `step` (n, 3, local axes) is imposed on the
         constrained unknowns: by the factors at hand and conjugate gradients to `tolerance` if they serve, else by new
         ones, of the tangent cut to its definite part where it is not definite.
 
         pressure (p,) kPa: of each patch, for the tangent; by default that of its volume. cut_below: elements with J
-        below it, or above its inverse, have their Hessian cut from the start. Raises Stop.
+        below it, or above its inverse, have their Hessian cut from the start. further: share of the dead load that
+        comes on in the step. Raises Stop.
         """
+        coming = self.assembler.gather(self.constraints.local(further * self.outer.forces, state.frames))
         for bound in (cut_below, 1.0):
             definite = bound == 1
             if time.perf_counter() - self.began > self.options.time_limit:
@@ -198,7 +206,10 @@ class Newton:
                 self.assembler.add(data, np.repeat(self.sliding.nodes[:, None], 2, axis=1), bend)
             pairs, blocks = self.contact.tangent(state.u, state.fraction, definite)
             self.assembler.add(data, pairs, self.constraints.turned(blocks, pairs, state.frames))
-            unknowns = self.solution(data, -(state.free_force + product), tolerance, definite)
+            if len(self.outer.pairs):
+                tense = self.constraints.turned(self.outer.blocks, self.outer.pairs, state.frames)
+                self.assembler.add(data, self.outer.pairs, tense)
+            unknowns = self.solution(data, coming - (state.free_force + product), tolerance, definite)
             if unknowns is not None:
                 local = self.assembler.scatter(unknowns) + (0 if step is None else step)
                 return Direction(self.constraints.world(local, state.frames), definite)
@@ -257,7 +268,7 @@ class Newton:
         target = self.constraints.met(self.sliding.carry(state.u, state.fraction, end), end)
         local = self.constraints.local(target - state.u, state.frames)
         step = np.where(self.constraints.constrained, local, 0)
-        return self.direction(state, 1e-3, step, pressure, cut_below)
+        return self.direction(state, 1e-3, step, pressure, cut_below, end - state.fraction)
 
     def descend(self, state: State) -> State | None:
         """One Newton step with a line search on the energy that turns no element inside out."""

@@ -5,6 +5,7 @@ the boundaries as far as the shape of every cell allows.
 """
 
 import logging
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -22,16 +23,50 @@ LOG = logging.getLogger(__name__)
 NODE_TOLERANCE = 0.07  # the search stops here; the promise is 10 %
 DIHEDRAL_MARGIN = 2.0  # degrees kept above the promised dihedral angle
 NEAR_SLIT = 0.5  # of the lattice constant: so near, a lattice node goes to the middle of a thin void
+FADE = 0.9  # of half the volume: over which a turn of the lattice fades towards a cut side
 THIN_SHARE = 0.6  # of the lattice constant: narrower voids are opened by splitting, wider ones are left out
 
 
+@dataclass(frozen=True)
+class Placing:
+    """Where the lattice lies: shift (3,) mm; turn in degrees about the vertical axis; cut as of _cut_sides."""
+
+    shift: np.ndarray
+    turn: float
+    cut: np.ndarray
+
+    def turned(self, points, fields: Fields) -> np.ndarray:
+        """Points (n, 3) mm turned about the middle of the volume, less and less towards its cut sides."""
+        if not self.turn:
+            return points
+        middle, half = (fields.high + fields.low) / 2, (fields.high - fields.low) / 2
+        place = (points - middle) / half
+        share = np.ones(len(points))
+        for axis, sides in enumerate(self.cut):
+            for side, is_cut in zip((-1, 1), sides, strict=True):
+                if is_cut:
+                    share *= np.clip((1 - side * place[:, axis]) / FADE, 0, 1)
+        angle = np.radians(self.turn) * share * share * (3 - 2 * share)
+        x, y = (points - middle)[:, :2].T
+        moved = [np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y]
+        return np.column_stack([*moved, (points - middle)[:, 2]]) + middle
+
+
 def tetrahedralize(
-    labels, spacing, origin, target_nodes: int, *, shift=(0.0, 0.0, 0.0), minimum_dihedral: float = 12.0
+    labels,
+    spacing,
+    origin,
+    target_nodes: int,
+    *,
+    shift=(0.0, 0.0, 0.0),
+    turn: float = 0.0,
+    minimum_dihedral: float = 12.0,
 ) -> TetMesh:
     """Conforming mesh of muscle and superficial tissue with about `target_nodes` nodes.
 
     labels (nx, ny, nz) internal codes [ix, iy, iz]; spacing, origin (3,) mm; shift (3,) mm moves the lattice inside the
-    volume, for a second mesh that shares no node with the first; minimum_dihedral degrees (at most 30).
+    volume, for a second mesh that shares no node with the first, and turn (degrees) turns it about the vertical axis,
+    less towards sides of the volume where tissue is cut; minimum_dihedral degrees (at most 30).
     Voids thinner than the lattice are opened: their two sides share no node. Faces on the border of the volume stay
     exactly flat. Pieces that do not hang on the largest one are dropped, and so are features thinner than about half
     a lattice cell. The same input gives the same bytes. Raises InputError for a map without tissue or a bad argument.
@@ -42,14 +77,17 @@ def tetrahedralize(
     if not inside.any():
         raise InputError("-", "labels", "holds no soft tissue", "label muscle or superficial tissue")
     constant = (2 * inside.sum() * np.prod(spacing) / target_nodes) ** (1 / 3)
-    labels, origin = _cropped(labels, inside, spacing, origin, margin=1.5 * constant)
+    reach = np.array(labels.shape) * spacing / 2
+    aside = abs(np.sin(np.radians(turn))) * np.array([reach[1], reach[0], 0])
+    cut = _cut_sides(inside)
+    labels, origin = _cropped(labels, inside, spacing, origin, margin=1.5 * constant + aside)
     fields = Fields(without_specks(labels), spacing, origin, thin=THIN_SHARE * constant)
 
-    shift = np.asarray(shift, float)
+    placing = Placing(np.asarray(shift, float), turn, cut)
     best, factor = None, 1.04  # factor: nodes of the finished mesh per node of the raw lattice
     for _ in range(4):
-        divisions, raw = _divisions_for(fields, shift, target_nodes / factor, constant)
-        mesh = _mesh(fields, divisions, shift, minimum_dihedral + DIHEDRAL_MARGIN)
+        divisions, raw = _divisions_for(fields, placing, target_nodes / factor, constant)
+        mesh = _mesh(fields, divisions, placing, minimum_dihedral + DIHEDRAL_MARGIN)
         count = len(mesh.points)
         LOG.info("lattice of %d x %d x %d cells: %d nodes", *divisions, count)
         if best is None or abs(count - target_nodes) < abs(len(best.points) - target_nodes):
@@ -75,12 +113,17 @@ def _check(labels, spacing, origin, target_nodes, minimum_dihedral) -> None:
         raise InputError("-", "mesh", f"minimum dihedral angle {minimum_dihedral}", "choose 0 to 30 degrees")
 
 
-def _cropped(labels, inside, spacing, origin, margin: float):
-    """The part of the volume around the tissue, with a margin in mm; air is added where only air is at the border."""
+def _cut_sides(inside) -> np.ndarray:
+    """Whether tissue touches the border of the volume, (2, 2) bool: low and high side along x and y."""
+    return np.array([[inside.take(end, axis).any() for end in (0, -1)] for axis in (0, 1)])
+
+
+def _cropped(labels, inside, spacing, origin, margin):
+    """The part of the volume around the tissue, with a margin (3,) mm; air is added where the border has only air."""
     box, missing = [], []
     for axis in range(3):
         filled = np.flatnonzero(inside.any(axis=tuple({0, 1, 2} - {axis})))
-        extra = int(np.ceil(margin / spacing[axis])) + 1
+        extra = int(np.ceil(margin[axis] / spacing[axis])) + 1
         low, high = filled[0] - extra, labels.shape[axis] - 1 - filled[-1] - extra
         missing.append([max(-low, 0) * (filled[0] > 0), max(-high, 0) * (filled[-1] < labels.shape[axis] - 1)])
         box.append(slice(max(low, 0), filled[-1] + extra + 1))
@@ -88,14 +131,14 @@ def _cropped(labels, inside, spacing, origin, margin: float):
     return np.pad(labels[tuple(box)], missing), start
 
 
-def _divisions_for(fields, shift, wanted: float, constant: float) -> tuple[tuple[int, int, int], int]:
+def _divisions_for(fields, placing, wanted: float, constant: float) -> tuple[tuple[int, int, int], int]:
     """Cells per axis whose raw lattice has about `wanted` tissue nodes, and that number."""
     best = None
     for _ in range(4):
         ideal = (fields.high - fields.low) / constant
         choices = product(*({max(1, int(np.floor(n))), int(np.ceil(n))} for n in ideal))
         divisions = min(sorted(choices), key=lambda n: abs(np.log(np.prod(n) / np.prod(ideal))))
-        points, cells, _ = _lattice(fields, divisions, shift)
+        points, cells, _ = _lattice(fields, divisions, placing)
         count = max(len(np.unique(cells[_classified(points, cells, fields) > 0])), 1)
         if best is None or abs(count - wanted) < abs(best[1] - wanted):
             best = divisions, count
@@ -105,19 +148,19 @@ def _divisions_for(fields, shift, wanted: float, constant: float) -> tuple[tuple
     return best
 
 
-def _lattice(fields, divisions, shift) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _lattice(fields, divisions, placing: Placing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Body-centred cubic tetrahedra near the tissue: points (n, 3), cells (m, 4), free (n, 3).
 
     The lattice fills the volume exactly; free tells in which directions a node may move without leaving a border
-    plane. The shift fades towards the borders, which keep their planes.
+    plane. Shift and turn fade towards the borders, which keep their planes.
     """
     divisions = np.array(divisions)
     extent = fields.high - fields.low
     size = extent / divisions
-    shift = (shift + size / 2) % size - size / 2  # the lattice repeats
+    shift = (placing.shift + size / 2) % size - size / 2  # the lattice repeats
 
     def place(fraction):
-        return fields.low + extent * fraction + shift * np.sin(np.pi * fraction)
+        return placing.turned(fields.low + extent * fraction, fields) + shift * np.sin(np.pi * fraction)
 
     cell = np.stack(np.indices(divisions), axis=-1).reshape(-1, 3)
     near = fields.sample(fields.body, place((cell + 0.5) / divisions)) > -1.2 * size.max()
@@ -184,8 +227,8 @@ def _filled(fields, field, inside, centre, reach, wanted) -> np.ndarray:
     return filled
 
 
-def _mesh(fields, divisions, shift, minimum) -> TetMesh:
-    points, cells, free = _lattice(fields, divisions, shift)
+def _mesh(fields, divisions, placing, minimum) -> TetMesh:
+    points, cells, free = _lattice(fields, divisions, placing)
     size = float(((fields.high - fields.low) / divisions).min())
     # Fit the lattice, with the void cells that touch tissue, to the boundaries and to the middle of thin voids.
     for fraction in (0.5, 0.0):

@@ -265,7 +265,7 @@ class Study:
         cohort's say nothing of its outcomes."""
         if self.locked:
             return ["thickness"]
-        return ["thickness", "ratios", *(["effects"] if self.config["virtual"]["effects"] else [])]
+        return ["thickness", "ratios", *(["nasolabial", "effects"] if self.config["virtual"]["effects"] else [])]
 
     def virtual_files(self, *names: str) -> list[str]:
         """These files of every virtual patient."""

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pinnochio.plans.plan import Plan
-from pinnochio.virtual.ground_truth import EFFECTS, resolve
+from pinnochio.virtual.covariates import MEANING
+from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, REALITIES, in_reality
 from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE
 
 # Files of a case before surgery and of its outcome: name, format, units and frame, content, and who may read it.
@@ -32,6 +33,12 @@ INPUTS = {
         "analysis",
     ),
     "anatomy.json": ("JSON", "as in the parameter table", "sex, deformity and every sampled number", "analysis"),
+    "covariates.json": (
+        "JSON",
+        "years, kg/m2, months",
+        "sex, age, body mass index, months to the scan, closure (`vy`, `simple`), alar cinch suture",
+        "every method",
+    ),
 }
 OUTCOMES = {
     "postop.ply": (
@@ -62,6 +69,7 @@ SUMS, OUTCOME_SUMS = "SHA256SUMS", "SHA256SUMS.outcomes"
 TABLES = {
     "thickness": "Soft-tissue thickness",
     "ratios": "Soft-to-hard tissue ratios",
+    "nasolabial": "Nasolabial angle after 5 mm of maxillary advance",
     "effects": "What each effect does to the outer face",
 }
 ROLES = {
@@ -76,11 +84,12 @@ LIMITS = """\
 * Every patient, plan and outcome is simulated: results on this cohort are results on a virtual cohort. Nothing was
   validated against clinical outcomes, and nothing is for planning or treating patients.
 * The outcome is itself computed by finite elements (another mesh, another law, other stiffness than a method can know),
-  which favours methods of that kind.
-* Two soft tissues, each homogeneous and isotropic in a patient: no fibre direction, no pre-stress, no skin layer of its
-  own, no growth, scarring or change of weight. The lips do not touch each other in the mechanics.
+  which favours methods of that kind. What goes beyond mechanics is a handful of smooth fields of fixed shape.
+* Two soft tissues, each homogeneous and isotropic in a patient: no fibre direction, no skin layer of its own, no growth
+  or scarring. The tension of the skin acts by its change alone. The lips do not touch each other in the mechanics.
+* Weight turns about the whole head when the patient sits up; the jaw itself does not.
 * Adults with one of four deformities in equal numbers. The distributions are literature means [R] and choices [I], not
-  a fit to one population; age, origin, body mass, clefts and syndromes are not modelled.
+  a fit to one population; origin, clefts and syndromes are not modelled; age and body mass act on the outcome alone.
 * Given sex and deformity the numbers are drawn independently of each other.
 * Segmentations before surgery are free of artefacts: no metal, no motion, no wrong label. Those after surgery have
   metal, streaks and noise of our own making, not those of a scanner.
@@ -176,14 +185,35 @@ def plans_table(anatomies: Sequence[Mapping[str, Any]], plans: Sequence[Plan]) -
     return markdown_table(headers, rows)
 
 
-def effects_table(effects: Mapping[str, Any] | str) -> str:
-    """The effects of the outcome with their magnitude in this cohort."""
+def effects_table(effects: Mapping[str, Any] | str, reality: str) -> str:
+    """The effects of the outcome with their magnitude in this cohort, and what of them is noise."""
     rows = []
-    for name, value in resolve(effects).items():
+    for name, value in in_reality(effects, reality).items():
         effect = EFFECTS[name]
         size = "off" if value == effect.nominal else f"{value:g}"
-        rows.append((f"`{name}`", effect.meaning, size, effect.unit, effect.source))
-    return markdown_table(("effect", "meaning", "magnitude", "unit", "source"), rows)
+        rows.append((f"`{name}`", effect.meaning, size, effect.unit, effect.noise, effect.source))
+    return markdown_table(("effect", "meaning", "magnitude", "unit", "noise", "source"), rows)
+
+
+def covariates_table() -> str:
+    """The covariates, their distributions and what they decide."""
+    rows = [(f"`{name}`", *about) for name, about in MEANING.items()]
+    return markdown_table(("covariate", "distribution", "source", "decides"), rows)
+
+
+def reality_of(reality: str) -> str:
+    """How hard the outcome is, in a sentence."""
+    if reality == NOMINAL:
+        return (
+            "Reality `nominal`: the methods' own mechanics on their own mesh, without effects but for the error of "
+            "carrying out the plan and the noise of the scan."
+        )
+    own = REALITIES[reality]
+    return (
+        f"Reality `{reality}`: changes of the tissue beyond the mechanics, and the expression, are multiplied by "
+        f"{own.scale:g}, found on other patients so that sliding finite elements with the true motion are "
+        f"{own.target:g} ± 0.1 mm off ({own.source}), and frozen."
+    )
 
 
 def data_card(
@@ -243,7 +273,11 @@ def data_card(
         "## Outcome",
         "What makes the simulated outcome other than any method's computation. Each effect has a switch of its own "
         "(`virtual.outcome.effects` in the configuration) and draws of its own.",
-        effects_table(virtual["outcome"]["effects"]),
+        reality_of(virtual["outcome"]["reality"]),
+        effects_table(virtual["outcome"]["effects"], virtual["outcome"]["reality"]),
+        "The column *noise* is what no plan, anatomy or covariate decides. Covariates (`covariates.json`) are inputs "
+        "that a method may read; all of them are drawn, with these distributions:",
+        covariates_table(),
         *(part for name, title in TABLES.items() if name in tables for part in (f"## {title}", tables[name].strip())),
         "## Files",
         f"Each patient has a folder; `{SUMS}` holds the checksum of every file (`sha256sum -c {SUMS}`).",

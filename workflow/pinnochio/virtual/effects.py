@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pinnochio.columns import Column, check, read_tables
+from pinnochio.columns import Column, check, read_tables, words
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.geometry.triangles import face_normals
 from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.tables.document import Block, Table, View
-from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, SCAN, alone, resolve
-from pinnochio.virtual.outcome import Operation, Outcome, meshed, operate, photograph
+from pinnochio.virtual.ground_truth import CHANGE, EFFECTS, NOMINAL, SCAN, alone, in_reality, resolve
+from pinnochio.virtual.outcome import Operation, Outcome, change, changed, meshed, moved, operate, photograph
 from pinnochio.virtual.scan import Scan
 
 REMESHED = ("nodes", "sliding_band_factor")  # effects that need a model of their own
@@ -76,8 +76,9 @@ def measure(
 ) -> list[dict]:
     """Rows of :data:`CASE` of one patient: nothing on, each effect alone, everything on.
 
-    skin: points and faces of the segmentation's skin; truth: points, cells, displacement, all effects. Mechanics,
-    lips and swelling: difference of displacement; scan: distance of the registered scan, with the loss of face.
+    skin: points and faces of the segmentation's skin; truth: points, cells, displacement, all effects. Effects of the
+    scan: distance of the registered scan, with the loss of face; all others: difference of displacement. Changes of
+    the tissue stand at the scale of the reality.
     """
     off = resolve(NOMINAL)
     nominal = operate(operation, off)
@@ -93,19 +94,22 @@ def measure(
         own = alone(operation.settings.effects, effect)
         if own == off:
             continue
-        if effect in SCAN:
+        if EFFECTS[effect].kind == SCAN:
             rows.append(row(effect, *face.scan_error(photograph(operation, nominal, own), plane)))
         else:
             model = meshed(operation, own) if effect in REMESHED else nominal.patient
-            field = operate(operation, own, model).displacement
+            if EFFECTS[effect].kind == CHANGE:
+                field = changed(nominal, operation.settings.scale * change(operation, own, nominal)).displacement
+            else:
+                field = moved(operation, own, model).displacement
             rows.append(row(effect, face.difference(model.points, model.cells, field)))
     rows.append(row(EVERYTHING, face.difference(*truth)))
     return rows
 
 
-def summarise(rows: pd.DataFrame, effects: Mapping[str, Any] | str) -> pd.DataFrame:
+def summarise(rows: pd.DataFrame, effects: Mapping[str, Any] | str, reality: str) -> pd.DataFrame:
     """One row per effect over the patients, in the order of :data:`EFFECTS`: columns of :data:`SUMMARY`."""
-    values = resolve(effects)
+    values = in_reality(effects, reality)
     entries = []
     for effect in (NOTHING, *EFFECTS, EVERYTHING):
         own = rows[rows["effect"] == effect]
@@ -122,13 +126,14 @@ def summarise(rows: pd.DataFrame, effects: Mapping[str, Any] | str) -> pd.DataFr
     return check(pd.DataFrame(entries), SUMMARY)
 
 
-def tabulate(rows: Sequence[str | os.PathLike], effects: Mapping[str, Any] | str, cohort: str) -> Table:
-    """Mean of each effect over the patients' rows, with its magnitude (`effects`: section of the configuration)."""
-    frame = summarise(read_tables(rows, CASE), effects)
+def tabulate(rows: Sequence[str | os.PathLike], effects: Mapping[str, Any] | str, reality: str, cohort: str) -> Table:
+    """Mean of each effect over the patients' rows, with its magnitude (effects, reality: of the configuration)."""
+    frame = summarise(read_tables(rows, CASE), effects, reality)
     view = [View(f"{c.name} {c.unit}".strip(), lambda row, c=c: c.text(row[c.name])) for c in SUMMARY]
     caption = (
         f"What each effect of the simulated outcome does to the outer face when it alone is on, against the nominal "
-        f"outcome; {cohort}, n = {frame['n'].max()}. Mechanics, lips and swelling: displacement. Scan "
-        f"effects: distance of the registered scan from the true skin."
+        f"outcome; {cohort}, {words(reality)}, n = {frame['n'].max()}. Effects of the scan, with expression: "
+        f"distance of the registered scan from the nominal skin; all others: displacement, of which a scan sees what "
+        f"does not run along the skin. Changes beyond the mechanics stand at the scale of the reality."
     )
     return Table(frame, SUMMARY, [Block.of(frame, view, caption)])

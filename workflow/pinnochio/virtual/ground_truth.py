@@ -7,55 +7,169 @@ from typing import Any, NamedTuple
 from pinnochio.mechanics.settings import FemSettings
 
 NOMINAL = "nominal"
+MECHANICS, CHANGE, MOTION, SCAN = "mechanics", "change", "motion", "scan"
 
 
 class Effect(NamedTuple):
-    """An effect of the outcome; `nominal` is the value that switches it off, None where the outcome's settings hold."""
+    """An effect of the outcome.
+
+    nominal: the value that switches it off, None where the outcome's settings hold. kind: of the MECHANICS; a CHANGE of
+    the tissue beyond them; of the MOTION of the bones; of the SCAN, which leaves the patient as is. noise: what of it
+    no covariate, plan or anatomy decides.
+    """
 
     meaning: str
     unit: str
     source: str
     nominal: Any
+    kind: str
+    noise: str = ""
 
 
 EFFECTS = {
-    "nodes": Effect("mesh of this many nodes that lies elsewhere than the methods'", "", "[I]", None),
-    "poisson": Effect("Poisson's ratio", "", "[R] 0.46 to 0.49 in the literature", None),
-    "stiffening": Effect("second (quadratic) term of a strain-stiffening law", "kPa", "[R] Nazari: c20 1.18 kPa", 0.0),
+    "nodes": Effect(
+        "mesh of this many nodes that lies elsewhere than the methods', turned and shifted", "", "[I]", None, MECHANICS
+    ),
+    "poisson": Effect("Poisson's ratio", "", "[R] 0.46 to 0.49 in the literature", None, MECHANICS),
+    "stiffening": Effect(
+        "second (quadratic) term of a strain-stiffening law", "kPa", "[R] Nazari: c20 1.18 kPa", 0.0, MECHANICS
+    ),
     "stiffness_spread": Effect(
         "SD of the logarithm of each tissue's modulus over patients",
         "",
         "[S: hal-01092748] wide; size [I]",
         0.0,
+        MECHANICS,
+        "all",
     ),
-    "sliding_band_factor": Effect("true sliding extent over the methods'", "", "[I]", 1.0),
-    "execution_error": Effect("error of carrying out the plan, times the published one", "", "[S: PMC8432567]", 0.0),
-    "lip_change": Effect(
-        "systematic change of lips and nasal base, times its default", "", "[S: PMC6173856] alar width; lips [I]", 0.0
+    "sliding_band_factor": Effect("true sliding extent over the methods'", "", "[I]", 1.0, MECHANICS),
+    "contact": Effect("tissue may leave the teeth that it slides on (1), not enter them", "", "[I]", 0, MECHANICS),
+    "posture": Effect(
+        "weight of the tissue, lying in the CT and upright in the scan, times that of 1 g/cm3; softer tissue with "
+        "body mass and age",
+        "",
+        "[S: readbyqxmd 29396312, PMC9871103]; softening [I]",
+        0.0,
+        MECHANICS,
     ),
-    "swelling": Effect("residual swelling at its centre, mean of the cohort", "mm", "[R] a tenth at 3 months", 0.0),
+    "pre_stress": Effect(
+        "tension of the skin, times one that rises from 7 kPa at mouth and nose to 53 kPa in the cheek",
+        "",
+        "[S: 10.1007/978-3-319-59764-5_6]; skin of 1.2 mm [R]",
+        0.0,
+        MECHANICS,
+        "CV 25 %",
+    ),
+    "execution_error": Effect(
+        "error of carrying out the plan, times the published one", "", "[S: PMC8432567]", 0.0, MOTION, "all"
+    ),
+    "lower_lip": Effect(
+        "lower lip unfurls with mandibular advance, more where it is thick or the lips gaped; fills with setback",
+        "",
+        "[S: n = 62, 10.1007/978-3-030-32254-0_38, Angle Orthod 80:896]; form [I]",
+        0.0,
+        CHANGE,
+        "SD 0.6 mm",
+    ),
+    "chin_pad": Effect(
+        "chin pad thins with advance, thickens with setback; the mentolabial fold the other way",
+        "",
+        "[S: n = 62]; form [I]",
+        0.0,
+        CHANGE,
+        "SD 0.8 mm",
+    ),
+    "upper_lip": Effect(
+        "upper lip thins with maxillary advance, less where it is thick; V-Y closure turns that round",
+        "",
+        "[S: n = 81; Ls ratio 0.36-1.43]; form [I]",
+        0.0,
+        CHANGE,
+        "SD 0.7 mm",
+    ),
+    "lip_length": Effect(
+        "upper lip lengthens by 0.8 mm in the mean, along the skin", "", "[S: +0.73 to +1.0 +- 1.9 mm]", 0.0, CHANGE,
+        "SD 1.5 mm",
+    ),
+    "alar_width": Effect(
+        "wings of the nose widen with maxillary advance and impaction, half as much with a cinch suture",
+        "",
+        "[S: 10.1186/s13005-015-0080-y, KJO 50(4)]; form [I]",
+        0.0,
+        CHANGE,
+        "SD 0.25 mm",
+    ),
+    "paranasal": Effect(
+        "skin beside the nose fills with maxillary advance", "", "[I], within [S: TJO 2022.90]", 0.0, CHANGE,
+        "SD 0.3 mm",
+    ),
+    "gain": Effect(
+        "soft tissue follows the bone more or less than mechanics has it", "", "[S: n = 57, 62: individual]; size [I]",
+        0.0, CHANGE, "all: SD 12 % of the motion at lips and beside the nose, 8 % chin, 5 % cheek",
+    ),
+    "swelling": Effect(
+        "swelling that is left, by months to the scan", "", "[S: PMID 34619733]; regions [I]", 0.0, CHANGE, "log SD 0.5"
+    ),
+    "masseter_loss": Effect(
+        "masseter and weight lost after surgery: jaw angle, cheek and under the chin",
+        "",
+        "[S: -13.5 % of volume, -2.8 kg]; mm [I]",
+        0.0, CHANGE, "SD 0.7 mm jaw, 0.4 mm cheek, 0.6 mm under the chin",
+    ),
     "expression": Effect(
-        "SD of the mouth corners' motion at the scan", "mm", "[S: readbyqxmd 27131258] lip rest 0.25-0.34 mm", 0.0
+        "another expression at the scan: SD 0.3 mm upper lip, 0.4 mm lower lip, 0.15 mm cheek",
+        "",
+        "[S: readbyqxmd 27131258, PMC7064576]; split [I]",
+        0.0,
+        SCAN,
+        "all",
     ),
-    "noise": Effect("SD of the scan noise along the normals", "mm", "[R] stereophotogrammetry, below 0.5 mm", 0.0),
-    "holes": Effect("holes of 2 to 5 mm radius in the scan (hair, shine)", "", "[I]", 0),
+    "noise": Effect(
+        "SD of the scan noise along the normals", "mm", "[R] stereophotogrammetry, below 0.5 mm", 0.0, SCAN, "all"
+    ),
+    "holes": Effect("holes of 2 to 5 mm radius in the scan (hair, shine)", "", "[I]", 0, SCAN, "all"),
     "coverage": Effect(
-        "smallest cosine between normal and camera that is seen; 6 mm of the rim are lost", "", "[R] two cameras", None
+        "smallest cosine between normal and camera that is seen; 6 mm of the rim are lost", "", "[R] two cameras", None,
+        SCAN,
     ),
-    "frame": Effect("scanner frame off by up to this many times 8 mm and 6 degrees", "", "[I]", 0.0),
+    "frame": Effect(
+        "scanner frame off by up to this many times 8 mm and 6 degrees", "", "[I]", 0.0, SCAN, "all"
+    ),
+}  # fmt: skip
+
+
+class Reality(NamedTuple):
+    """How hard the outcome is.
+
+    scale: of every CHANGE and of the expression, found by `snakemake reality` on calibration patients so that sliding
+    finite elements with the true motion are as far off as in the literature, then frozen. months: mean and SD to the
+    scan. upright: the scan is of an upright face, the CT of a lying one. target: mean distance, mm; source of it.
+    """
+
+    scale: float
+    months: tuple[float, float]
+    upright: bool
+    target: float
+    source: str
+
+
+CLINIC, SAME_MODALITY = "clinic", "same_modality"
+REALITIES = {
+    CLINIC: Reality(1.0, (6.0, 1.5), True, 1.30, "[S: arXiv 2606.01572] CT to 3dMD, 1.30 ± 0.29"),
+    SAME_MODALITY: Reality(1.0, (12.0, 2.0), False, 0.95, "[S: Liebregts 2015] CBCT to CBCT, 0.9 ± 0.3"),
 }
-SCAN = ("expression", "noise", "holes", "coverage", "frame")  # what changes the scan, not the patient
 
 
 @dataclass(frozen=True)
 class OutcomeSettings:
     """The settings of the outcome, which no method reads: the section `virtual.outcome` of the configuration.
 
-    effects: value of every effect by name, nominal ones resolved. mesh, interfaces: as the sections of these names;
-    fem: the mechanics before any effect.
+    effects: value of every effect by name, nominal ones resolved. scale: of the changes. mesh, interfaces: as the
+    sections of these names; fem: the mechanics before any effect.
     """
 
     effects: Mapping[str, Any]
+    scale: float
     mesh: Mapping[str, float]
     interfaces: Mapping[str, float]
     fem: FemSettings
@@ -63,8 +177,10 @@ class OutcomeSettings:
     @classmethod
     def of(cls, section: Mapping[str, Any]) -> "OutcomeSettings":
         """From the section of the configuration."""
+        reality = section["reality"]
         return cls(
-            effects=resolve(section["effects"]),
+            effects=in_reality(section["effects"], reality),
+            scale=REALITIES[reality].scale if reality != NOMINAL else 0.0,
             mesh=section["mesh"],
             interfaces=section["interfaces"],
             fem=FemSettings(**section["fem"]),
@@ -75,6 +191,16 @@ def resolve(effects: str | Mapping[str, Any]) -> dict[str, Any]:
     """Value of every effect of the config section `virtual.outcome.effects`, with :data:`NOMINAL` replaced."""
     asked = dict.fromkeys(EFFECTS, NOMINAL) if effects == NOMINAL else effects
     return {name: effect.nominal if asked[name] == NOMINAL else asked[name] for name, effect in EFFECTS.items()}
+
+
+def in_reality(effects: str | Mapping[str, Any], reality: str) -> dict[str, Any]:
+    """The effects that a reality has: nominal, those of motion and noise of the scan alone, on the methods' own mesh;
+    between scans of one modality the posture does not change."""
+    values = resolve(effects)
+    if reality == NOMINAL:
+        kept = {name for name, effect in EFFECTS.items() if effect.kind in (MOTION, SCAN)} - {"expression"}
+        return {name: value if name in kept else EFFECTS[name].nominal for name, value in values.items()}
+    return values if REALITIES[reality].upright else values | {"posture": EFFECTS["posture"].nominal}
 
 
 def alone(effects: Mapping[str, Any], effect: str) -> dict[str, Any]:

@@ -1,9 +1,11 @@
 """The simulated outcome of a virtual patient's surgery: the displaced tissue, by mechanics that no method uses."""
 
+import json
 import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -20,11 +22,15 @@ from pinnochio.model.surfaces import bone_surface, skin_surface
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.sampling import execution_error
 from pinnochio.seeds import generator
-from pinnochio.virtual.aftermath import expression, lip_change, looseness, read_landmarks, swelling
+from pinnochio.virtual.aftermath import CHANGES, Circumstances, Site, expression, lip_gap, looseness, read_landmarks
+from pinnochio.virtual.covariates import Covariates, thickness_scores
 from pinnochio.virtual.ground_truth import OutcomeSettings
+from pinnochio.virtual.loading import loads
 from pinnochio.virtual.scan import Scan, scan
 
 LOG = logging.getLogger(__name__)
+TURN = 6.0, 12.0  # degrees by which the lattice of the outcome is turned [I]
+LARGEST_CHANGE = 5.0  # mm that no change beyond mechanics exceeds [I]
 ATTEMPTS = 4  # an executed plan that tissue cannot follow is drawn again
 
 
@@ -32,7 +38,8 @@ ATTEMPTS = 4  # an executed plan that tissue cannot follow is drawn again
 class Operation:
     """What is operated on, and the settings of the outcome.
 
-    head: the segmentation; landmarks name -> (3,) mm; seed: base seed, from which each effect draws its own.
+    head: the segmentation; landmarks name -> (3,) mm; thickness: standard deviations from the mean by landmark; seed:
+    base seed, from which each effect draws its own.
     """
 
     case: str
@@ -42,6 +49,8 @@ class Operation:
     plan: Plan
     settings: OutcomeSettings
     seed: int
+    covariates: Covariates
+    thickness: Mapping[str, float]
 
     def draws(self, effect: str) -> np.random.Generator:
         """The effect's own generator: switching one effect leaves the draws of the others as they are."""
@@ -57,8 +66,10 @@ class Operation:
         outcome: Mapping[str, Any],
         seed: int,
     ) -> "Operation":
-        """From the files segmentation, plan and landmarks; outcome: section `virtual.outcome` of the configuration."""
+        """From the files segmentation, plan, landmarks, anatomy and covariates; outcome: section `virtual.outcome` of
+        the configuration. segments: those that a case may have."""
         head = read_segmentation(inputs["segmentation"], case, labels, segments)
+        anatomy = json.loads(Path(inputs["anatomy"]).read_text(encoding="utf-8"))
         return cls(
             case=case,
             head=head,
@@ -67,7 +78,14 @@ class Operation:
             plan=Plan.read(inputs["plan"], case),
             settings=OutcomeSettings.of(outcome),
             seed=seed,
+            covariates=Covariates.read(inputs["covariates"]),
+            thickness=thickness_scores(anatomy["thickness"]),
         )
+
+    def circumstances(self, executed: Plan) -> Circumstances:
+        """What decides the changes of the face, once the plan is carried out so."""
+        gap = lip_gap(self.head.labels, self.head.spacing, self.head.origin, self.landmarks)
+        return Circumstances.of(executed, self.landmarks, self.thickness, gap, self.covariates)
 
 
 @dataclass(frozen=True)
@@ -92,12 +110,13 @@ def meshed(operation: Operation, effects: Mapping[str, Any]) -> PatientModel:
     head, settings = operation.head, operation.settings
     thresholds = dict(settings.interfaces)
     thresholds["sliding_band"] *= effects["sliding_band_factor"]
-    nodes, shift = settings.mesh["nodes"], np.zeros(3)
+    nodes, shift, turn = settings.mesh["nodes"], np.zeros(3), 0.0
     if effects["nodes"] is not None:
-        nodes, shift = effects["nodes"], operation.draws("nodes").uniform(0, 3, 3)
+        draws = operation.draws("nodes")
+        nodes, shift, turn = effects["nodes"], draws.uniform(0, 3, 3), draws.choice([-1, 1]) * draws.uniform(*TURN)
     place = head.labels, head.spacing, head.origin
     return label_interfaces(
-        tetrahedralize(*place, nodes, minimum_dihedral=settings.mesh["minimum_dihedral"], shift=shift),
+        tetrahedralize(*place, nodes, minimum_dihedral=settings.mesh["minimum_dihedral"], shift=shift, turn=turn),
         *place,
         operation.segments,
         bone_surface(head.labels, head.spacing, head.origin, operation.segments, settings.mesh["bone_edge"]),
@@ -106,13 +125,9 @@ def meshed(operation: Operation, effects: Mapping[str, Any]) -> PatientModel:
     )
 
 
-def operate(operation: Operation, effects: Mapping[str, Any], patient: PatientModel | None = None) -> Outcome:
-    """Carry out the plan with these effects (as :func:`pinnochio.virtual.ground_truth.resolve` gives them).
-
-    patient: the model of :func:`meshed` where the caller has it already. RuntimeError if the mechanics finds no
-    solution for a few draws of the executed plan.
-    """
-    patient, fem = patient or meshed(operation, effects), operation.settings.fem
+def moved(operation: Operation, effects: Mapping[str, Any], patient: PatientModel) -> Outcome:
+    """What mechanics alone makes of the plan with these effects. RuntimeError as :func:`operate`."""
+    fem = operation.settings.fem
     draws = operation.draws("stiffness_spread")
     moduli = {
         tissue: modulus * float(np.exp(effects["stiffness_spread"] * draws.normal()))
@@ -120,28 +135,58 @@ def operate(operation: Operation, effects: Mapping[str, Any], patient: PatientMo
     }
     poisson = effects["poisson"] or fem.poisson
     own = replace(fem, youngs_modulus=moduli, poisson=poisson, stiffening=effects["stiffening"])
+    outer = loads(
+        patient,
+        operation.landmarks,
+        operation.covariates,
+        effects["posture"],
+        effects["pre_stress"],
+        operation.draws("pre_stress"),
+    )
     draws = operation.draws("execution_error")
     for _ in range(ATTEMPTS):
         executed = operation.plan
         if effects["execution_error"]:
             executed = execution_error(operation.plan, draws, effects["execution_error"])
-        result = simulate(patient, executed, "mucosa", own)
+        result = simulate(patient, executed, "mucosa", own, unilateral=bool(effects["contact"]), loads=outer)
         LOG.info("%s; moduli %s kPa; %.1f s", result.reason, moduli, result.seconds)
         if result.converged:
-            break
-    else:
-        raise RuntimeError(f"case {operation.case!r}: the simulated outcome did not converge: {result.reason}")
-    change = np.zeros_like(patient.points)
-    if effects["lip_change"]:
-        change += effects["lip_change"] * lip_change(patient.points, operation.landmarks)
-    if effects["swelling"]:
-        skin = patient.skin_points, patient.skin_faces
-        rng = operation.draws("swelling")
-        change += swelling(patient.points, skin, operation.landmarks, effects["swelling"], rng)
-    if change.any():
-        change *= looseness(patient.points, patient.bone_points)[:, None]
-        change = admissible(patient.points, patient.cells, result.displacement, change)
-    return Outcome(patient, result.displacement + change, executed)
+            return Outcome(patient, result.displacement, executed)
+    raise RuntimeError(f"case {operation.case!r}: the simulated outcome did not converge: {result.reason}")
+
+
+def change(operation: Operation, effects: Mapping[str, Any], outcome: Outcome) -> np.ndarray:
+    """What these effects change of the tissue (n, 3) mm beyond the mechanics, at a scale of one."""
+    patient = outcome.patient
+    site = Site(patient.points, (patient.skin_points, patient.skin_faces), operation.landmarks)
+    circumstances = operation.circumstances(outcome.executed)
+    total = np.zeros_like(patient.points)
+    for name, field in CHANGES.items():
+        if effects[name]:
+            decided_by = outcome.displacement if name == "gain" else circumstances
+            total += effects[name] * field(site, decided_by, operation.draws(name))
+    return total * looseness(patient.points, patient.bone_points)[:, None]
+
+
+def changed(outcome: Outcome, field: np.ndarray) -> Outcome:
+    """The outcome with a further displacement (n, 3) mm, as far as its elements take it; large ones level off."""
+    patient, moved_so_far = outcome.patient, outcome.displacement
+    size = np.linalg.norm(field, axis=1, keepdims=True) / LARGEST_CHANGE
+    field = field * np.tanh(size) / np.maximum(size, 1e-9)
+    field = admissible(patient.points, patient.cells, moved_so_far, field)
+    return replace(outcome, displacement=moved_so_far + field)
+
+
+def operate(operation: Operation, effects: Mapping[str, Any], patient: PatientModel | None = None) -> Outcome:
+    """Carry out the plan with these effects (as :func:`pinnochio.virtual.ground_truth.resolve` gives them).
+
+    patient: the model of :func:`meshed` where the caller has it already. RuntimeError if the mechanics finds no
+    solution for a few draws of the executed plan.
+    """
+    outcome = moved(operation, effects, patient or meshed(operation, effects))
+    if not any(effects[name] for name in CHANGES):
+        return outcome
+    return changed(outcome, operation.settings.scale * change(operation, effects, outcome))
 
 
 def admissible(points, cells, displacement, change) -> np.ndarray:
@@ -153,11 +198,19 @@ def admissible(points, cells, displacement, change) -> np.ndarray:
     return change
 
 
-def photograph(operation: Operation, outcome: Outcome, effects: Mapping[str, Any]) -> Scan:
-    """Scan of the outcome's skin with these effects."""
-    skin = outcome.patient.moved_skin(outcome.displacement)
+def shown(operation: Operation, outcome: Outcome, effects: Mapping[str, Any], scale: float | None = None) -> np.ndarray:
+    """Points (s, 3) mm of the outer skin when it is scanned; scale: of the expression, if not that of the settings."""
+    patient = outcome.patient
+    skin = patient.moved_skin(outcome.displacement)
     if effects["expression"]:
-        here = outcome.patient.skin_points
-        skin = skin + expression(here, operation.landmarks, effects["expression"], operation.draws("expression"))
+        site = Site(patient.skin_points, (patient.skin_points, patient.skin_faces), operation.landmarks)
+        amount = effects["expression"] * (operation.settings.scale if scale is None else scale)
+        skin = skin + amount * expression(site, operation.draws("expression"))
+    return skin
+
+
+def photograph(operation: Operation, outcome: Outcome, effects: Mapping[str, Any], scale: float | None = None) -> Scan:
+    """Scan of the outcome's skin with these effects; scale as in :func:`shown`."""
     own = {name: effects[name] for name in ("noise", "holes", "coverage", "frame")}
+    skin = shown(operation, outcome, effects, scale)
     return scan(skin, outcome.patient.skin_faces, operation.draws("scan"), **own)

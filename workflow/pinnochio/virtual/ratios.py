@@ -31,15 +31,16 @@ class Ratio(NamedTuple):
     source: str
 
 
+# The bands are those of the sources, no wider: a landmark outside is said to be outside.
 RATIOS = {
-    "Pog'": Ratio("pogonion_soft", "pogonion_bone", "chin", 0.8, 1.1, "[R] 0.9-1.0"),
-    "B'": Ratio("mentolabial", "b_point", "lower", 0.75, 1.1, "[R] about 1.0"),
-    "Li": Ratio("labrale_inferius", "lower_incisor", "lower", 0.4, 1.0, "[S: PMC6173856] 0.66"),
-    "Ls": Ratio("labrale_superius", "upper_incisor", "upper", 0.1, 0.8, "[S: PMC6173856] 0.21, [R] 0.4-0.7"),
-    "Sn": Ratio("subnasale", "a_point", "upper", 0.1, 0.8, "[R] 0.4-0.6"),
-    "Prn": Ratio("pronasale", "a_point", "upper", 0.0, 0.4, "[S: PMC6173856] 0.17, [R] 0.2-0.35"),
+    "Pog'": Ratio("pogonion_soft", "pogonion_bone", "chin", 0.9, 1.0, "[R] 0.9-1.0"),
+    "B'": Ratio("mentolabial", "b_point", "lower", 0.9, 1.1, "[R] about 1.0"),
+    "Li": Ratio("labrale_inferius", "lower_incisor", "lower", 0.6, 0.8, "[S: PMC6173856] 0.66, [R] 0.6-0.8"),
+    "Ls": Ratio("labrale_superius", "upper_incisor", "upper", 0.21, 0.7, "[S: PMC6173856] 0.21, [R] 0.4-0.7"),
+    "Sn": Ratio("subnasale", "a_point", "upper", 0.4, 0.6, "[R] 0.4-0.6"),
+    "Prn": Ratio("pronasale", "a_point", "upper", 0.17, 0.35, "[S: PMC6173856] 0.17, [R] 0.2-0.35"),
 }
-STILL, STILL_LIMIT = "glabella", 0.2  # the skin above the orbits stays where it is, mm
+STILL, STILL_LIMIT = "glabella", 0.2  # the skin above the orbits stays where it is, mm, but for its weight
 TABLE = (
     Column("ratio", str, "", "soft-tissue landmark"),
     Column("ours", float, "1", "slope through the origin of its forward motion over that of the bone", ".3f"),
@@ -79,7 +80,7 @@ def summarise(patients: Sequence[Mapping[str, tuple[float, float]]]) -> pd.DataF
         ours = float(soft[moved] @ hard[moved] / max(hard[moved] @ hard[moved], 1e-12))
         rows.append({"ratio": name, "ours": ours, "low": ratio.low, "high": ratio.high, "n": int(moved.sum()),
                      "median": float(np.median(soft[moved] / hard[moved])) if moved.any() else 0.0,
-                     "inside": ratio.low <= ours <= ratio.high, "source": ratio.source})  # fmt: skip
+                     "inside": bool(ratio.low <= ours <= ratio.high), "source": ratio.source})  # fmt: skip
     still = np.array([patient[STILL][0] for patient in patients])
     most = float(still.max())
     rows.append({"ratio": f"{STILL} (mm)", "ours": most, "low": 0.0, "high": STILL_LIMIT, "n": len(still),

@@ -1,0 +1,38 @@
+"""Makes one patient's rows of the outcome's discretisation error, by a finer mesh."""
+
+import pandas as pd
+
+from pinnochio.columns import write_csv
+from pinnochio.logs import attach_log
+from pinnochio.virtual.outcome import Operation
+from pinnochio.virtual.refinement import CASE, measure
+
+
+def measure_refinement(
+    case: str,
+    inputs: dict[str, str],
+    outcome: dict,
+    label_values: dict[str, int],
+    segments: tuple[str, ...],
+    seed: int,
+    table: str,
+) -> None:
+    """inputs: segmentation, plan, landmarks, anatomy, covariates; the rest as in the outcome's stage."""
+    operation = Operation.read(
+        case=case, inputs=inputs, labels=label_values, segments=segments, outcome=outcome, seed=seed
+    )
+    rows = measure(operation=operation)
+    write_csv(pd.DataFrame(rows), table, CASE)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    measure_refinement(
+        case=snakemake.wildcards.case,
+        inputs=dict(snakemake.input.items()),
+        outcome=snakemake.params.outcome,
+        label_values=snakemake.params.labels,
+        segments=tuple(snakemake.params.segments),
+        seed=snakemake.params.seed,
+        table=snakemake.output.table,
+    )

@@ -1,0 +1,28 @@
+"""The nasolabial angle, and the tables of it and of the outcome's discretisation error."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pinnochio.virtual import nasolabial, refinement
+
+
+def test_the_angle_is_that_of_the_sagittal_plane():
+    subnasale = np.array([0.0, -100, 0])
+    assert nasolabial.angle(subnasale + [3, -5, 0], subnasale, subnasale + [-2, 0, -8]) == pytest.approx(90)
+    assert nasolabial.angle(subnasale + [0, -5, 5], subnasale, subnasale + [0, 0, -8]) == pytest.approx(135)
+
+
+def test_our_angle_stands_beside_the_published_ones():
+    rows = pd.DataFrame({"case": ["a", "b"], "before": [110.0, 120], "after": [104.0, 118]})
+    table = nasolabial.summarise(rows).set_index("what")
+    assert table.loc["virtual cohort, after", "mean"] == 111 and table.loc["virtual cohort, change", "mean"] == -4
+    assert table.loc["Dolphin, after", ["mean", "sd"]].tolist() == [119.9, 8.6]
+
+
+def test_the_outcomes_error_is_a_share_of_the_methods():
+    own = {"case": "a", "reference": 90000, "p95": 0.3, "seconds": 1.0}
+    rows = pd.DataFrame(
+        [own | {"mesh": "methods", "nodes": 5000, "mean": 0.2}, own | {"mesh": "outcome", "nodes": 30000, "mean": 0.05}]
+    )
+    assert refinement.summarise(rows)["share"].tolist() == [100, 25]

@@ -1,0 +1,88 @@
+"""What a clinic knows of a patient beside plan and images: sex, age, body mass, months to the scan, sutures."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinnochio.files import replacing
+from pinnochio.virtual.ground_truth import CLINIC, REALITIES
+from pinnochio.virtual.parameters import draw
+from pinnochio.virtual.thickness import PUBLISHED
+
+AGE = (25.0, 7.0, 18.0, 55.0)  # mean, SD, bounds in years of patients with orthognathic surgery [R]
+BMI = (23.5, 3.5, 17.0, 38.0)  # kg/m2 [R]
+WITH_THICKNESS = 0.5  # correlation of the body mass with the thickness of the cheeks [I]
+EARLIEST = 3.0  # months
+VY, CINCH = 0.5, 0.6  # shares of patients with V-Y closure and with an alar cinch suture [I]
+CHEEKS = ("cheek", "masseter")
+# Name: (distribution, source, what it decides) as the data card shows them.
+MEANING = {
+    "sex": ("that of the head", "", "nothing by itself: lips and chin are thicker in men"),
+    "age": ("{:g} ± {:g} years, {:g} to {:g}".format(*AGE), "[R]", "softness of superficial tissue, and so posture"),
+    "bmi": (
+        "{:g} ± {:g} kg/m2, {:g} to {:g}; correlation with thick cheeks 0.5".format(*BMI),
+        "[R], correlation [I]",
+        "softness of superficial tissue, and so posture; weight lost",
+    ),
+    "months": ("6 ± 1.5 (clinic), 12 ± 2 (same modality), 3 at least", "[I]", "swelling"),
+    "closure": ("V-Y in half of the patients, else simple", "[I]", "upper lip"),
+    "cinch": ("in 60 % of the patients", "[I]", "width of the nose"),
+}
+
+
+@dataclass(frozen=True)
+class Covariates:
+    """sex female | male; age in years; bmi in kg/m2; months from surgery to the scan; closure of the upper vestibule
+    vy | simple; cinch: an alar cinch suture."""
+
+    sex: str
+    age: float
+    bmi: float
+    months: float
+    closure: str
+    cinch: bool
+
+    @property
+    def mass(self) -> float:
+        """Body mass in standard deviations from its mean."""
+        return (self.bmi - BMI[0]) / BMI[1]
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write as JSON."""
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+
+    @classmethod
+    def read(cls, path: str | os.PathLike) -> "Covariates":
+        """Read what :meth:`write` wrote."""
+        return cls(**json.loads(Path(path).read_text(encoding="utf-8")))
+
+
+def thickness_scores(thickness: Mapping[str, float | None]) -> dict[str, float]:
+    """Thickness (mm, None where no bone) by landmark in published standard deviations from the published mean."""
+    return {
+        name: 0.0 if thickness.get(name) is None else (thickness[name] - known.mean) / known.sd
+        for name, known in PUBLISHED.items()
+    }
+
+
+def sample_covariates(anatomy: Mapping[str, Any], reality: str, rng: np.random.Generator) -> Covariates:
+    """Draw the covariates of a patient with this anatomy (as `describe` gives it); nominal is scanned as the clinic."""
+    months, spread = REALITIES.get(reality, REALITIES[CLINIC]).months
+    scores = thickness_scores(anatomy["thickness"])
+    age, own = draw(rng, *AGE), rng.normal()
+    fat = np.mean([scores[name] for name in CHEEKS])
+    bmi = BMI[0] + BMI[1] * (WITH_THICKNESS * fat + np.sqrt(1 - WITH_THICKNESS**2) * own)
+    return Covariates(
+        sex=anatomy["sex"],
+        age=round(age, 1),
+        bmi=round(float(np.clip(bmi, *BMI[2:])), 1),
+        months=round(draw(rng, months, spread, EARLIEST, 2 * months), 1),
+        closure="vy" if rng.random() < VY else "simple",
+        cinch=bool(rng.random() < CINCH),
+    )
