@@ -14,6 +14,7 @@ from pinnochio.seeds import generator
 from pinnochio.virtual.description import describe
 from pinnochio.virtual.head import build_head, with_segments
 from pinnochio.virtual.parameters import DEFORMITIES, sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.treatment import treatment_plan
 
 
@@ -21,6 +22,7 @@ def virtual_patient(
     case: str,
     number: int,
     seed: int,
+    anatomy: str,
     spacing: float,
     label_values: dict[str, int],
     segments: Sequence[str],
@@ -29,13 +31,14 @@ def virtual_patient(
 ) -> None:
     """Sample the anatomy and the plan, and write them as a clinic would deliver them.
 
-    number picks the deformity class in turn; spacing is the voxel edge (mm); label_values maps each structure to its
-    voxel value; segments are those that the plan moves ("chin" asks for a genioplasty), muscles those that are
-    labelled. The landmarks (mm, LPS) and the anatomy serve the simulated outcome and the tables alone. outputs:
+    number picks the deformity class in turn; anatomy is "scanned" or "procedural"; spacing is the voxel edge (mm);
+    label_values maps each structure to its voxel value; segments are those that the plan moves ("chin" asks for a
+    genioplasty), muscles those that are labelled. The landmarks (mm, LPS) and the anatomy serve the simulated outcome and the tables alone. outputs:
     segmentation, plan, landmarks, anatomy. Raises InputError for segments or label values that it cannot make.
     """
     rng = generator(seed, "virtual_patient", case)
-    parameters = sample_parameters(rng, DEFORMITIES[number % len(DEFORMITIES)])
+    sample = {"scanned": sample_patient, "procedural": sample_parameters}[anatomy]
+    parameters = sample(rng, DEFORMITIES[number % len(DEFORMITIES)])
     head = build_head(parameters=parameters, spacing=spacing, genioplasty="chin" in segments, muscles=muscles)
     try:
         head = with_segments(head, segments)
@@ -62,6 +65,7 @@ if __name__ == "__main__":
         case=snakemake.wildcards.case,
         number=snakemake.params.number,
         seed=snakemake.params.seed,
+        anatomy=snakemake.params.anatomy,
         spacing=snakemake.params.spacing,
         label_values=snakemake.params.labels,
         segments=snakemake.params.segments,

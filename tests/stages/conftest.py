@@ -46,7 +46,8 @@ def make_patient(case: str, number: int, folder: Path) -> Patient:
         "landmarks": file("landmarks.json"),
         "anatomy": file("anatomy.json"),
     }
-    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], SEGMENTS, CONFIG["virtual"]["muscles"], sources)
+    anatomy, muscles = CONFIG["virtual"]["anatomy"], CONFIG["virtual"]["muscles"]
+    virtual_patient(case, number, SEED, anatomy, 2.0, CONFIG["labels"], SEGMENTS, muscles, sources)
     made = {"postop": file("scan.ply"), "truth": file("truth.h5"), "executed": file("executed.json")}
     virtual_outcome(case, sources, OUTCOME, CONFIG["labels"], SEGMENTS, SEED, made)
     names = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "report.json"}
