@@ -33,8 +33,9 @@ def virtual_patient(
 
     number picks the deformity class in turn; anatomy is "scanned" or "procedural"; spacing is the voxel edge (mm);
     label_values maps each structure to its voxel value; segments are those that the plan moves ("chin" asks for a
-    genioplasty), muscles those that are labelled. The landmarks (mm, LPS) and the anatomy serve the simulated outcome and the tables alone. outputs:
-    segmentation, plan, landmarks, anatomy. Raises InputError for segments or label values that it cannot make.
+    genioplasty), muscles those that are labelled. The landmarks (mm, LPS) and the anatomy serve the simulated outcome
+    and the tables alone. outputs: segmentation, plan, landmarks, anatomy. Raises InputError for segments or label
+    values that it cannot make.
     """
     rng = generator(seed, "virtual_patient", case)
     sample = {"scanned": sample_patient, "procedural": sample_parameters}[anatomy]

@@ -21,7 +21,8 @@ from scripts.data_card import describe_cohort
 CASES = [f"V{number:02d}" for number in range(1, 11)]
 OWN = {"nodes": 9000, "noise": 0.3, "poisson": "nominal", "coverage": 0.15, "swelling": "nominal"}
 ALL = {name: effect.nominal for name, effect in EFFECTS.items()} | OWN
-VIRTUAL = {"patients": 10, "spacing": 1.5, "muscles": ["masseter", "mentalis"], "outcome": {"effects": ALL}}
+VIRTUAL = {"patients": 10, "anatomy": "procedural", "spacing": 1.5, "muscles": ["masseter", "mentalis"]}
+VIRTUAL |= {"outcome": {"effects": ALL}}
 LABELS = {"superficial": 1, "muscle": 2, "cranium": 10}
 
 

@@ -6,7 +6,7 @@ from pinnochio.virtual.implicit import Field, Shape, ellipsoid, tube
 from pinnochio.virtual.skeleton import SIDES, Skeleton
 
 SLIT = 1.4  # mm between the lips [I]
-MUCOSA = 1.8  # mm of lining between the nasal airway and its bone [I]
+MUCOSA = 1.4  # mm of lining between the nasal airway and its bone [I]
 
 
 def _interior(line: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -49,8 +49,8 @@ def airway(s: Skeleton, nostrils: np.ndarray, margin: float = 0.0) -> list[Shape
     """Both nasal passages, from the upper ends of the nostrils (2, 3) to the throat; `margin` mm wider all round."""
     shapes, floor, ahead = [], s.spine[2], s.spine[1]
     for side, top in zip(SIDES, nostrils, strict=True):
-        cavity = np.array([side * 5.6 * s.wide, ahead + 12, 0.62 * floor])
-        shapes.append(ellipsoid(cavity, np.array([4.0 * s.wide, 14.0, 0.3 * -floor]) + margin))
+        cavity = np.array([side * 6.4 * s.wide, ahead + 12, 0.62 * floor])
+        shapes.append(ellipsoid(cavity, np.array([3.8 * s.wide, 14.0, 0.3 * -floor]) + margin))
         shapes.append(tube([top - [0, 0, 3], top + [0, 2, 0], cavity - [0, 6, 0]], 3.5 + margin))
         back = [cavity + [0, 8, 0], [side * 6.5, -60, 0.72 * floor], [side * 7, -44, -18], [side * 7, -30, -22]]
         shapes.append(tube(back, 3.8 + margin))

@@ -14,7 +14,6 @@ from scipy.stats import truncnorm
 
 FILE = Path(__file__).parent / "face_model/faces.npz"
 LIMIT = 2.5  # standard deviations of an identity's coordinate at most [I]
-SHRINK = 0.85  # of the model's spread, since its light-stage sample holds extremes that crude tails repeat [I]
 
 # Vertices on the midline of the model, and the usual 68 landmarks by their numbers.
 NASION, GLABELLA, FOLD, CHIN = 1358, 2015, (5528, 10, 7, 8), (8, 968, 964, 963, 962)
@@ -94,7 +93,7 @@ def sample_identity(rng: np.random.Generator, male: bool) -> tuple[float, ...]:
     """Coordinates of one person of this sex: standard normal within LIMIT over both sexes together."""
     model = face_model()
     half = 0.5 * model.male * (1 if male else -1)
-    spread = np.sqrt(np.maximum(SHRINK**2 - half**2, 0.1))
+    spread = np.sqrt(np.maximum(1 - half**2, 0.1))
     draws = truncnorm.ppf(rng.random(len(half)), -LIMIT, LIMIT)
     return tuple(np.round(half + spread * draws, 4).tolist())
 

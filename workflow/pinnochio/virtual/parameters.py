@@ -137,6 +137,9 @@ class Scanned:
 # What shapes a procedural skin alone; a scanned face has its own.
 SCULPTED = ("nose_length", "nose_width", "nose_rotation", "dorsal_hump", "mouth_width", "lip_fullness",
             "malar_fullness", "neck_width", "skin_asymmetry")  # fmt: skip
+# What a scanned face decides; all else of TABLE but the above is drawn.
+FITTED = ("face_height", "lower_share", "face_width", "face_depth", "maxilla_position", "gonial_width",
+          "chin_prominence", "eye_spacing")  # fmt: skip
 _CLASS = [("deformity", str), ("male", bool), ("relief_seed", int)]
 _SCANNED = ("scanned", Scanned | None, field(default=None))
 _Numbers = make_dataclass("_Numbers", [*_CLASS, *((name, float) for name in TABLE), _SCANNED], frozen=True)

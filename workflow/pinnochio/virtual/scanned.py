@@ -21,9 +21,9 @@ from pinnochio.virtual.skin import REACH, sites
 
 OVERJETS = (1.0, 4.0)  # mm of a normal bite, within which the lower lip's thickness decides [R]
 LABIAL = 1.5  # mm from the upper incisor's labial face, at the height of the lip's border, to its edge [I]
+STEEPEST = 9.0  # mm of the incisors ahead of the A point at most [I]
 SPINE = 1.5  # mm by which the bone below the nasal spine lies ahead of the A point, as modelled
-FORWARD = {"class_ii": 1.0, "class_iii": -2.5}  # mm by which the maxilla grew ahead of the normal one [I]
-FORWARD_SD = 1.0  # mm [I]
+FORWARD_SD = 1.0  # mm by which the maxilla's growth differs from its class's [I]
 CHIN_BACK = 0.5  # mm by which the chin falls back per mm of open bite, the mandible turning about its condyles [I]
 
 
@@ -55,6 +55,8 @@ def fit(identity: tuple[float, ...], male: bool, values: dict[str, float]) -> He
     height, chin = nasion - menton, m["pogonion_soft"] + [0, t["pogonion"], -1]
     spine, a_point = m["subnasale"][2] + 1, m["subnasale"][1] + t["subnasale"] + SPINE
     upper = m["labrale_superius"][1] + t["labrale_superius"] - LABIAL
+    steep = 0.5 * max(a_point - upper - STEEPEST, 0.0)  # lip and base of the nose share what is too much for bone
+    a_point, upper = a_point - steep, upper + steep
     overjet = float(np.clip(m["labrale_inferius"][1] + t["labrale_inferius"] - LABIAL - upper, *OVERJETS))
     teeth, edges = face.teeth["upper_teeth"], face.teeth["upper_edges"]
     anchors = Anchors(
@@ -116,13 +118,13 @@ def deform(rng: np.random.Generator, normal: HeadParameters, deformity: str, sid
     def grown(name):
         return getattr(n, name) + distribution(name, male, deformity)[0] - distribution(name, male, NORMAL)[0]
 
-    forward = FORWARD.get(deformity, 0.0) + FORWARD_SD * draw(rng, 0, 1, -2, 2)
+    forward = grown("maxilla_position") + FORWARD_SD * draw(rng, 0, 1, -2, 2)
     overjet, open_bite, deviation, cant = map(drawn, ("overjet", "open_bite", "chin_deviation", "occlusal_cant"))
     if deformity == "asymmetry":  # the chin deviates away from the longer, lower side
         deviation, cant = deviation * side, -cant * side
     opened = max(open_bite, 0.0)
     changed = {
-        "maxilla_position": n.maxilla_position + forward,
+        "maxilla_position": forward,
         "overjet": overjet,
         "open_bite": open_bite,
         "chin_deviation": deviation,
