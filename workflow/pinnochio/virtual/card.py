@@ -122,7 +122,7 @@ def parameters_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
         drawn = f"{entry.mean:g} ± {entry.sd:g}", f"{entry.male:+g}" if entry.male else ""
         drawn += f"{entry.low:g} to {entry.high:g}", entry.source
         own = spread([anatomy[name] for anatomy in anatomies], max(1, 1 - int(np.floor(np.log10(entry.sd)))))
-        fitted = name in FITTED and "scanned" in anatomies[0]
+        fitted = name in FITTED and anatomies[0].get("scanned")
         rows.append((f"`{name}`", entry.meaning, entry.unit, *(("the face", "", "", "") if fitted else drawn), own))
     headers = ("name", "meaning", "unit", "women: mean ± SD", "men", "bounds", "source", "this cohort")
     return markdown_table(headers, rows)

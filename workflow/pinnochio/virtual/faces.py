@@ -206,12 +206,12 @@ def first_hit(points: np.ndarray, triangles: np.ndarray, start: np.ndarray, alon
     one, two = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     across = np.cross(along, two)
     det = np.einsum("fx,fx->f", one, across)
-    usable = np.abs(det) > 1e-12
+    usable = np.abs(det) > 1e-9
+    det = np.where(usable, det, 1.0)
     away = start - corner[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        u = np.einsum("fx,fx->f", away, across) / det
-        turned = np.cross(away, one)
-        v = turned @ along / det
-        distance = np.einsum("fx,fx->f", two, turned) / det
+    turned = np.cross(away, one)
+    u = np.einsum("fx,fx->f", away, across) / det
+    v = turned @ along / det
+    distance = np.einsum("fx,fx->f", two, turned) / det
     hit = usable & (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 0)
     return float(distance[hit].min()) if hit.any() else np.nan

@@ -64,7 +64,16 @@ TABLE = {
     # measurement error too [I]
     "glabella": Distribution(5.4, 0.8, 3.5, 8, 0.3, "mm", "[R]", "skin over the glabella"),
     "nasion": Distribution(6.4, 0.8, 4.5, 9, 0.3, "mm", "[R]", "skin over nasion"),
-    "subnasale": Distribution(12.5, 1.2, 9, 17, 1.0, "mm", "[R]", "subnasale over the maxilla"),
+    "subnasale": Distribution(
+        13.3,
+        1.2,
+        9.5,
+        17.5,
+        1.0,
+        "mm",
+        "[S: 10.1016/j.forsciint.2018.10.021], less the spine [I]",
+        "subnasale over bone",
+    ),
     "mid_philtrum": Distribution(10.6, 1.1, 7.5, 15, 0.9, "mm", "[R]", "middle of the philtrum over the alveolus"),
     "labrale_superius": Distribution(11.0, 1.1, 8, 15.5, 1.0, "mm", "[R]", "upper lip over the incisors"),
     "labrale_inferius": Distribution(12.5, 1.1, 8.5, 17, 1.0, "mm", "[R]", "lower lip over the incisors"),

@@ -29,7 +29,7 @@ class Published(NamedTuple):
 PUBLISHED = {
     "glabella": Published(5.5, 1.2, "[R]"),
     "nasion": Published(6.5, 1.3, "[R]"),
-    "subnasale": Published(13.0, 2.2, "[R]"),
+    "subnasale": Published(15.6, 2.4, "[S: 10.1016/j.forsciint.2018.10.021]"),
     "mid_philtrum": Published(11.0, 2.0, "[R]"),
     "labrale_superius": Published(11.5, 2.2, "[R]"),
     "labrale_inferius": Published(13.0, 2.0, "[R]"),
