@@ -1,5 +1,6 @@
 """Scanned faces: distinct persons, a skull that fits, lips apart, an open nose, and jaws that take skin along."""
 
+import json
 from itertools import combinations
 
 import derive_faces
@@ -14,11 +15,13 @@ from pinnochio.seeds import generator
 from pinnochio.virtual.carry import anatomy
 from pinnochio.virtual.cavities import airway
 from pinnochio.virtual.faces import DIMORPHISM, LIMIT, face_model, first_hit, make_face, sample_identity, solid
+from pinnochio.virtual.description import describe
 from pinnochio.virtual.head import CRUMB, SEGMENTS, build_head
-from pinnochio.virtual.parameters import DEFORMITIES, NORMAL
+from pinnochio.virtual.parameters import DEFORMITIES, FITTED, NORMAL, NORMAL_OVERJET, SCULPTED
 from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.thickness import measure, summarise
+from pinnochio.virtual.treatment import CONTACT, bite, jaw_overlap, treatment_plan
 from tests.helpers.patients import as_model
 
 SPACING = 1.5
@@ -188,3 +191,15 @@ def test_the_same_draws_give_the_same_head(heads):
     assert np.array_equal(again.labels, heads[DEFORMITIES.index("asymmetry")].labels)
     with pytest.raises(ValueError, match="unknown deformity 'none'"):
         sample_patient(np.random.default_rng(0), "none")
+
+
+def test_a_plan_treats_a_scanned_patient_and_the_description_says_so(heads):
+    for head in heads:
+        plan = treatment_plan(head, np.random.default_rng(0), "V")
+        after = bite(head.parameters, plan)
+        assert abs(after["overjet"] - NORMAL_OVERJET) < 1.6 and abs(after["open_bite"]) < 1.6
+        assert jaw_overlap(head, plan) <= CONTACT
+        said = json.loads(json.dumps(describe(head, plan), allow_nan=False))
+        assert said["scanned"]["identity"] == list(head.parameters.scanned.identity)
+        assert not set(SCULPTED) & set(said) and set(FITTED) < set(said)
+        assert said["scanned"]["normal"]["overjet"] != said["overjet"]

@@ -15,7 +15,7 @@ from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.metrics.volume import interpolate
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL
-from pinnochio.virtual.cavities import behind_lips, oral
+from pinnochio.virtual.cavities import WALL, behind_lips, oral
 from pinnochio.virtual.faces import Face, face_solid, first_hit, make_face
 from pinnochio.virtual.implicit import Field
 from pinnochio.virtual.parameters import HeadParameters
@@ -139,7 +139,8 @@ def _carried(face, before, after, axes, upper, jaw, motion) -> np.ndarray:
     x, y, z = (axis[tuple(np.s_[:] if i == j else None for j in range(3))] for i, axis in enumerate(axes))
     inside = face_solid(face, axes) | behind_lips(face.line, x, y, z)
     bone = np.minimum(upper.values, jaw.values)
-    labels = np.where(bone < 0, CRANIUM, np.where(inside & ~oral(before, x, y, z), SUPERFICIAL, AIR)).astype(np.uint8)
+    mouth = oral(before, x, y, z) & (ndimage.distance_transform_edt(inside, sampling=SPACING) > WALL)
+    labels = np.where(bone < 0, CRANIUM, np.where(inside & ~mouth, SUPERFICIAL, AIR)).astype(np.uint8)
     origin = np.array([axis[0] for axis in axes])
     mesh = tetrahedralize(labels, np.full(3, SPACING), origin, NODES)
     nodes = np.unique(mesh.boundary_faces()[0])

@@ -6,6 +6,7 @@ from pinnochio.virtual.implicit import Field, Shape, ellipsoid, tube
 from pinnochio.virtual.skeleton import SIDES, Skeleton
 
 SLIT = 1.4  # mm between the lips [I]
+WALL = 8.0  # mm of tissue at least between the skin of a scanned face and mouth or throat [I]
 MUCOSA = 1.4  # mm of lining between the nasal airway and its bone [I]
 
 

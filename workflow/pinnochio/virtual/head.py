@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
 from pinnochio.virtual.carry import anatomy
-from pinnochio.virtual.cavities import MUCOSA, air_in, airway, behind_lips, oral, slit
+from pinnochio.virtual.cavities import MUCOSA, WALL, air_in, airway, behind_lips, oral, slit
 from pinnochio.virtual.faces import Face, face_solid
 from pinnochio.virtual.muscles import MUSCLES, muscle_region
 from pinnochio.virtual.parameters import HeadParameters
@@ -63,7 +63,10 @@ def build_head(
     x, y, z = x[:, None, None], y[None, :, None], z[None, None, :]
 
     bone = _bones(s, soft.skull, soft.jaw, (x, y, z), genioplasty)
-    inside = (soft.depth > 0) & ~soft.air & ~oral(s, x, y, z) & ~slit(s, soft.line, x, y, z, spacing)
+    mouth = oral(s, x, y, z)
+    if parameters.scanned:
+        mouth &= soft.depth > WALL
+    inside = (soft.depth > 0) & ~soft.air & ~mouth & ~slit(s, soft.line, x, y, z, spacing)
     labels = np.where(bone > 0, bone, np.where(inside, SUPERFICIAL, AIR)).astype(np.uint8)
     _clean(labels)
     deep = (labels == SUPERFICIAL) & _deep(soft.depth, labels, spacing)
