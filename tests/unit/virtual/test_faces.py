@@ -14,8 +14,8 @@ from pinnochio.model.landmarks import face_landmarks
 from pinnochio.seeds import generator
 from pinnochio.virtual.carry import anatomy
 from pinnochio.virtual.cavities import airway
-from pinnochio.virtual.faces import DIMORPHISM, LIMIT, face_model, first_hit, make_face, sample_identity, solid
 from pinnochio.virtual.description import describe
+from pinnochio.virtual.faces import DIMORPHISM, LIMIT, face_model, first_hit, make_face, sample_identity, solid
 from pinnochio.virtual.head import CRUMB, SEGMENTS, build_head
 from pinnochio.virtual.parameters import DEFORMITIES, FITTED, NORMAL, NORMAL_OVERJET, SCULPTED
 from pinnochio.virtual.scanned import sample_patient
@@ -127,6 +127,13 @@ def test_the_nose_is_open_and_the_lips_part(heads):
             assert parts[throat] == parts[0, 0, 0], name
         both, _ = ndimage.label(air & ~(shut["mouth"] | shut["nose"]) | (air & (axes[1] > s.molar_y)[:, None]))
         assert both[throat] != both[0, 0, 0]
+
+
+def test_a_chin_is_cut_off_in_one_piece(heads):
+    for head in heads:
+        cut = build_head(head.parameters, 2.0, genioplasty=True)
+        assert cut.segments[-1] == "chin" and ndimage.label(cut.labels == segment_code(4))[1] == 1
+        assert 2000 < (cut.labels == segment_code(4)).sum() * 8 < 12_000
 
 
 def test_thickness_is_published_on_average(heads):
