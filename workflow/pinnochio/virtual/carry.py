@@ -30,7 +30,7 @@ MOUTH = 18.0  # mm about the line of the lips within which tissue slides over te
 FADE = 8.0  # mm over which the maxilla's motion passes into the cranium's rest
 SMOOTHING = 6  # passes of averaging of the carried field over the skin's triangles
 BRUSHED = tuple(name for name in SITES if name not in ("labrale_superius", "labrale_inferius", "cheek"))
-LARGEST = 4.0  # mm by which bone is raised or dented at a landmark at most
+LARGEST, OF_RAMUS = 5.0, 1.5  # mm by which bone, and the thin ramus, is raised or dented at a landmark at most [I]
 ROUNDS = 3
 
 
@@ -100,9 +100,10 @@ def fit_bone(upper: Field, jaw: Field, face: Face, s: Skeleton) -> list[Stroke]:
 
     There the teeth decide, which stay as they are.
     """
-    rays, strokes = sites(s, face.marks), []
+    rays, strokes, done = sites(s, face.marks), [], {}
     for name in [*BRUSHED] * ROUNDS:
-        for ray in rays[name]:
+        largest = OF_RAMUS if name == "masseter" else LARGEST
+        for side, ray in enumerate(rays[name]):
             start = ray.target - 2 * REACH * ray.inward
             skin = first_hit(face.points, face.triangles, start, ray.inward) - REACH
             at = ray.points(STEP)
@@ -111,8 +112,10 @@ def fit_bone(upper: Field, jaw: Field, face: Face, s: Skeleton) -> list[Stroke]:
             if not len(bone) or not np.isfinite(skin):
                 continue
             lower = bool(values[1][bone[0]] < values[0][bone[0]])
-            excess = float(np.clip(bone[0] * STEP - skin - getattr(s.p, name), -LARGEST, LARGEST))
-            stroke = Stroke(lower, at[bone[0]], excess, SITES[name])
+            so_far = done.get((name, side), 0.0)
+            wanted = so_far + bone[0] * STEP - skin - getattr(s.p, name)
+            done[name, side] = float(np.clip(wanted, -largest, largest))
+            stroke = Stroke(lower, at[bone[0]], done[name, side] - so_far, SITES[name])
             (jaw if lower else upper).brush([stroke.place], stroke.amount, stroke.width)
             strokes.append(stroke)
     return strokes

@@ -105,7 +105,7 @@ def _gonial_width(normal: HeadParameters, face: Face) -> float:
         skin = outside + first_hit(face.points, face.triangles, outside, ray.inward) * ray.inward
         lateral.append(abs(skin[0]) - normal.masseter)
     # The ramus there lies half way between gonion and condyle, as `mandible` models it.
-    return round(float(np.clip(2 * (2 * np.mean(lateral) - s.condyle[0] - 0.2), 80, 112)), 4)
+    return round(float(np.clip(2 * (2 * np.mean(lateral) - s.condyle[0] - 0.2), 72, 116)), 4)
 
 
 def deform(rng: np.random.Generator, normal: HeadParameters, deformity: str, side: float) -> HeadParameters:
