@@ -16,6 +16,7 @@ rule virtual_patient:
         runtime=10,
     params:
         number=lambda wildcards: list(STUDY.cases).index(wildcards.case),
+        anatomy=config["virtual"]["anatomy"],
         spacing=config["virtual"]["spacing"],
         labels=config["labels"],
         procedures=config["virtual"]["procedures"],
@@ -82,6 +83,39 @@ rule sample_covariates:
         "Draw sex, age, body mass, months and sutures of {wildcards.case}"
     script:
         "../scripts/sample_covariates.py"
+
+
+# Contact sheet of the first patients, to be looked at: face, skull and outcome.
+rule render_faces:
+    input:
+        segmentations=expand(
+            "<results>/virtual/{case}/segmentation.nii.gz", case=list(STUDY.cases)[:24]
+        ),
+        anatomies=expand(
+            "<results>/virtual/{case}/anatomy.json", case=list(STUDY.cases)[:24]
+        ),
+        truths=expand("<results>/virtual/{case}/truth.h5", case=list(STUDY.cases)[:24]),
+    output:
+        sheet="<results>/figures/faces.png",
+    log:
+        "<logs>/render_faces.log",
+    benchmark:
+        "<benchmarks>/render_faces.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=20,
+    params:
+        cases=list(STUDY.cases)[:24],
+        labels=config["labels"],
+        segments=config["segments"],
+        code=code_of("render_faces"),
+    message:
+        "Render the faces of the first virtual patients"
+    script:
+        "../scripts/render_faces.py"
 
 
 rule virtual_outcome:
@@ -421,6 +455,8 @@ rule verify:
         rules.verify_cohort.output,
     message:
         "The virtual cohort is the one that was frozen"
+
+
 # Further tables about the outcome: of calibration patients, of all patients, of the first ones.
 rule reality:
     input:

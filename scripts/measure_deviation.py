@@ -4,7 +4,7 @@ import pandas as pd
 
 from pinnochio.columns import write_csv
 from pinnochio.logs import attach_log
-from pinnochio.metrics.volume import read_truth
+from pinnochio.model.truth import read_truth
 from pinnochio.virtual.learnable import CASE, measure
 from pinnochio.virtual.outcome import Operation
 

@@ -15,6 +15,7 @@ from pinnochio.virtual.description import describe
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import DEFORMITIES, sample_parameters
 from pinnochio.virtual.procedures import dealt
+from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.treatment import treatment_plan
 
 
@@ -22,6 +23,7 @@ def virtual_patient(
     case: str,
     number: int,
     seed: int,
+    anatomy: str,
     spacing: float,
     label_values: dict[str, int],
     procedures: Mapping[str, float],
@@ -30,13 +32,14 @@ def virtual_patient(
 ) -> None:
     """Sample the anatomy and the plan, and write them as a clinic would deliver them.
 
-    number picks the deformity class in turn, and with the shares of procedures the operation; spacing is the voxel edge
-    (mm); label_values maps each structure to its voxel value; muscles are those that are labelled. The landmarks (mm,
-    LPS) and the anatomy serve the simulated outcome and the tables alone. outputs: segmentation, plan, landmarks,
-    anatomy. Raises InputError for label values that it cannot write.
+    number picks the deformity class in turn, and with the shares of procedures the operation; anatomy is "scanned" or
+    "procedural"; spacing is the voxel edge (mm); label_values maps each structure to its voxel value; muscles are those
+    that are labelled. The landmarks (mm, LPS) and the anatomy serve the simulated outcome and the tables alone.
+    outputs: segmentation, plan, landmarks, anatomy. Raises InputError for label values that it cannot write.
     """
     rng = generator(seed, "virtual_patient", case)
-    parameters = sample_parameters(rng, DEFORMITIES[number % len(DEFORMITIES)])
+    sample = {"scanned": sample_patient, "procedural": sample_parameters}[anatomy]
+    parameters = sample(rng, DEFORMITIES[number % len(DEFORMITIES)])
     head = build_head(parameters=parameters, spacing=spacing, procedure=dealt(procedures, number), muscles=muscles)
     try:
         values = np.full(256, AIR, np.uint16)
@@ -62,6 +65,7 @@ if __name__ == "__main__":
         case=snakemake.wildcards.case,
         number=snakemake.params.number,
         seed=snakemake.params.seed,
+        anatomy=snakemake.params.anatomy,
         spacing=snakemake.params.spacing,
         label_values=snakemake.params.labels,
         procedures=snakemake.params.procedures,

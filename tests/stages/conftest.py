@@ -48,7 +48,8 @@ def make_patient(case: str, number: int, folder: Path, procedures=BIMAXILLARY) -
         "landmarks": file("landmarks.json"),
         "anatomy": file("anatomy.json"),
     }
-    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], procedures, CONFIG["virtual"]["muscles"], sources)
+    anatomy, muscles = CONFIG["virtual"]["anatomy"], CONFIG["virtual"]["muscles"]
+    virtual_patient(case, number, SEED, anatomy, 2.0, CONFIG["labels"], procedures, muscles, sources)
     covariates = file("covariates.json")
     draw_covariates(case, sources["anatomy"], OUTCOME["reality"], SEED, covariates)
     made = {"postop": file("scan.ply"), "truth": file("truth.h5"), "executed": file("executed.json")}

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from pinnochio.errors import InputError
 from pinnochio.importing.segmentation import read_labels
@@ -21,6 +22,7 @@ from pinnochio.methods.pinnochio.predictor import load_network
 from pinnochio.model.patient import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.plans.plan import Plan
+from pinnochio.virtual.portraits import SHEET_PANEL
 from scripts.check_cohort import check_cohort
 from scripts.evaluate import evaluate
 from scripts.finetune import finetune
@@ -30,6 +32,7 @@ from scripts.provenance import provenance
 from scripts.refine_lips import refine_lips
 from scripts.register_postop import register_postop
 from scripts.render_case import render_case
+from scripts.render_faces import render_faces
 from scripts.solve_plan import solve_plan
 from scripts.virtual_patient import virtual_patient
 from tests.helpers.settings import BIMAXILLARY, CONFIG, SEED, SEGMENTS, network_settings, training_settings
@@ -43,12 +46,32 @@ def test_virtual_patient_is_its_seed(patient, tmp_path):
     names = {"segmentation": "segmentation.nii.gz", "plan": "input_plan.json"}
     names |= {"landmarks": "landmarks.json", "anatomy": "anatomy.json"}
     again = {key: str(tmp_path / name) for key, name in names.items()}
-    rest = CONFIG["labels"], BIMAXILLARY, CONFIG["virtual"]["muscles"], again
-    virtual_patient(patient.case, 0, SEED, 2.0, *rest)
+    anatomy, rest = CONFIG["virtual"]["anatomy"], (CONFIG["labels"], BIMAXILLARY, CONFIG["virtual"]["muscles"], again)
+    virtual_patient(patient.case, 0, SEED, anatomy, 2.0, *rest)
     for name in names.values():
         assert (tmp_path / name).read_bytes() == (patient.folder / name).read_bytes()
-    virtual_patient(patient.case, 0, SEED + 1, 2.0, *rest)
+    virtual_patient(patient.case, 0, SEED + 1, anatomy, 2.0, *rest)
     assert (tmp_path / "input_plan.json").read_bytes() != (patient.folder / "input_plan.json").read_bytes()
+
+
+def test_a_contact_sheet_shows_six_panels_a_patient_and_the_outcome_differs(patients, tmp_path):
+    one, two = patients
+    files = {name: [getattr(p, name) for p in (one, two)] for name in ("segmentation", "anatomy", "truth")}
+    sheet = tmp_path / "faces.png"
+    render_faces(
+        [one.case, two.case], *(files[name] for name in files), CONFIG["labels"], SEGMENTS, str(sheet)
+    )  # fmt: skip
+    width, height = SHEET_PANEL
+    pixels = np.asarray(Image.open(sheet)).astype(int)
+    assert pixels.shape == (height, 2 * 6 * width, 3)
+    panels = np.split(pixels, 12, axis=1)
+    assert all((panel < 250).mean() > 0.1 for panel in panels)
+    for first in (0, 6):
+        assert (
+            np.abs(panels[first][: height // 2] - panels[first + 4][: height // 2]).mean() < 5
+        )  # the upper face stays
+        assert np.abs(panels[first + 1] - panels[first + 5]).max() > 30
+    assert np.abs(panels[0] - panels[6]).mean() > 1
 
 
 def test_the_outcome_is_not_what_the_methods_compute(patient):

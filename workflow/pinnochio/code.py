@@ -14,7 +14,7 @@ PACKAGES = {"pinnochio": LIBRARY, "scripts": ROOT / "scripts"}
 # A call named by a string, as what is run in a process of its own is: "scripts.tetrahedralize:tetrahedralize".
 CALL = re.compile(r"((?:pinnochio|scripts)(?:\.\w+)+)(?::\w+)?")
 # A data file beside the module that names it.
-DATA = re.compile(r"[\w/]+\.(?:html|js|css|md|tex|json)(?:\.j2)?")
+DATA = re.compile(r"[\w/]+\.(?:html|js|css|md|tex|json|npz)(?:\.j2)?")
 
 
 def code_hash(*files: str | os.PathLike) -> str:

@@ -29,6 +29,7 @@ OUTCOME = {"reality": "clinic", "effects": ALL}
 VIRTUAL = {
     "role": "development",
     "patients": 10,
+    "anatomy": "procedural",
     "spacing": 1.5,
     "muscles": ["masseter", "mentalis"],
     "outcome": OUTCOME,

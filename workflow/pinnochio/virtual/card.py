@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.covariates import MEANING
 from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, REALITIES, in_reality
-from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE
+from pinnochio.virtual.parameters import DEFORMITIES, FITTED, SHIFTS, TABLE
+from pinnochio.virtual.skin import SITES
 
 # Files of a case before surgery and of its outcome: name, format, units and frame, content, and who may read it.
 INPUTS = {
@@ -94,6 +95,22 @@ LIMITS = """\
 * Segmentations before surgery are free of artefacts: no metal, no motion, no wrong label. Those after surgery have
   metal, streaks and noise of our own making, not those of a scanner.
 * The scan lacks what two cameras do not see, and some millimetres around every open border."""
+ATTRIBUTION = (
+    "The faces are drawn from a model derived from ICT-FaceKit, light-stage scans of real persons (Copyright (c) 2020 "
+    "USC Institute for Creative Technologies, MIT licence; `workflow/pinnochio/virtual/face_model/`)."
+)
+SCANNED = """\
+Each patient starts as a normal person. The face is a draw of the model's coordinates (standard normal within 2.5; women
+and men differ by what the table of differences in `virtual/faces.py` says [R]); the skull is fitted inside it, so that
+the bone lies the drawn thickness below the skin at the landmarks; height and arch of the teeth are the model's, the
+incisors lie the lips' thickness behind the lips. Then the jaws are moved and grown as the deformity has it, and the
+skin goes with them as elastic tissue that slides over teeth and gums (Poisson's ratio 0.45, small strains). Numbers
+marked *the face* follow from the draw; thicknesses hold before the deformity."""
+SCANNED_LIMITS = """
+* The face model is one of neutral expressions without hair; its teeth are modelled, not scanned, and of its sample
+  sexes, ages and origins are not stated. Women and men are told apart by size and proportion alone.
+* The lips of the deformed head stay closed, however far apart the jaws are; the airway is a pair of plain passages.
+* The skull is a parametric one in every patient: only the landmarks follow the person."""
 EVALUATION = """\
 1. `snakemake inputs --cores 2` makes what a method may read, per case `mesh.vtu` and `model.h5` (tetrahedra, tissues,
    interfaces, bone), `achieved.json` (the motions registered on the bones after surgery, with which every method is
@@ -139,29 +156,27 @@ def patients_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
 
 
 def parameters_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
-    """Each sampled number: its distribution, and what this cohort has of it."""
-    rows = [
-        (
-            f"`{name}`",
-            entry.meaning,
-            entry.unit,
-            f"{entry.mean:g} ± {entry.sd:g}",
-            f"{entry.male:+g}" if entry.male else "",
-            f"{entry.low:g} to {entry.high:g}",
-            entry.source,
-            spread([anatomy[name] for anatomy in anatomies], max(1, 1 - int(np.floor(np.log10(entry.sd))))),
-        )
-        for name, entry in TABLE.items()
-    ]
+    """Each number: its distribution, or that the scanned face decides it, and what this cohort has of it."""
+    rows = []
+    for name, entry in TABLE.items():
+        if name not in anatomies[0]:
+            continue
+        drawn = f"{entry.mean:g} ± {entry.sd:g}", f"{entry.male:+g}" if entry.male else ""
+        drawn += f"{entry.low:g} to {entry.high:g}", entry.source
+        own = spread([anatomy[name] for anatomy in anatomies], max(1, 1 - int(np.floor(np.log10(entry.sd)))))
+        fitted = name in FITTED and anatomies[0].get("scanned")
+        rows.append((f"`{name}`", entry.meaning, entry.unit, *(("the face", "", "", "") if fitted else drawn), own))
     headers = ("name", "meaning", "unit", "women: mean ± SD", "men", "bounds", "source", "this cohort")
     return markdown_table(headers, rows)
 
 
-def shifts_table() -> str:
-    """What each deformity changes of the distributions."""
+def shifts_table(scanned: bool) -> str:
+    """What each deformity changes of the distributions; of a scanned face it moves bone alone."""
     rows = []
     for deformity, changes in SHIFTS.items():
         for name, change in changes.items():
+            if scanned and name in ("face_height", *SITES):
+                continue
             if change[0] == "+":
                 text = f"mean {change[1]:+g}"
             else:
@@ -231,7 +246,7 @@ def data_card(
     anatomies: per patient `deformity`, `male` and the numbers of :data:`TABLE`; plans in the same order; virtual: that
     section of the configuration; labels: voxel value of each structure; tables: Markdown of any of :data:`TABLES`.
     """
-    count, locked = len(anatomies), virtual["role"] == LOCKED
+    count, locked, scanned = len(anatomies), virtual["role"] == LOCKED, virtual["anatomy"] == "scanned"
     files = INPUTS if locked else FILES
     men = sum(bool(anatomy["male"]) for anatomy in anatomies)
     made = [
@@ -240,6 +255,7 @@ def data_card(
         ("role", ROLES[virtual["role"]]),
         ("code", f"`{code}` (content hash of the modules that made it, whatever the commit)"),
         ("patients", count),
+        ("anatomy", f"{virtual['anatomy']} (`virtual.anatomy` of the configuration)"),
         ("voxel edge", f"{virtual['spacing']:g} mm"),
         ("muscles labelled", ", ".join(virtual["muscles"])),
     ]
@@ -248,8 +264,9 @@ def data_card(
         "# Data card: virtual cohort for facial soft-tissue prediction",
         f"{count} simulated patients ({count - men} women, {men} men) with a dentofacial deformity, a plan "
         "that treats it in one jaw or both, and the face after surgery: a benchmark with a volumetric truth for "
-        "methods that predict how soft tissue follows bone. **Virtual, not clinical**: no datum comes from a person. "
+        "methods that predict how soft tissue follows bone. **Virtual, not clinical**: no patient is a person. "
         "Licence: MIT.",
+        *([ATTRIBUTION] if scanned else []),
         "Tags of sources: **[S]** sourced, **[R]** recalled from the literature, **[I]** our choice. Units are mm, kPa "
         "and degrees; the frame is LPS (+x the patient's left, +y posterior, +z up).",
         "## How it was made",
@@ -258,11 +275,12 @@ def data_card(
         "## Patients",
         patients_table(anatomies),
         "## Sampled numbers",
+        *([SCANNED] if scanned else []),
         "Truncated normal distributions; a man's mean differs by the column *men*. The last column is what this cohort "
         "has: mean ± SD [lowest, highest], all deformities together.",
         parameters_table(anatomies),
         "A deformity has distributions of its own for some of them (same meaning and source):",
-        shifts_table(),
+        shifts_table(scanned),
         "## Operations",
         "Dealt by the shares of `virtual.procedures` among those that suit the deformity. A patient's segments are "
         "those that its operation cuts free; a mandible that is not cut turns about its condyles.",
@@ -291,7 +309,7 @@ def data_card(
         "## Evaluate your own method",
         EVALUATION,
         "## Limits",
-        LIMITS,
+        LIMITS + (SCANNED_LIMITS if scanned else ""),
         "## Cite",
         "Cite this software by its `CITATION.cff`, with seed and code hash from above, and the paper whose task it "
         'poses: Lee et al. 2026, PINNOCHIO, arXiv 2606.01572. Say "virtual cohort" beside every number.',

@@ -17,6 +17,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import carriers, displacement_at
 from pinnochio.tables.document import Block, Table, View
 from pinnochio.virtual.head import Head
+from pinnochio.virtual.parameters import SCULPTED, TABLE, HeadParameters
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.thickness import measure
 from pinnochio.virtual.treatment import bite, jaw_overlap, split_overlaps
@@ -74,10 +75,28 @@ def magnitudes(head: Head, plan: Plan) -> dict[str, float]:
     return {name: float(value) for name, value in sizes.items()}
 
 
+def numbers(p: HeadParameters) -> dict[str, Any]:
+    """The numbers of a patient; of a scanned face without those of a sculpted skin, and with `scanned`:
+
+    its coordinates in the face model, where its skull lies, and what the deformity changed as it was before.
+    """
+    if not p.scanned:
+        return {name: value for name, value in asdict(p).items() if name != "scanned"}
+    own = {name: value for name, value in asdict(p).items() if name not in (*SCULPTED, "relief_seed", "scanned")}
+    before = vars(p.scanned.normal)
+    return own | {
+        "scanned": {
+            "identity": p.scanned.identity,
+            "anchors": asdict(p.scanned.anchors),
+            "normal": {name: before[name] for name in TABLE if name in own and before[name] != own[name]},
+        }
+    }
+
+
 def describe(head: Head, plan: Plan) -> dict[str, Any]:
     """The sampled numbers, and what was measured: cephalometry, thickness (mm, None where no bone), bite and plan."""
     thickness = {name: None if np.isnan(value) else round(value, 2) for name, value in measure(head).items()}
-    return asdict(head.parameters) | {
+    return numbers(head.parameters) | {
         "sex": "male" if head.parameters.male else "female",
         "procedure": head.procedure.name,
         "cephalometry": cephalometry(Skeleton(head.parameters)),

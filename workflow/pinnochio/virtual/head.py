@@ -7,7 +7,9 @@ import numpy as np
 from scipy import ndimage
 
 from pinnochio.model.labels import AIR, MUSCLE, SUPERFICIAL
-from pinnochio.virtual.implicit import Field
+from pinnochio.virtual.carry import anatomy
+from pinnochio.virtual.cavities import MUCOSA, WALL, air_in, airway, behind_lips, oral, slit
+from pinnochio.virtual.faces import Face, face_solid
 from pinnochio.virtual.muscles import MUSCLES, muscle_region
 from pinnochio.virtual.osteotomy import cut
 from pinnochio.virtual.parameters import HeadParameters
@@ -18,7 +20,7 @@ from pinnochio.virtual.skin import mouth_line, profile, skin
 USUAL = Procedure()
 SEGMENTS = USUAL.segments
 SKIN_LAYER = 3.5  # mm of superficial tissue over muscle at least [I]
-SLIT = 1.4  # mm between the lips [I]
+LEAST = 2.5  # mm of tissue over any bone but that behind the lips [I]
 CRUMB = 300.0  # mm3; smaller pieces of muscle are left out [I]
 
 
@@ -63,63 +65,81 @@ def build_head(
     rest is superficial tissue. Raises ValueError for other names.
     """
     s = Skeleton(parameters)
+    soft = _scanned(s, spacing) if parameters.scanned else _procedural(s, spacing)
+    axes = soft.axes
+    x, y, z = (axis.astype(np.float32) for axis in axes)
+    x, y, z = x[:, None, None], y[None, :, None], z[None, None, :]
+
+    bone = cut(s, soft.skull, soft.jaw, (x, y, z), procedure)
+    mouth = oral(s, x, y, z)
+    if parameters.scanned:
+        mouth &= soft.depth > WALL
+    inside = (soft.depth > 0) & ~soft.air & ~mouth & ~slit(s, soft.line, x, y, z, spacing)
+    labels = np.where(bone > 0, bone, np.where(inside, SUPERFICIAL, AIR)).astype(np.uint8)
+    _clean(labels)
+    deep = (labels == SUPERFICIAL) & _deep(soft.depth, labels, spacing)
+    labels[deep & muscle_region(s, soft.points, soft.line, axes, muscles)] = MUSCLE
+    _absorb(labels, SUPERFICIAL, MUSCLE)
+    _absorb(labels, MUSCLE, SUPERFICIAL, CRUMB / spacing**3)
+    origin = np.array([axis[0] for axis in axes])
+    marks = landmarks(s, soft, labels)
+    return Head(labels, np.full(3, spacing), origin, marks, parameters, procedure)
+
+
+@dataclass(frozen=True)
+class _Soft:
+    """What an anatomy gives: axes; depth below the skin (mm), bones and further air on the grid; points and mouth."""
+
+    axes: list[np.ndarray]
+    depth: np.ndarray
+    skull: np.ndarray
+    jaw: np.ndarray
+    air: np.ndarray | bool
+    points: dict[str, np.ndarray]
+    line: np.ndarray
+
+
+def _procedural(s: Skeleton, spacing: float) -> _Soft:
     axes = grid(s, spacing)
     upper, cheeks = upper_skull(s, axes, reach=12)
     jaw = mandible(s, axes, reach=12)
     points = profile(s)
     face = skin(s, points, upper, cheeks, jaw)
-    x, y, z = (axis.astype(np.float32) for axis in axes)
-    x, y, z = x[:, None, None], y[None, :, None], z[None, None, :]
-
-    bone = cut(s, upper.values < 0, jaw.values < 0, (x, y, z), procedure)
-    inside = (face.values < 0) & ~_oral(s, x, y, z) & ~_slit(s, points, x, y, z, spacing)
-    labels = np.where(bone > 0, bone, np.where(inside, SUPERFICIAL, AIR)).astype(np.uint8)
-    _clean(labels)
-    deep = (labels == SUPERFICIAL) & _deep(face, labels, spacing)
-    labels[deep & muscle_region(s, points, axes, muscles)] = MUSCLE
-    _absorb(labels, SUPERFICIAL, MUSCLE)
-    _absorb(labels, MUSCLE, SUPERFICIAL, CRUMB / spacing**3)
-    origin = np.array([axis[0] for axis in axes])
-    marks = landmarks(s, points, labels, axes)
-    return Head(labels, np.full(3, spacing), origin, marks, parameters, procedure)
+    return _Soft(axes, -face.values, upper.values < 0, jaw.values < 0, False, points, mouth_line(s, points, 41))
 
 
-def _interior(line: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Inside of an arch, open to the back, in the axial plane."""
-    order = np.argsort(line[:, 0])
-    front = np.interp(x[:, :, 0], line[order, 0], line[order, 1], left=np.inf, right=np.inf)
-    return (y[:, :, 0] > front)[:, :, None]
+def _scanned(s: Skeleton, spacing: float) -> _Soft:
+    """The face carried into the deformity, the skull sculpted below it, the nasal airway open."""
+    own = anatomy(s.p)
+    face = own.face
+    axes = face_grid(s, face, spacing)
+    x, y, z = (axis[tuple(np.s_[:] if i == j else None for j in range(3))] for i, axis in enumerate(axes))
+    upper, _ = upper_skull(s, axes, reach=12)
+    jaw = mandible(s, axes, reach=12)
+    own.sculpt(upper, jaw)
+    upper.subtract(*airway(s, face.nostrils, MUCOSA))
+    inside = face_solid(face, axes) | behind_lips(face.line, x, y, z)
+    depth = ndimage.distance_transform_edt(inside, sampling=spacing).astype(np.float32)
+    covered = (depth > LEAST) | behind_lips(face.line - [0, 8, 0], x, y, z)
+    air = air_in(airway(s, face.nostrils), axes)
+    return _Soft(axes, depth, (upper.values < 0) & covered, (jaw.values < 0) & covered, air, face.marks, face.line)
 
 
-def _oral(s: Skeleton, x, y, z) -> np.ndarray:
-    """Mouth and throat: air behind the dental arches and between the rami."""
-    scale = 1 + 3.0 / np.abs(s.arch_upper[:, 0]).max()
-    between = 0.5 * (s.upper_edge(y) + s.lower_edge(y))
-    rear = (y > s.molar_y) & (np.abs(x) < np.where(z > between, 37, 27) * s.wide) & (z < -8) & (z > between - 24)
-    top = _interior(s.arch_upper * [scale, 1] + [0, 2.0], x, y) & (z > between) & (z < s.spine[2] + 1)
-    low = _interior(s.arch_lower * [scale, 1] + [0, 2.0], x, y) & (z <= between) & (z > between - 20)
-    front = (top | low) & (y <= s.molar_y)
-    throat = ((x / (38 * s.wide)) ** 2 + ((y - 2) / 35) ** 2 < 1) & (z < -8)
-    return front | rear | throat
+def face_grid(s: Skeleton, face: Face, spacing: float) -> list[np.ndarray]:
+    """Axes of the volume round a scanned face, cut where :func:`grid` cuts."""
+    own = face.points[(face.points[:, 1] < 3) & (face.points[:, 2] > s.menton[2] - 40)]
+    half = np.ceil((np.abs(own[:, 0]).max() + 6) / spacing) * spacing
+    low, high = face.marks["menton_soft"][2] - 20, s.nasion[2] + 26
+    ends = ((-half, half), (own[:, 1].min() - 9, 1.0), (low, high))
+    return [np.arange(np.floor(a / spacing), np.floor(b / spacing) + 1) * spacing for a, b in ends]
 
 
-def _slit(s: Skeleton, points, x, y, z, spacing: float) -> np.ndarray:
-    """Gap between the lips, from the skin to the teeth."""
-    line = mouth_line(s, points, 41)
-    height = np.interp(x, line[:, 0], line[:, 2]).astype(np.float32)
-    teeth = np.maximum(
-        *(np.interp(x, a[:, 0], a[:, 1], left=np.inf, right=np.inf) for a in (s.arch_upper, s.arch_lower))
-    )
-    span = (x > line[0, 0]) & (x < line[-1, 0])
-    return span & (np.abs(z - height) < max(SLIT, 1.3 * spacing) / 2) & (y < teeth + 4)
-
-
-def _deep(face: Field, labels: np.ndarray, spacing: float) -> np.ndarray:
+def _deep(depth: np.ndarray, labels: np.ndarray, spacing: float) -> np.ndarray:
     """Deep enough below the skin, and away from the surfaces of the lips and the mouth, to be muscle."""
     skin_steps, mouth_steps = max(int(np.ceil(3 / spacing)), 1), max(round(2 / spacing), 1)
-    below_skin = ndimage.binary_erosion(face.values < 0, iterations=skin_steps, border_value=1)
+    below_skin = ndimage.binary_erosion(depth > 0, iterations=skin_steps, border_value=1)
     off_air = ndimage.binary_erosion(labels != AIR, iterations=mouth_steps, border_value=1)
-    return (face.values < -SKIN_LAYER) & below_skin & off_air
+    return (depth > SKIN_LAYER) & below_skin & off_air
 
 
 def _absorb(labels: np.ndarray, code: int, into: int | None = None, crumb: float = np.inf) -> int:
@@ -147,8 +167,9 @@ def _clean(labels: np.ndarray) -> None:
             break
 
 
-def landmarks(s: Skeleton, points, labels: np.ndarray, axes) -> dict[str, np.ndarray]:
+def landmarks(s: Skeleton, soft: _Soft, labels: np.ndarray) -> dict[str, np.ndarray]:
     """Landmarks (3,) mm; those of the skin lie on the labelled surface."""
+    points, line, axes = soft.points, soft.line, soft.axes
     solid = labels != AIR
 
     def on_skin(point):
@@ -163,7 +184,6 @@ def landmarks(s: Skeleton, points, labels: np.ndarray, axes) -> dict[str, np.nda
              "pogonion_soft")  # fmt: skip
     marks = {name: on_skin(points[name]) for name in names}
     marks["menton_soft"] = points["menton_soft"]
-    line = mouth_line(s, points)
     marks["cheilion_left"], marks["cheilion_right"] = on_skin(line[-1] + [2, 0, 0]), on_skin(line[0] - [2, 0, 0])
     for name, side in (("left", 1.0), ("right", -1.0)):
         column = np.flatnonzero(solid[:, -1, int(np.argmin(np.abs(axes[2])))])
@@ -172,4 +192,6 @@ def landmarks(s: Skeleton, points, labels: np.ndarray, axes) -> dict[str, np.nda
     marks["upper_incisor"], marks["lower_incisor"] = s.upper_incisor, s.lower_incisor
     marks["pogonion_bone"], marks["a_point"] = s.pogonion, s.a_point
     marks["b_point"] = points["mentolabial"] + [0, s.p.mentolabial, 0]
+    if s.p.scanned:
+        marks |= {name: points[name] for name in ("tragus_left", "tragus_right")}
     return marks

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, check, read_tables, words
+from pinnochio.geometry.interpolation import interpolate
 from pinnochio.geometry.triangles import vertex_areas, vertex_normals
 from pinnochio.mechanics.simulation import simulate
-from pinnochio.metrics.volume import interpolate
 from pinnochio.model.regions import NAMES, regions
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.document import Block, Table, View, views

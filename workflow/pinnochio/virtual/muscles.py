@@ -6,28 +6,26 @@ import numpy as np
 
 from pinnochio.virtual.implicit import Field, Shape, ellipsoid, tube
 from pinnochio.virtual.skeleton import SIDES, Skeleton
-from pinnochio.virtual.skin import mouth_line
 
 MUSCLES = ("masseter", "temporalis", "medial_pterygoid", "buccinator", "orbicularis_oris", "mentalis", "zygomaticus",
            "levator", "depressor", "floor_of_mouth")  # fmt: skip
 
 
-def muscle_shapes(s: Skeleton, points: dict[str, np.ndarray]) -> dict[str, list[Shape]]:
+def muscle_shapes(s: Skeleton, points: dict[str, np.ndarray], line: np.ndarray) -> dict[str, list[Shape]]:
     """Shapes of every muscle of :data:`MUSCLES`, both sides."""
     chin = s.pogonion
     shapes: dict[str, list[Shape]] = {name: [] for name in MUSCLES}
-    shapes["orbicularis_oris"] = _mouth_ring(s, points)
+    shapes["orbicularis_oris"] = _mouth_ring(points, line)
     shapes["mentalis"] = [ellipsoid(chin + [0, -3, 10], [13, 6, 13])]
     shapes["floor_of_mouth"] = [ellipsoid([0.6 * chin[0], -46, s.lower_edge(-60.0) - 20], [32 * s.wide, 36, 9])]
     for side in SIDES:
-        for name, strands in _one_side(s, points, side).items():
+        for name, strands in _one_side(s, line, side).items():
             shapes[name] += strands
     return shapes
 
 
-def _mouth_ring(s: Skeleton, points: dict[str, np.ndarray]) -> list[Shape]:
+def _mouth_ring(points: dict[str, np.ndarray], line: np.ndarray) -> list[Shape]:
     """Orbicularis oris: a band in each lip that tapers to the corners."""
-    line = mouth_line(s, points)
     share = np.linspace(-1, 1, len(line))
     bands = []
     for lip, up in (("labrale_superius", 1.0), ("labrale_inferius", -1.0)):
@@ -36,11 +34,11 @@ def _mouth_ring(s: Skeleton, points: dict[str, np.ndarray]) -> list[Shape]:
     return bands
 
 
-def _one_side(s: Skeleton, points: dict[str, np.ndarray], side: float) -> dict[str, list[Shape]]:
+def _one_side(s: Skeleton, line: np.ndarray, side: float) -> dict[str, list[Shape]]:
     """Muscles of the left (1) or right (-1) side by name."""
     w, d = s.wide, s.deep
     go, chin = s.gonion_of(side), s.pogonion
-    corner = mouth_line(s, points)[-1 if side > 0 else 0] + [side * 3, 8, 0]
+    corner = line[-1 if side > 0 else 0] + [side * 3, 8, 0]
     low = s.menton[2]
 
     def at(x, y, z):
@@ -76,7 +74,9 @@ def _one_side(s: Skeleton, points: dict[str, np.ndarray], side: float) -> dict[s
     }
 
 
-def muscle_region(s: Skeleton, points: dict[str, np.ndarray], axes, names: Iterable[str]) -> np.ndarray:
+def muscle_region(
+    s: Skeleton, points: dict[str, np.ndarray], line: np.ndarray, axes, names: Iterable[str]
+) -> np.ndarray:
     """Where the named muscles may be, bool on the grid; skin, bone and air are for the caller to keep.
 
     names: any of :data:`MUSCLES`; ValueError for others.
@@ -85,7 +85,7 @@ def muscle_region(s: Skeleton, points: dict[str, np.ndarray], axes, names: Itera
     if unknown := sorted(names - set(MUSCLES)):
         raise ValueError(f"unknown muscle {unknown[0]!r}; choose from {', '.join(MUSCLES)}")
     field = Field(axes, reach=4.0)
-    for name, shapes in muscle_shapes(s, points).items():
+    for name, shapes in muscle_shapes(s, points, line).items():
         if name in names:
             field.union(*shapes, k=3)
     return field.values < 0

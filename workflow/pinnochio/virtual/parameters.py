@@ -4,13 +4,14 @@ Means and spreads are adult figures recalled from anthropometry and cephalometry
 the thickness literature [R], the effect of the bite on lip thickness [S: KJO 42:23]; entries marked [I] are choices.
 """
 
-from dataclasses import make_dataclass
+from dataclasses import dataclass, field, make_dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import truncnorm
 
 DEFORMITIES = ("class_ii", "class_iii", "asymmetry", "open_bite")
+NORMAL = "normal"
 NORMAL_OVERJET = 2.5  # mm [R]
 REST_GAP = 2.0  # mm between the incisor edges of a normal bite, jaw at rest [R]
 
@@ -63,7 +64,16 @@ TABLE = {
     # measurement error too [I]
     "glabella": Distribution(5.4, 0.8, 3.5, 8, 0.3, "mm", "[R]", "skin over the glabella"),
     "nasion": Distribution(6.4, 0.8, 4.5, 9, 0.3, "mm", "[R]", "skin over nasion"),
-    "subnasale": Distribution(12.5, 1.2, 9, 17, 1.0, "mm", "[R]", "subnasale over the maxilla"),
+    "subnasale": Distribution(
+        13.3,
+        1.2,
+        9.5,
+        17.5,
+        1.0,
+        "mm",
+        "[S: 10.1016/j.forsciint.2018.10.021], less the spine [I]",
+        "subnasale over bone",
+    ),
     "mid_philtrum": Distribution(10.6, 1.1, 7.5, 15, 0.9, "mm", "[R]", "middle of the philtrum over the alveolus"),
     "labrale_superius": Distribution(11.0, 1.1, 8, 15.5, 1.0, "mm", "[R]", "upper lip over the incisors"),
     "labrale_inferius": Distribution(12.5, 1.1, 8.5, 17, 1.0, "mm", "[R]", "lower lip over the incisors"),
@@ -106,12 +116,49 @@ SHIFTS: dict[str, dict[str, tuple]] = {
 }
 
 
+@dataclass(frozen=True)
+class Anchors:
+    """Where the skull of a scanned face lies, mm: what a procedural skull derives from its other numbers.
+
+    tall scales the cranium; heights of nasion, nasal spine and upper incisor edge; how far that edge lies ahead of the
+    A point; half width and depth of the upper dental arch; height of pogonion above menton.
+    """
+
+    tall: float
+    nasion: float
+    spine: float
+    incisor: float
+    incisor_ahead: float
+    arch_half_width: float
+    arch_depth: float
+    chin_height: float
+
+
+@dataclass(frozen=True)
+class Scanned:
+    """identity: coordinates (k,) of the face model; normal: the same person before the deformity, None for that one."""
+
+    identity: tuple[float, ...]
+    anchors: Anchors
+    normal: "HeadParameters | None" = None
+
+
+# What shapes a procedural skin alone; a scanned face has its own.
+SCULPTED = ("nose_length", "nose_width", "nose_rotation", "dorsal_hump", "mouth_width", "lip_fullness",
+            "malar_fullness", "neck_width", "skin_asymmetry")  # fmt: skip
+# What a scanned face decides; all else of TABLE but the above is drawn.
+FITTED = ("face_height", "lower_share", "face_width", "face_depth", "maxilla_position", "gonial_width",
+          "chin_prominence", "eye_spacing")  # fmt: skip
 _CLASS = [("deformity", str), ("male", bool), ("relief_seed", int)]
-_Numbers = make_dataclass("_Numbers", _CLASS + [(name, float) for name in TABLE], frozen=True)
+_SCANNED = ("scanned", Scanned | None, field(default=None))
+_Numbers = make_dataclass("_Numbers", [*_CLASS, *((name, float) for name in TABLE), _SCANNED], frozen=True)
 
 
 class HeadParameters(_Numbers):
-    """One virtual patient: its deformity, sex, seed of the skin's relief, and every number of :data:`TABLE` by name."""
+    """One virtual patient: its deformity, sex, seed of the skin's relief, and every number of :data:`TABLE` by name.
+
+    scanned: the face model's coordinates and what was fitted to them; None for a procedural head.
+    """
 
 
 def draw(rng: np.random.Generator, mean: float, sd: float, low: float, high: float) -> float:
@@ -120,10 +167,10 @@ def draw(rng: np.random.Generator, mean: float, sd: float, low: float, high: flo
 
 
 def distribution(name: str, male: bool, deformity: str) -> tuple[float, float, float, float]:
-    """Mean, standard deviation and bounds of a number for this sex and deformity."""
+    """Mean, standard deviation and bounds of a number for this sex and deformity; NORMAL shifts nothing."""
     entry = TABLE[name]
     mean, sd, low, high = entry.mean + male * entry.male, entry.sd, entry.low, entry.high
-    shift = SHIFTS[deformity].get(name)
+    shift = SHIFTS.get(deformity, {}).get(name)
     if shift is None:
         return mean, sd, low, high
     return (mean + shift[1], sd, low, high) if shift[0] == "+" else shift

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, check, read_tables
+from pinnochio.geometry.interpolation import interpolate
 from pinnochio.mechanics.simulation import simulate
-from pinnochio.metrics.volume import interpolate
 from pinnochio.tables.document import Block, Table, views
 from pinnochio.virtual.ground_truth import NOMINAL, resolve
 from pinnochio.virtual.outcome import Operation, meshed

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from pinnochio.virtual.implicit import Field, Shape, ellipsoid, plate, rounded, smooth_minimum, tube, wall
-from pinnochio.virtual.parameters import REST_GAP, TABLE, HeadParameters
+from pinnochio.virtual.parameters import REST_GAP, TABLE, Anchors, HeadParameters
 
 SIDES = (1.0, -1.0)  # left, right
 
@@ -32,30 +32,43 @@ class Skeleton:
         self.p = p
         self.wide = p.face_width / 134.0
         self.deep = p.face_depth / 90.0
-        self.tall = p.face_height / 119.0
-        top = 28.0 * self.tall
-        spine_z = top - (1 - p.lower_share) * p.face_height
+        here = p.scanned.anchors if p.scanned else self._anchors()
+        self.tall, top, spine_z = here.tall, here.nasion, here.spine
         a_y = -p.face_depth - p.maxilla_position
         self.nasion = np.array([0.0, -p.face_depth, top])
         self.a_point = np.array([0.0, a_y, spine_z - 6])
         self.spine = np.array([0.0, a_y - 3, spine_z])
-        upper = np.array([0.0, a_y - 4, spine_z - 0.43 * p.lower_share * p.face_height])
+        upper = np.array([0.0, a_y - here.incisor_ahead, here.incisor])
         lower_x = 0.8 * p.chin_deviation
         lower = np.array([lower_x, upper[1] + p.overjet, upper[2] - REST_GAP - p.open_bite])
         self.upper_incisor = upper
         self.lower_incisor = lower
         low = top - p.face_height
-        pogonion = np.array([p.chin_deviation, lower[1] + 7.0 - p.chin_prominence, low + 9])
+        pogonion = np.array([p.chin_deviation, lower[1] + 7.0 - p.chin_prominence, low + here.chin_height])
         self.pogonion = pogonion
         self.menton = np.array([p.chin_deviation, pogonion[1] + 7, low])
         self.condyle = np.array([50.0 * self.wide, -10.5, -4.0])
         self.gonion = np.array([p.gonial_width / 2, *self._gonion()])
-        depth = 45.0 * self.deep
-        self.molar_y = upper[1] + depth
-        self.arch_upper = arch(upper[1] + 3, 25.5 * self.wide, depth)
-        line = arch(lower[1] + 3, 24.5 * self.wide, self.molar_y - lower[1])
+        self.molar_y = upper[1] + here.arch_depth
+        self.arch_upper = arch(upper[1] + 3, here.arch_half_width, here.arch_depth)
+        line = arch(lower[1] + 3, here.arch_half_width - self.wide, self.molar_y - lower[1])
         line[:, 0] += 0.8 * p.chin_deviation * self.jaw_share(line[:, 1])
         self.arch_lower = line
+
+    def _anchors(self) -> Anchors:
+        """What the other numbers make of a procedural skull."""
+        p, tall = self.p, self.p.face_height / 119.0
+        spine = 28.0 * tall - (1 - p.lower_share) * p.face_height
+        return Anchors(
+            tall=tall,
+            nasion=28.0 * tall,
+            spine=spine,
+            incisor=spine - 0.43 * p.lower_share * p.face_height,
+            incisor_ahead=4.0,
+            arch_half_width=25.5 * self.wide,
+            arch_depth=45.0 * self.deep,
+            chin_height=9.0,
+        )
 
     def _gonion(self) -> np.ndarray:
         """Sagittal place (y, z) of the gonion that suits ramus, body and angle best, each weighted by its spread.

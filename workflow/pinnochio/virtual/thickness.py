@@ -15,7 +15,7 @@ from pinnochio.model.labels import AIR, CRANIUM
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.virtual.head import Head
 from pinnochio.virtual.skeleton import Skeleton
-from pinnochio.virtual.skin import Ray, profile, sites
+from pinnochio.virtual.skin import Ray, sites
 
 
 class Published(NamedTuple):
@@ -29,7 +29,7 @@ class Published(NamedTuple):
 PUBLISHED = {
     "glabella": Published(5.5, 1.2, "[R]"),
     "nasion": Published(6.5, 1.3, "[R]"),
-    "subnasale": Published(13.0, 2.2, "[R]"),
+    "subnasale": Published(15.6, 2.4, "[S: 10.1016/j.forsciint.2018.10.021]"),
     "mid_philtrum": Published(11.0, 2.0, "[R]"),
     "labrale_superius": Published(11.5, 2.2, "[R]"),
     "labrale_inferius": Published(13.0, 2.0, "[R]"),
@@ -73,7 +73,7 @@ def along_ray(head: Head, ray: Ray) -> float:
 def measure(head: Head) -> dict[str, float]:
     """Thickness (mm) at every landmark of :data:`PUBLISHED`, mean of both sides where there are two; NaN if no bone."""
     s = Skeleton(head.parameters)
-    rays = sites(s, profile(s))
+    rays = sites(s, head.landmarks)
     return {name: float(np.mean([along_ray(head, ray) for ray in rays[name]])) for name in PUBLISHED}
 
 
