@@ -16,8 +16,8 @@ from pinnochio.statistics.significance import Comparison, compare, holm
 BASELINE, FLOOR = "fem_sliding", "floor_scan"
 BOUNDS = (
     "What no method can know, measured as the methods are and never tested. floor_scan: the true skin against its own "
-    "registered scan, so noise and registration alone. oracle: the mechanics of fem_sliding with the motion that was "
-    "carried out. Against the virtual truth itself floor_scan is zero."
+    "registered scan: noise, expression and registration. oracle: the mechanics of fem_sliding with the motion that "
+    "was carried out. Against the virtual truth itself floor_scan is zero."
 )
 # What is averaged over patients: column of cases -> also its standard deviation.
 SUMMARISED = {
