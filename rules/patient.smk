@@ -257,7 +257,7 @@ rule label_interfaces:
 rule choose_samples:
     input:
         model="<results>/cases/{case}/model.h5",
-        plan="<results>/cases/{case}/plan.json",
+        plan=STUDY.motion,
         postop="<results>/cases/{case}/postop.h5",
     output:
         judged="<results>/cases/{case}/judged.h5",
