@@ -47,10 +47,10 @@ class FaceModel:
 
 @dataclass(frozen=True)
 class Face:
-    """One face: skin points (n, 3) mm and triangles (f, 3), centre and radius of the eyeballs, landmarks by name,
+    """One face: skin points (n, 3) mm and triangles (f, 3), eyeballs, landmarks and teeth by name.
 
-    line (m, 3) between the lips, right to left commissure; nostrils (2, 3) their upper ends, left and right; teeth
-    (16, 3) by name.
+    eyes (2, 3) their centres, eye_radius mm; line (m, 3) between the lips, right to left commissure; nostrils (2, 3)
+    their upper ends, left and right; teeth (16, 3) each.
     """
 
     points: np.ndarray
