@@ -20,6 +20,7 @@ from pinnochio.model.labels import AIR
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import displacement_at
 from pinnochio.virtual.covariates import Covariates
+from pinnochio.virtual.scan import smooth_noise
 
 LIP_THICKNESS = 10.0  # mm from bone at which tissue follows fully; none at the bone [I]
 NORMAL_REACH, NORMAL_NEIGHBOURS = 6.0, 48  # mm over which normals of the skin are averaged [I]
@@ -28,6 +29,7 @@ MEAN_OF_HALF = 0.5 / np.log(2)  # mean of a Gaussian over the disc where it is a
 LIP_DEPTH = 4.0  # mm behind the lips' fronts where they meet [I]
 WIDEST_GAP = 8.0  # mm of gaping lips beyond which nothing changes [I]
 SWELLING_AT_6 = 39.54 - 13.14 * np.log(6)  # % of the swelling [S: PMID 34619733]
+INDIVIDUAL, INDIVIDUAL_LENGTH = 0.6, 15.0  # mm: SD, half as much again at the lips, and correlation length [I]
 SIDES = {"left": 1.0, "right": -1.0}
 
 
@@ -204,6 +206,14 @@ def masseter_loss(site: Site, c: Circumstances, rng: np.random.Generator) -> np.
     return _normal(site, sides | {"submental": -0.3 * more + rng.normal(0, 0.6)})
 
 
+def individual(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
+    low, high = site.landmarks["subnasale"][2], site.landmarks["nasion"][2]
+    below = np.clip((high - site.points[:, 2]) / (high - low), 0, 1)  # nothing above the nasion
+    lips = np.clip(site.shape("upper_lip") + site.shape("lower_lip"), 0, 1)
+    amount = INDIVIDUAL * (1 + 0.5 * lips) * below * smooth_noise(site.points, rng, INDIVIDUAL_LENGTH)
+    return amount[:, None] * site.outward
+
+
 # Changes of the tissue by name, in the order in which they stand in the configuration.
 CHANGES: dict[str, Callable] = {
     "lower_lip": lower_lip,
@@ -215,6 +225,7 @@ CHANGES: dict[str, Callable] = {
     "gain": gain,
     "swelling": swelling,
     "masseter_loss": masseter_loss,
+    "individual": individual,
 }
 
 

@@ -116,6 +116,14 @@ EFFECTS = {
         "[S: -13.5 % of volume, -2.8 kg]; mm [I]",
         0.0, CHANGE, "SD 0.7 mm jaw, 0.4 mm cheek, 0.6 mm under the chin",
     ),
+    "individual": Effect(
+        "tissue responds otherwise from place to place: SD 0.6 mm, 0.9 mm at the lips, correlated over 15 mm",
+        "",
+        "[S: n = 57, 62: 1.3-1.65 mm are left at the lip once plan and thickness are known]; size and length [I]",
+        0.0,
+        CHANGE,
+        "all",
+    ),
     "expression": Effect(
         "another expression at the scan: SD 0.3 mm upper lip, 0.4 mm lower lip, 0.15 mm cheek",
         "",
