@@ -18,7 +18,7 @@ rule virtual_patient:
         number=lambda wildcards: list(STUDY.cases).index(wildcards.case),
         spacing=config["virtual"]["spacing"],
         labels=config["labels"],
-        procedures=config["virtual"]["procedures"],
+        procedure=lambda wildcards: vars(STUDY.procedures[wildcards.case]),
         muscles=config["virtual"]["muscles"],
         seed=SEED,
         code=code_of("virtual_patient"),

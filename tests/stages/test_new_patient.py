@@ -104,7 +104,7 @@ def test_a_plan_is_checked_against_the_bone(patient, tmp_path):
 def test_the_files_of_a_prediction(patient, result, tmp_path):
     export_prediction(patient.case, patient.model, patient.plan, result, str(tmp_path))
     model = PatientModel.read(patient.model)
-    names = {path.name for path in tmp_path.iterdir()}
+    names = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*")}
     assert names == {"deformed.vtu", "skin.vtp", "skin.ply", "skin.stl", "bones/cranium.stl"} | {
         f"bones/{name}.stl" for name in SEGMENTS
     }
