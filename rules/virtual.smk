@@ -19,7 +19,7 @@ rule virtual_patient:
         anatomy=config["virtual"]["anatomy"],
         spacing=config["virtual"]["spacing"],
         labels=config["labels"],
-        procedures=config["virtual"]["procedures"],
+        procedure=lambda wildcards: vars(STUDY.procedures[wildcards.case]),
         muscles=config["virtual"]["muscles"],
         seed=SEED,
         code=code_of("virtual_patient"),

@@ -29,7 +29,7 @@ def measure_effects(
         labels=head.labels,
         spacing=head.spacing,
         origin=head.origin,
-        segments=segments,
+        segments=operation.segments,
         edge_mm=outcome["mesh"]["bone_edge"],
     )
     *truth, _ = read_truth(inputs["truth"], case)

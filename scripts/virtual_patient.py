@@ -1,7 +1,7 @@
 """Makes a virtual patient of its seed: segmentation, the plan that treats its deformity, landmarks, anatomy."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from pinnochio.seeds import generator
 from pinnochio.virtual.description import describe
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import DEFORMITIES, sample_parameters
-from pinnochio.virtual.procedures import dealt
+from pinnochio.virtual.procedures import Procedure
 from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.treatment import treatment_plan
 
@@ -26,21 +26,21 @@ def virtual_patient(
     anatomy: str,
     spacing: float,
     label_values: dict[str, int],
-    procedures: Mapping[str, float],
+    procedure: Procedure,
     muscles: Sequence[str],
     outputs: dict[str, str],
 ) -> None:
     """Sample the anatomy and the plan, and write them as a clinic would deliver them.
 
-    number picks the deformity class in turn, and with the shares of procedures the operation; anatomy is "scanned" or
-    "procedural"; spacing is the voxel edge (mm); label_values maps each structure to its voxel value; muscles are those
-    that are labelled. The landmarks (mm, LPS) and the anatomy serve the simulated outcome and the tables alone.
-    outputs: segmentation, plan, landmarks, anatomy. Raises InputError for label values that it cannot write.
+    number picks the deformity class in turn; procedure is the operation; anatomy is "scanned" or "procedural"; spacing
+    is the voxel edge (mm); label_values maps each structure to its voxel value; muscles are those that are labelled.
+    The landmarks (mm, LPS) and the anatomy serve the simulated outcome and the tables alone. outputs: segmentation,
+    plan, landmarks, anatomy. Raises InputError for label values that it cannot write.
     """
     rng = generator(seed, "virtual_patient", case)
     sample = {"scanned": sample_patient, "procedural": sample_parameters}[anatomy]
     parameters = sample(rng, DEFORMITIES[number % len(DEFORMITIES)])
-    head = build_head(parameters=parameters, spacing=spacing, procedure=dealt(procedures, number), muscles=muscles)
+    head = build_head(parameters=parameters, spacing=spacing, procedure=procedure, muscles=muscles)
     try:
         values = np.full(256, AIR, np.uint16)
         for name, code in internal_codes(head.segments).items():
@@ -68,7 +68,7 @@ if __name__ == "__main__":
         anatomy=snakemake.params.anatomy,
         spacing=snakemake.params.spacing,
         label_values=snakemake.params.labels,
-        procedures=snakemake.params.procedures,
+        procedure=Procedure(**snakemake.params.procedure),
         muscles=snakemake.params.muscles,
         outputs=dict(snakemake.output.items()),
     )

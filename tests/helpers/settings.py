@@ -19,7 +19,6 @@ ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared/data"  # real heads, which are not part of the project
 CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
 SEGMENTS = Procedure().segments
-BIMAXILLARY = dict.fromkeys(CONFIG["virtual"]["procedures"], 0.0) | {"bimaxillary": 1.0}
 SEED = 7
 MESH = {"nodes": 700, "minimum_dihedral": 12.0, "bone_edge": 6.0}
 OUTCOME = overlaid(CONFIG["virtual"]["outcome"], {"effects": {"nodes": 1000}, "mesh": MESH})

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.virtual.head import USUAL
 from scripts.choose_samples import choose_samples
 from scripts.import_plan import import_plan
 from scripts.import_segmentation import import_segmentation
@@ -16,7 +17,7 @@ from scripts.simulate_fem import simulate_fem
 from scripts.tetrahedralize import mesh_case
 from scripts.virtual_outcome import virtual_outcome
 from scripts.virtual_patient import virtual_patient
-from tests.helpers.settings import BIMAXILLARY, CONFIG, OUTCOME, SEED
+from tests.helpers.settings import CONFIG, OUTCOME, SEED
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Patient:
         return str(matches[0])
 
 
-def make_patient(case: str, number: int, folder: Path, procedures=BIMAXILLARY) -> Patient:
+def make_patient(case: str, number: int, folder: Path, procedure=USUAL) -> Patient:
     """A 2 mm head on 700 nodes, operated so, with its outcome, registered scan and two fem_samples plans."""
 
     def file(name: str) -> str:
@@ -49,7 +50,7 @@ def make_patient(case: str, number: int, folder: Path, procedures=BIMAXILLARY) -
         "anatomy": file("anatomy.json"),
     }
     anatomy, muscles = CONFIG["virtual"]["anatomy"], CONFIG["virtual"]["muscles"]
-    virtual_patient(case, number, SEED, anatomy, 2.0, CONFIG["labels"], procedures, muscles, sources)
+    virtual_patient(case, number, SEED, anatomy, 2.0, CONFIG["labels"], procedure, muscles, sources)
     covariates = file("covariates.json")
     draw_covariates(case, sources["anatomy"], OUTCOME["reality"], SEED, covariates)
     made = {"postop": file("scan.ply"), "truth": file("truth.h5"), "executed": file("executed.json")}

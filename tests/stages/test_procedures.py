@@ -14,7 +14,7 @@ from pinnochio.mechanics.simulation import simulate
 from pinnochio.methods.ratio import RatioRule
 from pinnochio.model.patient import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
 from pinnochio.plans.plan import Plan
-from pinnochio.virtual.procedures import JAWS, SEGMENTAL, dealt
+from pinnochio.virtual.procedures import MANDIBLE, MAXILLA, Procedure
 from scripts.import_plan import import_plan
 from scripts.import_segmentation import import_segmentation
 from scripts.label_interfaces import label_case
@@ -25,11 +25,10 @@ from tests.helpers.settings import CONFIG, SEED
 
 FEM = FemSettings(**CONFIG["fem"] | {"time_limit": 600})
 NAMES = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "report.json"}
-# Number of a patient with the procedure, and its shares.
 KINDS = {
-    "mandible_only": (4, CONFIG["virtual"]["procedures"] | {"mandible_only": 0.9, "bimaxillary": 0.01}),
-    "maxilla_only": (3, CONFIG["virtual"]["procedures"] | {"maxilla_only": 0.9, "segmental": 0.0}),
-    "segmental": (2, CONFIG["virtual"]["procedures"] | {"segmental": 1.0, "genioplasty": 1.0}),
+    "mandible_only": (0, Procedure(MANDIBLE, chin=True)),
+    "maxilla_only": (3, Procedure(MAXILLA)),
+    "segmental": (2, Procedure(pieces=3, chin=True)),
 }
 
 
@@ -40,11 +39,11 @@ def file(folder, name):
 @pytest.fixture(scope="module", params=KINDS)
 def case(request, tmp_path_factory):
     """Folder, procedure and model of a patient that went through import, mesher and interfaces."""
-    number, shares = KINDS[request.param]
+    number, procedure = KINDS[request.param]
     folder, case = tmp_path_factory.mktemp(request.param), request.param
     sources = {name: file(folder, f"{name}.json") for name in ("landmarks", "anatomy")}
     sources |= {"segmentation": file(folder, "segmentation.nii.gz"), "plan": file(folder, "input.json")}
-    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], shares, CONFIG["virtual"]["muscles"], sources)
+    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], procedure, CONFIG["virtual"]["muscles"], sources)
     imported = {key: file(folder, name) for key, name in NAMES.items()}
     values, vocabulary = CONFIG["labels"], tuple(CONFIG["segments"])
     import_segmentation(case, sources["segmentation"], values, vocabulary, "header", 2.0, "derived", 6.0, imported)
@@ -52,7 +51,7 @@ def case(request, tmp_path_factory):
     mesh_case(imported["labels"], 900, 12.0, file(folder, "mesh.vtu"))
     rest = imported["report"], CONFIG["interfaces"], file(folder, "model.h5")
     label_case(file(folder, "mesh.vtu"), imported["labels"], imported["bone"], imported["skin"], *rest)
-    return folder, dealt(shares, number), PatientModel.read(file(folder, "model.h5"))
+    return folder, procedure, PatientModel.read(file(folder, "model.h5"))
 
 
 def test_a_case_has_its_own_segments_in_the_order_of_the_vocabulary(case):
@@ -69,15 +68,15 @@ def test_the_jaws_slide_past_each_other_whichever_is_cut(case):
     kinds = np.bincount(model.node_type, minlength=4)
     assert kinds[[FIXED, MOVING, SLIDING]].min() > 5
     sliding = {(-1 if own < 0 else model.segments[own]) for own in model.node_segment[model.node_type == SLIDING]}
-    lower = "mandible" if procedure.jaws == "maxilla_only" else "mandible_distal"
+    lower = "mandible" if procedure.jaws == MAXILLA else "mandible_distal"
     assert lower in sliding
-    assert (-1 in sliding) == (procedure.jaws == "mandible_only")  # its upper teeth are cranium
+    assert (-1 in sliding) == (procedure.jaws == MANDIBLE)  # its upper teeth are cranium
     assert min((model.lip == lip).sum() for lip in (UPPER_LIP, LOWER_LIP)) > 2
 
 
 def test_its_plan_and_sampled_ones_are_solved(case):
     folder, procedure, model = case
-    name = procedure.jaws if procedure.pieces == 1 else SEGMENTAL
+    name = next(name for name, (_, own) in KINDS.items() if own == procedure)
     plan = Plan.read(folder / "plan.json", name)
     for arm in ("bonded", "mucosa"):
         result = simulate(model, plan, arm, FEM)
@@ -107,9 +106,3 @@ def test_a_plan_that_misses_a_segment_or_names_another_is_refused(case, tmp_path
                 whole["case"], str(tmp_path / "plan.json"), file(folder, "bone.vtp"), file(tmp_path, "out.json")
             )
         assert not (tmp_path / "out.json").exists()
-
-
-def test_the_kinds_are_what_they_say():
-    said = {name: dealt(shares, number) for name, (number, shares) in KINDS.items()}
-    assert {said[name].jaws for name in JAWS if name in said} == {"mandible_only", "maxilla_only"}
-    assert said["segmental"].pieces == 3 and said["segmental"].chin

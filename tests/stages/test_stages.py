@@ -22,6 +22,7 @@ from pinnochio.methods.pinnochio.predictor import load_network
 from pinnochio.model.patient import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.plans.plan import Plan
+from pinnochio.virtual.head import USUAL
 from pinnochio.virtual.portraits import SHEET_PANEL
 from scripts.check_cohort import check_cohort
 from scripts.evaluate import evaluate
@@ -35,7 +36,7 @@ from scripts.render_case import render_case
 from scripts.render_faces import render_faces
 from scripts.solve_plan import solve_plan
 from scripts.virtual_patient import virtual_patient
-from tests.helpers.settings import BIMAXILLARY, CONFIG, SEED, SEGMENTS, network_settings, training_settings
+from tests.helpers.settings import CONFIG, SEED, SEGMENTS, network_settings, training_settings
 from tests.helpers.tables import make
 from tests.helpers.training import predict_by
 
@@ -46,7 +47,7 @@ def test_virtual_patient_is_its_seed(patient, tmp_path):
     names = {"segmentation": "segmentation.nii.gz", "plan": "input_plan.json"}
     names |= {"landmarks": "landmarks.json", "anatomy": "anatomy.json"}
     again = {key: str(tmp_path / name) for key, name in names.items()}
-    anatomy, rest = CONFIG["virtual"]["anatomy"], (CONFIG["labels"], BIMAXILLARY, CONFIG["virtual"]["muscles"], again)
+    anatomy, rest = CONFIG["virtual"]["anatomy"], (CONFIG["labels"], USUAL, CONFIG["virtual"]["muscles"], again)
     virtual_patient(patient.case, 0, SEED, anatomy, 2.0, *rest)
     for name in names.values():
         assert (tmp_path / name).read_bytes() == (patient.folder / name).read_bytes()

@@ -75,7 +75,10 @@ def test_a_plan_that_is_added_later_shares_the_patient(clinic):
     ("config", "said"),
     [
         ((), ("there is no archive of trained models", "snakemake archive", "'models'")),
-        (("models=models", "segments=[lefort1]"), ("the models were trained with", "mandible_distal")),
+        (
+            ("models=models", "segments=[lefort1, ramus_left]", "labels={ramus_left: 40}"),
+            ("names ramus_left", "the models were trained with"),
+        ),
         (("models=models", "predict={method: acmt}"), ("the archive has no 'acmt'",)),
         (("models=models", "patient=P02"), ("no such folder or table",)),
     ],

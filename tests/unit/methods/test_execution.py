@@ -1,5 +1,7 @@
 """What a patient's execution error explains of its skin, and what all patients share."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -56,6 +58,27 @@ def test_opposite_errors_are_explained(shift):
 def test_what_all_patients_share_is_no_error():
     fields = execution_fields([sample(np.array([0, 0, 2.0]))] * 2, 0.002, seed=0)
     assert max(field.abs().max() for field in fields) < 0.2
+
+
+def test_patients_with_other_segments_share_the_errors_of_the_same_bone():
+    """One patient with one segment, one with two: the maxillae have a mean, the mandible has nobody to compare with."""
+    nodes = np.where((MODEL.node_segment == 0) & (MODEL.points[:, 1] > -70), 1, MODEL.node_segment).astype(np.int8)
+    bone = np.where((MODEL.bone_segment == 0) & (MODEL.bone_points[:, 1] > -70), 1, MODEL.bone_segment).astype(np.int8)
+    whole = replace(MODEL, segments=("lefort1",))
+    parts = replace(MODEL, segments=("lefort1_left", "mandible"), node_segment=nodes, bone_segment=bone)
+    samples = []
+    for model in (whole, parts):
+        patient = PatientTensors.build(
+            model, MATERIAL, "patch", SETTINGS, make_lift(model, MATERIAL, "elastic", controls=6)
+        )
+        plan = Plan("tiny", dict.fromkeys(model.segments, tiny_plan().motions["left"]))
+        shifted = {name: replace(own, translation=own.translation + [0, 0, 2.0]) for name, own in plan.motions.items()}
+        skin = model.moved_skin(patient.signal(Plan("tiny", shifted)).lifted.numpy().astype(float))
+        samples.append((patient, patient.signal(plan), SurfaceLoss(patient, skin, model.skin_faces, 2000)))
+    one, two = execution_fields(samples, 0.002, seed=0)
+    assert one.shape == two.shape and max(one.abs().max(), two.abs().max()) < 1.0  # both were 2 mm off: shared
+    apart = execution_fields([sample(np.array([0, 0, 2.0])), samples[1]], 0.002, seed=0)
+    assert apart[0].abs().max() < 1e-6  # nobody else has its bone
 
 
 def test_a_dear_error_explains_little():

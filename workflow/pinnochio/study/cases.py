@@ -20,6 +20,7 @@ def virtual_cases(patients: int, folder: str) -> list[Case]:
             f"{folder}/{name}/plan.json",
             f"{folder}/{name}/postop.ply",
             f"{folder}/{name}/postop_bones.nii.gz",
+            covariates_file=f"{folder}/{name}/covariates.json",
         )
         for name in names
     ]

@@ -72,8 +72,8 @@ def check_config(config: Mapping) -> None:
             refuse(
                 f"{name!r} has an execution_prior and no lift", "choose a lift, or set finetuning.execution_prior to 0"
             )
-    if config["cohort"] == "virtual":
-        every = [dealt(config["virtual"]["procedures"], number) for number in range(config["virtual"]["patients"])]
+    if config["cohort"] == "virtual" and not config["patient"]:
+        every = dealt(config["virtual"]["procedures"], config["virtual"]["patients"])
         made = dict.fromkeys(name for own in every for name in own.segments)
         if missing := [name for name in made if name not in config["segments"]]:
             refuse(

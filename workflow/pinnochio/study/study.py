@@ -17,6 +17,7 @@ from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, read_patients
 from pinnochio.study.provenance import PLACES
 from pinnochio.virtual.card import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
+from pinnochio.virtual.procedures import Procedure, dealt
 
 STUDY_FILES = "<results>/cases/{case}"
 
@@ -266,6 +267,11 @@ class Study:
         if self.locked:
             return ["thickness"]
         return ["thickness", "ratios", *(["nasolabial", "effects"] if self.config["virtual"]["effects"] else [])]
+
+    @cached_property
+    def procedures(self) -> dict[str, Procedure]:
+        """The operation of each virtual patient."""
+        return dict(zip(self.cases, dealt(self.config["virtual"]["procedures"], len(self.cases)), strict=True))
 
     def virtual_files(self, *names: str) -> list[str]:
         """These files of every virtual patient."""

@@ -1,5 +1,6 @@
 """Which operation a virtual patient has: dealt by shares over the cohort, among those that suit the deformity."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -40,32 +41,32 @@ class Procedure:
         return ", ".join([*parts, *([GENIOPLASTY] if self.chin else [])]).replace("_", " ")
 
 
-def dealt(shares: Mapping[str, float], number: int) -> Procedure:
-    """The procedure of the patient at `number` (from 0) of a cohort whose deformities come in turn.
+def dealt(shares: Mapping[str, float], patients: int) -> list[Procedure]:
+    """The procedures of a cohort of so many patients, whose deformities come in turn.
 
     shares: weights of JAWS; share of GENIOPLASTY among all and of SEGMENTAL among the cut maxillae. Each patient gets,
     among what suits its deformity, the jaws that lag farthest behind their share so far, in the cohort and among those
     of its deformity together; so the first few patients differ already, a larger cohort begins with the same ones, and
     a deformity has more than one operation. A maxilla in pieces has two and three in turn.
     """
-    counts = dict.fromkeys((GENIOPLASTY, SEGMENTAL, "cut"), 0)
-    had: list[tuple[str, str]] = []
-    for place in range(number + 1):
-        deformity = DEFORMITIES[place % len(DEFORMITIES)]
-        suited = [jaws for jaws in SUITED[deformity] if shares[jaws] > 0]
-        lag = dict.fromkeys(suited, 0.0)
-        for rivals, own in ((JAWS, had), (suited, [pair for pair in had if pair[0] == deformity])):
-            total = sum(shares[jaws] for jaws in rivals)
-            for jaws in suited:
-                lag[jaws] += shares[jaws] / total * (len(own) + 1) - sum(pair[1] == jaws for pair in own)
-        jaws = max(lag, key=lag.get)
-        had.append((deformity, jaws))
-        chin = shares[GENIOPLASTY] * (place + 1) - counts[GENIOPLASTY] >= 0.5
-        counts[GENIOPLASTY] += chin
+    count: Counter = Counter()
+    procedures = []
+    for place in range(patients):
+        turn, kind = divmod(place, len(DEFORMITIES))
+        suited = [jaws for jaws in SUITED[DEFORMITIES[kind]] if shares[jaws] > 0]
+        weights = [sum(shares[jaws] for jaws in rivals) for rivals in (JAWS, suited)]
+
+        def lag(jaws, kind=kind, turn=turn, place=place, weights=weights):
+            own = shares[jaws] / weights[0] * (place + 1), shares[jaws] / weights[1] * (turn + 1)
+            return own[0] - count[jaws] + own[1] - count[jaws, kind]
+
+        jaws = max(suited, key=lag)
+        chin = shares[GENIOPLASTY] * (place + 1) - count[GENIOPLASTY] >= 0.5
         pieces = 1
         if jaws != MANDIBLE:
-            counts["cut"] += 1
-            if shares[SEGMENTAL] * counts["cut"] - counts[SEGMENTAL] >= 0.5:
-                pieces = 2 + counts[SEGMENTAL] % 2
-                counts[SEGMENTAL] += 1
-    return Procedure(jaws, pieces, chin)
+            count["cut"] += 1
+            if shares[SEGMENTAL] * count["cut"] - count[SEGMENTAL] >= 0.5:
+                pieces = 2 + count[SEGMENTAL] % 2
+        count.update([jaws, (jaws, kind), *([GENIOPLASTY] if chin else []), *([SEGMENTAL] if pieces > 1 else [])])
+        procedures.append(Procedure(jaws, pieces, chin))
+    return procedures

@@ -4,7 +4,7 @@ About a millimetre of the face is decided by how exactly the surgeon meets the p
 knows the plan alone cannot predict it; in training it is noise that hides what can be learnt. Where a lift carries
 motions of the segments through the tissue, that noise can be separated: per patient, the rigid motions beside the plan
 that bring the lift nearest to the skin, kept small by the published error. What all patients share is not an error: the
-mean over the fold's training patients is taken off and left to the network.
+mean over the fold's training patients is taken off and left to the network, bone by bone over those in whom it moves.
 """
 
 from collections.abc import Sequence
@@ -16,6 +16,7 @@ from torch import Tensor
 from pinnochio.methods.pinnochio.losses import SurfaceLoss
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.networks.signals import PlanSignal
+from pinnochio.plans.roles import known_role
 from pinnochio.plans.sampling import EXECUTION
 from pinnochio.seeds import generator
 
@@ -31,8 +32,22 @@ def execution_fields(
     size (root mean square) costs, per component.
     """
     errors = [_fit(*sample, prior, generator(seed, "execution", str(i))) for i, sample in enumerate(samples)]
-    common = torch.stack(errors).mean(0)
-    return [motion_field(sample[0], error - common) for sample, error in zip(samples, errors, strict=True)]
+    bones = [[_bone(name) for name in sample[0].model.segments] for sample in samples]
+    own: dict[str, list[Tensor]] = {}
+    for names, error in zip(bones, errors, strict=True):
+        for name, row in zip(names, error, strict=True):
+            own.setdefault(name, []).append(row)
+    common = {name: torch.stack(rows).mean(0) for name, rows in own.items()}
+    return [
+        motion_field(sample[0], error - torch.stack([common[name] for name in names]))
+        for sample, names, error in zip(samples, bones, errors, strict=True)
+    ]
+
+
+def _bone(segment: str) -> str:
+    """What a segment shares its systematic error with: all pieces of a maxilla, but each ramus by itself."""
+    what = known_role(segment)
+    return segment if what in (None, "proximal") else what
 
 
 def motion_field(patient: PatientTensors, errors: Tensor) -> Tensor:
