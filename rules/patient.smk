@@ -105,7 +105,6 @@ rule register_segments:
         mem_mb=4000,
         runtime=10,
     params:
-        segments=config["segments"],
         limit=config["registration"]["segment_limit"],
         share=config["registration"]["segment_share"],
         code=code_of("register_segments"),

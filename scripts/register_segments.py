@@ -1,7 +1,6 @@
 """Makes the motion that surgery gave each bone segment of the bones of a post-operative scan in any frame."""
 
 import logging
-from collections.abc import Sequence
 
 import pandas as pd
 
@@ -20,7 +19,6 @@ def register_segments(
     labels: str,
     bone: str,
     plan: str,
-    segments: Sequence[str],
     limit: float,
     share: float,
     achieved: str,
@@ -31,10 +29,11 @@ def register_segments(
     labels, bone: the patient before surgery; plan: the planned motions; limit (mm) is the median distance above which,
     share (%) the matched part of the surface below which a bone is refused (InputError). fits: one row per bone.
     """
-    points, faces = read_postop_bones(postop_bones, case, BoneSurface.read(bone).points)
+    surface = BoneSurface.read(bone)
+    points, faces = read_postop_bones(postop_bones, case, surface.points)
     cranium, found = register_bones(
         head=read_labels(labels),
-        segments=segments,
+        segments=surface.segments,
         plan=Plan.read(plan, case),
         points=points,
         faces=faces,
@@ -57,7 +56,6 @@ if __name__ == "__main__":
         labels=snakemake.input.labels,
         bone=snakemake.input.bone,
         plan=snakemake.input.plan,
-        segments=snakemake.params.segments,
         limit=snakemake.params.limit,
         share=snakemake.params.share,
         achieved=snakemake.output.achieved,

@@ -25,7 +25,6 @@ def virtual_postop_bones(
     """
     scan = scan_bones(
         head=read_segmentation(segmentation, case, label_values, segments),
-        segments=segments,
         executed=Plan.read(executed, case),
         rng=generator(seed, "virtual_postop_bones", case),
         artefacts=artefacts,

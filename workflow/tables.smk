@@ -92,7 +92,7 @@ TABLES = {
                 else {}
             ),
         },
-        NAMED | {"cases": STUDY.registered, "segments": config["segments"]},
+        NAMED | {"cases": STUDY.registered},
     ),
     "landmarks": (JUDGED, COMPARED),
     "ablation": (

@@ -24,7 +24,7 @@ def bones(patients, tmp_path_factory) -> list[str]:
     for own in patients:
         files.append(str(folder / f"{own.case}.nii.gz"))
         virtual_postop_bones(
-            own.case, own.segmentation, own.executed, CONFIG["labels"], SEGMENTS, 1.0, SEED, files[-1]
+            own.case, own.segmentation, own.executed, CONFIG["labels"], CONFIG["segments"], 1.0, SEED, files[-1]
         )  # fmt: skip
     return files
 
@@ -32,7 +32,7 @@ def bones(patients, tmp_path_factory) -> list[str]:
 def register(patient, bones, folder, limit=0.45, share=70.0) -> list[Path]:
     files = [folder / name for name in ("achieved.json", "segments.csv")]
     register_segments(
-        patient.case, bones, patient.labels, patient.bone, patient.plan, SEGMENTS, limit, share, *map(str, files)
+        patient.case, bones, patient.labels, patient.bone, patient.plan, limit, share, *map(str, files)
     )  # fmt: skip
     return files
 
@@ -42,8 +42,8 @@ def test_the_achieved_motion_is_the_executed_one_not_the_plan(patient, bones, tm
     found = Plan.read(achieved, patient.case)
     assert set(found.motions) == set(SEGMENTS)
     surface, true = BoneSurface.read(patient.bone), Plan.read(patient.executed, patient.case)
-    planned = motion_errors(Plan.read(patient.plan, patient.case), true, surface, SEGMENTS)
-    errors = motion_errors(found, true, surface, SEGMENTS)
+    planned = motion_errors(Plan.read(patient.plan, patient.case), true, surface)
+    errors = motion_errors(found, true, surface)
     for name, own in errors.items():
         assert own["error_mean"] < 0.6 and own["error_degrees"] < 1.5, (name, own)
     assert sum(own["error_mean"] for own in errors.values()) < 0.4 * sum(own["error_mean"] for own in planned.values())
@@ -54,7 +54,7 @@ def test_the_achieved_motion_is_the_executed_one_not_the_plan(patient, bones, tm
 
 def test_the_same_seed_scans_the_same_bones(patient, bones, tmp_path):
     again = tmp_path / "again.nii.gz"
-    rest = patient.segmentation, patient.executed, CONFIG["labels"], SEGMENTS, 1.0
+    rest = patient.segmentation, patient.executed, CONFIG["labels"], CONFIG["segments"], 1.0
     virtual_postop_bones(patient.case, *rest, SEED, str(again))
     assert again.read_bytes() == Path(bones[0]).read_bytes()
     virtual_postop_bones(patient.case, *rest, SEED + 1, str(again))

@@ -42,7 +42,7 @@ PLANNED = Plan(
 
 def head_of(seed: int, deformity: str):
     head = build_head(sample_parameters(np.random.default_rng(seed), deformity), spacing=1.5)
-    return Segmentation(head.labels, head.spacing, head.origin)
+    return Segmentation(head.labels, head.spacing, head.origin, head.segments)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def bone(head):
 
 def surface(head, folder, artefacts, executed=TRUE, change=None):
     """The scanned bones as read from a label map, which `change` alters."""
-    scan = scan_bones(head, SEGMENTS, executed, np.random.default_rng(3), artefacts)
+    scan = scan_bones(head, executed, np.random.default_rng(3), artefacts)
     labels = scan.labels if change is None else change(scan.labels)
     write_segmentation(labels, scan.spacing, scan.origin, folder / "bones.nii.gz")
     return read_postop_bones(folder / "bones.nii.gz", "P1", np.zeros((0, 3)))
@@ -77,7 +77,7 @@ def errors(head, bone, points, faces, planned=PLANNED):
     """Errors of the motions by segment, and all fits."""
     cranium, fits = register_bones(head, SEGMENTS, planned, points, faces, case="P1", file="bones")
     found = Plan("P1", {fit.segment: fit.motion for fit in fits})
-    return motion_errors(found, TRUE, bone, SEGMENTS), [cranium, *fits]
+    return motion_errors(found, TRUE, bone), [cranium, *fits]
 
 
 def largest(errors, key="error_max"):

@@ -44,7 +44,7 @@ def test_the_cost_of_the_plan_is_the_mean_of_paired_differences(tmp_path):
 def bone():
     rng = np.random.default_rng(0)
     points = np.concatenate([rng.uniform(-20, 20, (30, 3)) + [0, 0, 30 * n] for n in (-1, 0, 1)])
-    return BoneSurface(points, points, np.zeros((0, 3), np.int32), np.repeat([-1, 0, 1], 30).astype(np.int8))
+    return BoneSurface(points, points, np.zeros((0, 3), np.int32), np.repeat([-1, 0, 1], 30), NAMES)
 
 
 def test_errors_are_of_the_surface_of_each_segment():
@@ -52,7 +52,7 @@ def test_errors_are_of_the_surface_of_each_segment():
     true = Plan("P1", {"lefort1": RigidMotion(translation=np.array([0, -5.0, 0]))})
     turned = RigidMotion.from_degrees((1, 0, 0), (0, -5, 0), (0, 0, 0))
     still = Plan("P1", {"lefort1": turned, "mandible_distal": RigidMotion(translation=np.array([3.0, 4, 0]))})
-    errors = motion_errors(still, true, surface, NAMES)
+    errors = motion_errors(still, true, surface)
     assert errors["lefort1"]["error_degrees"] == pytest.approx(1)
     reach = np.linalg.norm(surface.points[surface.segment == 0][:, 1:], axis=1)
     assert errors["lefort1"]["error_max"] == pytest.approx(2 * np.sin(np.radians(0.5)) * reach.max())

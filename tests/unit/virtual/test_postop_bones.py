@@ -8,7 +8,7 @@ from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.importing.segmentation import Segmentation
 from pinnochio.model.labels import CRANIUM, segment_code
 from pinnochio.plans.plan import Plan
-from pinnochio.virtual.head import SEGMENTS, build_head
+from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
 from pinnochio.virtual.postop_bones import ANGLE, SPACING, plate_sites, scan_bones
 
@@ -18,12 +18,12 @@ MOVED = Plan("P1", {"mandible_distal": RigidMotion.from_degrees((3, 0, 1), (0, -
 @pytest.fixture(scope="module")
 def head():
     made = build_head(sample_parameters(np.random.default_rng(2), "class_ii"), spacing=2.0)
-    return Segmentation(made.labels, made.spacing, made.origin)
+    return Segmentation(made.labels, made.spacing, made.origin, made.segments)
 
 
 @pytest.fixture(scope="module")
 def clean(head):
-    return scan_bones(head, SEGMENTS, MOVED, np.random.default_rng(5), 0.0)
+    return scan_bones(head, MOVED, np.random.default_rng(5), 0.0)
 
 
 def places(scan, value=None):
@@ -48,10 +48,10 @@ def test_the_frame_is_the_scanners_own(clean):
 
 
 def test_the_seed_decides_and_labels_are_few(head):
-    one, same, other = (scan_bones(head, SEGMENTS, MOVED, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    one, same, other = (scan_bones(head, MOVED, np.random.default_rng(seed)) for seed in (1, 1, 2))
     assert np.array_equal(one.labels, same.labels) and np.array_equal(one.origin, same.origin)
     assert not np.array_equal(one.origin, other.origin)
-    scans = [scan_bones(head, SEGMENTS, MOVED, np.random.default_rng(seed), 0) for seed in range(8)]
+    scans = [scan_bones(head, MOVED, np.random.default_rng(seed), 0) for seed in range(8)]
     assert {int(scan.labels.max()) for scan in scans} == {1, 2}
     two = next(scan for scan in scans if scan.labels.max() == 2)
     jaw = np.isin(head.labels, [segment_code(i) for i in (1, 2, 3)]).sum() * head.spacing.prod()
@@ -60,7 +60,7 @@ def test_the_seed_decides_and_labels_are_few(head):
 
 def test_artefacts_roughen_add_and_take(head, clean):
     """The same frame and grid but for the field of view: metal and callus outside of bone, noise at its surface."""
-    scan = scan_bones(head, SEGMENTS, MOVED, np.random.default_rng(5), 1.0)
+    scan = scan_bones(head, MOVED, np.random.default_rng(5), 1.0)
     assert np.array_equal(scan.frame.rotation, clean.frame.rotation)
     assert scan.labels.shape[2] < clean.labels.shape[2]
     assert (scan.labels[:, :, -1] > 0).any() and not (clean.labels[:, :, -1] > 0).any()

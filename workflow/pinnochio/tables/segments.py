@@ -25,7 +25,6 @@ GOOD_MM, GOOD_DEGREES = 0.3, 0.5  # what a registration should reach
 def tabulate(
     fits: Sequence[str | os.PathLike],
     cases: Sequence[str],
-    segments: Sequence[str],
     cohort: str,
     achieved: Sequence[str | os.PathLike] = (),
     executed: Sequence[str | os.PathLike] = (),
@@ -38,17 +37,17 @@ def tabulate(
     """
     frame = read_tables(fits, FITS).assign(error_mean=np.nan, error_max=np.nan, error_degrees=np.nan)
     for case, found, true, bone in zip(cases, achieved, executed, bones, strict=True) if executed else ():
-        errors = motion_errors(Plan.read(found, case), Plan.read(true, case), BoneSurface.read(bone), segments)
+        errors = motion_errors(Plan.read(found, case), Plan.read(true, case), BoneSurface.read(bone))
         for name, values in errors.items():
             frame.loc[(frame["case"] == case) & (frame["segment"] == name), list(values)] = list(values.values())
     return table(frame, cohort)
 
 
-def motion_errors(found: Plan, true: Plan, bone: BoneSurface, segments: Sequence[str]) -> dict[str, dict[str, float]]:
+def motion_errors(found: Plan, true: Plan, bone: BoneSurface) -> dict[str, dict[str, float]]:
     """By segment of `found`: error_mean and error_max (mm) over its surface, error_degrees."""
     errors = {}
     for name, motion in found.motions.items():
-        points = bone.points[bone.segment == segments.index(name)]
+        points = bone.points[bone.segment == bone.segments.index(name)]
         off = np.linalg.norm(motion.apply(points) - true.motion(name).apply(points), axis=1)
         turned = Rotation.from_matrix(motion.rotation @ true.motion(name).rotation.T).magnitude()
         errors[name] = {"error_mean": off.mean(), "error_max": off.max(), "error_degrees": np.degrees(turned)}

@@ -4,7 +4,6 @@ What a segmentation of such a scan (cone-beam CT, some months after surgery) han
 or two labels, not one per segment, in the scanner's own frame.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -16,6 +15,7 @@ from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.importing.segmentation import Segmentation
 from pinnochio.model.labels import AIR, CRANIUM, segment_code
 from pinnochio.plans.plan import Plan
+from pinnochio.plans.roles import known_role
 
 SPACING = (0.8, 1.0)  # mm, voxel edge; cone-beam voxels of 0.3-0.4 mm [R] resampled for the segmentation [I]
 ANGLE, SHIFT = 10.0, 25.0  # degrees and mm per axis by which the scanner's frame is off at most [I]
@@ -139,9 +139,7 @@ def plate_sites(head: Segmentation, one: int, other: int, count: int, rng) -> li
     return sites
 
 
-def scan_bones(
-    head: Segmentation, segments: Sequence[str], executed: Plan, rng: np.random.Generator, artefacts: float = 1.0
-) -> BoneScan:
+def scan_bones(head: Segmentation, executed: Plan, rng: np.random.Generator, artefacts: float = 1.0) -> BoneScan:
     """The bones after surgery as a label map.
 
     head: the segmentation before surgery, internal codes; executed: the motions that the segments were given;
@@ -151,7 +149,7 @@ def scan_bones(
     """
     draws = [np.random.default_rng(seed) for seed in rng.integers(2**63, size=6)]
     codes = {CRANIUM: RigidMotion()}
-    codes |= {segment_code(i): executed.motion(name) for i, name in enumerate(segments)}
+    codes |= {segment_code(i): executed.motion(name) for i, name in enumerate(head.segments)}
     codes = {code: motion for code, motion in codes.items() if (head.labels == code).any()}
     frame = _frame(draws[0], head)
     spacing = draws[0].uniform(*SPACING)
@@ -179,7 +177,7 @@ def scan_bones(
         _add_metal(volume, head, codes, draws[4], artefacts)
         _add_streaks(volume, head, codes, draws[5], artefacts)
         volume.nearest += np.float32(artefacts * NOISE) * noise
-    lower = [segment_code(i) for i, name in enumerate(segments) if not name.startswith(("lefort", "maxilla"))]
+    lower = [segment_code(i) for i, name in enumerate(head.segments) if known_role(name) != "maxilla"]
     labels = (volume.nearest < 0).astype(np.uint8)
     if draws[0].random() < 2 / 3:
         labels[(labels > 0) & np.isin(volume.owner, lower)] = 2
