@@ -223,15 +223,15 @@ TABLES = {
                 case=list(STUDY.cases)[: config["virtual"]["effects"]],
             )
         },
-        {},
+        NAMED,
     ),
     "reality": (
         {"rows": expand("<results>/virtual/{case}/reality.csv", case=STUDY.cases)},
-        {},
+        NAMED,
     ),
     "learnable": (
         {"rows": expand("<results>/virtual/{case}/deviation.csv", case=STUDY.cases)},
-        {},
+        NAMED,
     ),
     "refinement": (
         {
@@ -240,7 +240,7 @@ TABLES = {
                 case=list(STUDY.cases)[: config["virtual"]["refinement"]],
             )
         },
-        {},
+        NAMED,
     ),
 }
 BEFORE = dict.fromkeys(

@@ -141,7 +141,7 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     return check(pd.DataFrame(entries), TABLE)
 
 
-def tabulate(rows: Sequence[str | os.PathLike]) -> Table:
+def tabulate(rows: Sequence[str | os.PathLike], cohort: str) -> Table:
     """The share by region and of the face, beside what the literature implies."""
     frame = summarise(read_tables(rows, CASE))
     view = [
@@ -152,7 +152,7 @@ def tabulate(rows: Sequence[str | os.PathLike]) -> Table:
         *views(TABLE, {"left": "Left mm (RMS)", "n": "n"}),
     ]
     caption = (
-        "Deviation of the outcome, as it is scanned but without noise, from nominal finite elements with the true "
+        f"Deviation of the outcome ({cohort}), as it is scanned but without noise, from nominal finite elements with the true "
         f"motion, along the normal; share of its square that the mean of the other patients and a linear regression on "
         f"{len(KNOWN)} numbers of plan, anatomy and covariates explain (each patient left out in turn, by quarters of "
         "regions, least squares without penalty). "

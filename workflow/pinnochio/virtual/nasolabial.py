@@ -86,7 +86,7 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     return check(pd.DataFrame(entries), TABLE)
 
 
-def tabulate(rows: Sequence[str | os.PathLike]) -> Table:
+def tabulate(rows: Sequence[str | os.PathLike], cohort: str) -> Table:
     """Our angle beside the published ones."""
     frame = summarise(read_tables(rows, CASE))
     view = [
@@ -96,7 +96,7 @@ def tabulate(rows: Sequence[str | os.PathLike]) -> Table:
     ]
     caption = (
         "Nasolabial angle (columella, subnasale, labrale superius) in degrees after 5 mm of maxillary advance: the "
-        "same move on the first heads of the virtual cohort by the outcome's mechanics without effects, and what "
+        f"same move on the first heads of the {cohort} by the outcome's mechanics without effects, and what "
         "planning software predicts for patients."
     )
     return Table(frame, TABLE, [Block.of(frame, view, caption)])

@@ -9,11 +9,14 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_tables, words
+from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.mechanics.simulation import simulate
+from pinnochio.metrics.judged import choose
 from pinnochio.metrics.regions import REGIONS, region_errors
-from pinnochio.metrics.surface import surface_metrics, target_samples
+from pinnochio.metrics.surface import surface_metrics
 from pinnochio.model.surfaces import BoneSurface, skin_surface
+from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.virtual.covariates import sample_covariates
@@ -64,16 +67,15 @@ def measure(
     coarse = meshed(operation, resolve(NOMINAL))
     fine, rows, predicted = None, [], None
 
-    def row(reality: str, scale: float, predicted, scan) -> dict:
+    def row(reality: str, scale: float, executed: Plan, predicted, scan) -> dict:
         registered = register(scan.points, scan.faces, *skin, plane, case=case, file="scan", limit=np.inf)
         target = registered.motion.apply(scan.points), scan.faces
-        face = coarse.skin_faces, coarse.face_roi
-        sampled = target_samples(predicted, *face, *target, samples, operation.seed)
-        own = surface_metrics(
-            predicted, *face, *target, samples=samples, seed=operation.seed, case=case, sampled=sampled
-        )
-        errors = region_errors(coarse, predicted, sampled)
-        p90 = float(np.percentile(sampled.closest.distance[sampled.judged], 90))
+        judged = choose(coarse, executed, *target, samples, operation.seed)
+        carried = judged.carried(coarse, predicted)
+        own = surface_metrics(predicted, coarse.skin_faces, carried, *target, judged.target)
+        outside = -signed_distances(judged.target, predicted, coarse.skin_faces)
+        errors = region_errors(judged.target_region, outside)
+        p90 = float(np.percentile(np.abs(outside), 90))
         regions = {name: errors[f"region_{name}"] for name in REGIONS}
         return {"case": case, "reality": reality, "scale": scale, "p90": p90} | regions | {
             name: own[name] for name in ("cd", "pwr2")
@@ -90,9 +92,10 @@ def measure(
         predicted = coarse.moved_skin(sliding)
         for scale in SCALES:
             seen = photograph(operation, changed(base, scale * field), own, scale)
-            rows.append(row(reality, scale, predicted, seen))
+            rows.append(row(reality, scale, base.executed, predicted, seen))
     plain = in_reality(effects, NOMINAL)
-    rows.append(row(NOMINAL, 0.0, predicted, photograph(operation, Outcome(coarse, sliding, base.executed), plain)))
+    seen = photograph(operation, Outcome(coarse, sliding, base.executed), plain)
+    rows.append(row(NOMINAL, 0.0, base.executed, predicted, seen))
     return rows
 
 
@@ -129,7 +132,7 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     return check(pd.DataFrame(entries), TABLE)
 
 
-def tabulate(rows: Sequence[str | os.PathLike]) -> Table:
+def tabulate(rows: Sequence[str | os.PathLike], cohort: str) -> Table:
     """The scale of each reality, and what sliding finite elements have there beside what is aimed at."""
     frame = summarise(read_tables(rows, CASE))
     view = [
@@ -139,7 +142,7 @@ def tabulate(rows: Sequence[str | os.PathLike]) -> Table:
     ]
     caption = (
         f"Sliding finite elements with the true motion of the bones on {frame['n'].max()} calibration patients "
-        "(virtual cohort, seeds of its own) at the scale of the changes where the mean distance is that of the "
+        "({cohort}, seeds of its own) at the scale of the changes where the mean distance is that of the "
         "literature; below it what is aimed at: whole face, lower lip, chin and nose sourced, the other regions a "
         "budget. Nominal: the noise floor."
     )

@@ -62,13 +62,13 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     return check(rows.assign(share=100 * rows["mean"] / rows["case"].map(theirs)), TABLE)
 
 
-def tabulate(rows: Sequence[str | os.PathLike]) -> Table:
+def tabulate(rows: Sequence[str | os.PathLike], cohort: str) -> Table:
     """Both errors of every patient."""
     frame = summarise(read_tables(rows, CASE))
     headers = {"case": "Patient", "mesh": "Mesh", "nodes": "Nodes", "reference": "Finer mesh", "mean": "Mean mm"}
     view = views(TABLE, headers | {"p95": "p95 mm", "share": "Share %", "seconds": "Seconds"})
     caption = (
-        "Discretisation error on the judged face, the same nominal mechanics on the methods' mesh and on the "
+        f"Discretisation error on the judged face ({cohort}), the same nominal mechanics on the methods' mesh and on the "
         "outcome's: distance from a solution on a finer mesh, which itself has an error; wanted of the outcome is a "
         f"share below {100 * LARGEST_SHARE:.0f} %."
     )
