@@ -142,7 +142,7 @@ def tabulate(rows: Sequence[str | os.PathLike], cohort: str) -> Table:
     ]
     caption = (
         f"Sliding finite elements with the true motion of the bones on {frame['n'].max()} calibration patients "
-        "({cohort}, seeds of its own) at the scale of the changes where the mean distance is that of the "
+        f"({cohort}, seeds of its own) at the scale of the changes where the mean distance is that of the "
         "literature; below it what is aimed at: whole face, lower lip, chin and nose sourced, the other regions a "
         "budget. Nominal: the noise floor."
     )
