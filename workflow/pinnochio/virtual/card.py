@@ -75,6 +75,7 @@ TABLES = {
 }
 ROLES = {
     "development": "development: settings are chosen on it",
+    "calibration": "calibration: the scale of the outcome's changes is found on it",
     LOCKED: "locked: for final tables; no setting is ever chosen on it",
 }
 HIDDEN = f"""\

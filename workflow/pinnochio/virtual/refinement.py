@@ -69,7 +69,7 @@ def tabulate(rows: Sequence[str | os.PathLike], cohort: str) -> Table:
     view = views(TABLE, headers | {"p95": "p95 mm", "share": "Share %", "seconds": "Seconds"})
     caption = (
         f"Discretisation error on the judged face ({cohort}), the same nominal mechanics on the methods' mesh and on "
-        "the outcome's: distance from a solution on a finer mesh, which itself has an error; wanted of the outcome is a "
-        f"share below {100 * LARGEST_SHARE:.0f} %."
+        "the outcome's: distance from a solution on a finer mesh, which itself has an error; wanted of the outcome is "
+        f"a share below {100 * LARGEST_SHARE:.0f} %."
     )
     return Table(frame, TABLE, [Block.of(frame, view, caption)])
