@@ -154,8 +154,8 @@ def tabulate(rows: Sequence[str | os.PathLike], cohort: str) -> Table:
     caption = (
         f"Deviation of the outcome ({cohort}), as it is scanned but without noise, from nominal finite elements with "
         f"the true motion, along the normal; share of its square that the mean of the other patients and a linear "
-        f"regression on {len(KNOWN)} numbers of plan, anatomy and covariates explain (each patient left out in turn, by quarters of "
-        "regions, least squares without penalty). "
+        f"regression on {len(KNOWN)} numbers of plan, anatomy and covariates explain (each patient left out in turn, "
+        "by quarters of regions, least squares without penalty). "
         f"Published errors imply {PAPER:.0f} % (1.30 to 1.12 mm) and {TER_HORST:.0f} % (1.5 to 1.0 mm)."
     )
     return Table(frame, TABLE, [Block.of(frame, view, caption)])
