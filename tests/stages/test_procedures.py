@@ -43,7 +43,8 @@ def case(request, tmp_path_factory):
     folder, case = tmp_path_factory.mktemp(request.param), request.param
     sources = {name: file(folder, f"{name}.json") for name in ("landmarks", "anatomy")}
     sources |= {"segmentation": file(folder, "segmentation.nii.gz"), "plan": file(folder, "input.json")}
-    virtual_patient(case, number, SEED, 2.0, CONFIG["labels"], procedure, CONFIG["virtual"]["muscles"], sources)
+    anatomy, muscles = CONFIG["virtual"]["anatomy"], CONFIG["virtual"]["muscles"]
+    virtual_patient(case, number, SEED, anatomy, 2.0, CONFIG["labels"], procedure, muscles, sources)
     imported = {key: file(folder, name) for key, name in NAMES.items()}
     values, vocabulary = CONFIG["labels"], tuple(CONFIG["segments"])
     import_segmentation(case, sources["segmentation"], values, vocabulary, "header", 2.0, "derived", 6.0, imported)

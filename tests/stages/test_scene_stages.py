@@ -45,7 +45,7 @@ def test_scene_of_a_lefort_plan_is_smaller_and_its_face_moves_alike(patient, lef
     judged = np.unique(full.skin_faces[full.face_roi])
     error = np.linalg.norm(faces[1] - faces[0], axis=1)[judged]
     moved = np.linalg.norm(faces[0] - full.skin_points, axis=1)[judged]
-    assert error.mean() < 0.1 * moved.mean() and error.max() < 0.2 * moved.max()
+    assert error.mean() < 0.1 * moved.mean() and error.max() < 0.3 * moved.max()
 
 
 def test_trials_and_table_compare_every_reduction_with_the_full_model(patient, lefort, tmp_path):
