@@ -121,10 +121,10 @@ def test_a_budget_that_nothing_keeps_is_said_so():
 
 def test_the_settings_vary_one_parameter_at_a_time():
     config = {"reference": 9000, "nodes": [500, 1000], "mixed": ["taylor_hood"], "increments": [4], "tolerances": [0.1]}
-    methods = {name: own for name, own in registry(CONFIG).items() if own.parameters and own.trains == "no"}
-    parameters = {name: own.parameters for name, own in methods.items()}
+    methods = {name: own for name, own in registry(CONFIG).items() if own.varied and own.trains == "no"}
+    varied = {name: own.varied for name, own in methods.items()}
     contacts = {name: own.options.get("contact", "") for name, own in methods.items()}
-    own = fem_settings(1000, config, parameters, contacts)
+    own = fem_settings(1000, config, varied, contacts)
     assert (own[0].method, own[0].nodes) == ("fem_sliding", 9000)
     assert len({(s.method, s.parameter, s.value) for s in own}) == len(own)
     base = [s for s in own if s.parameter == "nodes" and s.nodes == 1000]

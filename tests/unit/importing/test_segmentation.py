@@ -104,7 +104,6 @@ def nan_volume():
 BAD = {
     "nan": (lambda p: stored(p, image(nan_volume())), "NaN", "replace"),
     "fraction": (lambda p: stored(p, image(user_volume() * np.float32(0.3))), "not whole numbers", "label map"),
-    "no segment": (lambda p: stored(p, image(without(22))), r"bone 'chin' \(voxel value 22\) is empty", "label 'chin'"),
     "no cranium": (lambda p: stored(p, image(without(20))), r"'cranium' \(voxel value 20\)", "label 'cranium'"),
     "no tissue": (lambda p: stored(p, image(without(3))), r"tissue 'superficial' \(voxel value 3\)", "label 'superf"),
     "nothing": (lambda p: stored(p, image(user_volume() * 0)), "every voxel is 0", "save"),
