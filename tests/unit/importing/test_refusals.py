@@ -228,7 +228,7 @@ def of_config(**change):
     defaults = ROOT / "config/config.yaml"
     config = yaml.safe_load(defaults.read_text(encoding="utf-8"))
     config |= {"segments": list(SEGMENTS), "labels": CODES, "methods": ["no_change"], "reference": "no_change"}
-    config["virtual"]["procedures"] = dict.fromkeys(config["virtual"]["procedures"], 0) | {"bimaxillary": 1}
+    config["cohort"] = "cases.tsv"
     return lambda folder: check_config(config | change)
 
 
