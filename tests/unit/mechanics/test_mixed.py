@@ -310,7 +310,7 @@ def test_sliding_and_contact_are_refused():
     law = uniform(len(cells))
     prescribed = {"prescribed_nodes": boundary.prescribed_nodes, "displacement": boundary.displacement}
     for extra in ({"sliding": [object()], "contact": []}, {"sliding": [], "contact": [object()]}):
-        with pytest.raises(InputError, match="no sliding and no contact"):
+        with pytest.raises(InputError, match="no sliding, no contact and no loads"):
             solve_mixed(points, cells, law, SimpleNamespace(**prescribed, **extra))
 
 
