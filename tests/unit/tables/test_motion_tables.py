@@ -80,7 +80,7 @@ def test_segments_are_judged_where_the_truth_is_known(tmp_path, virtual):
             files[kind].append(path)
     asked = files if virtual else {"fits": files["fits"]}
     table = tmp_path / "segments.csv"
-    make(table, "tables.segments", **asked, cases=["P1", "P2"], segments=NAMES, cohort="test cohort")
+    make(table, "tables.segments", **asked, cases=["P1", "P2"], cohort="test cohort")
     made = read_table(table, SEGMENTS)
     assert len(made) == 5  # P1 has one segment, P2 two
     errors = made.set_index(["case", "segment"])["error_max"]

@@ -18,6 +18,7 @@ from pinnochio.virtual.description import describe
 from pinnochio.virtual.faces import DIMORPHISM, LIMIT, face_model, first_hit, make_face, sample_identity, solid
 from pinnochio.virtual.head import CRUMB, SEGMENTS, build_head
 from pinnochio.virtual.parameters import DEFORMITIES, FITTED, NORMAL, NORMAL_OVERJET, SCULPTED
+from pinnochio.virtual.procedures import Procedure
 from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.thickness import measure, summarise
@@ -131,7 +132,7 @@ def test_the_nose_is_open_and_the_lips_part(heads):
 
 def test_a_chin_is_cut_off_in_one_piece(heads):
     for head in heads:
-        cut = build_head(head.parameters, 2.0, genioplasty=True)
+        cut = build_head(head.parameters, 2.0, Procedure(chin=True))
         assert cut.segments[-1] == "chin" and ndimage.label(cut.labels == segment_code(4))[1] == 1
         assert 2000 < (cut.labels == segment_code(4)).sum() * 8 < 12_000
 

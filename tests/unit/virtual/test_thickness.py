@@ -72,7 +72,7 @@ def test_the_same_patient_in_another_class_shows_it_on_the_labels():
 def test_the_table_and_a_landmark_without_bone(tmp_path):
     values = [dict.fromkeys(PUBLISHED, 10.0), dict.fromkeys(PUBLISHED, 12.0) | {"menton": None}]
     path = tmp_path / "thickness.csv"
-    write(table(summarise(values)), path)
+    write(table(summarise(values), "test cohort"), path)
     frame = read_table(path, TABLE).set_index("landmark")
     assert frame.loc["pogonion", "ours_mean"] == 11 and frame.loc["pogonion", "ours_sd"] == pytest.approx(1.41)
     assert frame.loc["subnasale", "difference_sd"] == pytest.approx(-4.6 / 2.4, abs=0.006)

@@ -66,10 +66,11 @@ class Norm:
         """How a patient's values compare, as JSON holds it.
 
         within: whether no excess is above the threshold and every quantity can be compared; outside: the quantities
-        outside their range, the farthest first; incomparable: those that the patient or the training lacks.
+        outside their range, the farthest first; incomparable: those that the patient or the training alone lacks.
         """
         rows, excess = {}, {}
-        for name in [*self.low, *(name for name in values if name not in self.low)]:
+        further = [name for name, value in values.items() if name not in self.low and np.isfinite(value)]
+        for name in [*self.low, *further]:
             value, low, high = values.get(name, np.nan), self.low.get(name), self.high.get(name)
             known = bool(np.isfinite(value))
             if known and low is not None:
