@@ -50,10 +50,10 @@ def test_an_archive_alone_predicts_two_plans_of_one_patient(clinic):
         for name in ("deformed.vtu", "skin.ply", "skin.stl", "skin.vtp", "bones/lefort1.stl"):
             assert (folder / name).stat().st_size > 1000
     assert said["treat"]["in_distribution"]["within"]  # it is one of the training
-    assert (
-        not said["extreme"]["in_distribution"]["plan"]["within"]
-        and said["extreme"]["in_distribution"]["anatomy"]["within"]
-    )
+    # Six patients with as many operations leave a wide norm; what lies outside their range is named all the same.
+    assert not said["treat"]["in_distribution"]["plan"]["outside"]
+    assert said["extreme"]["in_distribution"]["plan"]["outside"]
+    assert said["extreme"]["in_distribution"]["anatomy"]["within"]
     assert "Nothing to be done" in predict(clinic, "models=models").stdout
 
 
