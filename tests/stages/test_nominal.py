@@ -108,6 +108,7 @@ def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, t
         rows[name] = pd.read_csv(metrics).loc[0]
     floor, oracle = rows["floor_scan"], rows["oracle"]
     assert floor["skin_error_p95"] < 1e-4 > floor["landmark_pogonion"] and np.isnan(floor["seconds"])
+    # A head of 2 mm voxels and 700 nodes: registration and the way from volume to skin leave a tenth of a millimetre.
     assert 0 < floor["cd"] < 0.15 and oracle["cd"] == pytest.approx(floor["cd"], abs=0.05)
     assert oracle["moving_error"] < 1e-6 and oracle["sliding_error"] < 1e-6
     assert (floor["target_samples"], floor["skin_samples"]) == (oracle["target_samples"], oracle["skin_samples"])

@@ -45,6 +45,7 @@ def test_scene_of_a_lefort_plan_is_smaller_and_its_face_moves_alike(patient, lef
     judged = np.unique(full.skin_faces[full.face_roi])
     error = np.linalg.norm(faces[1] - faces[0], axis=1)[judged]
     moved = np.linalg.norm(faces[0] - full.skin_points, axis=1)[judged]
+    # Voxels of 2 mm: the largest error is where the coarse reduced mesh ends.
     assert error.mean() < 0.1 * moved.mean() and error.max() < 0.3 * moved.max()
 
 
