@@ -180,163 +180,59 @@ rule virtual_postop_bones:
         "../scripts/virtual_postop_bones.py"
 
 
-rule measure_effects:
-    input:
-        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
-        plan="<results>/virtual/{case}/plan.json",
-        landmarks="<results>/virtual/{case}/landmarks.json",
-        anatomy="<results>/virtual/{case}/anatomy.json",
-        covariates="<results>/virtual/{case}/covariates.json",
-        truth="<results>/virtual/{case}/truth.h5",
-    output:
-        table=ensure("<results>/virtual/{case}/effects.csv", non_empty=True),
-    log:
-        "<logs>/measure_effects/{case}.log",
-    benchmark:
-        "<benchmarks>/measure_effects/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=6000,
-        runtime=60,
-    params:
-        outcome=config["virtual"]["outcome"],
-        segments=config["segments"],
-        labels=config["labels"],
-        seed=SEED,
-        code=code_of("measure_effects"),
-    message:
-        "Measure each effect of the outcome alone on {wildcards.case}"
-    script:
-        "../scripts/measure_effects.py"
+# What the library's modules about the outcome measure on one patient, each for the table of its name.
+TRUTH = {"truth": "<results>/virtual/{case}/truth.h5"}
+MEASURED = {  # by module: further inputs, further arguments
+    "effects": (TRUTH, {}),
+    "nasolabial": ({}, {}),
+    "learnable": (TRUTH, {}),
+    "reality": (
+        {},
+        {
+            "effects": config["virtual"]["outcome"]["effects"],
+            "samples": config["evaluation"]["samples"],
+        },
+    ),
+    "refinement": ({}, {}),
+}
 
 
-# The scale of each reality, on patients of other seeds: --configfile config/calibration.yaml
-rule measure_reality:
+rule measure_outcome:
     input:
+        unpack(lambda wildcards: MEASURED[wildcards.measured][0]),
         segmentation="<results>/virtual/{case}/segmentation.nii.gz",
         plan="<results>/virtual/{case}/plan.json",
         landmarks="<results>/virtual/{case}/landmarks.json",
         anatomy="<results>/virtual/{case}/anatomy.json",
         covariates="<results>/virtual/{case}/covariates.json",
     output:
-        table=ensure("<results>/virtual/{case}/reality.csv", non_empty=True),
+        table=ensure("<results>/virtual/{case}/{measured}.csv", non_empty=True),
     log:
-        "<logs>/measure_reality/{case}.log",
+        "<logs>/measure_outcome/{measured}_{case}.log",
     benchmark:
-        "<benchmarks>/measure_reality/{case}.tsv"
+        "<benchmarks>/measure_outcome/{measured}_{case}.tsv"
+    wildcard_constraints:
+        measured=any_of(MEASURED),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
     resources:
-        mem_mb=6000,
-        runtime=60,
-    params:
-        outcome=config["virtual"]["outcome"],
-        segments=config["segments"],
-        labels=config["labels"],
-        samples=config["evaluation"]["samples"],
-        seed=SEED,
-        code=code_of("measure_reality"),
-    message:
-        "Measure sliding finite elements at each scale of the outcome's changes on {wildcards.case}"
-    script:
-        "../scripts/measure_reality.py"
-
-
-rule measure_deviation:
-    input:
-        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
-        plan="<results>/virtual/{case}/plan.json",
-        landmarks="<results>/virtual/{case}/landmarks.json",
-        anatomy="<results>/virtual/{case}/anatomy.json",
-        covariates="<results>/virtual/{case}/covariates.json",
-        truth="<results>/virtual/{case}/truth.h5",
-    output:
-        table=ensure("<results>/virtual/{case}/deviation.csv", non_empty=True),
-    log:
-        "<logs>/measure_deviation/{case}.log",
-    benchmark:
-        "<benchmarks>/measure_deviation/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=6000,
-        runtime=60,
-    params:
-        outcome=config["virtual"]["outcome"],
-        segments=config["segments"],
-        labels=config["labels"],
-        seed=SEED,
-        code=code_of("measure_deviation"),
-    message:
-        "Measure how far the outcome of {wildcards.case} is from nominal mechanics, place by place"
-    script:
-        "../scripts/measure_deviation.py"
-
-
-rule measure_refinement:
-    input:
-        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
-        plan="<results>/virtual/{case}/plan.json",
-        landmarks="<results>/virtual/{case}/landmarks.json",
-        anatomy="<results>/virtual/{case}/anatomy.json",
-        covariates="<results>/virtual/{case}/covariates.json",
-    output:
-        table=ensure("<results>/virtual/{case}/refinement.csv", non_empty=True),
-    log:
-        "<logs>/measure_refinement/{case}.log",
-    benchmark:
-        "<benchmarks>/measure_refinement/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=12000,
+        mem_mb=lambda wildcards: 12000 if wildcards.measured == "refinement" else 6000,
         runtime=120,
     params:
+        module=lambda wildcards: f"pinnochio.virtual.{wildcards.measured}",
+        arguments=lambda wildcards: MEASURED[wildcards.measured][1],
         outcome=config["virtual"]["outcome"],
         segments=config["segments"],
         labels=config["labels"],
         seed=SEED,
-        code=code_of("measure_refinement"),
+        code=lambda wildcards: code_of(
+            "measure_outcome", f"pinnochio.virtual.{wildcards.measured}"
+        ),
     message:
-        "Measure the discretisation error of the outcome on {wildcards.case}"
+        "Measure {wildcards.measured} of the outcome on {wildcards.case}"
     script:
-        "../scripts/measure_refinement.py"
-
-
-rule measure_nasolabial:
-    input:
-        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
-        plan="<results>/virtual/{case}/plan.json",
-        landmarks="<results>/virtual/{case}/landmarks.json",
-        anatomy="<results>/virtual/{case}/anatomy.json",
-        covariates="<results>/virtual/{case}/covariates.json",
-    output:
-        table=ensure("<results>/virtual/{case}/nasolabial.csv", non_empty=True),
-    log:
-        "<logs>/measure_nasolabial/{case}.log",
-    benchmark:
-        "<benchmarks>/measure_nasolabial/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=6000,
-        runtime=60,
-    params:
-        outcome=config["virtual"]["outcome"],
-        segments=config["segments"],
-        labels=config["labels"],
-        seed=SEED,
-        code=code_of("measure_nasolabial"),
-    message:
-        "Measure the nasolabial angle of {wildcards.case} after 5 mm of maxillary advance"
-    script:
-        "../scripts/measure_nasolabial.py"
+        "../scripts/measure_outcome.py"
 
 
 # What stands beside the cohort for those who take it elsewhere.

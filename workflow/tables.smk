@@ -230,7 +230,7 @@ TABLES = {
         NAMED,
     ),
     "learnable": (
-        {"rows": expand("<results>/virtual/{case}/deviation.csv", case=STUDY.cases)},
+        {"rows": expand("<results>/virtual/{case}/learnable.csv", case=STUDY.cases)},
         NAMED,
     ),
     "refinement": (

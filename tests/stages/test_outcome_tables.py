@@ -7,16 +7,13 @@ from pinnochio.columns import read_table
 from pinnochio.overlays import overlaid
 from pinnochio.virtual import learnable, nasolabial, reality, refinement
 from pinnochio.virtual.ground_truth import NOMINAL, REALITIES
-from scripts.measure_deviation import measure_deviation
-from scripts.measure_nasolabial import measure_nasolabial
-from scripts.measure_reality import measure_reality
-from scripts.measure_refinement import measure_refinement
+from scripts.measure_outcome import measure_outcome
 from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
 
 
 @pytest.fixture
 def arguments(patient, tmp_path):
-    names = ("segmentation", "landmarks", "anatomy", "covariates", "truth")
+    names = ("segmentation", "landmarks", "anatomy", "covariates")
     return {
         "case": patient.case,
         "inputs": {name: getattr(patient, name) for name in names} | {"plan": patient.input_plan},
@@ -24,28 +21,33 @@ def arguments(patient, tmp_path):
         "label_values": CONFIG["labels"],
         "segments": SEGMENTS,
         "seed": SEED,
+        "arguments": {},
         "table": str(tmp_path / "table.csv"),
     }
 
 
-def test_the_deviation_is_measured_by_quarters_of_regions(arguments):
-    measure_deviation(**arguments)
-    rows = read_table(arguments["table"], learnable.CASE)
+def measured(module, arguments, **own):
+    """The table that the module makes."""
+    measure_outcome(module=module.__name__, **arguments | own)
+    return read_table(arguments["table"], module.CASE)
+
+
+def test_the_deviation_is_measured_by_quarters_of_regions(arguments, patient):
+    rows = measured(learnable, arguments, arguments={"truth": patient.truth})
     assert len(rows) == 4 * len(learnable.REGIONS) and set(rows["part"]) == {0, 1, 2, 3}
     assert (rows["square"] >= rows["mean"] ** 2 - 1e-9).all() and rows["mean"].abs().max() > 0.1
     assert rows["maxilla"].nunique() == 1
 
 
 def test_an_advance_of_the_maxilla_closes_the_nasolabial_angle(arguments):
-    measure_nasolabial(**arguments)
-    row = read_table(arguments["table"], nasolabial.CASE).iloc[0]
+    row = measured(nasolabial, arguments).iloc[0]
     assert 70 < row["before"] < 150 and abs(row["after"] - row["before"]) > 0.5
 
 
 def test_sliding_finite_elements_are_farther_off_at_larger_scales(arguments, monkeypatch):
     monkeypatch.setattr(reality, "SCALES", (0.0, 2.0))
-    measure_reality(**arguments, samples=4000)
-    rows = read_table(arguments["table"], reality.CASE).set_index(["reality", "scale"])["cd"]
+    own = {"effects": OUTCOME["effects"], "samples": 4000}
+    rows = measured(reality, arguments, arguments=own).set_index(["reality", "scale"])["cd"]
     for name in REALITIES:
         assert rows[name, 2.0] > rows[name, 0.0] + 0.1
     assert rows[NOMINAL, 0.0] < rows["clinic", 2.0]
@@ -53,7 +55,6 @@ def test_sliding_finite_elements_are_farther_off_at_larger_scales(arguments, mon
 
 def test_the_error_of_both_meshes_is_measured(arguments):
     finer = overlaid(OUTCOME, {"effects": {"nodes": 1500}})
-    measure_refinement(**arguments | {"outcome": finer})
-    rows = read_table(arguments["table"], refinement.CASE)
+    rows = measured(refinement, arguments, outcome=finer)
     assert list(rows["mesh"]) == [refinement.METHODS, refinement.OUTCOME]
     assert (rows["mean"] > 0).all() and np.allclose(rows["reference"], 4500, rtol=0.1)

@@ -91,4 +91,4 @@ def test_no_setting_of_the_methods_makes_an_outcome_again(cohort, section):
     ids=lambda changes: next(iter(changes)),
 )
 def test_the_outcomes_own_settings_do(cohort, changes):
-    assert {"virtual_outcome", "measure_effects"} <= asked(cohort, "virtual", {"outcome": changes})
+    assert {"virtual_outcome", "measure_outcome"} <= asked(cohort, "virtual", {"outcome": changes})

@@ -11,8 +11,7 @@ from pinnochio.columns import Column, check, read_tables, words
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.geometry.triangles import face_normals
-from pinnochio.importing.registration import register, upper_face_plane
-from pinnochio.model.surfaces import BoneSurface
+from pinnochio.model.truth import read_truth
 from pinnochio.tables.document import Block, Table, View
 from pinnochio.virtual.ground_truth import CHANGE, EFFECTS, NOMINAL, SCAN, alone, in_reality, resolve
 from pinnochio.virtual.outcome import Operation, Outcome, change, changed, meshed, moved, operate, photograph
@@ -41,9 +40,9 @@ SUMMARY = (
 class Face:
     """The judged face of the nominal outcome, against which everything is measured."""
 
-    def __init__(self, operation: Operation, nominal: Outcome, skin: tuple[np.ndarray, np.ndarray]):
+    def __init__(self, operation: Operation, nominal: Outcome):
         patient = nominal.patient
-        self.operation, self.patient, self.skin = operation, patient, skin
+        self.operation, self.patient = operation, patient
         self.faces = patient.skin_faces[patient.face_roi]
         self.vertices = np.unique(self.faces)
         self.moved = patient.moved_skin(nominal.displacement)
@@ -57,45 +56,36 @@ class Face:
         """Distance (v,) mm of the vertices from where the nominal outcome has them."""
         return np.linalg.norm(self.carried(points, cells, displacement) - self.nominal, axis=1)
 
-    def scan_error(self, scan: Scan, plane: float) -> tuple[np.ndarray, float]:
+    def scan_error(self, scan: Scan) -> tuple[np.ndarray, float]:
         """Distance (k,) mm of the registered scan from the nominal face, and the share of the face it lacks in %."""
-        case = self.operation.case
-        registered = register(scan.points, scan.faces, *self.skin, plane, case=case, file="scan", limit=np.inf)
-        placed = registered.motion.apply(scan.points)
+        placed, _ = self.operation.registered(scan)
         near = closest_points(placed, self.moved, self.faces)
         back = closest_points(self.moved[self.faces].mean(axis=1), placed, scan.faces)
         area = face_normals(self.moved, self.faces)[1]
         return near.distance[~near.border], 100 * float(area[back.border].sum() / area.sum())
 
 
-def measure(
-    operation: Operation,
-    skin: tuple[np.ndarray, np.ndarray],
-    bone: BoneSurface,
-    truth: tuple[np.ndarray, np.ndarray, np.ndarray],
-) -> list[dict]:
+def measure(operation: Operation, truth: str) -> list[dict]:
     """Rows of :data:`CASE` of one patient: nothing on, each effect alone, everything on.
 
-    skin: points and faces of the segmentation's skin; truth: points, cells, displacement, all effects. Effects of the
-    scan: distance of the registered scan, with the loss of face; all others: difference of displacement. Changes of
-    the tissue stand at the scale of the reality.
+    truth: file of the outcome with all effects. Effects of the scan: distance of the registered scan, with the loss of
+    face; all others: difference of displacement. Changes of the tissue stand at the scale of the reality.
     """
     off = resolve(NOMINAL)
     nominal = operate(operation, off)
-    face = Face(operation, nominal, skin)
-    plane = upper_face_plane(bone, operation.segments, operation.settings.interfaces["nasion_above_maxilla"])
+    face = Face(operation, nominal)
 
     def row(effect: str, errors: np.ndarray, lost: float = 0.0) -> dict:
         return {"case": operation.case, "effect": effect, "mean": errors.mean(), "p95": np.percentile(errors, 95),
                 "lost": lost}  # fmt: skip
 
-    rows = [row(NOTHING, *face.scan_error(photograph(operation, nominal, off), plane))]
+    rows = [row(NOTHING, *face.scan_error(photograph(operation, nominal, off)))]
     for effect in EFFECTS:
         own = alone(operation.settings.effects, effect)
         if own == off:
             continue
         if EFFECTS[effect].kind == SCAN:
-            rows.append(row(effect, *face.scan_error(photograph(operation, nominal, own), plane)))
+            rows.append(row(effect, *face.scan_error(photograph(operation, nominal, own))))
         else:
             model = meshed(operation, own) if effect in REMESHED else nominal.patient
             if EFFECTS[effect].kind == CHANGE:
@@ -103,7 +93,8 @@ def measure(
             else:
                 field = moved(operation, own, model).displacement
             rows.append(row(effect, face.difference(model.points, model.cells, field)))
-    rows.append(row(EVERYTHING, face.difference(*truth)))
+    *everything, _ = read_truth(truth, operation.case)
+    rows.append(row(EVERYTHING, face.difference(*everything)))
     return rows
 
 

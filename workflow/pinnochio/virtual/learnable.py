@@ -11,7 +11,7 @@ from pinnochio.geometry.interpolation import interpolate
 from pinnochio.geometry.triangles import vertex_areas, vertex_normals
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.model.regions import NAMES, regions
-from pinnochio.plans.plan import Plan
+from pinnochio.model.truth import read_truth
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.virtual.aftermath import Circumstances, Site, expression
 from pinnochio.virtual.ground_truth import NOMINAL, resolve
@@ -71,14 +71,15 @@ def known(circumstances: Circumstances) -> dict[str, float]:
     }
 
 
-def measure(operation: Operation, truth: tuple[np.ndarray, np.ndarray, np.ndarray], executed: Plan) -> list[dict]:
-    """Rows of :data:`CASE` of one patient: the outcome as it is scanned, without the scan's noise, less nominal
-    finite elements with the true motion. truth: points, cells, displacement."""
+def measure(operation: Operation, truth: str) -> list[dict]:
+    """Rows of :data:`CASE` of one patient: the outcome (file `truth`) as it is scanned, without the scan's noise, less
+    nominal finite elements with the true motion."""
+    *reached, executed = read_truth(truth, operation.case)
     patient = meshed(operation, resolve(NOMINAL))
     oracle = simulate(patient, executed, "mucosa", operation.settings.fem).displacement
     skin, faces = patient.skin_points, patient.skin_faces
     predicted = patient.moved_skin(oracle)
-    reached = skin + interpolate(skin, *truth)
+    reached = skin + interpolate(skin, *reached)
     if operation.settings.effects["expression"]:
         amount = operation.settings.effects["expression"] * operation.settings.scale
         site = Site(skin, (skin, faces), operation.landmarks)

@@ -5,6 +5,7 @@ import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,14 @@ import h5py
 import numpy as np
 
 from pinnochio.files import replacing
+from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.importing.segmentation import Segmentation, read_segmentation
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.surfaces import bone_surface, skin_surface
+from pinnochio.model.surfaces import BoneSurface, bone_surface, skin_surface
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.sampling import execution_error
 from pinnochio.seeds import generator
@@ -38,8 +40,8 @@ ATTEMPTS = 4  # an executed plan that tissue cannot follow is drawn again
 class Operation:
     """What is operated on, and the settings of the outcome.
 
-    head: the segmentation; landmarks name -> (3,) mm; thickness: standard deviations from the mean by landmark; seed:
-    base seed, from which each effect draws its own.
+    head: the segmentation; landmarks name -> (3,) mm; anatomy: as drawn and measured; seed: base seed, from which each
+    effect draws its own.
     """
 
     case: str
@@ -50,7 +52,18 @@ class Operation:
     settings: OutcomeSettings
     seed: int
     covariates: Covariates
-    thickness: Mapping[str, float]
+    anatomy: Mapping[str, Any]
+
+    @cached_property
+    def skin(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points (s, 3) mm and faces of the head's skin before surgery."""
+        return skin_surface(self.head.labels, self.head.spacing, self.head.origin)
+
+    @cached_property
+    def bone(self) -> BoneSurface:
+        """The head's bone before surgery, as the methods' import makes it."""
+        head = self.head
+        return bone_surface(head.labels, head.spacing, head.origin, self.segments, self.settings.mesh["bone_edge"])
 
     def draws(self, effect: str) -> np.random.Generator:
         """The effect's own generator: switching one effect leaves the draws of the others as they are."""
@@ -69,7 +82,6 @@ class Operation:
         """From the files segmentation, plan, landmarks, anatomy and covariates; outcome: section `virtual.outcome` of
         the configuration. segments: those that a case may have."""
         head = read_segmentation(inputs["segmentation"], case, labels, segments)
-        anatomy = json.loads(Path(inputs["anatomy"]).read_text(encoding="utf-8"))
         return cls(
             case=case,
             head=head,
@@ -79,13 +91,20 @@ class Operation:
             settings=OutcomeSettings.of(outcome),
             seed=seed,
             covariates=Covariates.read(inputs["covariates"]),
-            thickness=thickness_scores(anatomy["thickness"]),
+            anatomy=json.loads(Path(inputs["anatomy"]).read_text(encoding="utf-8")),
         )
+
+    def registered(self, seen: Scan) -> tuple[np.ndarray, np.ndarray]:
+        """Points (n, 3) mm and faces of a scan, registered to the head before surgery as the import does it."""
+        plane = upper_face_plane(self.bone, self.segments, self.settings.interfaces["nasion_above_maxilla"])
+        found = register(seen.points, seen.faces, *self.skin, plane, case=self.case, file="scan", limit=np.inf)
+        return found.motion.apply(seen.points), seen.faces
 
     def circumstances(self, executed: Plan) -> Circumstances:
         """What decides the changes of the face, once the plan is carried out so."""
         gap = lip_gap(self.head.labels, self.head.spacing, self.head.origin, self.landmarks)
-        return Circumstances.of(executed, self.landmarks, self.thickness, gap, self.covariates)
+        thickness = thickness_scores(self.anatomy["thickness"])
+        return Circumstances.of(executed, self.landmarks, thickness, gap, self.covariates)
 
 
 @dataclass(frozen=True)
@@ -119,8 +138,8 @@ def meshed(operation: Operation, effects: Mapping[str, Any]) -> PatientModel:
         tetrahedralize(*place, nodes, minimum_dihedral=settings.mesh["minimum_dihedral"], shift=shift, turn=turn),
         *place,
         operation.segments,
-        bone_surface(head.labels, head.spacing, head.origin, operation.segments, settings.mesh["bone_edge"]),
-        skin_surface(head.labels, head.spacing, head.origin),
+        operation.bone,
+        operation.skin,
         **thresholds,
     )
 

@@ -10,12 +10,10 @@ import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_tables, words
 from pinnochio.geometry.closest_points import signed_distances
-from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.metrics.judged import choose
 from pinnochio.metrics.regions import REGIONS, region_errors
 from pinnochio.metrics.surface import surface_metrics
-from pinnochio.model.surfaces import BoneSurface, skin_surface
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
 from pinnochio.tables.document import Block, Table, View, views
@@ -53,23 +51,18 @@ AIMS = {
 }
 
 
-def measure(
-    operation: Operation, anatomy: dict[str, Any], effects: dict[str, Any] | str, bone: BoneSurface, samples: int
-) -> list[dict]:
+def measure(operation: Operation, effects: dict[str, Any] | str, samples: int) -> list[dict]:
     """Rows of :data:`CASE` of one patient at every scale of :data:`SCALES` in every reality, and on `nominal`.
 
     effects: section of the configuration; samples: of the mean distance, as in the evaluation. The patient has the
     covariates that the reality gives it, and each scan is registered anew.
     """
-    head, case, fem = operation.head, operation.case, operation.settings.fem
-    skin = skin_surface(head.labels, head.spacing, head.origin)
-    plane = upper_face_plane(bone, operation.segments, operation.settings.interfaces["nasion_above_maxilla"])
+    case, fem = operation.case, operation.settings.fem
     coarse = meshed(operation, resolve(NOMINAL))
     fine, rows, predicted = None, [], None
 
     def row(reality: str, scale: float, executed: Plan, predicted, scan) -> dict:
-        registered = register(scan.points, scan.faces, *skin, plane, case=case, file="scan", limit=np.inf)
-        target = registered.motion.apply(scan.points), scan.faces
+        target = operation.registered(scan)
         judged = choose(coarse, executed, *target, samples, operation.seed)
         carried = judged.carried(coarse, predicted)
         own = surface_metrics(predicted, coarse.skin_faces, carried, *target, judged.target)
@@ -84,7 +77,7 @@ def measure(
     for reality in REALITIES:
         own = in_reality(effects, reality)
         draws = generator(operation.seed, "sample_covariates", case)
-        operation = replace(operation, covariates=sample_covariates(anatomy, reality, draws))
+        operation = replace(operation, covariates=sample_covariates(operation.anatomy, reality, draws))
         fine = fine or meshed(operation, own)
         base = moved(operation, own, fine)
         field = change(operation, own, base)

@@ -1,38 +1,45 @@
-"""Makes one patient's row of the nasolabial angle after 5 mm of maxillary advance."""
+"""Makes one patient's rows of a table about the simulated outcome, by the module of the library that measures them."""
+
+from collections.abc import Mapping
+from importlib import import_module
 
 import pandas as pd
 
 from pinnochio.columns import write_csv
 from pinnochio.logs import attach_log
-from pinnochio.virtual.nasolabial import CASE, measure
 from pinnochio.virtual.outcome import Operation
 
 
-def measure_nasolabial(
+def measure_outcome(
+    module: str,
     case: str,
-    inputs: dict[str, str],
+    inputs: Mapping[str, str],
     outcome: dict,
     label_values: dict[str, int],
     segments: tuple[str, ...],
     seed: int,
+    arguments: Mapping,
     table: str,
 ) -> None:
-    """inputs: segmentation, plan, landmarks, anatomy, covariates; the rest as in the outcome's stage."""
+    """Write what `measure` of the module finds, with its own arguments; inputs and the rest as in virtual_outcome."""
+    measuring = import_module(module)
     operation = Operation.read(
         case=case, inputs=inputs, labels=label_values, segments=segments, outcome=outcome, seed=seed
     )
-    rows = measure(operation=operation)
-    write_csv(pd.DataFrame(rows), table, CASE)
+    write_csv(pd.DataFrame(measuring.measure(operation, **arguments)), table, measuring.CASE)
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    measure_nasolabial(
+    truth = snakemake.input.get("truth")
+    measure_outcome(
+        module=snakemake.params.module,
         case=snakemake.wildcards.case,
         inputs=dict(snakemake.input.items()),
         outcome=snakemake.params.outcome,
         label_values=snakemake.params.labels,
         segments=tuple(snakemake.params.segments),
         seed=snakemake.params.seed,
+        arguments={**snakemake.params.arguments, **({"truth": truth} if truth else {})},
         table=snakemake.output.table,
     )
