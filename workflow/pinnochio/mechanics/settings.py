@@ -1,7 +1,7 @@
 """The plain values of a finite-element model, apart from what solves it, which takes long to load."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from pinnochio.model.labels import TISSUES
 class FemSettings:
     """The section `fem` of the configuration; youngs_modulus in kPa by tissue name, time_limit in s.
 
-    stiffening: second term of the material in kPa, which the simulated outcome alone has.
+    The simulated outcome alone has stiffening, second term of the material in kPa, and yielding: the volume ratio below
+    which squeezed tissue hardly resists any more, 0 for tissue that bears any pressure.
     """
 
     youngs_modulus: Mapping[str, float]
@@ -25,8 +26,10 @@ class FemSettings:
     time_limit: float
     linear_solver: str
     stiffening: float = 0.0
+    yielding: float = 0.0
 
     def material(self, tissue: np.ndarray) -> Material:
         """Material of each element of a mesh with `tissue` codes (m,)."""
         moduli = {TISSUES[name]: modulus for name, modulus in self.youngs_modulus.items()}
-        return neo_hookean(tissue, moduli, self.poisson, self.stiffening)
+        law = neo_hookean(tissue, moduli, self.poisson, self.stiffening)
+        return replace(law, extension=self.yielding) if self.yielding else law

@@ -24,6 +24,7 @@ def solver_options(settings: FemSettings) -> SolverOptions:
         max_iterations=settings.max_iterations,
         time_limit=settings.time_limit,
         linear_solver=settings.linear_solver,
+        barrier=not settings.yielding,
     )
 
 

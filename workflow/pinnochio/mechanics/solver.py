@@ -33,6 +33,7 @@ class SolverOptions:
     max_iterations: Newton iterations per increment. time_limit in s. min_increment: share of the load.
     restart: begin again from rest if the start leads nowhere, or at once if more than a quarter of its elements are
     inverted; else its last iterate is the result.
+    barrier: no step turns an element inside out; without it elements that the material lets yield may be so at the end.
     reuse: solve by conjugate gradients on factors in single precision, of an earlier tangent where that costs less than
     new factors; else every system is factorised in double precision.
     """
@@ -47,6 +48,7 @@ class SolverOptions:
     loose: float = 1e-2
     min_increment: float = 1 / 256
     restart: bool = True
+    barrier: bool = True
     reuse: bool = True
 
 
@@ -278,14 +280,14 @@ class Newton:
         for halvings in range(30):
             step = 0.5**halvings
             new = self.state(state.u + step * direction, state.fraction)
-            if self.falls(state, new, step * slope) and new.least > least_allowed(state):
+            if self.falls(state, new, step * slope) and new.least > self.least_allowed(state):
                 break
         else:
             return None
         # Off a saddle the definite part makes steps that are far too short: on as long as it goes down well.
         while cut and 1 <= step < 64:
             further = self.state(state.u + 2 * step * direction, state.fraction)
-            if further.energy > new.energy + 1e-1 * step * slope or further.least <= least_allowed(state):
+            if further.energy > new.energy + 1e-1 * step * slope or further.least <= self.least_allowed(state):
                 break
             new, step = further, 2 * step
         self.record(new, "newton", step)
@@ -296,6 +298,10 @@ class Newton:
         # Round-off of a sum over all elements; below it the energy cannot tell two states apart.
         noise = 1e-14 * self.elements.modulus * self.elements.volumes.sum() + 1e-13 * abs(state.energy)
         return new.energy <= state.energy + 1e-4 * expected + noise
+
+    def least_allowed(self, state: State) -> float:
+        """Least J that a step from `state` may reach: an inverted state is free to find its way out."""
+        return 0.0 if self.options.barrier and state.least > 0 else -np.inf
 
     def equilibrium(self, state: State, tolerance: float) -> tuple[State, str]:
         """Newton iterations at a fixed load: the last state, and "" or why it is not in equilibrium."""
@@ -329,7 +335,7 @@ class Newton:
         """Equilibrium at full load from a guess (n, 3), the guess if the way there was stopped; and "" or why."""
         guess = self.measured(start, 1.0)
         try:
-            if guess.least > 0:
+            if guess.least > 0 or not self.options.barrier:
                 better = self.state(start + self.predict(guess, 1.0).motion, 1.0)
                 self.iterations += 1
             else:
@@ -371,7 +377,7 @@ class Newton:
             end = 1.0 if scale * share == 1 - state.fraction else state.fraction + scale * share
             new = self.state(state.u + scale * motion, end)
             reason = "an element turned inside out"
-            if new.least > 0:
+            if new.least > self.least_allowed(state):
                 self.record(new, "increment", scale)
                 new, reason = self.equilibrium(new, options.tolerance if end == 1 else options.loose)
             if not reason:
@@ -400,8 +406,3 @@ class Newton:
             linear_iterations=self.linear_iterations,
             seconds=time.perf_counter() - self.began,
         )
-
-
-def least_allowed(state: State) -> float:
-    """Least J that a step from `state` may reach: an inverted state is free to find its way out."""
-    return 0.0 if state.least > 0 else -np.inf

@@ -34,6 +34,13 @@ EFFECTS = {
     "stiffening": Effect(
         "second (quadratic) term of a strain-stiffening law", "kPa", "[R] Nazari: c20 1.18 kPa", 0.0, MECHANICS
     ),
+    "yielding": Effect(
+        "volume ratio below which tissue that is squeezed between bones yields, as what the surgeon trims or strips",
+        "",
+        "[I]",
+        0.0,
+        MECHANICS,
+    ),
     "stiffness_spread": Effect(
         "SD of the logarithm of each tissue's modulus over patients",
         "",
@@ -45,10 +52,10 @@ EFFECTS = {
     "sliding_band_factor": Effect("true sliding extent over the methods'", "", "[I]", 1.0, MECHANICS),
     "contact": Effect("tissue may leave the teeth that it slides on (1), not enter them", "", "[I]", 0, MECHANICS),
     "posture": Effect(
-        "weight of the tissue, lying in the CT and upright in the scan, times that of 1 g/cm3; softer tissue with "
-        "body mass and age",
+        "weight of the tissue, lying in the CT and upright in the scan, times that of 1 g/cm3, so that the cheek moves "
+        "as published; softer tissue with body mass and age",
         "",
-        "[S: readbyqxmd 29396312, PMC9871103]; softening [I]",
+        "[S: readbyqxmd 29396312, PMC9871103]; factor, softening [I]",
         0.0,
         MECHANICS,
     ),
@@ -117,7 +124,7 @@ EFFECTS = {
         0.0, CHANGE, "SD 0.7 mm jaw, 0.4 mm cheek, 0.6 mm under the chin",
     ),
     "individual": Effect(
-        "tissue responds otherwise from place to place: SD 0.6 mm, 0.9 mm at the lips, correlated over 15 mm",
+        "tissue responds otherwise from place to place: SD 1.2 mm, 1.4 mm at the lips, correlated over 15 mm",
         "",
         "[S: n = 57, 62: 1.3-1.65 mm are left at the lip once plan and thickness are known]; size and length [I]",
         0.0,

@@ -16,10 +16,11 @@ from pinnochio.files import replacing
 from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.importing.segmentation import Segmentation, read_segmentation
 from pinnochio.mechanics.elements import jacobians
+from pinnochio.mechanics.inversion_repair import repair_inversions
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
-from pinnochio.model.patient import PatientModel
+from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.surfaces import BoneSurface, bone_surface, skin_surface
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.sampling import execution_error
@@ -153,7 +154,13 @@ def moved(operation: Operation, effects: Mapping[str, Any], patient: PatientMode
         for tissue, modulus in sorted(fem.youngs_modulus.items())
     }
     poisson = effects["poisson"] or fem.poisson
-    own = replace(fem, youngs_modulus=moduli, poisson=poisson, stiffening=effects["stiffening"])
+    own = replace(
+        fem,
+        youngs_modulus=moduli,
+        poisson=poisson,
+        stiffening=effects["stiffening"],
+        yielding=effects["yielding"],
+    )
     outer = loads(
         patient,
         operation.landmarks,
@@ -169,8 +176,14 @@ def moved(operation: Operation, effects: Mapping[str, Any], patient: PatientMode
             executed = execution_error(operation.plan, draws, effects["execution_error"])
         result = simulate(patient, executed, "mucosa", own, unilateral=bool(effects["contact"]), loads=outer)
         LOG.info("%s; moduli %s kPa; %.1f s", result.reason, moduli, result.seconds)
-        if result.converged:
+        if result.converged and result.min_jacobian > 0:
             return Outcome(patient, result.displacement, executed)
+        if result.converged:
+            law, interface = fem.material(patient.tissue), patient.node_type != FREE
+            field, repair = repair_inversions(patient.points, patient.cells, law, result.displacement, interface)
+            LOG.info("%s", repair)
+            if repair.damping == 1:
+                return Outcome(patient, field, executed)
     raise RuntimeError(f"case {operation.case!r}: the simulated outcome did not converge: {result.reason}")
 
 

@@ -21,7 +21,7 @@ from pinnochio.virtual.covariates import sample_covariates
 from pinnochio.virtual.ground_truth import NOMINAL, REALITIES, in_reality, resolve
 from pinnochio.virtual.outcome import Operation, Outcome, change, changed, meshed, moved, photograph
 
-SCALES = (0.0, 1.0, 1.5, 2.0, 2.5, 3.0)
+SCALES = (0.5, 1.0, 1.5, 2.0)
 MEASURED = ("cd", "pwr2", "p90", *REGIONS)
 CASE = (
     Column("case", str, "", "patient of the calibration"),
