@@ -32,6 +32,7 @@ SWELLING_AT_6 = 39.54 - 13.14 * np.log(6)  # % of the swelling [S: PMID 34619733
 # mm: SD, the same at the lips, and correlation length [I]. With all other noise there, the lips have the 1.3 to 1.65 mm
 # that plan and thickness leave open [S: n = 57, 62].
 INDIVIDUAL, INDIVIDUAL_LIPS, INDIVIDUAL_LENGTH = 1.2, 1.4, 15.0
+INDIVIDUAL_SPREAD = 0.25  # SD of its logarithm over patients, who differ as published in how far off they are [I]
 SIDES = {"left": 1.0, "right": -1.0}
 
 
@@ -212,8 +213,13 @@ def individual(site: Site, c: Circumstances, rng: np.random.Generator) -> np.nda
     low, high = site.landmarks["subnasale"][2], site.landmarks["nasion"][2]
     below = np.clip((high - site.points[:, 2]) / (high - low), 0, 1)  # nothing above the nasion
     lips = np.clip(site.shape("upper_lip") + site.shape("lower_lip"), 0, 1)
-    spread = INDIVIDUAL + (INDIVIDUAL_LIPS - INDIVIDUAL) * lips
-    amount = spread * below * smooth_noise(site.points, rng, INDIVIDUAL_LENGTH)
+    own = np.exp(rng.normal(-(INDIVIDUAL_SPREAD**2) / 2, INDIVIDUAL_SPREAD))
+    amount = (
+        own
+        * (INDIVIDUAL + (INDIVIDUAL_LIPS - INDIVIDUAL) * lips)
+        * below
+        * smooth_noise(site.points, rng, INDIVIDUAL_LENGTH)
+    )
     return amount[:, None] * site.outward
 
 

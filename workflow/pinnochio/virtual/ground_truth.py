@@ -124,7 +124,8 @@ EFFECTS = {
         0.0, CHANGE, "SD 0.7 mm jaw, 0.4 mm cheek, 0.6 mm under the chin",
     ),
     "individual": Effect(
-        "tissue responds otherwise from place to place: SD 1.2 mm, 1.4 mm at the lips, correlated over 15 mm",
+        "tissue responds otherwise from place to place: SD 1.2 mm, 1.4 mm at the lips, correlated over 15 mm, times "
+        "one number per patient, log SD 0.25",
         "",
         "[S: n = 57, 62: 1.3-1.65 mm are left at the lip once plan and thickness are known]; size and length [I]",
         0.0,
