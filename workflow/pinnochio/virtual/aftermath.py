@@ -29,9 +29,7 @@ MEAN_OF_HALF = 0.5 / np.log(2)  # mean of a Gaussian over the disc where it is a
 LIP_DEPTH = 4.0  # mm behind the lips' fronts where they meet [I]
 WIDEST_GAP = 8.0  # mm of gaping lips beyond which nothing changes [I]
 SWELLING_AT_6 = 39.54 - 13.14 * np.log(6)  # % of the swelling [S: PMID 34619733]
-# mm: SD, the same at the lips, and correlation length [I]. With all other noise there, the lips have the 1.3 to 1.65 mm
-# that plan and thickness leave open [S: n = 57, 62].
-INDIVIDUAL, INDIVIDUAL_LIPS, INDIVIDUAL_LENGTH = 1.2, 1.4, 15.0
+INDIVIDUAL, INDIVIDUAL_LIPS, INDIVIDUAL_LENGTH = 1.2, 1.4, 15.0  # mm: SD, SD at the lips, correlation length [I]
 INDIVIDUAL_SPREAD = 0.25  # SD of its logarithm over patients, who differ as published in how far off they are [I]
 SIDES = {"left": 1.0, "right": -1.0}
 
@@ -170,7 +168,7 @@ def lip_length(site: Site, c: Circumstances, rng: np.random.Generator) -> np.nda
 
 
 def alar_width(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
-    widened = (0.25 * c.maxilla + 0.1 * max(c.impaction, 0)) * (0.5 if c.covariates.cinch else 1.0)
+    widened = (0.18 * c.maxilla + 0.07 * max(c.impaction, 0)) * (0.5 if c.covariates.cinch else 1.0)
     amount = widened + rng.normal(0, 0.25)
     aside = amount * (site.shape("wing_left") - site.shape("wing_right"))
     return aside[:, None] * [1.0, 0, 0]
