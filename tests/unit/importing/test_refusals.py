@@ -241,7 +241,7 @@ BAD = {
     # the segmentation file
     "no segmentation": (lambda f: run_import(f, f / "P1.nrrd"), "P1", "P1.nrrd", "does not exist"),
     "a picture": (of_text("P1.jpg", "JFIF"), "P1", "P1.jpg", "no image format known here"),
-    "text as NIfTI": (of_text("P1.nii", "labels"), "P1", "P1.nii", "cannot be read as an image"),
+    "text as NIfTI": (of_text("P1.nii", "labels"), "P1", "P1.nii", "no NIfTI file"),
     "one slice": (of_labels(head()[:, :, 12:13]), "P1", "P1.nii.gz", "not a volume"),
     "NaN voxels": (of_labels(np.where(head() == 0, np.nan, head())), "P1", "P1.nii.gz", "NaN or infinite"),
     "the scan itself": (of_labels(head() * 0.37), "P1", "P1.nii.gz", "not whole numbers"),

@@ -14,6 +14,7 @@ from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.geometry.closed_surfaces import read_closed_surface, read_triangles, surface_files, voxelised
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION
+from pinnochio.importing.images import read_own_image
 from pinnochio.importing.segment_files import Segment, read_segments
 from pinnochio.model.labels import AIR, TISSUES, internal_codes
 from pinnochio.model.surfaces import BoneSurface
@@ -178,7 +179,7 @@ def write_segmentation(labels, spacing, origin, path: str | os.PathLike) -> None
 
 def read_labels(path: str | os.PathLike) -> Segmentation:
     """Read what :func:`write_segmentation` wrote, without checks."""
-    image = _axis_aligned(sitk.ReadImage(str(path)))
+    image = _axis_aligned(read_own_image(path))
     labels = np.ascontiguousarray(sitk.GetArrayFromImage(image).transpose(2, 1, 0)).astype(np.uint8)
     return Segmentation(labels, np.array(image.GetSpacing()), np.array(image.GetOrigin()))
 

@@ -5,12 +5,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
-from pinnochio.files import replacing
+from pinnochio.hdf5 import reading, writing
 from pinnochio.model.patient import PatientModel
 
 SAME_PLACE = 1e-3  # mm
@@ -53,7 +52,7 @@ class Prediction:
 
 def write_predictions(path: str | os.PathLike, predictions: Mapping[str, Prediction]) -> None:
     """Write one HDF5 group per case; a key may have parts, as in "V01/3"."""
-    with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+    with writing(path) as file:
         for case, prediction in predictions.items():
             group = file.create_group(case)
             values = asdict(prediction)
@@ -65,8 +64,8 @@ def write_predictions(path: str | os.PathLike, predictions: Mapping[str, Predict
 
 
 def read_prediction(path: str | os.PathLike, case: str) -> Prediction:
-    """Read the prediction of one case; raises KeyError where the file does not hold it."""
-    with h5py.File(path, "r") as file:
+    """Read the prediction of one case; InputError where the file does not hold it."""
+    with reading(path) as file:
         group = file[case]
         values = {key: value.item() if hasattr(value, "item") else value for key, value in group.attrs.items()}
         return Prediction(**{name: group[name][()] if name in group else None for name in FIELDS}, **values)

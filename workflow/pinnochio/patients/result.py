@@ -2,9 +2,9 @@
 
 import os
 
-import h5py
 import numpy as np
 
+from pinnochio.hdf5 import reading
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import read_prediction
 from pinnochio.model.regions import NOT_JUDGED
@@ -13,7 +13,7 @@ from pinnochio.statistics.intervals import Interval
 
 def read_result(path: str | os.PathLike, case: str, patient: PatientModel) -> Interval:
     """The interval of an ensemble, or the prediction of a method without one: its half-width is NaN everywhere."""
-    with h5py.File(path, "r") as file:
+    with reading(path) as file:
         if "half_width" in file:
             return Interval.read(path)
     points, skin = len(patient.points), len(patient.skin_points)
