@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pinnochio.files import replacing
+from pinnochio.json_text import read_own_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
@@ -51,7 +52,7 @@ def certify(
         content["in_distribution"] = in_distribution(
             patient=patient,
             plan=planned,
-            quality=json.loads(Path(quality).read_text(encoding="utf-8")),
+            quality=read_own_json(quality),
             ranges=Ranges.read(Path(folder) / RANGES),
         )
     with replacing(certificate) as temporary:

@@ -33,11 +33,11 @@ def read_own_json(path: str | os.PathLike):
     def refuse(problem: str, remedy: str):
         raise InputError("-", path, problem, "delete it and run the same command again; of an archive, copy it again")
 
-    return read_json(path, refuse)
+    return parse_json(read_text(path, refuse), refuse, finite=False)
 
 
-def parse_json(text: str, refuse: Refuse):
-    """What the text holds; NaN, infinity, numbers beyond 1e300 and keys that stand twice are refused."""
+def parse_json(text: str, refuse: Refuse, finite: bool = True):
+    """What the text holds; keys that stand twice are refused and, if asked, NaN, infinity and numbers beyond 1e300."""
 
     def once(pairs):
         read = dict(pairs)
@@ -49,9 +49,9 @@ def parse_json(text: str, refuse: Refuse):
 
     def number(digits: str):
         value = float(digits)
-        if not abs(value) <= LARGEST:
+        if finite and not abs(value) <= LARGEST:
             refuse(f"it holds {digits[:20]}, which is not finite", "write finite numbers")
-        return value if any(sign in digits for sign in ".eEnN") else int(digits)
+        return value if any(sign in digits for sign in ".eEnNI") else int(digits)
 
     try:
         return json.loads(

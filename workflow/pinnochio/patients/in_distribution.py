@@ -12,12 +12,12 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pinnochio.files import replacing
+from pinnochio.json_text import read_own_json
 from pinnochio.model.bones import motion_of_places
 from pinnochio.model.labels import TISSUES
 from pinnochio.model.patient import PatientModel
@@ -106,7 +106,7 @@ class Ranges:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Ranges":
         """Read what :meth:`write` wrote."""
-        ranges = json.loads(Path(path).read_text(encoding="utf-8"))
+        ranges = read_own_json(path)
         return cls(Norm(**ranges["anatomy"]), Norm(**ranges["plan"]), ranges["muscle"], ranges["segments"])
 
 

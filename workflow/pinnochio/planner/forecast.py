@@ -1,6 +1,5 @@
 """The face that a plan leads to, plan after plan: everything that belongs to the patient is loaded once."""
 
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pinnochio.json_text import read_own_json
 from pinnochio.mechanics.corrections import Finish
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
@@ -50,7 +50,7 @@ class Forecaster:
         self._archive, folder = Archive.read(prepared.archive), Path(prepared.archive)
         self.calibration = Calibration.read(folder / calibration_file(prepared.method))
         self._ranges = Ranges.read(folder / RANGES)
-        self._quality = json.loads(Path(prepared.quality).read_text(encoding="utf-8"))
+        self._quality = read_own_json(prepared.quality)
         self._region = regions(self.patient)
         self._judged = self.patient.judged_points
         files = [folder / network_file(prepared.method, fold) for fold in self._archive.folds]

@@ -4,7 +4,6 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from pathlib import Path
 
 import numpy as np
 from scipy.stats import norm
@@ -13,6 +12,7 @@ from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.hdf5 import reading, writing
+from pinnochio.json_text import read_own_json
 from pinnochio.mechanics.inversion_repair import Repair, repair_inversions
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import FREE, PatientModel
@@ -41,7 +41,7 @@ class Calibration:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Calibration":
         """Read what :meth:`write` wrote."""
-        return cls(**json.loads(Path(path).read_text(encoding="utf-8")))
+        return cls(**read_own_json(path))
 
 
 @dataclass(frozen=True)
