@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -13,6 +14,9 @@ from pinnochio.errors import InputError, StorageError
 # Bytes; a disk with less counts as full. On one that is, HDF5 and VTK end the process, SimpleITK and VTK's PLY writer
 # leave half a file without a word, and logs cannot say why a stage has failed.
 ROOM = 64 * 2**20
+LONGEST_NAME = 64
+# Letters of ASCII: others have two spellings of the same look, which file systems tell apart or not.
+NAME = re.compile(rf"(?!-)[A-Za-z0-9_-]{{1,{LONGEST_NAME}}}")
 
 
 def check_writable(path: str | os.PathLike) -> None:
@@ -57,9 +61,15 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
 
 
 def check_name(case: str, name: str, path: str | os.PathLike) -> None:
-    """Refuse a name of a patient or plan that a file cannot bear everywhere."""
-    if not name.replace("_", "").replace("-", "").isalnum():
-        raise InputError(case, path, f"the name {name!r} is not of letters, digits, '-' and '_'", "rename it")
+    """Refuse a name of a patient or plan that a file cannot bear everywhere, or that a command takes for an option."""
+    if not NAME.fullmatch(name):
+        shown = name if len(name) <= LONGEST_NAME else name[:20] + "..."
+        raise InputError(
+            case if len(case) <= LONGEST_NAME else shown,
+            path,
+            f"the name {shown!r} is not of 1 to {LONGEST_NAME} letters, digits, '-' and '_', the first no '-'",
+            "rename it, such as P01",
+        )
 
 
 def megabytes(folder: str | os.PathLike) -> float:

@@ -13,6 +13,7 @@ from pinnochio.hdf5 import reading, writing
 from pinnochio.model.patient import PatientModel
 
 SAME_PLACE = 1e-3  # mm
+FARTHEST = 100.0  # mm; twice as far as a bone is moved
 FIELDS = ("displacement", "boundary", "skin")  # of a prediction: datasets of its file, the rest are attributes
 
 
@@ -110,6 +111,8 @@ def read_external(path: str | os.PathLike, case: str, points: np.ndarray, cells:
         )
     if bad := np.count_nonzero(~np.isfinite(displacement).all(axis=1)):
         refuse(f"the displacement of {bad} nodes is not finite", "leave no NaN and no infinity in it")
+    if not (farthest := np.abs(displacement).max(initial=0.0)) <= FARTHEST:
+        refuse(f"a node is displaced by {farthest:.3g} mm", f"store millimetres; no tissue moves {FARTHEST:.0f} mm")
     times = {name: np.ravel(values.get(name, np.nan)) for name in ("seconds", "setup_seconds")}
     for name, value in times.items():
         if value.dtype.kind not in "fiu" or len(value) != 1 or value[0] < 0:
