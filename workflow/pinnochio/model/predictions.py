@@ -23,6 +23,7 @@ class Prediction:
 
     seconds: one plan, warm, without reading files; setup_seconds: what belongs to the patient and serves every plan;
     NaN where nobody timed them. threads: 0 where unknown. iterations: of a solver, or corrections of a network's field.
+    load: share of the plan that a solver has reached.
     boundary (n, 3) mm: where a network puts the interface nodes, which its field need not meet; None of other methods.
     raw_min_jacobian, raw_inverted: least J of the network's own field and its inverted elements; repaired: elements
     that the inversion repair solved again; damping: its factor on the whole field, 1 for none. NaN without repair.
@@ -37,6 +38,7 @@ class Prediction:
     converged: bool = True
     reason: str = "no solver"
     iterations: int = 0
+    load: float = 1.0
     boundary: np.ndarray | None = None
     raw_min_jacobian: float = np.nan
     raw_inverted: float = np.nan
