@@ -1,6 +1,7 @@
 """Writing files so that a half-written one is never taken for a result."""
 
 import errno
+import hashlib
 import os
 import re
 import shutil
@@ -15,6 +16,7 @@ from pinnochio.errors import InputError, StorageError
 # leave half a file without a word, and logs cannot say why a stage has failed.
 ROOM = 64 * 2**20
 LONGEST_NAME = 64
+SEAL = b"<!-- sha256 %s -->\n"
 # Letters of ASCII: others have two spellings of the same look, which file systems tell apart or not.
 NAME = re.compile(rf"(?!-)[A-Za-z0-9_-]{{1,{LONGEST_NAME}}}")
 
@@ -58,6 +60,22 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def seal(path: str | os.PathLike) -> None:
+    """Write the SHA-256 of a file of XML behind it, as a comment."""
+    with open(path, "r+b") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        file.seek(0, os.SEEK_END)
+        file.write(SEAL % digest.encode())
+
+
+def check_seal(path: str | os.PathLike) -> None:
+    """ValueError where a file is not as :func:`seal` left it; one without a seal is none of the study's."""
+    content = Path(path).read_bytes()
+    body, mark, rest = content.rpartition(SEAL[:12])
+    if mark and mark + rest != SEAL % hashlib.sha256(body).hexdigest().encode():
+        raise ValueError("its content is not what was written: it is damaged")
 
 
 def check_name(case: str, name: str, path: str | os.PathLike) -> None:

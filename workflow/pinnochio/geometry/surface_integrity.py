@@ -205,5 +205,5 @@ def _check_obj(content: bytes, damaged) -> None:
 
 
 def _check_vtp(content: bytes, damaged) -> None:
-    if b"<VTKFile" not in content[:2000] or not content.rstrip().endswith(b"</VTKFile>"):
+    if b"<VTKFile" not in content[:2000] or not re.search(rb"</VTKFile>\s*(<!--[^<>]*-->\s*)?\Z", content):
         damaged("it is no VTP file, or it is cut off")

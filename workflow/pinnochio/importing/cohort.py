@@ -94,7 +94,7 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
     cases = []
     for row in rows:
         name = row["case"]
-        check_name(name, name, table)
+        check_name(name or "-", name, table)
         if same := [case.name for case in cases if case.name.lower() == name.lower()]:
             problem = "two rows carry this name" if name in same else f"{same[0]!r} is the same name but for its case"
             raise InputError(name, table, problem, "give each case its own name, once")

@@ -37,10 +37,10 @@ def without_spikes(points, faces, case: str, file: object) -> tuple[np.ndarray, 
         if not ((count > 0) & (off > limit)).any():
             break
         # The neighbours of a spike stand off from it too: of those beside each other the farthest goes.
-        worst = off[faces].argmax(axis=1)
-        spikes = np.unique(faces[np.arange(len(faces)), worst][off[faces].max(axis=1) > limit])
-        keep = np.ones(len(points), bool)
-        keep[spikes] = False
+        farthest = np.zeros(len(points))
+        for corner in range(3):
+            np.maximum.at(farthest, faces[:, corner], off[faces].max(axis=1))
+        keep = (off <= limit) | (off < farthest)
         used, faces = np.unique(faces[keep[faces].all(axis=1)], return_inverse=True)
         points, faces = points[used], faces.reshape(-1, 3).astype(np.int32)
     lost = first - len(points)

@@ -7,7 +7,7 @@ import meshio
 import numpy as np
 
 from pinnochio.errors import InputError
-from pinnochio.files import replacing
+from pinnochio.files import check_seal, replacing, seal
 from pinnochio.geometry.faces import EDGES, boundary_faces
 
 
@@ -37,11 +37,13 @@ class TetMesh:
         mesh = meshio.Mesh(self.points, [("tetra", self.cells)], cell_data={"tissue": [self.tissue]})
         with replacing(path) as temporary:
             mesh.write(temporary, file_format="vtu")
+            seal(temporary)
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> "TetMesh":
         """Read what :meth:`write` wrote."""
         try:
+            check_seal(path)
             mesh = meshio.read(path)
             cells = mesh.cells_dict["tetra"].astype(np.int32)
             made = cls(mesh.points, cells, mesh.cell_data["tissue"][0])

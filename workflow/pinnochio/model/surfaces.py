@@ -12,8 +12,8 @@ from scipy import ndimage
 from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkQuadricDecimation
 
 from pinnochio.errors import InputError
-from pinnochio.files import replacing
-from pinnochio.geometry.surface_integrity import check_surface, read_mesh
+from pinnochio.files import check_seal, replacing, seal
+from pinnochio.geometry.surface_integrity import read_mesh
 from pinnochio.geometry.triangles import enclosed_volume, vertex_normals
 from pinnochio.model.labels import AIR, CRANIUM, segment_code
 
@@ -50,6 +50,7 @@ class BoneSurface:
         mesh.field_data["segments"] = np.array(self.segments, str)
         with replacing(path) as temporary:
             mesh.save(temporary)
+            seal(temporary)
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> "BoneSurface":
@@ -176,6 +177,8 @@ def write_surface(points, faces, path: str | os.PathLike) -> None:
     """Write points (p, 3) mm and faces (f, 3) in the format that the suffix names (VTP, PLY, STL)."""
     with replacing(path) as temporary:
         pv.PolyData.from_regular_faces(np.asarray(points, float), np.asarray(faces)).save(temporary)
+        if str(path).endswith(".vtp"):
+            seal(temporary)
 
 
 def read_surface(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
@@ -193,7 +196,7 @@ def own_mesh(path: str | os.PathLike) -> Iterator[pv.PolyData]:
         raise InputError("-", file, problem, "delete it; the same command makes it again")
 
     try:
-        check_surface(path, refuse)
+        check_seal(path)
         yield read_mesh(path)
     except InputError:
         raise

@@ -28,6 +28,7 @@ NO_ROTATION = 1e-6
 AGAIN = "save the linear transform again, with finite numbers"
 FIXED = "TransformFixedParameters"
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+LARGEST = 1e300  # a number beyond it is taken for infinite
 # Parameters and fixed parameters of ITK's linear transforms of space, by the name without its types.
 PARAMETERS = {
     **dict.fromkeys(("AffineTransform", "MatrixOffsetTransformBase"), ((12, 3),)),
@@ -186,5 +187,7 @@ def _check_text(file: Path, refuse) -> None:
         key, colon, rest = line.partition(":")
         if not colon or key not in ("Transform", "Parameters", "FixedParameters"):
             refuse(f"it has the line {line[:60]!r}")
-        if key != "Transform" and (wrong := [word for word in rest.split() if not NUMBER.fullmatch(word)]):
+        if key != "Transform" and (
+            wrong := [word for word in rest.split() if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
+        ):
             refuse(f"{wrong[0]!r} is no finite number with a decimal point")

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import zipfile
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from typing import TypeVar
@@ -41,6 +42,9 @@ def read_network(
 def load_tensors(path: str | os.PathLike, device: torch.device | str) -> dict:
     """The dictionary of tensors and plain values in a file of torch; InputError where it is damaged."""
     try:
+        with zipfile.ZipFile(path) as archive:  # torch itself does not look at the checksums
+            if wrong := archive.testzip():
+                raise ValueError(f"{wrong} is damaged")
         return torch.load(path, map_location=device, weights_only=True)
     except torch.OutOfMemoryError:
         raise
