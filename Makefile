@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SNAKEMAKE := $(BIN)/snakemake --cores 2
 
-.PHONY: env quick study report planner test test-library test-study test-full docs
+.PHONY: env quick study unlock report planner test test-library test-study test-full docs
 
 env: .venv/installed
 
@@ -19,6 +19,10 @@ quick: env
 
 study: env
 	$(SNAKEMAKE)
+
+# After a study was killed (power, memory, kill): ends what it left running and lets the same command go on.
+unlock: env
+	$(BIN)/python workflow/unlock.py
 
 # make report CONFIG=config/quick.yaml: of another study than the default one.
 report: env

@@ -80,8 +80,11 @@ rule calibrate:
 rule predict_interval:
     input:
         model="<results>/{home}/{case}/model.h5",
+        plan="<results>/{home}/{case}{plan}/plan.json",
+        quality="<results>/{home}/{case}/quality.json",
         ensemble="<results>/{home}/{case}{plan}/{method}/ensemble.h5",
         calibration=STUDY.of_ensemble("calibration"),
+        ranges=STUDY.of_ensemble("ranges"),
     output:
         interval="<results>/{home}/{case}{plan}/{method}/interval.h5",
         picture="<results>/{home}/{case}{plan}/{method}/interval.png",

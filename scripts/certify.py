@@ -2,16 +2,18 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 
 from pinnochio.files import replacing
+from pinnochio.json_text import read_own_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.archive import RANGES, Archive, calibration_file
-from pinnochio.patients.certificate import RESEARCH, in_distribution, interval_measures, measures, plain
-from pinnochio.patients.in_distribution import Ranges
-from pinnochio.patients.result import read_result
+from pinnochio.patients.certificate import RESEARCH, in_distribution, interval_measures, measures, plain, verdict
+from pinnochio.patients.in_distribution import Ranges, widening
+from pinnochio.patients.result import read_result, read_solution
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration
 
@@ -33,12 +35,14 @@ def certify(
     """
     patient, planned = PatientModel.read(model), Plan.read(plan, about["case"])
     prediction = read_result(result, about["case"], patient)
+    solution = read_solution(result, about["case"])
     content = {
         "research": RESEARCH,
         **about,
         "frame": "LPS",
         "units": "mm",
         "models": None,
+        "solution": asdict(solution),
         "measures": measures(patient=patient, plan=planned, displacement=prediction.displacement, fem=fem),
         "interval": None,
         "in_distribution": None,
@@ -47,15 +51,17 @@ def certify(
         archive, calibration = Archive.read(folder), Calibration.read(Path(folder) / calibration_file(about["method"]))
         content["models"] = {key: getattr(archive, key) for key in ("cohort", "patients", "configuration", "code")}
         content["models"] |= {"folds": len(archive.folds), "usual": archive.methods[about["method"]]["usual"]}
-        content["interval"] = interval_measures(prediction, calibration)
         content["in_distribution"] = in_distribution(
             patient=patient,
             plan=planned,
-            quality=json.loads(Path(quality).read_text(encoding="utf-8")),
+            quality=read_own_json(quality),
             ranges=Ranges.read(Path(folder) / RANGES),
         )
+        content["interval"] = interval_measures(prediction, calibration, widening(content["in_distribution"]))
+    content = plain(content)
+    content["verdict"] = verdict(content)._asdict()
     with replacing(certificate) as temporary:
-        temporary.write_text(json.dumps(plain(content), indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,8 @@
 """Makes the ranges of anatomy and plans of the patients that the networks are trained on."""
 
-import json
 from collections.abc import Sequence
-from pathlib import Path
 
+from pinnochio.json_text import read_own_json
 from pinnochio.logs import attach_log
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities
@@ -17,7 +16,7 @@ def describe_training(
     anatomies, movements, muscle, segments = [], [], set(), set()
     for case, model, plan, quality in zip(cases, models, plans, qualities, strict=True):
         patient = PatientModel.read(model)
-        anatomies.append(anatomy_quantities(patient, json.loads(Path(quality).read_text(encoding="utf-8"))))
+        anatomies.append(anatomy_quantities(patient, read_own_json(quality)))
         movements.append(plan_quantities(patient, Plan.read(plan, case)))
         muscle.add(patient.muscle)
         segments.update(patient.segments)

@@ -6,6 +6,7 @@ import numpy as np
 
 from pinnochio.files import replacing
 from pinnochio.importing.muscle_layer import muscle_layer
+from pinnochio.importing.plausible import check_plausible
 from pinnochio.importing.registration import upper_face_plane
 from pinnochio.importing.repair import repair
 from pinnochio.importing.segmentation import read_segmentation, write_segmentation
@@ -41,6 +42,7 @@ def import_segmentation(
     labels, repairs = repair(
         labels=head.labels, segments=segments, limit_percent=repair_limit, case=case, file=segmentation, voxel=voxel
     )
+    check_plausible(labels=labels, spacing=head.spacing, segments=segments, case=case, file=segmentation)
     bone = bone_surface(labels=labels, spacing=head.spacing, origin=head.origin, segments=segments, edge_mm=bone_edge)
     top = upper_face_plane(bone, segments, 0.0)
     labels, muscle = muscle_layer(

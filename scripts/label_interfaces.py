@@ -1,13 +1,12 @@
 """Makes the patient model (interfaces, what each boundary node is attached to) of mesh, labels and bone."""
 
-import json
 import logging
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from pinnochio.importing.segmentation import read_labels
+from pinnochio.json_text import read_own_json
 from pinnochio.logs import attach_log
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.mesh import TetMesh
@@ -41,7 +40,7 @@ def label_case(
     )
     kinds = np.bincount(patient.node_type, minlength=4)
     logging.info("%d nodes: %d fixed, %d moving, %d sliding", kinds.sum(), *kinds[[FIXED, MOVING, SLIDING]])
-    replace(patient, muscle=json.loads(Path(report).read_text(encoding="utf-8"))["muscle"]).write(model)
+    replace(patient, muscle=read_own_json(report)["muscle"]).write(model)
 
 
 if __name__ == "__main__":

@@ -1,26 +1,49 @@
 """Makes the prediction of a new patient with its calibrated interval, and a picture of how far off it may be."""
 
 import logging
+from dataclasses import asdict
 
 import numpy as np
 
 from pinnochio.figures.interval import interval_picture
+from pinnochio.json_text import read_own_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
-from pinnochio.statistics.intervals import Calibration, read_ensemble, repaired_interval
+from pinnochio.patients.certificate import in_distribution
+from pinnochio.patients.in_distribution import Ranges, widening
+from pinnochio.patients.result import of_ensemble
+from pinnochio.plans.plan import Plan
+from pinnochio.statistics.intervals import Calibration, read_ensemble, repaired_interval, widened
 
 
 def predict_interval(
-    case: str, model: str, ensemble: str, calibration: str, fem: FemSettings, result: str, picture: str
+    case: str,
+    model: str,
+    plan: str,
+    quality: str,
+    ensemble: str,
+    calibration: str,
+    ranges: str,
+    fem: FemSettings,
+    result: str,
+    picture: str,
 ) -> None:
-    """Write the interval of a patient whom no network has seen, no element of its mean field inverted."""
+    """Write the interval of a patient whom no network has seen, no element of its mean field inverted.
+
+    It is wider where patient or plan lies beyond the ranges of the training.
+    """
     patient, calibrated = PatientModel.read(model), Calibration.read(calibration)
     interval, repair = repaired_interval(
         patient=patient, displacements=read_ensemble(ensemble), calibration=calibrated, fem=fem
     )
+    compared = in_distribution(
+        patient=patient, plan=Plan.read(plan, case), quality=read_own_json(quality), ranges=Ranges.read(ranges)
+    )
+    interval = widened(interval, widening(compared))
     logging.info("%s: mean half-width %.3f mm; %s", case, np.nanmean(interval.half_width), repair)
-    interval.write(result, case=case, method=calibrated.method, level=calibrated.level)
+    about = {"case": case, "method": calibrated.method, "level": calibrated.level}
+    interval.write(result, **about, **asdict(of_ensemble(ensemble, repair)))
     interval_picture(patient=patient, interval=interval, calibration=calibrated, case=case, path=picture)
 
 
@@ -29,8 +52,11 @@ if __name__ == "__main__":
     predict_interval(
         case=snakemake.wildcards.case,
         model=snakemake.input.model,
+        plan=snakemake.input.plan,
+        quality=snakemake.input.quality,
         ensemble=snakemake.input.ensemble,
         calibration=snakemake.input.calibration,
+        ranges=snakemake.input.ranges,
         fem=FemSettings(**snakemake.params.fem),
         result=snakemake.output.interval,
         picture=snakemake.output.picture,

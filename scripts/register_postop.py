@@ -3,6 +3,7 @@
 import logging
 
 from pinnochio.importing.registration import register, upper_face_plane
+from pinnochio.importing.scan_checks import check_scan
 from pinnochio.importing.segmentation import read_postop
 from pinnochio.logs import attach_log
 from pinnochio.model.postop import PostopSkin
@@ -20,8 +21,9 @@ def register_postop(
 ) -> None:
     """Register the scan rigidly on the skin above the nasion plane, which surgery does not move.
 
-    nasion_above_maxilla (mm) places that plane above the maxilla; limit (mm) is the median residual above which
-    the registration is refused (InputError). Writes points (k, 3) mm LPS, faces (l, 3) and the residual.
+    nasion_above_maxilla (mm) places that plane above the maxilla; limit (mm) is the median residual above
+    which the registration is refused (InputError), as is what is no scan of this face. Writes points (k, 3) mm LPS,
+    faces (l, 3) and the residual.
     """
     skin_points, skin_faces = read_surface(skin)
     points, faces = read_postop(postop, case, skin_points)
@@ -36,6 +38,16 @@ def register_postop(
         case=case,
         file=postop,
         limit=limit,
+    )
+    check_scan(
+        points=points,
+        faces=faces,
+        skin_points=skin_points,
+        skin_faces=skin_faces,
+        plane=plane,
+        found=fit,
+        case=case,
+        file=postop,
     )
     logging.info("residual: median %.3f mm, p95 %.3f mm", fit.median, fit.p95)
     PostopSkin(fit.motion.apply(points), faces, fit.median).write(registered)

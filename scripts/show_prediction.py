@@ -1,8 +1,6 @@
 """Makes the page to look at a new patient's prediction."""
 
-import json
-from pathlib import Path
-
+from pinnochio.json_text import read_own_json
 from pinnochio.logs import attach_log
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.page import write_page
@@ -19,7 +17,7 @@ def show_prediction(case: str, model: str, plan: str, result: str, certificate: 
         plan=Plan.read(plan, case),
         displacement=prediction.displacement,
         half_width=prediction.half_width,
-        certificate=json.loads(Path(certificate).read_text(encoding="utf-8")),
+        certificate=read_own_json(certificate),
         path=page,
     )
 

@@ -2,9 +2,7 @@
 
 import logging
 
-import h5py
-
-from pinnochio.files import replacing
+from pinnochio.hdf5 import writing
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
@@ -41,7 +39,7 @@ def simulate_fem(
             fields.append((current, result))
     if len(fields) < plans:
         raise RuntimeError(f"case {case!r}: only {len(fields)} of {2 * plans} plans converged; see the log")
-    with replacing(fem_samples) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+    with writing(fem_samples) as file:
         for number, (current, result) in enumerate(fields):
             group = file.create_group(f"plan_{number}")
             group.create_dataset("displacement", data=result.displacement, track_times=False)

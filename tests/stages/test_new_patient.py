@@ -2,6 +2,8 @@
 
 import json
 import re
+import shutil
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.model.regions import NAMES, regions
 from pinnochio.patients.archive import Archive
 from pinnochio.patients.certificate import in_words
+from pinnochio.patients.result import Solution
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration, Interval
 from scripts.certify import certify
@@ -63,7 +66,8 @@ def result(patient, tmp_path_factory):
     model, path = PatientModel.read(patient.model), tmp_path_factory.mktemp("result") / "interval.h5"
     region = regions(model)
     width = np.where(region >= 0, 1.5, np.nan)
-    Interval(np.tile([0.0, -2, 0], (len(model.points), 1)), np.zeros(len(model.points)), width, region).write(path)
+    own = Interval(np.tile([0.0, -2, 0], (len(model.points), 1)), np.zeros(len(model.points)), width, region)
+    own.write(path, **asdict(Solution()))
     return str(path)
 
 
@@ -152,5 +156,35 @@ def test_the_page_is_one_file_that_needs_nothing_else(patient, archive, result, 
     assert len(sources) == 4 and all(source.startswith("data:image/png;base64,") for source in sources)
     words = re.sub(r'src="[^"]*"', "", page)
     assert "http" not in words
-    for said in ("virtual cohort", "For research only", "volume_muscle_cm3", "No check failed", "SPACE=LPS"):
+    for said in ("virtual cohort", "For research only", "volume_muscle_cm3", "Not usable.", "SPACE=LPS"):
         assert said in words
+    assert words.index("Boundary mismatch, moving: ") < words.index("<h2>")  # why not, before all else
+
+
+def test_a_solve_that_stopped_is_not_usable_and_says_how_far_it_came(patient, archive, tmp_path):
+    model = PatientModel.read(patient.model)
+    result = tmp_path / "predictions.h5"
+    stopped = Prediction(
+        np.zeros_like(model.points), converged=False, reason="time limit of 0.001 s reached", iterations=3, load=0.4
+    )
+    for prediction in (stopped, replace(stopped, converged=True, reason="converged", load=1.0)):
+        write_predictions(result, {patient.case: prediction})
+        said = certified(patient, archive, str(result), tmp_path, learned=False)
+        rows = {row.what: row for row in in_words(said)}
+        assert rows["Solver"].bad is not prediction.converged
+        assert ("Solver: stopped at 40 % of the plan" in said["verdict"]["reasons"]) is not prediction.converged
+
+
+def test_a_damaged_or_exchanged_file_of_an_archive_is_noticed(archive, tmp_path):
+    for name in ("ranges.json", f"{METHOD}/1.pt", f"{METHOD}/calibration.json", "archive.json"):
+        copy = tmp_path / name.replace("/", "_")
+        shutil.copytree(archive[0], copy)
+        content = bytearray((copy / name).read_bytes())
+        content[len(content) // 2] ^= 1
+        (copy / name).write_bytes(content)
+        with pytest.raises(InputError, match=f"{Path(name).name}: .*Remedy: "):
+            Archive.read(copy)
+    (copy / "archive.json").write_bytes((archive[0] / "archive.json").read_bytes())
+    (copy / f"{METHOD}/2.pt").unlink()
+    with pytest.raises(InputError, match="lacks this file"):
+        Archive.read(copy)

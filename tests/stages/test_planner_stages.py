@@ -11,7 +11,7 @@ from pinnochio.metrics.quality import quality
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
 from pinnochio.networks.building import build
-from pinnochio.patients.archive import Archive, calibration_file, network_file
+from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
 from pinnochio.planner.forecast import Forecaster
 from pinnochio.planner.prepared import Prepared
 from pinnochio.planner.view import View
@@ -89,7 +89,9 @@ def test_a_forecast_is_the_prediction_of_the_workflow(prepared, forecaster, pati
         ensemble=ensemble,
     )
     calibration = f"{prepared.archive}/{calibration_file(METHOD)}"
-    predict_interval(prepared.case, prepared.model, ensemble, calibration, patient.fem, result, str(tmp_path / "p.png"))
+    ranges, picture = f"{prepared.archive}/{RANGES}", str(tmp_path / "p.png")
+    about = prepared.case, prepared.model, plan, prepared.quality
+    predict_interval(*about, ensemble, calibration, ranges, patient.fem, result, picture)
     expected, forecast = Interval.read(result), forecaster(Plan.read(plan, prepared.case))
     np.testing.assert_allclose(forecast.interval.displacement, expected.displacement, atol=1e-4)
     np.testing.assert_allclose(forecast.interval.half_width, expected.half_width, atol=1e-4)

@@ -1,5 +1,8 @@
 """The stages of the interval on a coarse virtual patient: ensemble, calibration, coverage, a new patient."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,8 +19,10 @@ from pinnochio.networks.building import build
 from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble
 from pinnochio.training.checkpoint import save_network
 from scripts.calibrate import ScannedCase, calibrate
+from scripts.describe_training import describe_training
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
+from scripts.report_quality import report_quality
 from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.tables import make
 
@@ -39,6 +44,25 @@ def networks(tmp_path_factory):
         paths[fold] = str(folder / f"{fold}.pt")
         save_network(paths[fold], network, NETWORK)
     return paths
+
+
+@pytest.fixture(scope="module")
+def training(patients, tmp_path_factory):
+    """Ranges of the patients as training, and the quality report of the first."""
+    folder, reports = tmp_path_factory.mktemp("training"), []
+    for patient in patients:
+        reports.append(str(folder / f"{patient.case}.json"))
+        report_quality(patient.model, patient.report, reports[-1], str(folder / f"{patient.case}.png"))
+    columns = ([getattr(patient, name) for patient in patients] for name in ("case", "model", "plan"))
+    describe_training(*columns, reports, str(folder / "ranges.json"))
+    return str(folder / "ranges.json"), reports[0]
+
+
+def predicted(patient, ensemble, calibration, training, result, picture, plan=None):
+    """The interval of the first patient."""
+    ranges, quality = training
+    about = patient.case, patient.model, plan or patient.plan, quality
+    predict_interval(*about, ensemble, calibration, ranges, patient.fem, result, picture)
 
 
 @pytest.fixture(scope="module")
@@ -129,11 +153,9 @@ def test_the_table_of_coverage_is_written(calibration, tmp_path):
     assert (tmp_path / "coverage.tex").exists() and (tmp_path / "coverage.html").exists()
 
 
-def test_a_new_patient_gets_field_interval_and_picture(patient, ensembles, calibration, tmp_path):
+def test_a_new_patient_gets_field_interval_and_picture(patient, ensembles, calibration, training, tmp_path):
     result, picture = str(tmp_path / "interval.h5"), str(tmp_path / "interval.png")
-    predict_interval(
-        patient.case, patient.model, ensembles[patient.case], calibration[0], patient.fem, result, picture
-    )  # fmt: skip
+    predicted(patient, ensembles[patient.case], calibration[0], training, result, picture)
     interval, model = Interval.read(result), PatientModel.read(patient.model)
     fields = read_ensemble(ensembles[patient.case])
     judged = interval.region >= 0
@@ -148,14 +170,33 @@ def test_a_new_patient_gets_field_interval_and_picture(patient, ensembles, calib
     assert (tmp_path / "interval.png").stat().st_size > 50_000
 
 
-def test_the_mean_field_leaves_with_no_inverted_element(patient, calibration, tmp_path):
+def test_a_plan_beyond_the_training_widens_the_interval(patient, ensembles, calibration, training, tmp_path):
+    ranges = json.loads(Path(training[0]).read_text())
+    ranges["plan"]["threshold"] = 0.0  # two patients differ so much that hardly a plan is unusual
+    (tmp_path / "ranges.json").write_text(json.dumps(ranges))
+
+    def widths(plan):
+        file, known = str(tmp_path / "interval.h5"), (str(tmp_path / "ranges.json"), training[1])
+        predicted(patient, ensembles[patient.case], calibration[0], known, file, str(tmp_path / "i.png"), plan)
+        return Interval.read(file).half_width
+
+    usual, text = widths(None), json.loads(Path(patient.plan).read_text())
+    ratios = []
+    for forward in (15, 40):
+        text["segments"]["lefort1"]["translation"] = [0, -forward, 0]
+        (tmp_path / "far.json").write_text(json.dumps(text))
+        ratios.append(np.nanmedian(widths(str(tmp_path / "far.json")) / usual))
+    assert 1 < ratios[0] < ratios[1]
+
+
+def test_the_mean_field_leaves_with_no_inverted_element(patient, calibration, training, tmp_path):
     model = PatientModel.read(patient.model)
     bad = np.zeros_like(model.points)
     cell = model.cells[(model.node_type[model.cells] == FREE).all(axis=1)][0]
     bad[cell[0]] = 2 * (model.points[cell[1:]].mean(axis=0) - model.points[cell[0]])
     write_predictions(tmp_path / "ensemble.h5", {fold: Prediction(bad) for fold in FOLDS})
     files = str(tmp_path / "interval.h5"), str(tmp_path / "interval.png")
-    predict_interval(patient.case, patient.model, str(tmp_path / "ensemble.h5"), calibration[0], patient.fem, *files)
+    predicted(patient, str(tmp_path / "ensemble.h5"), calibration[0], training, *files)
 
     def volumes(points):
         corners = points[model.cells]
@@ -164,12 +205,10 @@ def test_the_mean_field_leaves_with_no_inverted_element(patient, calibration, tm
     assert volumes(model.points + bad).min() < 0 < volumes(model.points + Interval.read(files[0]).displacement).min()
 
 
-def test_too_few_patients_are_said_to_be_so(patients, ensembles, tmp_path):
+def test_too_few_patients_are_said_to_be_so(patients, ensembles, training, tmp_path):
     files = calibrated(patients, ensembles, tmp_path, level=0.9)
     assert set(Calibration.read(files[0]).half_width.values()) == {None}
     assert pd.read_csv(files[1])["coverage_mean"].isna().all()
     patient = patients[0]
     with pytest.raises(InputError, match="too few"):
-        predict_interval(
-            patient.case, patient.model, ensembles[patient.case], files[0], patient.fem, str(tmp_path / "i.h5"), "i.png"
-        )  # fmt: skip
+        predicted(patient, ensembles[patient.case], files[0], training, str(tmp_path / "i.h5"), "i.png")

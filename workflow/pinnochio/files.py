@@ -1,7 +1,9 @@
 """Writing files so that a half-written one is never taken for a result."""
 
 import errno
+import hashlib
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -13,6 +15,10 @@ from pinnochio.errors import InputError, StorageError
 # Bytes; a disk with less counts as full. On one that is, HDF5 and VTK end the process, SimpleITK and VTK's PLY writer
 # leave half a file without a word, and logs cannot say why a stage has failed.
 ROOM = 64 * 2**20
+LONGEST_NAME = 64
+SEAL = b"<!-- sha256 %s -->\n"
+# Letters of ASCII: others have two spellings of the same look, which file systems tell apart or not.
+NAME = re.compile(rf"(?!-)[A-Za-z0-9_-]{{1,{LONGEST_NAME}}}")
 
 
 def check_writable(path: str | os.PathLike) -> None:
@@ -56,10 +62,32 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def seal(path: str | os.PathLike) -> None:
+    """Write the SHA-256 of a file of XML behind it, as a comment."""
+    with open(path, "r+b") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        file.seek(0, os.SEEK_END)
+        file.write(SEAL % digest.encode())
+
+
+def check_seal(path: str | os.PathLike) -> None:
+    """ValueError where a file is not as :func:`seal` left it; one without a seal is none of the study's."""
+    content = Path(path).read_bytes()
+    body, mark, rest = content.rpartition(SEAL[:12])
+    if mark and mark + rest != SEAL % hashlib.sha256(body).hexdigest().encode():
+        raise ValueError("its content is not what was written: it is damaged")
+
+
 def check_name(case: str, name: str, path: str | os.PathLike) -> None:
-    """Refuse a name of a patient or plan that a file cannot bear everywhere."""
-    if not name.replace("_", "").replace("-", "").isalnum():
-        raise InputError(case, path, f"the name {name!r} is not of letters, digits, '-' and '_'", "rename it")
+    """Refuse a name of a patient or plan that a file cannot bear everywhere, or that a command takes for an option."""
+    if not NAME.fullmatch(name):
+        shown = name if len(name) <= LONGEST_NAME else name[:20] + "..."
+        raise InputError(
+            case if len(case) <= LONGEST_NAME else shown,
+            path,
+            f"the name {shown!r} is not of 1 to {LONGEST_NAME} letters, digits, '-' and '_', the first no '-'",
+            "rename it, such as P01",
+        )
 
 
 def megabytes(folder: str | os.PathLike) -> float:

@@ -92,7 +92,7 @@ def of_text(name, text):
 
 def of_plan(text):
     def act(folder):
-        (folder / "P1.json").write_text(text)
+        (folder / "P1.json").write_bytes(text if isinstance(text, bytes) else text.encode())
         run_import(folder, plan=folder / "P1.json")
 
     return act
@@ -129,6 +129,22 @@ def slicer_names(*names):
         run_import(folder, folder / "P1.seg.nrrd", values={name: name for name in CODES})
 
     return act
+
+
+def afloat():
+    """The head with its mandible in front of it."""
+    labels = np.pad(changed(code=0, clear=12), ((0, 0), (20, 0), (0, 0)))
+    labels[10:30, 2:12, 10:15] = 12
+    return labels
+
+
+def below_the_first_layer(folder):
+    image = sitk.GetImageFromArray(head().transpose(2, 1, 0))
+    for number, (name, value) in enumerate(CODES.items()):
+        for key, text in (("ID", name), ("Name", name), ("LabelValue", str(value)), ("Layer", "-1")):
+            image.SetMetaData(f"Segment{number}_{key}", text)
+    sitk.WriteImage(image, str(folder / "P1.seg.nrrd"))
+    run_import(folder, folder / "P1.seg.nrrd", values={name: name for name in CODES})
 
 
 def surfaces(make):
@@ -206,6 +222,19 @@ def with_nan():
     return points, faces
 
 
+def flat():
+    plane = pv.Plane(i_size=150, j_size=200, i_resolution=60, j_resolution=60, direction=(0, -1, 0)).triangulate()
+    return np.asarray(plane.points, float), plane.regular_faces
+
+
+def spiked():
+    points, faces = skin_of(1)()
+    points = points.copy()
+    chosen = np.random.default_rng(0).choice(len(points), len(points) // 20, replace=False)
+    points[chosen] += np.random.default_rng(1).normal(scale=60, size=(len(chosen), 3))
+    return points, faces
+
+
 def of_table(text, *files):
     """Reads a cohort table; the files exist."""
 
@@ -241,10 +270,13 @@ BAD = {
     # the segmentation file
     "no segmentation": (lambda f: run_import(f, f / "P1.nrrd"), "P1", "P1.nrrd", "does not exist"),
     "a picture": (of_text("P1.jpg", "JFIF"), "P1", "P1.jpg", "no image format known here"),
-    "text as NIfTI": (of_text("P1.nii", "labels"), "P1", "P1.nii", "cannot be read as an image"),
+    "text as NIfTI": (of_text("P1.nii", "labels"), "P1", "P1.nii", "no NIfTI file"),
     "one slice": (of_labels(head()[:, :, 12:13]), "P1", "P1.nii.gz", "not a volume"),
     "NaN voxels": (of_labels(np.where(head() == 0, np.nan, head())), "P1", "P1.nii.gz", "NaN or infinite"),
     "the scan itself": (of_labels(head() * 0.37), "P1", "P1.nii.gz", "not whole numbers"),
+    "voxels of 15 mm": (of_labels(head(), 15.0), "P1", "P1.nii.gz", "its voxels measure 15 mm"),
+    "a mandible in the air": (of_labels(afloat()), "P1", "P1.nii.gz", "100 % of what surrounds 'mandible' is air"),
+    "a layer below the first": (below_the_first_layer, "P1", "P1.seg.nrrd", "layer -1"),
     "all air": (of_labels(0 * head()), "P1", "P1.nii.gz", "every voxel is 0"),
     "metres": (of_labels(head(), 0.003, ".mha"), "P1", "P1.mha", "0.096 mm.*metres"),
     "centimetres": (of_labels(head(), 0.3, ".nrrd"), "P1", "P1.nrrd", "9.6 mm.*centimetres"),
@@ -282,6 +314,21 @@ BAD = {
     "plan without segments": (of_plan('{"case": "P1"}'), "P1", "P1.json", "no 'segments'"),
     "plan in RAS": (of_plan(plan_text(head={"frame": "RAS"})), "P1", "P1.json", "frame is 'RAS'"),
     "plan in cm": (of_plan(plan_text(head={"units": "cm"})), "P1", "P1.json", "units is 'cm'"),
+    "plan with an unknown key": (of_plan(plan_text(head={"unit": "cm"})), "P1", "P1.json",
+                                 "'unit' is unknown.*'units'"),
+    "plan with another frame's key": (of_plan(plan_text(head={"coordinate_system": "RAS"})), "P1", "P1.json",
+                                      "'coordinate_system' is unknown"),
+    "motion with an unknown key": (of_plan(plan_text(centre=[0, 0, 0])), "P1", "P1.json", "'centre' is unknown"),
+    "plan with a key twice": (of_plan(plan_text()[:-1] + ', "segments": {}}'), "P1", "P1.json",
+                              "'segments' stands twice"),
+    "true as a millimetre": (of_plan(plan_text(translation=[True, 0, 0])), "P1", "P1.json", "needs rotation"),
+    "text as a millimetre": (of_plan(plan_text(translation=["1", 0, 0])), "P1", "P1.json", "needs rotation"),
+    "a plan of 100,000 levels": (of_plan('{"segments": ' + 100_000 * "[" + 100_000 * "]" + "}"), "P1", "P1.json",
+                                 "nested too deeply"),
+    "10^400 mm": (of_plan(plan_text(translation=[10**400, 0, 0])), "P1", "P1.json", "not finite"),
+    "plan in UTF-16": (of_plan(plan_text().encode("utf-16")), "P1", "P1.json", "no text in UTF-8"),
+    "plan in Latin-1": (of_plan(plan_text(case="Kr\u00e4mer").replace("\\u00e4", "\u00e4").encode("latin-1")), "P1",
+                        "P1.json", "no text in UTF-8"),
     "plan of another case": (of_plan(plan_text(case="P2")), "P1", "P1.json", "belongs to case 'P2'"),
     "plan for no such segment": (of_plan(plan_text("chin")), "P1", "P1.json", "'chin', .* segmentation does not hold"),
     "plan without a segment": (of_plan(json.dumps({"segments": {"lefort1": motion()}})), "P1", "P1.json",
@@ -306,13 +353,22 @@ BAD = {
     "scan in micrometres": (of_scan(skin_of(1, 1000.0)), "P1", "P1.ply", "1e[+]03 times the size"),
     "another patient's scan": (of_scan(skin_of(2), limit=0.3), "P1", "P1.ply", r"of \d\.\d\d mm .limit 0.3 mm"),
     "mirrored scan": (of_scan(skin_of(1, mirrored=True)), "P1", "P1.ply", r"residual of \d\.\d\d mm .*mirrored"),
+    "the skin before surgery": (of_scan(skin_of(1)), "P1", "P1.ply", "it is this skin itself"),
+    "a flat plane": (of_scan(flat, limit=5.0), "P1", "P1.ply", "flat|residual"),
+    "a scan full of spikes": (of_scan(spiked), "P1", "P1.ply", "stand off from all around"),
     "head without a forehead": (of_scan(skin_of(1), top=-10.0), "P1", "P1.ply", "up to the forehead"),
     # the cohort table and the configuration
     "no table": (of_table(None), "-", "cases.tsv", "does not exist"),
     "commas for tabs": (of_table("case,segmentation,plan,postop\n"), "-", "cases.tsv", "is unknown"),
     "no case": (of_table(HEADER), "-", "cases.tsv", "no case"),
+    "a row with a cell too many": (of_table(HEADER + ROW.replace("\n", "\tx\n"), *FILES), "-", "cases.tsv", "5 cells"),
+    "a row cut off": (of_table(HEADER + "P1\ta.nii.gz\n", *FILES), "-", "cases.tsv", "2 cells"),
+    "a long name": (of_table(HEADER + ROW.replace("P1", 65 * "P"), *FILES), 20 * "P" + "...", "cases.tsv", "1 to 64"),
+    "an option as name": (of_table(HEADER + ROW.replace("P1", "-P1"), *FILES), "-P1", "cases.tsv", "the first no '-'"),
+    "a name twice but for its case": (of_table(HEADER + ROW + ROW.replace("P1", "p1"), *FILES), "p1", "cases.tsv",
+                                      "'P1' is the same name"),
     "a name twice": (of_table(HEADER + 2 * ROW, *FILES), "P1", "cases.tsv", "two rows"),
-    "a path as name": (of_table(HEADER + ROW.replace("P1", "../P1"), *FILES), "../P1", "cases.tsv", "name is not of"),
+    "a path as name": (of_table(HEADER + ROW.replace("P1", "../P1"), *FILES), "../P1", "cases.tsv", "is not of 1 to"),
     "no plan in the table": (of_table(HEADER + "P1\ta.nii.gz\t\t\n", *FILES), "P1", "cases.tsv", "plan is empty"),
     "a wrong path": (of_table(HEADER + ROW, "a.nii.gz"), "P1", "a.json", "the plan file does not exist"),
     "segment without label": (of_config(segments=[*SEGMENTS, "chin"]), "-", "configuration", "'chin'.* no entry"),

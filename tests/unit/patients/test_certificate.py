@@ -1,15 +1,27 @@
 """What the certificate measures of known fields, and what it says of them."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
 from pinnochio.model.patient import FREE
 from pinnochio.model.regions import CHIN, NAMES, NOSE
-from pinnochio.patients.certificate import in_distribution, in_words, interval_measures, measures, plain
-from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities
+from pinnochio.patients.certificate import (
+    CARE,
+    NOT_USABLE,
+    USABLE,
+    _field_rows,
+    in_distribution,
+    in_words,
+    interval_measures,
+    measures,
+    plain,
+    verdict,
+)
+from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities, widening
+from pinnochio.patients.result import Solution
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration, Interval
 from tests.helpers.patients import tiny_patient, tiny_plan
@@ -28,6 +40,7 @@ def certificate(displacement, plan, **parts):
     said = {
         "measures": measures(PATIENT, plan, displacement, FEM),
         "models": None,
+        "solution": asdict(Solution()),
         "interval": None,
         "in_distribution": None,
     }
@@ -93,6 +106,7 @@ def test_a_plan_far_beyond_the_training_is_called_so(factor, within):
     assert compared["anatomy"]["within"] and compared["muscle"]["within"]
     models = {"cohort": "virtual cohort", "usual": {"min_jacobian": [0.1, 0.2, 0.3]}}
     interval = {"level": 0.9, "patients": 4, "median_mm": 1.0, "largest_mm": 2.0, "widened_percent": 0.0}
+    interval["widening"] = widening(compared)
     said = certificate(
         np.zeros_like(PATIENT.points), tiny_plan(0, -2), models=models, interval=interval, in_distribution=compared
     )  # fmt: skip
@@ -100,5 +114,53 @@ def test_a_plan_far_beyond_the_training_is_called_so(factor, within):
     words = {row.what: row.meaning for row in in_words(said)}
     assert ("do not rely on it" in words["Interval"]) != within and "0.10 to 0.30, median 0.20" in str(words)
     assert ("_mm is 2" in words["Plan"]) != within
+    assert ("times as wide" in words["Interval"]) != within
+    grade, reasons = verdict(said)
+    assert grade == NOT_USABLE and any(reason.startswith("Plan: far beyond") for reason in reasons) is not within
     beyond = in_distribution(patient, plans[0], QUALITY, replace(ranges, segments=["chin"]))
     assert not beyond["within"] and not beyond["segments"]["within"]
+
+
+USUAL = {"min_jacobian": [0.3, 0.5, 0.9], "eqres_rel": [0.015, 0.05, 0.14], "sliding_error": [0.1, 0.3, 0.6]}
+
+
+@pytest.mark.parametrize(
+    ("measured", "row", "grade"),
+    [
+        ({}, None, USABLE),
+        ({"eqres_rel": 0.2}, "Residual", CARE),
+        ({"eqres_rel": 1.66}, "Residual", NOT_USABLE),
+        ({"min_jacobian": 0.09}, "Smallest volume ratio (min J)", CARE),
+        ({"sliding_error": 1.9}, "Boundary mismatch, sliding", CARE),
+        ({"sliding_error": 2.1}, "Boundary mismatch, sliding", NOT_USABLE),
+        ({"moving_error": 2.5}, "Boundary mismatch, moving", NOT_USABLE),
+        ({"inverted": 1}, "Elements turned inside out", NOT_USABLE),
+        ({"min_jacobian": None}, "Smallest volume ratio (min J)", NOT_USABLE),
+    ],
+)
+def test_what_lies_beyond_the_usual_is_marked_and_decides_the_verdict(measured, row, grade):
+    said = certificate(np.zeros_like(PATIENT.points), Plan("tiny", {}))
+    usual = {"min_jacobian": 0.5, "eqres_rel": 0.1, "moving_error": 0.1, "sliding_error": 0.3}
+    said["measures"] |= usual | measured
+    rows = _field_rows(said["measures"], {"cohort": "virtual cohort", "usual": USUAL})
+    marked = [own.what for own in rows if own.good is False or own.bad]
+    assert marked == ([row] if row else [])
+    assert any(own.bad for own in rows) == (grade == NOT_USABLE)
+
+
+@pytest.mark.parametrize(
+    ("solution", "grade"),
+    [
+        ({}, USABLE),
+        ({"solver": True, "iterations": 9}, USABLE),
+        ({"solver": True, "converged": False, "reason": "the line search stagnated", "load": 0.3}, NOT_USABLE),
+        ({"solver": True, "load": 0.99}, NOT_USABLE),
+        ({"repaired": 1}, USABLE),
+        ({"repaired": 10**6}, CARE),
+        ({"damping": 0.4}, NOT_USABLE),
+        ({"converged": False}, CARE),
+    ],
+)
+def test_how_a_field_came_about_decides_the_verdict(solution, grade):
+    said = certificate(np.zeros_like(PATIENT.points), Plan("tiny", {}), solution=asdict(Solution(**solution)))
+    assert verdict(said).grade == grade and bool(verdict(said).reasons) == (grade != USABLE)

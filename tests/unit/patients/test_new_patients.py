@@ -73,7 +73,7 @@ def test_a_table_names_several_patients(folder):
     [
         (["plan.json", "segmentation.nrrd"], "segmentation.nii.gz, segmentation.nrrd"),
         (["plan.json", "plans/plan.json"], "plan 'plan' is there twice"),
-        (["plans/my plan.json"], "'my plan' is not of letters"),
+        (["plans/my plan.json"], "'my plan' is not of 1 to 64 letters"),
     ],
 )
 def test_what_is_missing_or_there_twice_is_said(folder, made, said):

@@ -135,8 +135,8 @@ def test_a_saved_plan_reads_back_from_both_forms(session, tmp_path):
     [
         ("proposed", "'proposed' already"),
         ("there", "'there' already"),
-        ("../up", "not of letters"),
-        ("", "not of letters"),
+        ("../up", "letters, digits"),
+        ("", "letters, digits"),
     ],
 )
 def test_no_other_plan_and_no_other_folder_is_written_to(session, tmp_path, name, said):

@@ -9,6 +9,7 @@ import pyvista as pv
 import SimpleITK as sitk
 
 from pinnochio.geometry.faces import pieces
+from pinnochio.geometry.surface_integrity import check_surface, read_mesh
 from pinnochio.geometry.triangles import enclosed_volume, face_normals
 
 SURFACE_FORMATS = (".ply", ".stl", ".obj", ".vtp")
@@ -38,8 +39,9 @@ def read_triangles(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray,
         refuse("the file does not exist", "correct the path in the cohort table", file=path)
     if not str(path).lower().endswith(SURFACE_FORMATS):
         refuse("this is no surface format known here", f"save it as one of {', '.join(SURFACE_FORMATS)}", file=path)
+    check_surface(path, refuse)
     try:
-        mesh = pv.read(path)
+        mesh = read_mesh(path)
         if mesh.n_cells:
             mesh = mesh.extract_surface(algorithm="dataset_surface").triangulate()
         points, faces = np.asarray(mesh.points, float), mesh.regular_faces.astype(np.int32)

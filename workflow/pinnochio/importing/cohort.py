@@ -1,6 +1,7 @@
 """The table of a cohort: its patients, where their files lie and what else is known of them."""
 
 import csv
+import io
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,6 +9,8 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from pinnochio.errors import InputError
+from pinnochio.files import check_name
+from pinnochio.json_text import read_text
 
 COLUMNS = ("case", "segmentation", "plan", "postop")
 FILES = ("segmentation", "plan", "postop", "postop_bones")
@@ -20,7 +23,7 @@ def _number(low: float, high: float, unit: str):
     """Reader of a number within bounds."""
 
     def read(text: str) -> float:
-        value = float(text)
+        value = float(text)  # NaN lies in no bounds
         if not low <= value <= high:
             raise ValueError
         return value
@@ -69,17 +72,32 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
     table = Path(table)
     if not table.is_file():
         raise InputError("-", table, "the cohort table does not exist", "set 'cohort' to 'virtual' or to a table")
-    with open(table, newline="", encoding="utf-8") as file:
-        reader = csv.DictReader(file, delimiter="\t")
+
+    def refuse(problem: str, remedy: str):
+        raise InputError("-", table, problem, remedy)
+
+    try:
+        # newline="": the reader's own ends of lines
+        reader = csv.DictReader(io.StringIO(read_text(table, refuse), newline=""), delimiter="\t", strict=True)
         _check_columns([name.strip() for name in reader.fieldnames or ()], table)
-        rows = [{key.strip(): (value or "").strip() for key, value in row.items() if key} for row in reader]
+        rows = []
+        for row in reader:
+            if None in row or None in row.values():
+                count = len(reader.fieldnames) + len(row.get(None, ())) - list(row.values()).count(None)
+                refuse(
+                    f"line {reader.line_num} has {count} cells, the first line {len(reader.fieldnames)}",
+                    "give each row one cell per column, separated by tabs",
+                )
+            rows.append({key.strip(): value.strip() for key, value in row.items()})
+    except csv.Error as error:
+        refuse(f"it is no table ({error})", "save it as tab-separated text in UTF-8")
     cases = []
     for row in rows:
         name = row["case"]
-        if not name.replace("_", "").replace("-", "").isalnum():
-            raise InputError(name, table, "the name is not of letters, digits, '-' and '_'", "rename the case")
-        if name in {case.name for case in cases}:
-            raise InputError(name, table, "two rows carry this name", "give each case its own name, once")
+        check_name(name or "-", name, table)
+        if same := [case.name for case in cases if case.name.lower() == name.lower()]:
+            problem = "two rows carry this name" if name in same else f"{same[0]!r} is the same name but for its case"
+            raise InputError(name, table, problem, "give each case its own name, once")
         paths = {key: str(table.parent / row[key]) if row.get(key) else "" for key in FILES}
         for key, path in paths.items():
             if not path and key not in OPTIONAL_FILES:

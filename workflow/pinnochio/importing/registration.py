@@ -71,7 +71,7 @@ def register(
     closest = closest_points(placed[placed[:, 2] >= plane], skin_points, skin_faces)
     distance = closest.distance[~closest.border]
     median = float(np.median(distance)) if len(distance) >= FEWEST else np.inf  # a few points fit anywhere
-    if median > limit:
+    if not median <= limit:
         raise InputError(
             case,
             file,
@@ -79,6 +79,28 @@ def register(
             "check that the scan is of this patient, shows the forehead and is not mirrored",
         )
     return Registration(motion, median, float(np.percentile(distance, 95)), len(distance))
+
+
+def registered_again(points, faces, skin_points, skin_faces, plane: float, found: Registration) -> tuple[float, float]:
+    """Mean residual (mm, robust) of a registered scan and of its mirror image, registered in its place.
+
+    The mirror is the middle plane of the skin's upper face, from where a few steps lead to the best fit.
+    """
+    skin_points, upper = np.asarray(skin_points, float), np.asarray(skin_points)[:, 2] >= plane
+    middle = (skin_points[upper, 0].min() + skin_points[upper, 0].max()) / 2
+    placed = found.motion.apply(np.asarray(points, float))
+    chosen = spread(placed, faces[(placed[faces, 2] >= plane - 10).all(axis=1)], SAMPLES)
+    near = skin_faces[(skin_points[skin_faces, 2] >= plane - 20).any(axis=1)]
+    residuals = []
+    for mirror in (1.0, -1.0):
+        image = (placed[chosen] - [middle, 0, 0]) * [mirror, 1, 1] + [middle, 0, 0]
+        normals = vertex_normals(placed, faces)[chosen] * [mirror, 1, 1]
+        rotation, shift = _fine(image, normals, np.eye(3), np.zeros(3), skin_points, near, plane, 80)
+        image = image @ rotation.T + shift
+        closest = closest_points(image[image[:, 2] >= plane], skin_points, near)
+        distance = closest.distance[~closest.border]
+        residuals.append(float(np.minimum(distance, COARSE_CUT).mean()) if len(distance) >= FEWEST else np.inf)
+    return residuals[0], residuals[1]
 
 
 def spread(points, faces, count: int) -> np.ndarray:

@@ -52,7 +52,7 @@ def repair(
     for code, name in names.items():
         own, now = raw == code, labels == code
         changed, size = int((own != now).sum()), int(own.sum())
-        if code != AIR and 100 * changed > limit_percent * size:
+        if code != AIR and not 100 * changed <= limit_percent * size:
             raise InputError(
                 case,
                 file,

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
+from pinnochio.importing.images import read_image
+
 IMAGE_FORMATS = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm")
 Refuse = Callable[..., None]  # refuse(problem, remedy) raises InputError
 
@@ -36,11 +38,7 @@ def read_segments(path: str | os.PathLike, refuse: Refuse) -> tuple[sitk.Image, 
         refuse("this is no image format known here", f"save it as one of {', '.join(IMAGE_FORMATS)}")
     if str(path).lower().endswith(".dcm"):
         return _read_dicom(path, refuse)
-    try:
-        image = sitk.ReadImage(str(path))
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1]
-        refuse(f"it cannot be read as an image ({reason})", "export the label map again")
+    image = read_image(path, refuse)
     if image.GetDimension() == 4 and image.GetSize()[3] == 1:
         image = image[..., 0]
     named = image.HasMetaDataKey("Segment0_ID")
@@ -50,11 +48,7 @@ def read_segments(path: str | os.PathLike, refuse: Refuse) -> tuple[sitk.Image, 
         refuse(f"it is {size} with {channels} channel(s), not a volume", "save one 3-D label map with one channel")
     values = sitk.GetArrayFromImage(image)
     if values.dtype.kind == "f":
-        import nibabel  # half a second, like highdicom below, which most stages are spared
-
-        # ITK's NIfTI reader silently turns NaN into 0, so the file is looked at with another one.
-        nifti = str(path).lower().endswith((".nii", ".nii.gz"))
-        if not np.isfinite(np.asanyarray(nibabel.load(path).dataobj) if nifti else values).all():
+        if not np.isfinite(values).all():
             refuse("it holds NaN or infinite voxels", "replace them by 0 (air)")
         if (values != np.rint(values)).any():
             refuse("it holds values that are not whole numbers", "save the label map, not the scan, as integers")
@@ -76,7 +70,7 @@ def _slicer_segments(image: sitk.Image, layers: np.ndarray, refuse: Refuse) -> l
         name = header.get(key + "Name", header[key + "ID"])
         value = int(header.get(key + "LabelValue", 1))
         layer = int(header.get(key + "Layer", 0 if key + "LabelValue" in header else len(segments)))
-        if layer >= layers.shape[3]:
+        if not 0 <= layer < layers.shape[3]:
             refuse(f"segment {name!r} lies in layer {layer}, the file has {layers.shape[3]}", "save it again in Slicer")
         segments.append(Segment(name, value, lambda layer=layer, value=value: layers[..., layer] == value))
     return segments
@@ -84,7 +78,7 @@ def _slicer_segments(image: sitk.Image, layers: np.ndarray, refuse: Refuse) -> l
 
 def _read_dicom(path: str | os.PathLike, refuse: Refuse) -> tuple[sitk.Image, list[Segment]]:
     """Grid and segments of a DICOM-SEG; fractional segments count from one half."""
-    import highdicom
+    import highdicom  # half a second, which most stages are spared
 
     try:
         stored = highdicom.seg.segread(path)

@@ -141,7 +141,7 @@ def register_bones(
 def check_fits(fits: Sequence[SegmentFit], *, limit: float, share: float, case: str, file: object) -> None:
     """Refuse (InputError) a bone whose median distance exceeds `limit` mm or whose matched share is below `share` %."""
     for fit in fits:
-        if fit.median > limit or fit.matched < share:
+        if not (fit.median <= limit and fit.matched >= share):
             raise InputError(
                 case,
                 file,

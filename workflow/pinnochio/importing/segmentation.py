@@ -14,6 +14,8 @@ from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.geometry.closed_surfaces import read_closed_surface, read_triangles, surface_files, voxelised
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION
+from pinnochio.importing.images import read_own_image
+from pinnochio.importing.scan_checks import thinned, without_spikes
 from pinnochio.importing.segment_files import Segment, read_segments
 from pinnochio.model.labels import AIR, TISSUES, internal_codes
 from pinnochio.model.surfaces import BoneSurface
@@ -178,7 +180,7 @@ def write_segmentation(labels, spacing, origin, path: str | os.PathLike) -> None
 
 def read_labels(path: str | os.PathLike) -> Segmentation:
     """Read what :func:`write_segmentation` wrote, without checks."""
-    image = _axis_aligned(sitk.ReadImage(str(path)))
+    image = _axis_aligned(read_own_image(path))
     labels = np.ascontiguousarray(sitk.GetArrayFromImage(image).transpose(2, 1, 0)).astype(np.uint8)
     return Segmentation(labels, np.array(image.GetSpacing()), np.array(image.GetOrigin()))
 
@@ -209,11 +211,11 @@ def check_travel(plan: Plan, bone: BoneSurface, segments: Sequence[str], path: s
     for index, name in enumerate(segments):
         moved = plan.motion(name).displacement(bone.points[bone.segment == index])
         farthest = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
-        if farthest > LARGEST_TRANSLATION:
+        if not farthest <= LARGEST_TRANSLATION:
             raise InputError(
                 plan.case,
                 path,
-                f"it carries a point of {name!r} {farthest:.0f} mm away",
+                f"it carries a point of {name!r} {farthest:.4g} mm away",
                 f"check pivot, rotation and frame (LPS, mm); bones move {LARGEST_TRANSLATION:.0f} mm at most",
             )
 
@@ -222,14 +224,16 @@ def read_postop(path: str | os.PathLike, case: str, skin_points) -> tuple[np.nda
     """Read a post-operative skin (PLY, STL, OBJ, VTP): points (p, 3) mm, faces (f, 3) int32, in its own frame.
 
     Its size is compared with that of the pre-operative skin_points (k, 3) mm: centimetres and metres are turned into
-    millimetres with a warning. Raises InputError for any other size and for what is no surface.
+    millimetres with a warning. Spikes are left out, and a scan of very many triangles is thinned, both with a warning.
+    Raises InputError for any other size and for what is no surface.
     """
 
     def refuse(problem: str, remedy: str, file=path):
         raise InputError(case, file, problem, remedy)
 
     points, faces = read_triangles(path, refuse)
-    return in_millimetres(points, skin_points, "skin", case, path), faces
+    points = in_millimetres(points, skin_points, "skin", case, path)
+    return thinned(*without_spikes(points, faces, case, path), case, path)
 
 
 def in_millimetres(points, reference, what: str, case: str, path: str | os.PathLike) -> np.ndarray:
@@ -299,4 +303,6 @@ def _labelled_extent(inside, spacing) -> float | None:
 
 
 def _diagonal(points) -> float:
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
+    """Size in mm of what most of the points lie in; a spike says nothing of it."""
+    low, high = np.percentile(points, [1, 99], axis=0)
+    return float(np.linalg.norm(high - low))

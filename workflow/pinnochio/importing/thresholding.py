@@ -4,12 +4,14 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
+from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
 from scipy import ndimage
 
 from pinnochio.errors import InputError
+from pinnochio.importing.images import read_image
 from pinnochio.importing.segmentation import HEADER, Segmentation, axes_of, turn
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, segment_code
 
@@ -112,14 +114,19 @@ class Thresholds:
 
 def read_ct(path: str | os.PathLike, orientation: str = HEADER) -> sitk.Image:
     """Read a CT as an axis-aligned LPS volume; orientation as in :func:`read_segmentation`. Raises InputError."""
+
+    def refuse(problem: str, remedy: str):
+        raise InputError("-", path, f"cannot be read as a CT volume: {problem}", remedy)
+
+    if not Path(path).is_file():
+        refuse("it is no file", "give NRRD, NIfTI or MHA")
+    image = read_image(path, refuse, sitk.sitkFloat32)
     try:
-        image = sitk.ReadImage(str(path), sitk.sitkFloat32)
         if orientation != HEADER:
             turn(image, axes_of(orientation))
         image = sitk.DICOMOrient(image, "LPS")
     except (RuntimeError, ValueError) as error:
-        reason = str(error).strip().splitlines()[-1]
-        raise InputError("-", path, f"cannot be read as a CT volume ({reason})", "give NRRD, NIfTI or MHA") from error
+        refuse(str(error).strip().splitlines()[-1], "give NRRD, NIfTI or MHA")
     if not np.allclose(image.GetDirection(), np.eye(3).ravel(), atol=1e-4):
         raise InputError("-", path, "its axes are oblique", "resample it to axes along the body, or name the axes")
     return image

@@ -4,13 +4,12 @@ import os
 import time
 from dataclasses import dataclass, fields
 
-import h5py
 import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from pinnochio.files import replacing
 from pinnochio.geometry.scattered import farthest
+from pinnochio.hdf5 import reading, writing
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.elements import VOLUMETRIC, shape_gradients
 from pinnochio.mechanics.linear import linear_solver
@@ -41,7 +40,7 @@ class Lift:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write the lift as HDF5."""
-        with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+        with writing(path) as file:
             for item in fields(self):
                 if item.name == "seconds":
                     file.attrs[item.name] = self.seconds
@@ -51,7 +50,7 @@ class Lift:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Lift":
         """Read what :meth:`write` wrote."""
-        with h5py.File(path, "r") as file:
+        with reading(path) as file:
             arrays = {item.name: file[item.name][()] for item in fields(cls) if item.name != "seconds"}
             return cls(**arrays, seconds=float(file.attrs["seconds"]))
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import meshio
 import numpy as np
 
-from pinnochio.files import replacing
+from pinnochio.errors import InputError
+from pinnochio.files import check_seal, replacing, seal
 from pinnochio.geometry.faces import EDGES, boundary_faces
 
 
@@ -36,12 +37,22 @@ class TetMesh:
         mesh = meshio.Mesh(self.points, [("tetra", self.cells)], cell_data={"tissue": [self.tissue]})
         with replacing(path) as temporary:
             mesh.write(temporary, file_format="vtu")
+            seal(temporary)
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> "TetMesh":
         """Read what :meth:`write` wrote."""
-        mesh = meshio.read(path)
-        return cls(mesh.points, mesh.cells_dict["tetra"].astype(np.int32), mesh.cell_data["tissue"][0])
+        try:
+            check_seal(path)
+            mesh = meshio.read(path)
+            cells = mesh.cells_dict["tetra"].astype(np.int32)
+            made = cls(mesh.points, cells, mesh.cell_data["tissue"][0])
+            if not np.isfinite(made.points).all() or not (cells.min() >= 0 and cells.max() < len(made.points)):
+                raise ValueError("its cells and points do not fit")
+        except (Exception, SystemExit) as error:  # meshio ends the process by itself
+            problem = f"it cannot be read ({error})"
+            raise InputError("-", path, problem, "delete it; the same command makes it again") from error
+        return made
 
 
 def volumes(points, cells) -> np.ndarray:

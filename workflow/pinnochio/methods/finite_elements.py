@@ -35,6 +35,7 @@ class Predictor:
             converged=result.converged,
             reason=result.reason,
             iterations=result.iterations,
+            load=result.fraction,
         )
 
     def _solve(self, planned: Planned, fem: FemSettings):

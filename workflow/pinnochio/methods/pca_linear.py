@@ -10,14 +10,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 
-import h5py
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
-from pinnochio.files import replacing
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.scattered import farthest, nearest, spread
+from pinnochio.hdf5 import reading, writing
 from pinnochio.methods.protocol import Planned, predict_skin
 from pinnochio.model.bones import motion_of_places
 from pinnochio.model.landmarks import face_landmarks
@@ -46,14 +45,14 @@ class LinearModel:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as HDF5."""
-        with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+        with writing(path) as file:
             for item in fields(self):
                 file.create_dataset(item.name, data=getattr(self, item.name), track_times=False)
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> "LinearModel":
         """Read what :meth:`write` wrote."""
-        with h5py.File(path, "r") as file:
+        with reading(path) as file:
             return cls(*(file[item.name][()] for item in fields(cls)))
 
 

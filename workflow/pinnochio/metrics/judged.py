@@ -3,15 +3,14 @@
 import os
 from dataclasses import dataclass, fields
 
-import h5py
 import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
-from pinnochio.files import replacing
 from pinnochio.geometry.alignment import carried
 from pinnochio.geometry.closest_points import Closest, closest_points
 from pinnochio.geometry.triangles import face_normals, sample_surface
+from pinnochio.hdf5 import reading, writing
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NOT_JUDGED, regions
 from pinnochio.plans.plan import Plan
@@ -43,14 +42,14 @@ class Judged:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as HDF5."""
-        with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+        with writing(path) as file:
             for item in fields(self):
                 file.create_dataset(item.name, data=getattr(self, item.name), compression="gzip", track_times=False)
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Judged":
         """Read what :meth:`write` wrote."""
-        with h5py.File(path, "r") as file:
+        with reading(path) as file:
             return cls(**{item.name: file[item.name][()] for item in fields(cls)})
 
 

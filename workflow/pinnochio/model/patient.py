@@ -3,10 +3,9 @@
 import os
 from dataclasses import dataclass, fields
 
-import h5py
 import numpy as np
 
-from pinnochio.files import replacing
+from pinnochio.hdf5 import reading, writing
 from pinnochio.plans.plan import Plan
 
 # Node types: what the boundary condition of a node is.
@@ -103,7 +102,7 @@ class PatientModel:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write the model as HDF5, one dataset per array; names and words as attributes."""
-        with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+        with writing(path) as file:
             for item in fields(self):
                 value = getattr(self, item.name)
                 if item.name in ATTRIBUTES:
@@ -114,7 +113,7 @@ class PatientModel:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "PatientModel":
         """Read what :meth:`write` wrote."""
-        with h5py.File(path, "r") as file:
+        with reading(path) as file:
             arrays = {item.name: file[item.name][()] for item in fields(cls) if item.name not in ATTRIBUTES}
             segments = tuple(str(name) for name in file.attrs["segments"])
             return cls(**arrays, segments=segments, muscle=str(file.attrs["muscle"]))

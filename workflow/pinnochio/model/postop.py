@@ -3,10 +3,9 @@
 import os
 from dataclasses import dataclass
 
-import h5py
 import numpy as np
 
-from pinnochio.files import replacing
+from pinnochio.hdf5 import reading, writing
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ class PostopSkin:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write the skin as HDF5."""
-        with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+        with writing(path) as file:
             file.create_dataset("points", data=self.points, track_times=False)
             file.create_dataset("faces", data=np.asarray(self.faces, np.int32), track_times=False)
             file.attrs["registration_residual"] = self.residual
@@ -32,5 +31,5 @@ class PostopSkin:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "PostopSkin":
         """Read what :meth:`write` wrote."""
-        with h5py.File(path, "r") as file:
+        with reading(path) as file:
             return cls(file["points"][()], file["faces"][()], float(file.attrs["registration_residual"]))

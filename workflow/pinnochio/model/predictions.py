@@ -5,15 +5,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
-from pinnochio.files import replacing
+from pinnochio.hdf5 import reading, writing
 from pinnochio.model.patient import PatientModel
 
 SAME_PLACE = 1e-3  # mm
+FARTHEST = 100.0  # mm; twice as far as a bone is moved
 FIELDS = ("displacement", "boundary", "skin")  # of a prediction: datasets of its file, the rest are attributes
 
 
@@ -23,6 +23,7 @@ class Prediction:
 
     seconds: one plan, warm, without reading files; setup_seconds: what belongs to the patient and serves every plan;
     NaN where nobody timed them. threads: 0 where unknown. iterations: of a solver, or corrections of a network's field.
+    load: share of the plan that a solver has reached.
     boundary (n, 3) mm: where a network puts the interface nodes, which its field need not meet; None of other methods.
     raw_min_jacobian, raw_inverted: least J of the network's own field and its inverted elements; repaired: elements
     that the inversion repair solved again; damping: its factor on the whole field, 1 for none. NaN without repair.
@@ -37,6 +38,7 @@ class Prediction:
     converged: bool = True
     reason: str = "no solver"
     iterations: int = 0
+    load: float = 1.0
     boundary: np.ndarray | None = None
     raw_min_jacobian: float = np.nan
     raw_inverted: float = np.nan
@@ -53,7 +55,7 @@ class Prediction:
 
 def write_predictions(path: str | os.PathLike, predictions: Mapping[str, Prediction]) -> None:
     """Write one HDF5 group per case; a key may have parts, as in "V01/3"."""
-    with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+    with writing(path) as file:
         for case, prediction in predictions.items():
             group = file.create_group(case)
             values = asdict(prediction)
@@ -65,8 +67,8 @@ def write_predictions(path: str | os.PathLike, predictions: Mapping[str, Predict
 
 
 def read_prediction(path: str | os.PathLike, case: str) -> Prediction:
-    """Read the prediction of one case; raises KeyError where the file does not hold it."""
-    with h5py.File(path, "r") as file:
+    """Read the prediction of one case; InputError where the file does not hold it."""
+    with reading(path) as file:
         group = file[case]
         values = {key: value.item() if hasattr(value, "item") else value for key, value in group.attrs.items()}
         return Prediction(**{name: group[name][()] if name in group else None for name in FIELDS}, **values)
@@ -111,6 +113,8 @@ def read_external(path: str | os.PathLike, case: str, points: np.ndarray, cells:
         )
     if bad := np.count_nonzero(~np.isfinite(displacement).all(axis=1)):
         refuse(f"the displacement of {bad} nodes is not finite", "leave no NaN and no infinity in it")
+    if not (farthest := np.abs(displacement).max(initial=0.0)) <= FARTHEST:
+        refuse(f"a node is displaced by {farthest:.3g} mm", f"store millimetres; no tissue moves {FARTHEST:.0f} mm")
     times = {name: np.ravel(values.get(name, np.nan)) for name in ("seconds", "setup_seconds")}
     for name, value in times.items():
         if value.dtype.kind not in "fiu" or len(value) != 1 or value[0] < 0:

@@ -2,6 +2,8 @@
 
 import logging
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +11,9 @@ import pyvista as pv
 from scipy import ndimage
 from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkQuadricDecimation
 
-from pinnochio.files import replacing
+from pinnochio.errors import InputError
+from pinnochio.files import check_seal, replacing, seal
+from pinnochio.geometry.surface_integrity import read_mesh
 from pinnochio.geometry.triangles import enclosed_volume, vertex_normals
 from pinnochio.model.labels import AIR, CRANIUM, segment_code
 
@@ -46,16 +50,17 @@ class BoneSurface:
         mesh.field_data["segments"] = np.array(self.segments, str)
         with replacing(path) as temporary:
             mesh.save(temporary)
+            seal(temporary)
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> "BoneSurface":
         """Read what :meth:`write` wrote."""
-        mesh = pv.read(path)
-        faces = mesh.regular_faces.astype(np.int32)
-        names = tuple(str(name) for name in mesh.field_data["segments"])
-        return cls(
-            np.asarray(mesh.points, float), np.asarray(mesh["normal"]), faces, np.asarray(mesh["segment"]), names
-        )
+        with own_mesh(path) as mesh:
+            faces = mesh.regular_faces.astype(np.int32)
+            names = tuple(str(name) for name in mesh.field_data["segments"])
+            return cls(
+                np.asarray(mesh.points, float), np.asarray(mesh["normal"]), faces, np.asarray(mesh["segment"]), names
+            )
 
 
 def bone_surface(labels, spacing, origin, segments: tuple[str, ...], edge_mm: float = 2.5) -> BoneSurface:
@@ -172,12 +177,31 @@ def write_surface(points, faces, path: str | os.PathLike) -> None:
     """Write points (p, 3) mm and faces (f, 3) in the format that the suffix names (VTP, PLY, STL)."""
     with replacing(path) as temporary:
         pv.PolyData.from_regular_faces(np.asarray(points, float), np.asarray(faces)).save(temporary)
+        if str(path).endswith(".vtp"):
+            seal(temporary)
 
 
 def read_surface(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
     """Points (p, 3) float64 mm and faces (f, 3) int32 of a triangle surface."""
-    mesh = pv.read(path).extract_surface(algorithm="dataset_surface").triangulate()
-    return np.asarray(mesh.points, float), mesh.regular_faces.astype(np.int32)
+    with own_mesh(path) as mesh:
+        mesh = mesh.extract_surface(algorithm="dataset_surface").triangulate()
+        return np.asarray(mesh.points, float), mesh.regular_faces.astype(np.int32)
+
+
+@contextmanager
+def own_mesh(path: str | os.PathLike) -> Iterator[pv.PolyData]:
+    """A surface that the study itself has written; InputError where it is damaged or holds something else."""
+
+    def refuse(problem: str, remedy: str, file=path):
+        raise InputError("-", file, problem, "delete it; the same command makes it again")
+
+    try:
+        check_seal(path)
+        yield read_mesh(path)
+    except InputError:
+        raise
+    except Exception as error:  # VTK and pyvista raise what they like
+        refuse(f"it cannot be read ({error})", "")
 
 
 def _bounding_box(mask) -> tuple[slice, ...] | None:

@@ -2,9 +2,9 @@
 
 import os
 
-import h5py
 import numpy as np
 
+from pinnochio.hdf5 import reading
 from pinnochio.plans.plan import Plan
 
 
@@ -13,6 +13,6 @@ def read_truth(path: str | os.PathLike, case: str) -> tuple[np.ndarray, np.ndarr
 
     Evaluation and the bounds read them, no method does.
     """
-    with h5py.File(path, "r") as file:
+    with reading(path) as file:
         field = (file[name][()] for name in ("points", "cells", "displacement"))
         return *field, Plan.from_json(file.attrs["executed"], path, case)

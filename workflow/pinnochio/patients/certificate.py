@@ -19,15 +19,31 @@ USUAL = ("min_jacobian", "eqres_rel", "moving_error", "sliding_error")
 # What is compared with the training.
 PARTS = ("segments", "muscle", "anatomy", "plan")
 WIDENED = 1.1  # half-width by the calibrated one from which it counts as widened
+# What is called usable, to be used with care, and not usable [I].
+USABLE, CARE, NOT_USABLE = "usable", "with care", "not usable"
+FLAT = 0.1  # least volume ratio below which care is due where nothing usual is known
+MISMATCH = 0.5, 2.0  # mm between tissue and bone from which care is due, and from which nothing is usable
+RESIDUALS = 10.0  # times the largest usual residual from which nothing is usable
+REPAIRED = 0.01  # share of the elements above which the repair is no small matter
+FAR = 1.0  # widths of the training's range beyond what is usual from which nothing is usable
 
 
 class Row(NamedTuple):
-    """One line of the certificate in words; good: whether it is as it should be, None where nobody can say."""
+    """One line of the certificate in words; good: whether it is as it should be, None where nobody can say; bad:
+    whether the prediction is not usable for it."""
 
     what: str
     value: str
     meaning: str
     good: bool | None = None
+    bad: bool = False
+
+
+class Verdict(NamedTuple):
+    """What the certificate comes to: USABLE, CARE or NOT_USABLE, and the reasons."""
+
+    grade: str
+    reasons: tuple[str, ...]
 
 
 def measures(patient: PatientModel, plan: Plan, displacement: np.ndarray, fem: FemSettings) -> dict:
@@ -44,8 +60,11 @@ def measures(patient: PatientModel, plan: Plan, displacement: np.ndarray, fem: F
     }
 
 
-def interval_measures(interval: Interval, calibration: Calibration) -> dict:
-    """The half-width over the judged face, and on how much of it the disagreement of the fold models widened it."""
+def interval_measures(interval: Interval, calibration: Calibration, widening: float = 1.0) -> dict:
+    """The half-width over the judged face, and on how much of it the disagreement of the fold models widened it.
+
+    widening: factor on all of it, of a patient or plan beyond the training.
+    """
     half_width = interval.half_width
     known = np.isfinite(half_width)
     calibrated = np.array([calibration.half_width[name] or np.nan for name in NAMES])
@@ -54,7 +73,8 @@ def interval_measures(interval: Interval, calibration: Calibration) -> dict:
         "patients": calibration.patients,
         "median_mm": np.median(half_width[known]),
         "largest_mm": half_width[known].max(),
-        "widened_percent": 100 * np.mean(half_width[known] > WIDENED * calibrated[interval.region[known]]),
+        "widening": widening,
+        "widened_percent": 100 * np.mean(half_width[known] > WIDENED * widening * calibrated[interval.region[known]]),
     }
 
 
@@ -93,7 +113,10 @@ def plain(value):
 
 def in_words(certificate: Mapping) -> list[Row]:
     """The certificate as a table that needs no other explanation."""
-    rows = _field_rows(certificate["measures"], certificate["models"])
+    rows = [
+        *_solution_rows(certificate["solution"], certificate["measures"]),
+        *_field_rows(certificate["measures"], certificate["models"]),
+    ]
     if not certificate["models"]:
         none = Row("Interval", "none", "No interval is calibrated for this method.")
         return [*rows, none, Row("In distribution", "not asked", "The method has not been trained on anybody.")]
@@ -102,6 +125,39 @@ def in_words(certificate: Mapping) -> list[Row]:
         _interval_row(certificate["interval"], certificate["in_distribution"]["within"]),
         *_distribution_rows(certificate["in_distribution"], certificate["models"]["cohort"]),
     ]
+
+
+def verdict(certificate: Mapping) -> Verdict:
+    """What all rows of a certificate come to, and those that speak against using the prediction."""
+    rows = in_words(certificate)
+    for grade, chosen in ((NOT_USABLE, [own for own in rows if own.bad]), (CARE, [o for o in rows if o.good is False])):
+        if chosen:
+            return Verdict(grade, tuple(f"{own.what}: {own.value}" for own in chosen))
+    return Verdict(USABLE, ())
+
+
+def _solution_rows(solution: Mapping, of: Mapping) -> list[Row]:
+    rows = []
+    if solution["solver"]:
+        value = f"converged in {solution['iterations']} iterations"
+        meaning = "Forces are in balance under the whole plan."
+        if not solution["converged"]:
+            value = f"stopped at {100 * solution['load']:.0f} % of the plan"
+            meaning = f"{solution['reason'].capitalize()}. What is shown is the last state before that, not the plan's."
+        whole = solution["converged"] and solution["load"] >= 1
+        rows.append(Row("Solver", value, meaning, whole, not whole))
+        return rows
+    if not solution["converged"]:
+        rows.append(Row("Corrections", "not converged", "Newton's corrections of a model stopped early.", False))
+    if solution["damping"] < 1:
+        meaning = "The models' field turned tissue inside out, so it was made smaller: the plan is not carried out."
+        value = f"field scaled to {100 * solution['damping']:.2g} %"
+        rows.append(Row("Inversion repair", value, meaning, False, True))
+    elif solution["repaired"]:
+        meaning = "Elements that the models' fields had turned inside out or flattened, and that were solved again."
+        good = None if solution["repaired"] <= REPAIRED * of["elements"] else False
+        rows.append(Row("Inversion repair", f"{solution['repaired']} of {of['elements']} elements", meaning, good))
+    return rows
 
 
 def _field_rows(of: Mapping, models: Mapping | None) -> list[Row]:
@@ -115,22 +171,63 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Row]:
     def millimetres(name: str) -> str:
         return "no such tissue" if of[name] is None else f"{of[name]:.3f} mm"
 
+    def worse(name: str, than: float | None = None) -> bool | None:
+        """False where a value is worse than on any held-out patient, else than a bound; True where it is not."""
+        if of[name] is None:
+            return None
+        least = name == "min_jacobian"
+        if models and name in models["usual"]:
+            than = models["usual"][name][0 if least else 2]
+        if than is None:
+            return None
+        return bool(of[name] >= than if least else of[name] <= than)
+
+    def far(name: str) -> bool:
+        """Whether tissue lies so far from its bone that the plan is not carried out, beyond what is usual."""
+        return of[name] is not None and of[name] > MISMATCH[1] and worse(name, MISMATCH[1]) is False
+
+    def number(name: str, digits: str) -> str:
+        return "not a number" if of[name] is None else format(of[name], digits)
+
+    known = {name: np.nan if value is None else value for name, value in of.items()}
+    largest = models["usual"].get("eqres_rel", [np.inf])[-1] if models else np.inf
+    strained = not known["eqres_rel"] <= RESIDUALS * largest
+    inverted = known["inverted"] != 0
     folded = "The field folds tissue over; do not use it there." if of["inverted"] else "No piece of tissue is folded."
     force = "Force that is not in balance over the reaction of the bones; converged finite elements: below 1e-6."
     moving = "Mean distance of the tissue attached to bone from where the plan takes it."
     sliding = "Mean gap or penetration of the tissue that slides along bone."
     moved = f"{of['skin_mean_mm']:.1f} mm mean, {of['skin_max_mm']:.1f} mm at most"
     return [
-        Row("Elements turned inside out", f"{of['inverted']} of {of['elements']}", folded, of["inverted"] == 0),
+        Row("Elements turned inside out", f"{of['inverted']} of {of['elements']}", folded, not inverted, inverted),
         Row(
             "Smallest volume ratio (min J)",
-            f"{of['min_jacobian']:.3f}",
+            number("min_jacobian", ".3f"),
             "1 keeps its volume, 0 is flat." + usual("min_jacobian", ".2f"),
-            of["min_jacobian"] > 0,
+            known["min_jacobian"] > 0 and worse("min_jacobian", FLAT),
+            not known["min_jacobian"] > 0,
         ),
-        Row("Residual", f"{of['eqres_rel']:.2g}", force + usual("eqres_rel", ".2g")),
-        Row("Boundary mismatch, moving", millimetres("moving_error"), moving + usual("moving_error", ".2f")),
-        Row("Boundary mismatch, sliding", millimetres("sliding_error"), sliding + usual("sliding_error", ".2f")),
+        Row(
+            "Residual",
+            number("eqres_rel", ".2g"),
+            force + usual("eqres_rel", ".2g"),
+            worse("eqres_rel"),
+            strained,
+        ),
+        Row(
+            "Boundary mismatch, moving",
+            millimetres("moving_error"),
+            moving + usual("moving_error", ".2f"),
+            worse("moving_error", MISMATCH[0]),
+            far("moving_error"),
+        ),
+        Row(
+            "Boundary mismatch, sliding",
+            millimetres("sliding_error"),
+            sliding + usual("sliding_error", ".2f"),
+            worse("sliding_error", MISMATCH[0]),
+            far("sliding_error"),
+        ),
         Row("Movement of the skin", moved, "Over the judged face."),
     ]
 
@@ -139,6 +236,8 @@ def _interval_row(interval: Mapping, within: bool) -> Row:
     meaning = f"{100 * interval['level']:g} % of a region's points should lie this near to the outcome, as they did on "
     meaning += f"{interval['patients']} held-out patients, if patient and plan are like theirs. "
     meaning += "" if within else "They are not: do not rely on it. "
+    if interval["widening"] > 1:
+        meaning += f"So it is {interval['widening']:.1f} times as wide as calibrated. "
     meaning += f"Widened on {interval['widened_percent']:.0f} % of the face, where the fold models disagree."
     return Row("Interval", f"± {interval['median_mm']:.1f} mm median, {interval['largest_mm']:.1f} mm at most", meaning)
 
@@ -161,5 +260,8 @@ def _distribution_rows(compared: Mapping, cohort: str) -> list[Row]:
             meaning += f"usual: some {100 * part['false_alarm']:.0f} of 100 such patients have more."
         if part["incomparable"]:
             meaning += f" {len(part['incomparable'])} have no counterpart in the training, or could not be measured."
-        rows.append(Row(title, f"{'like' if part['within'] else 'unlike'} the training's", meaning, part["within"]))
+        far = part["farthest"] - part["threshold"] > FAR
+        value = "like the training's" if part["within"] else "beyond the training's"
+        value = "far beyond the training's" if far else value
+        rows.append(Row(title, value, meaning, part["within"], far))
     return rows

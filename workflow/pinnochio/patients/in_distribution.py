@@ -12,12 +12,12 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pinnochio.files import replacing
+from pinnochio.json_text import read_own_json
 from pinnochio.model.bones import motion_of_places
 from pinnochio.model.labels import TISSUES
 from pinnochio.model.patient import PatientModel
@@ -65,8 +65,9 @@ class Norm:
     def compare(self, values: Mapping[str, float]) -> dict:
         """How a patient's values compare, as JSON holds it.
 
-        within: whether no excess is above the threshold and every quantity can be compared; outside: the quantities
-        outside their range, the farthest first; incomparable: those that the patient or the training alone lacks.
+        within: whether no excess is above the threshold and every quantity can be compared; farthest: the largest
+        excess; outside: the quantities outside their range, the farthest first; incomparable: those that the patient or
+        the training alone lacks.
         """
         rows, excess = {}, {}
         further = [name for name, value in values.items() if name not in self.low and np.isfinite(value)]
@@ -79,6 +80,7 @@ class Norm:
             rows[name]["excess"] = excess.get(name)
         return {
             "within": len(excess) == len(rows) and max(excess.values(), default=0.0) <= self.threshold,
+            "farthest": max(excess.values(), default=0.0),
             "outside": sorted((name for name in excess if excess[name] > 0), key=lambda name: -excess[name]),
             "incomparable": [name for name in rows if name not in excess],
             "threshold": self.threshold,
@@ -106,8 +108,26 @@ class Ranges:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Ranges":
         """Read what :meth:`write` wrote."""
-        ranges = json.loads(Path(path).read_text(encoding="utf-8"))
+        ranges = read_own_json(path)
         return cls(Norm(**ranges["anatomy"]), Norm(**ranges["plan"]), ranges["muscle"], ranges["segments"])
+
+
+def beyond(compared: Mapping) -> float:
+    """How far anatomy or plan lies beyond what is usual of the training, in widths of its range.
+
+    compared: anatomy and plan as :meth:`Norm.compare` gives them.
+    """
+    return max(max(0.0, compared[name]["farthest"] - compared[name]["threshold"]) for name in ("anatomy", "plan"))
+
+
+def widening(compared: Mapping) -> float:
+    """Factor on the half-widths of the interval: 1 within the training, and as many times more as anatomy or plan lies
+    widths of the training's range beyond it.
+
+    A plan of twice the largest movement of the training has twice the interval: where nothing is known, an error is
+    expected to grow no less than the movement does [I].
+    """
+    return 1.0 + beyond(compared)
 
 
 def _range(values: np.ndarray, from_rest: bool) -> tuple[np.ndarray, np.ndarray]:

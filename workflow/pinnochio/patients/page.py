@@ -29,6 +29,7 @@ td, th { text-align: left; vertical-align: top; padding: .35em .5em; border-bott
 li { overflow-wrap: anywhere }
 td.n { text-align: right; white-space: nowrap } .no { font-weight: bold; color: #a40000 } .yes { color: #1a6b1a }
 .box { border: 2px solid #a40000; padding: .5em 1em; margin: 1em 0 } .box.fine { border-color: #1a6b1a }
+.box.care { border-color: #b26a00 }
 details { margin: 1em 0 } summary { cursor: pointer; font-weight: bold }
 </style></head><body>
 <h1>{{ c.case }}: {{ c.plan }}</h1>
@@ -41,13 +42,16 @@ details { margin: 1em 0 } summary { cursor: pointer; font-weight: bold }
 {{ number(c.expected.seconds_max) }} s), {{ number(c.expected.cd) }} mm from the outcome,
 {{ number(c.expected.face_error) }} mm from finite elements on a fine mesh.{% endif %}
 <b>{{ c.research }}</b></p>
-<div class="box {{ 'fine' if fine }}">{{ verdict }}</div>
+<div class="box {{ {'usable': 'fine', 'with care': 'care'}[c.verdict.grade] }}">
+<b>{{ c.verdict.grade | capitalize }}.</b>
+{% if c.verdict.reasons %}<ul>{% for reason in c.verdict.reasons %}<li>{{ reason }}</li>{% endfor %}</ul>
+{% else %}{{ fine }}{% endif %}</div>
 {% for title, picture, words in pictures -%}
 <h2>{{ title }}</h2><p>{{ words }}</p><img alt="{{ title }}" src="data:image/png;base64,{{ picture }}">
 {% endfor -%}
 <h2>Certificate</h2>
 <table><tr><th></th><th>Value</th><th>What it means</th><th></th></tr>
-{% for what, value, meaning, good in rows -%}
+{% for what, value, meaning, good, bad in rows -%}
 <tr><td>{{ what }}</td><td>{{ value }}</td><td>{{ meaning }}</td>
 <td class="{{ 'yes' if good else 'no' }}">{{ "" if good is none else "✓" if good else "✗" }}</td></tr>
 {% endfor -%}
@@ -106,18 +110,14 @@ def write_page(
         words = "Half-width of the interval, within which the outcome should lie; grey: not judged."
         pictures.append(("Interval", _map(after, half_width), words))
     rows = in_words(certificate)
-    bad = [what for what, _, _, good in rows if good is False]
-    verdict = "No check failed: the elements are valid"
-    verdict += ", and patient and plan are like those of the training." if certificate["in_distribution"] else "."
-    if bad:
-        verdict = f"Take care. Not as it should be, see the certificate: {', '.join(bad).lower()}."
+    fine = "No check failed: the elements are valid"
+    fine += ", and patient and plan are like those of the training." if certificate["in_distribution"] else "."
     page = jinja2.Environment(autoescape=True).from_string(TEMPLATE)
     text = page.render(
         c=certificate,
         pictures=[(title, base64.b64encode(picture).decode(), words) for title, picture, words in pictures],
         rows=rows,
-        verdict=verdict,
-        fine=not bad,
+        fine=fine,
         files=FILES,
         space=SPACE,
         number=lambda value: "–" if value is None else f"{value:.2f}",

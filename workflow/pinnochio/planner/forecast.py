@@ -1,14 +1,15 @@
 """The face that a plan leads to, plan after plan: everything that belongs to the patient is loaded once."""
 
-import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from pinnochio.json_text import read_own_json
 from pinnochio.mechanics.corrections import Finish
+from pinnochio.mechanics.inversion_repair import Repair
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.pinnochio.patient import tensors
@@ -17,10 +18,10 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
 from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
 from pinnochio.patients.certificate import PARTS, in_distribution
-from pinnochio.patients.in_distribution import Ranges
+from pinnochio.patients.in_distribution import Ranges, beyond, widening
 from pinnochio.planner.prepared import Prepared
 from pinnochio.plans.plan import Plan
-from pinnochio.statistics.intervals import Calibration, Interval, interval, repaired_interval
+from pinnochio.statistics.intervals import Calibration, Interval, interval, repaired_interval, widened
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,9 @@ class Forecast:
     """What is predicted of a plan.
 
     interval: displacement of the nodes and half-widths of the skin; skin (s, 3) mm: points of the moved skin; mean,
-    most: movement of the judged face, mm; least: smallest volume ratio of an element, None of a first look;
+    most: movement of the judged face, mm; least: smallest volume ratio of an element, None of a first look; repaired,
+    damping: most elements that the inversion repair solved again, and its smallest factor on a whole field, 1 for none;
+    beyond: how far patient or plan lies beyond the training, in widths of its range;
     out_of_distribution: what of patient and plan is (segments, muscle, anatomy, plan); seconds: since the beginning.
     """
 
@@ -38,6 +41,9 @@ class Forecast:
     mean: float
     most: float
     least: float | None
+    repaired: int
+    damping: float
+    beyond: float
     out_of_distribution: tuple[str, ...]
     seconds: float
 
@@ -50,7 +56,7 @@ class Forecaster:
         self._archive, folder = Archive.read(prepared.archive), Path(prepared.archive)
         self.calibration = Calibration.read(folder / calibration_file(prepared.method))
         self._ranges = Ranges.read(folder / RANGES)
-        self._quality = json.loads(Path(prepared.quality).read_text(encoding="utf-8"))
+        self._quality = read_own_json(prepared.quality)
         self._region = regions(self.patient)
         self._judged = self.patient.judged_points
         files = [folder / network_file(prepared.method, fold) for fold in self._archive.folds]
@@ -73,18 +79,25 @@ class Forecaster:
         yield self._forecast(plan, interval(self.patient, raw, self.calibration, self._region), None, began)
         finished = []
         for field in fields:
-            finished.append(self._finish(*field)[0])
+            displacement, _, repair, _ = self._finish(*field)
+            finished.append((displacement, repair))
             yield None
-        result, repair = repaired_interval(self.patient, finished, self.calibration, self._fem, self._region)
-        yield self._forecast(plan, result, repair.least, began)
+        result, repair = repaired_interval(
+            self.patient, [field for field, _ in finished], self.calibration, self._fem, self._region
+        )
+        repairs = [repair, *(own for _, own in finished)]
+        yield self._forecast(plan, result, repair.least, began, repairs)
 
     def __call__(self, plan: Plan) -> Forecast:
         """The forecast of a plan."""
         *_, forecast = self.steps(plan)
         return forecast
 
-    def _forecast(self, plan: Plan, result: Interval, least: float | None, began: float) -> Forecast:
+    def _forecast(
+        self, plan: Plan, result: Interval, least: float | None, began: float, repairs: Sequence[Repair] = ()
+    ) -> Forecast:
         compared = in_distribution(self.patient, plan, self._quality, self._ranges)
+        result = widened(result, widening(compared))
         skin = self.patient.moved_skin(result.displacement)
         moved = np.linalg.norm(skin - self.patient.skin_points, axis=1)[self._judged]
         return Forecast(
@@ -94,6 +107,9 @@ class Forecaster:
             mean=float(moved.mean()),
             most=float(moved.max()),
             least=least,
+            repaired=max((own.elements for own in repairs), default=0),
+            damping=min((own.damping for own in repairs), default=1.0),
+            beyond=beyond(compared),
             out_of_distribution=tuple(part for part in PARTS if not compared[part]["within"]),
             seconds=time.perf_counter() - began,
         )

@@ -15,7 +15,7 @@ from trame.widgets import vuetify3 as v3
 
 from pinnochio.errors import InputError
 from pinnochio.figures.interval import scale
-from pinnochio.patients.certificate import RESEARCH
+from pinnochio.patients.certificate import FAR, RESEARCH
 from pinnochio.planner.forecast import Forecast, Forecaster
 from pinnochio.planner.session import QUANTITIES, SIDES, Session
 from pinnochio.planner.view import AXES, COLOURS, VIEWS, View, bone_colour
@@ -39,6 +39,9 @@ FIELD = {"hide_details": True, "density": "compact", "variant": "outlined"}
 SMALL = {"size": "small", "variant": "tonal"}
 FIRST_LOOK = "first look"
 OUTSIDE = "Unlike the training in {}: do not rely on the interval."
+DAMPED = "Not usable: the field turned tissue inside out and was scaled to {:.2g} %; the plan is not carried out."
+FAR_BEYOND = "Not usable: {:.1f} widths of the training's range beyond it."
+REPAIR = "{} elements were turned inside out and solved again."
 
 
 class Page(TrameApp):
@@ -243,7 +246,7 @@ class Page(TrameApp):
         return {
             "moved": f"face moves {forecast.mean:.2f} mm in the mean, {forecast.most:.2f} mm at most",
             "more": f"{words}; after {forecast.seconds:.2f} s",
-            "outside": OUTSIDE.format(", ".join(forecast.out_of_distribution)) if forecast.out_of_distribution else "",
+            "outside": _warning(forecast),
         }
 
     # What the page looks like.
@@ -343,3 +346,17 @@ class Page(TrameApp):
             html.Span("pivot ⬤ with axes:")
             for way, colour in AXES.items():
                 html.B(f"{way} →", style=f"color: {colour}")
+
+
+def _warning(forecast: Forecast) -> str:
+    """What speaks against a forecast, in words; empty where nothing does."""
+    said = []
+    if forecast.damping < 1:
+        said.append(DAMPED.format(100 * forecast.damping))
+    elif forecast.repaired:
+        said.append(REPAIR.format(forecast.repaired))
+    if forecast.beyond > FAR:
+        said.append(FAR_BEYOND.format(forecast.beyond))
+    if forecast.out_of_distribution:
+        said.append(OUTSIDE.format(", ".join(forecast.out_of_distribution)))
+    return " ".join(said)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
+from pinnochio.json_text import read_own_json
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Prepared:
         remedy = "prepare the patient: make planner PATIENT=FOLDER"
         if not Path(path).is_file():
             raise InputError("-", path, "no patient is prepared for the planner", remedy)
-        prepared = cls(**json.loads(Path(path).read_text(encoding="utf-8")))
+        prepared = cls(**read_own_json(path))
         files = [prepared.model, prepared.lift, prepared.quality, prepared.archive, *prepared.plans.values()]
         for file in filter(None, files):
             if not Path(file).exists():

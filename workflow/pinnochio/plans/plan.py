@@ -10,8 +10,12 @@ import numpy as np
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION, RigidMotion
+from pinnochio.json_text import check_keys, parse_json, read_text
 
 CONVENTION = "x_post = R (x_pre - pivot) + pivot + translation"
+KEYS = ("case", "frame", "units", "convention", "segments")
+MOTION_KEYS = ("rotation", "translation", "pivot")
+FARTHEST = 1e4  # mm; no scanner's origin lies farther from the head
 
 
 @dataclass(frozen=True)
@@ -46,40 +50,41 @@ class Plan:
         def refuse(problem: str, remedy: str):
             raise InputError(name, file, problem, remedy)
 
-        try:
-            data = json.loads(text)
-        except json.JSONDecodeError as error:
-            refuse(f"is not JSON ({error})", "write the plan as README.md shows")
+        data = parse_json(text, refuse)
         if not isinstance(data, dict) or not isinstance(data.get("segments"), dict):
             refuse("has no 'segments' object", "write the plan as README.md shows")
+        check_keys(data, KEYS, "", refuse)
         for key, expected in (("frame", "LPS"), ("units", "mm"), ("convention", CONVENTION)):
             if data.get(key, expected) != expected:
                 refuse(f"{key} is {data[key]!r}", f"convert the plan to {key} {expected!r}")
+        if not isinstance(data.get("case", name), str):
+            refuse(f"its case is {data['case']!r}", "write the name of the case as text")
         if case is not None and data.get("case", case) != case:
             refuse(f"belongs to case {data['case']!r}", "give each case its own plan")
         motions = {}
         for segment, entry in data["segments"].items():
-            try:
-                motion = RigidMotion(
-                    np.array(entry["rotation"], float).reshape(3, 3),
-                    np.array(entry["translation"], float).reshape(3),
-                    np.array(entry.get("pivot", [0, 0, 0]), float).reshape(3),
-                )
-            except (KeyError, TypeError, ValueError):
+            if not isinstance(entry, dict):
+                refuse(f"segment {segment!r} is no object", "give it rotation, translation and pivot")
+            check_keys(entry, MOTION_KEYS, f"segment {segment!r}: ", refuse)
+            parts = [entry.get(key, None if key != "pivot" else [0, 0, 0]) for key in MOTION_KEYS]
+            if not (_numbers(parts[0], 3, 3) and _numbers(parts[1], 3) and _numbers(parts[2], 3)):
                 refuse(
                     f"segment {segment!r} needs rotation (3x3), translation (3) and, if wanted, pivot (3)",
-                    "write all numbers of the motion",
+                    "write all numbers of the motion as numbers",
                 )
-            numbers = np.concatenate([motion.rotation.ravel(), motion.translation, motion.pivot])
-            if not np.isfinite(numbers).all():
-                refuse(f"segment {segment!r} holds a number that is not finite", "write finite numbers")
+            motion = RigidMotion(*(np.array(part, float) for part in parts))
             rotation = motion.rotation
-            if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+            if not (np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-6 and np.linalg.det(rotation) > 0):
                 refuse(f"rotation of segment {segment!r} is not a rotation", "store R with R'R = I, det R = 1")
-            if np.linalg.norm(motion.translation) > LARGEST_TRANSLATION:
+            if not np.linalg.norm(motion.translation) <= LARGEST_TRANSLATION:
                 refuse(
                     f"translation of segment {segment!r} is {np.linalg.norm(motion.translation):.0f} mm",
                     f"write translations in millimetres ({LARGEST_TRANSLATION:.0f} at most)",
+                )
+            if not np.abs(motion.pivot).max() <= FARTHEST:
+                refuse(
+                    f"pivot of segment {segment!r} lies {np.abs(motion.pivot).max():.3g} mm from the origin",
+                    "write the pivot in millimetres in the frame of the scan",
                 )
             motions[segment] = motion
         return cls(data.get("case", name), motions)
@@ -91,9 +96,20 @@ class Plan:
             from pinnochio.plans.transforms import read_transforms  # needs ITK, which training does without
 
             return cls(case, read_transforms(path, case))
-        return cls.from_json(Path(path).read_text(encoding="utf-8"), path, case)
+
+        def refuse(problem: str, remedy: str):
+            raise InputError(case, path, problem, remedy)
+
+        return cls.from_json(read_text(path, refuse), path, case)
 
     def write(self, path: str | os.PathLike) -> None:
         """Write the plan as JSON."""
         with replacing(path) as temporary:
             temporary.write_text(self.to_json() + "\n", encoding="utf-8")
+
+
+def _numbers(value, *shape: int) -> bool:
+    """Whether it is nested lists of numbers of this shape; true and false are none."""
+    if not shape:
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, list) and len(value) == shape[0] and all(_numbers(own, *shape[1:]) for own in value)

@@ -8,6 +8,7 @@ there moves the bone 5 mm forward and stands in the file as (0, 5, 0) in LPS, wh
 
 import logging
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -24,6 +25,25 @@ LOG = logging.getLogger(__name__)
 TRANSFORM_FORMATS = (".tfm", ".txt", ".h5", ".mat")
 RIGID = 1e-4  # what files in single precision leave of R'R = I
 NO_ROTATION = 1e-6
+AGAIN = "save the linear transform again, with finite numbers"
+FIXED = "TransformFixedParameters"
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+LARGEST = 1e300  # a number beyond it is taken for infinite
+# Parameters and fixed parameters of ITK's linear transforms of space, by the name without its types.
+PARAMETERS = {
+    **dict.fromkeys(("AffineTransform", "MatrixOffsetTransformBase"), ((12, 3),)),
+    "Euler3DTransform": ((6, 3), (6, 4)),
+    "VersorRigid3DTransform": ((6, 3),),
+    "VersorTransform": ((3, 3),),
+    "QuaternionRigidTransform": ((7, 3),),
+    "Similarity3DTransform": ((7, 3),),
+    "ScaleVersor3DTransform": ((9, 3),),
+    "ScaleSkewVersor3DTransform": ((15, 3),),
+    "Rigid3DTransform": ((12, 3),),
+    "TranslationTransform": ((3, 0),),
+    "ScaleTransform": ((3, 3),),
+    "IdentityTransform": ((0, 0),),
+}
 FARTHEST_PIVOT = 1000.0  # mm; a head lies so near to the origin of its scanner
 
 
@@ -67,11 +87,20 @@ def _read_motion(file: Path, case: str) -> RigidMotion:
     def refuse(problem: str, remedy: str):
         raise InputError(case, file, problem, remedy)
 
+    if file.suffix.lower() in (".tfm", ".txt"):
+        _check_text(file, lambda problem: refuse(f"it cannot be read as a transform ({problem})", AGAIN))
     try:
-        transform, count = sitk.ReadTransform(str(file)), _count(file)
-    except (RuntimeError, OSError, ValueError) as error:
-        reason = str(error).strip().splitlines()[-1]
-        refuse(f"it cannot be read as a transform ({reason})", "save the linear transform again, with finite numbers")
+        counts = _parameters(file)
+        for name, own in counts:
+            wanted = PARAMETERS.get(name.split("_")[0])
+            if wanted is not None and own not in wanted:
+                refuse(f"{name} has {own[0]} and {own[1]} parameters", AGAIN)
+        transform, count = sitk.ReadTransform(str(file)), len(counts)
+    except InputError:
+        raise
+    except Exception as error:  # ITK, HDF5 and MATLAB's format raise what they like
+        reason = (str(error).strip() or type(error).__name__).splitlines()[-1]
+        refuse(f"it cannot be read as a transform ({reason})", AGAIN)
     if transform.GetTransformEnum() == sitk.sitkComposite:
         count = sitk.CompositeTransform(transform).GetNumberOfTransforms()
     if count != 1:
@@ -82,11 +111,11 @@ def _read_motion(file: Path, case: str) -> RigidMotion:
     matrix = np.array([transform.TransformPoint(axis) for axis in np.eye(3).tolist()]).T - offset[:, None]
     if not np.isfinite([*matrix.ravel(), *offset]).all():
         refuse("it holds a number that is not finite", "write finite numbers")
-    if np.abs(matrix.T @ matrix - np.eye(3)).max() > RIGID or np.linalg.det(matrix) < 0:
+    if not (np.abs(matrix.T @ matrix - np.eye(3)).max() <= RIGID and np.linalg.det(matrix) > 0):
         refuse("it scales, shears or mirrors", "save a rigid transform: rotation and translation only")
     left, _, right = np.linalg.svd(matrix)
     motion = _about_its_axis((left @ right).T, offset, np.array(transform.GetFixedParameters()[:3]))
-    if np.linalg.norm(motion.translation) > LARGEST_TRANSLATION:
+    if not np.linalg.norm(motion.translation) <= LARGEST_TRANSLATION:
         refuse(
             f"it moves the bone by {np.linalg.norm(motion.translation):.0f} mm",
             f"save translations in millimetres ({LARGEST_TRANSLATION:.0f} at most)",
@@ -111,12 +140,54 @@ def _about_its_axis(rotation, offset, centre) -> RigidMotion:
     return RigidMotion(rotation, rotation @ (pivot - offset) - pivot, pivot)
 
 
-def _count(file: Path) -> int:
-    """Transforms in the file, of which ITK's reader would take the first."""
+def _parameters(file: Path) -> list[tuple[str, tuple[int, int]]]:
+    """Name, parameters and fixed parameters of each transform in the file.
+
+    ITK takes the first of several, and reads what is not there from memory that is not the file's.
+    """
     suffix = file.suffix.lower()
     if suffix == ".h5":
         with h5py.File(file) as content:
-            return len(content["TransformGroup"])
+            return [
+                (
+                    np.ravel(own["TransformType"][()])[0].decode(),
+                    tuple(own[key].size if key in own else 0 for key in ("TransformParameters", FIXED)),
+                )
+                for own in content["TransformGroup"].values()
+            ]
     if suffix == ".mat":
-        return sum(name != "fixed" for name, *_ in whosmat(file))
-    return sum(line.startswith("Transform:") for line in file.read_text(encoding="utf-8").splitlines())
+        sizes = [(name, int(np.prod(shape))) for name, shape, _ in whosmat(file)]
+        return [(name, (own, dict(sizes).get("fixed", 0))) for name, own in sizes if name != "fixed"]
+    found = []
+    for line in _lines(file):
+        key, _, rest = line.partition(":")
+        if key == "Transform":
+            found.append((rest.strip(), {}))
+        elif found:
+            found[-1][1][key] = len(rest.split())
+    return [(name, (own.get("Parameters", 0), own.get("FixedParameters", 0))) for name, own in found]
+
+
+def _lines(file: Path) -> list[str]:
+    lines = [line.strip() for line in file.read_text(encoding="utf-8").split("\n")]
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def _check_text(file: Path, refuse) -> None:
+    """Refuse a text file of another form than ITK writes: cut off, or with a number that ITK would read half."""
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        refuse(f"it is no text ({error})")
+    if not text.startswith("#Insight Transform File"):
+        refuse("it is no ITK transform: its first line is not '#Insight Transform File V1.0'")
+    if not text.endswith("\n"):
+        refuse("its last line does not end, so it may be cut off")
+    for line in _lines(file):
+        key, colon, rest = line.partition(":")
+        if not colon or key not in ("Transform", "Parameters", "FixedParameters"):
+            refuse(f"it has the line {line[:60]!r}")
+        if key != "Transform" and (
+            wrong := [word for word in rest.split() if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
+        ):
+            refuse(f"{wrong[0]!r} is no finite number with a decimal point")

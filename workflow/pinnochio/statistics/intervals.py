@@ -4,15 +4,15 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from pathlib import Path
 
-import h5py
 import numpy as np
 from scipy.stats import norm
 
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.geometry.triangles import vertex_normals
+from pinnochio.hdf5 import reading, writing
+from pinnochio.json_text import read_own_json
 from pinnochio.mechanics.inversion_repair import Repair, repair_inversions
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import FREE, PatientModel
@@ -41,7 +41,7 @@ class Calibration:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Calibration":
         """Read what :meth:`write` wrote."""
-        return cls(**json.loads(Path(path).read_text(encoding="utf-8")))
+        return cls(**read_own_json(path))
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Interval:
 
     def write(self, path: str | os.PathLike, **about) -> None:
         """Write as HDF5; `about` as attributes."""
-        with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+        with writing(path) as file:
             for item in fields(self):
                 file.create_dataset(item.name, data=getattr(self, item.name), track_times=False)
             file.attrs.update(about | {"regions": NAMES, "units": "mm"})
@@ -67,13 +67,13 @@ class Interval:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Interval":
         """Read what :meth:`write` wrote."""
-        with h5py.File(path, "r") as file:
+        with reading(path) as file:
             return cls(**{item.name: file[item.name][()] for item in fields(cls)})
 
 
 def read_ensemble(path: str | os.PathLike) -> np.ndarray:
     """Displacements (k, n, 3) mm of a patient by the networks of k folds."""
-    with h5py.File(path, "r") as file:
+    with reading(path) as file:
         return np.stack([group["displacement"][()] for group in file.values()])
 
 
@@ -135,6 +135,11 @@ def interval(patient: PatientModel, displacements, calibration: Calibration, reg
     mean = displacements.mean(axis=0)
     spread = np.sqrt(np.sum((displacements - mean) ** 2, axis=2).mean(axis=0))
     return Interval(mean, spread, np.sqrt(q[region] ** 2 + z**2 * excess), region)
+
+
+def widened(own: Interval, factor: float) -> Interval:
+    """The interval of a plan that lies beyond those it was calibrated on, `factor` times as wide."""
+    return replace(own, half_width=factor * own.half_width)
 
 
 def repaired_interval(

@@ -19,7 +19,7 @@ class Choice:
     """method and the Newton corrections of its network's fields; settings: the sections READ_BY_NETWORKS.
 
     Of a learned method also lift, the kind that its network wants; the archive and its folder; networks, one of each
-    fold in the order of archive.folds; calibration. These are plain files: no rule makes them.
+    fold in the order of archive.folds; calibration and ranges. These are plain files: no rule makes them.
     expected: what was asked of the measured Pareto front, what it offered, and the seconds and errors to expect.
     """
 
@@ -31,6 +31,7 @@ class Choice:
     folder: str | None = None
     networks: Sequence[str] = ()
     calibration: str | None = None
+    ranges: str | None = None
     expected: Mapping[str, object] | None = None
 
     @property
@@ -117,4 +118,5 @@ def _as_in_the_study(config: Mapping, folder: Path, method: str) -> Choice:
         folder=str(folder),
         networks=[str(folder / network_file(method, fold)) for fold in archive.folds],
         calibration=str(folder / calibration_file(method)),
+        ranges=str(folder / RANGES),
     )

@@ -5,7 +5,6 @@ Snakemake lays a nested value of `--config` over the section of the file, but re
 a text stands for.
 """
 
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -23,6 +22,7 @@ BOOLEANS = {text: word == "true" for word in ("true", "false") for text in (word
 INTEGER = re.compile(r"[-+]?\d+")
 NUMBER = re.compile(r"[-+]?((\d+\.?\d*|\.\d+)(e[-+]?\d+)?|\.?inf|\.?nan)", re.IGNORECASE)
 BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+LARGEST = 1e300  # a number beyond it is taken for infinite
 SHOWN = 5  # wrong keys that are explained
 
 
@@ -110,10 +110,10 @@ def _entry(place: Sequence, schema: Mapping) -> dict:
     return resolved(entry, schema)
 
 
-def _not_finite(value: Any, place: tuple = ()) -> Iterator[tuple[str, float]]:
+def _not_finite(value: Any, place: tuple = ()) -> Iterator[tuple[str, str]]:
     """Name and value of each number that is not finite."""
-    if isinstance(value, float) and not math.isfinite(value):
-        yield _name(place), value
+    if isinstance(value, int | float) and not abs(value) <= LARGEST:
+        yield _name(place), _short(value)
     elif isinstance(value, (Mapping, list)):
         for key, item in value.items() if isinstance(value, Mapping) else enumerate(value):
             yield from _not_finite(item, (*place, key))
@@ -124,7 +124,7 @@ def _explained(error: ValidationError, schema: Mapping) -> list[str]:
     if error.validator == "oneOf" and isinstance(error.instance, Mapping):
         return [line for part in error.context if part.validator != "const" for line in _explained(part, schema)]
     place, value = tuple(error.absolute_path), error.instance
-    if isinstance(value, float) and not math.isfinite(value):
+    if isinstance(value, int | float) and not abs(value) <= LARGEST:
         return []
     entry = _entry(place, schema)
     if error.validator == "additionalProperties":

@@ -668,6 +668,7 @@ class Study:
                 lifts=lifts,
                 settings=settings,
                 calibration=choice.calibration,
+                ranges=choice.ranges,
             )
         case, method = wildcards.case, wildcards.method
         return SimpleNamespace(
@@ -676,6 +677,7 @@ class Study:
             lifts=self._lifts(method, [case]),
             settings=_predicting(self.registry[method].settings),
             calibration=f"<results>/methods/{method}/calibration.json",
+            ranges="<results>/methods/ranges.json",
         )
 
     def of_ensemble(self, name: str) -> Callable:

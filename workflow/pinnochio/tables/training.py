@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import torch
 
 from pinnochio.columns import Column, check, number
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.tables.stages import read_benchmark
+from pinnochio.training.checkpoint import load_tensors
 
 # Section of the settings and folder of the benchmark files of each phase.
 PHASES = {"pretraining": "pretrain", "finetuning": "finetune"}
@@ -41,7 +41,7 @@ _TRAINING = {column.name: column for column in TRAINING}
 
 def parameters(path: str | os.PathLike) -> int:
     """Trained numbers in a network's file: its floating-point tensors but for running statistics."""
-    state = torch.load(path, map_location="cpu", weights_only=True)["state"]
+    state = load_tensors(path, "cpu")["state"]
     return sum(
         value.numel()
         for name, value in state.items()

@@ -4,10 +4,10 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import h5py
 import numpy as np
 
 from pinnochio.errors import InputError
+from pinnochio.hdf5 import reading
 from pinnochio.plans.plan import Plan
 
 File = str | os.PathLike
@@ -42,7 +42,7 @@ def read_fem_samples(path: File, case: str) -> list[tuple[Plan, np.ndarray]]:
 
     InputError where no sample has converged.
     """
-    with h5py.File(path, "r") as file:
+    with reading(path) as file:
         groups = sorted(file, key=lambda name: int(name.rsplit("_", 1)[-1]))
         samples = [
             (Plan.from_json(file[name].attrs["plan"], path), file[name]["displacement"][()])

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import zipfile
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from typing import TypeVar
@@ -9,7 +10,9 @@ from typing import TypeVar
 import torch
 from torch import nn
 
+from pinnochio.errors import InputError
 from pinnochio.files import replacing
+from pinnochio.hdf5 import REMEDY
 
 Settings = TypeVar("Settings")  # a dataclass of plain values
 
@@ -26,11 +29,31 @@ def read_network(
 
     Nothing but tensors and plain values is unpickled.
     """
-    stored = torch.load(path, map_location=device, weights_only=True)
-    settings = kind(**stored["network"])
-    network = build(settings).to(device)
-    network.load_state_dict(stored["state"])
+    stored = load_tensors(path, device)
+    try:
+        settings = kind(**stored["network"])
+        network = build(settings).to(device)
+        network.load_state_dict(stored["state"])
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise InputError("-", path, f"it is no network of this kind ({_reason(error)})", REMEDY) from error
     return network, settings
+
+
+def load_tensors(path: str | os.PathLike, device: torch.device | str) -> dict:
+    """The dictionary of tensors and plain values in a file of torch; InputError where it is damaged."""
+    try:
+        with zipfile.ZipFile(path) as archive:  # torch itself does not look at the checksums
+            if wrong := archive.testzip():
+                raise ValueError(f"{wrong} is damaged")
+        return torch.load(path, map_location=device, weights_only=True)
+    except torch.OutOfMemoryError:
+        raise
+    except Exception as error:  # torch, zip and pickle raise what they like
+        raise InputError("-", path, f"it cannot be read ({_reason(error)})", REMEDY) from error
+
+
+def _reason(error: Exception) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0][:160]
 
 
 def save_state(path: str | os.PathLike, state: dict) -> None:
@@ -48,7 +71,7 @@ def load_state(path: str | os.PathLike, signature: str, device: torch.device | s
     """The state at `path` if it is there and was written under the same `signature`."""
     if not os.path.exists(path):
         return None
-    state = torch.load(path, map_location=device, weights_only=True)
+    state = load_tensors(path, device)
     return state if state["signature"] == signature else None
 
 

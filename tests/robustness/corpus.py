@@ -1,0 +1,625 @@
+"""Damaged, extreme and merely unusual inputs of every kind, made from a seed."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, fields
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+import SimpleITK as sitk
+import torch
+import yaml
+
+from pinnochio.importing.cohort import read_cases
+from pinnochio.importing.images import read_own_image
+from pinnochio.importing.segmentation import read_postop, read_segmentation, write_segmentation
+from pinnochio.mechanics.lift import Lift
+from pinnochio.meshing.mesh import TetMesh
+from pinnochio.model.labels import internal_codes
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.model.predictions import Prediction, read_external, read_prediction, write_predictions
+from pinnochio.model.surfaces import BoneSurface, bone_surface, read_surface, skin_surface, write_surface
+from pinnochio.networks.building import build
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.patients.archive import Archive
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.transforms import read_transforms
+from pinnochio.study.configuration import check_config
+from pinnochio.study.schema import checked
+from pinnochio.training.checkpoint import read_network, save_network
+from tests.helpers.heads import kuhn_cube
+from tests.helpers.patients import tiny_patient, tiny_plan
+from tests.helpers.settings import ROOT, network_settings
+from tests.robustness.judging import Tried
+
+SEGMENTS = ("lefort1", "mandible")
+CODES = internal_codes(SEGMENTS)
+
+
+def damaged(content: bytes, rng: np.random.Generator, count: int) -> Iterator[tuple[str, bytes]]:
+    """The content cut off, with a bit turned, with a stretch of zeros, twice; and whole, which is right."""
+    yield "whole", content
+    size = len(content)
+    for _ in range(count):
+        at = int(rng.integers(0, size))
+        yield f"cut at {at}", content[:at]
+        near = int(rng.integers(1, min(size, 60)))
+        yield f"cut {near} before the end", content[: size - near]
+        turned = bytearray(content)
+        turned[at] ^= 1 << int(rng.integers(0, 8))
+        yield f"bit turned at {at}", bytes(turned)
+        early = int(rng.integers(0, min(size, 400)))
+        turned = bytearray(content)
+        turned[early] ^= 1 << int(rng.integers(0, 8))
+        yield f"bit turned at {early}, early", bytes(turned)
+        length = int(rng.integers(4, 64))
+        yield f"zeros at {at}", content[:at] + bytes(min(length, size - at)) + content[at + length :]
+    yield "empty", b""
+    yield "rubbish", rng.bytes(300)
+    yield "twice", content + content
+
+
+def of_bytes(
+    kind: str, name: str, content: bytes, read: Callable[[Path], object], rng, count: int, checksum: bool = True
+) -> Iterator[Tried]:
+    """Damages of a file: refused, or read as the whole file is; checksum: whether a turned bit can be noticed."""
+
+    def act(data: bytes, folder: Path):
+        (folder / name).write_bytes(data)
+        return read(folder / name)
+
+    right = once(partial(act, content))
+    known = set()
+    for what, data in damaged(content, rng, count):
+        if f"{kind}: {name}: {what}" in known:
+            continue
+        known.add(f"{kind}: {name}: {what}")
+        seen = checksum or not what.startswith(("bit", "zeros"))
+        yield Tried(f"{kind}: {name}: {what}", partial(act, data), right if seen else ...)
+
+
+def once(act: Callable[[Path], object]):
+    """What the act gives in a folder of its own."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        return act(Path(folder))
+
+
+def written(write: Callable[[Path], object], name: str) -> bytes:
+    """The bytes of a file of this name that `write` makes."""
+
+    def act(folder: Path) -> bytes:
+        write(folder / name)
+        return (folder / name).read_bytes()
+
+    return once(act)
+
+
+# ---- labels
+
+
+def head() -> np.ndarray:
+    labels = np.zeros((30, 32, 34), np.uint8)
+    labels[3:27, 3:29, 3:31] = CODES["superficial"]
+    labels[6:24, 6:26, 6:28] = CODES["muscle"]
+    for name, low in (("cranium", 22), ("lefort1", 15), ("mandible", 8)):
+        labels[8:22, 8:24, low : low + 5] = CODES[name]
+    labels[8, 8, 8] = CODES["muscle"]
+    return labels
+
+
+def save_labels(path: Path, compressed: bool = True) -> None:
+    image = sitk.GetImageFromArray(head().transpose(2, 1, 0))
+    image.SetSpacing((4.0, 4.0, 4.0))
+    image.SetOrigin((-60.0, -64.0, -70.0))
+    sitk.WriteImage(image, str(path), useCompression=compressed)
+
+
+def read_labels(path: Path):
+    made = read_segmentation(path, "P1", CODES, SEGMENTS)
+    return made.labels, made.spacing, made.origin, made.segments
+
+
+def labels(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    for name in ("a.nii.gz", "a.nii", "a.nrrd", "a.mha"):
+        compressed = name != "a.nii"
+        content = written(partial(save_labels, compressed=compressed), name)
+        yield from of_bytes("labels", name, content, read_labels, rng, count, checksum=name == "a.nii.gz")
+    right = once(lambda folder: (save_labels(folder / "a.nii.gz"), read_labels(folder / "a.nii.gz"))[1])
+
+    def beside(folder: Path):
+        """`a.nii` beside the file that is named: another head."""
+        save_labels(folder / "a.nii.gz")
+        image = sitk.GetImageFromArray(head().transpose(2, 1, 0)[:, :, ::-1] * 0 + 1)
+        sitk.WriteImage(image, str(folder / "a.nii"))
+        return read_labels(folder / "a.nii.gz")
+
+    yield Tried("labels: another file beside it", beside, right)
+
+    def with_header(at: int, value: bytes, folder: Path):
+        content = bytearray(written(partial(save_labels, compressed=False), "a.nii"))
+        content[at : at + len(value)] = value
+        (folder / "a.nii").write_bytes(bytes(content))
+        return read_labels(folder / "a.nii")
+
+    for name, at, value in (
+        ("NaN spacing", 80, np.float32(np.nan)),
+        ("negative spacing", 80, np.float32(-4)),
+        ("no spacing", 84, np.float32(0)),
+        ("huge spacing", 88, np.float32(1e30)),
+        ("another size", 42, np.int16(29)),
+        ("no axes", 40, np.int16(0)),
+        ("another frame", 268, np.float32(500)),
+        ("NaN frame", 280, np.float32(np.nan)),
+        ("NaN scale", 112, np.float32(np.nan)),
+        ("far voxels", 108, np.float32(1e9)),
+        ("no bits", 72, np.int16(0)),
+    ):
+        yield Tried(f"labels: header with {name}", partial(with_header, at, value.tobytes()))
+
+
+# ---- scans and surfaces
+
+
+@cache
+def face() -> tuple[np.ndarray, np.ndarray]:
+    made = head()
+    return skin_surface(made, np.full(3, 4.0), np.zeros(3), 6.0)
+
+
+def scans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    points, faces = face()
+
+    def read(path: Path):
+        return read_postop(path, "P1", points)
+
+    def ascii_ply(path: Path) -> None:
+        lines = ["ply", "format ascii 1.0", f"element vertex {len(points)}", *(f"property float {x}" for x in "xyz")]
+        lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+        lines += [" ".join(f"{x:.3f}" for x in point) for point in points]
+        lines += ["3 " + " ".join(map(str, own)) for own in faces]
+        path.write_text("\n".join(lines) + "\n")
+
+    def obj(path: Path) -> None:
+        lines = ["v " + " ".join(f"{x:.3f}" for x in point) for point in points]
+        lines += ["f " + " ".join(str(corner + 1) for corner in own) for own in faces]
+        path.write_text("\n".join(lines) + "\n")
+
+    # None of these formats has a checksum: what is cut off is noticed, a turned digit is not; OBJ may end anywhere.
+    for name, write in (("a.ply", None), ("b.ply", ascii_ply), ("a.stl", None), ("a.vtp", None)):
+        content = written(write or partial(write_surface, points, faces), name)
+        yield from of_bytes("scan", name, content, read, rng, count, checksum=False)
+    text = written(obj, "a.obj")
+    for what, data in damaged(text, rng, count):
+        yield Tried(f"scan: a.obj: {what}", partial(_read_bytes, read, "a.obj", data), ...)
+    whole = written(partial(write_surface, points, faces), "a.ply")
+    for name, old, new in (
+        ("more vertices", f"element vertex {len(points)}", f"element vertex {10**9}"),
+        ("fewer vertices", f"element vertex {len(points)}", f"element vertex {len(points) - 1}"),
+        ("more faces", f"element face {len(faces)}", f"element face {len(faces) + 1}"),
+        ("fewer faces", f"element face {len(faces)}", f"element face {len(faces) - 1}"),
+        ("minus vertices", f"element vertex {len(points)}", "element vertex -5"),
+        ("doubles", "property float x", "property double x"),
+        ("no type", "property float x", "property flaot x"),
+        ("other bytes", "binary_little_endian", "binary_big_endian"),
+        ("text", "binary_little_endian", "ascii"),
+        ("no z", "property float z\n", ""),
+    ):
+        assert old.encode() in whole
+        data = whole.replace(old.encode(), new.encode())
+        yield Tried(f"scan: PLY with {name}", partial(_read_bytes, read, "a.ply", data))
+    wild = bytearray(whole)
+    wild[-4:] = (2**31 - 1).to_bytes(4, "little")
+    yield Tried("scan: a face beyond the points", partial(_read_bytes, read, "a.ply", bytes(wild)))
+    wild[-4:] = (-7).to_bytes(4, "little", signed=True)
+    yield Tried("scan: a face before the points", partial(_read_bytes, read, "a.ply", bytes(wild)))
+
+    spiked = points.copy()
+    spiked[len(spiked) // 2] += [0, 400.0, 0]
+
+    def read_spiked(folder: Path):
+        write_surface(spiked, faces, folder / "a.ply")
+        found, triangles = read(folder / "a.ply")
+        return bool(len(found) >= len(points) - 3 and np.ptp(found, axis=0).max() < 150 and len(triangles))
+
+    yield Tried("scan: a spike of 400 mm", read_spiked, True)
+    for factor, right in ((0.1, True), (0.001, True), (30.0, None), (0.0, None), (np.inf, None)):
+
+        def scaled(folder: Path, factor=factor):
+            with np.errstate(invalid="ignore"):
+                write_surface(points * factor, faces, folder / "a.stl")
+            return bool(np.abs(np.ptp(read(folder / "a.stl")[0], axis=0) / np.ptp(points, axis=0) - 1).max() < 1e-3)
+
+        yield Tried(f"scan: {factor} times as large", scaled, right)
+
+
+def _read_bytes(read, name: str, data: bytes, folder: Path):
+    (folder / name).write_bytes(data)
+    return read(folder / name)
+
+
+# ---- plans
+
+
+def plan_of(**parts) -> dict:
+    motion = {"rotation": np.eye(3).tolist(), "translation": [0, -5, 0], "pivot": [1, 2, 3]} | parts
+    return {"case": "P1", "frame": "LPS", "units": "mm", "segments": {"lefort1": motion, "mandible": motion}}
+
+
+def motions(plan: Plan):
+    return {name: (own.rotation, own.translation, own.pivot) for name, own in plan.motions.items()}
+
+
+def plans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    def read(path: Path):
+        return motions(Plan.read(path, "P1"))
+
+    text = json.dumps(plan_of())
+    right = once(partial(_read_bytes, read, "a.json", text.encode()))
+    cases: dict[str, tuple[bytes, object]] = {
+        "byte-order mark": (b"\xef\xbb\xbf" + text.encode(), right),
+        "indented": (json.dumps(plan_of(), indent=3).encode(), right),
+        "keys in another order": (json.dumps(plan_of(), sort_keys=True).encode(), right),
+        "exponents": (text.replace("-5", "-0.5e1").encode(), right),
+        "carriage returns": (json.dumps(plan_of(), indent=1).replace("\n", "\r\n").encode(), right),
+        "UTF-16": (text.encode("utf-16"), None),
+        "UTF-32": (text.encode("utf-32"), None),
+        "Latin-1": (text.replace("P1", "P\xe4").encode("latin-1"), None),
+        "binary": (rng.bytes(500), None),
+        "nothing": (b"", None),
+        "null": (b"null", None),
+        "a list": (b"[1, 2]", None),
+        "deep lists": (b'{"segments": ' + 100_000 * b"[" + 100_000 * b"]" + b"}", None),
+        "deep objects": (100_000 * b'{"segments": ' + b"1" + 100_000 * b"}", None),
+        "a long number": (text.replace("-5", "1" + 5000 * "0").encode(), None),
+        "a key twice": (text.replace('"case": "P1"', '"case": "P2", "case": "P1"').encode(), None),
+        "two plans": (text.encode() * 2, None),
+        "a comment": (b"// plan\n" + text.encode(), None),
+        "single quotes": (text.replace('"', "'").encode(), None),
+        "a comma at the end": (text[:-1].encode() + b",}", None),
+    }
+    wrong = [True, False, None, "5", "5,5", [], {}, [0, 1], [0, 1, 2, 3], [[0, 1, 2]], 1e9, -1e9, 51, 10**400]
+    wrong += [
+        float("nan"),
+        float("inf"),
+        [0, "1", 2],
+        [0, True, 0],
+        [0, None, 0],
+        [0, float("nan"), 0],
+        [10**400, 0, 0],
+    ]
+    wrong += [[0, 60, 0], [1e308, 1e308, 0]]
+    for key in ("rotation", "translation", "pivot"):
+        for value in wrong:
+            if key == "pivot" and value == [0, 60, 0]:
+                continue  # a place like any other
+            cases[f"{key} {str(value)[:30]}"] = (json.dumps(plan_of(**{key: value})).encode(), None)
+        gone = plan_of()
+        del gone["segments"]["lefort1"][key]
+        if key != "pivot":
+            cases[f"without {key}"] = (json.dumps(gone).encode(), None)
+    for size in (1e-3, 0.1, 2.0, -1.0):
+        cases[f"rotation scaled by {size}"] = (json.dumps(plan_of(rotation=(size * np.eye(3)).tolist())).encode(), None)
+    for _ in range(count):
+        turned = np.eye(3) + rng.normal(scale=0.01, size=(3, 3))
+        cases[f"no rotation {turned[0, 1]:.6f}"] = (json.dumps(plan_of(rotation=turned.tolist())).encode(), None)
+        at = int(rng.integers(1, len(text)))
+        cases[f"cut at {at}"] = (text[:at].encode(), None)
+    strange = ("unit", "coordinate_system", "Frame", "segment", "name", "", "frame ", "scale", "comment")
+    for key in strange:
+        cases[f"with the key {key!r}"] = (json.dumps(plan_of() | {key: "cm"}).encode(), None)
+        cases[f"a motion with the key {key!r}"] = (json.dumps(plan_of(**{key: 1})).encode(), None)
+    heads = (
+        {"frame": "RAS"},
+        {"frame": None},
+        {"units": "cm"},
+        {"units": 1},
+        {"case": 3},
+        {"case": "P2"},
+        {"case": None},
+    )
+    for head_ in (*heads, {"convention": "x"}, {"segments": []}, {"segments": {"lefort1": 5}}, {"segments": None}):
+        cases[f"head {head_}"] = (json.dumps(plan_of() | head_).encode(), None)
+    for name, (data, result) in cases.items():
+        yield Tried(f"plan: {name}", partial(_read_bytes, read, "a.json", data), result)
+
+
+# ---- transforms
+
+
+def transforms(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    made = sitk.Euler3DTransform((1.0, -2.0, 30.0), 0.02, -0.01, 0.03, (0.5, -4.0, 1.5))
+
+    def read(path: Path):
+        folder = path.parent / "plan"
+        folder.mkdir()
+        path.rename(folder / f"lefort1{path.suffix}")
+        return {key: (own.rotation, own.translation) for key, own in read_transforms(folder, "P1").items()}
+
+    contents = {}
+    for name in ("a.tfm", "a.txt", "a.h5", "a.mat"):
+        contents[name] = written(lambda path: sitk.WriteTransform(made, str(path)), name)
+        yield from of_bytes("transform", name, contents[name], read, rng, count, checksum=False)
+    text = contents["a.tfm"].decode()
+    lines = text.splitlines(keepends=True)
+    changes = {
+        "a decimal comma": text.replace("0.5", "0,5"),
+        "a parameter less": "".join(
+            line.rsplit(" ", 1)[0] + "\n" if line.startswith("Par") else line for line in lines
+        ),
+        "a parameter more": "".join(line.rstrip() + " 1\n" if line.startswith("Par") else line for line in lines),
+        "two parameters": "".join("Parameters: 1 2\n" if line.startswith("Par") else line for line in lines),
+        "no parameters": "".join("Parameters:\n" if line.startswith("Par") else line for line in lines),
+        "no fixed parameters": "".join(line for line in lines if not line.startswith("Fixed")),
+        "half the fixed parameters": "".join(
+            "FixedParameters: 1\n" if line.startswith("Fix") else line for line in lines
+        ),
+        "a word": text.replace("0.5", "half"),
+        "NaN": text.replace("0.5", "nan"),
+        "infinity": text.replace("0.5", "inf"),
+        "1e999": text.replace("0.5", "1e999"),
+        "1e308": text.replace("0.5", "1e308"),
+        "a hexadecimal": text.replace("0.5", "0x1p-1"),
+        "another class": text.replace("Euler3DTransform", "BSplineTransform"),
+        "no such class": text.replace("Euler3DTransform", "RigidTransform"),
+        "two dimensions": text.replace("_3_3", "_2_2"),
+        "two transforms": text + text.split("\n", 2)[2],
+        "UTF-16": None,
+    }
+    for name, changed in changes.items():
+        data = text.encode("utf-16") if changed is None else changed.encode()
+        assert data != text.encode(), name
+        yield Tried(f"transform: {name}", partial(_read_bytes, read, "a.tfm", data))
+    right = once(partial(_read_bytes, read, "a.tfm", text.encode()))
+    yield Tried(
+        "transform: carriage returns",
+        partial(_read_bytes, read, "a.tfm", text.replace("\n", "\r\n").encode()),
+        right,
+    )
+
+
+# ---- tables
+
+
+def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    head_ = "case\tsegmentation\tplan\tpostop\tage\n"
+    row = "P1\ta.nii.gz\ta.json\t\t30\n"
+
+    def read(data: bytes, folder: Path):
+        for name in ("a.nii.gz", "a.json"):
+            (folder / name).touch()
+        (folder / "cases.tsv").write_bytes(data)
+        found = read_cases(folder / "cases.tsv")
+        return [(case.name, Path(case.plan).name, dict(case.covariates)) for case in found]
+
+    right = [("P1", "a.json", {"age": 30.0})]
+    cases: dict[str, tuple[bytes, object]] = {
+        "as it should be": ((head_ + row).encode(), right),
+        "a byte-order mark": (b"\xef\xbb\xbf" + (head_ + row).encode(), right),
+        "carriage returns": ((head_ + row).replace("\n", "\r\n").encode(), right),
+        "no end of line": ((head_ + row).rstrip("\n").encode(), right),
+        "an empty line": ((head_ + row + "\n").encode(), right),
+        "UTF-16": ((head_ + row).encode("utf-16"), None),
+        "Latin-1": ((head_ + row.replace("P1", "J\xf6rg")).encode("latin-1"), None),
+        "NUL": ((head_ + row.replace("P1", "P\0")).encode(), None),
+        "binary": (rng.bytes(400), None),
+        "nothing": (b"", None),
+        "a quote that never ends": ((head_ + '"' + row).encode(), None),
+        "a row too long": ((head_ + row.replace("\n", "\tx\n")).encode(), None),
+        "a row too short": ((head_ + "P1\ta.nii.gz\n").encode(), None),
+        "semicolons": ((head_ + row).replace("\t", ";").encode(), None),
+        "a column twice": ((head_.replace("age", "plan") + row).encode(), None),
+        "a column unknown": ((head_.replace("age", "Age") + row).encode(), None),
+        "a huge field": ((head_ + row.replace("P1", "P" * 200_000)).encode(), None),
+    }
+    names = [
+        "-P1",
+        "--help",
+        "P 1",
+        "P/1",
+        "..",
+        ".",
+        "",
+        "P1.nii",
+        "P\t1",
+        "Jörg",
+        "P１",
+        "P²",
+        65 * "P",
+        "P*",
+        "P'1",
+        "$P",
+    ]
+    for name in names:
+        cases[f"the name {name[:20]!r}"] = ((head_ + row.replace("P1", name)).encode(), None)
+    for name in ("p1", "P1", " P1"):
+        cases[f"{name!r} beside 'P1'"] = ((head_ + row + row.replace("P1", name)).encode(), None)
+    for age in ("nan", "inf", "-1", "1e9", "thirty", "30,5", "0x10", "٣٠٠"):
+        cases[f"an age of {age}"] = ((head_ + row.replace("30", age)).encode(), None)
+    for _ in range(count):
+        name = "".join(rng.choice(list("ABCdef019_-"), rng.integers(1, 65)))
+        good = [(name, "a.json", {"age": 30.0})] if not name.startswith("-") else None
+        cases[f"the name {name}"] = ((head_ + row.replace("P1", name)).encode(), good)
+    for name, (data, result) in cases.items():
+        yield Tried(f"table: {name}", partial(read, data), result)
+
+
+# ---- configurations
+
+
+@cache
+def configuration() -> tuple[dict, dict]:
+    own = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
+    return own, yaml.safe_load((ROOT / "workflow/schemas/config.schema.yaml").read_text(encoding="utf-8"))
+
+
+def places(value, place=()) -> Iterator[tuple]:
+    """The place of every plain value of a configuration."""
+    if isinstance(value, dict):
+        for key, own in value.items():
+            yield from places(own, (*place, key))
+    else:
+        yield place
+
+
+def configs(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    own, _ = configuration()
+    every = list(places(own))
+    numbers = [place for place in every if isinstance(_at(own, place), int | float)]
+    numbers = [place for place in numbers if not isinstance(_at(own, place), bool)]
+    for value in (float("nan"), float("inf"), float("-inf"), ".nan", "-.inf", "nan", 1e301, 10**400, "1e999"):
+        for index in rng.choice(len(numbers), min(count, len(numbers)), replace=False):
+            yield _config(numbers[index], value, None)
+    for value in ({}, "\0", "ten", None, [[]], {"a": 1}):
+        for index in rng.choice(len(numbers), min(count, len(numbers)), replace=False):
+            yield _config(numbers[index], value, ... if value is None else None)
+    for place in numbers[:: max(1, len(numbers) // (10 * count))]:
+        yield _config(place, _at(own, place), ...)  # as it stands
+    yield _config(("registration", "limit"), float("nan"), None)
+    for place in (("registratoin",), ("mesh", "Nodes"), ("fem", "")):
+        yield _config(place, 1, None)
+
+
+def _at(value, place):
+    for key in place:
+        value = value[key]
+    return value
+
+
+def _config(place: tuple, value, right) -> Tried:
+    def act(_folder: Path):
+        own, schema = configuration()
+        changed = json.loads(json.dumps(own))
+        _at(changed, place[:-1])[place[-1]] = value
+        read = checked(changed, schema)
+        check_config(read)
+        if any(isinstance(_at(read, at), float) and not np.isfinite(_at(read, at)) for at in places(read)):
+            raise AssertionError("a number that is not finite went in")
+
+    return Tried(f"config: {'.'.join(place)} = {str(value)[:20]!r} ({type(value).__name__})", act, right)
+
+
+# ---- what the study makes itself
+
+
+def intermediates(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    patient = tiny_patient()
+    made = head()
+    grid = np.full(3, 4.0), np.zeros(3)
+    bone, skin = bone_surface(made, *grid, SEGMENTS, 6.0), face()
+    prediction = {"P1": Prediction(np.ones_like(patient.points), load=0.5)}
+    lift = Lift(*(rng.normal(size=(4, 5)).astype(np.float32) for _ in range(5)), seconds=1.0)
+    postop = PostopSkin(*skin, 0.2)
+    torch.manual_seed(0)
+    settings = network_settings(boundary_layers=1, volume_layers=1, rest_layers=1, channels=8, heads=2, decoder_width=8)
+    network = build(settings)
+
+    def arrays(value) -> dict:
+        return {item.name: getattr(value, item.name) for item in fields(value)}
+
+    def read_tensors(path: Path):
+        found, own = read_network(path, NetworkSettings, build, "cpu")
+        return {name: value.numpy() for name, value in found.state_dict().items()} | {"settings": str(asdict(own))}
+
+    kinds = {
+        "model.h5": (patient.write, lambda path: arrays(PatientModel.read(path))),
+        "lift.h5": (lift.write, lambda path: arrays(Lift.read(path))),
+        "predictions.h5": (
+            lambda path: write_predictions(path, prediction),
+            lambda path: arrays(read_prediction(path, "P1")),
+        ),
+        "postop.h5": (postop.write, lambda path: arrays(PostopSkin.read(path))),
+        "network.pt": (lambda path: save_network(path, network, settings), read_tensors),
+        "bone.vtp": (bone.write, lambda path: arrays(BoneSurface.read(path))),
+        "skin.vtp": (lambda path: write_surface(*skin, path), read_surface),
+        "mesh.vtu": (kuhn_cube(3).write, lambda path: arrays(TetMesh.read(path))),
+        "labels.nii.gz": (
+            lambda path: write_segmentation(made, *grid, path),
+            lambda path: sitk.GetArrayFromImage(read_own_image(path)),
+        ),
+        "plan.json": (tiny_plan().write, lambda path: motions(Plan.read(path, "tiny"))),
+    }
+    for name, (write, read) in kinds.items():
+        text = name == "plan.json"  # a turned digit is another plan
+        yield from of_bytes("intermediate", name, written(write, name), read, rng, count, checksum=not text)
+    for name, (_, read) in kinds.items():
+        yield Tried(f"intermediate: no {name}", lambda folder, name=name, read=read: read(folder / name))
+
+
+def external(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    patient = tiny_patient()
+
+    def read(path: Path):
+        return read_external(path, "P1", patient.points, patient.cells).displacement
+
+    field = rng.normal(size=patient.points.shape)
+
+    def save(value, folder: Path):
+        np.savez(folder / "a.npz", displacement=value)
+        return read(folder / "a.npz")
+
+    yield Tried("external: as it should be", partial(save, field), field)
+    for value in (np.nan, np.inf, 1e308, -1e308, 1e4, 101.0):
+        wrong = field.copy()
+        wrong[3, 1] = value
+        yield Tried(f"external: a node moved by {value:g} mm", partial(save, wrong))
+    for name, value in (
+        ("a node less", field[1:]),
+        ("text", field.astype(str)),
+        ("turned", field.T),
+        ("one", field[0]),
+    ):
+        yield Tried(f"external: {name}", partial(save, value))
+    yield from of_bytes(
+        "external", "a.npz", written(lambda p: np.savez(p, displacement=field), "a.npz"), read, rng, count
+    )
+
+
+# ---- archives
+
+
+def archives(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    files = {
+        "ranges.json": b'{"a": 1}\n',
+        "m/1.pt": rng.bytes(300),
+        "m/2.pt": rng.bytes(300),
+        "m/calibration.json": b"{}",
+    }
+
+    def packed(folder: Path) -> Path:
+        for name, content in files.items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_bytes(content)
+        methods = {"m": {"corrections": 1, "lift": "elastic", "usual": {"eqres_rel": [0.1, 0.2, 0.3]}}}
+        Archive("clinic", 12, list(SEGMENTS), ["1", "2"], methods, {}, "abc", "def").write(folder)
+        return folder
+
+    def act(name: str, data: bytes | None, folder: Path):
+        packed(folder)
+        if data is None:
+            (folder / name).unlink()
+        else:
+            (folder / name).write_bytes(data)
+        return asdict(Archive.read(folder))
+
+    right = once(lambda folder: asdict(Archive.read(packed(folder))))
+    manifest = once(lambda folder: (packed(folder) / "archive.json").read_bytes())
+    for name, content in (files | {"archive.json": manifest}).items():
+        for what, data in damaged(content, rng, count):
+            yield Tried(f"archive: {name}: {what}", partial(act, name, data), right)
+        yield Tried(f"archive: no {name}", partial(act, name, None))
+    yield Tried("archive: models exchanged", partial(act, "m/1.pt", files["m/2.pt"]))
+
+
+KINDS = {
+    own.__name__: own for own in (labels, scans, plans, transforms, tables, configs, intermediates, external, archives)
+}
+
+
+def inputs(kind: str, seed: int, count: int) -> list[Tried]:
+    """Inputs of a kind, each with a name of its own; count: how many of each random damage."""
+    made = {tried.name: tried for tried in KINDS[kind](np.random.default_rng([seed, list(KINDS).index(kind)]), count)}
+    return list(made.values())

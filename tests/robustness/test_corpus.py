@@ -1,0 +1,28 @@
+"""Every input of the corpus goes in with the right result, or is refused by case, file and remedy: nothing else."""
+
+import pytest
+
+from tests.robustness.corpus import KINDS, inputs
+from tests.robustness.judging import REFUSED, outcomes
+
+GOOD = ("accepted", REFUSED)
+
+
+def check(kind: str, seed: int, count: int, folder) -> dict[str, str]:
+    found = outcomes(inputs(kind, seed, count), folder)
+    wrong = {name: what for name, what in found.items() if what not in GOOD}
+    assert not wrong, f"{len(wrong)} of {len(found)}: {wrong}"
+    assert set(found.values()) == set(GOOD)  # a corpus that is all refused, or all accepted, tries nothing
+    return found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_part_of_the_corpus(kind, tmp_path):
+    assert len(check(kind, 0, 2, tmp_path)) > 20
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_whole_corpus(kind, seed, tmp_path):
+    check(kind, 1 + seed, 25, tmp_path)

@@ -1,0 +1,223 @@
+"""Volumes read from exactly the file that is named, and whole: ITK fills what is cut off with zeros.
+
+Compressed files carry a checksum of their content, and every header says how much there must be. ITK looks at neither,
+and it reads `x.nii` where `x.nii.gz` is named and both are there.
+"""
+
+import gzip
+import math
+import os
+import re
+import struct
+import tempfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import SimpleITK as sitk
+
+from pinnochio.errors import InputError
+
+Refuse = Callable[..., None]  # refuse(problem, remedy) raises InputError
+GZIP = b"\x1f\x8b"
+AGAIN = "export it again, or copy it again from where it comes from"
+TURNED = 1e-2  # cosines by which the two frames of a NIfTI header may differ
+APART = 0.5  # mm; so may their origins
+STRETCHED = 1e-2  # share by which voxel size and frame may differ
+# Bytes of an element by the words of NRRD and of MetaImage.
+NRRD_BYTES = {
+    **dict.fromkeys(("signed char", "int8", "int8_t", "uchar", "unsigned char", "uint8", "uint8_t"), 1),
+    **dict.fromkeys(("short", "short int", "signed short", "signed short int", "int16", "int16_t"), 2),
+    **dict.fromkeys(("ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"), 2),
+    **dict.fromkeys(("int", "signed int", "int32", "int32_t", "uint", "unsigned int", "uint32", "uint32_t"), 4),
+    **dict.fromkeys(("longlong", "long long", "int64", "int64_t", "ulonglong", "uint64", "uint64_t", "double"), 8),
+    "float": 4,
+}
+META_BYTES = {"CHAR": 1, "SHORT": 2, "INT": 4, "LONG_LONG": 8, "FLOAT": 4, "DOUBLE": 8}
+
+
+def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUnknown) -> sitk.Image:
+    """The volume of a NIfTI, NRRD or MetaImage file, if all of it is there; else refuse(problem, remedy).
+
+    pixel: the type of SimpleITK that its voxels are turned into.
+    """
+    name = str(path).lower()
+    if name.endswith((".nii", ".nii.gz")):
+        content = Path(path).read_bytes()
+        if content.startswith(GZIP) != name.endswith(".gz"):
+            refuse("its name and its content disagree on whether it is compressed", "name it .nii, or .nii.gz")
+        content = _unpacked(content, refuse)
+        _check_nifti(content, refuse)
+        with tempfile.TemporaryDirectory() as folder:
+            plain = Path(folder, "image.nii")
+            plain.write_bytes(content)
+            return _read(plain, refuse, pixel)
+    if name.endswith((".nrrd", ".nhdr")):
+        _check_nrrd(Path(path), refuse)
+    elif name.endswith((".mha", ".mhd")):
+        _check_meta(Path(path), refuse)
+    return _read(path, refuse, pixel)
+
+
+def read_own_image(path: str | os.PathLike) -> sitk.Image:
+    """A volume that the study itself has written; InputError where it is damaged."""
+
+    def refuse(problem: str, remedy: str):
+        raise InputError("-", path, problem, "delete it; the same command makes it again")
+
+    if not Path(path).is_file():
+        refuse("it is not there", AGAIN)
+    return read_image(path, refuse)
+
+
+def _read(path, refuse: Refuse, pixel: int) -> sitk.Image:
+    try:
+        image = sitk.ReadImage(str(path), pixel)
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        refuse(f"it cannot be read as an image ({reason})", "export the label map again")
+    places = [*image.GetSpacing(), *image.GetOrigin(), *image.GetDirection()]
+    if not np.isfinite(places).all() or max(map(abs, places)) > 1e6 or min(image.GetSpacing()) < 1e-6:
+        refuse("its header holds no proper voxel size, origin and axes", "correct the header, or export it again")
+    return image
+
+
+def _unpacked(content: bytes, refuse: Refuse) -> bytes:
+    """What a gzip file holds, by its checksum; anything else as it stands."""
+    if not content.startswith(GZIP):
+        return content
+    try:
+        return gzip.decompress(content)
+    except (EOFError, gzip.BadGzipFile, zlib.error, struct.error) as error:
+        refuse(f"it is damaged or cut off ({error})", AGAIN)
+
+
+def _check_length(there: int, wanted: int, refuse: Refuse) -> None:
+    if there != wanted:
+        refuse(f"its header asks for {wanted} bytes of voxels, and {there} are there", AGAIN)
+
+
+def _check_nifti(content: bytes, refuse: Refuse) -> None:
+    """Refuse a header that contradicts itself or the length of the file."""
+    first = {order: struct.unpack(order + "i", content[:4])[0] if len(content) > 3 else 0 for order in "<>"}
+    order = next((order for order, size in first.items() if size in (348, 540)), None)
+    if order is None or len(content) < first[order]:
+        refuse("it is no NIfTI file, or its header is cut off", AGAIN)
+    old = first[order] == 348
+
+    def numbers(kind: str, count: int, at: int, new_at: int, new_kind: str = "") -> tuple:
+        return struct.unpack_from(f"{order}{count}{kind if old else new_kind or kind}", content, at if old else new_at)
+
+    if content[344:348] != b"n+1\0" if old else content[4:8] != b"n+2\0":
+        refuse("it is no single NIfTI file (its mark is wrong)", "save header and voxels in one .nii or .nii.gz")
+    sides = numbers("h", 8, 40, 16, "q")
+    if not 1 <= sides[0] <= 7 or min(sides[1 : sides[0] + 1]) < 1:
+        refuse(f"its header gives the sizes {sides[1:]} of {sides[0]} axes", AGAIN)
+    (bits,) = numbers("h", 1, 72, 14)
+    (start,) = numbers("f", 1, 108, 168, "q")
+    if not first[order] <= start <= len(content) or bits < 1:
+        refuse(f"its header has voxels of {bits} bits begin at byte {start:g}", AGAIN)
+    wanted = (math.prod(int(side) for side in sides[1 : sides[0] + 1]) * bits + 7) // 8
+    _check_length(len(content) - int(start), wanted, refuse)
+    (kind,) = numbers("h", 1, 70, 12)
+    if kind in (16, 64):  # ITK turns NaN into 0 without a word
+        voxels = np.frombuffer(content, f"{order}f{bits // 8}", offset=int(start))
+        if not np.isfinite(voxels).all():
+            refuse("it holds NaN or infinite voxels", "replace them by 0 (air)")
+    steps = np.array(numbers("f", 8, 76, 104, "d"), float)
+    by_quaternion, by_rows = numbers("h", 2, 252, 344, "i")
+    quaternion = np.array(numbers("f", 6, 256, 352, "d"), float)
+    rows = np.reshape(numbers("f", 12, 280, 400, "d"), (3, 4)).astype(float)
+    used = [steps[1:4], *([quaternion] if by_quaternion > 0 else []), *([rows] if by_rows > 0 else [])]
+    if not all(np.isfinite(part).all() for part in used) or not (steps[1 : min(sides[0], 3) + 1] > 0).all():
+        refuse("its header holds voxel sizes or axes that are not finite numbers above 0", "correct the header")
+    scale = np.array(numbers("f", 2, 112, 176, "d"), float)
+    if not np.isfinite(scale).all():
+        refuse("its header scales the voxels by a number that is not finite", "save it without scaling")
+    if by_rows > 0 and sides[0] >= 3:
+        lengths = np.linalg.norm(rows[:, :3], axis=0)
+        if (np.abs(lengths - steps[1:4]) > STRETCHED * steps[1:4]).any():
+            shown = " x ".join(f"{value:g}" for value in steps[1:4]), " x ".join(f"{value:.4g}" for value in lengths)
+            refuse(f"its header gives voxels of {shown[0]} and axes for {shown[1]} mm", "write one of them into both")
+        if by_quaternion > 0:
+            other = _turned(quaternion[:3], -1.0 if steps[0] < 0 else 1.0)
+            if (
+                np.abs(rows[:, :3] / lengths - other).max() > TURNED
+                or np.abs(rows[:, 3] - quaternion[3:]).max() > APART
+            ):
+                refuse("its header holds two frames that differ (qform and sform)", "export it with one frame")
+
+
+def _turned(vector, handed: float) -> np.ndarray:
+    """Rotation (3, 3) of the quaternion whose last three numbers NIfTI stores, its third axis turned by `handed`."""
+    b, c, d = vector
+    a = math.sqrt(max(0.0, 1 - b * b - c * c - d * d))
+    rotation = np.array(
+        [
+            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+            [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
+            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
+        ]
+    )
+    return rotation * [1, 1, handed]
+
+
+def _check_nrrd(path: Path, refuse: Refuse) -> None:
+    """Refuse where the voxels of a NRRD file, its own or those of one file beside it, are not as many as it says."""
+    content = path.read_bytes()
+    end = re.search(rb"\r?\n\r?\n", content)
+    head = content[: end.start()] if end else content
+    if not content.startswith(b"NRRD") or (end is None and path.suffix.lower() == ".nrrd"):
+        refuse("it is no NRRD file, or its header is cut off", AGAIN)
+    lines = [line.strip() for line in head.decode("utf-8", "replace").splitlines()[1:]]
+    said = dict(line.split(": ", 1) for line in lines if ": " in line and ":=" not in line and line[:1] != "#")
+    said = {key.strip().lower(): value.strip() for key, value in said.items()}
+    apart = said.get("data file", said.get("datafile"))
+    data = content[end.end() :] if end else b""
+    if apart is not None:
+        if apart.upper() == "LIST" or "%" in apart:
+            return  # many files: ITK reads each to its end
+        if not (path.parent / apart).is_file():
+            refuse(f"its voxels, the file {apart!r}, are not there", "keep both files in one folder")
+        data = (path.parent / apart).read_bytes()
+    try:
+        wanted = math.prod(map(int, said["sizes"].split())) * NRRD_BYTES[said["type"].lower()]
+    except (KeyError, ValueError) as error:
+        refuse(f"its header says nothing known of 'type' and 'sizes' ({error})", "save it again as .nrrd")
+    encoding = said.get("encoding", "raw").lower()
+    if encoding in ("gzip", "gz"):
+        data = _unpacked(data, refuse)
+    elif encoding not in ("raw",):
+        refuse(f"its voxels are encoded as {encoding!r}", "save it as raw or gzip")
+    _check_length(len(data), wanted, refuse)
+
+
+def _check_meta(path: Path, refuse: Refuse) -> None:
+    """Refuse where the voxels of a MetaImage, its own or those of one file beside it, are not as many as it says."""
+    content = path.read_bytes()
+    found = re.search(rb"^ElementDataFile *= *(.*?)\r?(\n|\Z)", content, re.MULTILINE)
+    if found is None:
+        refuse("it is no MetaImage, or its header is cut off", AGAIN)
+    lines = content[: found.start()].decode("utf-8", "replace").splitlines()
+    said = {key.strip(): value.strip() for key, _, value in (line.partition("=") for line in lines)}
+    where = found[1].decode("utf-8", "replace").strip()
+    data = content[found.end() :]
+    if where.upper() != "LOCAL":
+        if where.upper().startswith("LIST") or "%" in where:
+            return
+        if not (path.parent / where).is_file():
+            refuse(f"its voxels, the file {where!r}, are not there", "keep both files in one folder")
+        data = (path.parent / where).read_bytes()
+    try:
+        kind = said["ElementType"].removeprefix("MET_").removesuffix("_ARRAY")
+        size = META_BYTES[kind if kind in META_BYTES else kind.removeprefix("U")]
+        wanted = math.prod(map(int, said["DimSize"].split())) * size * int(said.get("ElementNumberOfChannels", 1))
+    except (KeyError, ValueError) as error:
+        refuse(f"its header says nothing known of 'ElementType' and 'DimSize' ({error})", "save it again as .mha")
+    if said.get("CompressedData", "False").lower() == "true":
+        try:
+            data = zlib.decompress(data)
+        except zlib.error as error:
+            refuse(f"it is damaged or cut off ({error})", AGAIN)
+    _check_length(len(data), wanted, refuse)

@@ -1,0 +1,128 @@
+"""What a post-operative scan may be: made handy and free of spikes before it is registered, and judged after."""
+
+import logging
+
+import numpy as np
+
+from pinnochio.errors import InputError
+from pinnochio.geometry.closest_points import closest_points
+from pinnochio.geometry.triangles import vertex_normals
+from pinnochio.importing.registration import SAMPLES, Registration, registered_again, spread
+
+LOG = logging.getLogger(__name__)
+SPIKE = 20.0  # mm from the middle of its neighbours; no part of a face is so thin
+SPIKES = 0.01  # share of the points above which a scan is no face with a few faults
+MANY = 600_000  # triangles; more show a face no better and take minutes
+CELL = 0.5  # mm; points in one cell of this size become one
+THINNING = 0.1  # mm; what 95 of 100 points may lie off the thinned surface
+THE_SAME = 0.02  # mm; no scanner repeats a face so well [I]
+MIRROR_BETTER = 0.93  # share of the residual below which the mirror image fits better than the scan
+DEPTH = 3.0  # mm; standard deviation of the upper face across its flattest direction: a strip of forehead has 5
+COVERED, SHOWN = 0.15, 3.0  # share of the upper face that a scan must show, within so many mm
+FRONT = -0.3  # y of a normal that looks forward (LPS)
+
+
+def without_spikes(points, faces, case: str, file: object) -> tuple[np.ndarray, np.ndarray]:
+    """The surface without the points that stand off from all around them; InputError where these are many."""
+    first = len(points)
+    for _ in range(10):  # a spike of several points has a middle of its own
+        total, count = np.zeros_like(points), np.zeros(len(points))
+        for corner in range(3):
+            for other in (1, 2):
+                np.add.at(total, faces[:, corner], points[faces[:, (corner + other) % 3]])
+            count += 2 * np.bincount(faces[:, corner], minlength=len(points))
+        off = np.linalg.norm(total / np.maximum(count, 1)[:, None] - points, axis=1)
+        edges = np.linalg.norm(points[faces] - points[np.roll(faces, 1, axis=1)], axis=2)
+        limit = max(SPIKE, 10 * float(np.median(edges)))
+        if not ((count > 0) & (off > limit)).any():
+            break
+        # The neighbours of a spike stand off from it too: of those beside each other the farthest goes.
+        farthest = np.zeros(len(points))
+        for corner in range(3):
+            np.maximum.at(farthest, faces[:, corner], off[faces].max(axis=1))
+        keep = (off <= limit) | (off < farthest)
+        used, faces = np.unique(faces[keep[faces].all(axis=1)], return_inverse=True)
+        points, faces = points[used], faces.reshape(-1, 3).astype(np.int32)
+    lost = first - len(points)
+    if lost:
+        LOG.warning("case %r: %s: %d of %d points are or hold spikes and are left out", case, file, lost, first)
+    if not lost <= max(SPIKES * first, 20):
+        problem = f"{lost} of its {first} points stand off from all around them by more than {SPIKE:g} mm"
+        raise InputError(case, file, problem, "clean the scan and export it again")
+    return points, faces
+
+
+def thinned(points, faces, case: str, file: object) -> tuple[np.ndarray, np.ndarray]:
+    """A surface of at most MANY triangles; the distance of the scan's points from it is measured and stated.
+
+    Points in one cell of a grid become their mean. InputError where that takes detail away.
+    """
+    if len(faces) <= MANY:
+        return points, faces
+    whole, size, triangles = points, CELL, len(faces)
+    while len(faces) > MANY:
+        cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+        key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
+        _, own, count = np.unique(key, return_inverse=True, return_counts=True)
+        points = np.stack([np.bincount(own, points[:, axis]) for axis in range(3)], axis=1) / count[:, None]
+        faces = own[faces].astype(np.int32)
+        faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+        _, once = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+        faces = faces[np.sort(once)]
+        size *= 1.4
+    some = whole[:: max(1, len(whole) // 20_000)]
+    distance = closest_points(some, points, faces).distance
+    p95, most = float(np.percentile(distance, 95)), float(distance.max())
+    LOG.warning(
+        "case %r: %s: %d triangles are thinned to %d; the scan's points lie %.3f mm off at 95 %%, %.3f mm at most",
+        *(case, file, triangles, len(faces), p95, most),
+    )
+    if not p95 <= THINNING:
+        problem = f"thinned to {len(faces)} triangles its points lie {p95:.2f} mm off at 95 %"
+        raise InputError(case, file, problem, f"export the face alone, with at most {MANY} triangles")
+    return points, faces
+
+
+def check_scan(
+    points, faces, skin_points, skin_faces, plane: float, found: Registration, *, case: str, file: object
+) -> None:
+    """Refuse (InputError) what fits the upper face but is no scan of it.
+
+    points (p, 3), faces (f, 3): the scan in its own frame; skin_points, skin_faces: the skin before surgery, LPS mm;
+    plane: height z (mm) above which they were registered; found: the registration. Refused are the skin before surgery
+    itself, a mirror image, a surface without depth, and one that shows hardly any of the upper face.
+    """
+
+    def refuse(problem: str, remedy: str):
+        raise InputError(case, file, problem, remedy)
+
+    placed = found.motion.apply(np.asarray(points, float))
+    few = spread(placed, faces, SAMPLES)
+    whole = float(np.percentile(closest_points(placed[few], skin_points, skin_faces).distance, 95))
+    if not whole > THE_SAME:
+        refuse(
+            f"95 % of it lies within {whole:.3f} mm of the skin before surgery: it is this skin itself",
+            "give the scan that was taken after surgery",
+        )
+    upper = placed[few][placed[few][:, 2] >= plane]
+    depth = float(np.linalg.svd(upper - upper.mean(axis=0), compute_uv=False)[2] / np.sqrt(len(upper)))
+    if not depth >= DEPTH:
+        refuse(
+            f"its upper face is flat: {depth:.1f} mm deep where a face has more than {DEPTH:g} mm",
+            "give a surface of the face, as a scanner makes it",
+        )
+    normals = vertex_normals(skin_points, skin_faces)
+    front = np.flatnonzero((skin_points[:, 2] >= plane) & (normals[:, 1] < FRONT))
+    closest = closest_points(skin_points[front], placed, faces)
+    covered = float(((closest.distance < SHOWN) & ~closest.border).mean()) if len(front) else 0.0
+    if not covered >= COVERED:
+        refuse(
+            f"it shows {100 * covered:.0f} % of the upper face (at least {100 * COVERED:.0f} % is asked)",
+            "give a scan with forehead and bridge of the nose",
+        )
+    own, mirrored = registered_again(points, faces, skin_points, skin_faces, plane, found)
+    if not mirrored > MIRROR_BETTER * own:
+        refuse(
+            f"its mirror image fits the upper face better ({mirrored:.2f} mm) than it does ({own:.2f} mm)",
+            "export the scan without mirroring",
+        )
