@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
 
 
@@ -68,3 +69,61 @@ class PointSurface:
             # A step is never longer than 2 mm: across a sharp edge the gradient says little about what lies beyond.
             x[active] += step * np.minimum(1, 2 / np.maximum(np.linalg.norm(step, axis=1), 1e-30))[:, None]
         return x
+
+
+class CompiledSurface(PointSurface):
+    """The same field in a hundredth of the time for surfaces of some hundred points; sums in another order."""
+
+    def distance(self, x) -> tuple[np.ndarray, np.ndarray]:
+        x = np.ascontiguousarray(x, float)
+        value, gradient = np.empty(len(x)), np.empty(x.shape)
+        _distances(x, self._points, self._normals, self._width, self._count, value, gradient)
+        return value, gradient
+
+
+@compiled
+def _distances(x, points, normals, width, count, value, gradient):
+    square = np.empty(len(points))
+    near, weight, plane = np.empty(count, np.int64), np.empty(count), np.empty(count)
+    for s in range(len(x)):
+        for b in range(len(points)):
+            a0, a1, a2 = x[s, 0] - points[b, 0], x[s, 1] - points[b, 1], x[s, 2] - points[b, 2]
+            square[b] = a0 * a0 + a1 * a1 + a2 * a2
+        far = np.partition(square, count - 1)[count - 1]
+        used, least = 0, np.inf
+        for b in range(len(points)):
+            if square[b] <= far and used < count:
+                near[used] = b
+                used += 1
+                least = min(least, square[b])
+        total, first = 0.0, 0.0
+        normal, offset = np.zeros(3), np.zeros(3)
+        for k in range(used):
+            b = near[k]
+            weight[k] = np.exp((least - square[b]) / width)
+            total += weight[k]
+        for k in range(used):
+            b = near[k]
+            weight[k] /= total
+            plane[k] = 0.0
+            for i in range(3):
+                plane[k] += (x[s, i] - points[b, i]) * normals[b, i]
+                normal[i] += weight[k] * normals[b, i]
+                offset[i] += weight[k] * (x[s, i] - points[b, i])
+            first += weight[k] * plane[k]
+        length = max(np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2), 1e-3)
+        second = (normal[0] * offset[0] + normal[1] * offset[1] + normal[2] * offset[2]) / length
+        for i in range(3):
+            gradient[s, i] = normal[i] * (1 + 1 / length)
+        for k in range(used):
+            b = near[k]
+            # d weight/dx = -2/width weight (offset - mean offset): derivatives of averages are covariances.
+            along = plane[k]
+            for i in range(3):
+                along += normals[b, i] * (offset[i] - second * normal[i] / length) / length
+                along += (x[s, i] - points[b, i]) * normal[i] / length
+            for i in range(3):
+                gradient[s, i] -= 2 / width * weight[k] * (x[s, i] - points[b, i] - offset[i]) * along
+        value[s] = (first + second) / 2
+        for i in range(3):
+            gradient[s, i] /= 2
