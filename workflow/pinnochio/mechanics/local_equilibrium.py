@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinnochio.mechanics.assembly import Assembler
+from pinnochio.mechanics.assembly import CUT, Assembler
 from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.linear import linear_solver
@@ -58,7 +58,7 @@ class LocalEquilibrium:
 
         goal: norm of the free forces that is enough, mN; axes: displacement (n, 3) -> local axes of sliding nodes.
         """
-        made = 0
+        made, self._indefinite = 0, False
         if self._elements.evaluate(u[self._nodes])[2] <= 0:
             softened = self._elements.with_extension(UNTANGLING)
             u, made = self._newton(u, softened, constraints, goal, axes, -np.inf)
@@ -95,7 +95,7 @@ class LocalEquilibrium:
 
     def _direction(self, u, elements, sliding, frames, force, free) -> np.ndarray | None:
         """Newton's step (k, 3) of the part's nodes, of the tangent without negative eigenvalues if need be."""
-        for definite in (0.0, 1.0):
+        for definite in (CUT,) if self._indefinite else (0.0, CUT):
             data, _ = self._assembler.tangent(u[self._nodes], frames, definite=definite, elements=elements)
             if self._slides and not definite:
                 whole = np.zeros(u.shape)
@@ -106,6 +106,7 @@ class LocalEquilibrium:
                 local = self._assembler.scatter(-self._linear.solve(free))
                 local[self._framed] = np.einsum("sij,si->sj", frames, local[self._framed])
                 return local
+            self._indefinite = True
         return None
 
     def _local(self, vectors, frames) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from scipy import sparse
@@ -73,7 +74,7 @@ class SlidingContact:
     def under(self, sets) -> "SlidingContact":
         """The same nodes on the same surfaces in another motion."""
         other = copy.copy(self)
-        other.sets = [item for item in sets if len(item.nodes)]
+        other.sets = [replace(item, motion=cache(item.motion)) for item in sets if len(item.nodes)]
         return other
 
     def carry(self, displacement, start: float, end: float) -> np.ndarray:
