@@ -3,9 +3,9 @@
 python tests/benchmarks/many_plans.py MODEL [MODEL ...] [--plans 8] [--arms bonded mucosa] [--batch 8]
 
 MODEL: a `model.h5` of a study. The plans are sampled. They take turns: each is solved by Newton's method and by the
-kept factors alone; then all together in batches. A line per model and arm, of plans that Newton's method solves: seconds
-of the patient's preparation and, median per plan, of the three ways; iterations, median / most; largest difference of
-two fields and of their least J; share of plans without fallback, and plans of either way that failed.
+kept factors alone; then all together in batches. A line per model and arm, of plans that Newton's method solves:
+seconds of the patient's preparation and, median per plan, of the three ways; iterations, median / most; largest
+difference of two fields and of their least J; share of plans without fallback, and plans of either way that failed.
 """
 
 import argparse

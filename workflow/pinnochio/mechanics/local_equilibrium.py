@@ -11,6 +11,9 @@ from pinnochio.mechanics.linear import linear_solver
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.solver import UNTANGLING
 
+# Way of a sliding node in mean edges after which the rest of the mesh has to follow first: alone, some nodes slid over
+# the rim of the bone and stayed there [X].
+SLIDE = 0.1
 STEPS = 10  # Newton iterations at most in one call [I]
 
 
@@ -77,7 +80,10 @@ class LocalEquilibrium:
             motion = self._direction(u, elements, sliding, frames, force, free)
             if motion is None:
                 return u, step
-            slope, share = -float(np.vdot(motion, force)), 1.0
+            slope = -float(np.vdot(motion, force))
+            slide = np.linalg.norm(motion[self._framed], axis=1).max(initial=0.0)
+            share = min(1.0, SLIDE * elements.edge / max(slide, 1e-30))
+            far = share < 1
             noise = 1e-14 * elements.modulus * elements.volumes.sum() + 1e-13 * abs(energy)
             while share > 1e-4:
                 new = u.copy()
@@ -91,6 +97,8 @@ class LocalEquilibrium:
             else:
                 return u, step
             u, energy, force = new, new_energy, new_force
+            if far:
+                return u, step + 1
         return u, STEPS
 
     def _direction(self, u, elements, sliding, frames, force, free) -> np.ndarray | None:

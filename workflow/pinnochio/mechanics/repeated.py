@@ -35,6 +35,9 @@ MEMORY = 5  # pairs of steps and changes of the force that are kept
 # An element is hard below this volume ratio, or above this I1 = tr F'F, 3 at rest.
 HARD_RATIO, HARD_STRETCH = 0.5, 8.0
 LOOSE = 0.1  # force left in the hard patches, over that outside, before a step
+# Least cosine between the surface's normals where a sliding node was and is. Beyond, it has slid round the rim of its
+# bone, and which of several equilibria it found depends on the way there: Newton's method, in increments, decides [X].
+RIM = 0.4
 ITERATIONS = 60  # after so many a plan goes to Newton's method
 
 
@@ -114,19 +117,23 @@ class RepeatedSolver:
             return
         starts = self._rest.spread(np.stack([path.constraints.motions() for path in paths]))
         walks = [self._walk(path, start) for path, start in zip(paths, starts, strict=True)]
-        loads = {number: next(walk, None) for number, walk in enumerate(walks)}
+        loads = {number: self._sent(walk, paths[number], None) for number, walk in enumerate(walks)}
         while loads := {number: load for number, load in loads.items() if load is not None}:
             answers = self._rest.respond(np.stack(list(loads.values())))
             loads = {
-                number: self._sent(walks[number], answer)
+                number: self._sent(walks[number], paths[number], answer)
                 for number, answer in zip(loads, answers.reshape(len(loads), -1), strict=True)
             }
 
     @staticmethod
-    def _sent(walk: Generator, answer):
+    def _sent(walk: Generator, path: Path, answer: np.ndarray | None) -> np.ndarray | None:
+        """The next load of a plan, None at its end; what goes wrong in it is its own reason and stops no other."""
         try:
             return walk.send(answer)
         except StopIteration:
+            return None
+        except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
+            path.reason = f"{type(error).__name__}: {error}"
             return None
 
     def _walk(self, path: Path, start) -> Generator[np.ndarray, np.ndarray, None]:
@@ -139,6 +146,8 @@ class RepeatedSolver:
                 path.point, path.residual = point, self._residual(point)
                 path.history.append({"residual": path.residual, "energy": point.energy, "min_jacobian": point.least})
                 if path.residual <= self._options.tolerance:
+                    if self._turned_by(path, point) < RIM:
+                        path.reason = "a node slid round the rim of its bone"
                     return
                 if path.iterations == ITERATIONS:
                     path.reason = f"{ITERATIONS} iterations left a residual of {path.residual:.1e}"
@@ -245,11 +254,7 @@ class RepeatedSolver:
     def _axes(self, constraints: Constraints, u) -> np.ndarray:
         """Local axes (s, 3, 3) of the sliding nodes: those at rest, turned by their bone and no further than the normal
         of its surface asks, so that they change no faster than the surface bends."""
-        carried, start = np.empty_like(self._rest.frames), 0
-        for item in constraints.sliding.sets:
-            end = start + len(item.nodes)
-            carried[start:end] = self._rest.frames[start:end] @ item.motion(1.0).rotation.T
-            start = end
+        carried = self._carried(constraints)
         here = constraints.sliding.frames(u, 1.0)
         one, other = carried[:, 0], here[:, 0]
         cosine = (one * other).sum(axis=1)
@@ -258,6 +263,19 @@ class RepeatedSolver:
         turn = np.cross(axis[:, None], carried)
         turned = carried + turn + np.cross(axis[:, None], turn) / np.maximum(1 + cosine, 1e-6)[:, None, None]
         return np.where((cosine > -0.9)[:, None, None], turned, here)
+
+    def _carried(self, constraints: Constraints) -> np.ndarray:
+        """Axes (s, 3, 3) of the sliding nodes at rest, turned with their bones."""
+        carried, start = np.empty_like(self._rest.frames), 0
+        for item in constraints.sliding.sets:
+            end = start + len(item.nodes)
+            carried[start:end] = self._rest.frames[start:end] @ item.motion(1.0).rotation.T
+            start = end
+        return carried
+
+    def _turned_by(self, path: Path, point: Point) -> float:
+        """Least cosine between the normals of a sliding node now and at rest, as its bone has carried that."""
+        return float((self._carried(path.constraints)[:, 0] * point.axes[:, 0]).sum(axis=1).min(initial=1.0))
 
     def _turned(self, vectors, axes) -> np.ndarray:
         return self._constraints.local(vectors, axes)
