@@ -1,9 +1,12 @@
 """The boundary condition of one mesh, checked: which unknowns it fixes, and the axes that sliding nodes have."""
 
+import copy
+
 import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.faces import pieces
+from pinnochio.mechanics.point_surface import PointSurface
 from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact
 
 
@@ -15,15 +18,33 @@ class Constraints:
     mesh could move as a whole.
     """
 
-    def __init__(self, points, cells, boundary: BoundaryConditions):
+    def __init__(self, points, cells, boundary: BoundaryConditions, surface: type[PointSurface] = PointSurface):
         self.points, self.boundary = np.asarray(points, float), boundary
-        self.sliding = SlidingContact(self.points, boundary.sliding)
+        self.sliding = SlidingContact(self.points, boundary.sliding, surface)
         self.prescribed = np.asarray(boundary.prescribed_nodes, int)
         self._check()
         self.constrained = np.zeros((len(self.points), 3), bool)
         self.constrained[self.prescribed] = True
         self.constrained[self.sliding.nodes, 0] = True
         self._check_pieces(cells)
+
+    def under(self, boundary: BoundaryConditions) -> "Constraints":
+        """The same constraints under another motion: what was measured of mesh and surfaces is kept."""
+        prescribed = np.asarray(boundary.prescribed_nodes, int)
+        sliding = np.concatenate([np.zeros(0, int)] + [np.asarray(item.nodes, int) for item in boundary.sliding])
+        if not (np.array_equal(prescribed, self.prescribed) and np.array_equal(sliding, self.sliding.nodes)):
+            raise InputError("-", "boundary", "constrains other nodes than the factors are of", "make a new solver")
+        other = copy.copy(self)
+        other.boundary, other.sliding = boundary, self.sliding.under(boundary.sliding)
+        return other
+
+    def motions(self) -> np.ndarray:
+        """Displacement (n, 3) mm of the constrained nodes at full load, sliding ones carried; zero elsewhere."""
+        moved = np.zeros_like(self.points)
+        moved[self.prescribed] = self.boundary.displacement(1.0)
+        for item in self.sliding.sets:
+            moved[item.nodes] = item.motion(1.0).displacement(self.points[item.nodes])
+        return moved
 
     def met(self, displacement, fraction: float) -> np.ndarray:
         """The admissible displacement (n, 3) next to another one."""

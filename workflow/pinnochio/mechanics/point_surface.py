@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
 
 
@@ -68,3 +69,59 @@ class PointSurface:
             # A step is never longer than 2 mm: across a sharp edge the gradient says little about what lies beyond.
             x[active] += step * np.minimum(1, 2 / np.maximum(np.linalg.norm(step, axis=1), 1e-30))[:, None]
         return x
+
+
+class CompiledSurface(PointSurface):
+    """The same field faster, for surfaces of some hundred points: every point counts whose weight is above round-off,
+    so that it differs from the other one by what that leaves out, below 1e-5 of a weight."""
+
+    def distance(self, x) -> tuple[np.ndarray, np.ndarray]:
+        x = np.ascontiguousarray(x, float)
+        value, gradient = np.empty(len(x)), np.empty(x.shape)
+        _distances(x, self._points, self._normals, self._width, value, gradient)
+        return value, gradient
+
+
+@compiled
+def _distances(x, points, normals, width, value, gradient):
+    square, plane = np.empty(len(points)), np.empty(len(points))
+    near, weight = np.empty(len(points), np.int64), np.empty(len(points))
+    normal, offset = np.empty(3), np.empty(3)
+    for s in range(len(x)):
+        least, used, total, first = np.inf, 0, 0.0, 0.0
+        normal[:], offset[:] = 0.0, 0.0
+        for b in range(len(points)):
+            a0, a1, a2 = x[s, 0] - points[b, 0], x[s, 1] - points[b, 1], x[s, 2] - points[b, 2]
+            square[b] = a0 * a0 + a1 * a1 + a2 * a2
+            least = min(least, square[b])
+        for b in range(len(points)):
+            if square[b] < least + 36 * width:
+                near[used], weight[used] = b, np.exp((least - square[b]) / width)
+                total += weight[used]
+                used += 1
+        for k in range(used):
+            b = near[k]
+            weight[k] /= total
+            plane[k] = 0.0
+            for i in range(3):
+                away = x[s, i] - points[b, i]
+                plane[k] += away * normals[b, i]
+                normal[i] += weight[k] * normals[b, i]
+                offset[i] += weight[k] * away
+            first += weight[k] * plane[k]
+        length = max(np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2), 1e-3)
+        second = (normal[0] * offset[0] + normal[1] * offset[1] + normal[2] * offset[2]) / length
+        for i in range(3):
+            gradient[s, i] = normal[i] * (1 + 1 / length)
+        for k in range(used):
+            b = near[k]
+            # d weight/dx = -2/width weight (offset - mean offset): derivatives of averages are covariances.
+            along = plane[k]
+            for i in range(3):
+                along += normals[b, i] * (offset[i] - second * normal[i] / length) / length
+                along += (x[s, i] - points[b, i]) * normal[i] / length
+            for i in range(3):
+                gradient[s, i] -= 2 / width * weight[k] * (x[s, i] - points[b, i] - offset[i]) * along
+        value[s] = (first + second) / 2
+        for i in range(3):
+            gradient[s, i] /= 2

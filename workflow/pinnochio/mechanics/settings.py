@@ -14,7 +14,8 @@ class FemSettings:
     """The section `fem` of the configuration; youngs_modulus in kPa by tissue name, time_limit in s.
 
     The simulated outcome alone has stiffening, second term of the material in kPa, and yielding: the volume ratio below
-    which squeezed tissue hardly resists any more, 0 for tissue that bears any pressure.
+    which squeezed tissue hardly resists any more, 0 for tissue that bears any pressure. kept_factors: solve plans
+    by `simulation.PlanSolver` on the factors of the stiffness at rest.
     """
 
     youngs_modulus: Mapping[str, float]
@@ -27,6 +28,7 @@ class FemSettings:
     linear_solver: str
     stiffening: float = 0.0
     yielding: float = 0.0
+    kept_factors: bool = False
 
     def material(self, tissue: np.ndarray) -> Material:
         """Material of each element of a mesh with `tissue` codes (m,)."""

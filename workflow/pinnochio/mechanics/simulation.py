@@ -1,5 +1,8 @@
 """Finite-element simulation of a plan on a patient: what the FEM methods, the pretraining and the tables share."""
 
+import logging
+import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -7,6 +10,7 @@ import numpy as np
 
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.loads import Loads
+from pinnochio.mechanics.repeated import RepeatedSolver
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions, solve
@@ -47,6 +51,40 @@ def simulate(
         replace(boundary, loads=loads),
         solver_options(settings),
     )
+
+
+class PlanSolver:
+    """Plans of one patient, for whom what is the same under every plan is made once; arm, apart: as in `simulate`.
+
+    With settings.kept_factors by the factors of the stiffness at rest (:mod:`repeated`), and by Newton's method what
+    they do not solve; without, and for lips in contact, one after the other by Newton's method, as in `simulate`.
+    preparation: seconds that the patient took.
+    """
+
+    def __init__(self, patient: PatientModel, arm: str, settings: FemSettings, apart: float = 0.0):
+        self._patient, self._arm, self._settings, self._apart = patient, arm, settings, apart
+        self._kept, began = None, time.perf_counter()
+        if settings.kept_factors and arm != "mucosa+lip":
+            boundary, law = self._boundary(Plan("rest", {})), settings.material(patient.tissue)
+            try:
+                self._kept = RepeatedSolver(patient.points, patient.cells, law, boundary, solver_options(settings))
+            except RuntimeError as error:  # the stiffness at rest cannot be factorised
+                logging.warning("no kept factors: %s", error)
+        self.preparation = time.perf_counter() - began
+
+    def solve(self, plans: Sequence[Plan]) -> list[SolveResult]:
+        """Displacement of every node under each plan."""
+        if self._kept is None:
+            return [simulate(self._patient, plan, self._arm, self._settings, self._apart) for plan in plans]
+        return self._kept.solve([self._boundary(plan) for plan in plans])
+
+    def close(self) -> None:
+        """Release the factors."""
+        if self._kept is not None:
+            self._kept.close()
+
+    def _boundary(self, plan: Plan):
+        return boundary_conditions(self._patient, plan, self._arm, apart=self._apart)
 
 
 def simulate_elastic(patient: PatientModel, plan: Plan, settings: FemSettings) -> tuple[np.ndarray, float, float]:

@@ -1,7 +1,9 @@
 """Boundary conditions: nodes with a prescribed motion, and nodes that slide along a moving surface."""
 
+import copy
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from scipy import sparse
@@ -59,15 +61,21 @@ class BoundaryConditions:
 class SlidingContact:
     """The sliding sets of one mesh: holds their nodes on the level sets of their surfaces where they started."""
 
-    def __init__(self, points, sets):
+    def __init__(self, points, sets, surface: type[PointSurface] = PointSurface):
         self.points = np.asarray(points, float)
         self.sets = [item for item in sets if len(item.nodes)]
         self.nodes = np.concatenate([np.zeros(0, int)] + [np.asarray(item.nodes, int) for item in self.sets])
-        self._surfaces = [PointSurface(item.points, item.normals) for item in self.sets]
+        self._surfaces = [surface(item.points, item.normals) for item in self.sets]
         self._levels = [
             surface.distance(self.points[item.nodes])[0]
             for surface, item in zip(self._surfaces, self.sets, strict=True)
         ]
+
+    def under(self, sets) -> "SlidingContact":
+        """The same nodes on the same surfaces in another motion."""
+        other = copy.copy(self)
+        other.sets = [replace(item, motion=cache(item.motion)) for item in sets if len(item.nodes)]
+        return other
 
     def carry(self, displacement, start: float, end: float) -> np.ndarray:
         """Displacement (n, 3) with the sliding nodes carried by their surfaces from fraction `start` to `end`."""

@@ -58,7 +58,7 @@ class SolveResult:
 
     reason says why the solver stopped. history: one entry per Newton iterate. residual: relative, at `displacement`.
     violation: largest change of a sliding node's distance to its surface, mm; penetration, gap: how far a contact node
-    has entered the opposing surface, or come away from it, at most, mm.
+    has entered the opposing surface, or come away from it, at most, mm. kept: solved by the patient's kept factors.
     """
 
     displacement: np.ndarray
@@ -76,6 +76,7 @@ class SolveResult:
     factorizations: int
     linear_iterations: int
     seconds: float
+    kept: bool = False
 
 
 class Stop(Exception):

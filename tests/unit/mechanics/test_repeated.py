@@ -1,0 +1,237 @@
+"""Many plans by kept factors: Newton's field on blocks, bones and a head, batches, and the way back to Newton."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pinnochio.errors import InputError
+from pinnochio.mechanics import repeated
+from pinnochio.mechanics.assembly import CUT, Assembler
+from pinnochio.mechanics.elements import Elements
+from pinnochio.mechanics.local_equilibrium import LocalEquilibrium, subset
+from pinnochio.mechanics.point_surface import CompiledSurface, PointSurface
+from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
+from pinnochio.mechanics.repeated import RepeatedSolver
+from pinnochio.mechanics.simulation import PlanSolver, simulate
+from pinnochio.mechanics.sliding import BoundaryConditions
+from pinnochio.mechanics.solver import solve
+from pinnochio.plans.plan import Plan, RigidMotion
+from tests.helpers.patients import slab_patient, tiny_patient, tiny_plan
+from tests.helpers.settings import fem_settings
+from tests.helpers.settings import solver_options as options_with
+from tests.helpers.solids import bent_block, both, material, sphere
+
+
+def kept(points, cells, law, boundaries, options):
+    """Results of several boundary conditions by one set of factors."""
+    solver = RepeatedSolver(points, cells, law, boundaries[0], options)
+    try:
+        return solver.solve(boundaries)
+    finally:
+        solver.close()
+
+
+@both
+@pytest.mark.parametrize("stiffening", [0.0, 1.5])
+def test_bent_block_as_by_newton(volumetric, stiffening):
+    points, cells, boundary = bent_block()
+    law, options = material(len(cells), stiffening), options_with(volumetric=volumetric, tolerance=1e-8)
+    (result,) = kept(points, cells, law, [boundary], options)
+    exact = solve(points, cells, law, boundary, options)
+    assert result.kept and result.converged and not exact.kept
+    assert result.residual <= 1e-8
+    np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-6)
+    assert result.min_jacobian == pytest.approx(exact.min_jacobian, abs=1e-6)
+
+
+@pytest.mark.parametrize("shear", [False, True])
+def test_hard_patches_as_by_newton(shear, monkeypatch):
+    """Called hard much earlier, patches are at the edges of the supports of the block problem."""
+    monkeypatch.setattr(repeated, "HARD_RATIO", 0.95)
+    points, cells = box(BLOCK, (12, 9, 5))
+    boundary, options = block_boundary(points, shear), options_with(tolerance=1e-8)
+    doubled = BoundaryConditions(boundary.prescribed_nodes, lambda t: 2 * boundary.displacement(t))
+    law = uniform(len(cells))
+    for result, asked in zip(kept(points, cells, law, [boundary, doubled], options), (boundary, doubled), strict=True):
+        exact = solve(points, cells, law, asked, options)
+        assert result.kept
+        np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
+    assert exact.min_jacobian < repeated.HARD_RATIO
+
+
+def test_a_turned_block_takes_few_iterations():
+    """Kept factors know nothing of a turn: warped they do, as by a strain of the same turned body."""
+    points, cells = box((12, 9, 9), (4, 3, 3), jitter=0.2)
+    ends = np.flatnonzero((points[:, 0] == 0) | (points[:, 0] == 12))
+    stretch = np.diag([1.2, 1.0, 1.0])
+
+    def result(degrees):
+        turn = RigidMotion.from_degrees([0, degrees, 0], [0, 0, 0], [6, 4, 4])
+        moved = turn.apply(points[ends] @ stretch) - points[ends]
+        return kept(points, cells, uniform(len(cells)), [BoundaryConditions(ends, moved)], options_with())[0]
+
+    straight, turned = result(0), result(40)
+    assert straight.kept and turned.kept
+    assert turned.iterations <= straight.iterations + 3
+
+
+@pytest.mark.parametrize("arm", ["bonded", "mucosa"])
+def test_plans_of_a_patient_as_by_newton_alone_and_together(arm):
+    model = slab_patient()
+    settings = fem_settings(tolerance=1e-8, time_limit=600, kept_factors=True)
+    plans = [
+        Plan("P", {"mandible_distal": RigidMotion.from_degrees([0, turn, 0], shift, [12, 6, 0])})
+        for turn, shift in ((2, [2, 1, 1.0]), (-3, [-1, 0, 2.0]), (0, [0, 0, 0]))
+    ]
+    solver = PlanSolver(model, arm, settings)
+    together = solver.solve(plans)
+    for plan, result in zip(plans, together, strict=True):
+        exact, (alone,) = simulate(model, plan, arm, settings), solver.solve([plan])
+        assert result.kept and alone.kept and exact.converged
+        np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(alone.displacement, exact.displacement, rtol=0, atol=1e-5)
+        assert result.violation < 1e-6
+    solver.close()
+    assert np.abs(together[2].displacement).max() < 1e-9
+
+
+def test_a_small_head_as_by_newton():
+    model, settings = tiny_patient(), fem_settings(tolerance=1e-8, time_limit=600, kept_factors=True)
+    solver = PlanSolver(model, "mucosa", settings)
+    for plan in (tiny_plan(), tiny_plan(3, 2, -1, -4)):
+        (result,), exact = solver.solve([plan]), simulate(model, plan, "mucosa", settings)
+        assert result.kept
+        np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
+    solver.close()
+
+
+def test_what_does_not_converge_goes_to_newton_and_stops_no_other(monkeypatch):
+    points, cells, boundary = bent_block()
+    law, options = material(len(cells)), options_with()
+    easy = BoundaryConditions(boundary.prescribed_nodes, 1e-3 * boundary.displacement(1.0))
+    monkeypatch.setattr(repeated, "ITERATIONS", 4)
+    hard, light = kept(points, cells, law, [boundary, easy], options)
+    assert light.kept and light.converged
+    assert not hard.kept and hard.converged
+    exact = solve(points, cells, law, boundary, options)
+    np.testing.assert_array_equal(hard.displacement, exact.displacement)
+
+
+def test_an_error_in_one_plan_stops_no_other(monkeypatch):
+    points, cells, boundary = bent_block()
+    easy = BoundaryConditions(boundary.prescribed_nodes, 1e-3 * boundary.displacement(1.0))
+    search = RepeatedSolver._searched
+
+    def failing(self, path, *rest):
+        if path.constraints.boundary is boundary:
+            raise RuntimeError("no memory")
+        return search(self, path, *rest)
+
+    monkeypatch.setattr(RepeatedSolver, "_searched", failing)
+    hard, light = kept(points, cells, material(len(cells)), [boundary, easy], options_with())
+    assert light.kept and not hard.kept and hard.converged
+
+
+def test_what_no_solver_solves_says_so():
+    points, cells, boundary = bent_block()
+    far = BoundaryConditions(boundary.prescribed_nodes, lambda t: 20 * boundary.displacement(t))
+    options = options_with(max_iterations=3, min_increment=0.5)
+    impossible, result = kept(points, cells, material(len(cells)), [far, boundary], options)
+    assert not impossible.converged and impossible.reason != "converged"
+    assert result.converged
+
+
+def test_other_nodes_are_refused():
+    points, cells, boundary = bent_block()
+    solver = RepeatedSolver(points, cells, material(len(cells)), boundary, options_with())
+    with pytest.raises(InputError, match="other nodes"):
+        solver.solve(
+            [BoundaryConditions(boundary.prescribed_nodes[1:], np.zeros((len(boundary.prescribed_nodes) - 1, 3)))]
+        )
+    solver.close()
+
+
+def test_lips_in_contact_and_tissue_that_yields_are_newtons(monkeypatch):
+    model, plan = tiny_patient(), tiny_plan()
+    settings = fem_settings(time_limit=600, kept_factors=True)
+    yielding = replace(settings, yielding=0.3)
+    for arm, own in (("mucosa+lip", settings), ("bonded", yielding)):
+        solver = PlanSolver(model, arm, own)
+        (result,) = solver.solve([plan])
+        assert not result.kept
+        np.testing.assert_array_equal(result.displacement, simulate(model, plan, arm, own).displacement)
+        solver.close()
+
+
+def test_without_the_setting_newton_solves():
+    model, plan, settings = tiny_patient(), tiny_plan(), fem_settings(time_limit=600, kept_factors=False)
+    (result,) = PlanSolver(model, "bonded", settings).solve([plan])
+    np.testing.assert_array_equal(result.displacement, simulate(model, plan, "bonded", settings).displacement)
+
+
+@pytest.mark.parametrize("stiffening", [0.0, 1.5])
+@pytest.mark.parametrize("disturbed", [0.05, 0.4, 1.0])
+def test_both_ways_of_cutting_a_tangent_agree(stiffening, disturbed):
+    points, cells = box((10, 10, 10), (3, 3, 3), jitter=0.2)
+    assembler = Assembler(
+        Elements.build(points, cells, uniform(len(cells), stiffening=stiffening)), np.zeros(points.shape, bool), []
+    )
+    u = np.random.default_rng(1).normal(0, disturbed, points.shape)
+    eigen, singular = (assembler.tangent(u, np.zeros((0, 3, 3)), definite=way)[0] for way in (1.0, CUT))
+    plain = assembler.tangent(u, np.zeros((0, 3, 3)))[0]
+    np.testing.assert_allclose(singular, eigen, rtol=0, atol=1e-12 * np.abs(eigen).max())
+    if disturbed > 0.1:
+        assert np.abs(plain - eigen).max() > 1e-3 * np.abs(eigen).max()
+
+
+def test_a_part_has_the_energy_and_force_of_its_patches():
+    points, cells = box((10, 10, 10), (4, 4, 4), jitter=0.2)
+    elements = Elements.build(points, cells, material(len(cells)))
+    chosen = np.random.default_rng(0).random(len(elements.patch_volumes)) < 0.4
+    part, nodes = subset(elements, chosen)
+    rest, others = subset(elements, ~chosen)
+    u = np.random.default_rng(1).normal(0, 0.05, points.shape)
+    energy, force, least = elements.evaluate(u)
+    (one, pull, low), (two, push, high) = part.evaluate(u[nodes]), rest.evaluate(u[others])
+    total = np.zeros_like(force)
+    total[nodes] += pull
+    total[others] += push
+    assert one + two == pytest.approx(energy, rel=1e-12)
+    assert min(low, high) == least
+    np.testing.assert_allclose(total, force, rtol=0, atol=1e-10)
+
+
+def test_local_equilibrium_moves_its_own_nodes_alone_and_rights_inverted_elements():
+    points, cells = box((12, 12, 12), (5, 5, 5), jitter=0.1)
+    skin = np.flatnonzero(((points == 0) | (points == 12)).any(axis=1))
+    elements = Elements.build(points, cells, uniform(len(cells)))
+    solver = RepeatedSolver(
+        points, cells, uniform(len(cells)), BoundaryConditions(skin, np.zeros((len(skin), 3))), options_with()
+    )
+    constraints, inner = solver._constraints, int(np.argmin(np.linalg.norm(points - 6, axis=1)))
+    patches = np.zeros(len(elements.patch_volumes), bool)
+    patches[elements.patch[(cells == inner).any(axis=1)]] = True
+    part = LocalEquilibrium(elements, constraints, patches, "auto")
+    u = np.zeros(points.shape)
+    u[inner] = [5.0, 0, 0]
+    assert elements.evaluate(u)[2] < 0
+    settled, made = part.settled(u, constraints, 1e-9, lambda u: np.zeros((0, 3, 3)))
+    moved = np.abs(settled - u).max(axis=1) > 0
+    assert made > 0
+    assert (moved <= part.inside.any(axis=1)).all()
+    np.testing.assert_allclose(settled, 0, atol=1e-6)
+    part.close()
+    solver.close()
+
+
+def test_the_compiled_surface_is_the_same_surface():
+    points, normals = sphere(20.0, 400)
+    x = points[::7] * np.random.default_rng(0).uniform(0.9, 1.15, (len(points[::7]), 1))
+    one, other = PointSurface(points, normals), CompiledSurface(points, normals)
+    for plain, fast in zip(one.distance(x), other.distance(x), strict=True):
+        np.testing.assert_allclose(fast, plain, rtol=0, atol=2e-4)
+    value, gradient = other.distance(x)
+    steps = 1e-5 * np.eye(3)
+    slope = np.stack([(other.distance(x + s)[0] - other.distance(x - s)[0]) / 2e-5 for s in steps], axis=1)
+    np.testing.assert_allclose(slope, gradient, rtol=0, atol=1e-8)
