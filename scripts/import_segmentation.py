@@ -5,6 +5,7 @@ import json
 import numpy as np
 
 from pinnochio.files import replacing
+from pinnochio.importing.anatomy import check_anatomy
 from pinnochio.importing.muscle_layer import muscle_layer
 from pinnochio.importing.registration import upper_face_plane
 from pinnochio.importing.repair import repair
@@ -30,16 +31,25 @@ def import_segmentation(
     label_values maps each structure's name to its voxel value or to its name in the file; segments are those that a
     case may have, its own those that the file holds; orientation is "header", or
     where the voxel axes point if the header is wrong; repair_limit is the share of a structure in percent that repairs
-    may change; unlabelled_muscle (derived | single | refuse) serves where no muscle is labelled; bone_edge is the edge
-    length of the bone surface in mm; outputs names the files labels, bone, skin and report.
+    may change and unnamed voxels may take from it; unlabelled_muscle (derived | single | refuse) serves where no muscle
+    is labelled; bone_edge is the edge length of the bone surface in mm; outputs names the files labels, bone, skin and
+    report.
     Raises InputError for what the user must mend.
     """
     head = read_segmentation(
-        path=segmentation, case=case, label_values=label_values, segments=segments, orientation=orientation
+        path=segmentation,
+        case=case,
+        label_values=label_values,
+        segments=segments,
+        orientation=orientation,
+        unnamed_percent=repair_limit,
     )
     voxel, segments = float(np.prod(head.spacing)), head.segments
     labels, repairs = repair(
         labels=head.labels, segments=segments, limit_percent=repair_limit, case=case, file=segmentation, voxel=voxel
+    )
+    frame = check_anatomy(
+        labels=labels, spacing=head.spacing, segments=segments, axes=head.axes, case=case, file=segmentation
     )
     bone = bone_surface(labels=labels, spacing=head.spacing, origin=head.origin, segments=segments, edge_mm=bone_edge)
     top = upper_face_plane(bone, segments, 0.0)
@@ -56,6 +66,7 @@ def import_segmentation(
         "case": case,
         "spacing_mm": np.asarray(head.spacing).tolist(),
         "shape": list(labels.shape),
+        "frame": frame,
         "muscle": muscle,
         "volume_cm3": {
             name: round(voxel / 1000 * int((labels == code).sum()), 3)
