@@ -8,11 +8,13 @@ from pinnochio.errors import InputError
 from pinnochio.model.labels import CRANIUM, segment_code
 from pinnochio.plans.roles import UNCUT, known_role
 
+AS_IT_SHOULD_BE = "as it should be"
 LOWER = ("distal", UNCUT, "proximal", "chin")
 UPRIGHT = 0.35  # least cosine between the way from the lower to the upper bones and the vertical [I]
 CLEAR = 10.0  # mm: a jaw's arms lie so far behind its middle, at least, where it tells front from back [I]
 MIDDLE, ARMS = 0.15, 0.35  # of the jaw's width about its middle: the chin, and beyond which its arms lie [I]
 RAMUS = 15.0  # mm by which the arms rise above the front, where rami are labelled [I]
+LEAST_WIDTH = 30.0  # mm: a narrower piece says nothing [I]
 # Whole lower jaws: the real one and the virtual ones are 112 mm wide, 0.74-0.84 of that high and 0.75-0.8 deep [X].
 WIDTH = (75.0, 160.0)  # mm [I]: from a child's to a giant's
 SHARE = {"height": (0.5, 1.2), "depth": (0.5, 1.25)}  # of the width [I]
@@ -44,7 +46,7 @@ def check_anatomy(
     cut = {name: bool(jaw[:, axis].min() == 0 or jaw[:, axis].max() == labels.shape[axis] - 1)
            for axis, name in enumerate("xyz")}  # fmt: skip
     jaw = jaw * spacing
-    good, flipped, said = "as it should be", set(), {}
+    good, flipped, said = AS_IT_SHOULD_BE, set(), {}
 
     rise = _centre(upper, spacing) - jaw.mean(axis=0) if upper.any() else np.array([0, 0, 1.0])
     sideways = abs(rise[2]) < UPRIGHT * np.linalg.norm(rise)
@@ -119,6 +121,8 @@ def _check_size(jaw, cut: dict[str, bool], case: str, file: object) -> str:
     front = jaw[jaw[:, 1] < jaw[:, 1].min() + depth / 3, 2].max()
     rear = jaw[jaw[:, 1] > jaw[:, 1].max() - depth / 3, 2].max()
     whole = rear > front + RAMUS * min(1.0, height / 80)
+    if width < LEAST_WIDTH:
+        return "unknown: hardly any lower jaw is labelled"
     measured = f"the lower jaw is {width:.0f} mm wide, {depth:.0f} mm deep and {height:.0f} mm high"
     remedy = "correct the voxel spacing of the file (mm; distance of slices as well as size of pixels)"
 
@@ -133,4 +137,4 @@ def _check_size(jaw, cut: dict[str, bool], case: str, file: object) -> str:
             continue
         if value > high * width or (whole and not cut[axis] and value < low * width):
             refuse(f"its {name} is {value / width:.2f} of its width, where {low:g} to {high:g} are usual")
-    return "as it should be" if whole and not any(cut.values()) else "unknown in part: the lower jaw is not whole"
+    return AS_IT_SHOULD_BE if whole and not any(cut.values()) else "unknown in part: the lower jaw is not whole"

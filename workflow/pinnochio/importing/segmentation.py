@@ -83,7 +83,7 @@ def read_segmentation(
         wanted = {name: value if isinstance(value, str) else name for name, value in wanted.items()}
         chosen = _chosen([Segment(stem) for stem in files], wanted, optional, case, path, refuse)
         surfaces = [read_closed_surface(files[part.name], direction, refuse) for part in chosen.values()]
-        _check_extent(float(max(np.ptp(points, axis=0).max() for points, _ in surfaces)), refuse)
+        check_extent(float(max(np.ptp(points, axis=0).max() for points, _ in surfaces)), refuse)
         image, masks = voxelised(surfaces)
         unnamed = []
     else:
@@ -99,7 +99,7 @@ def read_segmentation(
     values = np.full(image.GetSize()[::-1], AIR, np.uint8)
     for name, mask in zip(chosen, masks, strict=True):
         values[mask] = codes[name]
-    _check_extent(_labelled_extent(values != AIR, image.GetSpacing()), refuse)
+    check_extent(_labelled_extent(values != AIR, image.GetSpacing()), refuse)
     if unnamed:
         _check_unnamed(values, unnamed, label_values, codes, unnamed_percent, refuse)
     axes = sitk.DICOMOrientImageFilter.GetOrientationFromDirectionCosines(image.GetDirection())
@@ -304,7 +304,7 @@ def in_millimetres(points, reference, what: str, case: str, path: str | os.PathL
     return points
 
 
-def _check_extent(extent: float | None, refuse) -> None:
+def check_extent(extent: float | None, refuse) -> None:
     """Refuse a head whose longest side (mm) is none."""
     if extent is None or HEAD_EXTENT[0] <= extent <= HEAD_EXTENT[1]:
         return

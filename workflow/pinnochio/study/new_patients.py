@@ -9,25 +9,32 @@ from pinnochio.errors import InputError
 from pinnochio.files import check_name
 from pinnochio.importing.cohort import read_cases
 
+VOLUMES = ("volume", "ct", "cbct")  # names of the scan, before its ending
+ENDING = ".mrk.json"
+
 
 @dataclass(frozen=True)
 class NewPatient:
     """A patient to predict: segmentation, a file or a folder of surfaces; plan files or folders by the plan's name.
 
-    home: the folder that what is planned for the patient is saved in.
+    home: the folder that what is planned for the patient is saved in; volume: the scan; markups: a file or folder of
+    them; both empty where there is none.
     """
 
     name: str
     segmentation: str
     plans: Mapping[str, str]
     home: str
+    volume: str = ""
+    markups: str = ""
 
 
 def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
     """The patients by name: the one of a folder, or those of a table with the columns of a cohort table.
 
-    A folder bears the patient's name and holds `segmentation.*` (or the folder `segmentation` of surfaces) and, unless
-    there is no plan yet, `plan.json`, the folder `plan` of transforms, or `plans/` with several of either. In a table
+    A folder bears the patient's name and holds `segmentation.*` (or the folder `segmentation` of surfaces or of several
+    images) and, unless there is no plan yet, `plan.json`, the folder `plan` of transforms, or `plans/` with several of
+    either; the scan as one of VOLUMES, and markups (`.mrk.json`), where there are any. In a table
     the plan may be such a folder of plans too. InputError for what is missing or there twice.
     """
     path = Path(path)
@@ -35,7 +42,14 @@ def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
         patients = [_of_folder(path)]
     elif path.is_file():
         patients = [
-            NewPatient(case.name, case.segmentation, _plans(case.name, case.plan), str(path.parent / case.name))
+            NewPatient(
+                name=case.name,
+                segmentation=case.segmentation,
+                plans=_plans(case.name, case.plan),
+                home=str(path.parent / case.name),
+                volume=case.volume,
+                markups=case.markups,
+            )
             for case in read_cases(path)
         ]
     else:
@@ -59,7 +73,19 @@ def _of_folder(folder: Path) -> NewPatient:
             if twice := sorted(own.keys() & plans.keys()):
                 raise InputError(name, folder, f"plan {twice[0]!r} is there twice", "give each plan a name of its own")
             plans |= own
-    return NewPatient(name, str(images[0]), plans, str(folder))
+    volumes = [path for path in sorted(folder.iterdir()) if path.name.split(".")[0] in VOLUMES]
+    if len(volumes) > 1:
+        listed = ", ".join(path.name for path in volumes)
+        raise InputError(name, folder, f"it holds {listed}", "keep one scan: the one that was segmented")
+    markups = any(path.name.endswith(ENDING) for path in folder.iterdir())
+    return NewPatient(
+        name=name,
+        segmentation=str(images[0]),
+        plans=plans,
+        home=str(folder),
+        volume=str(volumes[0]) if volumes else "",
+        markups=str(folder) if markups else "",
+    )
 
 
 def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
