@@ -65,6 +65,7 @@ rule import_plan:
     input:
         source=STUDY.plan,
         bone="<results>/{home}/{case}/bone.vtp",
+        labels="<results>/{home}/{case}/labels.nii.gz",
     output:
         plan="<results>/{home}/{case}{plan}/plan.json",
     log:
@@ -74,9 +75,12 @@ rule import_plan:
         "../envs/pinnochio.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
-        runtime=5,
+        mem_mb=3000,
+        runtime=10,
     params:
+        labels=config["labels"],
+        limit=config["registration"]["segment_limit"],
+        share=config["registration"]["segment_share"],
         code=code_of("import_plan"),
     message:
         "Import the plan of {wildcards.case}{wildcards.plan}"

@@ -10,8 +10,10 @@ from pinnochio.importing.markups import read_markups
 from pinnochio.importing.presets import PRESETS
 from pinnochio.importing.segmentation import read_labels
 from pinnochio.model.surfaces import BoneSurface
+from pinnochio.plans.plan import Plan
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
+from scripts.import_plan import import_plan
 from scripts.import_segmentation import import_segmentation
 from scripts.show_segments import show_segments
 from tests.helpers import tools
@@ -233,3 +235,43 @@ def test_a_region_of_interest_crops(head, scan, tmp_path):
 def test_bone_of_the_import_carries_its_names(head, scan, tmp_path):
     run(tmp_path, tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head), volume=scan)
     assert list(BoneSurface.read(tmp_path / "out/bone.vtp").segments) == FOUR
+
+
+def test_a_second_segmentation_is_the_plan_that_was_carried_out(head, scan, tmp_path):
+    """The same head after surgery, in another frame, with all that the tool labels; motions of whole voxels."""
+    run(tmp_path, tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head), volume=scan)
+    own = read_labels(str(tmp_path / "out/labels.nii.gz"))
+    upper, lower = own.labels == 11, own.labels == 12
+    after = np.zeros(own.labels.shape, np.uint8)
+    after[own.labels == 10] = 1
+    after[(own.labels == 13) | (own.labels == 14)] = 2
+    after[np.roll(upper, -2, axis=1)] = 1  # 5 mm forward
+    after[np.roll(np.roll(lower, 2, axis=1), 1, axis=2)] = 2  # 5 mm back, 2.5 mm up
+    turn = np.array([[np.cos(0.2), -np.sin(0.2), 0], [np.sin(0.2), np.cos(0.2), 0], [0, 0, 1]])
+    path = tools.write(tmp_path / "post.gipl.gz", after, own, origin=own.origin + [12, -7, 30])
+    turned = tools.write(tmp_path / "post.nrrd", after, own, direction=turn)
+    for source in (path, turned):
+        import_plan(
+            "P1",
+            str(source),
+            str(tmp_path / "out/bone.vtp"),
+            str(tmp_path / "plan.json"),
+            str(tmp_path / "out/labels.nii.gz"),
+            "dentalsegmentator",
+            limit=0.8,
+        )
+        plan = Plan.read(tmp_path / "plan.json", "P1")
+        for name, wanted in (("lefort1", [0, -5, 0]), ("mandible_distal", [0, 5, 2.5]), ("proximal_left", [0, 0, 0])):
+            motion = plan.motion(name)
+            moved = motion.apply(motion.pivot[None])[0] - motion.pivot
+            assert np.linalg.norm(moved - wanted) < 0.7, (name, moved)
+    with pytest.raises(InputError, match="the tool does not write"):
+        after[after == 1] = 44
+        import_plan(
+            "P1",
+            str(tools.write(tmp_path / "post.nii.gz", after, own)),
+            str(tmp_path / "out/bone.vtp"),
+            str(tmp_path / "plan.json"),
+            str(tmp_path / "out/labels.nii.gz"),
+            "dentalsegmentator",
+        )

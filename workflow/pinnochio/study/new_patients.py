@@ -8,6 +8,7 @@ from pathlib import Path
 from pinnochio.errors import InputError
 from pinnochio.files import check_name
 from pinnochio.importing.cohort import read_cases
+from pinnochio.importing.segment_files import IMAGE_FORMATS
 
 VOLUMES = ("volume", "ct", "cbct")  # names of the scan, before its ending
 ENDING = ".mrk.json"
@@ -34,8 +35,8 @@ def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
 
     A folder bears the patient's name and holds `segmentation.*` (or the folder `segmentation` of surfaces or of several
     images) and, unless there is no plan yet, `plan.json`, the folder `plan` of transforms, or `plans/` with several of
-    either; the scan as one of VOLUMES, and markups (`.mrk.json`), where there are any. In a table
-    the plan may be such a folder of plans too. InputError for what is missing or there twice.
+    either; a plan may be a second segmentation, after surgery. The scan is one of VOLUMES; markups (`.mrk.json`) lie
+    beside it. In a table the plan may be such a folder of plans too. InputError for what is missing or there twice.
     """
     path = Path(path)
     if path.is_dir():
@@ -67,7 +68,10 @@ def _of_folder(folder: Path) -> NewPatient:
             name, folder, f"it holds {listed}", "keep one: segmentation.nii.gz, .nrrd, .mha, .dcm, or a folder"
         )
     plans = {}
-    for entry in ("plan.json", "plan", "plans"):
+    second = [path.name for path in sorted(folder.iterdir()) if path.stem.startswith("plan.") or path.stem == "plan"]
+    for entry in dict.fromkeys(
+        ["plan.json", "plan", "plans", *(name for name in second if _is_segmentation(Path(name)))]
+    ):
         if (folder / entry).exists():
             own = _plans(name, folder / entry)
             if twice := sorted(own.keys() & plans.keys()):
@@ -93,12 +97,20 @@ def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
     path = Path(path)
     own = [path]
     if path.is_dir():
-        several = [own for own in sorted(path.iterdir()) if own.suffix == ".json" or own.is_dir()]
+        several = [
+            own for own in sorted(path.iterdir()) if own.suffix == ".json" or own.is_dir() or _is_segmentation(own)
+        ]
         own = several if path.name == "plans" else several or own
     plans = {}
     for plan in own:
-        check_name(case, plan.stem, plan)
-        if plan.stem in plans:
-            raise InputError(case, plan, f"plan {plan.stem!r} is there twice", "give each plan a name of its own")
-        plans[plan.stem] = str(plan)
+        name = plan.name.split(".")[0] if _is_segmentation(plan) else plan.stem
+        check_name(case, name, plan)
+        if name in plans:
+            raise InputError(case, plan, f"plan {name!r} is there twice", "give each plan a name of its own")
+        plans[name] = str(plan)
     return plans
+
+
+def _is_segmentation(path: Path) -> bool:
+    """Whether a plan is a second segmentation, after surgery, which shows the motion that was achieved."""
+    return path.name.lower().endswith(IMAGE_FORMATS)
