@@ -4,6 +4,8 @@
 rule import_segmentation:
     input:
         segmentation=STUDY.segmentation,
+        volume=STUDY.volume,
+        markups=STUDY.markups,
     output:
         labels="<results>/{home}/{case}/labels.nii.gz",
         bone="<results>/{home}/{case}/bone.vtp",
@@ -24,6 +26,7 @@ rule import_segmentation:
         segments=config["segments"],
         orientation=config["orientation"],
         repair=config["repair"],
+        cuts=config["osteotomy"]["cuts"],
         unlabelled_muscle=config["unlabelled_muscle"],
         bone_edge=STUDY.of_patient("mesh", "bone_edge"),
         code=code_of("import_segmentation"),
@@ -33,11 +36,36 @@ rule import_segmentation:
         "../scripts/import_segmentation.py"
 
 
+# What was cut where, to look at.
+rule show_segments:
+    input:
+        bone="<results>/{home}/{case}/bone.vtp",
+        skin="<results>/{home}/{case}/skin.vtp",
+        report="<results>/{home}/{case}/import.json",
+    output:
+        picture="<results>/{home}/{case}/segments.png",
+    log:
+        "<logs>/show_segments/{home}/{case}.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=5,
+    params:
+        code=code_of("show_segments"),
+    message:
+        "Draw the bone segments of {wildcards.case}"
+    script:
+        "../scripts/show_segments.py"
+
+
 # Before the dearer stages: a wrong plan is refused at once.
 rule import_plan:
     input:
         source=STUDY.plan,
         bone="<results>/{home}/{case}/bone.vtp",
+        labels="<results>/{home}/{case}/labels.nii.gz",
     output:
         plan="<results>/{home}/{case}{plan}/plan.json",
     log:
@@ -47,9 +75,12 @@ rule import_plan:
         "../envs/pinnochio.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
-        runtime=5,
+        mem_mb=3000,
+        runtime=10,
     params:
+        labels=config["labels"],
+        limit=config["registration"]["segment_limit"],
+        share=config["registration"]["segment_share"],
         code=code_of("import_plan"),
     message:
         "Import the plan of {wildcards.case}{wildcards.plan}"

@@ -18,7 +18,7 @@ rule virtual_patient:
         number=lambda wildcards: list(STUDY.cases).index(wildcards.case),
         anatomy=config["virtual"]["anatomy"],
         spacing=config["virtual"]["spacing"],
-        labels=config["labels"],
+        labels=STUDY.label_values,
         procedure=lambda wildcards: vars(STUDY.procedures[wildcards.case]),
         muscles=config["virtual"]["muscles"],
         seed=SEED,
@@ -53,7 +53,7 @@ rule render_cohort:
         runtime=10,
     params:
         cases=list(STUDY.cases)[:12],
-        labels=config["labels"],
+        labels=STUDY.label_values,
         segments=config["segments"],
         code=code_of("render_cohort"),
     message:
@@ -109,7 +109,7 @@ rule render_faces:
         runtime=20,
     params:
         cases=list(STUDY.cases)[:24],
-        labels=config["labels"],
+        labels=STUDY.label_values,
         segments=config["segments"],
         code=code_of("render_faces"),
     message:
@@ -142,7 +142,7 @@ rule virtual_outcome:
     params:
         outcome=config["virtual"]["outcome"],
         segments=config["segments"],
-        labels=config["labels"],
+        labels=STUDY.label_values,
         seed=SEED,
         code=code_of("virtual_outcome"),
     message:
@@ -169,7 +169,7 @@ rule virtual_postop_bones:
         mem_mb=4000,
         runtime=10,
     params:
-        labels=config["labels"],
+        labels=STUDY.label_values,
         segments=config["segments"],
         artefacts=config["virtual"]["bone_scan"],
         seed=SEED,
@@ -224,7 +224,7 @@ rule measure_outcome:
         arguments=lambda wildcards: MEASURED[wildcards.measured][1],
         outcome=config["virtual"]["outcome"],
         segments=config["segments"],
-        labels=config["labels"],
+        labels=STUDY.label_values,
         seed=SEED,
         code=lambda wildcards: code_of(
             "measure_outcome", f"pinnochio.virtual.{wildcards.measured}"
@@ -264,7 +264,7 @@ rule data_card:
             "virtual": config["virtual"],
             "labels": {
                 name: value
-                for name, value in config["labels"].items()
+                for name, value in STUDY.label_values.items()
                 if name in ("superficial", "muscle", "cranium", *config["segments"])
             },
         },

@@ -1,14 +1,50 @@
 """Makes the checked plan, in LPS mm, of what a user gives for an imported patient."""
 
-from pinnochio.importing.segmentation import check_plan, check_travel
+import logging
+from collections.abc import Mapping
+
+from pinnochio.importing.postop_bones import is_image, read_postop_bones
+from pinnochio.importing.segment_registration import check_fits, register_bones
+from pinnochio.importing.segmentation import check_plan, check_travel, read_labels
 from pinnochio.logs import attach_log
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
 
 
-def import_plan(case: str, source: str, bone: str, plan: str) -> None:
-    """Read a plan file or a folder of transforms and write it; InputError where it does not fit the patient's bone."""
-    checked, surface = Plan.read(source, case), BoneSurface.read(bone)
+def import_plan(
+    case: str,
+    source: str,
+    bone: str,
+    plan: str,
+    labels: str = "",
+    label_values: Mapping[str, int | str] | str | None = None,
+    limit: float = 0.45,
+    share: float = 70.0,
+) -> None:
+    """Read a plan file or a folder of transforms and write it; InputError where it does not fit the patient's bone.
+
+    A source that is a segmentation, made after surgery and read as label_values say, is registered bone by bone on the
+    patient's labels, as :mod:`register_segments` does: the plan is then the motion that was achieved. limit (mm), share
+    (%): as there.
+    """
+    surface = BoneSurface.read(bone)
+    if is_image(source):
+        points, faces = read_postop_bones(source, case, surface.points, label_values)
+        cranium, found = register_bones(
+            head=read_labels(labels),
+            segments=surface.segments,
+            plan=Plan(case, {}),
+            points=points,
+            faces=faces,
+            case=case,
+            file=source,
+        )
+        for fit in (cranium, *found):
+            logging.info("%s: median %.3f mm, %.0f %% matched", fit.segment, fit.median, fit.matched)
+        check_fits((cranium, *found), limit=limit, share=share, case=case, file=source)
+        checked = Plan(case, {fit.segment: fit.motion for fit in found})
+    else:
+        checked = Plan.read(source, case)
     check_plan(checked, surface.segments, source)
     check_travel(plan=checked, bone=surface, segments=surface.segments, path=source)
     checked.write(plan)
@@ -21,4 +57,8 @@ if __name__ == "__main__":
         source=snakemake.input.source,
         bone=snakemake.input.bone,
         plan=snakemake.output.plan,
+        labels=snakemake.input.labels,
+        label_values=snakemake.params.labels,
+        limit=snakemake.params.limit,
+        share=snakemake.params.share,
     )

@@ -1,43 +1,101 @@
 """Makes repaired and checked labels, bone and skin surfaces in LPS mm of a patient's segmentation."""
 
 import json
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pinnochio.errors import InputError
 from pinnochio.files import replacing
+from pinnochio.importing.anatomy import AS_IT_SHOULD_BE, check_anatomy
+from pinnochio.importing.head_parts import read_head_parts
+from pinnochio.importing.markups import read_markups
 from pinnochio.importing.muscle_layer import muscle_layer
+from pinnochio.importing.osteotomy import osteotomy
 from pinnochio.importing.plausible import check_plausible
+from pinnochio.importing.presets import LOWER_TEETH, UPPER_TEETH
 from pinnochio.importing.registration import upper_face_plane
 from pinnochio.importing.repair import repair
-from pinnochio.importing.segmentation import read_segmentation, write_segmentation
+from pinnochio.importing.segmentation import Segmentation, read_segmentation, write_segmentation
 from pinnochio.logs import attach_log
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
+from pinnochio.plans.roles import UNCUT
 
 
 def import_segmentation(
     case: str,
     segmentation: str,
-    label_values: dict[str, int | str],
+    label_values: Mapping[str, int | str] | str,
     segments: tuple[str, ...],
     orientation: str,
     repair_limit: float,
     unlabelled_muscle: str,
     bone_edge: float,
     outputs: dict[str, str],
+    volume: str | None = None,
+    markups: Sequence[str] = (),
+    cuts: Sequence[str] = (),
 ) -> None:
     """Read, repair and check one patient; write labels, bone, skin and a report of volumes and repairs.
 
-    label_values maps each structure's name to its voxel value or to its name in the file; segments are those that a
-    case may have, its own those that the file holds; orientation is "header", or
-    where the voxel axes point if the header is wrong; repair_limit is the share of a structure in percent that repairs
-    may change; unlabelled_muscle (derived | single | refuse) serves where no muscle is labelled; bone_edge is the edge
-    length of the bone surface in mm; outputs names the files labels, bone, skin and report.
-    Raises InputError for what the user must mend.
+    label_values maps each structure's name to its voxel value or to its name in the file, or names the tool that made
+    the segmentation; then volume is the scan that soft tissue may come from, and cuts are made where the files of
+    markups or the bone say. segments are those that a case may have, its own those that the file holds or the cuts
+    make; orientation is "header", or where the voxel axes point if the header is wrong; repair_limit is the share of a
+    structure in percent that repairs may change and unnamed voxels may take from it; unlabelled_muscle (derived |
+    single | refuse) serves where no muscle is labelled; bone_edge is the edge length of the bone surface in mm; outputs
+    names the files labels, bone, skin and report. Raises InputError for what the user must mend.
     """
-    head = read_segmentation(
-        path=segmentation, case=case, label_values=label_values, segments=segments, orientation=orientation
-    )
+    said = {}
+    if isinstance(label_values, str):
+        given = read_markups(markups, case)
+        parts = read_head_parts(
+            path=segmentation,
+            volume=volume,
+            case=case,
+            preset=label_values,
+            orientation=orientation,
+            regions=given.regions,
+        )
+        frame = check_anatomy(
+            labels=parts.uncut(),
+            spacing=parts.spacing,
+            segments=(UNCUT,),
+            axes=parts.axes,
+            case=case,
+            file=segmentation,
+            upper_teeth=parts.parts == UPPER_TEETH,
+            lower_teeth=parts.parts == LOWER_TEETH,
+        )
+        frame |= {"sides": AS_IT_SHOULD_BE} if parts.sided else {}
+        made = osteotomy(head=parts, cuts=cuts, markups=given, case=case, file=segmentation)
+        if unknown := [name for name in made.segments if name not in segments]:
+            problem = f"the cuts make {', '.join(unknown)}, which 'segments' does not name"
+            raise InputError(case, "configuration", problem, "add them to 'segments', or change 'osteotomy.cuts'")
+        head = Segmentation(made.labels, parts.spacing, parts.origin, made.segments, parts.axes)
+        landmarks = {
+            name: {"place": np.round(place, 2).tolist(), "source": source}
+            for name, (place, source) in sorted(made.landmarks.items())
+        }
+        said = {"tool": label_values, "soft_tissue": parts.soft, "cuts": made.cuts, "landmarks": landmarks}
+    else:
+        head = read_segmentation(
+            path=segmentation,
+            case=case,
+            label_values=label_values,
+            segments=segments,
+            orientation=orientation,
+            unnamed_percent=repair_limit,
+        )
+        frame = check_anatomy(
+            labels=head.labels,
+            spacing=head.spacing,
+            segments=head.segments,
+            axes=head.axes,
+            case=case,
+            file=segmentation,
+        )
     voxel, segments = float(np.prod(head.spacing)), head.segments
     labels, repairs = repair(
         labels=head.labels, segments=segments, limit_percent=repair_limit, case=case, file=segmentation, voxel=voxel
@@ -58,13 +116,14 @@ def import_segmentation(
         "case": case,
         "spacing_mm": np.asarray(head.spacing).tolist(),
         "shape": list(labels.shape),
+        "frame": frame,
         "muscle": muscle,
         "volume_cm3": {
             name: round(voxel / 1000 * int((labels == code).sum()), 3)
             for name, code in internal_codes(segments).items()
         },
         "repairs": repairs,
-    }
+    } | said
     write_segmentation(labels=labels, spacing=head.spacing, origin=head.origin, path=outputs["labels"])
     bone.write(outputs["bone"])
     skin, skin_faces = skin_surface(labels, head.spacing, head.origin)
@@ -78,8 +137,11 @@ if __name__ == "__main__":
     import_segmentation(
         case=snakemake.wildcards.case,
         segmentation=snakemake.input.segmentation,
+        volume=snakemake.input.volume or None,
+        markups=list(snakemake.input.markups),
         label_values=snakemake.params.labels,
         segments=tuple(snakemake.params.segments),
+        cuts=snakemake.params.cuts,
         orientation=snakemake.params.orientation,
         repair_limit=snakemake.params.repair["limit"],
         unlabelled_muscle=snakemake.params.unlabelled_muscle,

@@ -13,10 +13,10 @@ from pinnochio.files import check_name
 from pinnochio.json_text import read_text
 
 COLUMNS = ("case", "segmentation", "plan", "postop")
-FILES = ("segmentation", "plan", "postop", "postop_bones")
-OPTIONAL_FILES = ("postop", "postop_bones")
-# What may be a folder: of surfaces, of transforms.
-FOLDERS = ("segmentation", "plan", "postop_bones")
+FILES = ("segmentation", "plan", "postop", "postop_bones", "volume", "markups")
+OPTIONAL_FILES = ("postop", "postop_bones", "volume", "markups")
+# What may be a folder: of surfaces, of images, of transforms, of markups.
+FOLDERS = ("segmentation", "plan", "postop_bones", "markups")
 
 
 def _number(low: float, high: float, unit: str):
@@ -50,7 +50,7 @@ COVARIATES = {
 @dataclass(frozen=True)
 class Case:
     """One patient of a cohort table; `postop` is empty where there is no post-operative scan, `postop_bones` where
-    there are no post-operative bones.
+    there are no post-operative bones. volume: the scan, where soft tissue is taken from it; markups: file or folder.
 
     covariates: those of :data:`COVARIATES` that are known; covariates_file: JSON that holds them instead.
     """
@@ -62,12 +62,14 @@ class Case:
     postop_bones: str = ""
     covariates: Mapping[str, str | float | bool] = field(default_factory=dict)
     covariates_file: str = ""
+    volume: str = ""
+    markups: str = ""
 
 
 def read_cases(table: str | os.PathLike) -> list[Case]:
     """Read a cohort table (tab-separated; paths relative to the table) and check files and values.
 
-    :data:`COLUMNS` must be there; `postop_bones` and :data:`COVARIATES` may; the order is free.
+    :data:`COLUMNS` must be there; `postop_bones`, `volume`, `markups` and :data:`COVARIATES` may; the order is free.
     """
     table = Path(table)
     if not table.is_file():
@@ -111,7 +113,7 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
 
 
 def _check_columns(columns: list[str], table: Path) -> None:
-    known = (*COLUMNS, "postop_bones", *COVARIATES)
+    known = (*COLUMNS, *FILES[len(COLUMNS) - 1 :], *COVARIATES)
     remedy = f"use tab-separated columns {', '.join(COLUMNS)}, and any of {', '.join(known[len(COLUMNS) :])}"
     for name in columns:
         if name not in known:

@@ -1,6 +1,7 @@
 """Reads the bones of a post-operative scan, whatever they come as, into one surface in the frame of the file."""
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,45 +10,76 @@ import trimesh
 from pinnochio.errors import InputError
 from pinnochio.geometry.closed_surfaces import SURFACE_FORMATS, read_triangles, surface_files
 from pinnochio.geometry.triangles import enclosed_volume
-from pinnochio.importing.segment_files import read_segments
+from pinnochio.importing.head_parts import bone_parts
+from pinnochio.importing.segment_files import IMAGE_FORMATS, Segment, read_segments
 from pinnochio.importing.segmentation import in_millimetres
+from pinnochio.model.labels import TISSUES
 from pinnochio.model.surfaces import contour
 
 EDGE = 1.5  # mm; longer edges of a surface file are divided, so that its vertices show it everywhere
 PAD = 3  # voxels that bone is continued beyond the border of the volume
 
 
-def read_postop_bones(path: str | os.PathLike, case: str, bone_points) -> tuple[np.ndarray, np.ndarray]:
+def read_postop_bones(
+    path: str | os.PathLike, case: str, bone_points, label_values: Mapping | str | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Points (p, 3) mm and outward faces (f, 3) int32 of all bones of a scan, in its own frame.
 
     path: a label map (every value but 0 is bone), a surface (PLY, STL, OBJ, VTP), or a folder of surfaces; they may be
-    open, and cut by the field of view. bone_points (k, 3) mm: the bone before surgery, for the unit of a surface.
+    open, and cut by the field of view. label_values: of a map that shows soft tissue too, as of the patient's own
+    segmentation: values by structure, or the name of the tool that wrote it (then a folder of images will do as well).
+    bone_points (k, 3) mm: the bone before surgery, for the unit of a surface.
     Raises InputError for what the user must mend.
     """
 
     def refuse(problem: str, remedy: str, file=path):
         raise InputError(case, file, problem, remedy)
 
+    if isinstance(label_values, str) and is_image(path):
+        return _joined(
+            [_surface(image, inside) for image, inside in bone_parts(path, label_values, refuse)], path, refuse
+        )
     if not Path(path).is_dir() and not str(path).lower().endswith(SURFACE_FORMATS):
-        return _of_labels(path, refuse)
+        image, parts = read_segments(path, refuse)
+        inside = np.zeros(image.GetSize()[::-1], bool)
+        for part in parts:
+            if label_values is None or is_bone(part, label_values):
+                inside |= part.voxels()
+        if not inside.any():
+            refuse("it shows no bone", "label the bones, or correct 'labels'")
+        return _surface(image, inside)
     files = surface_files(path, refuse).values() if Path(path).is_dir() else [path]
-    parts, count = [], 0
-    for file in files:
-        points, faces = read_triangles(file, refuse)
-        parts.append((points, _outward(points, faces) + count))
-        count += len(points)
-    points, faces = (np.concatenate(part) for part in zip(*parts, strict=True))
+    read = (read_triangles(file, refuse) for file in files)
+    points, faces = _joined([(points, _outward(points, faces)) for points, faces in read], refuse)
     points = in_millimetres(points, bone_points, "bone", case, path)
     points, faces = trimesh.remesh.subdivide_to_size(points, faces, EDGE, max_iter=20)
     return points, faces.astype(np.int32)
 
 
-def _of_labels(path: str | os.PathLike, refuse) -> tuple[np.ndarray, np.ndarray]:
-    """The surface of all labels together, open where bone goes on beyond the border of the volume."""
-    image, parts = read_segments(path, refuse)
-    inside = np.zeros(image.GetSize()[::-1], bool)
-    for part in parts:
-        inside |= part.voxels()
+def is_image(path: str | os.PathLike) -> bool:
+    """Whether a path is a label map, or a folder of label maps."""
+    path = Path(path)
+    files = path.iterdir() if path.is_dir() else [path]
+    return any(file.name.lower().endswith(IMAGE_FORMATS) for file in files)
+
+
+def is_bone(part: Segment, label_values: Mapping) -> bool:
+    """Whether a segment is neither soft tissue nor left out, by the configuration's labels."""
+    others = [label_values.get(name) for name in TISSUES] + list(label_values.get("left_out", ()))
+    return not {part.name, part.value} & {own for own in others if own is not None}
+
+
+def _joined(surfaces, refuse) -> tuple[np.ndarray, np.ndarray]:
+    """Surfaces as one."""
+    if not surfaces:
+        refuse("it shows no bone", "give the bones after surgery")
+    starts = np.cumsum([0] + [len(points) for points, _ in surfaces[:-1]])
+    points = np.concatenate([points for points, _ in surfaces])
+    return points, np.concatenate([faces + start for (_, faces), start in zip(surfaces, starts, strict=True)])
+
+
+def _surface(image, inside) -> tuple[np.ndarray, np.ndarray]:
+    """The surface of bone (bool [iz, iy, ix]), open where it goes on beyond the border of the volume."""
     inside, spacing = np.pad(inside.transpose(2, 1, 0), PAD, mode="edge"), np.array(image.GetSpacing())
     points, faces = contour(inside, spacing, -PAD * spacing)
     end = spacing * (np.array(image.GetSize()) - 1)

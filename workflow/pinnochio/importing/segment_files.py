@@ -10,7 +10,7 @@ import SimpleITK as sitk
 
 from pinnochio.importing.images import read_image
 
-IMAGE_FORMATS = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm")
+IMAGE_FORMATS = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".gipl", ".gipl.gz", ".dcm")
 Refuse = Callable[..., None]  # refuse(problem, remedy) raises InputError
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
+from scipy import ndimage
 
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
@@ -17,13 +18,14 @@ from pinnochio.geometry.rigid import LARGEST_TRANSLATION
 from pinnochio.importing.images import read_own_image
 from pinnochio.importing.scan_checks import thinned, without_spikes
 from pinnochio.importing.segment_files import Segment, read_segments
-from pinnochio.model.labels import AIR, TISSUES, internal_codes
+from pinnochio.model.labels import AIR, TISSUES, TOUCHING, internal_codes
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import check_together
 
 LOG = logging.getLogger(__name__)
 HEADER = "header"
+BESIDE = 0.1  # of the labelled rim of a piece: a structure that it may be part of [I]
 HEAD_EXTENT = (50.0, 600.0)  # mm; the longest side of what is labelled lies between
 
 
@@ -31,13 +33,14 @@ HEAD_EXTENT = (50.0, 600.0)  # mm; the longest side of what is labelled lies bet
 class Segmentation:
     """labels (nx, ny, nz) uint8 internal codes [ix, iy, iz]; spacing (3,) mm; origin (3,) centre of voxel 0, LPS.
 
-    segments: the bone segments that it holds, in the order of their codes.
+    segments: the bone segments that it holds, in the order of their codes; axes: where the axes of the file pointed.
     """
 
     labels: np.ndarray
     spacing: np.ndarray
     origin: np.ndarray
     segments: tuple[str, ...] = ()
+    axes: str = "LPS"
 
 
 def read_segmentation(
@@ -46,6 +49,7 @@ def read_segmentation(
     label_values: Mapping[str, int | str],
     segments: Sequence[str],
     orientation: str = HEADER,
+    unnamed_percent: float = 100.0,
 ) -> Segmentation:
     """Read a segmentation in any orientation into internal codes on an axis-aligned LPS grid.
 
@@ -55,7 +59,9 @@ def read_segmentation(
     structure), or the name that the file gives it. segments: those that a case may have; its own are those that it
     holds, coded in this order. Where structures overlap, bone goes over muscle, muscle over
     superficial tissue, a segment over the cranium and over segments listed before it. What is not named counts as air,
-    with a warning. Muscle may be missing in `label_values` and in the file; the result then holds none.
+    with a warning; it is refused where it makes up more than `unnamed_percent` of the structure that it lies against,
+    unless `label_values` lists it under "left_out". Muscle may be missing in `label_values` and in the file; the
+    result then holds none.
 
     orientation: where the voxel axes of a file with a wrong header point, as a code such as "RAS" (first axis to the
     patient's right, second anterior, third superior); of surfaces, where their axes point. An oblique grid is resampled
@@ -79,12 +85,14 @@ def read_segmentation(
         wanted = {name: value if isinstance(value, str) else name for name, value in wanted.items()}
         chosen = _chosen([Segment(stem) for stem in files], wanted, optional, case, path, refuse)
         surfaces = [read_closed_surface(files[part.name], direction, refuse) for part in chosen.values()]
-        _check_extent(float(max(np.ptp(points, axis=0).max() for points, _ in surfaces)), refuse)
+        check_extent(float(max(np.ptp(points, axis=0).max() for points, _ in surfaces)), refuse)
         image, masks = voxelised(surfaces)
+        unnamed = []
     else:
         image, parts = read_segments(path, refuse)
         chosen = _chosen(parts, wanted, optional, case, path, refuse)
         masks = (part.voxels() for part in chosen.values())
+        unnamed = [part for part in parts if part not in chosen.values() and not _left_out(part, label_values)]
         if direction is not None:
             turn(image, direction)
     own = tuple(name for name in segments if name in chosen)
@@ -93,7 +101,10 @@ def read_segmentation(
     values = np.full(image.GetSize()[::-1], AIR, np.uint8)
     for name, mask in zip(chosen, masks, strict=True):
         values[mask] = codes[name]
-    _check_extent(_labelled_extent(values != AIR, image.GetSpacing()), refuse)
+    check_extent(_labelled_extent(values != AIR, image.GetSpacing()), refuse)
+    if unnamed:
+        _check_unnamed(values, unnamed, label_values, codes, unnamed_percent, refuse)
+    axes = sitk.DICOMOrientImageFilter.GetOrientationFromDirectionCosines(image.GetDirection())
     coded = sitk.GetImageFromArray(values)
     coded.SetSpacing(image.GetSpacing())
     coded.SetOrigin(image.GetOrigin())
@@ -104,7 +115,7 @@ def read_segmentation(
         if name != "muscle" and not (labels == codes[name]).any():
             what = "tissue" if name in TISSUES else "bone"
             refuse(f"{what} {name!r} ({part}) is empty or covered by other structures", "label it where it alone is")
-    return Segmentation(labels, np.array(coded.GetSpacing()), np.array(coded.GetOrigin()), own)
+    return Segmentation(labels, np.array(coded.GetSpacing()), np.array(coded.GetOrigin()), own, axes)
 
 
 def axes_of(orientation: str) -> np.ndarray:
@@ -158,6 +169,46 @@ def _chosen(
         what = "segments" if named else "voxel values"
         LOG.warning("case %r: %s: %s %s are not named in 'labels'; taken as air", case, path, what, ", ".join(extra))
     return chosen
+
+
+def _left_out(part: Segment, label_values: Mapping) -> bool:
+    """Whether the configuration says that the segment is air on purpose (airway, brain)."""
+    return bool({part.name, part.value} & set(label_values.get("left_out", ())))
+
+
+def _check_unnamed(values, unnamed: Sequence[Segment], label_values: Mapping, codes, limit: float, refuse) -> None:
+    """Refuse voxels that no label names where they make up more than `limit` percent of a structure beside them.
+
+    values [iz, iy, ix] internal codes. A connected piece may belong to each structure that makes up BESIDE of its rim.
+    """
+    names = {code: name for name, code in codes.items()}
+    for part in unnamed:
+        piece, _ = ndimage.label(part.voxels() & (values == AIR), TOUCHING)
+        lost: dict[int, int] = {}
+        for number, box in enumerate(ndimage.find_objects(piece), 1):
+            wide = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in box)
+            own = piece[wide] == number
+            rim = values[wide][ndimage.binary_dilation(own, TOUCHING) & ~own]
+            around = np.bincount(rim[rim != AIR], minlength=1)
+            for code in np.flatnonzero(around >= max(1, BESIDE * around.sum())):
+                lost[int(code)] = lost.get(int(code), 0) + int(own.sum())
+        for code, voxels in lost.items():
+            share = 100 * voxels / (voxels + int((values == code).sum()))
+            if share <= limit:
+                continue
+            said = f"{voxels} voxels of {part} beside {names[code]!r} ({share:.3g} % of it) would become air"
+            listed = [
+                name for name, value in label_values.items() if name != "left_out" and value in (part.name, part.value)
+            ]
+            if listed:
+                refuse(
+                    f"{said}: 'labels' calls them {listed[0]!r}, which is not among 'segments'",
+                    f"add {listed[0]!r} to 'segments', or give the value to one of them",
+                )
+            refuse(
+                f"{said}, because nothing in 'labels' names them",
+                "name them in 'labels'; what is air on purpose, such as an airway, belongs to 'labels.left_out'",
+            )
 
 
 def write_segmentation(labels, spacing, origin, path: str | os.PathLike) -> None:
@@ -257,7 +308,7 @@ def in_millimetres(points, reference, what: str, case: str, path: str | os.PathL
     return points
 
 
-def _check_extent(extent: float | None, refuse) -> None:
+def check_extent(extent: float | None, refuse) -> None:
     """Refuse a head whose longest side (mm) is none."""
     if extent is None or HEAD_EXTENT[0] <= extent <= HEAD_EXTENT[1]:
         return

@@ -13,6 +13,7 @@ from scipy import ndimage
 from pinnochio.errors import InputError
 from pinnochio.importing.images import read_image
 from pinnochio.importing.segmentation import HEADER, Segmentation, axes_of, turn
+from pinnochio.importing.soft_tissue import between, bulk, closed, largest, near_skin
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, segment_code
 
 SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right")
@@ -153,15 +154,17 @@ def segment_ct(ct: sitk.Image, cuts: Cuts, thresholds: Thresholds) -> Segmentati
     if not kept.any():
         raise InputError("-", "cuts", "nothing of the scan lies between 'low' and 'high'", "correct the box")
 
-    head = _bulk(density > thresholds.skin, thresholds.opening / spacing)
+    head = bulk(density > thresholds.skin, thresholds.opening / spacing)
     upper, lower = _bones(density, head, places, cuts, thresholds)
     front = cuts.pterygoid.height(places) < 0
-    maxilla = _largest(upper & front & (cuts.lefort.height(places) < 0))
-    arches = _closed(maxilla | (lower & front), thresholds.aperture / spacing)
-    oral = _between(arches) & (cuts.occlusal.height(places) > -thresholds.aperture)
+    maxilla = largest(upper & front & (cuts.lefort.height(places) < 0))
+    arches = closed(maxilla | (lower & front), thresholds.aperture / spacing)
+    oral = between(arches) & (cuts.occlusal.height(places) > -thresholds.aperture)
 
     labels = np.full(density.shape, AIR, np.uint8)
-    labels[_near_skin(head, head & ~upper & ~lower & ~oral, thresholds)] = SUPERFICIAL
+    labels[near_skin(head, head & ~upper & ~lower & ~oral, spacing, thresholds.depth, thresholds.aperture)] = (
+        SUPERFICIAL
+    )
     labels[upper] = CRANIUM
     labels[maxilla] = segment_code(0)
     labels[lower] = segment_code(1)
@@ -192,10 +195,10 @@ def _bones(density, head, places, cuts: Cuts, thresholds: Thresholds) -> tuple[n
         if not (markers == marker).any():
             raise InputError("-", "cuts", f"there is no bone {side} the occlusal plane", "correct the planes or 'bone'")
     markers[bony & (cuts.joint.height(places) > 0)] = UPPER
-    lower = _bulk(bony & (_watershed(-density, markers) == LOWER), 1)
+    lower = bulk(bony & (_watershed(-density, markers) == LOWER), 1)
     upper = _without_loose(bony & ~lower, LOOSE_CM3 * 1000 / thresholds.spacing**3)
-    upper = _closed(upper, thresholds.closing / thresholds.spacing) & ~lower
-    return upper, _closed(lower, thresholds.closing / thresholds.spacing) & ~upper
+    upper = closed(upper, thresholds.closing / thresholds.spacing) & ~lower
+    return upper, closed(lower, thresholds.closing / thresholds.spacing) & ~upper
 
 
 def _isotropic(ct: sitk.Image, spacing: float) -> sitk.Image:
@@ -211,29 +214,6 @@ def _isotropic(ct: sitk.Image, spacing: float) -> sitk.Image:
     )
 
 
-def _bulk(dense, radius: float) -> np.ndarray:
-    """The largest piece of the opened mask, with a rim of one voxel that the opening took off."""
-    core = _largest(_morphology(sitk.BinaryMorphologicalOpening, dense, radius))
-    return dense & _morphology(sitk.BinaryDilate, core, 1)
-
-
-def _closed(mask, radius: float) -> np.ndarray:
-    return _morphology(sitk.BinaryMorphologicalClosing, mask, radius)
-
-
-def _morphology(filter_, mask, radius: float) -> np.ndarray:
-    """Erosion, dilation, opening or closing by a ball of `radius` voxels; the volume goes on beyond its border."""
-    radius = int(round(radius))
-    padded = sitk.GetImageFromArray(np.pad(mask, radius + 1, mode="edge").astype(np.uint8))
-    inner = (slice(radius + 1, -radius - 1),) * 3
-    return sitk.GetArrayFromImage(filter_(padded, [radius] * 3))[inner].astype(bool)
-
-
-def _largest(mask) -> np.ndarray:
-    pieces, count = ndimage.label(mask)
-    return pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:]) if count else mask
-
-
 def _without_loose(mask, voxels: float) -> np.ndarray:
     pieces, _ = ndimage.label(mask, np.ones((3, 3, 3)))
     large = np.bincount(pieces.ravel()) >= voxels
@@ -245,27 +225,3 @@ def _watershed(height, markers) -> np.ndarray:
     """Basin of each voxel, flooded from the markers up the height."""
     images = [sitk.GetImageFromArray(np.ascontiguousarray(array)) for array in (height, markers)]
     return sitk.GetArrayFromImage(sitk.MorphologicalWatershedFromMarkers(*images, markWatershedLine=False))
-
-
-def _between(bone) -> np.ndarray:
-    """Voxels with bone on their right and on their left."""
-    right = np.maximum.accumulate(bone, axis=0)
-    return right & np.maximum.accumulate(bone[::-1], axis=0)[::-1]
-
-
-def _near_skin(head, soft, thresholds: Thresholds) -> np.ndarray:
-    """The largest piece of the soft voxels at most `depth` from the skin, on ways through soft tissue.
-
-    The skin is what a ball of diameter `aperture` touches from outside: neither nostril nor mouth. Outside is the air
-    that meets the front or a side of the scan; the airway meets its lower border.
-    """
-    air, _ = ndimage.label(~_closed(head, thresholds.aperture / 2 / thresholds.spacing))
-    borders = np.concatenate([air[:, 0].ravel(), air[0].ravel(), air[-1].ravel()])
-    outside = np.isin(air, borders[borders > 0])
-    start = np.argwhere(ndimage.binary_dilation(outside, iterations=2) & soft)
-    if not len(start):
-        raise InputError("-", "CT", "no skin lies in front of outer air", "lower 'skin', or give more of the scan")
-    speed = sitk.GetImageFromArray(soft.astype(np.float32))
-    reach = thresholds.depth / thresholds.spacing
-    marched = sitk.FastMarching(speed, start[:, ::-1].tolist(), stoppingValue=reach)
-    return _largest(soft & (sitk.GetArrayFromImage(marched) <= reach))

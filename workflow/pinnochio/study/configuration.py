@@ -18,11 +18,18 @@ def check_config(config: Mapping) -> None:
 
     known = ["superficial", "muscle", "cranium", *config["segments"]]
     labels = config["labels"]
-    if missing := [name for name in config["segments"] if name not in labels]:
-        refuse(f"segments {missing} have no entry in 'labels'", "give each segment its voxel value")
-    values = [labels[name] for name in known if name in labels]
-    if len(set(values)) < len(values):
-        refuse("two structures share one value in 'labels'", "give each structure its own value")
+    if isinstance(labels, str):
+        if config["cohort"] == "virtual" and not config["patient"]:
+            refuse(
+                f"'labels' is the preset {labels!r}, and virtual patients need values",
+                "name a cohort or a patient that the tool has segmented",
+            )
+    else:
+        if missing := [name for name in config["segments"] if name not in labels]:
+            refuse(f"segments {missing} have no entry in 'labels'", "give each segment its voxel value")
+        values = [labels[name] for name in known if name in labels]
+        if len(set(values)) < len(values):
+            refuse("two structures share one value in 'labels'", "give each structure its own value")
     learned, surface = config["variants"], surface_networks(config)
     built_in = tuple(method.name for method in BUILT_IN)
     if unknown := [name for name in config["methods"] if name not in {*built_in, *learned, *surface}]:

@@ -8,34 +8,49 @@ from pathlib import Path
 from pinnochio.errors import InputError
 from pinnochio.files import check_name
 from pinnochio.importing.cohort import read_cases
+from pinnochio.importing.segment_files import IMAGE_FORMATS
+
+VOLUMES = ("volume", "ct", "cbct")  # names of the scan, before its ending
+ENDING = ".mrk.json"
 
 
 @dataclass(frozen=True)
 class NewPatient:
     """A patient to predict: segmentation, a file or a folder of surfaces; plan files or folders by the plan's name.
 
-    home: the folder that what is planned for the patient is saved in.
+    home: the folder that what is planned for the patient is saved in; volume: the scan; markups: a file or folder of
+    them; both empty where there is none.
     """
 
     name: str
     segmentation: str
     plans: Mapping[str, str]
     home: str
+    volume: str = ""
+    markups: str = ""
 
 
 def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
     """The patients by name: the one of a folder, or those of a table with the columns of a cohort table.
 
-    A folder bears the patient's name and holds `segmentation.*` (or the folder `segmentation` of surfaces) and, unless
-    there is no plan yet, `plan.json`, the folder `plan` of transforms, or `plans/` with several of either. In a table
-    the plan may be such a folder of plans too. InputError for what is missing or there twice.
+    A folder bears the patient's name and holds `segmentation.*` (or the folder `segmentation` of surfaces or of several
+    images) and, unless there is no plan yet, `plan.json`, the folder `plan` of transforms, or `plans/` with several of
+    either; a plan may be a second segmentation, after surgery. The scan is one of VOLUMES; markups (`.mrk.json`) lie
+    beside it. In a table the plan may be such a folder of plans too. InputError for what is missing or there twice.
     """
     path = Path(path)
     if path.is_dir():
         patients = [_of_folder(path)]
     elif path.is_file():
         patients = [
-            NewPatient(case.name, case.segmentation, _plans(case.name, case.plan), str(path.parent / case.name))
+            NewPatient(
+                name=case.name,
+                segmentation=case.segmentation,
+                plans=_plans(case.name, case.plan),
+                home=str(path.parent / case.name),
+                volume=case.volume,
+                markups=case.markups,
+            )
             for case in read_cases(path)
         ]
     else:
@@ -53,13 +68,28 @@ def _of_folder(folder: Path) -> NewPatient:
             name, folder, f"it holds {listed}", "keep one: segmentation.nii.gz, .nrrd, .mha, .dcm, or a folder"
         )
     plans = {}
-    for entry in ("plan.json", "plan", "plans"):
+    second = [path.name for path in sorted(folder.iterdir()) if path.stem.startswith("plan.") or path.stem == "plan"]
+    for entry in dict.fromkeys(
+        ["plan.json", "plan", "plans", *(name for name in second if _is_segmentation(Path(name)))]
+    ):
         if (folder / entry).exists():
             own = _plans(name, folder / entry)
             if twice := sorted(own.keys() & plans.keys()):
                 raise InputError(name, folder, f"plan {twice[0]!r} is there twice", "give each plan a name of its own")
             plans |= own
-    return NewPatient(name, str(images[0]), plans, str(folder))
+    volumes = [path for path in sorted(folder.iterdir()) if path.name.split(".")[0] in VOLUMES]
+    if len(volumes) > 1:
+        listed = ", ".join(path.name for path in volumes)
+        raise InputError(name, folder, f"it holds {listed}", "keep one scan: the one that was segmented")
+    markups = any(path.name.endswith(ENDING) for path in folder.iterdir())
+    return NewPatient(
+        name=name,
+        segmentation=str(images[0]),
+        plans=plans,
+        home=str(folder),
+        volume=str(volumes[0]) if volumes else "",
+        markups=str(folder) if markups else "",
+    )
 
 
 def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
@@ -67,12 +97,20 @@ def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
     path = Path(path)
     own = [path]
     if path.is_dir():
-        several = [own for own in sorted(path.iterdir()) if own.suffix == ".json" or own.is_dir()]
+        several = [
+            own for own in sorted(path.iterdir()) if own.suffix == ".json" or own.is_dir() or _is_segmentation(own)
+        ]
         own = several if path.name == "plans" else several or own
     plans = {}
     for plan in own:
-        check_name(case, plan.stem, plan)
-        if plan.stem in plans:
-            raise InputError(case, plan, f"plan {plan.stem!r} is there twice", "give each plan a name of its own")
-        plans[plan.stem] = str(plan)
+        name = plan.name.split(".")[0] if _is_segmentation(plan) else plan.stem
+        check_name(case, name, plan)
+        if name in plans:
+            raise InputError(case, plan, f"plan {name!r} is there twice", "give each plan a name of its own")
+        plans[name] = str(plan)
     return plans
+
+
+def _is_segmentation(path: Path) -> bool:
+    """Whether a plan is a second segmentation, after surgery, which shows the motion that was achieved."""
+    return path.name.lower().endswith(IMAGE_FORMATS)

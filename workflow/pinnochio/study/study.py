@@ -425,7 +425,7 @@ class Study:
             for patient in self.patients.values()
             for plan in patient.plans
             for name in ("certificate.json", "index.html", "deformed.vtu")
-        ]
+        ] + [f"<results>/patients/{patient.name}/segments.png" for patient in self.patients.values()]
 
     def planners_of_patients(self, wildcards) -> list[str]:
         """What the planner needs of every new patient."""
@@ -496,6 +496,22 @@ class Study:
 
     def segmentation(self, wildcards) -> str:
         return (self.patients if wildcards.home == "patients" else self.cases)[wildcards.case].segmentation
+
+    def volume(self, wildcards) -> str | list:
+        """The scan that the segmentation was made of, where there is one."""
+        return (self.patients if wildcards.home == "patients" else self.cases)[wildcards.case].volume or []
+
+    def markups(self, wildcards) -> list[str]:
+        """The files of the patient's markups: landmarks, planes, regions."""
+        own = (self.patients if wildcards.home == "patients" else self.cases)[wildcards.case].markups
+        if own and Path(own).is_dir():
+            return [str(file) for file in sorted(Path(own).iterdir()) if file.name.endswith(".mrk.json")]
+        return [own] if own else []
+
+    @property
+    def label_values(self) -> Mapping:
+        """Voxel values by structure, of which a preset has none of its own."""
+        return {} if isinstance(self.config["labels"], str) else self.config["labels"]
 
     def plan(self, wildcards) -> str:
         """The plan as the user, or the virtual cohort, brings it."""

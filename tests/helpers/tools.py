@@ -1,0 +1,91 @@
+"""Virtual heads as free tools would segment them: their label maps, the scan that they saw."""
+
+import json
+
+import numpy as np
+import SimpleITK as sitk
+from scipy import ndimage
+
+from pinnochio.model.labels import CRANIUM
+from pinnochio.virtual.head import Head
+
+
+def structures(head: Head) -> dict[str, np.ndarray]:
+    """Skull, mandible, teeth (a block on each jaw), canal and tissue of a virtual head, (nx, ny, nz) bool each."""
+    labels = head.labels
+    codes = {name: 11 + index for index, name in enumerate(head.segments)}
+    upper = labels == codes["lefort1"]
+    lower = np.isin(labels, [code for name, code in codes.items() if name != "lefort1"])
+    low, high = (np.argwhere(mask)[:, 2] for mask in (upper, labels == codes["mandible_distal"]))
+    edge = int(0.5 * (low.min() + high.max()))
+    height = max(2, round(18 / head.spacing[2]))
+    level = np.arange(labels.shape[2])
+    body = labels == codes["mandible_distal"]
+    found = {
+        "skull": upper | (labels == CRANIUM),
+        "mandible": lower,
+        "upper_teeth": upper & (level < edge + height),
+        "lower_teeth": body & (level > edge - height),
+        "muscle": labels == 2,
+        "tissue": labels > 0,
+    }
+    found["skull"] &= ~found["upper_teeth"]
+    found["mandible"] &= ~found["lower_teeth"]
+    found["canal"] = ndimage.binary_erosion(found["mandible"], iterations=1) & (level < edge - height)
+    return found
+
+
+def dental(head: Head) -> np.ndarray:
+    """Label map as DentalSegmentator writes it."""
+    own = structures(head)
+    values = np.zeros(head.labels.shape, np.uint8)
+    for value, name in enumerate(("skull", "mandible", "upper_teeth", "lower_teeth", "canal"), 1):
+        values[own[name]] = value
+    return values
+
+
+def scan(head: Head, air=-1000.0, tissue=40.0, bone=900.0, noise=40.0) -> np.ndarray:
+    """Grey values of a CT of the head: all of it inside the skin, teeth as bone, a little blurred, with noise."""
+    own = structures(head)
+    grey = np.where(own["tissue"], tissue, air)
+    for name in ("skull", "mandible", "upper_teeth", "lower_teeth"):
+        grey[own[name]] = bone
+    grey = ndimage.gaussian_filter(grey, 0.5) + np.random.default_rng(0).normal(0, noise, grey.shape)
+    return grey.astype(np.float32)
+
+
+def write(path, values, head: Head, direction=None, spacing=None, origin=None):
+    """Write values (nx, ny, nz) on the head's grid, or with this header."""
+    image = sitk.GetImageFromArray(np.ascontiguousarray(np.asarray(values).transpose(2, 1, 0)))
+    image.SetSpacing([float(own) for own in (head.spacing if spacing is None else spacing)])
+    image.SetOrigin([float(own) for own in (head.origin if origin is None else origin)])
+    if direction is not None:
+        image.SetDirection(np.ravel(np.asarray(direction, float)).tolist())
+    sitk.WriteImage(image, str(path))
+    return path
+
+
+def points(path, frame="LPS", **places):
+    """Write places (3,) mm, LPS, as points of a markup in this frame."""
+    turn = np.ones(3) if frame == "LPS" else np.array([-1, -1, 1])
+    listed = [{"label": name, "position": (turn * place).tolist()} for name, place in places.items()]
+    markup = {"type": "Fiducial", "coordinateSystem": frame, "coordinateUnits": "mm", "controlPoints": listed}
+    path.write_text(json.dumps({"markups": [markup]}))
+    return path
+
+
+def plane(path, name, point, normal, how="normal"):
+    """Write a plane as a markup: with its normal, or with the matrix of its axes."""
+    normal = np.asarray(normal, float) / np.linalg.norm(normal)
+    markup = {"type": "Plane", "name": name, "coordinateSystem": "LPS", "coordinateUnits": "mm"}
+    markup["controlPoints"] = [{"label": name, "position": list(map(float, point))}]
+    if how == "normal":
+        markup["normal"] = normal.tolist()
+    else:
+        one = np.cross(normal, [0.3, 0.5, 0.8])
+        one /= np.linalg.norm(one)
+        axes = np.eye(4)
+        axes[:3, :3] = np.column_stack([one, np.cross(normal, one), normal])
+        markup["baseToNode"] = axes.ravel().tolist()
+    path.write_text(json.dumps({"markups": [markup]}))
+    return path

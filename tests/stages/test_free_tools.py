@@ -1,0 +1,277 @@
+"""From what free tools write to segments: presets, soft tissue from the scan, virtual osteotomy, several files."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pinnochio.errors import InputError
+from pinnochio.importing.markups import read_markups
+from pinnochio.importing.presets import PRESETS
+from pinnochio.importing.segmentation import read_labels
+from pinnochio.model.surfaces import BoneSurface
+from pinnochio.plans.plan import Plan
+from pinnochio.virtual.head import build_head
+from pinnochio.virtual.parameters import sample_parameters
+from scripts.import_plan import import_plan
+from scripts.import_segmentation import import_segmentation
+from scripts.show_segments import show_segments
+from tests.helpers import tools
+
+SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right", "mandible", "chin")
+FOUR = ["lefort1", "mandible_distal", "proximal_left", "proximal_right"]
+
+
+@pytest.fixture(scope="module")
+def head():
+    return build_head(sample_parameters(np.random.default_rng(3), "class_iii"), 2.5)
+
+
+@pytest.fixture(scope="module")
+def scan(head, tmp_path_factory):
+    return str(tools.write(tmp_path_factory.mktemp("scan") / "ct.nii.gz", tools.scan(head), head))
+
+
+def run(
+    folder, segmentation, preset="dentalsegmentator", volume=None, cuts=("lefort1", "split"), markups=(), **settings
+):
+    outputs = {name: str(folder / "out" / f"{name}{end}") for name, end in
+               (("labels", ".nii.gz"), ("bone", ".vtp"), ("skin", ".vtp"), ("report", ".json"))}  # fmt: skip
+    given = {"orientation": "header", "repair_limit": 5.0, "unlabelled_muscle": "derived", "bone_edge": 6.0}
+    import_segmentation(
+        case="P1",
+        segmentation=str(segmentation),
+        label_values=preset,
+        segments=SEGMENTS,
+        volume=volume,
+        cuts=cuts,
+        markups=[str(own) for own in markups],
+        outputs=outputs,
+        **(given | settings),
+    )
+    return json.loads((folder / "out/report.json").read_text()), read_labels(outputs["labels"])
+
+
+def agreement(one, other) -> float:
+    """Dice of two masks."""
+    return 2 * (one & other).sum() / (one.sum() + other.sum())
+
+
+def as_tool(preset, own) -> np.ndarray:
+    """The head as the one label map of a tool."""
+    tissue = own["tissue"]
+    below = np.cumsum(own["upper_teeth"].any(axis=(0, 1))[::-1])[::-1] == 0
+    layers = {
+        "dentalsegmentator": [("skull", 1), ("mandible", 2), ("upper_teeth", 3), ("lower_teeth", 4), ("canal", 5)],
+        "nasomaxilla": [("skull", 1), ("mandible", 2), ("upper_teeth", 4), ("lower_teeth", 5), ("canal", 6)],
+        "universal": [("skull", 54), ("mandible", 53), ("upper_teeth", 8), ("lower_teeth", 25), ("canal", 55)],
+        "amasss": [("tissue", 6), ("skull", 2), ("upper_teeth", 4), ("mandible", 1), ("lower_teeth", 1)],
+        "totalsegmentator": [("tissue", 4), ("skull", 3), ("mandible", 1), ("upper_teeth", 7), ("lower_teeth", 2)],
+    }[preset]
+    values = np.zeros(tissue.shape, np.uint8)
+    for name, value in layers:
+        values[own[name]] = value
+    if preset == "nasomaxilla":  # its skull without the maxilla, which has a value of its own
+        values[
+            own["skull"] & ~below & (np.arange(tissue.shape[2]) < np.argwhere(own["upper_teeth"])[:, 2].max() + 4)
+        ] = 3
+    if preset == "universal":  # each tooth has its own; here right and left of both jaws
+        left = np.arange(tissue.shape[0])[:, None, None] > tissue.shape[0] / 2
+        values[own["upper_teeth"] & left], values[own["lower_teeth"] & left] = 9, 24
+    return values
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_each_preset_becomes_segments(head, scan, preset, tmp_path):
+    own = tools.structures(head)
+    path = tools.write(tmp_path / "P1.nii.gz", as_tool(preset, own), head)
+    labelled = preset in ("amasss", "totalsegmentator")
+    cuts = ("split",) if preset == "amasss" else ("lefort1", "split")  # its teeth are bone: no roots to see
+    said, made = run(tmp_path, path, preset, None if labelled else scan, cuts)
+    assert [name for name, volume in said["volume_cm3"].items() if volume][-3:] == FOUR[1:]
+    assert said["tool"] == preset and ("Otsu" in said["soft_tissue"]) != labelled
+    jaw = np.isin(made.labels, [11 + i for i in range(4)][preset != "amasss" :])
+    if preset == "amasss":
+        jaw = np.isin(made.labels, (11, 12, 13))
+    assert agreement(jaw, own["mandible"] | own["lower_teeth"]) > 0.95
+    bone = made.labels >= 10
+    assert agreement(bone, head.labels >= 10) > 0.95
+
+
+def test_cuts_lie_where_surgeons_cut(head, scan, tmp_path):
+    said, made = run(tmp_path, tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head), volume=scan)
+    for code, least in ((11, 0.8), (12, 0.8), (13, 0.8), (14, 0.8)):  # against the cuts of the virtual cohort
+        assert agreement(made.labels == code, head.labels == code) > least, code
+    assert said["landmarks"]["Me"]["source"] == "found on the bone" and "guess" in said["cuts"]["lefort1"]
+    right, left = (np.array(said["landmarks"][name]["place"]) for name in ("RCo", "LCo"))
+    assert left[0] > 35 and right[0] < -35 and left[2] > np.array(said["landmarks"]["LGo"]["place"])[2] + 30
+    assert "nothing labelled tells left from right" in said["frame"]["sides"]
+    show_segments(
+        *(str(tmp_path / "out" / name) for name in ("bone.vtp", "skin.vtp", "report.json")), tmp_path / "a.png"
+    )
+    assert (tmp_path / "a.png").stat().st_size > 50_000
+
+
+def test_soft_tissue_of_the_scan_is_the_face(head, scan, tmp_path):
+    path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head)
+    made = run(tmp_path, path, volume=scan)[1]
+    soft = np.isin(made.labels, (1, 2))
+    assert not (soft & (head.labels == 0))[:, :, 5:-5].sum() > 0.03 * soft.sum()
+    near = np.isin(head.labels, (1, 2))
+    assert (soft & near).sum() > 0.9 * near.sum()
+
+
+@pytest.mark.parametrize(("air", "tissue", "bone"), [(-1000, 40, 900), (120, 700, 1900), (0, 90, 255)])
+def test_grey_values_of_any_scale_give_the_same_face(head, scan, air, tissue, bone, tmp_path):
+    path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head)
+    other = tools.scan(head, air, tissue, bone, noise=0.03 * (bone - air))
+    volume = str(tools.write(tmp_path / "cbct.nii.gz", other, head))
+    made, first = (run(tmp_path, path, volume=own)[1].labels > 0 for own in (volume, scan))
+    assert agreement(made, first) > 0.98
+
+
+def test_landmarks_and_planes_decide_and_are_said(head, scan, tmp_path):
+    path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head)
+    said = run(tmp_path, path, volume=scan, cuts=("lefort1", "split", "chin"))[0]
+    menton = np.array(said["landmarks"]["Me"]["place"])
+    given = [tools.points(tmp_path / "a.mrk.json", frame="RAS", Me=menton + [0, 0, 4])]
+    level = float(np.array(said["landmarks"]["ANS"]["place"])[2])
+    for how in ("normal", "matrix"):
+        cut = [tools.plane(tmp_path / "b.mrk.json", "lefort1", [0, -60, level], [0, 0.1, -1], how)]
+        moved, made = run(tmp_path, path, volume=scan, cuts=("lefort1", "split", "chin"), markups=given + cut)
+        assert moved["cuts"]["lefort1"] == "the plane that was given"
+        top = np.argwhere(made.labels == 11)[:, 2].max() * made.spacing[2] + made.origin[2]
+        assert top < level + 6
+    assert moved["landmarks"]["Me"] == {"place": (menton + [0, 0, 4]).round(2).tolist(), "source": "given"}
+    assert moved["volume_cm3"]["chin"] > said["volume_cm3"]["chin"] + 0.3
+    with pytest.raises(InputError, match="plane 'osteotomy' is no cut known here.*split_left"):
+        run(
+            tmp_path,
+            path,
+            volume=scan,
+            markups=[tools.plane(tmp_path / "c.mrk.json", "osteotomy", [0, 0, 0], [0, 0, 1])],
+        )
+
+
+def test_without_the_split_the_mandible_stays_whole(head, scan, tmp_path):
+    path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head)
+    said = run(tmp_path, path, volume=scan, cuts=("lefort1",))[0]
+    assert [name for name in said["volume_cm3"] if name in SEGMENTS] == ["lefort1", "mandible"]
+
+
+def test_several_files_are_one_segmentation(head, tmp_path):
+    own = tools.structures(head)
+    folder = tmp_path / "segmentation"
+    folder.mkdir()
+    values = as_tool("totalsegmentator", own)
+    tools.write(folder / "P1_craniofacial_structures.nii.gz", values, head)
+    muscle = np.zeros(values.shape, np.uint8)
+    left = np.arange(values.shape[0])[:, None, None] > values.shape[0] / 2
+    muscle[own["muscle"] & left], muscle[own["muscle"] & ~left] = 2, 1
+    tools.write(folder / "P1_head_muscles.nii.gz", muscle, head)
+    said, made = run(tmp_path, folder, "totalsegmentator")
+    assert said["muscle"] == "labelled" and said["frame"]["sides"] == "as it should be"
+    assert agreement(made.labels == 2, own["muscle"]) > 0.8
+
+    single = tmp_path / "single"
+    single.mkdir()
+    names = {"skull": "skull", "mandible": "mandible", "upper_teeth": "teeth_upper", "lower_teeth": "teeth_lower"}
+    for name, stem in (names | {"tissue": "head"}).items():
+        tools.write(single / f"{stem}.nii.gz", own[name].astype(np.uint8), head)
+    tools.write(single / "masseter_left.nii.gz", (own["muscle"] & left).astype(np.uint8), head)
+    tools.write(single / "masseter_right.nii.gz", (own["muscle"] & ~left).astype(np.uint8), head)
+    apart = run(tmp_path, single, "totalsegmentator")[1]
+    assert agreement(apart.labels == 2, made.labels == 2) > 0.99
+    for code in (1, 10, 11, 12, 13, 14):
+        assert agreement(apart.labels == code, made.labels == code) > 0.97, code
+
+    tools.write(folder / "notes.nii.gz", muscle, head)
+    with pytest.raises(InputError, match="nothing says what 'notes.nii.gz' is.*craniofacial_structures, head_muscles"):
+        run(tmp_path, folder, "totalsegmentator")
+
+
+def test_sides_of_muscles_and_teeth_tell_a_mirrored_head(head, scan, tmp_path):
+    mirrored = as_tool("universal", tools.structures(head))[::-1]
+    with pytest.raises(InputError, match="left and right are exchanged: 'upper_left_1' lies to the right"):
+        run(tmp_path, tools.write(tmp_path / "P1.nii.gz", mirrored, head), "universal", scan)
+
+
+WRONG = {
+    "no scan": ({"volume": None}, "labels no soft tissue, and there is no scan.*volume.nii.gz"),
+    "another tool": ({"preset": "universal"}, "no skull is labelled; it holds upper_right_8.*preset"),
+    "scan turned": ({"turned": True}, "not brighter than the rest|cm3 of soft tissue|does not belong"),
+    "turned": ({"direction": np.diag([-1, -1, 1])}, "the face looks backwards.*make sure which side is left"),
+    "upside down": ({"direction": np.diag([1, 1, -1])}, "is upside down"),
+    "slices apart": ({"spacing": (2.5, 2.5, 5.0)}, "of its width"),
+    "metres": ({"spacing": (0.0025,) * 3}, "measures 0.*metres"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_does_not_fit_is_refused(head, scan, wrong, tmp_path):
+    change, words = WRONG[wrong]
+    header = {name: change[name] for name in ("direction", "spacing") if name in change}
+    volume = change.get("volume", scan)
+    if header:
+        volume = str(tools.write(tmp_path / "ct.nii.gz", tools.scan(head), head, **header))
+    if change.get("turned"):
+        volume = str(tools.write(tmp_path / "ct.nii.gz", tools.scan(head)[::-1, ::-1, ::-1], head))
+    path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head, **header)
+    with pytest.raises(InputError, match=words):
+        run(tmp_path, path, change.get("preset", "dentalsegmentator"), volume)
+
+
+def test_a_region_of_interest_crops(head, scan, tmp_path):
+    path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head)
+    region = tmp_path / "roi.mrk.json"
+    box = {"type": "ROI", "coordinateSystem": "LPS", "center": [0, -64, -40], "size": [300, 300, 130]}
+    region.write_text(json.dumps({"markups": [box | {"orientation": [-1, 0, 0, 0, -1, 0, 0, 0, 1]}]}))
+    made = run(tmp_path, path, volume=scan, markups=[region])[1]
+    assert made.labels.shape[2] * made.spacing[2] == pytest.approx(130, abs=3)
+    low, high = read_markups([region], "P1").regions[0]
+    np.testing.assert_allclose(np.stack([low, high]), [[-150, -214, -105], [150, 86, 25]])
+
+
+def test_bone_of_the_import_carries_its_names(head, scan, tmp_path):
+    run(tmp_path, tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head), volume=scan)
+    assert list(BoneSurface.read(tmp_path / "out/bone.vtp").segments) == FOUR
+
+
+def test_a_second_segmentation_is_the_plan_that_was_carried_out(head, scan, tmp_path):
+    """The same head after surgery, in another frame, with all that the tool labels; motions of whole voxels."""
+    run(tmp_path, tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head), volume=scan)
+    own = read_labels(str(tmp_path / "out/labels.nii.gz"))
+    upper, lower = own.labels == 11, own.labels == 12
+    after = np.zeros(own.labels.shape, np.uint8)
+    after[own.labels == 10] = 1
+    after[(own.labels == 13) | (own.labels == 14)] = 2
+    after[np.roll(upper, -2, axis=1)] = 1  # 5 mm forward
+    after[np.roll(np.roll(lower, 2, axis=1), 1, axis=2)] = 2  # 5 mm back, 2.5 mm up
+    turn = np.array([[np.cos(0.2), -np.sin(0.2), 0], [np.sin(0.2), np.cos(0.2), 0], [0, 0, 1]])
+    path = tools.write(tmp_path / "post.gipl.gz", after, own, origin=own.origin + [12, -7, 30])
+    turned = tools.write(tmp_path / "post.nrrd", after, own, direction=turn)
+    for source in (path, turned):
+        import_plan(
+            "P1",
+            str(source),
+            str(tmp_path / "out/bone.vtp"),
+            str(tmp_path / "plan.json"),
+            str(tmp_path / "out/labels.nii.gz"),
+            "dentalsegmentator",
+            limit=0.8,
+        )
+        plan = Plan.read(tmp_path / "plan.json", "P1")
+        for name, wanted in (("lefort1", [0, -5, 0]), ("mandible_distal", [0, 5, 2.5]), ("proximal_left", [0, 0, 0])):
+            motion = plan.motion(name)
+            moved = motion.apply(motion.pivot[None])[0] - motion.pivot
+            assert np.linalg.norm(moved - wanted) < 0.7, (name, moved)
+    with pytest.raises(InputError, match="the tool does not write"):
+        after[after == 1] = 44
+        import_plan(
+            "P1",
+            str(tools.write(tmp_path / "post.nii.gz", after, own)),
+            str(tmp_path / "out/bone.vtp"),
+            str(tmp_path / "plan.json"),
+            str(tmp_path / "out/labels.nii.gz"),
+            "dentalsegmentator",
+        )

@@ -1,0 +1,138 @@
+"""The anatomy of a head against the frame of its file: what is turned, mirrored, stretched or unnamed is refused."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+
+from pinnochio.errors import InputError
+from pinnochio.importing.anatomy import check_anatomy
+from pinnochio.model.labels import internal_codes
+from pinnochio.virtual.head import build_head
+from pinnochio.virtual.parameters import sample_parameters
+from scripts.import_segmentation import import_segmentation
+
+SPACING = 3.0
+UNCUT = ("lefort1", "mandible")
+
+
+@pytest.fixture(scope="module")
+def head():
+    return build_head(sample_parameters(np.random.default_rng(3), "class_iii"), SPACING)
+
+
+def imported(folder, head, labels=None, spacing=(SPACING,) * 3, direction=None, segments=None, values=None, **settings):
+    """Import the head's labels, or those given, as a file with this header; returns its report."""
+    segments = head.segments if segments is None else segments
+    image = sitk.GetImageFromArray((head.labels if labels is None else labels).transpose(2, 1, 0))
+    image.SetSpacing(spacing)
+    if direction is not None:
+        image.SetDirection(np.ravel(np.asarray(direction, float)).tolist())
+    sitk.WriteImage(image, str(folder / "P1.nii.gz"))
+    outputs = {name: str(folder / "out" / f"{name}{end}") for name, end in
+               (("labels", ".nii.gz"), ("bone", ".vtp"), ("skin", ".vtp"), ("report", ".json"))}  # fmt: skip
+    given = {
+        "label_values": internal_codes(head.segments) if values is None else values,
+        "orientation": "header",
+        "repair_limit": 2.0,
+        "unlabelled_muscle": "derived",
+        "bone_edge": 6.0,
+    }
+    import_segmentation(
+        case="P1",
+        segmentation=str(folder / "P1.nii.gz"),
+        segments=segments,
+        outputs=outputs,
+        **(given | settings),
+    )
+    return json.loads((folder / "out/report.json").read_text())
+
+
+def uncut(head):
+    """The same head with a mandible in one piece: nothing in it tells left from right."""
+    return np.where(head.labels > 12, 12, head.labels)
+
+
+WRONG = {
+    "turned about the vertical": ({"direction": np.diag([-1, -1, 1])}, "looks backwards and left and right.*axes RAS"),
+    "upside down": ({"direction": np.diag([1, 1, -1])}, "is upside down.*axes LPI.*probably LPS"),
+    "upside down and turned": ({"direction": np.diag([-1, 1, -1])}, "upside down and left and right are exchanged"),
+    "mirrored": ({"direction": np.diag([-1, 1, 1])}, "left and right are exchanged .'proximal_left' lies on the right"),
+    "on its side": ({"direction": [[1, 0, 0], [0, 0, 1], [0, 1, 0]]}, "lies on its side"),
+    "face to one side": ({"direction": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]}, "lies on its side"),
+    "slices twice as far apart": ({"spacing": (3.0, 3.0, 6.0)}, r"its height is 1\.\d\d of its width"),
+    "slices half as far apart": ({"spacing": (3.0, 3.0, 1.5)}, r"its height is 0\.[34]\d of its width"),
+    "pixels twice as large": ({"spacing": (6.0, 6.0, 3.0)}, "mm wide.*people's are"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_wrong_header_is_refused_with_the_likely_remedy(head, wrong, tmp_path):
+    change, words = WRONG[wrong]
+    with pytest.raises(InputError, match=words) as caught:
+        imported(tmp_path, head, **change)
+    assert "orientation" in caught.value.remedy or "spacing" in caught.value.remedy
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("axes", [[-1, -1, 1], [1, 1, -1], [-1, 1, -1]])
+def test_the_remedy_is_the_one_that_helps(head, axes, tmp_path):
+    with pytest.raises(InputError) as caught:
+        imported(tmp_path, head, direction=np.diag(axes))
+    code = re.search(r"probably (\w{3})", caught.value.remedy)[1]
+    frame = imported(tmp_path, head, direction=np.diag(axes), orientation=code)["frame"]
+    assert set(frame.values()) == {"as it should be"}
+
+
+def test_a_good_head_says_what_was_seen_and_what_nothing_tells(head, tmp_path):
+    assert set(imported(tmp_path, head)["frame"].values()) == {"as it should be"}
+    frame = imported(tmp_path, head, labels=uncut(head), segments=UNCUT, values=internal_codes(UNCUT))["frame"]
+    assert frame["front"] == "as it should be" and "nothing labelled tells left from right" in frame["sides"]
+
+
+def test_a_head_without_sides_still_may_not_look_backwards(head, tmp_path):
+    with pytest.raises(InputError, match="looks backwards.*make sure which side is left"):
+        imported(
+            tmp_path, head, uncut(head), segments=UNCUT, values=internal_codes(UNCUT), direction=np.diag([-1, -1, 1])
+        )
+
+
+def test_exchanged_teeth_are_refused(head):
+    upper, lower = head.labels == 11, head.labels == 12
+    spacing = np.full(3, SPACING)
+    check_anatomy(head.labels, spacing, head.segments, "LPS", "P1", "f", upper, lower)
+    with pytest.raises(InputError, match="upper teeth lie below the lower"):
+        check_anatomy(head.labels, spacing, head.segments, "LPS", "P1", "f", lower, upper)
+
+
+def piece(head, value=77):
+    """The head whose chin, some 16 % of the distal segment, has a value of its own."""
+    labels = head.labels.copy()
+    jaw = np.argwhere(labels == 12)
+    own = jaw[np.argsort(jaw[:, 1])[: round(0.16 * len(jaw))]]
+    labels[tuple(own.T)] = value
+    return labels
+
+
+def test_a_piece_of_bone_that_nothing_names_is_refused(head, tmp_path):
+    with pytest.raises(InputError, match=r"of 77 beside '\w+' .*nothing in 'labels' names.*left_out"):
+        imported(tmp_path, head, piece(head))
+
+
+def test_a_label_that_is_no_segment_has_its_own_message(head, tmp_path):
+    values = internal_codes(head.segments) | {"chin": 77}
+    with pytest.raises(InputError, match="'labels' calls them 'chin', which is not among 'segments'"):
+        imported(tmp_path, head, piece(head), values=values)
+
+
+def test_what_is_air_on_purpose_goes_in(head, tmp_path):
+    labels = head.labels.copy()
+    air = labels == 0
+    inner = air & (np.cumsum(labels > 2, axis=1) > 0) & (np.cumsum((labels > 2)[:, ::-1], axis=1)[:, ::-1] > 0)
+    labels[inner] = 77  # mouth and airway, labelled
+    with pytest.raises(InputError, match="would become air"):
+        imported(tmp_path, head, labels)
+    values = internal_codes(head.segments) | {"left_out": [77]}
+    assert imported(tmp_path, head, labels, values=values)["repairs"] == imported(tmp_path, head)["repairs"]

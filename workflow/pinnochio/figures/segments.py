@@ -1,0 +1,72 @@
+"""Picture of an imported patient's bones: segments, landmarks, what decided about the cuts and what was repaired."""
+
+import os
+from collections.abc import Mapping
+
+import numpy as np
+import pyvista as pv
+
+from pinnochio.figures.patient import BONE, FRONT, SEGMENTS, SIDE, SKIN, finish, save, surface_of
+from pinnochio.model.labels import segment_name
+from pinnochio.model.surfaces import BoneSurface
+
+BELOW, OTHER_SIDE = (0.0, -0.45, -1.0), (-1, -0.05, 0.05)
+KEPT = "enclosed cavity kept"
+ROWS = 14  # lines of repairs that are listed
+
+
+def segments_picture(
+    bone: BoneSurface, skin: tuple[np.ndarray, np.ndarray], report: Mapping, path: str | os.PathLike
+) -> None:
+    """Bones from the front, both sides and below, with the skin about them; beside them what the report says."""
+    present = [index for index in range(-1, len(bone.segments)) if (bone.segment == index).any()]
+    colours = {index: BONE if index < 0 else SEGMENTS[index % len(SEGMENTS)] for index in present}
+    plotter = pv.Plotter(off_screen=True, shape=(2, 3), window_size=(1800, 1200), border=False)
+    views = (("front", FRONT), ("left side", SIDE), ("right side", OTHER_SIDE), ("below", BELOW))
+    for number, (title, direction) in enumerate(views):
+        plotter.subplot(*divmod(number if number < 2 else number + 1, 3))
+        for index in present:
+            part = bone.part(index)
+            plotter.add_mesh(surface_of(part.points, part.faces), color=colours[index])
+        if title != "below":
+            plotter.add_mesh(surface_of(*skin), color=SKIN, opacity=0.15)
+        marks = report.get("landmarks", {})
+        if marks:
+            places = np.array([mark["place"] for mark in marks.values()])
+            plotter.add_points(places, color="#1f3fbf", point_size=12, render_points_as_spheres=True)
+            plotter.add_point_labels(
+                places,
+                list(marks),
+                font_size=14,
+                shape=None,
+                text_color="#1f3fbf",
+                always_visible=True,
+                show_points=False,
+            )
+        finish(plotter, f"{report['case']}: {title}", direction)
+    plotter.subplot(0, 2)
+    entries = [[segment_name(index, bone.segments), colours[index]] for index in present]
+    plotter.add_legend(entries, face="rectangle", bcolor="#888888", size=(0.4, 0.045 * len(entries)), loc="center left")
+    plotter.subplot(1, 2)
+    plotter.add_text("\n".join(_lines(report)), position="upper_left", font_size=11, color="black")
+    save(plotter, path)
+
+
+def _lines(report: Mapping) -> list[str]:
+    """What the picture says in words."""
+    lines = [f"frame, {name}: {text}" for name, text in report.get("frame", {}).items()]
+    lines += [f"soft tissue: {report['soft_tissue']}"] if "soft_tissue" in report else []
+    lines += [f"cut {name}: {why}" for name, why in report.get("cuts", {}).items()]
+    repairs = sorted((own for own in report["repairs"] if own["what"] != KEPT), key=lambda own: -own["voxels"])
+    lines += ["", f"repairs: {sum(own['voxels'] for own in repairs)} voxels"]
+    lines += [f"  {own['structure']}: {own['what']}, {own['voxels']}" for own in repairs[:ROWS]]
+    return [piece for line in lines for piece in (_wrapped(line))]
+
+
+def _wrapped(line: str, width: int = 54) -> list[str]:
+    words, lines = line.split(" "), [""]
+    for word in words:
+        if len(lines[-1]) + len(word) > width:
+            lines.append("   ")
+        lines[-1] += (" " if lines[-1].strip() else "") + word
+    return lines

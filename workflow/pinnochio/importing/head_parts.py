@@ -1,0 +1,297 @@
+"""Puts what a free tool segments of a head, one file or several, into parts on one grid, with its soft tissue."""
+
+import logging
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import SimpleITK as sitk
+
+from pinnochio.errors import InputError
+from pinnochio.importing.presets import (
+    CANAL,
+    HEAD,
+    LOWER,
+    LOWER_TEETH,
+    MANDIBLE,
+    MUSCLE,
+    NOTHING,
+    PRESETS,
+    SKULL,
+    SOFT,
+    UPPER,
+    UPPER_TEETH,
+    Preset,
+)
+from pinnochio.importing.segment_files import IMAGE_FORMATS, read_segments
+from pinnochio.importing.segmentation import HEADER, axes_of, check_extent, turn
+from pinnochio.importing.soft_tissue import air_threshold, between, bulk, closed, near_skin
+from pinnochio.model.labels import CRANIUM, SUPERFICIAL, segment_code
+
+LOG = logging.getLogger(__name__)
+VOXEL = 1.0  # mm: finer voxels are merged, elements are several times as large
+THIN = 0.4  # share of a merged voxel from which bone counts: plates of half a voxel stay [I]
+OPENING, APERTURE, DEPTH = 3.0, 10.0, 28.0  # mm, as the thresholds of a CT (thresholding.py)
+SMALLEST_HEAD = 0.3  # of the volume of the bones: less soft tissue is no face [I]
+NOUN = {SKULL: "skull", MANDIBLE: "mandible"}
+
+
+@dataclass(frozen=True)
+class HeadParts:
+    """parts (nx, ny, nz) uint8 of :mod:`presets` [ix, iy, iz], 0 air; spacing, origin (3,) mm, LPS; axes of the file.
+
+    soft: where the soft tissue comes from, in words; sided: whether structures that tell left from right are labelled.
+    """
+
+    parts: np.ndarray
+    spacing: np.ndarray
+    origin: np.ndarray
+    axes: str
+    soft: str
+    sided: bool = False
+
+    def uncut(self) -> np.ndarray:
+        """Internal codes of the head before any cut, with the mandible as the only segment."""
+        labels = np.zeros(self.parts.shape, np.uint8)
+        for codes, own in (((SOFT,), SUPERFICIAL), (UPPER, CRANIUM), (LOWER, segment_code(0))):
+            labels[np.isin(self.parts, codes)] = own
+        return labels
+
+
+def read_head_parts(
+    path: str | os.PathLike,
+    volume: str | os.PathLike | None,
+    case: str,
+    preset: str,
+    orientation: str = HEADER,
+    regions: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+) -> HeadParts:
+    """The parts of a head from the tool's file, or folder of files, and the scan itself (None: not needed).
+
+    A file of a folder is a label map of the kind that its name tells, or one structure that its name is. Cubes of
+    VOXEL mm, or the finest edge of the file. regions: boxes (low, high) mm outside of which nothing is kept.
+    Soft tissue: what the tool labels as inside the skin; without that, what is no air in the volume (Otsu). Of it is
+    kept what is DEPTH mm from the skin at most: neither brain nor throat nor tongue. Raises InputError.
+    """
+
+    def refuse(problem: str, remedy: str, file=path):
+        raise InputError(case, file, problem, remedy)
+
+    tool = PRESETS[preset]
+    direction = None if orientation == HEADER else axes_of(orientation)
+    grid, values, centre = None, None, {}
+    axes = "LPS"
+    for _, image, pieces in _structures(path, tool, refuse):
+        if direction is not None:
+            turn(image, direction)
+        if grid is None:
+            axes = sitk.DICOMOrientImageFilter.GetOrientationFromDirectionCosines(image.GetDirection())
+            grid = _grid(image, regions, refuse)
+            values, weight = _empty(grid)
+        for name, voxels in pieces:
+            share = _resampled(_on(image, voxels()), grid)
+            across = share.sum(axis=(1, 2))
+            if across.any():
+                centre[name] = float(across @ np.arange(len(across)) / across.sum())
+            part = tool.parts[name]
+            share = share / THIN if part in (*UPPER, *LOWER) else share / 0.5
+            # Teeth over bone, bone over muscle, muscle over what fills the head, each where it is at least half there.
+            better = (share >= 1) & (share * _rank(part) > weight)
+            values[better], weight[better] = part, (share * _rank(part))[better]
+    check_extent(_extent(values, VOXEL if grid is None else grid.GetSpacing()[0]), refuse)
+    for part, name in NOUN.items():
+        if not (values == part).any():
+            refuse(
+                f"no {name} is labelled; it holds {', '.join(centre) or 'nothing'}",
+                f"check that it is what {preset!r} writes, or choose another preset in 'labels'",
+            )
+    pairs = [pair for pair in tool.sides if set(pair) <= centre.keys()]
+    wrong = [pair for pair in pairs if centre[pair[0]] < centre[pair[1]]]
+    if len(wrong) > len(pairs) / 2:
+        refuse(
+            f"left and right are exchanged: {wrong[0][0]!r} lies to the right of {wrong[0][1]!r}",
+            "correct the header, or set 'orientation' to where the voxel axes really point",
+        )
+    spacing = grid.GetSpacing()[0]
+    bone = np.isin(values, (*UPPER, *LOWER))
+    head, source = _head(values, bone, volume, direction, grid, spacing, case, refuse)
+    values = _with_soft(values, bone, head, spacing, case, volume or path)
+    return HeadParts(values, np.full(3, spacing), np.array(grid.GetOrigin()), axes, source, bool(pairs))
+
+
+def bone_parts(path: str | os.PathLike, preset: str, refuse) -> Iterator[tuple[sitk.Image, np.ndarray]]:
+    """Grid and bone (bool [iz, iy, ix]) of each file of a tool."""
+    tool = PRESETS[preset]
+    for _, image, pieces in _structures(path, tool, refuse):
+        masks = [voxels() for name, voxels in pieces if tool.parts[name] in (*UPPER, *LOWER)]
+        if masks:
+            yield image, np.logical_or.reduce(masks)
+
+
+def _structures(path, tool: Preset, refuse) -> Iterator[tuple[Path, sitk.Image, list]]:
+    """Of each file its grid and its structures: name and voxels() -> bool [iz, iy, ix]."""
+    path = Path(path)
+    files = [path]
+    if path.is_dir():
+        files = [file for file in sorted(path.iterdir()) if file.name.lower().endswith(IMAGE_FORMATS)]
+        if not files:
+            refuse("the folder holds no image", "put the label maps of the tool there")
+    found: dict[str, Path] = {}
+    for file in files:
+        stem = file.name.split(".")[0]
+        kinds = [kind for kind in tool.maps if kind in stem]
+        image, segments = read_segments(file, refuse)
+        if stem in tool.parts:
+            pieces = [(stem, lambda segments=segments: np.logical_or.reduce([own.voxels() for own in segments]))]
+        elif len(kinds) == 1 or len(files) == 1:
+            names = tool.maps[kinds[0] if len(kinds) == 1 else next(iter(tool.maps))]
+            strange = [str(own) for own in segments if own.value not in names]
+            if strange:
+                refuse(
+                    f"it holds the values {', '.join(strange)}, which the tool does not write",
+                    f"check that it is the tool's own label map: {len(names)} values from 1 on; or write down what its "
+                    "values mean in 'labels'",
+                    file=file,
+                )
+            pieces = [(names[own.value], own.voxels) for own in segments]
+        else:
+            listed = ", ".join(kind for kind in tool.maps if kind) or "the one label map"
+            refuse(
+                f"nothing says what {file.name!r} is",
+                f"name label maps by their kind ({listed}) and files of one structure by the tool's name for it, such "
+                f"as {next(iter(tool.parts))!r}",
+                file=file,
+            )
+        for name, _ in pieces:
+            if name in found:
+                refuse(f"{name!r} is in {found[name].name!r} too", "keep one file of each structure", file=file)
+            found[name] = file
+        yield file, image, pieces
+
+
+def _rank(part: int) -> float:
+    """Which part wins where two claim a voxel."""
+    return {
+        UPPER_TEETH: 8,
+        LOWER_TEETH: 8,
+        CANAL: 4,
+        SKULL: 4,
+        MANDIBLE: 4,
+        MUSCLE: 2,
+        NOTHING: 1,
+        SOFT: 0.4,
+        HEAD: 0.2,
+    }[part]
+
+
+def _on(image: sitk.Image, voxels) -> sitk.Image:
+    made = sitk.GetImageFromArray(np.ascontiguousarray(voxels, np.float32))
+    made.CopyInformation(image)
+    return made
+
+
+def _grid(image: sitk.Image, regions, refuse) -> sitk.Image:
+    """Cubes along the axes of LPS that hold the image, or what the regions keep of it; its voxels mean nothing."""
+    size, spacing = np.array(image.GetSize()), np.array(image.GetSpacing())
+    check_extent(float((size * spacing).max()) if (size * spacing).max() < 20 else None, refuse)
+    edge = float(max(VOXEL, spacing.min()))
+    corners = np.array(np.meshgrid(*[(-0.5, n - 0.5) for n in size], indexing="ij")).reshape(3, -1).T.tolist()
+    places = np.array([image.TransformContinuousIndexToPhysicalPoint(corner) for corner in corners])
+    low, high = places.min(axis=0), places.max(axis=0)
+    for start, end in regions:
+        low, high = np.maximum(low, start), np.minimum(high, end)
+    if (high - low < 10 * edge).any():
+        refuse("hardly anything of it lies in the region of interest", "correct the region (ROI) of the markups")
+    count = np.floor((high - low) / edge + 1e-6).astype(int)
+    if count.prod() > 3e8:
+        refuse(f"it measures {np.round(high - low).astype(int).tolist()} mm", "write the voxel spacing in millimetres")
+    grid = sitk.Image(count.tolist(), sitk.sitkUInt8)
+    grid.SetSpacing([edge] * 3)
+    grid.SetOrigin((low + edge / 2).tolist())
+    return grid
+
+
+def _empty(grid: sitk.Image) -> tuple[np.ndarray, np.ndarray]:
+    return np.zeros(grid.GetSize(), np.uint8), np.zeros(grid.GetSize(), np.float32)
+
+
+def _resampled(image: sitk.Image, grid: sitk.Image, outside: float = 0.0) -> np.ndarray:
+    """Values [ix, iy, iz] on the grid: means over its voxels where the image is finer, linear between where not."""
+    edge, spacing = grid.GetSpacing()[0], np.array(image.GetSpacing())
+    if (factors := np.maximum(1, np.round(edge / spacing + 1e-6)).astype(int)).max() > 1:
+        image = sitk.BinShrink(image, factors.tolist())
+    made = sitk.Resample(image, grid, sitk.Transform(), sitk.sitkLinear, outside)
+    return sitk.GetArrayFromImage(made).transpose(2, 1, 0)
+
+
+def _extent(values, edge: float) -> float | None:
+    index = np.argwhere(values > 0)
+    return None if not len(index) else float((np.ptp(index, axis=0).max() + 1) * edge)
+
+
+def _head(values, bone, volume, direction, grid, spacing, case, refuse) -> tuple[np.ndarray, str]:
+    """All that is not air (nx, ny, nz) bool, and where that comes from."""
+    labelled = np.isin(values, (SOFT, HEAD))
+    if volume is None:
+        if not labelled.any():
+            refuse(
+                "the tool labels no soft tissue, and there is no scan to take it from",
+                "put the CT or cone-beam CT beside it (volume.nii.gz; column 'volume' of a table)",
+            )
+        return labelled | bone | (values == MUSCLE), "labelled"
+    try:
+        image = sitk.ReadImage(str(volume), sitk.sitkFloat32)
+        if direction is not None:
+            turn(image, direction)
+        if not np.isfinite(sitk.GetArrayViewFromImage(image)).all():
+            raise ValueError("it holds numbers that are not finite")
+        grey = _resampled(image, grid, float(sitk.GetArrayViewFromImage(image).min()))
+    except (RuntimeError, ValueError) as error:
+        reason = str(error).strip().splitlines()[-1]
+        refuse(f"it cannot be read as a scan ({reason})", "give NRRD, NIfTI or MHA", file=volume)
+    inside = grey[bone].mean() - grey[~bone].mean() if bone.any() else 0.0
+    if inside <= 0:
+        refuse(
+            "the labelled bone is not brighter than the rest of the scan: they do not belong together",
+            "give the scan that was segmented, in its own frame",
+            file=volume,
+        )
+    threshold = air_threshold(grey, bone)
+    LOG.info("case %r: air and tissue part at the grey value %.0f of %s", case, threshold, volume)
+    tissue = bulk((grey > threshold) | bone, OPENING / spacing) | bone
+    if labelled.any():
+        tissue &= labelled | bone | (values == MUSCLE)
+    return tissue, f"the scan, above the grey value {threshold:.0f} (Otsu)"
+
+
+def _with_soft(values, bone, head, spacing: float, case: str, file) -> np.ndarray:
+    """The parts with the soft tissue of a face; what lies deeper, and between the dental arches, is left out."""
+    upper, lower = np.isin(values, UPPER), np.isin(values, LOWER)
+    teeth = np.isin(values, (UPPER_TEETH, LOWER_TEETH))
+    index = np.argwhere(teeth if teeth.any() else lower)
+    low, high = index.min(axis=0), index.max(axis=0)
+    arches = upper | lower
+    if teeth.any():  # in front of the last molars: not what lies between the rami
+        arches[:, high[1] + 1 :] = False
+        arches[:, :, : low[2]] = False
+        arches[:, :, high[2] + 1 :] = False
+    else:
+        arches &= lower
+    oral = between(closed(arches, APERTURE / spacing)) & ~bone
+    soft = head & ~bone & ~oral & (values != NOTHING)
+    kept = near_skin(head, soft, spacing, DEPTH, APERTURE, file)
+    muscle = (values == MUSCLE) & kept
+    made = np.where(bone, values, 0).astype(np.uint8)
+    made[kept] = SOFT
+    made[muscle] = MUSCLE
+    if kept.sum() < SMALLEST_HEAD * bone.sum():
+        tissue, bony = (mask.sum() * spacing**3 / 1000 for mask in (kept, bone))
+        raise InputError(
+            case,
+            file,
+            f"only {tissue:.0f} cm3 of soft tissue lie round {bony:.0f} cm3 of bone",
+            "check the scan and its frame: the skin must be in the field of view",
+        )
+    return made

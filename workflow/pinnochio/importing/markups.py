@@ -1,0 +1,100 @@
+"""Markups of 3D Slicer (`.mrk.json`): points by label, planes by name, regions of interest."""
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pinnochio.errors import InputError
+from pinnochio.importing.thresholding import Plane
+
+ENDING = ".mrk.json"
+FRAMES = {"LPS": np.ones(3), "0": np.array([-1.0, -1.0, 1.0]), "RAS": np.array([-1.0, -1.0, 1.0]), "1": np.ones(3)}
+PLANE, REGION = "Plane", "ROI"
+
+
+@dataclass(frozen=True)
+class Markups:
+    """points: place (3,) mm by label; planes by name; regions: low and high corner (3,) mm of boxes; all LPS."""
+
+    points: dict[str, np.ndarray] = field(default_factory=dict)
+    planes: dict[str, Plane] = field(default_factory=dict)
+    regions: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+
+
+def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
+    """All markups of the files. A turned region counts as the box along the axes that holds it.
+
+    Raises InputError for what cannot be read, a unit other than mm and two points or planes of one name.
+    """
+    found = Markups()
+    for path in paths:
+
+        def refuse(problem: str, remedy: str, path=path):
+            raise InputError(case, path, problem, remedy)
+
+        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+            for markup in content["markups"]:
+                if markup.get("coordinateUnits", "mm") != "mm":
+                    refuse(f"its unit is {markup['coordinateUnits']!r}", "save the markups in millimetres")
+                if str(markup.get("coordinateSystem", "LPS")) not in FRAMES:
+                    refuse(f"its frame is {markup['coordinateSystem']!r}", "save the markups in LPS or RAS")
+                turn = FRAMES[str(markup.get("coordinateSystem", "LPS"))]
+                defined = [
+                    own for own in markup.get("controlPoints", ()) if own.get("positionStatus", "defined") == "defined"
+                ]
+                places = [turn * _three(own["position"]) for own in defined]
+                if markup["type"] == PLANE:
+                    name = str(markup.get("name") or (defined[0]["label"] if defined else Path(path).name))
+                    _add(found.planes, name, _plane(markup, places, turn), refuse)
+                elif markup["type"] == REGION:
+                    found.regions.append(_region(markup, turn))
+                else:
+                    for own, place in zip(defined, places, strict=True):
+                        _add(found.points, str(own["label"]), place, refuse)
+        except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
+            if isinstance(error, InputError):
+                raise
+            refuse(f"it cannot be read as markups ({error!r})", "save them again from 3D Slicer as .mrk.json")
+    return found
+
+
+def _three(numbers) -> np.ndarray:
+    value = np.array(numbers, float)
+    if value.shape != (3,) or not np.isfinite(value).all():
+        raise ValueError("three finite numbers are needed")
+    return value
+
+
+def _add(known: dict, name: str, value, refuse) -> None:
+    if name in known:
+        refuse(f"{name!r} is there twice", "give each point and plane a name of its own")
+    known[name] = value
+
+
+def _plane(markup: dict, places: list[np.ndarray], turn: np.ndarray) -> Plane:
+    """Point and normal: as written, of the axes of the plane, or through three points."""
+    if "normal" in markup:
+        normal = turn * _three(markup["normal"])
+    elif len(markup.get("orientation", ())) == 9:
+        normal = turn * _three(markup["orientation"][2::3])
+    elif len(markup.get("baseToNode", ())) == 16:
+        normal = turn * _three(markup["baseToNode"][2:11:4])
+    else:
+        one, two, three = places[:3]
+        normal = np.cross(two - one, three - one)
+    if not normal.any():
+        raise ValueError("a plane without a normal")
+    point = turn * _three(markup["center"]) if "center" in markup else places[0]
+    return Plane(point, normal / np.linalg.norm(normal))
+
+
+def _region(markup: dict, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    axes = np.reshape(markup.get("orientation", np.eye(3)), (3, 3))
+    half = np.abs(axes) @ (np.array(markup["size"], float) / 2)
+    centre = turn * _three(markup["center"])
+    return centre - half, centre + half

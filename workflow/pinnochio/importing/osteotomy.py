@@ -1,0 +1,270 @@
+"""Cuts skull and mandible of a head into the segments of an operation, by landmarks, planes, or what the bone shows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from pinnochio.errors import InputError
+from pinnochio.importing.head_parts import HeadParts
+from pinnochio.importing.markups import Markups
+from pinnochio.importing.presets import LOWER, LOWER_TEETH, MANDIBLE, MUSCLE, SKULL, SOFT, UPPER, UPPER_TEETH
+from pinnochio.importing.thresholding import Plane
+from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, TOUCHING, segment_code
+from pinnochio.model.labels import MUSCLE as MUSCLE_CODE
+
+LEFORT, SPLIT, CHIN = "lefort1", "split", "chin"
+CUTS = (LEFORT, SPLIT, CHIN)
+SIDES = {"right": -1.0, "left": 1.0}  # LPS: +x is the patient's left
+# The rule [I], mm. Le Fort I: 5 mm above the roots, as surgeons keep from them [R].
+ABOVE_ROOTS, ABOVE_FLOOR, BEHIND_MOLARS, BESIDE_MOLARS = 5.0, 5.0, 6.0, 14.0
+# Sagittal split: the outer plate from the second molar back; all of the bone behind the lingula and above the teeth.
+PLATE, LINGULA, ABOVE_TEETH = 15.0, 12.0, 6.0
+CHIN_HEIGHT, CHIN_WIDTH, BELOW_ROOTS = 13.0, 20.0, 3.0
+STEEPEST = 0.5  # slope of an occlusal plane that is believed [I]
+LEAST = 1.0  # cm3 of a segment that a cut makes
+LATERAL = 0.6  # of the lower jaw's half width: its angles lie further out [I]
+FRONT, CONDYLE = 12.0, 8.0  # mm: depth of the front of a jaw, height of a condyle
+
+
+@dataclass(frozen=True)
+class Osteotomy:
+    """labels (nx, ny, nz) uint8 internal codes; segments in the order of their codes.
+
+    landmarks: place (3,) mm and where it comes from, by name; cuts: of each cut what decided where it lies.
+    """
+
+    labels: np.ndarray
+    segments: tuple[str, ...]
+    landmarks: dict[str, tuple[np.ndarray, str]]
+    cuts: dict[str, str]
+
+
+def osteotomy(head: HeadParts, cuts: Sequence[str], markups: Markups, case: str, file: object) -> Osteotomy:
+    """The segments that these cuts (of CUTS) make of a head's parts.
+
+    Le Fort I: upper bone below a plane, in front of the pterygoid plates. The plane is the one called `lefort1`; or
+    lies ABOVE_FLOOR over the points ANS and PNS; or ABOVE_ROOTS over the roots of the upper teeth, turned with the
+    occlusal plane. Split: of each side what lies behind the plane called `split_left`, `split_right`; or the outer
+    plate from PLATE before the last molar, and all behind LINGULA after it or above the teeth. Without the split the
+    mandible stays in one piece. Chin: below the plane called `chin`, or CHIN_HEIGHT over Me, below the roots.
+    Landmarks that no markup gives (:func:`find_landmarks`) are found on the bone, and said to be. Raises InputError.
+    """
+
+    def refuse(problem: str, remedy: str):
+        raise InputError(case, file, problem, remedy)
+
+    parts, spacing = head.parts, float(head.spacing[0])
+    x, y, z = np.meshgrid(
+        *(head.origin[axis] + spacing * np.arange(n, dtype=np.float32) for axis, n in enumerate(parts.shape)),
+        indexing="ij",
+        sparse=True,
+    )
+    places = (x, y, z)
+    landmarks = find_landmarks(head)
+    landmarks |= {name: (place, "given") for name, place in markups.points.items()}
+    planes = {name.lower(): plane for name, plane in markups.planes.items()}
+    known = [LEFORT, CHIN, *(f"{SPLIT}_{side}" for side in SIDES)]
+    if strange := [name for name in planes if name not in known]:
+        refuse(f"plane {strange[0]!r} is no cut known here", f"name the planes {', '.join(known)}")
+    upper, lower = np.isin(parts, UPPER), np.isin(parts, LOWER)
+    bone = np.where(upper | lower, CRANIUM, AIR).astype(np.uint8)
+    segments, said = [], {}
+
+    def add(name: str, mask) -> None:
+        if mask.sum() * spacing**3 < LEAST * 1000:
+            refuse(
+                f"the cut leaves {mask.sum() * spacing**3 / 1000:.2f} cm3 of {name!r}",
+                "give landmarks or planes as markups, or leave the cut out of 'osteotomy.cuts'",
+            )
+        bone[mask] = segment_code(len(segments))
+        segments.append(name)
+
+    if LEFORT in cuts:
+        piece, said[LEFORT] = _lefort(parts, upper, places, landmarks, planes.get(LEFORT), spacing, refuse)
+        add("lefort1", piece)
+    chin = np.zeros(parts.shape, bool)
+    rami = {}
+    if SPLIT in cuts:
+        for side, sign in SIDES.items():
+            plane = planes.get(f"{SPLIT}_{side}")
+            rami[side], said[f"{SPLIT}_{side}"] = _split(parts, lower, places, landmarks, sign, plane)
+        _tidy(lower, rami)
+    body = lower & ~np.logical_or.reduce([np.zeros_like(lower), *rami.values()])
+    if CHIN in cuts:
+        chin, said[CHIN] = _chin(parts, body, places, landmarks, planes.get(CHIN))
+    add("mandible_distal" if rami else "mandible", body & ~chin)
+    for side in ("left", "right"):
+        if rami:
+            add(f"proximal_{side}", rami[side])
+    if CHIN in cuts:
+        add("chin", chin)
+    bone[parts == SOFT], bone[parts == MUSCLE] = SUPERFICIAL, MUSCLE_CODE
+    return Osteotomy(bone, tuple(segments), landmarks, said)
+
+
+def find_landmarks(head: HeadParts) -> dict[str, tuple[np.ndarray, str]]:
+    """Me, Pog, RGo, LGo, RCo, LCo and, with upper teeth, ANS on the bone: place (3,) mm and "found on the bone".
+
+    Me: the lowest of the chin's middle; Pog its foremost. Go: the outermost corner, behind and below, of each side. Co:
+    the middle of the top of what lies behind the middle of each ramus: the condyle, not the coronoid. ANS: the foremost
+    of the skull's middle about the roots of the upper teeth.
+    """
+    jaw, skull, teeth = (_points(head, *own) for own in (LOWER, (SKULL,), (UPPER_TEETH,)))
+    front = jaw[jaw[:, 1] < jaw[:, 1].min() + FRONT]
+    middle = float(np.median(front[:, 0]))
+    chin = jaw[(np.abs(jaw[:, 0] - middle) < 10) & (jaw[:, 1] < jaw[:, 1].min() + 2 * FRONT)]
+    menton = chin[chin[:, 2].argmin()]
+    below = chin[chin[:, 2] < menton[2] + 25]
+    found = {"Me": menton, "Pog": below[below[:, 1].argmin()]}
+    across = (jaw[:, 0].min() + jaw[:, 0].max()) / 2
+    for side, sign in SIDES.items():
+        own = jaw[sign * (jaw[:, 0] - across) > 0]
+        lateral = own[sign * (own[:, 0] - across) > LATERAL * (jaw[:, 0].max() - jaw[:, 0].min()) / 2]
+        corner = lateral[(lateral[:, 1] - lateral[:, 2]).argmax()]
+        ramus = own[own[:, 2] > (own[:, 2].min() + own[:, 2].max()) / 2]
+        behind = ramus[ramus[:, 1] > (ramus[:, 1].min() + ramus[:, 1].max()) / 2]
+        if not len(behind):
+            continue
+        letter = side[0].upper()
+        found[f"{letter}Go"] = corner
+        found[f"{letter}Co"] = behind[behind[:, 2] > behind[:, 2].max() - CONDYLE].mean(axis=0)
+    if len(teeth):
+        roots, centre = np.percentile(teeth[:, 2], 98), (teeth[:, 0].min() + teeth[:, 0].max()) / 2
+        spine = skull[(np.abs(skull[:, 0] - centre) < 5) & (np.abs(skull[:, 2] - roots - 3) < 10)]
+        if len(spine):
+            found["ANS"] = spine[spine[:, 1].argmin()]
+    return {name: (place, "found on the bone") for name, place in found.items()}
+
+
+def _points(head: HeadParts, *codes: int) -> np.ndarray:
+    return np.argwhere(np.isin(head.parts, codes)) * head.spacing + head.origin
+
+
+def _height(plane: Plane, places) -> np.ndarray:
+    """Signed distance (nx, ny, nz) of every voxel from the plane."""
+    return sum(own * normal for own, normal in zip(places, plane.normal, strict=True)) - plane.point @ plane.normal
+
+
+def _upward(plane: Plane, axis: int) -> Plane:
+    return plane if plane.normal[axis] > 0 else Plane(plane.point, -plane.normal)
+
+
+def _lefort(parts, upper, places, landmarks, plane, spacing, refuse):
+    """Voxels of the maxilla, and what decided."""
+    x, y, z = places
+    teeth = parts == UPPER_TEETH
+    index = np.argwhere(teeth)
+    given = [landmarks[name][0] for name in ("ANS", "PNS") if landmarks.get(name, ("", ""))[1] == "given"]
+    if plane is not None:
+        plane, why = _upward(plane, 2), "the plane that was given"
+    elif len(given) == 2:
+        along = (given[1] - given[0]) / np.linalg.norm(given[1] - given[0])
+        normal = np.cross([1.0, 0, 0], along) * np.sign(along[1] or 1)
+        plane = _upward(Plane(given[0], normal / np.linalg.norm(normal)), 2)
+        plane = Plane(plane.point + ABOVE_FLOOR * plane.normal, plane.normal)
+        why = f"{ABOVE_FLOOR:g} mm above ANS and PNS, which were given"
+    elif len(index):
+        at = np.column_stack([np.ravel(own)[index[:, axis]] for axis, own in enumerate(places)])
+        normal = _occlusal(at)
+        roots = np.percentile(at @ normal, 98)
+        plane = Plane(normal * (roots + ABOVE_ROOTS), normal)
+        why = f"{ABOVE_ROOTS:g} mm above the roots of the upper teeth (a guess: look at the picture)"
+    else:
+        refuse(
+            "no upper teeth and neither ANS nor PNS say where the Le Fort I cut lies",
+            "give the points ANS and PNS, or a plane 'lefort1', as markups (.mrk.json)",
+        )
+    below = upper & (_height(plane, places) < 0)
+    if len(index):
+        at = np.column_stack([np.ravel(own)[index[:, axis]] for axis, own in enumerate(places)])
+        rear, centre = np.percentile(at[:, 1], 99) + BEHIND_MOLARS, (at[:, 0].min() + at[:, 0].max()) / 2
+        below &= (y < rear) & (np.abs(x - centre) < (at[:, 0].max() - at[:, 0].min()) / 2 + BESIDE_MOLARS)
+    elif "PNS" in landmarks:
+        below &= y < landmarks["PNS"][0][1] + BEHIND_MOLARS
+    return _largest(below) | teeth, why
+
+
+def _occlusal(teeth) -> np.ndarray:
+    """Unit normal, upward, of the plane from the edges of the incisors to those of the last molars; not rolled."""
+    front = teeth[teeth[:, 1] < teeth[:, 1].min() + FRONT]
+    rear = teeth[teeth[:, 1] > teeth[:, 1].max() - FRONT]
+    one, two = (np.array([np.median(own[:, 1]), np.percentile(own[:, 2], 5)]) for own in (front, rear))
+    slope = (two[1] - one[1]) / max(two[0] - one[0], 1.0)
+    slope = slope if abs(slope) < STEEPEST else 0.0
+    return np.array([0.0, -slope, 1.0]) / np.hypot(slope, 1.0)
+
+
+def _split(parts, lower, places, landmarks, sign: float, plane):
+    """Voxels of the proximal segment of a side, and what decided."""
+    x, y, z = places
+    middle = landmarks["Me"][0][0]
+    side = "RL"[sign > 0]
+    across = [landmarks[name][0][0] for name in ("RCo", "LCo") if name in landmarks]
+    own = lower & (sign * (x - (np.mean(across) if len(across) == 2 else middle)) > 0)
+    teeth = own & (parts == LOWER_TEETH)
+    if plane is not None:
+        condyle = landmarks.get(f"{side}Co", landmarks["Me"])[0]
+        if plane.height(condyle) < 0:
+            plane = Plane(plane.point, -plane.normal)
+        return own & ~teeth & (_height(plane, places) > 0), "the plane that was given"
+    index = np.argwhere(teeth)
+    if len(index):
+        at = np.column_stack([np.ravel(value)[index[:, axis]] for axis, value in enumerate(places)])
+        molar = np.percentile(at[:, 1], 98)
+        edge = np.percentile(at[at[:, 1] > molar - FRONT, 2], 98)
+        why = "the last lower molar (a guess: look at the picture)"
+    else:
+        corner, top, chin = (landmarks[name][0] for name in (f"{side}Go", f"{side}Co", "Me"))
+        molar = chin[1] + 0.55 * (corner[1] - chin[1])
+        edge = corner[2] + 0.5 * (top[2] - corner[2])
+        why = "chin, angle and condyle (a guess: look at the picture)"
+    body = own & ~teeth & (z < edge)
+    count = body.sum(axis=(0, 2))
+    mean = np.where(count > 0, (body * np.abs(x - middle)).sum(axis=(0, 2)) / np.maximum(count, 1), np.inf)
+    outer = np.abs(x - middle) > mean[None, :, None]
+    proximal = (
+        (y > molar + LINGULA) | ((z > edge + ABOVE_TEETH) & (y > molar - LINGULA)) | (outer & (y > molar - PLATE))
+    )
+    return own & ~teeth & proximal, why
+
+
+def _tidy(lower, rami: dict[str, np.ndarray]) -> None:
+    """Leave each piece of the mandible whole: crumbs of a ramus go to the body, crumbs of the body to the rami."""
+    for mask in rami.values():
+        mask &= _largest(mask)
+    body = lower & ~np.logical_or.reduce(list(rami.values()))
+    crumbs, _ = ndimage.label(body & ~_largest(body), TOUCHING)
+    for number, box in enumerate(ndimage.find_objects(crumbs), 1):
+        wide = tuple(slice(max(part.start - 1, 0), part.stop + 1) for part in box)
+        own = crumbs[wide] == number
+        rim = ndimage.binary_dilation(own, TOUCHING)
+        touched = {side: (rim & mask[wide]).sum() for side, mask in rami.items()}
+        side = max(touched, key=touched.get)
+        if touched[side]:
+            rami[side][wide] |= own
+
+
+def _chin(parts, body, places, landmarks, plane):
+    """Voxels of the chin, and what decided."""
+    x, y, z = places
+    menton, how = landmarks["Me"]
+    if plane is not None:
+        if plane.height(menton) > 0:
+            plane = Plane(plane.point, -plane.normal)
+        return body & (parts == MANDIBLE) & (_height(plane, places) < 0), "the plane that was given"
+    top, why = menton[2] + CHIN_HEIGHT, f"{CHIN_HEIGHT:g} mm above Me, which was {how}"
+    index = np.argwhere(parts == LOWER_TEETH)
+    if len(index):
+        at = np.column_stack([np.ravel(own)[index[:, axis]] for axis, own in enumerate(places)])
+        roots = np.percentile(at[at[:, 1] < at[:, 1].min() + FRONT, 2], 2)
+        if roots - BELOW_ROOTS < top:
+            top, why = roots - BELOW_ROOTS, f"{BELOW_ROOTS:g} mm below the roots of the lower front teeth"
+    near = (z < top) & (np.abs(x - menton[0]) < CHIN_WIDTH)
+    return body & (parts == MANDIBLE) & near & (y < menton[1] + 2 * FRONT), why
+
+
+def _largest(mask) -> np.ndarray:
+    pieces, count = ndimage.label(mask, TOUCHING)
+    return pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:]) if count else mask

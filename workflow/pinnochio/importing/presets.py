@@ -1,0 +1,85 @@
+"""What free segmentation tools write: the voxel values of each, and which part of a head each structure is.
+
+Values as in the tools' own sources [S]: SlicerDentalSegmentator (SegmentationWidget.py, order of the labels),
+SlicerAutomatedDentalTools (BATCHDENTALSEG, SegmentationWidget.py; AMASSS_CLI.py, LABELS), TotalSegmentator
+(map_to_binary.py: head_muscles; craniofacial_structures as listed in its order by programs that read it).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+# Parts of a head. Bone is cut into segments later; teeth and canal belong to the bone that holds them.
+SKULL, MANDIBLE, UPPER_TEETH, LOWER_TEETH, CANAL = 1, 2, 3, 4, 5
+SOFT, HEAD, MUSCLE, NOTHING = 6, 7, 8, 9  # soft tissue; all inside the skin that is nothing else; muscle; left out
+UPPER, LOWER = (SKULL, UPPER_TEETH), (MANDIBLE, LOWER_TEETH, CANAL)
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A tool: its label maps by kind, each with the structure that a voxel value means; the part of each structure.
+
+    A file of one structure alone bears the structure's name. sides: pairs of structures, left and right.
+    """
+
+    maps: Mapping[str, Mapping[int, str]]
+    parts: Mapping[str, int]
+
+    @property
+    def sides(self) -> list[tuple[str, str]]:
+        """Structures that lie on the left, each with its counterpart on the right."""
+        pairs = [(name, name.replace("left", "right")) for name in self.parts if "left" in name]
+        return [pair for pair in pairs if pair[1] in self.parts]
+
+
+def _five() -> Preset:
+    names = ("upper_skull", "mandible", "upper_teeth", "lower_teeth", "mandibular_canal")
+    parts = (SKULL, MANDIBLE, UPPER_TEETH, LOWER_TEETH, CANAL)
+    return Preset({"": dict(enumerate(names, 1))}, dict(zip(names, parts, strict=True)))
+
+
+def _naso() -> Preset:
+    names = ("upper_skull", "mandible", "maxilla", "upper_teeth", "lower_teeth", "mandibular_canal")
+    parts = (SKULL, MANDIBLE, SKULL, UPPER_TEETH, LOWER_TEETH, CANAL)
+    return Preset({"": dict(enumerate(names, 1))}, dict(zip(names, parts, strict=True)))
+
+
+def _universal() -> Preset:
+    """Teeth in the universal numbering: from the upper right third molar to the upper left, then back below."""
+    sets = (("upper_right", 8), ("upper_left", 8), ("lower_left", 8), ("lower_right", 8))
+    sets += tuple((f"{side}_primary", 5) for side in ("upper_right", "upper_left", "lower_left", "lower_right"))
+    names = []
+    for side, count in sets:
+        outward = range(1, count + 1)  # numbered from the middle
+        own = reversed(outward) if side.startswith(("upper_right", "lower_left")) else outward
+        names += [f"{side}_{number}" for number in own]
+    parts = {name: UPPER_TEETH if name.startswith("upper") else LOWER_TEETH for name in names}
+    names += ["mandible", "maxilla", "mandibular_canal"]
+    parts |= {"mandible": MANDIBLE, "maxilla": SKULL, "mandibular_canal": CANAL}
+    return Preset({"": dict(enumerate(names, 1))}, parts)
+
+
+def _amasss() -> Preset:
+    values = {1: "MAND", 2: "CB", 3: "UAW", 4: "MAX", 5: "CV", 6: "SKIN"}
+    parts = (MANDIBLE, SKULL, NOTHING, SKULL, NOTHING, HEAD)
+    return Preset({"": values}, dict(zip(values.values(), parts, strict=True)))
+
+
+def _totalsegmentator() -> Preset:
+    bones = ("mandible", "teeth_lower", "skull", "head", "sinus_maxillary", "sinus_frontal", "teeth_upper")
+    parts = dict(zip(bones, (MANDIBLE, LOWER_TEETH, SKULL, HEAD, NOTHING, NOTHING, UPPER_TEETH), strict=True))
+    sided = ("masseter", "temporalis", "lateral_pterygoid", "medial_pterygoid")
+    muscles = [f"{name}_{side}" for name in sided for side in ("right", "left")]
+    muscles += ["tongue", "digastric_right", "digastric_left"]
+    # The tongue is left out, as the rest of what lies between the dental arches: jaws are modelled with air between.
+    parts |= {name: NOTHING if name == "tongue" else MUSCLE for name in muscles}
+    maps = {"craniofacial_structures": dict(enumerate(bones, 1)), "head_muscles": dict(enumerate(muscles, 1))}
+    return Preset(maps, parts)
+
+
+PRESETS = {
+    "dentalsegmentator": _five(),
+    "nasomaxilla": _naso(),
+    "universal": _universal(),
+    "amasss": _amasss(),
+    "totalsegmentator": _totalsegmentator(),
+}
