@@ -19,8 +19,8 @@ rule import_segmentation:
         "../envs/pinnochio.yaml"
     threads: 1
     resources:
-        mem_mb=4000,
-        runtime=10,
+        mem_mb=lambda wildcards, input: 4000 + 30 * millions(input.segmentation),
+        runtime=lambda wildcards, input: 10 + millions(input.segmentation) // 4,
     params:
         labels=config["labels"],
         segments=config["segments"],

@@ -15,6 +15,7 @@ from pinnochio.study.configuration import check_config
 from pinnochio.study.provenance import changed_since, forgotten
 from pinnochio.study.schema import checked
 from pinnochio.study.study import Study
+from pinnochio.volume_size import millions
 
 # Idle OpenMP threads of a job sleep; spinning they take the cores from the compiled loops.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")

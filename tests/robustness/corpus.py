@@ -469,7 +469,8 @@ def configs(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     own, _ = configuration()
     every = list(places(own))
     numbers = [place for place in every if isinstance(_at(own, place), int | float)]
-    numbers = [place for place in numbers if not isinstance(_at(own, place), bool)]
+    # A text in 'labels' is a name like any other.
+    numbers = [place for place in numbers if not isinstance(_at(own, place), bool) and place[0] != "labels"]
     for value in (float("nan"), float("inf"), float("-inf"), ".nan", "-.inf", "nan", 1e301, 10**400, "1e999"):
         for index in rng.choice(len(numbers), min(count, len(numbers)), replace=False):
             yield _config(numbers[index], value, None)

@@ -8,8 +8,9 @@ import numpy as np
 import pyvista as pv
 import SimpleITK as sitk
 
+from pinnochio.errors import InputError
 from pinnochio.geometry.faces import pieces
-from pinnochio.geometry.surface_integrity import check_surface, read_mesh
+from pinnochio.geometry.surface_integrity import check_surface, read_mesh, read_ply
 from pinnochio.geometry.triangles import enclosed_volume, face_normals
 
 SURFACE_FORMATS = (".ply", ".stl", ".obj", ".vtp")
@@ -39,12 +40,17 @@ def read_triangles(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray,
         refuse("the file does not exist", "correct the path in the cohort table", file=path)
     if not str(path).lower().endswith(SURFACE_FORMATS):
         refuse("this is no surface format known here", f"save it as one of {', '.join(SURFACE_FORMATS)}", file=path)
-    check_surface(path, refuse)
     try:
-        mesh = read_mesh(path)
-        if mesh.n_cells:
-            mesh = mesh.extract_surface(algorithm="dataset_surface").triangulate()
-        points, faces = np.asarray(mesh.points, float), mesh.regular_faces.astype(np.int32)
+        if str(path).lower().endswith(".ply"):
+            points, faces = read_ply(path, refuse)
+        else:
+            check_surface(path, refuse)
+            mesh = read_mesh(path)
+            if mesh.n_cells:
+                mesh = mesh.extract_surface(algorithm="dataset_surface").triangulate()
+            points, faces = np.asarray(mesh.points, float), mesh.regular_faces.astype(np.int32)
+    except InputError:
+        raise
     except Exception as error:  # the readers raise what they like
         refuse(f"it cannot be read as a surface ({error})", "export the surface again", file=path)
     if len(points) == 0 or len(faces) == 0:

@@ -1,12 +1,12 @@
-"""Whether a surface file is whole: its length and its indices by its own header, before VTK reads it.
+"""Whether a surface file is whole: its length and its indices by its own header.
 
 VTK's readers believe the header. A PLY that is cut off or damaged makes them read memory that is not theirs, which ends
-the process; a STL that is cut off becomes a surface with a hole.
+the process, so PLY is read here; a STL that is cut off becomes a surface with a hole.
 """
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,15 +25,13 @@ STL_HEAD, STL_FACET = 84, 50  # bytes
 
 
 def check_surface(path: str | os.PathLike, refuse: Refuse) -> None:
-    """Refuse a PLY, STL, OBJ or VTP file that is cut off, or whose faces name points that it does not hold."""
+    """Refuse a STL, OBJ or VTP file that is cut off, or whose faces name points that it does not hold."""
 
     def damaged(problem: str):
         refuse(problem, AGAIN, file=path)
 
     content = Path(path).read_bytes()
-    {".ply": _check_ply, ".stl": _check_stl, ".obj": _check_obj, ".vtp": _check_vtp}[Path(path).suffix.lower()](
-        content, damaged
-    )
+    {".stl": _check_stl, ".obj": _check_obj, ".vtp": _check_vtp}[Path(path).suffix.lower()](content, damaged)
 
 
 def read_mesh(path: str | os.PathLike) -> pv.PolyData:
@@ -54,7 +52,13 @@ def read_mesh(path: str | os.PathLike) -> pv.PolyData:
     return mesh
 
 
-def _check_ply(content: bytes, damaged) -> None:
+def read_ply(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray, np.ndarray]:
+    """Points (p, 3) and triangles (f, 3) int32 of a PLY file, without VTK; refused where it is damaged."""
+
+    def damaged(problem: str):
+        refuse(problem, AGAIN, file=path)
+
+    content = Path(path).read_bytes()
     end = re.search(rb"^end_header[ \t]*\r?\n", content[: 2**20], re.MULTILINE)
     if not re.match(rb"ply[ \t]*\r?\n", content) or end is None:
         damaged("it is no PLY file, or its header is cut off")
@@ -77,91 +81,115 @@ def _check_ply(content: bytes, damaged) -> None:
     counts = {name: count for name, count, _ in elements}
     if len(counts) < len(elements) or min(counts.values(), default=0) < 0 or not {"vertex", "face"} <= set(counts):
         damaged(f"its header counts {counts}: it needs 'vertex' and 'face', each once")
-    named = {name: [own for own, _, _ in properties] for name, _, properties in elements}
-    if not {"x", "y", "z"} <= set(named["vertex"]) or not {"vertex_indices", "vertex_index"} & set(named["face"]):
-        damaged("its header lacks x, y, z of the vertices or vertex_indices of the faces")
+    for name, _, properties in elements:
+        names = [own for own, _, _ in properties]
+        lists = {own for own, _, listed in properties if listed}
+        if len(set(names)) < len(names) or (name == "vertex" and (lists or not {"x", "y", "z"} <= set(names))):
+            damaged(f"its header gives {name!r} the properties {', '.join(names)[:60]}")
+        if name == "face" and len({"vertex_indices", "vertex_index"} & lists) != 1:
+            damaged("its header lacks vertex_indices of the faces")
     body = content[end.end() :]
     if form == "ascii":
-        _check_ply_text(body, elements, counts, damaged)
+        rows = _text_rows(body, elements, damaged)
     elif form in ("binary_little_endian", "binary_big_endian"):
-        _check_ply_binary(body, elements, counts, "<" if "little" in form else ">", damaged)
+        rows = _binary_rows(body, elements, "<" if "little" in form else ">", damaged)
     else:
         damaged(f"its format is {form!r}")
+    columns = dict(rows)
+    points = np.stack([np.asarray(columns["vertex"][axis], float) for axis in "xyz"], axis=1)
+    faces = columns["face"].get("vertex_indices", columns["face"].get("vertex_index"))
+    return points, _triangles(faces, len(points), damaged)
 
 
-def _check_ply_text(body: bytes, elements, counts, damaged) -> None:
+def _text_rows(body: bytes, elements, damaged) -> Iterator[tuple[str, dict[str, list]]]:
+    """Name and columns of each element of a PLY in text: numbers, or arrays of a list's numbers."""
     lines = [line for line in body.split(b"\n") if line.strip()]
-    if len(lines) != sum(counts.values()) or not body.endswith(b"\n"):
-        damaged(f"its header counts {sum(counts.values())} vertices and faces, and {len(lines)} whole lines are there")
+    asked = sum(count for _, count, _ in elements)
+    if len(lines) != asked or not body.endswith(b"\n"):
+        damaged(f"its header counts {asked} vertices and faces, and {len(lines)} whole lines are there")
     place = 0
     for name, count, properties in elements:
+        columns = {own: [] for own, _, _ in properties}
         for line in lines[place : place + count]:
             try:
                 numbers = [float(word) for word in line.split()]
-            except ValueError:
-                damaged(f"{line[:60]!r} is no line of numbers")
-            at = 0
-            for own, _, listed in properties:
-                length = 1
-                if listed is not None:
-                    length = int(numbers[at]) if at < len(numbers) and 0 <= numbers[at] < 2**31 else -1
-                    at += 1
-                    if length < 0 or at + length > len(numbers):
-                        damaged(f"the line {line[:60]!r} is cut off")
-                    if name == "face" and own.startswith("vertex_ind"):
-                        _check_indices(np.array(numbers[at : at + length]), counts["vertex"], damaged)
-                at += length
-            if at != len(numbers):
-                damaged(f"the line {line[:60]!r} has {len(numbers)} numbers, not {at}")
+                at = 0
+                for own, _, listed in properties:
+                    length = 1
+                    if listed is not None:
+                        length, at = int(numbers[at]), at + 1
+                        if not 0 <= length <= len(numbers) - at:
+                            raise ValueError
+                    value = numbers[at : at + length]
+                    columns[own].append(np.array(value) if listed else value[0])
+                    at += length
+                if at != len(numbers):
+                    raise ValueError
+            except (ValueError, IndexError, OverflowError):
+                damaged(f"the line {line[:60]!r} is damaged")
         place += count
+        yield name, columns
 
 
-def _check_ply_binary(body: bytes, elements, counts, order: str, damaged) -> None:
+def _binary_rows(body: bytes, elements, order: str, damaged) -> Iterator[tuple[str, dict[str, Sequence]]]:
+    """Name and columns of each element of a binary PLY: (n,) numbers, or n arrays of a list's numbers."""
+
+    def numbers(kind: str, count: int, at: int) -> np.ndarray:
+        if at + count * np.dtype(kind).itemsize > len(body):
+            damaged("its vertices or faces are cut off")
+        return np.frombuffer(body, order + kind, count, at)
+
     place = 0
     for name, count, properties in elements:
-        if count == 0:
-            continue
-        if not any(listed for _, _, listed in properties):
-            place += count * sum(np.dtype(kind).itemsize for _, kind, _ in properties)
-            continue
-        # Mostly every face has as many corners as the first: read at once, else face by face.
-        record, lengths = [], []
-        for number, (_, kind, listed) in enumerate(properties):
+        # Mostly every row has lists as long as the first: read at once, else row by row.
+        record = []
+        for own, kind, listed in properties if count else ():
             if listed is None:
-                record.append((f"v{number}", order + kind))
+                record.append((own, order + kind))
                 continue
-            before = np.dtype(record).itemsize
-            if place + before + np.dtype(listed).itemsize > len(body):
-                damaged("its faces are cut off")
-            length = int(np.frombuffer(body, order + listed, 1, place + before)[0])
+            length = int(numbers(listed, 1, place + np.dtype(record).itemsize)[0])
             if not 0 <= length <= len(body):
-                damaged(f"its first face has {length} corners")
-            record += [(f"n{number}", order + listed), (f"v{number}", order + kind, (length,))]
-            lengths.append((f"n{number}", length))
+                damaged(f"a face has {length} corners")
+            record += [(f"{own} count", order + listed), (own, order + kind, (length,))]
         size = np.dtype(record).itemsize
         if place + count * size <= len(body):
             rows = np.frombuffer(body, np.dtype(record), count, place)
-            if all((rows[key] == length).all() for key, length in lengths):
-                for number, (own, _, listed) in enumerate(properties):
-                    if name == "face" and listed and own.startswith("vertex_ind"):
-                        _check_indices(rows[f"v{number}"], counts["vertex"], damaged)
+            lists = [own for own, _, listed in properties if listed and count]
+            if all((rows[f"{own} count"] == rows[own].shape[1]).all() for own in lists):
                 place += count * size
+                yield name, {own: rows[own] if count else np.zeros(0) for own, _, _ in properties}
                 continue
+        elif not any(listed for _, _, listed in properties):
+            damaged("its vertices are cut off")
+        columns = {own: [] for own, _, _ in properties}
         for _ in range(count):
             for own, kind, listed in properties:
                 length = 1
                 if listed is not None:
-                    if place + np.dtype(listed).itemsize > len(body):
-                        damaged("its faces are cut off")
-                    length = int(np.frombuffer(body, order + listed, 1, place)[0])
+                    length = int(numbers(listed, 1, place)[0])
                     place += np.dtype(listed).itemsize
-                if length < 0 or place + length * np.dtype(kind).itemsize > len(body):
-                    damaged("its faces are cut off")
-                if name == "face" and listed and own.startswith("vertex_ind"):
-                    _check_indices(np.frombuffer(body, order + kind, length, place), counts["vertex"], damaged)
+                    if not 0 <= length <= len(body):
+                        damaged(f"a face has {length} corners")
+                values = numbers(kind, length, place)
+                columns[own].append(values if listed else values[0])
                 place += length * np.dtype(kind).itemsize
+        yield name, columns
     if place != len(body):
         damaged(f"its header asks for {place} bytes of vertices and faces, and {len(body)} are there")
+
+
+def _triangles(faces: Sequence, points: int, damaged) -> np.ndarray:
+    """Triangles (f, 3) int32 of the polygons, each a fan round its first corner."""
+    if isinstance(faces, np.ndarray) and faces.ndim == 2:
+        _check_indices(faces, points, damaged)
+        corners = faces.astype(np.int32)
+        fans = [corners[:, [0, at, at + 1]] for at in range(1, corners.shape[1] - 1)]
+        return np.stack(fans, axis=1).reshape(-1, 3) if fans else np.zeros((0, 3), np.int32)
+    fans = []
+    for own in faces:
+        _check_indices(np.asarray(own), points, damaged)
+        fans += [(own[0], own[at], own[at + 1]) for at in range(1, len(own) - 1)]
+    return np.array(fans, np.int32).reshape(-1, 3)
 
 
 def _check_indices(indices: np.ndarray, points: int, damaged) -> None:

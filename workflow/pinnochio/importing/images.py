@@ -34,6 +34,12 @@ NRRD_BYTES = {
     **dict.fromkeys(("longlong", "long long", "int64", "int64_t", "ulonglong", "uint64", "uint64_t", "double"), 8),
     "float": 4,
 }
+# Numbers of each key of MetaImage by the count of axes, and its other names.
+META_NUMBERS = {
+    "TransformMatrix": (lambda axes: axes * axes, "Rotation", "Orientation"),
+    "Offset": (lambda axes: axes, "Position", "Origin"),
+    "ElementSpacing": (lambda axes: axes, "ElementSize"),
+}
 META_BYTES = {"CHAR": 1, "SHORT": 2, "INT": 4, "LONG_LONG": 8, "FLOAT": 4, "DOUBLE": 8}
 
 
@@ -49,14 +55,11 @@ def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUn
             refuse("its name and its content disagree on whether it is compressed", "name it .nii, or .nii.gz")
         content = _unpacked(content, refuse)
         _check_nifti(content, refuse)
-        with tempfile.TemporaryDirectory() as folder:
-            plain = Path(folder, "image.nii")
-            plain.write_bytes(content)
-            return _read(plain, refuse, pixel)
+        return _read_whole(content, "image.nii", refuse, pixel)
     if name.endswith((".nrrd", ".nhdr")):
         _check_nrrd(Path(path), refuse)
     elif name.endswith((".mha", ".mhd")):
-        _check_meta(Path(path), refuse)
+        return _read_whole(_plain_meta(Path(path), refuse), "image.mha", refuse, pixel)
     return _read(path, refuse, pixel)
 
 
@@ -69,6 +72,14 @@ def read_own_image(path: str | os.PathLike) -> sitk.Image:
     if not Path(path).is_file():
         refuse("it is not there", AGAIN)
     return read_image(path, refuse)
+
+
+def _read_whole(content: bytes, name: str, refuse: Refuse, pixel: int) -> sitk.Image:
+    """The volume of a file of this name with this content."""
+    with tempfile.TemporaryDirectory() as folder:
+        plain = Path(folder, name)
+        plain.write_bytes(content)
+        return _read(plain, refuse, pixel)
 
 
 def _read(path, refuse: Refuse, pixel: int) -> sitk.Image:
@@ -91,6 +102,16 @@ def _unpacked(content: bytes, refuse: Refuse) -> bytes:
         return gzip.decompress(content)
     except (EOFError, gzip.BadGzipFile, zlib.error, struct.error) as error:
         refuse(f"it is damaged or cut off ({error})", AGAIN)
+
+
+def _beside(path: Path, name: str, refuse: Refuse) -> bytes:
+    """The file of this name beside the header."""
+    try:
+        return (path.parent / name).read_bytes()
+    except (OSError, ValueError):
+        refuse(
+            f"its voxels, the file {name[:40]!r}, are not there", "keep both in one folder, or save them in one file"
+        )
 
 
 def _check_length(there: int, wanted: int, refuse: Refuse) -> None:
@@ -178,11 +199,12 @@ def _check_nrrd(path: Path, refuse: Refuse) -> None:
     if apart is not None:
         if apart.upper() == "LIST" or "%" in apart:
             return  # many files: ITK reads each to its end
-        if not (path.parent / apart).is_file():
-            refuse(f"its voxels, the file {apart!r}, are not there", "keep both files in one folder")
-        data = (path.parent / apart).read_bytes()
+        data = _beside(path, apart, refuse)
     try:
-        wanted = math.prod(map(int, said["sizes"].split())) * NRRD_BYTES[said["type"].lower()]
+        sides = [int(word) for word in said["sizes"].split()]
+        if len(sides) != int(said["dimension"]) or not 2 <= len(sides) <= 4 or min(sides) < 1:
+            raise ValueError(f"{len(sides)} sizes, {said['dimension']} axes")
+        wanted = math.prod(sides) * NRRD_BYTES[said["type"].lower()]
     except (KeyError, ValueError) as error:
         refuse(f"its header says nothing known of 'type' and 'sizes' ({error})", "save it again as .nrrd")
     encoding = said.get("encoding", "raw").lower()
@@ -193,8 +215,11 @@ def _check_nrrd(path: Path, refuse: Refuse) -> None:
     _check_length(len(data), wanted, refuse)
 
 
-def _check_meta(path: Path, refuse: Refuse) -> None:
-    """Refuse where the voxels of a MetaImage, its own or those of one file beside it, are not as many as it says."""
+def _plain_meta(path: Path, refuse: Refuse) -> bytes:
+    """A MetaImage of what is checked of one: ITK ends the process where a word of the header is damaged.
+
+    Its voxels, its own or those of one file beside it, must be as many as it says.
+    """
     content = path.read_bytes()
     found = re.search(rb"^ElementDataFile *= *(.*?)\r?(\n|\Z)", content, re.MULTILINE)
     if found is None:
@@ -204,20 +229,35 @@ def _check_meta(path: Path, refuse: Refuse) -> None:
     where = found[1].decode("utf-8", "replace").strip()
     data = content[found.end() :]
     if where.upper() != "LOCAL":
-        if where.upper().startswith("LIST") or "%" in where:
-            return
-        if not (path.parent / where).is_file():
-            refuse(f"its voxels, the file {where!r}, are not there", "keep both files in one folder")
-        data = (path.parent / where).read_bytes()
+        data = _beside(path, where, refuse)
+
+    def one_of(*keys: str) -> str:
+        return next((said[key] for key in keys if key in said), "nothing")
+
     try:
-        kind = said["ElementType"].removeprefix("MET_").removesuffix("_ARRAY")
-        size = META_BYTES[kind if kind in META_BYTES else kind.removeprefix("U")]
-        wanted = math.prod(map(int, said["DimSize"].split())) * size * int(said.get("ElementNumberOfChannels", 1))
+        element = said["ElementType"].removeprefix("MET_").removesuffix("_ARRAY")
+        sides, channels = [int(word) for word in said["DimSize"].split()], int(said.get("ElementNumberOfChannels", 1))
+        axes, order = len(sides), one_of("BinaryDataByteOrderMSB", "ElementByteOrderMSB").lower()
+        if axes != int(said["NDims"]) or not 2 <= axes <= 4 or min(sides) < 1 or not 0 < channels < 1000:
+            raise ValueError(f"{axes} sizes, {said['NDims']} axes")
+        if one_of("BinaryData").lower() != "true" or order not in ("true", "false"):
+            raise ValueError("no BinaryData, or no byte order")
+        wanted = math.prod(sides) * channels * META_BYTES[element.removeprefix("U")]
+        plain = {"ObjectType": "Image", "NDims": axes, "BinaryData": "True", "BinaryDataByteOrderMSB": order.title()}
+        plain |= {"CompressedData": "False", "ElementNumberOfChannels": channels}
+        for key, (count, *names) in META_NUMBERS.items():
+            numbers = [float(word) for word in one_of(key, *names).split()]
+            if len(numbers) != count(axes) or not np.isfinite(numbers).all():
+                raise ValueError(f"{key} of {len(numbers)} numbers")
+            plain[key] = " ".join(map(repr, numbers))
     except (KeyError, ValueError) as error:
-        refuse(f"its header says nothing known of 'ElementType' and 'DimSize' ({error})", "save it again as .mha")
-    if said.get("CompressedData", "False").lower() == "true":
+        refuse(f"its header lacks a word or a number, or one is damaged ({error})", "save it again as .mha")
+    if one_of("CompressedData").lower() == "true":
         try:
             data = zlib.decompress(data)
         except zlib.error as error:
             refuse(f"it is damaged or cut off ({error})", AGAIN)
     _check_length(len(data), wanted, refuse)
+    plain |= {"DimSize": " ".join(map(str, sides)), "ElementType": said["ElementType"].removesuffix("_ARRAY")}
+    plain["ElementDataFile"] = "LOCAL"
+    return "".join(f"{key} = {value}\n" for key, value in plain.items()).encode() + data

@@ -80,16 +80,30 @@ def _statement(structure: str, what: str, voxels) -> dict:
 def _faults(labels, segments, largest_hole, case, file) -> dict[str, np.ndarray]:
     """Voxels to repair (nx, ny, nz) bool by kind of fault; no voxel has two."""
     stray, fragments, holes = (np.zeros(labels.shape, bool) for _ in range(3))
-    for code in np.unique(labels):
-        piece, size = _pieces(labels == code)
+    boxes = ndimage.find_objects(labels)  # no piece reaches beyond the box of its label
+    every = tuple(slice(None) for _ in labels.shape)
+    for code, box in enumerate([every, *boxes]):  # the first is AIR, 0
+        if box is None:
+            continue
+        piece, size = _pieces(labels[box] == code)
         small = size < SPECK_VOXELS
-        stray |= small[piece]
+        if small.any():
+            stray[box] |= small[piece]
         if code == AIR:
-            holes |= (_enclosed(piece, size) & (size <= largest_hole) & ~small)[piece]
-    bodies = {name: labels == segment_code(index) for index, name in enumerate(segments)}
-    bodies["soft tissue"] = (labels == SUPERFICIAL) | (labels == MUSCLE)
-    for name, body in bodies.items():
-        piece, size = _pieces(body)
+            hole = _enclosed(piece, size) & (size <= largest_hole) & ~small
+            if hole.any():
+                holes |= hole[piece]
+    codes = {name: (segment_code(index),) for index, name in enumerate(segments)}
+    codes["soft tissue"] = (SUPERFICIAL, MUSCLE)
+    for name, own in codes.items():
+        found = [boxes[code - 1] for code in own if code <= len(boxes) and boxes[code - 1] is not None]
+        if not found:
+            continue
+        box = tuple(
+            slice(min(side.start for side in sides), max(side.stop for side in sides))
+            for sides in zip(*found, strict=True)
+        )
+        piece, size = _pieces(np.isin(labels[box], own) if len(own) > 1 else labels[box] == own[0])
         pieces = np.argsort(-size[1:], kind="stable") + 1
         if len(pieces) < 2:
             continue
@@ -99,7 +113,7 @@ def _faults(labels, segments, largest_hole, case, file) -> dict[str, np.ndarray]
             if name == "soft tissue":
                 remedy = "join them in the segmentation: the face must be one body"
             raise InputError(case, file, f"{name!r} is in pieces of {largest} and {second} voxels", remedy)
-        fragments |= np.isin(piece, pieces[1:])
+        fragments[box] |= np.isin(piece, pieces[1:])
     return {"stray voxels": stray, "fragment": fragments & ~stray, "hole": holes}
 
 

@@ -20,6 +20,7 @@ from pinnochio.model.labels import AIR, CRANIUM, segment_code
 LOG = logging.getLogger(__name__)
 # Gaussian in voxels: 0.7 still keeps a plate of one voxel (0.52 at its centre).
 SMOOTHING_VOXELS = (0.7, 0.85, 1.0)
+FINEST = 1.0  # mm; finer voxels are taken together, as many as are no larger: half of the thinnest plate that is kept
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def bone_surface(labels, spacing, origin, segments: tuple[str, ...], edge_mm: fl
         inside = labels[box] == code
         inside |= ndimage.binary_fill_holes(inside) & (labels[box] == AIR)
         start = np.asarray(origin) + np.asarray(spacing) * [s.start for s in box]
-        points, faces = contour(inside, spacing, start, edge_mm)
+        points, faces = contour(*_pooled(inside, spacing, start), edge_mm)
         segment = np.full(len(points), index, np.int8)
         parts.append(BoneSurface(points, vertex_normals(points, faces), faces, segment))
     if not parts:
@@ -107,12 +108,28 @@ def skin_surface(labels, spacing, origin, edge_mm: float = 2.5) -> tuple[np.ndar
     # The head goes on beyond the cut, so that the contour does not round the rim off.
     head = np.pad(ndimage.binary_fill_holes(pieces == largest), 4, mode="edge")
     spacing, low = np.asarray(spacing, float), np.asarray(origin, float)
-    points, faces = contour(head, spacing, low - 4 * spacing, edge_mm, smoothing=(1.0,))
+    points, faces = contour(*_pooled(head, spacing, low - 4 * spacing), edge_mm, smoothing=(1.0,))
     high = low + spacing * (np.array(np.shape(labels)) - 1)
     beyond = ((points < low - spacing / 2) | (points > high + spacing / 2)).any(axis=1)
     faces = faces[~beyond[faces].any(axis=1)]
     used, faces = np.unique(faces, return_inverse=True)
     return points[used], faces.reshape(-1, 3).astype(np.int32)
+
+
+def _pooled(inside, spacing, origin) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Share of the voxels inside, spacing and origin, of blocks of as many voxels as FINEST holds.
+
+    A volume of finer voxels has millions of triangles, of which decimation leaves one in a hundred.
+    """
+    spacing, origin = np.asarray(spacing, float), np.asarray(origin, float)
+    count = np.maximum(np.floor(FINEST / spacing + 1e-6).astype(int), 1)
+    if (count == 1).all():
+        return inside, spacing, origin
+    inside = np.pad(inside, [(0, -size % own) for size, own in zip(inside.shape, count, strict=True)])
+    blocks = np.zeros([size // own for size, own in zip(inside.shape, count, strict=True)], np.float32)
+    for offset in np.ndindex(*count):
+        blocks += inside[tuple(slice(start, None, own) for start, own in zip(offset, count, strict=True))]
+    return blocks / np.float32(np.prod(count)), spacing * count, origin + (count - 1) / 2 * spacing
 
 
 def contour(

@@ -9,13 +9,13 @@ there moves the bone 5 mm forward and stands in the file as (0, 5, 0) in LPS, wh
 import logging
 import os
 import re
+import struct
 from collections.abc import Mapping
 from pathlib import Path
 
 import h5py
 import numpy as np
 import SimpleITK as sitk
-from scipy.io import whosmat
 
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
@@ -156,8 +156,8 @@ def _parameters(file: Path) -> list[tuple[str, tuple[int, int]]]:
                 for own in content["TransformGroup"].values()
             ]
     if suffix == ".mat":
-        sizes = [(name, int(np.prod(shape))) for name, shape, _ in whosmat(file)]
-        return [(name, (own, dict(sizes).get("fixed", 0))) for name, own in sizes if name != "fixed"]
+        sizes = _of_matlab(file.read_bytes())
+        return [(name, (own, sizes.get("fixed", 0))) for name, own in sizes.items() if name != "fixed"]
     found = []
     for line in _lines(file):
         key, _, rest = line.partition(":")
@@ -166,6 +166,21 @@ def _parameters(file: Path) -> list[tuple[str, tuple[int, int]]]:
         elif found:
             found[-1][1][key] = len(rest.split())
     return [(name, (own.get("Parameters", 0), own.get("FixedParameters", 0))) for name, own in found]
+
+
+def _of_matlab(content: bytes) -> dict[str, int]:
+    """Numbers of each matrix in a file of MATLAB 4, as ITK writes it; ValueError where it is cut off."""
+    sizes, place = {}, 0
+    while place < len(content):
+        kind, rows, columns, imaginary, length = struct.unpack_from("<5i", content, place)
+        if kind not in (0, 10) or min(rows, columns) < 0 or not 1 < length < 200 or imaginary:
+            raise ValueError("it is no file of MATLAB 4 with numbers")
+        name = content[place + 20 : place + 20 + length].rstrip(b"\0").decode("ascii")
+        sizes[name] = rows * columns
+        place += 20 + length + rows * columns * (4 if kind else 8)
+    if place != len(content):
+        raise ValueError("it is cut off")
+    return sizes
 
 
 def _lines(file: Path) -> list[str]:
