@@ -12,7 +12,7 @@ from pinnochio.mechanics.inversion_repair import Repair, repair_inversions
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import Newton, SolverOptions, State, Stop, least_allowed
+from pinnochio.mechanics.solver import Newton, SolverOptions, State, Stop
 from pinnochio.model.patient import FIXED, FREE, NO_INTERFACE, PatientModel
 
 # Shares of a Newton step that are tried in turn.
@@ -135,7 +135,7 @@ class Corrector:
                 u[self._nodes] = self._motion  # to the last bit
             new = newton.measured(u, 1.0)
             # While the boundary moves the energy may rise.
-            if new.least > least_allowed(state) and (moving or newton.falls(state, new, share * slope)):
+            if new.least > newton.least_allowed(state) and (moving or newton.falls(state, new, share * slope)):
                 return new, share
         return state, 0.0
 
