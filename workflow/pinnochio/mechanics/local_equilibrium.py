@@ -13,7 +13,7 @@ from pinnochio.mechanics.solver import UNTANGLING
 
 # Way of a sliding node in mean edges after which the rest of the mesh has to follow first: alone, some nodes slid over
 # the rim of the bone and stayed there [X].
-SLIDE = 0.1
+SLIDE = 0.2
 STEPS = 10  # Newton iterations at most in one call [I]
 
 
@@ -61,12 +61,12 @@ class LocalEquilibrium:
 
         goal: norm of the free forces that is enough, mN; axes: displacement (n, 3) -> local axes of sliding nodes.
         """
-        made, self._indefinite = 0, False
-        if self._elements.evaluate(u[self._nodes])[2] <= 0:
-            softened = self._elements.with_extension(UNTANGLING)
-            u, made = self._newton(u, softened, constraints, goal, axes, -np.inf)
-        least = 0.0 if self._elements.evaluate(u[self._nodes])[2] > 0 else -np.inf
-        u, more = self._newton(u, self._elements, constraints, goal, axes, least)
+        made, self._indefinite, elements = 0, False, self._elements
+        inverted = elements.evaluate(u[self._nodes])[2] <= 0
+        if inverted:
+            u, made = self._newton(u, elements.with_extension(UNTANGLING), constraints, goal, axes, -np.inf)
+            inverted = elements.evaluate(u[self._nodes])[2] <= 0
+        u, more = self._newton(u, elements, constraints, goal, axes, -np.inf if inverted else 0.0)
         return u, made + more
 
     def _newton(self, u, elements: Elements, constraints: Constraints, goal: float, axes, least_allowed: float):

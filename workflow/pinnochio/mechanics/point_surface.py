@@ -72,7 +72,7 @@ class PointSurface:
 
 
 class CompiledSurface(PointSurface):
-    """The same field faster, for surfaces of some hundred points: every point counts whose weight is above round-off,
+    """The same field faster, for surfaces of some hundred points: every point counts whose weight is above 1e-10,
     so that it differs from the other one by what that leaves out, below 1e-5 of a weight."""
 
     def distance(self, x) -> tuple[np.ndarray, np.ndarray]:
@@ -95,7 +95,7 @@ def _distances(x, points, normals, width, value, gradient):
             square[b] = a0 * a0 + a1 * a1 + a2 * a2
             least = min(least, square[b])
         for b in range(len(points)):
-            if square[b] < least + 36 * width:
+            if square[b] < least + 24 * width:
                 near[used], weight[used] = b, np.exp((least - square[b]) / width)
                 total += weight[used]
                 used += 1

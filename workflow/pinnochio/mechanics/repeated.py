@@ -35,8 +35,8 @@ MEMORY = 5  # pairs of steps and changes of the force that are kept
 # An element is hard below this volume ratio, or above this I1 = tr F'F, 3 at rest.
 HARD_RATIO, HARD_STRETCH = 0.5, 8.0
 LOOSE = 0.1  # force left in the hard patches, over that outside, before a step
-# Least cosine between the surface's normals where a sliding node was and is. Beyond, it has slid round the rim of its
-# bone, and which of several equilibria it found depends on the way there: Newton's method, in increments, decides [X].
+# Least cosine between the surface's normals where the linear field puts a sliding node and where it ends. Beyond, it
+# has gone round the rim of its bone, and which equilibrium it found depends on the way: Newton's method decides [X].
 RIM = 0.4
 ITERATIONS = 60  # after so many a plan goes to Newton's method
 
@@ -139,14 +139,16 @@ class RepeatedSolver:
     def _walk(self, path: Path, start) -> Generator[np.ndarray, np.ndarray, None]:
         """One plan from its linear field (n, 3) to equilibrium; gives loads (f,) and is sent what they cause."""
         pairs: list[tuple] = []
-        point = self._settled(path, path.constraints.met(start, 1.0))
+        start = path.constraints.met(start, 1.0)
+        normals = self._axes(path.constraints, start)[:, 0]
+        point = self._settled(path, start)
         try:
             while True:
                 gradient = point.force[self._free]
                 path.point, path.residual = point, self._residual(point)
                 path.history.append({"residual": path.residual, "energy": point.energy, "min_jacobian": point.least})
                 if path.residual <= self._options.tolerance:
-                    if self._turned_by(path, point) < RIM:
+                    if (normals * point.axes[:, 0]).sum(axis=1).min(initial=1.0) < RIM:
                         path.reason = "a node slid round the rim of its bone"
                     return
                 if path.iterations == ITERATIONS:
@@ -254,7 +256,11 @@ class RepeatedSolver:
     def _axes(self, constraints: Constraints, u) -> np.ndarray:
         """Local axes (s, 3, 3) of the sliding nodes: those at rest, turned by their bone and no further than the normal
         of its surface asks, so that they change no faster than the surface bends."""
-        carried = self._carried(constraints)
+        carried, done = np.empty_like(self._rest.frames), 0
+        for item in constraints.sliding.sets:
+            own = slice(done, done + len(item.nodes))
+            carried[own] = self._rest.frames[own] @ item.motion(1.0).rotation.T
+            done = own.stop
         here = constraints.sliding.frames(u, 1.0)
         one, other = carried[:, 0], here[:, 0]
         cosine = (one * other).sum(axis=1)
@@ -263,19 +269,6 @@ class RepeatedSolver:
         turn = np.cross(axis[:, None], carried)
         turned = carried + turn + np.cross(axis[:, None], turn) / np.maximum(1 + cosine, 1e-6)[:, None, None]
         return np.where((cosine > -0.9)[:, None, None], turned, here)
-
-    def _carried(self, constraints: Constraints) -> np.ndarray:
-        """Axes (s, 3, 3) of the sliding nodes at rest, turned with their bones."""
-        carried, start = np.empty_like(self._rest.frames), 0
-        for item in constraints.sliding.sets:
-            end = start + len(item.nodes)
-            carried[start:end] = self._rest.frames[start:end] @ item.motion(1.0).rotation.T
-            start = end
-        return carried
-
-    def _turned_by(self, path: Path, point: Point) -> float:
-        """Least cosine between the normals of a sliding node now and at rest, as its bone has carried that."""
-        return float((self._carried(path.constraints)[:, 0] * point.axes[:, 0]).sum(axis=1).min(initial=1.0))
 
     def _turned(self, vectors, axes) -> np.ndarray:
         return self._constraints.local(vectors, axes)
