@@ -79,6 +79,17 @@ def read_head_parts(
     def refuse(problem: str, remedy: str, file=path):
         raise InputError(case, file, problem, remedy)
 
+    values, grid, axes, sided = _read_parts(path, preset, orientation, regions, refuse)
+    direction = None if orientation == HEADER else axes_of(orientation)
+    spacing = grid.GetSpacing()[0]
+    bone = np.isin(values, (*UPPER, *LOWER))
+    head, source = _head(values, bone, volume, direction, grid, spacing, case, refuse)
+    values = _with_soft(values, bone, head, spacing, case, volume or path)
+    return HeadParts(values, np.full(3, spacing), np.array(grid.GetOrigin()), axes, source, sided)
+
+
+def _read_parts(path, preset: str, orientation: str, regions, refuse):
+    """Parts [ix, iy, iz] on the grid, the grid, the axes of the file, and whether left and right are told."""
     tool = PRESETS[preset]
     direction = None if orientation == HEADER else axes_of(orientation)
     grid, values, centre = None, None, {}
@@ -114,11 +125,17 @@ def read_head_parts(
             f"left and right are exchanged: {wrong[0][0]!r} lies to the right of {wrong[0][1]!r}",
             "correct the header, or set 'orientation' to where the voxel axes really point",
         )
-    spacing = grid.GetSpacing()[0]
-    bone = np.isin(values, (*UPPER, *LOWER))
-    head, source = _head(values, bone, volume, direction, grid, spacing, case, refuse)
-    values = _with_soft(values, bone, head, spacing, case, volume or path)
-    return HeadParts(values, np.full(3, spacing), np.array(grid.GetOrigin()), axes, source, bool(pairs))
+    return values, grid, axes, bool(pairs)
+
+
+def read_bone_parts(path: str | os.PathLike, case: str, preset: str) -> tuple[np.ndarray, float, np.ndarray]:
+    """Parts (nx, ny, nz) of a tool's segmentation, edge (mm) and origin (3,) mm of the grid, without soft tissue."""
+
+    def refuse(problem: str, remedy: str, file=path):
+        raise InputError(case, file, problem, remedy)
+
+    values, grid, *_ = _read_parts(path, preset, HEADER, (), refuse)
+    return values, grid.GetSpacing()[0], np.array(grid.GetOrigin())
 
 
 def bone_parts(path: str | os.PathLike, preset: str, refuse) -> Iterator[tuple[sitk.Image, np.ndarray]]:
