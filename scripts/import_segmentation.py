@@ -57,6 +57,7 @@ def import_segmentation(
             preset=label_values,
             orientation=orientation,
             regions=given.regions,
+            loose_percent=repair_limit,
         )
         frame = check_anatomy(
             labels=parts.uncut(),

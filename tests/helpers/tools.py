@@ -6,8 +6,12 @@ import numpy as np
 import SimpleITK as sitk
 from scipy import ndimage
 
+from pinnochio.importing.segmentation import read_labels
 from pinnochio.model.labels import CRANIUM
 from pinnochio.virtual.head import Head
+from scripts.import_segmentation import import_segmentation
+
+SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right", "mandible", "chin")
 
 
 def structures(head: Head) -> dict[str, np.ndarray]:
@@ -89,3 +93,24 @@ def plane(path, name, point, normal, how="normal"):
         markup["baseToNode"] = axes.ravel().tolist()
     path.write_text(json.dumps({"markups": [markup]}))
     return path
+
+
+def run(
+    folder, segmentation, preset="dentalsegmentator", volume=None, cuts=("lefort1", "split"), markups=(), **settings
+):
+    """Import what a tool segmented; returns the report and the labels."""
+    outputs = {name: str(folder / "out" / f"{name}{end}") for name, end in
+               (("labels", ".nii.gz"), ("bone", ".vtp"), ("skin", ".vtp"), ("report", ".json"))}  # fmt: skip
+    given = {"orientation": "header", "repair_limit": 5.0, "unlabelled_muscle": "derived", "bone_edge": 6.0}
+    import_segmentation(
+        case="P1",
+        segmentation=str(segmentation),
+        label_values=preset,
+        segments=SEGMENTS,
+        volume=volume,
+        cuts=cuts,
+        markups=[str(own) for own in markups],
+        outputs=outputs,
+        **(given | settings),
+    )
+    return json.loads((folder / "out/report.json").read_text()), read_labels(outputs["labels"])

@@ -14,11 +14,10 @@ from pinnochio.plans.plan import Plan
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
 from scripts.import_plan import import_plan
-from scripts.import_segmentation import import_segmentation
 from scripts.show_segments import show_segments
 from tests.helpers import tools
+from tests.helpers.tools import SEGMENTS, run
 
-SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right", "mandible", "chin")
 FOUR = ["lefort1", "mandible_distal", "proximal_left", "proximal_right"]
 
 
@@ -30,26 +29,6 @@ def head():
 @pytest.fixture(scope="module")
 def scan(head, tmp_path_factory):
     return str(tools.write(tmp_path_factory.mktemp("scan") / "ct.nii.gz", tools.scan(head), head))
-
-
-def run(
-    folder, segmentation, preset="dentalsegmentator", volume=None, cuts=("lefort1", "split"), markups=(), **settings
-):
-    outputs = {name: str(folder / "out" / f"{name}{end}") for name, end in
-               (("labels", ".nii.gz"), ("bone", ".vtp"), ("skin", ".vtp"), ("report", ".json"))}  # fmt: skip
-    given = {"orientation": "header", "repair_limit": 5.0, "unlabelled_muscle": "derived", "bone_edge": 6.0}
-    import_segmentation(
-        case="P1",
-        segmentation=str(segmentation),
-        label_values=preset,
-        segments=SEGMENTS,
-        volume=volume,
-        cuts=cuts,
-        markups=[str(own) for own in markups],
-        outputs=outputs,
-        **(given | settings),
-    )
-    return json.loads((folder / "out/report.json").read_text()), read_labels(outputs["labels"])
 
 
 def agreement(one, other) -> float:

@@ -30,7 +30,9 @@ def segments_picture(
             plotter.add_mesh(surface_of(part.points, part.faces), color=colours[index])
         if title != "below":
             plotter.add_mesh(surface_of(*skin), color=SKIN, opacity=0.15)
-        marks = report.get("landmarks", {})
+        # What lies on the other side is not seen.
+        hidden = {"left side": ("RGo", "RCo"), "right side": ("LGo", "LCo")}.get(title, ())
+        marks = {name: mark for name, mark in report.get("landmarks", {}).items() if name not in hidden}
         if marks:
             places = np.array([mark["place"] for mark in marks.values()])
             plotter.add_points(places, color="#1f3fbf", point_size=12, render_points_as_spheres=True)

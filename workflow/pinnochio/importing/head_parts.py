@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
+from scipy import ndimage
 
 from pinnochio.errors import InputError
 from pinnochio.importing.presets import (
@@ -28,12 +29,13 @@ from pinnochio.importing.presets import (
 from pinnochio.importing.segment_files import IMAGE_FORMATS, read_segments
 from pinnochio.importing.segmentation import HEADER, axes_of, check_extent, turn
 from pinnochio.importing.soft_tissue import air_threshold, between, bulk, closed, near_skin
-from pinnochio.model.labels import CRANIUM, SUPERFICIAL, segment_code
+from pinnochio.model.labels import CRANIUM, SUPERFICIAL, TOUCHING, segment_code
 
 LOG = logging.getLogger(__name__)
 VOXEL = 1.0  # mm: finer voxels are merged, elements are several times as large
 THIN = 0.4  # share of a merged voxel from which bone counts: plates of half a voxel stay [I]
 OPENING, APERTURE, DEPTH = 3.0, 10.0, 28.0  # mm, as the thresholds of a CT (thresholding.py)
+LOOSE, COMPARABLE = 0.02, 0.2  # of the largest piece: a skull may be in pieces; a piece that is no crumb [I]
 SMALLEST_HEAD = 0.3  # of the volume of the bones: less soft tissue is no face [I]
 NOUN = {SKULL: "skull", MANDIBLE: "mandible"}
 
@@ -67,18 +69,60 @@ def read_head_parts(
     preset: str,
     orientation: str = HEADER,
     regions: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+    loose_percent: float = 100.0,
 ) -> HeadParts:
     """The parts of a head from the tool's file, or folder of files, and the scan itself (None: not needed).
 
     A file of a folder is a label map of the kind that its name tells, or one structure that its name is. Cubes of
     VOXEL mm, or the finest edge of the file. regions: boxes (low, high) mm outside of which nothing is kept.
     Soft tissue: what the tool labels as inside the skin; without that, what is no air in the volume (Otsu). Of it is
-    kept what is DEPTH mm from the skin at most: neither brain nor throat nor tongue. Raises InputError.
+    kept what is DEPTH mm from the skin at most: neither brain nor throat nor tongue. Bone that hangs on nothing is
+    dropped, up to loose_percent of skull or mandible. Raises InputError.
     """
 
     def refuse(problem: str, remedy: str, file=path):
         raise InputError(case, file, problem, remedy)
 
+    values, grid, axes, sided = _read_parts(path, preset, orientation, regions, refuse)
+    direction = None if orientation == HEADER else axes_of(orientation)
+    _drop_loose(values, loose_percent, refuse)
+    spacing = grid.GetSpacing()[0]
+    bone = np.isin(values, (*UPPER, *LOWER))
+    head, source = _head(values, bone, volume, direction, grid, spacing, case, refuse)
+    values = _with_soft(values, bone, head, spacing, case, volume or path)
+    return HeadParts(values, np.full(3, spacing), np.array(grid.GetOrigin()), axes, source, sided)
+
+
+def _drop_loose(values, limit: float, refuse) -> None:
+    """Turn loose pieces of the bones into air; refuse a mandible in two, and more than `limit` percent of a bone."""
+    level = {part: np.argwhere(values == part)[:, 2].mean() for part in (*UPPER, *LOWER) if (values == part).any()}
+    if {UPPER_TEETH, LOWER_TEETH} <= level.keys():
+        over = level[UPPER_TEETH] > level[LOWER_TEETH]
+        if over != (level[SKULL] > level[MANDIBLE]):
+            refuse("the upper teeth lie below the lower teeth, as the bones do not", "exchange their values")
+    for name, codes in (("skull", UPPER), ("mandible", LOWER)):
+        own = np.isin(values, codes)
+        pieces, _ = ndimage.label(own, TOUCHING)
+        size = np.bincount(pieces.ravel())
+        size[0] = 0
+        order = np.sort(size)[::-1]
+        if name == "mandible" and len(order) > 2 and order[1] > COMPARABLE * order[0]:
+            refuse(
+                f"the mandible is in pieces of {order[0]} and {order[1]} voxels",
+                "join them in the segmentation; what is not mandible (hyoid, vertebra) must not be labelled so",
+            )
+        loose = (size < (order[0] if name == "mandible" else LOOSE * order[0]))[pieces] & own
+        if 100 * loose.sum() > limit * own.sum():
+            share = 100 * loose.sum() / own.sum()
+            refuse(
+                f"stray voxels and loose pieces make up {share:.3g} % of the {name} (the limit is {limit:g} %)",
+                "clean it in the segmentation (islands: keep the largest), or raise 'repair.limit'",
+            )
+        values[loose] = 0
+
+
+def _read_parts(path, preset: str, orientation: str, regions, refuse):
+    """Parts [ix, iy, iz] on the grid, the grid, the axes of the file, and whether left and right are told."""
     tool = PRESETS[preset]
     direction = None if orientation == HEADER else axes_of(orientation)
     grid, values, centre = None, None, {}
@@ -114,11 +158,17 @@ def read_head_parts(
             f"left and right are exchanged: {wrong[0][0]!r} lies to the right of {wrong[0][1]!r}",
             "correct the header, or set 'orientation' to where the voxel axes really point",
         )
-    spacing = grid.GetSpacing()[0]
-    bone = np.isin(values, (*UPPER, *LOWER))
-    head, source = _head(values, bone, volume, direction, grid, spacing, case, refuse)
-    values = _with_soft(values, bone, head, spacing, case, volume or path)
-    return HeadParts(values, np.full(3, spacing), np.array(grid.GetOrigin()), axes, source, bool(pairs))
+    return values, grid, axes, bool(pairs)
+
+
+def read_bone_parts(path: str | os.PathLike, case: str, preset: str) -> tuple[np.ndarray, float, np.ndarray]:
+    """Parts (nx, ny, nz) of a tool's segmentation, edge (mm) and origin (3,) mm of the grid, without soft tissue."""
+
+    def refuse(problem: str, remedy: str, file=path):
+        raise InputError(case, file, problem, remedy)
+
+    values, grid, *_ = _read_parts(path, preset, HEADER, (), refuse)
+    return values, grid.GetSpacing()[0], np.array(grid.GetOrigin())
 
 
 def bone_parts(path: str | os.PathLike, preset: str, refuse) -> Iterator[tuple[sitk.Image, np.ndarray]]:
@@ -242,6 +292,11 @@ def _head(values, bone, volume, direction, grid, spacing, case, refuse) -> tuple
             )
         return labelled | bone | (values == MUSCLE), "labelled"
     try:
+        if str(volume).lower().endswith((".nii", ".nii.gz")):
+            import nibabel  # ITK's NIfTI reader turns NaN into 0
+
+            if not np.isfinite(np.asanyarray(nibabel.load(volume).dataobj)).all():
+                raise ValueError("it holds numbers that are not finite")
         image = sitk.ReadImage(str(volume), sitk.sitkFloat32)
         if direction is not None:
             turn(image, direction)
