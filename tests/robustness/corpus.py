@@ -124,10 +124,10 @@ def read_labels(path: Path):
 
 
 def labels(rng: np.random.Generator, count: int) -> Iterator[Tried]:
-    for name in ("a.nii.gz", "a.nii", "a.nrrd", "a.mha"):
+    for name in ("a.nii.gz", "a.nii", "a.nrrd", "a.mha", "a.gipl.gz"):
         compressed = name != "a.nii"
         content = written(partial(save_labels, compressed=compressed), name)
-        yield from of_bytes("labels", name, content, read_labels, rng, count, checksum=name == "a.nii.gz")
+        yield from of_bytes("labels", name, content, read_labels, rng, count, checksum=name.endswith(".gz"))
     right = once(lambda folder: (save_labels(folder / "a.nii.gz"), read_labels(folder / "a.nii.gz"))[1])
 
     def beside(folder: Path):

@@ -11,6 +11,7 @@ import SimpleITK as sitk
 from scipy import ndimage
 
 from pinnochio.errors import InputError
+from pinnochio.importing.images import read_image
 from pinnochio.importing.presets import (
     CANAL,
     HEAD,
@@ -291,21 +292,18 @@ def _head(values, bone, volume, direction, grid, spacing, case, refuse) -> tuple
                 "put the CT or cone-beam CT beside it (volume.nii.gz; column 'volume' of a table)",
             )
         return labelled | bone | (values == MUSCLE), "labelled"
-    try:
-        if str(volume).lower().endswith((".nii", ".nii.gz")):
-            import nibabel  # ITK's NIfTI reader turns NaN into 0
 
-            if not np.isfinite(np.asanyarray(nibabel.load(volume).dataobj)).all():
-                raise ValueError("it holds numbers that are not finite")
-        image = sitk.ReadImage(str(volume), sitk.sitkFloat32)
-        if direction is not None:
-            turn(image, direction)
-        if not np.isfinite(sitk.GetArrayViewFromImage(image)).all():
-            raise ValueError("it holds numbers that are not finite")
-        grey = _resampled(image, grid, float(sitk.GetArrayViewFromImage(image).min()))
-    except (RuntimeError, ValueError) as error:
-        reason = str(error).strip().splitlines()[-1]
-        refuse(f"it cannot be read as a scan ({reason})", "give NRRD, NIfTI or MHA", file=volume)
+    def refuse_scan(problem: str, remedy: str):
+        refuse(problem, remedy, file=volume)
+
+    if not Path(volume).is_file():
+        refuse_scan("the file does not exist", "correct the path")
+    image = read_image(volume, refuse_scan, sitk.sitkFloat32)
+    if direction is not None:
+        turn(image, direction)
+    if not np.isfinite(sitk.GetArrayViewFromImage(image)).all():
+        refuse_scan("it holds NaN or infinite voxels", "replace them by the value of air")
+    grey = _resampled(image, grid, float(sitk.GetArrayViewFromImage(image).min()))
     inside = grey[bone].mean() - grey[~bone].mean() if bone.any() else 0.0
     if inside <= 0:
         refuse(

@@ -40,11 +40,12 @@ META_NUMBERS = {
     "Offset": (lambda axes: axes, "Position", "Origin"),
     "ElementSpacing": (lambda axes: axes, "ElementSize"),
 }
+GIPL_HEADER, GIPL_BYTES = 256, {7: 1, 8: 1, 15: 2, 16: 2, 31: 4, 32: 4, 64: 4, 65: 8}
 META_BYTES = {"CHAR": 1, "SHORT": 2, "INT": 4, "LONG_LONG": 8, "FLOAT": 4, "DOUBLE": 8}
 
 
 def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUnknown) -> sitk.Image:
-    """The volume of a NIfTI, NRRD or MetaImage file, if all of it is there; else refuse(problem, remedy).
+    """The volume of a NIfTI, NRRD, MetaImage or GIPL file, if all of it is there; else refuse(problem, remedy).
 
     pixel: the type of SimpleITK that its voxels are turned into.
     """
@@ -60,6 +61,10 @@ def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUn
         _check_nrrd(Path(path), refuse)
     elif name.endswith((".mha", ".mhd")):
         return _read_whole(_plain_meta(Path(path), refuse), "image.mha", refuse, pixel)
+    elif name.endswith((".gipl", ".gipl.gz")):
+        content = _unpacked(Path(path).read_bytes(), refuse)
+        _check_gipl(content, refuse)
+        return _read_whole(content, "image.gipl", refuse, pixel)
     return _read(path, refuse, pixel)
 
 
@@ -182,6 +187,17 @@ def _turned(vector, handed: float) -> np.ndarray:
         ]
     )
     return rotation * [1, 1, handed]
+
+
+def _check_gipl(content: bytes, refuse: Refuse) -> None:
+    """Refuse a GIPL file, unpacked, whose voxels are not as many as its header says."""
+    if len(content) < GIPL_HEADER:
+        refuse("it is no GIPL file, or its header is cut off", AGAIN)
+    *sides, kind = struct.unpack(">5H", content[:10])
+    if kind not in GIPL_BYTES:
+        refuse(f"its voxels are of type {kind}, not of numbers of 1, 2, 4 or 8 bytes", "save it as .nii.gz")
+    wanted = math.prod(max(side, 1) for side in sides) * GIPL_BYTES[kind]
+    _check_length(len(content) - GIPL_HEADER, wanted, refuse)
 
 
 def _check_nrrd(path: Path, refuse: Refuse) -> None:

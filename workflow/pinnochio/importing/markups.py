@@ -1,6 +1,5 @@
 """Markups of 3D Slicer (`.mrk.json`): points by label, planes by name, regions of interest."""
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,6 +9,7 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.importing.thresholding import Plane
+from pinnochio.json_text import read_json
 
 ENDING = ".mrk.json"
 FRAMES = {"LPS": np.ones(3), "0": np.array([-1.0, -1.0, 1.0]), "RAS": np.array([-1.0, -1.0, 1.0]), "1": np.ones(3)}
@@ -37,7 +37,7 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
             raise InputError(case, path, problem, remedy)
 
         try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
+            content = read_json(path, refuse)
             for markup in content["markups"]:
                 if markup.get("coordinateUnits", "mm") != "mm":
                     refuse(f"its unit is {markup['coordinateUnits']!r}", "save the markups in millimetres")
