@@ -2,8 +2,8 @@
 
 import pytest
 
-from tests.robustness.corpus import KINDS, inputs
-from tests.robustness.judging import REFUSED, outcomes
+from tests.helpers.corpus import KINDS, inputs
+from tests.helpers.judging import REFUSED, outcomes
 
 GOOD = ("accepted", REFUSED)
 

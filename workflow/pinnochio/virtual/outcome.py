@@ -9,9 +9,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
-from pinnochio.hdf5 import writing
+from pinnochio.files import replacing
 from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.importing.segmentation import Segmentation, read_segmentation
 from pinnochio.mechanics.elements import jacobians
@@ -118,7 +119,7 @@ class Outcome:
     def write(self, path: str | os.PathLike) -> None:
         """Write as HDF5: points, cells, displacement; attribute `executed`, the plan as JSON."""
         own = {"points": self.patient.points, "cells": self.patient.cells, "displacement": self.displacement}
-        with writing(path) as file:
+        with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
             for name, values in own.items():
                 file.create_dataset(name, data=values, compression="gzip", track_times=False)
             file.attrs["executed"] = self.executed.to_json()

@@ -30,9 +30,9 @@ from pinnochio.study.configuration import check_config
 from pinnochio.study.schema import checked
 from pinnochio.training.checkpoint import read_network, save_network
 from tests.helpers.heads import kuhn_cube
+from tests.helpers.judging import Tried
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import ROOT, network_settings
-from tests.robustness.judging import Tried
 
 SEGMENTS = ("lefort1", "mandible")
 CODES = internal_codes(SEGMENTS)
