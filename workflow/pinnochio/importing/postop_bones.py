@@ -36,9 +36,7 @@ def read_postop_bones(
         raise InputError(case, file, problem, remedy)
 
     if isinstance(label_values, str) and is_image(path):
-        return _joined(
-            [_surface(image, inside) for image, inside in bone_parts(path, label_values, refuse)], path, refuse
-        )
+        return _joined([_surface(image, inside) for image, inside in bone_parts(path, label_values, refuse)], refuse)
     if not Path(path).is_dir() and not str(path).lower().endswith(SURFACE_FORMATS):
         image, parts = read_segments(path, refuse)
         inside = np.zeros(image.GetSize()[::-1], bool)
