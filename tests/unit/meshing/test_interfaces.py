@@ -53,7 +53,8 @@ def test_types_follow_what_lies_beyond(face):
     cut = (np.isin(place[:, 0], (-0.5, 55.5)) | np.isin(place[:, 2], (-0.5, 79.5))) & (place[:, 1] < 22)
     assert (model.node_beyond[cut] == m.CUT_PLANE).all() and cut.sum() > 50
     seam = np.abs(place[:, 2] - 55.5) < 10
-    fixed = (model.node_beyond == m.CUT_PLANE) | ((model.node_beyond == CRANIUM) & ~seam)
+    below = (model.node_beyond == m.CUT_PLANE) & (place[:, 2] < 0)  # a cut mandible: what it carries follows
+    fixed = ((model.node_beyond == m.CUT_PLANE) & ~below) | ((model.node_beyond == CRANIUM) & ~seam)
     assert np.array_equal((model.node_type == m.FIXED)[~seam | cut], fixed[~seam | cut])
     bound = np.isin(model.node_type, (m.MOVING, m.SLIDING))
     assert np.array_equal(model.node_segment >= 0, bound)
@@ -74,6 +75,31 @@ def test_tissue_is_lifted_off_at_osteotomies(face):
     body = np.where(contact & ~free, model.node_beyond, 0)[edges]
     mixed = (body > 0).all(axis=1) & (body[:, 0] != body[:, 1])
     assert {tuple(sorted(pair)) for pair in body[mixed]} <= {(LEFORT, DISTAL)}
+
+
+def test_tissue_that_the_field_of_view_cuts_off_a_chin_or_a_nose_follows():
+    """Without the front of the face and the lower end of the mandible; beside and above the cut is held."""
+    labels, spacing, origin = block_face()
+    labels, origin = labels[:, 12:], origin + [0, 12, 0]
+    bone = bone_surface(labels, spacing, origin, SEGMENTS, 4.0)
+    mesh = tetrahedralize(labels, spacing, origin, 1500)
+    model = label_interfaces(mesh, labels, spacing, origin, SEGMENTS, bone)
+    place, cut = model.points - origin, model.node_beyond == m.CUT_PLANE
+    front, below = cut & (place[:, 1] < -0.499), cut & (place[:, 2] < -0.499)
+    assert front.sum() > 30 and below.sum() > 30
+    assert (model.node_type[front | below] == m.FREE).all()
+    above = cut & (place[:, 2] > 79.4) & ~front
+    assert above.sum() > 20 and (model.node_type[above] == m.FIXED).all()
+    labels = np.pad(labels, ((0, 0), (0, 0), (20, 0)))
+    labels[:, :10, :20] = SUPERFICIAL  # the same with the chin whole: 20 mm of tissue below it, held where it ends
+    bone = bone_surface(labels, spacing, origin - [0, 0, 20], SEGMENTS, 4.0)
+    whole = label_interfaces(
+        tetrahedralize(labels, spacing, origin - [0, 0, 20], 1500), labels, spacing, origin - [0, 0, 20], SEGMENTS, bone
+    )
+    end = (
+        (whole.node_beyond == m.CUT_PLANE) & (whole.points[:, 2] < origin[2] - 20.4) & (whole.points[:, 1] > origin[1])
+    )
+    assert end.sum() > 20 and (whole.node_type[end] == m.FIXED).all()
 
 
 def test_a_cut_lets_go_of_tissue_that_a_bone_carries():

@@ -23,6 +23,8 @@ from pinnochio.plans.roles import UNCUT, of_role
 
 LOG = logging.getLogger(__name__)
 NO_BODY = -9
+CUT_REACH = 15.0  # mm: a moving bone so near a cut below it moves the tissue there [I]
+ON_BORDER = 1e-3  # mm
 
 
 def label_interfaces(
@@ -62,7 +64,8 @@ def label_interfaces(
     is not cut, it is the cranium that opposes the lower jaw. At an osteotomy the surgeon
     lifts the tissue off: contact nearer than `release` to the other bone is FREE [I], and so are both ends of a mesh
     edge from one bone to the other, which could not follow both. So are the cut plane nodes of an element that has no
-    other nodes but contact of segments: the tissue goes on beyond the cut. All else is FREE, skin and oral surface too.
+    other nodes but contact of segments: the tissue goes on beyond the cut; and those of a cut in front of the face, or
+    below within CUT_REACH of a segment. All else is FREE, skin and oral surface too.
 
     Kinds. A bone contact node belongs to muscle if muscle owns at least half of its area against bone, else to
     superficial tissue; any other node between both tissues is MUSCLE_SUPERFICIAL.
@@ -112,6 +115,7 @@ def label_interfaces(
             if len(nodes) and len(target):
                 near = cKDTree(target).query(points[nodes])[0] < sliding_band
                 node_type[nodes[near]] = m.SLIDING
+    node_type[_open_cut(points, node_beyond == m.CUT_PLANE, origin - spacing / 2, bone)] = m.FREE
     released = _released(points, mesh.cells, body, bone, pairs, release)
     node_type[released], node_segment[released] = m.FREE, -1
     node_type[_torn_cut(mesh.cells, node_beyond == m.CUT_PLANE, node_segment >= 0)] = m.FREE
@@ -278,6 +282,23 @@ def _released(points, cells, body, bone, opposing, release_mm: float) -> np.ndar
         bridge = (np.sort(body[edges], axis=1) == sorted((own, other))).all(axis=1)
         released[edges[bridge].ravel()] = True
     return released
+
+
+def _open_cut(points, cut, low, bone) -> np.ndarray:
+    """Nodes (n,) bool on a cut plane, cut (n,), that follow: in front, and below where a moving bone is near.
+
+    low (3,): the lower corner of the volume. What the field of view cuts off there is the tip of the nose or the tissue
+    of a chin, which moves; behind, above and beside lies what stays.
+    """
+    free = np.zeros(len(points), bool)
+    index, moving = np.flatnonzero(cut), bone.points[bone.segment >= 0]
+    if len(index) and len(moving):
+        at = points[index] - low
+        below = (at[:, 2] < ON_BORDER) & (cKDTree(moving).query(points[index])[0] < CUT_REACH)
+        free[index] = (at[:, 1] < ON_BORDER) | below
+        if free.any():
+            LOG.warning("the field of view cuts tissue that moves: %d nodes at its border are left free", free.sum())
+    return free
 
 
 def _torn_cut(cells, cut, moving) -> np.ndarray:
