@@ -149,7 +149,8 @@ def test_each_change_has_a_switch_that_changes_only_itself(operation, field):
 def test_a_face_that_sits_up_is_in_equilibrium_with_its_weight(operation, patient, field):
     model, plan, displacement = field
     up = moved(operation, alone(operation.settings.effects, "posture"), model).displacement
-    weight = weight_change(model, operation.landmarks, sag(operation.covariates))
+    amount = operation.settings.effects["posture"] * sag(operation.covariates)
+    weight = weight_change(model, operation.landmarks, amount)
     inner = Elements.build(model.points, model.cells, patient.fem.material(model.tissue)).evaluate(up)[1]
     free = (model.node_type == FREE) & np.isin(np.arange(len(model.points)), model.cells)
     assert np.abs(inner - weight)[free].max() < 1e-3 * np.abs(weight).max()

@@ -208,7 +208,7 @@ VARIANTS = {
     "no scan": (lambda p: [p[0], None], {}, "there is no scan", None),
     "scan in another frame": (
         lambda p: [p[0], header([p[1]], direction=np.diag([1, 1, -1]))[0]], {}, "not brighter|soft tissue", None),
-    "NaN in the scan": (lambda p: changed(p, scan=with_nan), {}, "not finite", None),
+    "NaN in the scan": (lambda p: changed(p, scan=with_nan), {}, "NaN or infinite", None),
 }  # fmt: skip
 
 

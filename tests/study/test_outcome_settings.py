@@ -19,6 +19,7 @@ CHANGED = {
         "max_iterations": 20,
         "time_limit": 40,
         "linear_solver": "scipy",
+        "kept_factors": False,
     },
     "mesh": {"nodes": 1600, "minimum_dihedral": 10, "bone_edge": 7},
     "interfaces": {name: value + 1 for name, value in CONFIG["interfaces"].items()},

@@ -274,7 +274,7 @@ BAD = {
     "one slice": (of_labels(head()[:, :, 12:13]), "P1", "P1.nii.gz", "not a volume"),
     "NaN voxels": (of_labels(np.where(head() == 0, np.nan, head())), "P1", "P1.nii.gz", "NaN or infinite"),
     "the scan itself": (of_labels(head() * 0.37), "P1", "P1.nii.gz", "not whole numbers"),
-    "voxels of 15 mm": (of_labels(head(), 15.0), "P1", "P1.nii.gz", "its voxels measure 15 mm"),
+    "voxels of 6 mm": (of_labels(head(), 6.0), "P1", "P1.nii.gz", "its voxels measure 6 mm"),
     "a mandible in the air": (of_labels(afloat()), "P1", "P1.nii.gz", "100 % of what surrounds 'mandible' is air"),
     "a layer below the first": (below_the_first_layer, "P1", "P1.seg.nrrd", "layer -1"),
     "all air": (of_labels(0 * head()), "P1", "P1.nii.gz", "every voxel is 0"),

@@ -112,7 +112,7 @@ BAD = {
     "too large": (lambda p: stored(p, image(spacing=SPACING * 10)), "measures", "millimetres"),
     "flat": (lambda p: stored(p, image()[:, :, 5]), "not a volume", "one 3-D label map"),
     "colours": (lambda p: stored(p, sitk.Compose(image(), image())), r"2 channel", "one channel"),
-    "rubbish": (lambda p: p.write_bytes(b"not an image"), "cannot be read", "export"),
+    "rubbish": (lambda p: p.write_bytes(b"not an image"), "no MetaImage", "export"),
     "absent": (lambda p: None, "does not exist", "correct the path"),
 }
 
@@ -219,7 +219,7 @@ BAD_SCAN = {
     "huge": (lambda p: scan_in(p, 20), "20 times the size", "millimetres"),
     "nan": (lambda p: scan_in(p, 1, np.nan), "not finite", "remove these"),
     "empty": (lambda p: p.write_text("ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\n"
-                                     "property float z\nend_header\n"), "empty", "export"),
+                                     "property float z\nend_header\n"), "header counts", "export"),
     "cloud": (lambda p: pv.PolyData(face()[0]).save(p), "empty", "triangles"),
     "absent": (lambda p: None, "does not exist", "correct the path"),
 }  # fmt: skip
@@ -254,5 +254,5 @@ def test_a_rotation_about_a_far_pivot_is_no_operation():
     bone = BoneSurface(points, points, np.zeros((0, 3), np.int32), np.zeros(2, np.int8))
     near, far = (RigidMotion.from_degrees((5, 0, 0), (0, -4, 0), (0, y, 0)) for y in (0, 1500.0))
     check_travel(Plan("P1", {"maxilla": near}), bone, ("maxilla",), "plan.json")
-    with pytest.raises(InputError, match=r"P1.*plan.json.*'maxilla' 1\d\d mm away.*Remedy: check pivot"):
+    with pytest.raises(InputError, match=r"P1.*plan.json.*'maxilla' 1\d\d[.]\d mm away.*Remedy: check pivot"):
         check_travel(Plan("P1", {"maxilla": far}), bone, ("maxilla",), "plan.json")

@@ -157,7 +157,8 @@ def _parameters(file: Path) -> list[tuple[str, tuple[int, int]]]:
             ]
     if suffix == ".mat":
         sizes = _of_matlab(file.read_bytes())
-        return [(name, (own, sizes.get("fixed", 0))) for name, own in sizes.items() if name != "fixed"]
+        fixed = dict(sizes).get("fixed", 0)
+        return [(name, (own, fixed)) for name, own in sizes if name != "fixed"]
     found = []
     for line in _lines(file):
         key, _, rest = line.partition(":")
@@ -168,15 +169,15 @@ def _parameters(file: Path) -> list[tuple[str, tuple[int, int]]]:
     return [(name, (own.get("Parameters", 0), own.get("FixedParameters", 0))) for name, own in found]
 
 
-def _of_matlab(content: bytes) -> dict[str, int]:
-    """Numbers of each matrix in a file of MATLAB 4, as ITK writes it; ValueError where it is cut off."""
-    sizes, place = {}, 0
+def _of_matlab(content: bytes) -> list[tuple[str, int]]:
+    """Name and numbers of each matrix in a file of MATLAB 4, as ITK writes it; ValueError where it is cut off."""
+    sizes, place = [], 0
     while place < len(content):
         kind, rows, columns, imaginary, length = struct.unpack_from("<5i", content, place)
         if kind not in (0, 10) or min(rows, columns) < 0 or not 1 < length < 200 or imaginary:
             raise ValueError("it is no file of MATLAB 4 with numbers")
         name = content[place + 20 : place + 20 + length].rstrip(b"\0").decode("ascii")
-        sizes[name] = rows * columns
+        sizes.append((name, rows * columns))
         place += 20 + length + rows * columns * (4 if kind else 8)
     if place != len(content):
         raise ValueError("it is cut off")
