@@ -171,8 +171,8 @@ class Reality(NamedTuple):
 
 CLINIC, SAME_MODALITY = "clinic", "same_modality"
 REALITIES = {
-    CLINIC: Reality(2.05, (6.0, 1.5), True, 1.30, "[S: arXiv 2606.01572] CT to 3dMD, 1.30 ± 0.29"),
-    SAME_MODALITY: Reality(1.05, (12.0, 2.0), False, 0.95, "[S: Liebregts 2015] CBCT to CBCT, 0.9 ± 0.3"),
+    CLINIC: Reality(1.57, (6.0, 1.5), True, 1.30, "[S: arXiv 2606.01572] CT to 3dMD, 1.30 ± 0.29"),
+    SAME_MODALITY: Reality(1.09, (12.0, 2.0), False, 0.95, "[S: Liebregts 2015] CBCT to CBCT, 0.9 ± 0.3"),
 }
 
 
