@@ -1,5 +1,6 @@
 """Every command of the README and the pages is understood: planned by Snakemake or make, or its options known."""
 
+import functools
 import subprocess
 import sys
 
@@ -11,6 +12,7 @@ from tests.helpers.documents import PAGES, commands, named_blocks
 from tests.helpers.settings import ROOT
 from tests.helpers.study import Project
 
+PATIENTS = 10  # as many as the cases of the table below
 WRITTEN = sorted(set().union(*map(commands, PAGES)))
 
 
@@ -19,6 +21,8 @@ def project(tmp_path_factory) -> Project:
     """A project with all that the commands name; empty files will do, because no job runs."""
     project = Project(tmp_path_factory.mktemp("documented"))
     config = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
+    config["virtual"]["patients"] = PATIENTS  # the plan of a study grows with them, and so does the time that it takes
+    (project.folder / "config/config.yaml").write_text(yaml.safe_dump(config))
     method, folds = config["predict"]["method"], ["1", "2"]
     archive = project.folder / "results/archive"
     names = [RANGES, calibration_file(method), *(network_file(method, fold) for fold in folds)]
@@ -29,7 +33,7 @@ def project(tmp_path_factory) -> Project:
         parts = [f"C{number}.{suffix}" for suffix in ("nii.gz", "json", "ply")]
         rows.append("\t".join([f"C{number}", *parts]))
         files += [project.folder / part for part in parts]
-    files += [project.folder / f"elsewhere/V{number:02d}.npz" for number in range(1, 41)]
+    files += [project.folder / f"elsewhere/V{number:02d}.npz" for number in range(1, PATIENTS + 1)]
     files += [project.folder / f"results/reference/SHA256SUMS.{role}" for role in ("development", "locked")]
     labels = [project.folder / "results/headsq/labels.nii.gz"]
     labels.append(project.folder.parent / "shared/data/artisynth_face/labels_1mm.nii.gz")
@@ -46,6 +50,7 @@ def project(tmp_path_factory) -> Project:
     return project
 
 
+@functools.cache
 def run(*words: str) -> str:
     """What a program says that is run in the project's own folder; it must succeed."""
     done = subprocess.run(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
