@@ -45,10 +45,10 @@ def measure_fem(
     predict_fem(settings[0], patients[nodes], motion, replace(fem, time_limit=BEFOREHAND), threads)
     samples, solution, judgements = Judged.read(judged), None, []
     for setting in settings:
-        # The reference, first of all, is given the time that it needs.
-        limit = fem.time_limit if solution else 20 * fem.time_limit
+        # The reference, first of all, is given the work that it needs.
+        limit = fem.max_systems if solution else 20 * fem.max_systems
         patient = patients[setting.nodes]
-        prediction = predict_fem(setting, patient, motion, replace(fem, time_limit=limit), threads)
+        prediction = predict_fem(setting, patient, motion, replace(fem, max_systems=limit), threads)
         if solution is None:
             if not prediction.converged:
                 raise RuntimeError(f"case {case!r}: the reference did not converge: {prediction.reason}")

@@ -23,7 +23,7 @@ from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import solve
 from tests.helpers.settings import solver_options
 
-OPTIONS = {"increments": 2, "tolerance": 1e-6, "max_iterations": 30, "time_limit": 600, "linear_solver": "auto"}
+OPTIONS = {"increments": 2, "tolerance": 1e-6, "max_iterations": 30, "max_systems": 300, "linear_solver": "auto"}
 
 
 def constrained_like(coarse, fine, shear: bool) -> tuple[BoundaryConditions, BoundaryConditions]:

@@ -37,7 +37,7 @@ def ours(points, cells, kind: str, volumetric: str) -> dict:
     from pinnochio.mechanics.problems import block_boundary, box, uniform
     from pinnochio.mechanics.solver import solve
 
-    limits = {"max_iterations": 30, "time_limit": 600, "linear_solver": "auto"}
+    limits = {"max_iterations": 30, "max_systems": 300, "linear_solver": "auto"}
     fixed = {"increments": INCREMENTS, "growth": 1.0, "loose": TOLERANCE, "reuse": False}
     options = solver_options(volumetric=volumetric, tolerance=TOLERANCE, **fixed, **limits)
     if kind == "free":

@@ -30,8 +30,8 @@ def fem_settings(**changes) -> FemSettings:
 
 
 def solver_options(**changes) -> SolverOptions:
-    """The solver's options, with changes, and with time for a busy machine."""
-    return replace(options_of(fem_settings(time_limit=600)), **changes)
+    """The solver's options, with changes."""
+    return replace(options_of(fem_settings()), **changes)
 
 
 def network_settings(**changes) -> NetworkSettings:

@@ -23,7 +23,7 @@ from scripts.tetrahedralize import mesh_case
 from scripts.virtual_patient import virtual_patient
 from tests.helpers.settings import CONFIG, SEED
 
-FEM = FemSettings(**CONFIG["fem"] | {"time_limit": 600})
+FEM = FemSettings(**CONFIG["fem"])
 NAMES = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "report.json"}
 KINDS = {
     "mandible_only": (0, Procedure(MANDIBLE, chin=True)),

@@ -17,7 +17,7 @@ CHANGED = {
         "increments": 3,
         "tolerance": 1e-5,
         "max_iterations": 20,
-        "time_limit": 40,
+        "max_systems": 200,
         "linear_solver": "scipy",
         "kept_factors": False,
     },

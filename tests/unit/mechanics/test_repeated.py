@@ -79,7 +79,7 @@ def test_a_turned_block_takes_few_iterations():
 @pytest.mark.parametrize("arm", ["bonded", "mucosa"])
 def test_plans_of_a_patient_as_by_newton_alone_and_together(arm):
     model = slab_patient()
-    settings = fem_settings(tolerance=1e-8, time_limit=600, kept_factors=True)
+    settings = fem_settings(tolerance=1e-8)
     plans = [
         Plan("P", {"mandible_distal": RigidMotion.from_degrees([0, turn, 0], shift, [12, 6, 0])})
         for turn, shift in ((2, [2, 1, 1.0]), (-3, [-1, 0, 2.0]), (0, [0, 0, 0]))
@@ -97,7 +97,7 @@ def test_plans_of_a_patient_as_by_newton_alone_and_together(arm):
 
 
 def test_a_small_head_as_by_newton():
-    model, settings = tiny_patient(), fem_settings(tolerance=1e-8, time_limit=600, kept_factors=True)
+    model, settings = tiny_patient(), fem_settings(tolerance=1e-8)
     solver = PlanSolver(model, "mucosa", settings)
     for plan in (tiny_plan(), tiny_plan(3, 2, -1, -4)):
         (result,), exact = solver.solve([plan]), simulate(model, plan, "mucosa", settings)
@@ -154,7 +154,7 @@ def test_other_nodes_are_refused():
 
 def test_lips_in_contact_and_tissue_that_yields_are_newtons(monkeypatch):
     model, plan = tiny_patient(), tiny_plan()
-    settings = fem_settings(time_limit=600, kept_factors=True)
+    settings = fem_settings()
     yielding = replace(settings, yielding=0.3)
     for arm, own in (("mucosa+lip", settings), ("bonded", yielding)):
         solver = PlanSolver(model, arm, own)
@@ -165,7 +165,7 @@ def test_lips_in_contact_and_tissue_that_yields_are_newtons(monkeypatch):
 
 
 def test_without_the_setting_newton_solves():
-    model, plan, settings = tiny_patient(), tiny_plan(), fem_settings(time_limit=600, kept_factors=False)
+    model, plan, settings = tiny_patient(), tiny_plan(), fem_settings(kept_factors=False)
     (result,) = PlanSolver(model, "bonded", settings).solve([plan])
     np.testing.assert_array_equal(result.displacement, simulate(model, plan, "bonded", settings).displacement)
 

@@ -204,11 +204,14 @@ def test_failure_is_reported_with_the_last_equilibrium():
     np.testing.assert_allclose(result.displacement[ends], result.fraction * crush, rtol=0, atol=1e-12)
 
 
-def test_time_limit_and_iteration_limit_stop_the_solver():
+def test_limits_of_time_and_of_work_stop_the_solver():
     points, cells, boundary = bent_block()
     result = solve(points, cells, uniform(len(cells)), boundary, solver_options(time_limit=0.0))
     assert not result.converged
     assert "time limit" in result.reason
+    enough = solve(points, cells, uniform(len(cells)), boundary, solver_options(tolerance=1e-9))
+    result = solve(points, cells, uniform(len(cells)), boundary, solver_options(tolerance=1e-9, max_systems=3))
+    assert enough.converged and not result.converged and result.reason.startswith("3 linear systems")
     options = solver_options(max_iterations=1, min_increment=0.3, tolerance=1e-14)
     result = solve(points, cells, uniform(len(cells)), boundary, options)
     assert not result.converged
@@ -271,7 +274,7 @@ cells = np.where(volume[:, None] > 0, cells, cells[:, [1, 0, 2, 3]])[np.abs(volu
 ends = np.flatnonzero((points[:, 0] < 4) | (points[:, 0] > 16))
 moved = np.where(points[ends, :1] > 16, [0.5, 0, 1.0], 0.0)
 law = neo_hookean(np.ones(len(cells)), {1: 5.0}, 0.49)
-options = SolverOptions("patch", increments=2, tolerance=1e-6, max_iterations=30, time_limit=600, linear_solver="auto")
+options = SolverOptions("patch", increments=2, tolerance=1e-6, max_iterations=30, max_systems=300, linear_solver="auto")
 for _ in range(2):
     result = solve(points, cells, law, BoundaryConditions(ends, moved), options)
     assert result.converged, result.reason

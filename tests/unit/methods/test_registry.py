@@ -32,7 +32,7 @@ def test_finite_elements_with_lips_have_their_own_mesh_contact_and_solver():
     plain, own = methods["fem_sliding"].settings, methods["fem_rlse"].settings
     assert plain == {"fem": DEFAULTS["fem"], "contact": "mucosa", "apart": 0}
     assert own["contact"] == "mucosa+lip" and own["apart"] == DEFAULTS["fem_rlse"]["apart"]
-    solver = {name: DEFAULTS["fem_rlse"][name] for name in ("increments", "tolerance", "time_limit")}
+    solver = {name: DEFAULTS["fem_rlse"][name] for name in ("increments", "tolerance")}
     assert own["fem"] == DEFAULTS["fem"] | solver
 
 

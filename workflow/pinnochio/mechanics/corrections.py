@@ -66,7 +66,7 @@ class Corrector:
             increments=1,
             tolerance=1e-6,
             max_iterations=25,
-            time_limit=np.inf,
+            max_systems=1000,
             linear_solver=linear_solver,
         )
         boundary = BoundaryConditions(self._nodes, lambda fraction: self._motion)

@@ -24,7 +24,7 @@ OPTIONS = SolverOptions(
     increments=2,
     tolerance=1e-3,
     max_iterations=25,
-    time_limit=np.inf,
+    max_systems=1000,
     linear_solver="auto",
     restart=False,
 )

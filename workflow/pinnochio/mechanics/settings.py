@@ -11,7 +11,8 @@ from pinnochio.model.labels import TISSUES
 
 @dataclass(frozen=True)
 class FemSettings:
-    """The section `fem` of the configuration; youngs_modulus in kPa by tissue name, time_limit in s.
+    """The section `fem` of the configuration; youngs_modulus in kPa by tissue name, time_limit in s;
+    increments to linear_solver: as in :class:`pinnochio.mechanics.solver.SolverOptions`.
 
     The simulated outcome alone has stiffening, second term of the material in kPa, and yielding: the volume ratio below
     which squeezed tissue hardly resists any more, 0 for tissue that bears any pressure. kept_factors: solve plans
@@ -24,8 +25,9 @@ class FemSettings:
     increments: int
     tolerance: float
     max_iterations: int
-    time_limit: float
+    max_systems: int
     linear_solver: str
+    time_limit: float = np.inf
     stiffening: float = 0.0
     yielding: float = 0.0
     kept_factors: bool = False

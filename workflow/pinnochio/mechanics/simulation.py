@@ -26,8 +26,9 @@ def solver_options(settings: FemSettings) -> SolverOptions:
         increments=settings.increments,
         tolerance=settings.tolerance,
         max_iterations=settings.max_iterations,
-        time_limit=settings.time_limit,
+        max_systems=settings.max_systems,
         linear_solver=settings.linear_solver,
+        time_limit=settings.time_limit,
         barrier=not settings.yielding,
     )
 

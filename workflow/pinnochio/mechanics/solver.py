@@ -30,7 +30,8 @@ class SolverOptions:
 
     tolerance: residual on the free nodes over the reaction on the constrained ones, at the end of the load;
     loose: the same at intermediate loads, which only have to be good starts.
-    max_iterations: Newton iterations per increment. time_limit in s. min_increment: share of the load.
+    max_iterations: Newton iterations per increment; max_systems: linear systems in all, which ends a solve on every
+    machine at the same place. time_limit in s. min_increment: share of the load.
     restart: begin again from rest if the start leads nowhere, or at once if more than a quarter of its elements are
     inverted; else its last iterate is the result.
     barrier: no step turns an element inside out; without it elements that the material lets yield may be so at the end.
@@ -42,8 +43,9 @@ class SolverOptions:
     increments: int
     tolerance: float
     max_iterations: int
-    time_limit: float
+    max_systems: int
     linear_solver: str
+    time_limit: float = np.inf
     growth: float = 2.0
     loose: float = 1e-2
     min_increment: float = 1 / 256
@@ -146,7 +148,7 @@ class Newton:
         self.systems = {}
         self.single, self.factorized, self.indefinite, self.spent = options.reuse, False, False, 0
         self.history: list[dict] = []
-        self.increments = self.iterations = self.factorizations = self.linear_iterations = 0
+        self.increments = self.iterations = self.solved = self.factorizations = self.linear_iterations = 0
 
     # ---- states
 
@@ -201,6 +203,9 @@ class Newton:
             definite = bound == 1
             if time.perf_counter() - self.began > self.options.time_limit:
                 raise Stop(f"time limit of {self.options.time_limit:g} s reached")
+            if self.solved == self.options.max_systems:
+                raise Stop(f"{self.solved} linear systems did not lead to equilibrium")
+            self.solved += 1
             data, product = self.assembler.tangent(
                 state.u, state.frames, step, definite=bound, pressure=pressure, elements=self.elements
             )
@@ -258,8 +263,8 @@ class Newton:
         return self.systems[self.single]
 
     def forget(self) -> None:
-        """Take nothing over from the steps before: neither factors nor what they showed of the tangent."""
-        self.single, self.factorized, self.indefinite = self.options.reuse, False, False
+        """Take nothing over from the steps before: no factors, nothing that they showed of the tangent, no count."""
+        self.single, self.factorized, self.indefinite, self.solved = self.options.reuse, False, False, 0
 
     def close(self) -> None:
         """Release the factors."""

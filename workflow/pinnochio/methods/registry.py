@@ -107,7 +107,7 @@ def _settings(method: Method, config: Mapping) -> dict:
     settings = {name: config[name] for name in method.sections} | method.options
     if method.mesh == "lips":
         lips = config["fem_rlse"]
-        solver = {name: lips[name] for name in ("increments", "tolerance", "time_limit")}
+        solver = {name: lips[name] for name in ("increments", "tolerance")}
         settings |= {"fem": settings["fem"] | solver, "apart": lips["apart"]}
     return settings
 
