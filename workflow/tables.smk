@@ -100,6 +100,10 @@ TABLES = {
         NAMED
         | {"variants": {m: NETWORKS[m] for m in config["ablation"]}, "seed": SEED},
     ),
+    "claims": (
+        JUDGED,
+        NAMED | {"seed": SEED},
+    ),
     "design": (
         {
             "metrics": expand(

@@ -71,6 +71,7 @@ def test_tables_have_one_row_per_case_and_method(studied):
         "better",
         "planned",
         "ablation",
+        "claims",
         "regions",
         "landmarks",
         "segments",
@@ -148,7 +149,7 @@ def test_a_method_that_is_added_is_trained_alone(studied):
     assert {made.pop(rule) for rule in ("pretrain", "finetune")} == {2}
     assert {made.pop(rule) for rule in ("predict_cases", "evaluate")} == {4}  # with either motion
     assert made.keys() == {"tabulate", "format_table", "provenance", "all"}
-    compared = {"cases", "accuracy", "better", "planned", "regions", "landmarks", "ablation"}
+    compared = {"cases", "accuracy", "better", "planned", "regions", "landmarks", "ablation", "claims"}
     assert made_tables(said) == compared | {"training", "stages"}
 
 

@@ -20,7 +20,18 @@ def test_the_report_shows_what_has_been_measured(studied):
     made(studied)
     page = (studied.folder / "results/quick/report.html").read_text(encoding="utf-8")
     sections = re.findall(r'<section id="(\w+)">', page)
-    parts = ["accuracy", "better", "planned", "ablation", "regions", "landmarks", "training", "stages", "quality"]
+    parts = [
+        "accuracy",
+        "better",
+        "planned",
+        "ablation",
+        "claims",
+        "regions",
+        "landmarks",
+        "training",
+        "stages",
+        "quality",
+    ]
     parts.append("segments")
     assert sections == [*parts, "patients", "provenance"]
     for name in parts:

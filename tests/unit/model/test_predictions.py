@@ -53,13 +53,14 @@ def test_npz_is_read_in_the_order_of_the_mesh(tmp_path):
 
 
 def test_a_networks_prediction_keeps_its_interface_and_what_the_inversion_repair_did(tmp_path):
-    prediction = Prediction(FIELD, boundary=2 * FIELD, raw_min_jacobian=-0.5, raw_inverted=3, repaired=40, damping=1.0)
+    prediction = Prediction(FIELD, boundary=2 * FIELD, raw=3 * FIELD, repaired=40, damping=1.0)
     write_predictions(tmp_path / "predictions.h5", {"P1": prediction, "P2": Prediction(FIELD)})
     back, bare = (read_prediction(tmp_path / "predictions.h5", case) for case in ("P1", "P2"))
     np.testing.assert_array_equal(back.boundary, 2 * FIELD)
-    assert (back.raw_min_jacobian, back.raw_inverted, back.repaired, back.damping) == (-0.5, 3, 40, 1)
-    assert bare.boundary is None
-    assert np.isnan([bare.raw_min_jacobian, bare.raw_inverted, bare.repaired, bare.damping]).all()
+    np.testing.assert_array_equal(back.raw, 3 * FIELD)
+    assert (back.repaired, back.damping) == (40, 1)
+    assert bare.boundary is None and bare.raw is None
+    assert np.isnan([bare.repaired, bare.damping]).all()
 
 
 @pytest.mark.parametrize("seed", range(6))

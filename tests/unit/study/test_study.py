@@ -112,9 +112,9 @@ def test_the_mesh_has_the_nodes_that_its_name_says():
 
 
 def test_the_report_holds_the_studys_own_tables_and_the_further_ones_that_are_named():
-    parts = ["accuracy", "better", "ablation", "regions", "training", "stages", "quality"]
+    parts = ["accuracy", "better", "ablation", "claims", "regions", "training", "stages", "quality"]
     assert study().reported == parts
-    assert study(report={"patients": 1, "further": ["stability"]}).reported == [*parts[:4], "stability", *parts[4:]]
+    assert study(report={"patients": 1, "further": ["stability"]}).reported == [*parts[:5], "stability", *parts[5:]]
     assert study(0, 5).reported == ["stages", "quality"]
 
 

@@ -21,7 +21,9 @@ from pinnochio.plans.plan import Plan
 
 # Columns that a prediction brings along.
 COPIED = ("device", "seconds", "setup_seconds", "threads", "converged")
-COPIED += ("raw_min_jacobian", "raw_inverted", "repaired", "damping")
+COPIED += ("repaired", "damping")
+# Measured of a learned method's own field too.
+RAW = ("min_jacobian", "inverted", "eqres_paper", "eqres_rel")
 
 
 def evaluate_case(
@@ -55,6 +57,10 @@ def evaluate_case(
         row |= volume_metrics(patient.points, patient.cells, patient.tissue, u)
         row |= equilibrium_of(patient, u, fem)
         row |= boundary_metrics(patient, plan, u)
+    if prediction.raw is not None:
+        own = volume_metrics(patient.points, patient.cells, patient.tissue, prediction.raw)
+        own |= equilibrium_of(patient, prediction.raw, fem)
+        row |= {f"raw_{name}": own[name] for name in RAW}
     if prediction.boundary is not None:
         contact = (patient.node_type != FREE) & (patient.interface_kind != NO_INTERFACE)
         row["interface_error"] = np.linalg.norm(u - prediction.boundary, axis=1)[contact].mean()

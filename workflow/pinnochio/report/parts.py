@@ -5,6 +5,7 @@ PARTS = {
     "better": "Accuracy against the better network",
     "planned": "Accuracy from the plan",
     "ablation": "Ablation",
+    "claims": "The paper's claims",
     "regions": "Regions of the face",
     "landmarks": "Landmarks, skin and volume",
     "tradeoff": "Seconds against accuracy",

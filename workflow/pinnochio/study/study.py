@@ -246,6 +246,7 @@ class Study:
             *(["planned"] if self.planned else []),
             *(["landmarks"] if self.scanned and self.virtual else []),
             *(["ablation"] if self.ablated else []),
+            *(["claims"] if self.scanned and "pinnochio" in self.methods else []),
             *(["segments"] if self.registered else []),
         ]
 

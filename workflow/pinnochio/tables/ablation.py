@@ -9,6 +9,7 @@ from pinnochio.columns import Column, check, read_table
 from pinnochio.metrics.columns import CASES, scanned
 from pinnochio.tables.comparison import COMPARISON, significance, spread, starred, summarise
 from pinnochio.tables.document import Block, Table, View
+from pinnochio.tables.published import published_ablation
 
 ABLATION = (
     *COMPARISON[:1],
@@ -35,17 +36,21 @@ def table(cases: pd.DataFrame, variants: Mapping[str, Mapping], cohort: str, see
         View("Physics", lambda row: "yes" if row["physics"] else "no"),
         View("CD mm", starred(spread("cd")), -1),
         View("PWR@1 %", spread("pwr1"), 1),
-        View("EqRes", spread("eqres_rel"), -1),
+        View("EqRes mN²", spread("raw_eqres_paper"), -1),
+        View("EqRes", spread("raw_eqres_rel"), -1),
+        View("EqRes repaired", spread("eqres_rel"), -1),
         View("min J", spread("raw_min_jacobian"), 1),
+        View("min J repaired", spread("min_jacobian"), 1),
         View("p vs full", significance),
     ]
     caption = (
         f"Ablation of {full} on the {cohort}, n = {frame['n'].min()} patients: mean ± standard deviation. EqRes: "
-        "residual of the free nodes over the force of all others; min J: smallest volume ratio of an element as the "
-        "network gives it. Bold: best mean. p: two-sided Wilcoxon signed-rank test of CD against the full model, "
-        "Holm-corrected; * p < 0.05."
+        "residual of the free nodes, mN²: their mean squared force, as the paper has it, else over the force of all "
+        "others; min J: smallest volume ratio of an element; both as the network gives the field, and as it is after "
+        "the inversion repair and the corrections, if there are any. Bold: best mean. p: two-sided Wilcoxon "
+        "signed-rank test of CD against the full model, Holm-corrected; * p < 0.05."
     )
-    return Table(frame, ABLATION, [Block.of(frame, view, caption)])
+    return Table(frame, ABLATION, [Block.of(frame, view, caption), published_ablation()])
 
 
 def _has_physics(settings: Mapping) -> bool:

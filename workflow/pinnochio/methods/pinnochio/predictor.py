@@ -39,9 +39,14 @@ class Predictor:
 
         def prepare():
             network = PatientNetwork(self.network, self.tensors(planned))
-            return lambda: finish(*network(planned.plan))
 
-        (displacement, boundary, repair, corrections), seconds, setup = timed(prepare)
+            def predict():
+                raw, boundary = network(planned.plan)
+                return raw, *finish(raw, boundary)
+
+            return predict
+
+        (raw, displacement, boundary, repair, corrections), seconds, setup = timed(prepare)
         finish.close()
         logging.info("%s: %s", planned.case, repair)
         return Prediction(
@@ -52,8 +57,7 @@ class Predictor:
             self._device,
             iterations=corrections,
             boundary=boundary,
-            raw_min_jacobian=repair.raw_least,
-            raw_inverted=repair.raw_inverted,
+            raw=raw,
             repaired=repair.elements,
             damping=repair.damping,
         )
