@@ -36,7 +36,9 @@ rule predict_ensemble:
 
 rule calibrate:
     input:
-        models=expand("<results>/cases/{case}/model.h5", case=STUDY.scanned),
+        models=lambda wildcards: [
+            STUDY.model_of(case, wildcards.method) for case in STUDY.scanned
+        ],
         postops=expand("<results>/cases/{case}/postop.h5", case=STUDY.scanned),
         judged=expand("<results>/cases/{case}/judged.h5", case=STUDY.scanned),
         predictions=expand(
@@ -44,10 +46,10 @@ rule calibrate:
             fold=[STUDY.fold_of(case) for case in STUDY.scanned],
             allow_missing=True,
         ),
-        ensembles=expand(
+        ensembles=lambda wildcards: expand(
             "<results>/cases/{case}/{method}/ensemble.h5",
-            case=STUDY.scanned,
-            allow_missing=True,
+            case=STUDY.scanned if wildcards.method in NETWORKS else [],
+            method=wildcards.method,
         ),
     output:
         calibration="<results>/methods/{method}/calibration.json",
@@ -57,7 +59,7 @@ rule calibrate:
     benchmark:
         "<benchmarks>/calibrate/{method}.tsv"
     wildcard_constraints:
-        method=any_of(NETWORKS),
+        method=any_of(STUDY.methods),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -112,11 +114,11 @@ rule predict_interval:
 
 rule uncertainty:
     input:
-        table_and_twins("coverage") if STUDY.asked("uncertainty") else [],
+        table_and_twins("coverage") if STUDY.covered else [],
         expand(
             "<results>/cases/{case}/{method}/interval.{kind}",
             case=STUDY.unscanned,
-            method=STUDY.asked("uncertainty"),
+            method=[method for method in STUDY.covered if method in NETWORKS],
             kind=["h5", "png"],
         ),
     message:

@@ -20,7 +20,7 @@ from pinnochio.tables.coverage import COVERAGE
 
 @dataclass(frozen=True)
 class ScannedCase:
-    """A patient with a scan: the fold that holds it out, and its files."""
+    """A patient with a scan: the fold that holds it out, and its files; ensemble: None of a method without networks."""
 
     case: str
     fold: str
@@ -28,32 +28,33 @@ class ScannedCase:
     postop: str
     judged: str
     predictions: str
-    ensemble: str
+    ensemble: str | None
 
 
 def calibrate(cases: Sequence[ScannedCase], method: str, level: float, seed: int, calibration: str, table: str) -> None:
     """Write the calibration as JSON and one row per region as CSV.
 
-    predictions: of the fold, whose network never saw the case; ensemble: of all folds, for how far they usually differ.
+    predictions: of the fold, which never saw the case; ensemble: of the networks of all folds, for how far they usually
+    differ, which nothing is said of without them.
     """
     errors, spreads = [], []
     for files in cases:
         patient = PatientModel.read(files.model)
-        region = regions(patient)
         scan = PostopSkin.read(files.postop)
-        predicted = read_prediction(files.predictions, files.case).displacement
+        predicted = read_prediction(files.predictions, files.case)
         errors.append(
             held_out(
                 case=files.case,
                 fold=files.fold,
                 patient=patient,
                 judged=Judged.read(files.judged),
-                displacement=predicted,
+                moved=predicted.moved_skin(patient),
                 points=scan.points,
                 faces=scan.faces,
             )
         )
-        spreads.append((skin_spread(patient, read_ensemble(files.ensemble)), region))
+        if files.ensemble:
+            spreads.append((skin_spread(patient, read_ensemble(files.ensemble)), regions(patient)))
         logging.info("%s: %.3f mm on %d points", files.case, errors[-1].error.mean(), len(errors[-1].error))
     folds = len({files.fold for files in cases})
     values = Calibration(
@@ -62,7 +63,7 @@ def calibrate(cases: Sequence[ScannedCase], method: str, level: float, seed: int
         patients=len(cases),
         folds=folds,
         half_width=by_region(half_widths(errors, level)),
-        usual_spread=by_region(usual_spreads(spreads)),
+        usual_spread=by_region(usual_spreads(spreads) if spreads else np.full(len(NAMES), np.nan)),
     )
     values.write(calibration)
     write_csv(coverage(errors, level, seed).assign(method=method), table, COVERAGE)
@@ -77,7 +78,8 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     columns = {"case": snakemake.params.cases, "fold": snakemake.params.folds}
     columns |= {"model": snakemake.input.models, "postop": snakemake.input.postops, "judged": snakemake.input.judged}
-    columns |= {"predictions": snakemake.input.predictions, "ensemble": snakemake.input.ensembles}
+    columns |= {"predictions": snakemake.input.predictions}
+    columns |= {"ensemble": snakemake.input.ensembles or [None] * len(snakemake.params.cases)}
     calibrate(
         cases=[ScannedCase(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)],
         method=snakemake.wildcards.method,

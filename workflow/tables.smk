@@ -135,7 +135,7 @@ TABLES = {
         {
             "parts": expand(
                 "<results>/methods/{method}/coverage.csv",
-                method=STUDY.asked("uncertainty"),
+                method=STUDY.covered,
             )
         },
         NAMED,

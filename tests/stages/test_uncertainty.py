@@ -86,13 +86,13 @@ def ensembles(patients, networks, tmp_path_factory):
     return paths
 
 
-def calibrated(patients, ensembles, folder, level=LEVEL):
+def calibrated(patients, ensembles, folder, level=LEVEL, networks=True):
     """Calibration and its table; every patient is held out of a fold of its own and predicted by that."""
     cases = []
     for fold, patient in zip(FOLDS, patients, strict=False):
         held_out = str(folder / f"predictions_{fold}.h5")
         write_predictions(held_out, {patient.case: read_prediction(ensembles[patient.case], fold)})
-        own = patient.model, patient.postop, patient.judged, held_out, ensembles[patient.case]
+        own = patient.model, patient.postop, patient.judged, held_out, ensembles[patient.case] if networks else None
         cases.append(ScannedCase(patient.case, fold, *own))
     files = str(folder / "calibration.json"), str(folder / "part.csv")
     calibrate(cases, "pinnochio_plus", level, SEED, *files)
@@ -127,6 +127,14 @@ def test_calibration_holds_a_half_width_per_region(patients, calibration):
     assert (stored.patients, stored.folds, stored.level) == (2, 2, LEVEL)
     assert list(stored.half_width) == list(NAMES) and all(0 < x < 20 for x in stored.half_width.values())
     assert all(0 < x < 5 for x in stored.usual_spread.values())
+
+
+def test_a_method_without_networks_has_the_half_widths_of_its_errors_and_no_spread(
+    patients, ensembles, calibration, tmp_path
+):
+    bare, _ = calibrated(patients, ensembles, tmp_path, networks=False)
+    assert Calibration.read(bare).half_width == Calibration.read(calibration[0]).half_width
+    assert set(Calibration.read(bare).usual_spread.values()) == {None}
 
 
 def test_the_half_width_covers_half_of_both_patients(patients, ensembles, calibration):

@@ -163,7 +163,7 @@ def test_errors_are_distances_to_triangles_of_the_scan():
     lifted[:, 2] = 0.5
     places = patient.points[skin] * [0.9, 1, 1] + [2, 0, 0]
     judged = Judged(places, np.zeros(len(places), np.int8), places, np.where(places[:, 0] > 18, 0, -1))
-    found = held_out("P", "1", patient, judged, lifted, scan, np.array([[0, 1, 2], [0, 2, 3]]))
+    found = held_out("P", "1", patient, judged, patient.moved_skin(lifted), scan, np.array([[0, 1, 2], [0, 2, 3]]))
     assert 0 < (places[:, 0] > 18).sum() < len(places)
     assert len(found.error) == (places[:, 0] > 18).sum() == len(found.region) and np.allclose(found.error, 1.5)
 

@@ -118,6 +118,12 @@ def test_the_report_holds_the_studys_own_tables_and_the_further_ones_that_are_na
     assert study(0, 5).reported == ["stages", "quality"]
 
 
+def test_intervals_are_calibrated_of_methods_and_of_no_bound():
+    named = DEFAULTS["uncertainty"] | {"methods": ["fem_sliding", "no_change", "oracle"]}
+    made = study(uncertainty=named, methods=["oracle", "no_change", "fem_sliding", "pinnochio_plus"])
+    assert made.covered == ["no_change", "fem_sliding"]
+
+
 @pytest.mark.parametrize("of", ["results_of_patients", "planners_of_patients"])
 def test_new_patients_must_be_named(of):
     with pytest.raises(InputError, match="no new patient is named"):

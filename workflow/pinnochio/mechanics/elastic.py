@@ -60,16 +60,29 @@ class ElasticSolver:
 
         Of a sliding node the component along its normal is read, of a node without condition nothing.
         """
-        fields = np.stack([self.constraints.local(field, self.frames) for field in motions])
-        fields = np.where(self.constraints.constrained, fields, 0)
+        fields = np.where(self.constraints.constrained, self._local(motions), 0)
         unknowns = fields[:, self._used]
-        unknowns[:, ~self._fixed] = self.respond(-(self._coupling @ unknowns[:, self._fixed].T).T)
-        fields[:, self._used] = unknowns
-        return np.stack([self.constraints.world(field, self.frames) for field in fields])
+        return self._answered(fields, -(self._coupling @ unknowns[:, self._fixed].T).T)
+
+    def under(self, forces: np.ndarray) -> np.ndarray:
+        """Fields (k, n, 3) mm in equilibrium with dead forces (k, n, 3) mN, sliding nodes free along their bone, all
+        other constrained ones at rest."""
+        loads = self._local(forces)[:, self._used][:, ~self._fixed]
+        return self._answered(np.zeros(np.shape(forces)), loads)
 
     def respond(self, loads: np.ndarray) -> np.ndarray:
         """Free unknowns (k, f) mm, in the axes at rest, under loads (k, f) mN on them while all others rest."""
         return self._linear.solve(loads)
+
+    def _local(self, fields: np.ndarray) -> np.ndarray:
+        return np.stack([self.constraints.local(field, self.frames) for field in fields])
+
+    def _answered(self, fields: np.ndarray, loads: np.ndarray) -> np.ndarray:
+        """The fields (k, n, 3), in the axes at rest, with what loads (k, f) do to the free unknowns; in the world's."""
+        unknowns = fields[:, self._used]
+        unknowns[:, ~self._fixed] = self.respond(loads)
+        fields[:, self._used] = unknowns
+        return np.stack([self.constraints.world(field, self.frames) for field in fields])
 
     def close(self) -> None:
         """Release the factors."""

@@ -45,14 +45,14 @@ class HeldOut:
         return self.error[self.region == region]
 
 
-def held_out(case: str, fold: str, patient: PatientModel, judged: Judged, displacement, points, faces) -> HeldOut:
-    """Errors of a predicted displacement (n, 3) mm against the registered post-operative skin points, faces.
+def held_out(case: str, fold: str, patient: PatientModel, judged: Judged, moved, points, faces) -> HeldOut:
+    """Errors of the predicted skin, moved (s, 3) mm, against the registered post-operative skin points, faces.
 
     judged: the samples of the skin, which are those of the accuracy.
     """
-    moved = judged.carried(patient, patient.moved_skin(displacement))
+    samples = judged.carried(patient, moved)
     known = judged.skin_region >= 0
-    return HeldOut(case, fold, closest_points(moved[known], points, faces).distance, judged.skin_region[known])
+    return HeldOut(case, fold, closest_points(samples[known], points, faces).distance, judged.skin_region[known])
 
 
 def half_width(errors: Sequence[np.ndarray], level: float) -> float:

@@ -37,8 +37,9 @@ def check_config(config: Mapping) -> None:
             f"method {unknown[0]!r} is none of {built_in} and not among 'variants' and 'surface.networks'",
             "correct its name, or describe it in 'variants'",
         )
-    if unknown := [name for name in config["planned"]["without"] if name not in {*built_in, *learned, *surface}]:
-        refuse(f"planned.without names {unknown[0]!r}, which is no method", "correct its name")
+    for section, key in (("planned", "without"), ("uncertainty", "methods")):
+        if unknown := [name for name in config[section][key] if name not in {*built_in, *learned, *surface}]:
+            refuse(f"{section}.{key} names {unknown[0]!r}, which is no method", "correct its name")
     if taken := [name for name in [*config["external"], *learned, *surface] if name in built_in]:
         refuse(f"{taken[0]!r} is the name of a built-in method", "choose another name in 'external' or 'variants'")
     named = {"external": config["external"], "variants": learned, "surface.networks": surface}
@@ -56,7 +57,6 @@ def check_config(config: Mapping) -> None:
         "ablation": config["ablation"],
         "design.base": [config["design"]["base"]],
         "corrections.methods": config["corrections"]["methods"],
-        "uncertainty.methods": config["uncertainty"]["methods"],
         "tradeoff.networks": config["tradeoff"]["networks"],
         "scaling.methods": config["scaling"]["methods"],
     }

@@ -187,6 +187,11 @@ class Study:
         return [name for name in self.config[section]["methods"] if name in self.learned]
 
     @property
+    def covered(self) -> list[str]:
+        """Methods whose interval is calibrated."""
+        return [name for name in self.compared if name in self.config["uncertainty"]["methods"]]
+
+    @property
     def reference(self) -> str | None:
         """The method that tables test the others against."""
         return self.config["reference"] if self.config["reference"] in self.methods else None
