@@ -149,9 +149,9 @@ rule import_covariates:
     input:
         source=STUDY.covariates_file,
     output:
-        covariates="<results>/cases/{case}/covariates.json",
+        covariates="<results>/{home}/{case}/covariates.json",
     log:
-        "<logs>/import_covariates/{case}.log",
+        "<logs>/import_covariates/{home}/{case}.log",
     conda:
         "../envs/pinnochio.yaml"
     threads: 1

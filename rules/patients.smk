@@ -205,6 +205,7 @@ rule prepare_planner:
     input:
         model="<results>/{home}/{case}/model.h5",
         lifts=STUDY.of_ensemble("lifts"),
+        covariates="<results>/{home}/{case}/covariates.json",
         quality="<results>/{home}/{case}/quality.json",
         plans=STUDY.plans_of_patient,
         archive=lambda wildcards: STUDY.choice.files,

@@ -4,6 +4,7 @@ rule predict_cases:
         trained=STUDY.of_batch("trained"),
         models=STUDY.of_batch("models"),
         lifts=STUDY.of_batch("lifts"),
+        covariates=STUDY.of_batch("covariates"),
         plans=STUDY.of_batch("plans"),
         truths=STUDY.of_batch("truths"),
     output:

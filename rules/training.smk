@@ -40,6 +40,7 @@ rule finetune:
         lifts=STUDY.lifts_of_training,
         plans=STUDY.motions_of_training,
         postops=STUDY.of_training("<results>/cases/{case}/postop.h5"),
+        covariates=STUDY.covariates_of_training,
     output:
         network="<results>/folds/{fold}/{method}/network.pt",
         history="<results>/folds/{fold}/{method}/finetuning.csv",
@@ -60,7 +61,7 @@ rule finetune:
     params:
         cases=STUDY.training_cases,
         module=STUDY.learner,
-        settings=STUDY.settings("network", "finetuning", "fem"),
+        settings=STUDY.settings("network", "finetuning", "fem", "newton_corrections"),
         seed=SEED,
         code=code_with_method("finetune", "learner"),
     message:
@@ -75,6 +76,7 @@ rule fit:
         fem_samples=STUDY.of_training("<results>/cases/{case}/fem_samples.h5"),
         plans=STUDY.motions_of_training,
         postops=STUDY.of_training("<results>/cases/{case}/postop.h5"),
+        covariates=STUDY.covariates_of_training,
     output:
         fitted="<results>/folds/{fold}/{method}/fitted.h5",
     log:
@@ -92,6 +94,7 @@ rule fit:
     params:
         cases=STUDY.training_cases,
         module=STUDY.learner,
+        settings=STUDY.settings("fem"),
         code=code_with_method("fit", "learner"),
     message:
         "Fit {wildcards.method} to the training patients of fold {wildcards.fold}"

@@ -7,6 +7,7 @@ rule predict_ensemble:
         model="<results>/{home}/{case}/model.h5",
         plan=STUDY.motion,
         lifts=STUDY.of_ensemble("lifts"),
+        covariates=STUDY.of_ensemble("covariates"),
         networks=STUDY.of_ensemble("networks"),
     output:
         ensemble="<results>/{home}/{case}{plan}/{method}/ensemble.h5",

@@ -18,17 +18,21 @@ def finetune(
     lifts: Sequence[str],
     plans: Sequence[str],
     postops: Sequence[str],
+    covariates: Sequence[str],
     pretrained: str | None,
     seed: int,
     code: str,
     device: str,
     outputs: Mapping[str, str],
 ) -> None:
-    """Adapt the network at `pretrained`, or a new one, to the cases; the rest as of pretrain."""
+    """Adapt the network at `pretrained`, or a new one, to the cases; the rest as of pretrain.
+
+    covariates may be empty for a method that does not read them.
+    """
     train_fold(
         learner=import_module(module).Learner(settings, "finetune", device),
         phase="finetune",
-        cases=case_files(cases, lifts, model=models, plan=plans, postop=postops),
+        cases=case_files(cases, lifts, model=models, plan=plans, postop=postops, covariates=covariates),
         pretrained=pretrained,
         seed=seed,
         code=code,
@@ -47,6 +51,7 @@ if __name__ == "__main__":
         lifts=snakemake.input.lifts,
         plans=snakemake.input.plans,
         postops=snakemake.input.postops,
+        covariates=snakemake.input.get("covariates", []),
         pretrained=snakemake.input.get("network") or None,
         seed=derive_seed(snakemake.params.seed, "finetune", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
         code=snakemake.params.code,

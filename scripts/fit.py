@@ -1,9 +1,11 @@
 """Makes what a method learns at once of a fold's training patients: their samples and post-operative skins."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 
+from pinnochio.json_text import read_own_json
 from pinnochio.logs import attach_log
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.plans.plan import Plan
@@ -17,14 +19,23 @@ def fit(
     fem_samples: Sequence[str],
     plans: Sequence[str],
     postops: Sequence[str],
+    covariates: Sequence[str],
+    settings: Mapping,
     fitted: str,
 ) -> None:
-    """Fit the method of a `module` to the cases and nothing else."""
+    """Fit the method of a `module` to the cases and nothing else.
+
+    covariates: empty for a method that does not read them; settings: values of the sections that it reads.
+    """
+    more = {name: FemSettings(**own) for name, own in settings.items()}
+    if covariates:
+        more["covariates"] = [read_own_json(path) for path in covariates]
     import_module(module).fit(
         models=[PatientModel.read(path) for path in models],
         fem_samples=[read_fem_samples(path, case) for path, case in zip(fem_samples, cases, strict=True)],
         plans=[Plan.read(path, case) for path, case in zip(plans, cases, strict=True)],
         skins=[PostopSkin.read(path).surface for path in postops],
+        **more,
     ).write(fitted)
 
 
@@ -37,5 +48,7 @@ if __name__ == "__main__":
         fem_samples=snakemake.input.fem_samples,
         plans=snakemake.input.plans,
         postops=snakemake.input.postops,
+        covariates=snakemake.input.get("covariates", []),
+        settings=snakemake.params.settings,
         fitted=snakemake.output.fitted,
     )

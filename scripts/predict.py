@@ -4,6 +4,7 @@ import logging
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 
+from pinnochio.json_text import read_own_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import Lift
 from pinnochio.methods.protocol import Planned
@@ -22,6 +23,7 @@ def predict(
     lifts: Sequence[str],
     plans: Sequence[str],
     truths: Sequence[str],
+    covariates: Sequence[str],
     device: str,
     threads: int,
     predictions: str,
@@ -29,18 +31,21 @@ def predict(
     """Predict each case by the method of a `module`; FloatingPointError if a field is not finite.
 
     settings: values of the sections that its Predictor reads; trained: file of what a fold trained, None where nothing
-    is; lifts may be empty for a method without one; truths, files of the virtual truth, are empty for all but a bound.
+    is; lifts may be empty for a method without one; truths, files of the virtual truth, are empty for all but a bound,
+    covariates for a method that does not read them.
     """
     predictor = import_module(module).Predictor(settings=settings, trained=trained, device=device, threads=threads)
     made = {}
     nothing = [None] * len(cases)
-    for case, model, lift, plan, truth in zip(cases, models, lifts or nothing, plans, truths or nothing, strict=True):
+    files = cases, models, lifts or nothing, plans, truths or nothing, covariates or nothing
+    for case, model, lift, plan, truth, known in zip(*files, strict=True):
         planned = Planned(
             case=case,
             patient=PatientModel.read(model),
             plan=Plan.read(plan, case),
             lift=Lift.read(lift) if lift else None,
             truth=truth,
+            covariates=read_own_json(known) if known else {},
         )
         made[case] = own = predictor(planned)
         logging.info("%s: %.4f s, and %.3f s for the patient", case, own.seconds, own.setup_seconds)
@@ -58,6 +63,7 @@ if __name__ == "__main__":
         lifts=snakemake.input.get("lifts", []),
         plans=snakemake.input.plans,
         truths=snakemake.input.get("truths", []),
+        covariates=snakemake.input.get("covariates", []),
         device=choose_device(snakemake.resources.gpu, snakemake.threads),
         threads=snakemake.threads,
         predictions=snakemake.output.predictions,

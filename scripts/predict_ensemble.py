@@ -4,6 +4,7 @@ import logging
 from collections.abc import Mapping
 from importlib import import_module
 
+from pinnochio.json_text import read_own_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import Lift
 from pinnochio.methods.protocol import Planned
@@ -21,6 +22,7 @@ def predict_ensemble(
     model: str,
     plan: str,
     lift: str | None,
+    covariates: str | None,
     device: str,
     threads: int,
     ensemble: str,
@@ -28,10 +30,14 @@ def predict_ensemble(
     """Write one group per fold, in the form of predictions; FloatingPointError if a field is not finite.
 
     settings: values of the sections that the Predictor of the `module` reads; networks: file by fold; lift: file of the
-    patient's lift, None for networks without one.
+    patient's lift, None for networks without one; covariates: file of what else is known, None where nothing reads it.
     """
     planned = Planned(
-        case=case, patient=PatientModel.read(model), plan=Plan.read(plan, case), lift=Lift.read(lift) if lift else None
+        case=case,
+        patient=PatientModel.read(model),
+        plan=Plan.read(plan, case),
+        lift=Lift.read(lift) if lift else None,
+        covariates=read_own_json(covariates) if covariates else {},
     )
     method, made = import_module(module), {}
     for fold, network in networks.items():
@@ -50,6 +56,7 @@ if __name__ == "__main__":
         model=snakemake.input.model,
         plan=snakemake.input.plan,
         lift=next(iter(snakemake.input.get("lifts", [])), None),
+        covariates=next(iter(snakemake.input.get("covariates", [])), None),
         device=choose_device(snakemake.resources.gpu, snakemake.threads),
         threads=snakemake.threads,
         ensemble=snakemake.output.ensemble,

@@ -1,14 +1,24 @@
 """The systems that the study compares with, from a patient's files to rows of the table."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 
+from pinnochio.geometry.triangles import vertex_normals
+from pinnochio.methods.pinnochio.predictor import load_network
+from pinnochio.methods.sources import SourceModel
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import read_prediction
+from pinnochio.networks.building import build
+from pinnochio.training.checkpoint import save_network
 from scripts.evaluate import evaluate
 from scripts.finetune import finetune
 from scripts.fit import fit
 from scripts.pretrain import pretrain
-from tests.helpers.settings import CONFIG, SEED
+from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.training import predict_by
 
 
@@ -30,13 +40,81 @@ def test_a_surface_network_from_fields_and_skin_to_a_row_of_the_table(patient, t
     own = {"module": "pinnochio.methods.surface.learner", "settings": settings, "code": "x", "device": "cpu"}
     own |= {"cases": [patient.case], "models": [patient.model], "lifts": []}
     pretrain(**own, fem_samples=[patient.fem_samples], seed=1, outputs=first)
-    outcome = {"plans": [patient.plan], "postops": [patient.postop], "pretrained": first["network"]}
+    outcome = {"plans": [patient.plan], "postops": [patient.postop], "covariates": [], "pretrained": first["network"]}
     finetune(**own, **outcome, seed=2, outputs=last)
     predictions, metrics = str(tmp_path / "predictions.h5"), str(tmp_path / "metrics.csv")
     predict_by("surface.predictor", patient, predictions, trained=last["network"])
     row = measured(patient, predictions, metrics)
     assert row["cd"] > 0 and row["skin_error_mean"] > 0 and row["seconds"] > 0
     assert row[["min_jacobian", "eqres_rel", "volume_error_mean", "moving_error", "eqres_element"]].isna().all()
+
+
+def test_what_finite_elements_leave_is_learned_as_loads(patients, tmp_path):
+    """The field is in equilibrium with the learned load; a millimetre more everywhere moves the face by as much."""
+    fitted, metrics = str(tmp_path / "fitted.h5"), {}
+    fit(
+        module="pinnochio.methods.fem_learned",
+        cases=[own.case for own in patients],
+        models=[own.model for own in patients],
+        fem_samples=[own.fem_samples for own in patients],
+        plans=[own.plan for own in patients],
+        postops=[own.postop for own in patients],
+        covariates=[own.covariates for own in patients],
+        settings={"fem": CONFIG["fem"]},
+        fitted=fitted,
+    )
+    learned = SourceModel.read(fitted)
+    taught = replace(learned, regression=replace(learned.regression, constant=learned.regression.constant + 1.0))
+    taught.write(tmp_path / "taught.h5")
+    for name, file in (("learned", fitted), ("taught", str(tmp_path / "taught.h5"))):
+        predictions = str(tmp_path / f"{name}.h5")
+        predict_by("fem_learned", patients[0], predictions, trained=file, fem=CONFIG["fem"])
+        metrics[name] = measured(patients[0], predictions, str(tmp_path / f"{name}.csv"))
+        made = read_prediction(predictions, patients[0].case)
+        assert made.converged and made.forces.any()
+    assert (metrics["taught"]["eqres_rel"] < 1e-3) and metrics["taught"]["load_rel"] > metrics["learned"][
+        "load_rel"
+    ] > 0
+    model = PatientModel.read(patients[0].model)
+    fields = [read_prediction(str(tmp_path / f"{name}.h5"), patients[0].case) for name in metrics]
+    face = model.judged_points
+    normals = vertex_normals(model.skin_points, model.skin_faces)[face]
+    pushed = np.einsum("kx,kx->k", (fields[1].moved_skin(model) - fields[0].moved_skin(model))[face], normals)
+    assert 0.5 < np.median(pushed) < 1.5  # a millimetre more at every anchor
+
+
+def test_what_a_network_leaves_is_learned_as_loads_too(patients, tmp_path):
+    """Its weights stay as they are; its corrected field comes near to equilibrium with the load that it declares."""
+    network = CONFIG["network"] | {"volume_layers": 1, "boundary_layers": 1, "channels": 8}
+    settings = {"network": network, "fem": CONFIG["fem"], "newton_corrections": 3}
+    settings["finetuning"] = CONFIG["finetuning"] | {"steps": 0, "sources": True}
+    torch.manual_seed(0)
+    first = tmp_path / "pretrained.pt"
+    save_network(first, build(network_settings(**network)), network_settings(**network))
+    last = {"network": str(tmp_path / "network.pt"), "history": str(tmp_path / "finetuning.csv")}
+    finetune(
+        module="pinnochio.methods.pinnochio.learner",
+        settings=settings,
+        cases=[own.case for own in patients],
+        models=[own.model for own in patients],
+        lifts=[],
+        plans=[own.plan for own in patients],
+        postops=[own.postop for own in patients],
+        covariates=[own.covariates for own in patients],
+        pretrained=str(first),
+        seed=SEED,
+        code="x",
+        device="cpu",
+        outputs=last,
+    )
+    weights, same = (load_network(path)[0].state_dict() for path in (first, last["network"]))
+    assert all(torch.equal(weights[name], same[name]) for name in weights)
+    predictions, metrics = str(tmp_path / "predictions.h5"), str(tmp_path / "metrics.csv")
+    own = {"fem": CONFIG["fem"], "newton_corrections": 3}
+    predict_by("pinnochio.predictor", patients[0], predictions, trained=last["network"], **own)
+    row, made = measured(patients[0], predictions, metrics), read_prediction(predictions, patients[0].case)
+    assert made.forces.any() and row["load_rel"] > 0
+    assert row["eqres_rel"] < 0.1 * row["raw_eqres_rel"]
 
 
 def test_floors_need_no_network(patient, tmp_path):
@@ -48,6 +126,8 @@ def test_floors_need_no_network(patient, tmp_path):
         fem_samples=[patient.fem_samples],
         plans=[patient.plan],
         postops=[patient.postop],
+        covariates=[],
+        settings={},
         fitted=fitted,
     )
     for name in ("ratio", "pca_linear", "elastic", "no_change"):

@@ -88,6 +88,7 @@ def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, t
             lifts=[],
             plans=[nominal["executed"]],
             truths=truths,
+            covariates=[],
             device="cpu",
             threads=1,
             predictions=predictions,

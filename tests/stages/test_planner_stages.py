@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from pinnochio.methods.sources import SourceModel
 from pinnochio.metrics.quality import quality
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
@@ -19,6 +20,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration, Interval
 from pinnochio.training.checkpoint import save_network
 from scripts.describe_training import describe_training
+from scripts.fit import fit
 from scripts.make_lift import write_lift
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
@@ -48,13 +50,26 @@ def prepared(patients, tmp_path_factory):
     Archive("virtual cohort", 2, SEGMENTS, ["1", "2"], methods, {}, "abc", "def").write(archive)
     widths = dict.fromkeys(NAMES, 1.5), dict.fromkeys(NAMES, 0.01)
     Calibration(METHOD, 0.9, 2, 2, *widths).write(archive / calibration_file(METHOD))
+    fitted = str(folder / "fitted.h5")
+    fit(
+        module="pinnochio.methods.fem_learned",
+        cases=[own.case for own in patients],
+        models=[own.model for own in patients],
+        fem_samples=[own.fem_samples for own in patients],
+        plans=[own.plan for own in patients],
+        postops=[own.postop for own in patients],
+        covariates=[own.covariates for own in patients],
+        settings={"fem": vars(patient.fem)},
+        fitted=fitted,
+    )
+    sources = {name: torch.as_tensor(value) for name, value in SourceModel.read(fitted).state().items()}
     for number, fold in enumerate("12"):
         torch.manual_seed(number)
         network = build(SMALL)
         with torch.no_grad():
             for weights in network.parameters():  # as built, every network gives out what the lift says
                 weights += 0.02 * torch.randn_like(weights)
-        save_network(archive / network_file(METHOD, fold), network, SMALL)
+        save_network(archive / network_file(METHOD, fold), network, SMALL, sources=sources)
     lift = str(folder / "lift.h5")
     write_lift(patient.model, "elastic", 16, patient.fem, lift)
     (folder / "set").mkdir()
@@ -62,7 +77,8 @@ def prepared(patients, tmp_path_factory):
     settings = {"home": str(folder), "archive": str(archive), "method": METHOD, "corrections": 1}
     settings |= {"fem": vars(patient.fem)}
     out = str(folder / "planner.json")
-    prepare_planner(patient.case, patient.model, lift, reports[0], [str(folder / "set/plan.json")], settings, out)
+    files = patient.model, lift, patient.covariates, reports[0]
+    prepare_planner(patient.case, *files, [str(folder / "set/plan.json")], settings, out)
     return Prepared.read(out)
 
 
@@ -84,6 +100,7 @@ def test_a_forecast_is_the_prediction_of_the_workflow(prepared, forecaster, pati
         model=prepared.model,
         plan=plan,
         lift=prepared.lift,
+        covariates=prepared.covariates,
         device="cpu",
         threads=1,
         ensemble=ensemble,

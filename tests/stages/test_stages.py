@@ -186,7 +186,7 @@ def predicted(patients, tmp_path_factory) -> dict[str, str]:
     first = {"network": str(folder / "pretrained.pt"), "history": str(folder / "pretraining.csv")}
     pretrain(**own, fem_samples=[two.fem_samples], outputs=first)
     last = {"network": str(folder / "network.pt"), "history": str(folder / "finetuning.csv")}
-    finetune(**own, plans=[two.plan], postops=[two.postop], pretrained=first["network"], outputs=last)
+    finetune(**own, plans=[two.plan], postops=[two.postop], covariates=[], pretrained=first["network"], outputs=last)
     files = {method: str(folder / f"{method}.h5") for method in ("no_change", "fem_sliding", "pinnochio")}
     predict_by("no_change", one, files["no_change"])
     predict_by("finite_elements", one, files["fem_sliding"], fem=fem, contact="mucosa", apart=0.0)

@@ -79,6 +79,7 @@ def ensembles(patients, networks, tmp_path_factory):
             model=patient.model,
             plan=patient.plan,
             lift=None,
+            covariates=None,
             device="cpu",
             threads=1,
             ensemble=paths[patient.case],

@@ -155,9 +155,10 @@ def test_a_plan_that_could_not_be_imported_is_not_saved(session, tmp_path):
 
 
 def test_what_is_prepared_reads_back_and_a_missing_file_is_said(tmp_path):
-    for name in ("model.h5", "quality.json", "plan.json"):
+    names = {"model": "model.h5", "quality": "quality.json", "covariates": "covariates.json"}
+    for name in (*names.values(), "plan.json"):
         (tmp_path / name).touch()
-    files = {name: str(tmp_path / file) for name, file in (("model", "model.h5"), ("quality", "quality.json"))}
+    files = {name: str(tmp_path / file) for name, file in names.items()}
     plans = {"a": str(tmp_path / "plan.json")}
     prepared = Prepared(
         "tiny", lift=None, plans=plans, home="h", archive=str(tmp_path), method="m", corrections=1, fem={}, **files

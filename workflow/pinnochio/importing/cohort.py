@@ -106,7 +106,7 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
                 raise InputError(name, table, f"column {key} is empty", f"name the {key} file of the case")
             if path and not (Path(path).is_file() or (key in FOLDERS and Path(path).is_dir())):
                 raise InputError(name, path, f"the {key} file does not exist", f"correct the path in {table}")
-        cases.append(Case(name, **paths, covariates=_covariates(row, name, table)))
+        cases.append(Case(name, **paths, covariates=covariates_of(row, name, table)))
     if not cases:
         raise InputError("-", table, "the cohort table has no case", "add one row per case")
     return cases
@@ -126,14 +126,14 @@ def _check_columns(columns: list[str], table: Path) -> None:
         raise InputError("-", table, f"it lacks the column {missing[0]!r}; its columns are {columns}", remedy)
 
 
-def _covariates(row: Mapping[str, str], name: str, table: Path) -> dict[str, str | float | bool]:
-    """The covariates of a row; what is empty is not known."""
+def covariates_of(row: Mapping[str, str], name: str, file: str | os.PathLike) -> dict[str, str | float | bool]:
+    """The covariates of a row of texts; what is empty is not known. InputError names the patient and the file."""
     values = {}
     for key, (read, allowed) in COVARIATES.items():
         if text := row.get(key):
             try:
                 values[key] = read(text)
             except (ValueError, KeyError):
-                problem = f"column {key} holds {text!r}"
-                raise InputError(name, table, problem, f"write {allowed}, or leave it empty") from None
+                problem = f"{key} holds {text!r}"
+                raise InputError(name, file, problem, f"write {allowed}, or leave it empty") from None
     return values

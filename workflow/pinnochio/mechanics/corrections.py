@@ -78,13 +78,13 @@ class Corrector:
         law = settings.material(patient.tissue)
         return cls(patient.points, patient.cells, law, nodes, settings.volumetric, settings.linear_solver)
 
-    def corrections(self, start, prescribed, steps: int, tolerance: float = 0.0) -> list[Correction]:
+    def corrections(self, start, prescribed, steps: int, tolerance: float = 0.0, forces=None) -> list[Correction]:
         """The start (n, 3) mm and what 1, 2, ... `steps` corrections make of it; fewer where one meets the tolerance
         (residual) or none gets any further.
 
         prescribed (p, 3) mm: where the prescribed nodes belong. Where that turns an element inside out which no free
         node can save, they belong where :func:`~pinnochio.mechanics.inversion_repair.repair_inversions` puts them.
-        InputError if a field does not fit the mesh or is not finite.
+        forces (n, 3) mN: a dead load, if there is one. InputError if a field does not fit the mesh or is not finite.
         """
         newton, start = self._newton, np.array(start, float)
         if start.shape != newton.points.shape or np.shape(prescribed) != self._motion.shape:
@@ -92,6 +92,7 @@ class Corrector:
             raise InputError("-", "start", problem, f"give {newton.points.shape} and {self._motion.shape} in mm")
         began = time.perf_counter()
         self._motion = self._attainable(start, prescribed)
+        newton.outer.replace(np.zeros_like(start) if forces is None else forces)
         newton.forget()  # what one plan leaves behind must not change the next one's result
         # No pressure to begin with: that of a field which is far from equilibrium is spurious.
         pressure, cut_below = np.zeros(len(newton.elements.patch_volumes)), CUT_BELOW
@@ -156,20 +157,23 @@ class Finish:
     def __init__(self, patient: PatientModel, settings: FemSettings, steps: int):
         self._patient, self._settings, self._steps, self._corrector = patient, settings, steps, None
 
-    def __call__(self, displacement, boundary) -> tuple[np.ndarray, np.ndarray, Repair, int]:
-        """Displacement and boundary (n, 3) mm, what the inversion repair did, and how many corrections were made."""
+    def __call__(self, displacement, boundary, forces=None) -> tuple[np.ndarray, Repair, int]:
+        """Displacement (n, 3) mm, what the inversion repair did, and how many corrections were made.
+
+        displacement, boundary (n, 3) mm, forces (n, 3) mN: the network's.
+        """
         patient, settings = self._patient, self._settings
         law = settings.material(patient.tissue)
         displacement, repair = repair_inversions(
             patient.points, patient.cells, law, displacement, patient.node_type != FREE, settings.volumetric
         )
         if not self._steps:
-            return displacement, boundary, repair, 0
+            return displacement, repair, 0
         nodes, prescribed = interface(patient, boundary)
         if self._corrector is None:
             self._corrector = Corrector.of(patient, settings, nodes)
-        made = self._corrector.corrections(displacement, prescribed, self._steps, settings.tolerance)
-        return made[-1].displacement, boundary, repair, len(made) - 1
+        made = self._corrector.corrections(displacement, prescribed, self._steps, settings.tolerance, forces)
+        return made[-1].displacement, repair, len(made) - 1
 
     def close(self) -> None:
         """Release what the corrections hold."""

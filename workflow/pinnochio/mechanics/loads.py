@@ -43,6 +43,10 @@ class OuterForces:
         self.pairs = np.column_stack([upper.row, upper.col]).astype(np.int64)
         self.blocks = upper.data[:, None, None] * np.eye(3)
 
+    def replace(self, forces) -> None:
+        """Take other dead forces (n, 3) mN, as another plan has them."""
+        self.forces = np.asarray(forces, float)
+
     def evaluate(self, displacement, fraction: float) -> tuple[float, np.ndarray]:
         """Energy in mN mm and its gradient (n, 3) in mN at a displacement (n, 3) mm and a fraction of the load."""
         pull, dead = self.stiffness @ displacement, fraction * self.forces

@@ -11,15 +11,13 @@ from dataclasses import dataclass, fields
 from functools import partial
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
-from scipy.spatial import cKDTree
 
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.scattered import farthest, nearest, spread
 from pinnochio.hdf5 import reading, writing
 from pinnochio.methods.protocol import Planned, predict_skin
 from pinnochio.model.bones import motion_of_places
-from pinnochio.model.landmarks import face_landmarks
+from pinnochio.model.correspondence import corresponding, marks
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.plans.plan import Plan
@@ -150,22 +148,6 @@ def ridge(rows: np.ndarray, values: np.ndarray, owner: np.ndarray) -> np.ndarray
         return np.square(np.concatenate(parts)).mean()
 
     return solve(slice(None), min(PENALTIES, key=error))
-
-
-def corresponding(template: np.ndarray, landmarks: np.ndarray, model: PatientModel) -> np.ndarray:
-    """Skin point (t,) of the judged face that stands where each template point (t, 3) does.
-
-    A thin-plate spline takes the template's landmarks to the patient's; then the nearest point of the skin counts.
-    """
-    # Smoothed a little, because on a coarse face two landmarks may fall together.
-    carried = RBFInterpolator(landmarks, marks(model), smoothing=1.0, kernel="thin_plate_spline", degree=1)(template)
-    face = model.judged_points
-    return face[cKDTree(model.skin_points[face]).query(carried)[1]]
-
-
-def marks(model: PatientModel) -> np.ndarray:
-    """Landmarks (l, 3) mm of the face."""
-    return np.vstack([np.atleast_2d(point) for point in vars(face_landmarks(model)).values()])
 
 
 def centred(points: np.ndarray) -> np.ndarray:

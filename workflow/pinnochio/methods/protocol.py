@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -15,13 +15,15 @@ from pinnochio.plans.plan import Plan
 
 @dataclass(frozen=True)
 class Planned:
-    """A patient under a plan; lift: of a method whose network wants one; truth: file of the virtual one, of a bound."""
+    """A patient under a plan; lift: of a method whose network wants one; truth: file of the virtual one, of a bound;
+    covariates: what else is known of the patient, by name, of a method that reads them."""
 
     case: str
     patient: PatientModel
     plan: Plan
     lift: Lift | None = None
     truth: str | None = None
+    covariates: Mapping = field(default_factory=dict)
 
 
 class Predictor(Protocol):

@@ -20,7 +20,8 @@ class Method:
     (by steps). sections: of the configuration that it reads; options: further values, fixed. mesh: "study", or "lips"
     for the mesh that resolves the lips. trains: "no", "at once" or "by steps". new_patients: whether it predicts
     patients of no study. varied: what the trade-off changes of it. reduced: whether a reduced model serves it. truth:
-    what a bound reads of the virtual truth, "motion" or "field"; empty for every method proper. settings: values of the
+    what a bound reads of the virtual truth, "motion" or "field"; empty for every method proper. covariates: whether it
+    reads what else is known of a patient. settings: values of the
     sections and options, by section, once the configuration is known.
     """
 
@@ -36,6 +37,7 @@ class Method:
     varied: tuple[str, ...] = ()
     reduced: bool = False
     truth: str = ""
+    covariates: bool = False
     settings: Mapping[str, object] = field(default_factory=dict)
 
     @property
@@ -59,6 +61,7 @@ def _finite_elements(name: str, contact: str, **more) -> Method:
 _WHOLE = {"new_patients": True, "reduced": True}
 _VARIED = ("nodes", "element", "increments", "tolerance", "precision")
 _REGRESSION = "pinnochio.methods.pca_linear"
+_LEARNED = "pinnochio.methods.fem_learned"
 BUILT_IN = (
     Method("no_change", "floor", "pinnochio.methods.no_change"),
     Method("ratio", "floor", "pinnochio.methods.ratio"),
@@ -66,6 +69,7 @@ BUILT_IN = (
     Method("elastic", "finite elements", "pinnochio.methods.elastic", sections=("fem",), varied=("nodes",), **_WHOLE),
     _finite_elements("fem_bonded", "bonded", varied=("nodes", "element", "mixed"), **_WHOLE),
     _finite_elements("fem_sliding", "mucosa", varied=_VARIED, **_WHOLE),
+    Method("fem_learned", "finite elements", _LEARNED, _LEARNED, ("fem",), trains="at once", covariates=True),
     _finite_elements("fem_rlse_bonded", "bonded", mesh="lips"),
     _finite_elements("fem_rlse_mucosa", "mucosa", mesh="lips"),
     _finite_elements("fem_rlse", "mucosa+lip", mesh="lips"),
@@ -97,7 +101,8 @@ def registry(config: Mapping) -> dict[str, Method]:
     """Every method that the configuration knows by its name, with its settings."""
     methods = {method.name: replace(method, settings=_settings(method, config)) for method in BUILT_IN}
     for name, settings in graph_networks(config).items():
-        methods[name] = replace(GRAPH_NETWORK, name=name, settings=settings | {"fem": config["fem"]})
+        own = settings | {"fem": config["fem"]}
+        methods[name] = replace(GRAPH_NETWORK, name=name, settings=own, covariates=own["finetuning"]["sources"])
     for name, settings in surface_networks(config).items():
         methods[name] = replace(SURFACE_NETWORK, name=name, settings=settings)
     return methods | {name: replace(EXTERNAL, name=name) for name in config["external"]}

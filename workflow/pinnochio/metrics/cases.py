@@ -55,7 +55,7 @@ def evaluate_case(
         return row | {"converged": False, "reason": f"the field is not finite ({prediction.reason})"}
     if u is not None:
         row |= volume_metrics(patient.points, patient.cells, patient.tissue, u)
-        row |= equilibrium_of(patient, u, fem)
+        row |= equilibrium_of(patient, u, fem, prediction.forces)
         row |= boundary_metrics(patient, plan, u)
     if prediction.raw is not None:
         own = volume_metrics(patient.points, patient.cells, patient.tissue, prediction.raw)

@@ -38,6 +38,7 @@ CASES = (
     number("eqres_paper", "mN2", "mean squared residual force of the free nodes", ".4g"),
     number("eqres_rms", "mN", "root of the mean squared residual force of the free nodes", ".4g"),
     number("eqres_rel", "", "residual force of the free nodes over the force of all others", ".4g"),
+    number("load_rel", "", "declared load on the free nodes over the force of all others; 0 where none is", ".4g"),
     number("raw_eqres_paper", "mN2", "eqres_paper of a learned method's own field", ".4g"),
     number("raw_eqres_rel", "", "eqres_rel of that field", ".4g"),
     number("eqres_disp", "mm", "mean displacement that a free node still wants", ".4g"),

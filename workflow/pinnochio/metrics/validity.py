@@ -26,11 +26,22 @@ def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
     return metrics
 
 
-def equilibrium_of(patient: PatientModel, displacement, fem: FemSettings) -> dict[str, float | str]:
-    """:func:`equilibrium_metrics` of a patient's field (n, 3) mm, with the material and elements of the settings."""
+def equilibrium_of(
+    patient: PatientModel, displacement, fem: FemSettings, forces: np.ndarray | None = None
+) -> dict[str, float | str]:
+    """:func:`equilibrium_metrics` of a patient's field (n, 3) mm, with the material and elements of the settings.
+
+    forces (n, 3) mN: the load that the field declares, which inner forces balance; its size beside the force of all
+    other nodes is load_rel.
+    """
     elements = Elements.build(patient.points, patient.cells, fem.material(patient.tissue), fem.volumetric)
     force, stiffness = elements.evaluate(displacement)[1], diagonal_blocks(elements, displacement)
-    return equilibrium_metrics(force, stiffness, patient.node_type) | {"eqres_element": fem.volumetric}
+    load = np.zeros_like(force) if forces is None else np.asarray(forces, float)
+    metrics = equilibrium_metrics(force - load, stiffness, patient.node_type)
+    free = patient.node_type == FREE
+    reaction = np.linalg.norm((force - load)[~free])
+    metrics["load_rel"] = float(np.linalg.norm(load[free]) / reaction if load.any() else 0.0)
+    return metrics | {"eqres_element": fem.volumetric}
 
 
 def equilibrium_metrics(force, stiffness, node_type) -> dict[str, float]:

@@ -14,7 +14,13 @@ from pinnochio.model.patient import PatientModel
 
 SAME_PLACE = 1e-3  # mm
 FARTHEST = 100.0  # mm; twice as far as a bone is moved
-FIELDS = ("displacement", "boundary", "raw", "skin")  # of a prediction: datasets of its file, the rest are attributes
+FIELDS = (
+    "displacement",
+    "boundary",
+    "raw",
+    "forces",
+    "skin",
+)  # of a prediction: datasets of its file, the rest are attributes
 
 
 @dataclass(frozen=True)
@@ -25,6 +31,7 @@ class Prediction:
     NaN where nobody timed them. threads: 0 where unknown. iterations: of a solver, or corrections of a network's field.
     load: share of the plan that a solver has reached.
     boundary (n, 3) mm: where a network puts the interface nodes, which its field need not meet; None of other methods.
+    forces (n, 3) mN: the load on the tissue, beside what the bone does, that the field is in equilibrium with, or None.
     raw (n, 3) mm: the network's own field, before repair and corrections; None of other methods. repaired: elements
     that the inversion repair solved again; damping: its factor on the whole field, 1 for none. NaN without repair.
     skin (s, 3) mm: displacement of the skin points, of methods that move nothing else.
@@ -41,6 +48,7 @@ class Prediction:
     load: float = 1.0
     boundary: np.ndarray | None = None
     raw: np.ndarray | None = None
+    forces: np.ndarray | None = None
     repaired: float = np.nan
     damping: float = np.nan
     skin: np.ndarray | None = None

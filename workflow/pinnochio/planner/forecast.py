@@ -1,7 +1,7 @@
 """The face that a plan leads to, plan after plan: everything that belongs to the patient is loaded once."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,8 @@ from pinnochio.mechanics.inversion_repair import Repair
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.pinnochio.patient import tensors
-from pinnochio.methods.pinnochio.predictor import PatientNetwork, load_network
+from pinnochio.methods.pinnochio.predictor import PatientNetwork, load_network, load_sources
+from pinnochio.methods.sources import PatientSources, SourceModel
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
 from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
@@ -63,9 +64,16 @@ class Forecaster:
         networks, settings = zip(*(load_network(file, device) for file in files), strict=True)
         lift = Lift.read(prepared.lift) if prepared.lift else None
         shared = tensors(self.patient, self._fem, settings[0], device, lift)  # the folds' networks have one form
-        self._networks = [PatientNetwork(network, shared) for network in networks]
+        known = read_own_json(prepared.covariates)
+        self._networks = [
+            PatientNetwork(network, shared, self._sources(load_sources(file), known))
+            for network, file in zip(networks, files, strict=True)
+        ]
         self._finish = Finish(self.patient, self._fem, prepared.corrections)
         self(Plan(prepared.case, {}))  # so that no plan waits for code to be compiled
+
+    def _sources(self, learned: SourceModel | None, covariates: Mapping) -> PatientSources | None:
+        return learned and PatientSources(learned, self.patient, self._fem, covariates)
 
     def steps(self, plan: Plan) -> Iterator[Forecast | None]:
         """A first look at a plan, from the networks' raw fields; None after each field that is corrected; the forecast.
@@ -75,11 +83,11 @@ class Forecaster:
         """
         began = time.perf_counter()
         fields = [network(plan) for network in self._networks]
-        raw = [displacement for displacement, _ in fields]
+        raw = [field.displacement for field in fields]
         yield self._forecast(plan, interval(self.patient, raw, self.calibration, self._region), None, began)
         finished = []
         for field in fields:
-            displacement, _, repair, _ = self._finish(*field)
+            displacement, repair, _ = self._finish(*field)
             finished.append((displacement, repair))
             yield None
         result, repair = repaired_interval(

@@ -15,13 +15,15 @@ from pinnochio.json_text import read_own_json
 class Prepared:
     """A patient and its models: files and settings, as the rule `prepare_planner` writes them.
 
-    model, lift (None for networks without one), quality: files of the patient; plans: checked plan files by name; home:
-    folder that plans are saved in; archive: folder of the models; method, corrections, fem: what predicts, and how.
+    model, lift (None for networks without one), covariates, quality: files of the patient; plans: checked plan files by
+    name; home: folder that plans are saved in; archive: folder of the models; method, corrections, fem: what predicts,
+    and how.
     """
 
     case: str
     model: str
     lift: str | None
+    covariates: str
     quality: str
     plans: Mapping[str, str]
     home: str
@@ -42,7 +44,14 @@ class Prepared:
         if not Path(path).is_file():
             raise InputError("-", path, "no patient is prepared for the planner", remedy)
         prepared = cls(**read_own_json(path))
-        files = [prepared.model, prepared.lift, prepared.quality, prepared.archive, *prepared.plans.values()]
+        files = [
+            prepared.model,
+            prepared.lift,
+            prepared.covariates,
+            prepared.quality,
+            prepared.archive,
+            *prepared.plans.values(),
+        ]
         for file in filter(None, files):
             if not Path(file).exists():
                 raise InputError(prepared.case, file, "it is no longer there", remedy)

@@ -75,10 +75,6 @@ def check_config(config: Mapping) -> None:
             NetworkSettings(**settings["network"])
         except ValueError as error:
             refuse(f"the network of {name!r} cannot be built: {error}", "change its keys in 'network' or 'variants'")
-        if settings["finetuning"]["execution_prior"] and settings["network"]["lift"] == "none":
-            refuse(
-                f"{name!r} has an execution_prior and no lift", "choose a lift, or set finetuning.execution_prior to 0"
-            )
     if config["cohort"] == "virtual" and not config["patient"]:
         every = dealt(config["virtual"]["procedures"], config["virtual"]["patients"])
         made = dict.fromkeys(name for own in every for name in own.segments)

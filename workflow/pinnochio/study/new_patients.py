@@ -2,16 +2,19 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pinnochio.errors import InputError
 from pinnochio.files import check_name
-from pinnochio.importing.cohort import read_cases
+from pinnochio.importing.cohort import COVARIATES, covariates_of, read_cases
 from pinnochio.importing.segment_files import IMAGE_FORMATS
+from pinnochio.json_text import read_json
 
 VOLUMES = ("volume", "ct", "cbct")  # names of the scan, before its ending
 ENDING = ".mrk.json"
+COVARIATES_FILE = "covariates.json"
+WORDS = {"True": "yes", "False": "no"}  # of a cohort table for JSON's own
 
 
 @dataclass(frozen=True)
@@ -19,7 +22,7 @@ class NewPatient:
     """A patient to predict: segmentation, a file or a folder of surfaces; plan files or folders by the plan's name.
 
     home: the folder that what is planned for the patient is saved in; volume: the scan; markups: a file or folder of
-    them; both empty where there is none.
+    them; both empty where there is none. covariates: what else is known, by name.
     """
 
     name: str
@@ -28,6 +31,7 @@ class NewPatient:
     home: str
     volume: str = ""
     markups: str = ""
+    covariates: Mapping[str, str | float | bool] = field(default_factory=dict)
 
 
 def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
@@ -35,8 +39,9 @@ def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
 
     A folder bears the patient's name and holds `segmentation.*` (or the folder `segmentation` of surfaces or of several
     images) and, unless there is no plan yet, `plan.json`, the folder `plan` of transforms, or `plans/` with several of
-    either; a plan may be a second segmentation, after surgery. The scan is one of VOLUMES; markups (`.mrk.json`) lie
-    beside it. In a table the plan may be such a folder of plans too. InputError for what is missing or there twice.
+    either; a plan may be a second segmentation, after surgery. The scan is one of VOLUMES; markups (`.mrk.json`) and
+    `covariates.json` lie beside it. In a table the plan may be such a folder of plans too. InputError for what is
+    missing or there twice.
     """
     path = Path(path)
     if path.is_dir():
@@ -50,6 +55,7 @@ def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
                 home=str(path.parent / case.name),
                 volume=case.volume,
                 markups=case.markups,
+                covariates=case.covariates,
             )
             for case in read_cases(path)
         ]
@@ -89,7 +95,23 @@ def _of_folder(folder: Path) -> NewPatient:
         home=str(folder),
         volume=str(volumes[0]) if volumes else "",
         markups=str(folder) if markups else "",
+        covariates=_covariates(name, folder / COVARIATES_FILE),
     )
+
+
+def _covariates(case: str, path: Path) -> dict[str, str | float | bool]:
+    """What the file says, in the words of a cohort table; nothing without the file."""
+    if not path.exists():
+        return {}
+
+    def refuse(problem: str, remedy: str):
+        raise InputError(case, path, problem, remedy)
+
+    told = read_json(path, refuse)
+    if not isinstance(told, dict) or (unknown := [name for name in told if name not in COVARIATES]):
+        refuse("it holds " + (repr(unknown[0]) if isinstance(told, dict) else "no object"), f"keep {[*COVARIATES]}")
+    said = {name: "" if value is None else WORDS.get(str(value), str(value)) for name, value in told.items()}
+    return covariates_of(said, case, path)
 
 
 def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:

@@ -543,13 +543,15 @@ class Study:
         return case.postop_bones
 
     def covariates(self, wildcards) -> dict | None:
-        """What the case table says of the patient; None where a file says it."""
+        """What is said of the patient beside the files; None where a file says it."""
+        if wildcards.home == "patients":
+            return dict(self.patients[wildcards.case].covariates)
         case = self.cases[wildcards.case]
         return None if case.covariates_file else dict(case.covariates)
 
     def covariates_file(self, wildcards) -> str | list:
         """The file that says it instead, as the virtual cohort brings it."""
-        return self.cases[wildcards.case].covariates_file or []
+        return [] if wildcards.home == "patients" else self.cases[wildcards.case].covariates_file or []
 
     @property
     def described(self) -> list[str]:
@@ -587,6 +589,13 @@ class Study:
     def of_judged(self, pattern: str) -> Callable:
         """`pattern` for each held-out case of the fold that can be judged."""
         return lambda wildcards: filled(pattern, self.judged(wildcards.fold))
+
+    def covariates_of_training(self, wildcards) -> list[str]:
+        """What else is known of the training patients, for a method that reads it."""
+        return self._covariates(wildcards.method, self.training(wildcards.fold))
+
+    def _covariates(self, method: str, cases: Iterable[str]) -> list[str]:
+        return filled(f"{STUDY_FILES}/covariates.json", cases) if self.registry[method].covariates else []
 
     def lifts_of_training(self, wildcards) -> list[str]:
         return self._lifts(wildcards.method, self.training(wildcards.fold))
@@ -657,6 +666,7 @@ class Study:
                 plans=[f"{folder}/{plan}/plan.json"],
                 truths=[],
                 lifts=[],
+                covariates=[],
                 trained=[],
                 settings=_predicting(own.settings),
             )
@@ -669,6 +679,7 @@ class Study:
             plans=[self.motion_of(case, wildcards.method, wildcards.batch) for case in cases],
             truths=filled("<results>/virtual/{case}/truth.h5", cases) if method.truth == "field" else [],
             lifts=self._lifts(wildcards.method, cases),
+            covariates=self._covariates(wildcards.method, cases),
             trained=f"<results>/folds/{fold}/{wildcards.method}/{name}" if name else [],
             settings=_predicting(method.settings),
         )
@@ -688,6 +699,7 @@ class Study:
                 folds=choice.archive.folds,
                 networks=choice.networks,
                 lifts=lifts,
+                covariates=[f"<results>/patients/{wildcards.case}/covariates.json"],
                 settings=settings,
                 calibration=choice.calibration,
                 ranges=choice.ranges,
@@ -697,6 +709,7 @@ class Study:
             folds=list(self.held_out),
             networks=[f"<results>/folds/{fold}/{method}/network.pt" for fold in self.held_out],
             lifts=self._lifts(method, [case]),
+            covariates=self._covariates(method, [case]),
             settings=_predicting(self.registry[method].settings),
             calibration=f"<results>/methods/{method}/calibration.json",
             ranges="<results>/methods/ranges.json",

@@ -16,7 +16,7 @@ File = str | os.PathLike
 @dataclass(frozen=True)
 class CaseFiles:
     """Files of one training patient: model and, for a network with a lift, its lift; the finite-element samples, or the
-    plan and the post-operative skin."""
+    plan and the post-operative skin, and the covariates of a method that reads them."""
 
     case: str
     model: File
@@ -24,16 +24,17 @@ class CaseFiles:
     fem_samples: File | None = None
     plan: File | None = None
     postop: File | None = None
+    covariates: File | None = None
 
     @property
     def inputs(self) -> list[File]:
         """The files that are there, but for the lift, which the model decides."""
-        return [path for path in (self.model, self.fem_samples, self.plan, self.postop) if path]
+        return [path for path in (self.model, self.fem_samples, self.plan, self.postop, self.covariates) if path]
 
 
 def case_files(cases: Sequence[str], lifts: Sequence[str], **files: Sequence[str]) -> list[CaseFiles]:
-    """Of each case; lifts may be empty; files: by the names of :class:`CaseFiles`, each in the order of the cases."""
-    rows = zip(cases, lifts or [None] * len(cases), *files.values(), strict=True)
+    """Of each case; files: by the names of :class:`CaseFiles`, in the order of the cases, or none, as lifts may be."""
+    rows = zip(cases, *(own or [None] * len(cases) for own in (lifts, *files.values())), strict=True)
     return [CaseFiles(case, lift=lift, **dict(zip(files, own, strict=True))) for case, lift, *own in rows]
 
 

@@ -35,14 +35,14 @@ class Learner(Protocol):
         """A sample for each of the patient's finite-element samples, or one of its own plan and post-operative skin;
         InputError where the files do not fit each other."""
 
-    def explained(self, samples: list, seed: int) -> list:
-        """The samples that are trained on, freed of what no plan explains."""
-
     def terms(self, network: nn.Module, samples: Sequence, step: Step) -> Mapping[str, Tensor]:
         """Loss terms of the samples of a step, see :func:`~pinnochio.training.loop.train`."""
 
     def error(self, network: nn.Module, samples: Sequence) -> Tensor:
         """Mean error of the network on samples that are not trained on; the same at every call."""
+
+    def completed(self, network: nn.Module, cases: Sequence[CaseFiles]) -> Mapping[str, Mapping[str, Tensor]]:
+        """What is learned at once when the network is trained, by the name under which it is stored with it."""
 
 
 def train_fold(
@@ -70,7 +70,6 @@ def train_fold(
         network = learner.build(learner.network).to(learner.device)
     else:
         network, _ = read_network(pretrained, type(learner.network), learner.build, learner.device)
-    samples = learner.explained(samples, seed)
     logging.info("%s: %d samples, %d held back", phase, len(samples), len(checks))
     train(
         network,
@@ -86,5 +85,5 @@ def train_fold(
         inputs=[path for files in cases for path in files.inputs],
     )
     plain = asdict(training) | {"weights": dict(training.weights)}
-    save_network(out, network, learner.network, training=plain, seed=seed)
+    save_network(out, network, learner.network, training=plain, seed=seed, **learner.completed(network, cases))
     checkpoint.unlink(missing_ok=True)

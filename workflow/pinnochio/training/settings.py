@@ -26,8 +26,8 @@ class TrainingSettings:
     anneal (0.6) and the target (0.5) left errors as they were after 120 steps, a target of 0.1 traded a tenth
     less volumetric error for half as much residual again [X].
 
-    execution_prior: in fine-tuning with a lift, explain away each training patient's error of carrying out the
-    plan, at this cost per published error (:mod:`pinnochio.methods.pinnochio.execution`); 0 does not, as in the paper.
+    sources: in fine-tuning, learn what the network leaves of the post-operative skins as loads on the tissue
+    (:mod:`pinnochio.methods.sources`); not in the paper.
 
     validation: patients of the fold that are not trained on (never more than a quarter of them), by whose data
     term the weights are chosen; 0 takes the last weights. The paper says nothing of it. One is enough to tell
@@ -58,7 +58,7 @@ class TrainingSettings:
     physics_robust: float = 0.0
     poisson_anneal: float = 0.0
     poisson_start: float = 0.0
-    execution_prior: float = 0.0
+    sources: bool = False
     surface_samples: int = 0
     surface_cutoff: float = 0.0
     checkpoint_every: int = 100

@@ -1,7 +1,7 @@
 """Training of the graph networks: what a step shows of a patient, and its loss."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -10,7 +10,6 @@ from torch import Tensor, nn
 from pinnochio.errors import InputError
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.methods.pinnochio.execution import execution_fields
 from pinnochio.methods.pinnochio.losses import SurfaceLoss, boundary_loss, bulk_factor, physics_loss, volume_loss
 from pinnochio.methods.pinnochio.patient import PatientTensors, tensors
 from pinnochio.model.patient import PatientModel
@@ -54,17 +53,8 @@ class Learner:
         """ValueError where the phase does not fit the network."""
         self.device, self.network = device, NetworkSettings(**settings["network"])
         self._fem, self.training = FemSettings(**settings["fem"]), TrainingSettings(**settings[PHASES[phase]])
+        self._corrections = settings.get("newton_corrections", 0)
         self.read = self._fem_samples if phase == "pretrain" else self._outcome
-        if self.training.execution_prior and self.network.lift == "none":
-            raise ValueError("execution_prior needs a network with a lift, which carries the errors to the skin")
-
-    def explained(self, samples: list[Sample], seed: int) -> list[Sample]:
-        """Without the errors of carrying out the plan, where the settings ask for it."""
-        if not self.training.execution_prior:
-            return samples
-        own = [(sample.patient, sample.signal, sample.data) for sample in samples]
-        fields = execution_fields(own, self.training.execution_prior, seed)
-        return [replace(own, data=_moved(own.data, field)) for own, field in zip(samples, fields, strict=True)]
 
     def terms(self, network: nn.Module, samples: Sequence[Sample], step: Step) -> dict[str, Tensor]:
         """Each the mean over the samples."""
@@ -78,6 +68,16 @@ class Learner:
             displacement = network(sample.patient.anatomy, sample.signal).displacement
             errors.append(sample.data(displacement, np.random.default_rng(0)))
         return torch.stack(errors).mean()
+
+    def completed(self, network: nn.Module, cases: Sequence[CaseFiles]) -> dict[str, dict[str, Tensor]]:
+        """The sources, over the network's corrected fields, where the settings ask for them."""
+        if not self.training.sources:
+            return {}
+        # Here, because what trains a network alone, on a machine with a GPU, needs none of what it imports.
+        from pinnochio.methods.pinnochio.adaptation import learned_sources
+
+        patients = [self._patient(files) for files in cases]
+        return {"sources": learned_sources(network, patients, cases, self._fem, self._corrections)}
 
     def _fem_samples(self, files: CaseFiles) -> list[Sample]:
         """One for each finite-element sample."""
@@ -120,7 +120,3 @@ class Learner:
 
 def _to_field(field: Tensor) -> DataTerm:
     return lambda displacement, rng: volume_loss(displacement, field)
-
-
-def _moved(data: DataTerm, field: Tensor) -> DataTerm:
-    return lambda displacement, rng: data(displacement + field, rng)

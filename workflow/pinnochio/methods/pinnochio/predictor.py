@@ -3,6 +3,7 @@
 import logging
 import os
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -12,13 +13,14 @@ from pinnochio.mechanics.corrections import Finish
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.pinnochio.patient import PatientTensors, tensors
 from pinnochio.methods.protocol import Planned
+from pinnochio.methods.sources import PatientSources, SourceModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.signals import InterfaceAndVolume, PlanSignal
 from pinnochio.plans.plan import Plan
 from pinnochio.timing import timed
-from pinnochio.training.checkpoint import read_network
+from pinnochio.training.checkpoint import load_tensors, read_network
 
 
 class Predictor:
@@ -30,6 +32,7 @@ class Predictor:
 
     def __init__(self, settings: Mapping, trained: str | os.PathLike, device: str, threads: int):
         self.network, self._settings = load_network(trained, device)
+        self._learned = load_sources(trained)
         self._fem, self._corrections = FemSettings(**settings["fem"]), settings["newton_corrections"]
         self._device, self._threads = device, threads
 
@@ -38,15 +41,16 @@ class Predictor:
         finish = Finish(planned.patient, self._fem, self._corrections)
 
         def prepare():
-            network = PatientNetwork(self.network, self.tensors(planned))
+            sources = self._learned and PatientSources(self._learned, planned.patient, self._fem, planned.covariates)
+            network = PatientNetwork(self.network, self.tensors(planned), sources)
 
             def predict():
-                raw, boundary = network(planned.plan)
-                return raw, *finish(raw, boundary)
+                raw = network(planned.plan)
+                return raw, *finish(*raw)
 
             return predict
 
-        (raw, displacement, boundary, repair, corrections), seconds, setup = timed(prepare)
+        (raw, displacement, repair, corrections), seconds, setup = timed(prepare)
         finish.close()
         logging.info("%s: %s", planned.case, repair)
         return Prediction(
@@ -56,8 +60,9 @@ class Predictor:
             self._threads,
             self._device,
             iterations=corrections,
-            boundary=boundary,
-            raw=raw,
+            boundary=raw.boundary,
+            raw=raw.displacement,
+            forces=raw.forces,
             repaired=repair.elements,
             damping=repair.damping,
         )
@@ -67,22 +72,30 @@ class Predictor:
         return tensors(planned.patient, self._fem, self._settings, self._device, planned.lift)
 
 
+class RawField(NamedTuple):
+    """What a network says of a plan: displacement (n, 3) mm of every node, and of the interface nodes as P_bnd gives
+    it; forces (n, 3) mN: the load of the learned sources, which the displacement has answered to first order, or None.
+    """
+
+    displacement: np.ndarray
+    boundary: np.ndarray
+    forces: np.ndarray | None = None
+
+
 class PatientNetwork:
     """A trained network on one patient: what belongs to the patient is computed once and serves every plan.
 
-    On a GPU the first plan records the kernels, and every later one replays them without the cost of their launches.
+    sources: those that were learned with it, if any. On a GPU the first plan records the kernels, and every later one
+    replays them without the cost of their launches.
     """
 
-    def __init__(self, network: nn.Module, patient: PatientTensors):
-        self.network, self.patient, self._recorded = network, patient, None
+    def __init__(self, network: nn.Module, patient: PatientTensors, sources: PatientSources | None = None):
+        self.network, self.patient, self.sources, self._recorded = network, patient, sources, None
         with torch.inference_mode():
             self._rest = network.encode_rest(patient.anatomy)
 
-    def __call__(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
-        """Displacement (n, 3) mm of every node, and of the interface nodes as P_bnd gives it, float64.
-
-        FloatingPointError if the network gives no number.
-        """
+    def __call__(self, plan: Plan) -> RawField:
+        """The field, float64; FloatingPointError if the network gives no number."""
         with torch.inference_mode():
             output = self._run(self.patient.signal(plan))
             # A node of which no boundary network speaks has its own displacement.
@@ -90,7 +103,11 @@ class PatientNetwork:
             displacement, boundary = (x.cpu().numpy().astype(float) for x in (output.displacement, boundary))
         if not np.isfinite(displacement).all():
             raise FloatingPointError(f"case {plan.case!r}: the predicted displacement is not finite")
-        return displacement, boundary
+        if self.sources is None:
+            return RawField(displacement, boundary)
+        amplitudes = self.sources.amplitudes(plan)
+        answer = self.sources.sources.field(amplitudes)
+        return RawField(displacement + answer, boundary + answer, self.sources.sources.load(amplitudes))
 
     def _run(self, signal: PlanSignal) -> InterfaceAndVolume:
         def once(shown: PlanSignal) -> InterfaceAndVolume:
@@ -119,3 +136,9 @@ class PatientNetwork:
 def load_network(path: str | os.PathLike, device: str = "cpu") -> tuple[nn.Module, NetworkSettings]:
     """A trained graph network and its settings."""
     return read_network(path, NetworkSettings, build, device)
+
+
+def load_sources(path: str | os.PathLike) -> SourceModel | None:
+    """The sources that were learned with a network, if any."""
+    state = load_tensors(path, "cpu").get("sources")
+    return state and SourceModel.restored({name: value.numpy() for name, value in state.items()})

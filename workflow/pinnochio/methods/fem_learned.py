@@ -1,0 +1,73 @@
+"""Finite elements with sources: the bone's motion by mechanics, what it does not explain by loads that are learned."""
+
+import logging
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pinnochio.mechanics.loads import Loads
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import PlanSolver, simulate
+from pinnochio.methods import sources
+from pinnochio.methods.protocol import Planned
+from pinnochio.methods.sources import PatientSources, SourceModel
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction
+from pinnochio.plans.plan import Plan
+from pinnochio.timing import timed
+
+SLIDING = "mucosa"
+NO_TENSION = np.zeros((0, 3), int), np.zeros(0)
+
+
+def fit(
+    models: Sequence[PatientModel],
+    plans: Sequence[Plan],
+    skins: Sequence[tuple[np.ndarray, np.ndarray]],
+    covariates: Sequence[Mapping],
+    fem: FemSettings,
+    **_: object,
+) -> SourceModel:
+    """The sources of some training patients over the finite-element field of each one's own motion."""
+    bases = []
+    for model, plan in zip(models, plans, strict=True):
+        solver = PlanSolver(model, SLIDING, fem)
+        (solved,) = solver.solve([plan])
+        solver.close()
+        logging.info("%s: %s", plan.case, solved.reason)
+        bases.append(solved.displacement)
+    return sources.fit(models, bases, plans, skins, covariates, fem)
+
+
+class Predictor:
+    """As :class:`pinnochio.methods.protocol.Predictor`; settings: fem."""
+
+    def __init__(self, settings: Mapping, trained: str, device: str, threads: int):
+        self._fem, self._learned, self._threads = FemSettings(**settings["fem"]), SourceModel.read(trained), threads
+
+    def __call__(self, planned: Planned) -> Prediction:
+        """Equilibrium under the plan and the learned loads; a solve that stops early is returned as such."""
+        patient, plan = planned.patient, planned.plan
+
+        def prepare():
+            own = PatientSources(self._learned, patient, self._fem, planned.covariates)
+
+            def predict():
+                forces = own.sources.load(own.amplitudes(plan))
+                return forces, simulate(patient, plan, SLIDING, self._fem, loads=Loads(forces, *NO_TENSION))
+
+            return predict
+
+        (forces, result), seconds, setup = timed(prepare)
+        logging.info("%s: %s", planned.case, result.reason)
+        return Prediction(
+            result.displacement,
+            seconds,
+            setup,
+            self._threads,
+            converged=result.converged,
+            reason=result.reason,
+            iterations=result.iterations,
+            load=result.fraction,
+            forces=forces,
+        )

@@ -1,0 +1,41 @@
+"""What a trained network leaves of its training patients' faces, learned as sources."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from pinnochio.json_text import read_own_json
+from pinnochio.mechanics.corrections import Finish
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods import sources
+from pinnochio.methods.pinnochio.patient import PatientTensors
+from pinnochio.methods.pinnochio.predictor import PatientNetwork
+from pinnochio.model.postop import PostopSkin
+from pinnochio.plans.plan import Plan
+from pinnochio.training.cases import CaseFiles
+
+
+def learned_sources(
+    network: nn.Module,
+    patients: Sequence[PatientTensors],
+    cases: Sequence[CaseFiles],
+    fem: FemSettings,
+    corrections: int,
+) -> dict[str, Tensor]:
+    """The state of :class:`pinnochio.methods.sources.SourceModel`, over the network's fields after the corrections."""
+    bases, plans = [], []
+    for patient, files in zip(patients, cases, strict=True):
+        plans.append(Plan.read(files.plan, files.case))
+        finish = Finish(patient.model, fem, corrections)
+        bases.append(finish(*PatientNetwork(network, patient)(plans[-1]))[0])
+        finish.close()
+    learned = sources.fit(
+        models=[patient.model for patient in patients],
+        bases=bases,
+        plans=plans,
+        skins=[PostopSkin.read(files.postop).surface for files in cases],
+        covariates=[read_own_json(files.covariates) for files in cases],
+        fem=fem,
+    )
+    return {name: torch.as_tensor(value) for name, value in learned.state().items()}
