@@ -22,21 +22,21 @@ from pinnochio.plans.plan import Plan
 from pinnochio.training.cases import CaseFiles, read_fem_samples
 from pinnochio.training.fold import PHASES
 from pinnochio.training.loop import Step
+from pinnochio.training.recording import Piece
 from pinnochio.training.settings import TrainingSettings
-
-DataTerm = Callable[[Tensor, np.random.Generator], Tensor]
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A patient under a plan: data(displacement, rng), the data term, and where the boundary belongs.
+    """A patient under a plan: data(displacement, *draw(rng)), the data term, and where the boundary belongs.
 
     anchor (n, 3) mm, on the nodes where anchored (n, 1) is 1.
     """
 
     patient: PatientTensors
     signal: PlanSignal
-    data: DataTerm
+    data: Callable[..., Tensor]
+    draw: Callable[[np.random.Generator], tuple[Tensor, ...]]
     anchor: Tensor
     anchored: Tensor
 
@@ -62,13 +62,18 @@ class Learner:
         """Without the errors of carrying out the plan, where the settings ask for it."""
         if not self.training.execution_prior:
             return samples
-        own = [(sample.patient, sample.signal, sample.data) for sample in samples]
+        own = [(sample.patient, sample.signal, _drawn_anew(sample)) for sample in samples]
         fields = execution_fields(own, self.training.execution_prior, seed)
         return [replace(own, data=_moved(own.data, field)) for own, field in zip(samples, fields, strict=True)]
 
+    @property
+    def recorded(self) -> bool:
+        """On a GPU, unless Poisson's ratio changes from step to step."""
+        return self.device == "cuda" and not self.training.poisson_anneal
+
     def terms(self, network: nn.Module, samples: Sequence[Sample], step: Step) -> dict[str, Tensor]:
         """Each the mean over the samples."""
-        each = [self._terms(network, sample, step) for sample in samples]
+        each = [self.piece(network, sample, step).terms() for sample in samples]
         return {name: sum(terms[name] for terms in each) / len(each) for name in each[0]}
 
     def error(self, network: nn.Module, samples: Sequence[Sample]) -> Tensor:
@@ -76,7 +81,7 @@ class Learner:
         errors = []
         for sample in samples:
             displacement = network(sample.patient.anatomy, sample.signal).displacement
-            errors.append(sample.data(displacement, np.random.default_rng(0)))
+            errors.append(sample.data(displacement, *sample.draw(np.random.default_rng(0))))
         return torch.stack(errors).mean()
 
     def _fem_samples(self, files: CaseFiles) -> list[Sample]:
@@ -85,7 +90,7 @@ class Learner:
         for plan, displacement in read_fem_samples(files.fem_samples, files.case):
             field = torch.as_tensor(displacement, dtype=torch.float32, device=self.device)
             everywhere = torch.ones_like(patient.reliable)
-            samples.append(Sample(patient, patient.signal(plan), _to_field(field), field, everywhere))
+            samples.append(Sample(patient, patient.signal(plan), volume_loss, _always(field), field, everywhere))
         return samples
 
     def _outcome(self, files: CaseFiles) -> list[Sample]:
@@ -93,11 +98,12 @@ class Learner:
         patient, skin = self._patient(files), PostopSkin.read(files.postop).surface
         try:
             surface = SurfaceLoss(patient, *skin, self.training.surface_samples, self.training.surface_cutoff)
-            surface(torch.zeros_like(patient.points), np.random.default_rng(0))
+            if not torch.isfinite(surface(torch.zeros_like(patient.points), np.random.default_rng(0))):
+                raise ValueError("no point of the face is near the post-operative skin: is it registered?")
         except ValueError as error:
             raise InputError(files.case, files.postop, str(error), "check registration and face region") from error
         signal = patient.signal(Plan.read(files.plan, files.case))
-        return [Sample(patient, signal, surface, signal.cue, signal.reliable)]
+        return [Sample(patient, signal, surface.between, surface.draw, signal.cue, signal.reliable)]
 
     def _patient(self, files: CaseFiles) -> PatientTensors:
         """Tensors of a patient's model and, if the network wants one, its lift."""
@@ -107,20 +113,34 @@ class Learner:
         lift = Lift.read(files.lift) if wanted else None
         return tensors(PatientModel.read(files.model), self._fem, self.network, self.device, lift)
 
-    def _terms(self, network: nn.Module, sample: Sample, step: Step) -> dict[str, Tensor]:
-        patient, training = sample.patient, self.training
-        prediction = network(patient.anatomy, sample.signal, step.mirror)
-        data = sample.data(prediction.displacement, step.rng)
-        terms = {"data": data, "boundary": boundary_loss(prediction, sample.anchor, sample.anchored)}
-        if step.physics:
-            bulk, u = bulk_factor(patient.operator, training.poisson_start, step.anneal), prediction.displacement
-            terms["physics"] = physics_loss(patient.operator, patient.free, u, training.physics_robust, bulk)
-        return terms
+    def piece(self, network: nn.Module, sample: Sample, step: Step) -> Piece:
+        """The loss of a sample: the same function for all plans of a patient, mirrored or not."""
+        patient, training, mirror, data = sample.patient, self.training, step.mirror, sample.data
+        shown = {name: value for name, value in vars(sample.signal).items() if value is not None}
+
+        def function(anchor, anchored, *rest):
+            signal, drawn = rest[: len(shown)], rest[len(shown) :]
+            prediction = network(patient.anatomy, PlanSignal(**dict(zip(shown, signal, strict=True))), mirror)
+            terms = {
+                "data": data(prediction.displacement, *drawn),
+                "boundary": boundary_loss(prediction, anchor, anchored),
+            }
+            if step.physics:
+                bulk, u = bulk_factor(patient.operator, training.poisson_start, step.anneal), prediction.displacement
+                terms["physics"] = physics_loss(patient.operator, patient.free, u, training.physics_robust, bulk)
+            return terms
+
+        inputs = (sample.anchor, sample.anchored, *shown.values(), *sample.draw(step.rng))
+        return Piece((id(patient), data, mirror), inputs, function)
 
 
-def _to_field(field: Tensor) -> DataTerm:
-    return lambda displacement, rng: volume_loss(displacement, field)
+def _always(*values: Tensor) -> Callable[[np.random.Generator], tuple[Tensor, ...]]:
+    return lambda rng: values
 
 
-def _moved(data: DataTerm, field: Tensor) -> DataTerm:
-    return lambda displacement, rng: data(displacement + field, rng)
+def _drawn_anew(sample: Sample) -> Callable[[Tensor, np.random.Generator], Tensor]:
+    return lambda displacement, rng: sample.data(displacement, *sample.draw(rng))
+
+
+def _moved(data: Callable[..., Tensor], field: Tensor) -> Callable[..., Tensor]:
+    return lambda displacement, *drawn: data(displacement + field, *drawn)

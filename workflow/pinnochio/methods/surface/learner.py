@@ -71,6 +71,7 @@ class Learner:
     """
 
     build = staticmethod(build)
+    recorded = False  # every step joins other patients, whose balls differ in size
 
     def __init__(self, settings: Mapping, phase: str, device: str):
         """Adam without warm-up and weight decay, and one loss term."""
