@@ -31,7 +31,8 @@ from pinnochio.seeds import derive_seed
 from pinnochio.study.cases import assign_folds, virtual_cases
 from pinnochio.training.cases import case_files
 from pinnochio.training.device import choose_device
-from pinnochio.training.fold import PHASES, train_fold
+from pinnochio.training.fold import train_fold
+from pinnochio.training.settings import PHASES
 
 NETWORKS = {"pretrain": "pretrained.pt", "finetune": "network.pt"}
 

@@ -31,7 +31,7 @@ from configuration import read_config
 from train_fold import trained
 
 from pinnochio.methods.registry import registry
-from pinnochio.training.fold import PHASES
+from pinnochio.training.settings import PHASES
 
 MARGIN = 20.0  # seconds that writing takes at the end
 PART, PARTS = int(15.8 * 2**20), 4

@@ -18,8 +18,6 @@ from pinnochio.training.recording import Piece, Recorded
 from pinnochio.training.settings import TrainingSettings
 from pinnochio.training.validation import held_back
 
-PHASES = {"pretrain": "pretraining", "finetune": "finetuning"}  # and the section of its settings
-
 
 class Learner(Protocol):
     """A method that trains by steps, in one phase: made of its settings (values by section), the phase and the device.

@@ -15,15 +15,14 @@ from pinnochio.methods.pinnochio.losses import SurfaceLoss, boundary_loss, bulk_
 from pinnochio.methods.pinnochio.patient import PatientTensors, tensors
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
-from pinnochio.networks.building import build
+from pinnochio.networks.building import build, matched
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.signals import PlanSignal
 from pinnochio.plans.plan import Plan
 from pinnochio.training.cases import CaseFiles, read_fem_samples
-from pinnochio.training.fold import PHASES
 from pinnochio.training.loop import Step
 from pinnochio.training.recording import Piece
-from pinnochio.training.settings import TrainingSettings
+from pinnochio.training.settings import PHASES, TrainingSettings
 
 
 @dataclass(frozen=True)
@@ -53,6 +52,8 @@ class Learner:
     def __init__(self, settings: Mapping, phase: str, device: str):
         """ValueError where the phase does not fit the network."""
         self.device, self.network = device, NetworkSettings(**settings["network"])
+        if self.network.match_parameters and not self.network.decomposition:
+            self.network = matched(self.network)
         self._fem, self.training = FemSettings(**settings["fem"]), TrainingSettings(**settings[PHASES[phase]])
         self.read = self._fem_samples if phase == "pretrain" else self._outcome
         if self.training.execution_prior and self.network.lift == "none":
