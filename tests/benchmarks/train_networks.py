@@ -85,11 +85,13 @@ def report(asked: argparse.Namespace) -> None:
             if section not in known[method].settings:
                 continue
             steps, history = known[method].settings[section]["steps"], folder / f"{section}.csv"
-            if not history.is_file():
+            rows = []
+            if history.is_file():
+                with open(history, newline="") as file:
+                    rows = list(csv.DictReader(file))
+            if not rows:
                 line.append(f"{section} 0 of {steps}")
                 continue
-            with open(history, newline="") as file:
-                rows = list(csv.DictReader(file))
             looks = [f"{float(row['validation']):.3g}" for row in rows if row["validation"] != "nan"]
             done = "ended" if trained(folder, phase) else "goes on"
             shown = looks[:: max(1, len(looks) // 6)][-7:] + looks[-1:]

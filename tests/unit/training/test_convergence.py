@@ -48,3 +48,5 @@ def test_where_nobody_is_held_back_the_training_itself_is_the_curve(tmp_path):
 def test_too_few_steps_say_nothing_and_are_not_flat(tmp_path):
     found = convergence(history(tmp_path / "a.csv", [1.0]), 0.25)
     assert found.done == 1 and math.isnan(found.fall) and not found.flat(1.0)
+    none = convergence(history(tmp_path / "b.csv", []), 0.25)
+    assert none.done == 0 and not none.flat(1.0)

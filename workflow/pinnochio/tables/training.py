@@ -35,7 +35,9 @@ TRAINING = (
             _number(f"{phase}_patience", "", "looks without improvement after which it stops; 0: never"),
             _number(f"{phase}_seconds", "s", f"mean time of {phase} per fold, from its last start", form=".1f"),
             _number(f"{phase}_done", "", f"steps of {phase} that were done, least of the folds"),
-            _number(f"{phase}_fall", "%", "how far the least error still fell at the end, median of the folds", ".2f"),
+            _number(
+                f"{phase}_fall", "%", "how far the least error still fell at the end, median of the folds", form=".2f"
+            ),
             _number(f"{phase}_flat", "", "folds in which it fell by no more than the rule allows"),
             Column(f"{phase}_curve", str, "", "whose error: held back, or trained on where nobody is", optional=True),
         )

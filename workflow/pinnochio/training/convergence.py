@@ -33,7 +33,9 @@ def convergence(history: str | os.PathLike, part: float) -> Convergence:
     A learning rate that is brought to zero flattens every curve: flat says that this training has ended, not that a
     longer one would not have gone further.
     """
-    rows = np.loadtxt(history, delimiter=",", skiprows=1, ndmin=2, usecols=range(len(COLUMNS)))
+    rows = np.genfromtxt(history, delimiter=",", skip_header=1).reshape(-1, len(COLUMNS))
+    if not len(rows):  # stopped before its first step
+        return Convergence(0, False, np.nan)
     steps, data, looks = (rows[:, COLUMNS.index(name)] for name in ("step", "data", "validation"))
     done = int(steps[-1]) + int(np.isfinite(rows[-1, COLUMNS.index("learning_rate")]))
     held_back = bool(np.isfinite(looks).any())
