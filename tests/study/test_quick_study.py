@@ -62,7 +62,8 @@ def test_tables_have_one_row_per_case_and_method(studied):
     assert sorted(training.index) == sorted([*LEARNED, *SURFACE])
     pretrained = training["pretraining_seconds"] > 0
     assert sorted(training.index[~pretrained]) == ["acmt", "dgcfp"] and (training["finetuning_seconds"] > 0).all()
-    assert training.loc["pinnochio", "parameters"] > training.loc["pinnochio_unified", "parameters"]
+    counts = training["parameters"]
+    assert counts["pinnochio_unified"] == pytest.approx(counts["pinnochio"], rel=0.005)
     stages = pd.read_csv(results / "tables/stages.csv").set_index("rule")
     assert stages.loc["pretrain", "jobs"] == 2 * pretrained.sum() and stages.index[-1] == "all"
     for name in (

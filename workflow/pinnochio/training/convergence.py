@@ -1,5 +1,6 @@
 """Whether a training has converged, by a stated rule on its loss history."""
 
+import csv
 import os
 from dataclasses import dataclass
 
@@ -33,7 +34,8 @@ def convergence(history: str | os.PathLike, part: float) -> Convergence:
     A learning rate that is brought to zero flattens every curve: flat says that this training has ended, not that a
     longer one would not have gone further.
     """
-    rows = np.genfromtxt(history, delimiter=",", skip_header=1).reshape(-1, len(COLUMNS))
+    with open(history, newline="", encoding="utf-8") as file:
+        rows = np.array([[float(row[name]) for name in COLUMNS] for row in csv.DictReader(file)])
     if not len(rows):  # stopped before its first step
         return Convergence(0, False, np.nan)
     steps, data, looks = (rows[:, COLUMNS.index(name)] for name in ("step", "data", "validation"))
