@@ -26,7 +26,8 @@ from importlib import import_module
 from configuration import read_config
 
 from pinnochio.code import code_hash, source_file
-from pinnochio.methods.registry import registry
+from pinnochio.files import replacing
+from pinnochio.methods.registry import SURFACE_NETWORK, registry
 from pinnochio.seeds import derive_seed
 from pinnochio.study.cases import assign_folds, virtual_cases
 from pinnochio.training.cases import case_files
@@ -50,6 +51,22 @@ def training_cases(config: dict, fold: str) -> list[str]:
     return [name for name in names if name not in held_out]
 
 
+def kept(learner, phase: str, folder: Path):
+    """The learner's `read`, which keeps what it makes of a patient's points: the same for all folds and starts."""
+    read, name = learner.read, f"{learner.network.architecture}_{phase}"
+
+    def again(files):
+        path = folder / f"{name}_{files.case}.pt"
+        if path.is_file():
+            return torch.load(path, map_location=learner.device, weights_only=False)
+        samples = read(files)
+        with replacing(path) as temporary:
+            torch.save(samples, temporary)
+        return samples
+
+    return again
+
+
 def train(config: dict, method: str, fold: str, cases: Path, out: Path, device: str, until: float, plain: bool) -> bool:
     """Train the method's network of the fold through its phases; whether the last one has ended by the time `until`."""
     own = registry(config)[method]
@@ -70,6 +87,8 @@ def train(config: dict, method: str, fold: str, cases: Path, out: Path, device: 
         learner = import_module(own.learner).Learner(own.settings, phase, device)
         if plain:
             type(learner).recorded = False
+        if own.learner == SURFACE_NETWORK.learner:
+            learner.read = kept(learner, phase, out.parents[1] / "samples")
         pretrained = out / NETWORKS["pretrain"] if phase == "finetune" and "pretraining" in own.settings else None
         ended = train_fold(
             learner,
