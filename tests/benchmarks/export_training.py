@@ -46,7 +46,8 @@ def compact(source: Path, target: Path) -> None:
 
 
 def export(cases: Path, names: list[str], motion: str, out: Path, partial: bool) -> list[str]:
-    """Write the files of the named patients; their names. FileNotFoundError where something is missing."""
+    """Write the files of the named patients that are not there yet; their names. FileNotFoundError where something is
+    missing."""
     done = []
     for name in names:
         missing = [file for file in NEEDED if not (cases / name / file).is_file()]
@@ -59,8 +60,10 @@ def export(cases: Path, names: list[str], motion: str, out: Path, partial: bool)
         own = achieved if motion == "achieved" and achieved.is_file() else cases / name / "plan.json"
         shutil.copyfile(own, out / name / "motion.json")
         for file in (*NEEDED, FIELDS):
-            if (cases / name / file).is_file():
-                compact(cases / name / file, out / name / file)
+            source, target = cases / name / file, out / name / file
+            there = target.is_file() and target.stat().st_mtime >= source.stat().st_mtime
+            if source.is_file() and not there:
+                compact(source, target)
         done.append(name)
     return done
 
