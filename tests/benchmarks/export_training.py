@@ -24,6 +24,7 @@ from configuration import read_config
 from pinnochio.study.cases import virtual_cases
 
 NEEDED = ("model.h5", "postop.h5")
+MOTIONS = {"achieved": "achieved.json", "planned": "plan.json"}
 FIELDS = "fem_samples.h5"
 
 
@@ -50,15 +51,13 @@ def export(cases: Path, names: list[str], motion: str, out: Path, partial: bool)
     missing."""
     done = []
     for name in names:
-        missing = [file for file in NEEDED if not (cases / name / file).is_file()]
+        missing = [file for file in (*NEEDED, MOTIONS[motion]) if not (cases / name / file).is_file()]
         if missing and partial:
             continue
         if missing:
             raise FileNotFoundError(f"{cases / name}: {', '.join(missing)} not there yet")
         (out / name).mkdir(parents=True, exist_ok=True)
-        achieved = cases / name / "achieved.json"
-        own = achieved if motion == "achieved" and achieved.is_file() else cases / name / "plan.json"
-        shutil.copyfile(own, out / name / "motion.json")
+        shutil.copyfile(cases / name / MOTIONS[motion], out / name / "motion.json")
         for file in (*NEEDED, FIELDS):
             source, target = cases / name / file, out / name / file
             there = target.is_file() and target.stat().st_mtime >= source.stat().st_mtime
