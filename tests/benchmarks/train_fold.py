@@ -12,6 +12,7 @@ network of the steps that are done beside what it goes on from. --plain launches
 
 import argparse
 import logging
+import os
 import sys
 import time
 from pathlib import Path
@@ -26,7 +27,6 @@ from importlib import import_module
 from configuration import read_config
 
 from pinnochio.code import code_hash, source_file
-from pinnochio.files import replacing
 from pinnochio.methods.registry import SURFACE_NETWORK, registry
 from pinnochio.seeds import derive_seed
 from pinnochio.study.cases import assign_folds, virtual_cases
@@ -60,8 +60,10 @@ def kept(learner, phase: str, folder: Path):
         if path.is_file():
             return torch.load(path, map_location=learner.device, weights_only=False)
         samples = read(files)
-        with replacing(path) as temporary:
-            torch.save(samples, temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        own = path.with_suffix(f".{os.getpid()}")  # other folds may be at the same patient
+        torch.save(samples, own)
+        os.replace(own, path)
         return samples
 
     return again
