@@ -2,7 +2,7 @@ rule plot_training:
     input:
         pretraining=lambda wildcards: (
             "<results>/folds/{fold}/{method}/pretraining.csv"
-            if "pretraining" in STUDY.registry[wildcards.method].settings
+            if STUDY.phases(wildcards.method)["pretraining"]
             else []
         ),
         finetuning="<results>/folds/{fold}/{method}/finetuning.csv",

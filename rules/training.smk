@@ -49,7 +49,7 @@ rule finetune:
     benchmark:
         "<benchmarks>/finetune/{fold}_{method}.tsv"
     wildcard_constraints:
-        method=any_of(STUDY.trained("by steps")),
+        method=any_of(STUDY.trained_here),
     priority: 1
     conda:
         "../envs/pinnochio.yaml"
@@ -68,6 +68,33 @@ rule finetune:
         "Adapt {wildcards.method} to the post-operative skins of fold {wildcards.fold}"
     script:
         "../scripts/finetune.py"
+
+
+# Where the configuration says `networks: archive`, in place of both.
+rule take_network:
+    input:
+        manifest=STUDY.manifest_of_networks,
+    output:
+        network="<results>/folds/{fold}/{method}/network.pt",
+        history="<results>/folds/{fold}/{method}/finetuning.csv",
+    log:
+        "<logs>/take_network/{fold}_{method}.log",
+    wildcard_constraints:
+        method=any_of(STUDY.taken),
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        archive=config["networks_archive"],
+        names=STUDY.of_archive("network.pt", "finetuning.csv"),
+        code=code_of("take_network"),
+    message:
+        "Take {wildcards.method} of fold {wildcards.fold} from the archive"
+    script:
+        "../scripts/take_network.py"
 
 
 rule fit:
@@ -111,3 +138,16 @@ rule networks:
         ),
     message:
         "All networks are trained"
+
+
+use rule take_network as take_pretraining with:
+    output:
+        history="<results>/folds/{fold}/{method}/pretraining.csv",
+    log:
+        "<logs>/take_pretraining/{fold}_{method}.log",
+    params:
+        archive=config["networks_archive"],
+        names=STUDY.of_archive("pretraining.csv"),
+        code=code_of("take_network"),
+    message:
+        "Take the pretraining of {wildcards.method} of fold {wildcards.fold} from the archive"

@@ -179,19 +179,15 @@ TABLES = {
                 "<results>/folds/{fold}/{method}/network.pt",
                 method=STUDY.learned,
                 fold=STUDY.held_out,
-            )
+            ),
+            "histories": STUDY.histories,
         },
         NAMED
         | {
-            "settings": {
-                method: {
-                    phase: STUDY.registry[method].settings.get(phase)
-                    for phase in ("pretraining", "finetuning")
-                }
-                for method in STUDY.learned
-            },
+            "settings": {method: STUDY.phases(method) for method in STUDY.learned},
             "folds": list(STUDY.held_out),
             "benchmarks": BENCHMARKS,
+            "rule": config["convergence"],
         },
     ),
     "stages": ({}, NAMED | {"benchmarks": BENCHMARKS}),

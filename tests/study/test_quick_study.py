@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from pinnochio.tables.large_cohort import Measured
 from pinnochio.tables.scaling_patients import PATIENT_STAGES, patient_runs
@@ -62,7 +63,8 @@ def test_tables_have_one_row_per_case_and_method(studied):
     assert sorted(training.index) == sorted([*LEARNED, *SURFACE])
     pretrained = training["pretraining_seconds"] > 0
     assert sorted(training.index[~pretrained]) == ["acmt", "dgcfp"] and (training["finetuning_seconds"] > 0).all()
-    assert training.loc["pinnochio", "parameters"] > training.loc["pinnochio_unified", "parameters"]
+    counts = training["parameters"]
+    assert counts["pinnochio_unified"] == pytest.approx(counts["pinnochio"], rel=0.005)
     stages = pd.read_csv(results / "tables/stages.csv").set_index("rule")
     assert stages.loc["pretrain", "jobs"] == 2 * pretrained.sum() and stages.index[-1] == "all"
     for name in (

@@ -18,8 +18,9 @@ from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.training import loop
 from pinnochio.training.cases import CaseFiles
-from pinnochio.training.fold import PHASES, train_fold
+from pinnochio.training.fold import train_fold
 from pinnochio.training.loop import sample_at, schedule
+from pinnochio.training.settings import PHASES
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import network_settings, training_settings
 from tests.helpers.training import FEM

@@ -8,6 +8,7 @@ import yaml
 from pinnochio.errors import InputError
 from pinnochio.importing.cohort import Case
 from pinnochio.study.study import Study
+from pinnochio.training.archive import pack
 from tests.helpers.settings import ROOT
 
 DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
@@ -156,3 +157,24 @@ def test_a_method_that_only_an_archive_knows_is_a_graph_network():
     made = study()
     assert made.module(job(method="of_an_archive")) == made.module(job(method="pinnochio"))
     assert made.module(job(method="acmt")) != made.module(job(method="pinnochio"))
+
+
+def test_networks_are_taken_from_an_archive_of_the_same_folds(tmp_path):
+    """Those that it holds; the others are trained, and what was trained otherwise says so in the table."""
+    trained, folder = study(), tmp_path / "archive"
+    assert trained.taken == [] and set(trained.learned) <= set(trained.trained_here)
+    phases = {"finetuning": DEFAULTS["surface"]["networks"]["acmt"]["finetuning"] | {"steps": 8000}}
+    for fold in trained.held_out:
+        (tmp_path / fold / "acmt").mkdir(parents=True)
+        for name in ("network.pt", "finetuning.csv"):
+            (tmp_path / fold / "acmt" / name).write_text(name)
+    about = {"held_out": trained.held_out, "shown": trained.config, "provenance": {}}
+    pack(trained=tmp_path, out=folder, methods={"acmt": phases}, **about)
+    made = study(networks="archive", networks_archive=str(folder))
+    assert made.taken == ["acmt"] and "acmt" not in made.trained_here and "dgcfp" in made.trained_here
+    assert made.phases("acmt")["finetuning"]["steps"] == 8000 and made.phases("acmt")["pretraining"] is None
+    assert made.phases("dgcfp") == trained.phases("dgcfp")
+    with pytest.raises(InputError, match="another configuration: folds"):
+        _ = study(11, networks="archive", networks_archive=str(folder)).taken
+    with pytest.raises(InputError, match="there is no archive of trained networks"):
+        _ = study(networks="archive", networks_archive=str(tmp_path)).taken

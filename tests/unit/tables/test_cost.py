@@ -7,6 +7,7 @@ import torch
 from pinnochio.columns import read_table
 from pinnochio.tables.stages import STAGES, read_benchmark, stages, tabulate
 from pinnochio.tables.training import TRAINING, budget, parameters, table
+from pinnochio.training.loop import COLUMNS
 from tests.helpers.rows import benchmark
 from tests.helpers.tables import write
 
@@ -56,6 +57,22 @@ def test_parameters_are_the_trained_floats(tmp_path):
     assert parameters(network(tmp_path / "network.pt")) == 3 * 4 + 4 + 4 + 4
 
 
+RULE = {"part": 0.25, "fall": 0.02}
+
+
+def history(path, done, late, held_back):
+    """A history of so many steps whose error is 1, and `late` from four fifths of them on."""
+    lines = [",".join(COLUMNS)]
+    for step in range(done):
+        value = late if step >= 0.8 * done else 1.0
+        row = {"step": step, "learning_rate": 1e-3, "data": value}
+        if held_back and step % 10 == 0:
+            row["validation"] = value
+        lines.append(",".join(str(row.get(name, "nan")) for name in COLUMNS))
+    path.write_text("\n".join(lines) + "\n")
+    return str(path)
+
+
 def test_the_budget_of_methods_with_and_without_a_batch(benchmarks, tmp_path):
     files = [network(tmp_path / f"{fold}.pt") for fold in (1, 2)]
     phase = {"steps": 200, "validation": 1, "patience": 3, "learning_rate": 1e-3}
@@ -63,14 +80,26 @@ def test_the_budget_of_methods_with_and_without_a_batch(benchmarks, tmp_path):
         "net": {"pretraining": phase, "finetuning": phase | {"batch": 4}},
         "once": {"pretraining": phase, "finetuning": None},
     }
-    frame = budget(settings, dict.fromkeys(settings, files), ["1", "2"], str(benchmarks))
+    histories = {}
+    for method, phase, rise in (("net", "pretraining", 1.0), ("net", "finetuning", 0.5), ("once", "pretraining", 1.0)):
+        histories[method, phase] = [
+            history(tmp_path / f"{method}{phase}{fold}.csv", done, rise, fold == 1 and method == "net")
+            for fold, done in ((1, 200), (2, 160))
+        ]
+    frame = budget(settings, dict.fromkeys(settings, files), ["1", "2"], str(benchmarks), histories, RULE)
     net, once = frame.to_dict("records")
     assert (net["method"], net["parameters"], net["folds"]) == ("net", 24, 2)
     assert (net["pretraining_samples"], net["finetuning_steps"], net["finetuning_samples"]) == (200, 200, 800)
     assert (net["pretraining_seconds"], net["finetuning_seconds"], net["finetuning_patience"]) == (20, 5, 3)
     assert np.isnan([once["finetuning_steps"], once["finetuning_samples"], once["pretraining_seconds"]]).all()
-    write(table(frame, "test clinic"), tmp_path / "training.csv")
+    assert (net["pretraining_done"], net["pretraining_flat"], net["pretraining_curve"]) == (160, 2, "trained on")
+    assert (net["finetuning_flat"], net["finetuning_fall"]) == (0, 50) and once["finetuning_curve"] == ""
+    write(table(frame, "test clinic", RULE), tmp_path / "training.csv")
     assert len(read_table(tmp_path / "training.csv", TRAINING)) == 2
     text = (tmp_path / "training.md").read_text()
-    assert "| net | 24 | 200 + 200 | 200 + 800 | 20.0 + 5.0 | 1 + 1 | 3 + 3 |" in text
-    assert "| once | 24 | 200 + none | 200 + none | none + none |" in text
+    net, once = (next(line for line in text.splitlines() if line.startswith(f"| {name} |")) for name in ("net", "once"))
+    cells = [cell.strip().replace("\\", "") for cell in net.split("|")[2:-1]]
+    steps = "160 of 200 + 160 of 200"
+    flat = "2 (0.00 %)* + 0 (50.00 %)*"
+    assert cells == ["24", steps, "200 + 800", "20.0 + 5.0", "1 + 1", "3 + 3", flat]
+    assert "| once | 24 | 160 of 200 + none | 200 + none | none + none |" in once

@@ -14,7 +14,8 @@ class NetworkSettings:
     geometry); channels and heads of the graph attention; nearest source nodes that an interface node pools;
     width of the decoders.
 
-    decomposition: off gives the unified network, one graph network over the whole tissue fed the reference cue alone.
+    decomposition: off gives the unified network, one graph network over the whole tissue fed the reference cue alone;
+    match_parameters: widened until it has as many parameters as the networks of the decomposition.
     lift: what the free nodes of the sparse boundary signal carry: "none" is zero, as in the paper; "harmonic" and
     "elastic" a linear extension of the interface (:mod:`pinnochio.mechanics.lift`) that the networks correct. With a
     lift, no volume layers mean no volume network.
@@ -40,6 +41,7 @@ class NetworkSettings:
     edge_features: bool
     long_edges: int
     stiffness: bool
+    match_parameters: bool = False  # as networks were that know nothing of it
 
     def __post_init__(self):
         if self.channels % self.heads:

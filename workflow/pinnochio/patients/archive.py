@@ -5,15 +5,11 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 from pinnochio.errors import InputError
-from pinnochio.files import replacing
-from pinnochio.json_text import read_own_json
+from pinnochio.manifest import MANIFEST, OWN, read_manifest, write_manifest
 
-MANIFEST = "archive.json"
 RANGES = "ranges.json"
-OWN = "sha256"  # of the manifest, without itself
 # Sections of the configuration that say what the networks read; a patient is made with those of the archive.
 READ_BY_NETWORKS = ("mesh", "interfaces", "fem", "lift")
 
@@ -40,44 +36,24 @@ class Archive:
 
     def write(self, folder: str | os.PathLike) -> None:
         """Write the manifest, with the SHA-256 of every file that lies in the folder and of the manifest itself."""
-        files = sorted(path for path in Path(folder).rglob("*") if path.is_file() and path.name != MANIFEST)
-        content = asdict(self) | {
-            "files": {path.relative_to(folder).as_posix(): _digest(path.read_bytes()) for path in files}
-        }
-        content[OWN] = _digest(json.dumps(content, sort_keys=True).encode())
-        with replacing(Path(folder) / MANIFEST) as temporary:
-            temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        write_manifest(folder, asdict(self))
 
     @classmethod
     def read(cls, folder: str | os.PathLike) -> "Archive":
         """Read the manifest of an archive; InputError where the folder is none, or a file is not as it was packed."""
-        if not (Path(folder) / MANIFEST).is_file():
-            raise InputError(
-                "-",
-                folder,
-                f"there is no archive of trained models ({MANIFEST})",
-                "run the study and pack them (snakemake archive), or point 'models' at an archive",
-            )
-        content = read_own_json(Path(folder) / MANIFEST)
-        remedy = "copy the archive again from where it was packed, or pack it again (snakemake archive)"
-        if not isinstance(content, dict) or OWN not in content:
-            raise InputError("-", folder, f"{MANIFEST} holds no checksums", remedy)
-        own = content.pop(OWN)
-        files = content.get("files", {})
-        if own != _digest(json.dumps(content, sort_keys=True).encode()):
-            raise InputError("-", Path(folder) / MANIFEST, "it is not as it was packed", remedy)
-        del content["files"]
-        for name, digest in files.items():
-            path = Path(folder) / name
-            if not path.is_file():
-                raise InputError("-", path, "the archive lacks this file", remedy)
-            if _digest(path.read_bytes()) != digest:
-                raise InputError("-", path, "it is not as it was packed: it is damaged or exchanged", remedy)
-        return cls(**content)
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
+        absent = (
+            f"there is no archive of trained models ({MANIFEST})",
+            "run the study and pack them (snakemake archive), or point 'models' at an archive",
+        )
+        content = read_manifest(
+            folder, absent, "copy the archive again from where it was packed, or pack it again (snakemake archive)"
+        )
+        own = {name: value for name, value in content.items() if name not in ("files", OWN)}
+        try:
+            return cls(**own)
+        except TypeError as error:
+            problem = f"{MANIFEST} is not that of models for new patients ({error})"
+            raise InputError("-", folder, problem, absent[1]) from error
 
 
 def network_file(method: str, fold: str) -> str:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from pinnochio.errors import InputError
 from pinnochio.experiments.tradeoff_settings import Setting, fem_settings, network_settings
 from pinnochio.importing.cohort import Case, read_cases
+from pinnochio.manifest import MANIFEST
 from pinnochio.methods.registry import GRAPH_NETWORK, Method, graph_networks, registry
 from pinnochio.patients.archive import configuration_hash
 from pinnochio.report.parts import PARTS
@@ -16,6 +17,8 @@ from pinnochio.study.cases import assign_folds, external_file, virtual_cases
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, read_patients
 from pinnochio.study.provenance import PLACES
+from pinnochio.training.archive import NetworkArchive
+from pinnochio.training.settings import PHASES
 from pinnochio.virtual.card import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
 from pinnochio.virtual.procedures import Procedure, dealt
 
@@ -169,8 +172,8 @@ class Study:
 
     @property
     def pretrained_first(self) -> list[str]:
-        """Known methods that are pretrained on finite-element samples."""
-        return [name for name, method in self.registry.items() if "pretraining" in method.settings]
+        """Known methods that the study pretrains on finite-element samples."""
+        return [name for name in self.trained_here if "pretraining" in self.registry[name].settings]
 
     @property
     def predicting(self) -> list[str]:
@@ -181,6 +184,54 @@ class Study:
     def learned(self) -> list[str]:
         """Methods of the study that are trained by steps."""
         return [name for name in self.methods if self.registry[name].trains == "by steps"]
+
+    @cached_property
+    def archive_of_networks(self) -> NetworkArchive | None:
+        """The archive that networks are taken from, if the configuration says so; InputError where it is no archive of
+        networks that were trained on this cohort and these folds."""
+        if self.config["networks"] == "train":
+            return None
+        folder = self.config["networks_archive"]
+        archive = NetworkArchive.read(folder)
+        archive.refuse_others(folder, self.config, self.held_out)
+        return archive
+
+    @cached_property
+    def taken(self) -> list[str]:
+        """Methods whose networks are taken from the archive, which may not hold all."""
+        own = self.archive_of_networks.methods if self.archive_of_networks else ()
+        return [name for name in self.trained("by steps") if name in own]
+
+    @property
+    def trained_here(self) -> list[str]:
+        """Known methods that the study trains by steps itself."""
+        return [name for name in self.trained("by steps") if name not in self.taken]
+
+    def phases(self, method: str) -> dict[str, Mapping | None]:
+        """Settings of each phase that the method's networks are trained in, or were, where they are taken."""
+        settings = self.registry[method].settings
+        if method in self.taken:
+            settings = self.archive_of_networks.methods[method]
+        return {phase: settings.get(phase) for phase in PHASES.values()}
+
+    def of_archive(self, *names: str) -> Callable:
+        """Params function: the archive's names of these files of the job's network."""
+        return lambda wildcards: [f"{wildcards.fold}/{wildcards.method}/{name}" for name in names]
+
+    def manifest_of_networks(self, wildcards) -> str:
+        """The manifest of that archive."""
+        return f"{self.config['networks_archive']}/{MANIFEST}"
+
+    @property
+    def histories(self) -> list[str]:
+        """The loss histories of the study's networks: of each method, phase by phase, fold by fold."""
+        return [
+            f"<results>/folds/{fold}/{method}/{phase}.csv"
+            for method in self.learned
+            for phase, settings in self.phases(method).items()
+            if settings
+            for fold in self.held_out
+        ]
 
     def asked(self, section: str) -> list[str]:
         """Methods that a section of the configuration names and that the study trains."""

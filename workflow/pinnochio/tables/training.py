@@ -1,4 +1,4 @@
-"""The table of the training of each learned method: size of its network, steps, samples, time."""
+"""The table of the training of each learned method: size of its network, steps, samples, time, convergence."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -12,6 +12,7 @@ from pinnochio.columns import Column, check, number
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.tables.stages import read_benchmark
 from pinnochio.training.checkpoint import load_tensors
+from pinnochio.training.convergence import Convergence, convergence
 
 # Section of the settings and folder of the benchmark files of each phase.
 PHASES = {"pretraining": "pretrain", "finetuning": "finetune"}
@@ -33,6 +34,12 @@ TRAINING = (
             _number(f"{phase}_validation", "", f"patients held back in {phase} to choose the weights"),
             _number(f"{phase}_patience", "", "looks without improvement after which it stops; 0: never"),
             _number(f"{phase}_seconds", "s", f"mean time of {phase} per fold, from its last start", form=".1f"),
+            _number(f"{phase}_done", "", f"steps of {phase} that were done, least of the folds"),
+            _number(
+                f"{phase}_fall", "%", "how far the least error still fell at the end, median of the folds", form=".2f"
+            ),
+            _number(f"{phase}_flat", "", "folds in which it fell by no more than the rule allows"),
+            Column(f"{phase}_curve", str, "", "whose error: held back, or trained on where nobody is", optional=True),
         )
     ),
 )
@@ -50,24 +57,44 @@ def parameters(path: str | os.PathLike) -> int:
 
 
 def budget(
-    settings: Mapping[str, Mapping], networks: Mapping[str, Sequence[str]], folds: Sequence[str], benchmarks: str
+    settings: Mapping[str, Mapping],
+    networks: Mapping[str, Sequence[str]],
+    folds: Sequence[str],
+    benchmarks: str,
+    histories: Mapping[tuple[str, str], Sequence[str]],
+    rule: Mapping[str, float],
 ) -> pd.DataFrame:
     """One row of TRAINING per method; settings: of the phases by method; networks: its files, fold by fold.
 
     benchmarks: folder of the jobs' benchmark files, {rule}/{fold}_{method}.tsv; what is not there leaves the time
-    empty.
+    empty. histories: the loss histories by method and phase, fold by fold; rule: `part` and `fall` of the convergence.
     """
     rows = []
     for method, phases in settings.items():
         row = {"method": method, "parameters": parameters(networks[method][0]), "folds": len(folds)}
-        for phase, rule in PHASES.items():
+        for phase, job in PHASES.items():
             own = phases.get(phase) or {}
             row[f"{phase}_steps"] = own.get("steps", np.nan)
             row[f"{phase}_samples"] = own.get("steps", np.nan) * own.get("batch", 1)
             row |= {f"{phase}_{key}": own.get(key, np.nan) for key in ("validation", "patience")}
-            row[f"{phase}_seconds"] = _mean_seconds([Path(benchmarks, rule, f"{fold}_{method}.tsv") for fold in folds])
+            row[f"{phase}_seconds"] = _mean_seconds([Path(benchmarks, job, f"{fold}_{method}.tsv") for fold in folds])
+            ended = [convergence(path, rule["part"]) for path in histories.get((method, phase), [])]
+            row |= {f"{phase}_{key}": value for key, value in _ended(ended, rule["fall"]).items()}
         rows.append(row)
     return check(pd.DataFrame(rows), TRAINING)
+
+
+def _ended(folds: Sequence[Convergence], limit: float) -> dict:
+    """What the folds' trainings have in common."""
+    if not folds:
+        return {"done": np.nan, "fall": np.nan, "flat": np.nan, "curve": ""}
+    falls = [own.fall for own in folds if not np.isnan(own.fall)]
+    return {
+        "done": min(own.done for own in folds),
+        "fall": 100 * float(np.median(falls)) if falls else np.nan,
+        "flat": sum(own.flat(limit) for own in folds),
+        "curve": "held back" if all(own.held_back for own in folds) else "trained on",
+    }
 
 
 def _mean_seconds(files: Sequence[Path]) -> float:
@@ -76,30 +103,54 @@ def _mean_seconds(files: Sequence[Path]) -> float:
 
 
 def tabulate(
-    networks: Sequence[str], settings: Mapping[str, Mapping], folds: Sequence[str], benchmarks: str, cohort: str
+    networks: Sequence[str],
+    histories: Sequence[str],
+    settings: Mapping[str, Mapping],
+    folds: Sequence[str],
+    benchmarks: str,
+    rule: Mapping[str, float],
+    cohort: str,
 ) -> Table:
-    """The budget of settings by method; networks: every method's files, fold by fold."""
+    """The budget of settings by method; networks: every method's files, fold by fold; histories: every method's, phase
+    by phase of those that its settings name, fold by fold; rule: of convergence."""
     files = {name: networks[i * len(folds) : (i + 1) * len(folds)] for i, name in enumerate(settings)}
-    return table(budget(settings, files, folds, benchmarks), cohort)
+    trained = [(name, phase) for name, phases in settings.items() for phase in PHASES if phases.get(phase)]
+    curves = {key: histories[i * len(folds) : (i + 1) * len(folds)] for i, key in enumerate(trained)}
+    return table(budget(settings, files, folds, benchmarks, curves, rule), cohort, rule)
 
 
-def table(frame: pd.DataFrame, cohort: str) -> Table:
+def table(frame: pd.DataFrame, cohort: str, rule: Mapping[str, float]) -> Table:
     """The table of rows of TRAINING."""
 
-    def both(key):
-        names = [f"{phase}_{key}" for phase in PHASES]
-        return lambda row: " + ".join(_TRAINING[name].text(row[name]) or "none" for name in names)
+    def both(text):
+        return lambda row: " + ".join(text(row, phase) or "none" for phase in PHASES)
+
+    def value(key):
+        return both(lambda row, phase: _TRAINING[f"{phase}_{key}"].text(row[f"{phase}_{key}"]))
+
+    def steps(row, phase):
+        asked, done = (_TRAINING[f"{phase}_{key}"].text(row[f"{phase}_{key}"]) for key in ("steps", "done"))
+        return asked if done in (asked, "") else f"{done} of {asked}"
+
+    def flat(row, phase):
+        folds, fall = (_TRAINING[f"{phase}_{key}"].text(row[f"{phase}_{key}"]) for key in ("flat", "fall"))
+        mark = "*" if row[f"{phase}_curve"] == "trained on" else ""
+        return f"{folds} ({fall or 'unknown'}{' %' if fall else ''}){mark}" if folds else ""
 
     view = [
         *views(TRAINING, {"method": "Method", "parameters": "Parameters"}),
-        View("Steps", both("steps")),
-        View("Samples", both("samples")),
-        View("Seconds per fold", both("seconds")),
-        View("Validation patients", both("validation")),
-        View("Patience", both("patience")),
+        View("Steps", both(steps)),
+        View("Samples", value("samples")),
+        View("Seconds per fold", value("seconds")),
+        View("Validation patients", value("validation")),
+        View("Patience", value("patience")),
+        View("Flat in folds (fall)", both(flat)),
     ]
     caption = (
         f"Training of each learned method, {cohort}, {frame['folds'].max()} folds: pretraining + fine-tuning. A sample "
-        "is one patient under one plan; seconds are of the machine that trained, from a job's last start."
+        "is one patient under one plan; seconds are of the machine that trained, from a job's last start. Flat: over "
+        f"the last {100 * rule['part']:g} % of its steps the least error of the patients held back fell by no more "
+        f"than {100 * rule['fall']:g} %; in brackets the median fall. *: nobody is held back, and the curve is that of "
+        "the patients trained on."
     )
     return Table(frame, TRAINING, [Block.of(frame, view, caption)])

@@ -1,6 +1,7 @@
 """Training of a fold's network in two phases: pretraining on finite-element samples, fine-tuning on outcomes."""
 
 import logging
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,23 +14,27 @@ from pinnochio.seeds import derive_seed
 from pinnochio.training.cases import CaseFiles, File
 from pinnochio.training.checkpoint import read_network, save_network
 from pinnochio.training.loop import Step, train
+from pinnochio.training.recording import Piece, Recorded
 from pinnochio.training.settings import TrainingSettings
 from pinnochio.training.validation import held_back
-
-PHASES = {"pretrain": "pretraining", "finetune": "finetuning"}  # and the section of its settings
 
 
 class Learner(Protocol):
     """A method that trains by steps, in one phase: made of its settings (values by section), the phase and the device.
 
+    recorded: whether its steps run by recorded kernels (:mod:`pinnochio.training.recording`).
     network: plain values, a dataclass that is stored with the network; build(network): the network, freshly initialised
     from torch's random state. A sample is what one step shows of one patient and plan; its kind is the learner's own.
     """
 
     device: str
+    recorded: bool
     network: Any
     training: TrainingSettings
     build: Callable[[Any], nn.Module]
+
+    def piece(self, network: nn.Module, sample: Any, step: Step) -> Piece:
+        """The loss of a sample, where `recorded` says that its steps can be."""
 
     def read(self, files: CaseFiles) -> list:
         """A sample for each of the patient's finite-element samples, or one of its own plan and post-operative skin;
@@ -55,11 +60,13 @@ def train_fold(
     code: str,
     out: File,
     history: File,
-) -> None:
+    until: float = math.inf,
+) -> bool:
     """Train the network at `pretrained`, or a new one, on the cases; write it to `out` and the losses to `history`.
 
-    phase: one of PHASES; code: hash of the code that trains, see :func:`~pinnochio.training.loop.train`. The checkpoint
-    goes when the network is there, so that a kill at any time costs little.
+    phase: one of PHASES; code: hash of the code that trains, until: see :func:`~pinnochio.training.loop.train`. The
+    checkpoint goes when the network is there, so that a kill at any time costs little; it stays where the time was up
+    before the last step, which the answer says: whether training has ended.
     """
     training, checkpoint = learner.training, Path(out).with_suffix(".resume.pt")
     samples, checks = [], []
@@ -71,7 +78,10 @@ def train_fold(
     else:
         network, _ = read_network(pretrained, type(learner.network), learner.build, learner.device)
     logging.info("%s: %d samples, %d held back", phase, len(samples), len(checks))
-    train(
+    gradients = None
+    if learner.recorded:
+        gradients = Recorded(network, lambda index, step: learner.piece(network, samples[index], step))
+    ended = train(
         network,
         lambda step: learner.terms(network, [samples[index] for index in step.samples], step),
         len(samples),
@@ -83,7 +93,12 @@ def train_fold(
         history=history,
         validate=(lambda: learner.error(network, checks).item()) if checks else None,
         inputs=[path for files in cases for path in files.inputs],
+        gradients=gradients,
+        until=until,
     )
     plain = asdict(training) | {"weights": dict(training.weights)}
-    save_network(out, network, learner.network, training=plain, seed=seed, **learner.completed(network, cases))
-    checkpoint.unlink(missing_ok=True)
+    completed = learner.completed(network, cases) if ended else {}
+    save_network(out, network, learner.network, training=plain, seed=seed, **completed)
+    if ended:
+        checkpoint.unlink(missing_ok=True)
+    return ended

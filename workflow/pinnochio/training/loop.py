@@ -45,6 +45,8 @@ class Step:
 
 
 Terms = Callable[[Step], Mapping[str, Tensor]]
+# Leaves the gradient of the weighted sum of a step's terms in the parameters, and gives the terms.
+Gradients = Callable[[Step, Mapping[str, float]], Mapping[str, Tensor]]
 
 
 def train(
@@ -60,12 +62,17 @@ def train(
     history: str | os.PathLike,
     validate: Callable[[], float] | None = None,
     inputs: Iterable[str | os.PathLike] = (),
-) -> None:
-    """Train `network` in place and write the loss history, a row of COLUMNS per step.
+    gradients: Gradients | None = None,
+    until: float = math.inf,
+) -> bool:
+    """Train `network` in place and write the loss history, a row of COLUMNS per step; whether training has ended.
 
     terms(step) gives the terms "data", "boundary" and, where wanted, "physics". validate() gives the error of
     the weights on patients that are not trained on: the network ends with the weights that it was least at,
     among those reached under the full loss (after physics_ramp and poisson_anneal); without it, with the last.
+    gradients: takes the place of `terms` and their derivative, see :class:`~pinnochio.training.recording.Recorded`.
+    until: time of `time.monotonic` at which training stops before its last step, to go on from `checkpoint` when it is
+    started again; the network then has the weights that it would have ended with, and training has not ended.
 
     Samples, mirroring and `rng` depend on (seed, phase, step) alone, so a run that was killed and starts again
     from `checkpoint` ends as an unbroken one, on a CPU to the last bit. A checkpoint of other settings, first
@@ -91,8 +98,20 @@ def train(
         balance, best = Balance(**state["balance"]), Best(**state["best"])
         logging.info("%s: resumed at step %d", phase, start)
     network.train()
-    progress, saved = Progress(phase, start, settings.steps), time.monotonic()
+    progress, saved, ended = Progress(phase, start, settings.steps), time.monotonic(), True
+
+    def keep(step: int) -> None:
+        """Write what a further start goes on from."""
+        state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "signature": signature}
+        state |= {"rows": rows, "step": step, "failures": failures}
+        save_state(checkpoint, state | {"balance": vars(balance), "best": vars(best)})
+
     for step in range(start, settings.steps + 1):
+        if step < settings.steps and time.monotonic() > until:
+            keep(step)
+            ended = False
+            logging.info("%s: stopped after %d of %d steps, for its time is up", phase, step, settings.steps)
+            break
         rising = _share(step, settings.physics_ramp * settings.steps) if settings.weights["physics"] else 1.0
         anneal = _share(step, settings.poisson_anneal * settings.steps)
         measured = math.nan
@@ -109,15 +128,17 @@ def train(
         mirror = bool(settings.mirror and rng.random() < 0.5)
         wanted = bool(settings.weights["physics"])
         shown = tuple(sample_at(step * settings.batch + n, samples, seed, phase) for n in range(settings.batch))
-        values = terms(Step(shown, mirror, wanted, anneal, step / settings.steps, rng))
+        asked = Step(shown, mirror, wanted, anneal, step / settings.steps, rng)
         weights = dict(settings.weights)
         if settings.physics_target and wanted:
             target = settings.physics_target * weights["data"] * balance.ratio
             weights["physics"] = min(weights["physics"], target)
         weights["physics"] *= rising
+        values = gradients(asked, weights) if gradients else terms(asked)
         total = sum(weights[name] * value for name, value in values.items() if weights[name])
-        optimizer.zero_grad()
-        total.backward()
+        if not gradients:
+            optimizer.zero_grad()
+            total.backward()
         gradient = nn.utils.clip_grad_norm_(network.parameters(), settings.clip)
         # One transfer of all numbers of the step, because each makes the processor wait for the GPU.
         loss, norm, *numbers = torch.stack([total, gradient, *values.values()]).tolist()
@@ -137,9 +158,7 @@ def train(
         progress.update(step + 1, values, rate, best.note)
         due = (step + 1) % settings.checkpoint_every == 0 or time.monotonic() - saved > settings.checkpoint_seconds
         if due and step + 1 < settings.steps:
-            state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "signature": signature}
-            state |= {"rows": rows, "step": step + 1, "failures": failures}
-            save_state(checkpoint, state | {"balance": vars(balance), "best": vars(best)})
+            keep(step + 1)
             saved = time.monotonic()
     if best.weights is not None:
         logging.info("%s: %s", phase, best.note)
@@ -150,6 +169,7 @@ def train(
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         writer.writerows([f"{value:.6g}" for value in (*row, float(row[0] == kept))] for row in rows)
+    return ended
 
 
 @dataclass

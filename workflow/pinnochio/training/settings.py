@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+PHASES = {"pretrain": "pretraining", "finetune": "finetuning"}  # of a training, and the section of its settings
+
 
 @dataclass(frozen=True)
 class TrainingSettings:

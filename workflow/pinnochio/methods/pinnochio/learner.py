@@ -14,28 +14,27 @@ from pinnochio.methods.pinnochio.losses import SurfaceLoss, boundary_loss, bulk_
 from pinnochio.methods.pinnochio.patient import PatientTensors, tensors
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
-from pinnochio.networks.building import build
+from pinnochio.networks.building import build, matched
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.signals import PlanSignal
 from pinnochio.plans.plan import Plan
 from pinnochio.training.cases import CaseFiles, read_fem_samples
-from pinnochio.training.fold import PHASES
 from pinnochio.training.loop import Step
-from pinnochio.training.settings import TrainingSettings
-
-DataTerm = Callable[[Tensor, np.random.Generator], Tensor]
+from pinnochio.training.recording import Piece
+from pinnochio.training.settings import PHASES, TrainingSettings
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A patient under a plan: data(displacement, rng), the data term, and where the boundary belongs.
+    """A patient under a plan: data(displacement, *draw(rng)), the data term, and where the boundary belongs.
 
     anchor (n, 3) mm, on the nodes where anchored (n, 1) is 1.
     """
 
     patient: PatientTensors
     signal: PlanSignal
-    data: DataTerm
+    data: Callable[..., Tensor]
+    draw: Callable[[np.random.Generator], tuple[Tensor, ...]]
     anchor: Tensor
     anchored: Tensor
 
@@ -52,13 +51,20 @@ class Learner:
     def __init__(self, settings: Mapping, phase: str, device: str):
         """ValueError where the phase does not fit the network."""
         self.device, self.network = device, NetworkSettings(**settings["network"])
+        if self.network.match_parameters and not self.network.decomposition:
+            self.network = matched(self.network)
         self._fem, self.training = FemSettings(**settings["fem"]), TrainingSettings(**settings[PHASES[phase]])
         self._corrections = settings.get("newton_corrections", 0)
         self.read = self._fem_samples if phase == "pretrain" else self._outcome
 
+    @property
+    def recorded(self) -> bool:
+        """On a GPU, unless Poisson's ratio changes from step to step."""
+        return self.device == "cuda" and not self.training.poisson_anneal
+
     def terms(self, network: nn.Module, samples: Sequence[Sample], step: Step) -> dict[str, Tensor]:
         """Each the mean over the samples."""
-        each = [self._terms(network, sample, step) for sample in samples]
+        each = [self.piece(network, sample, step).terms() for sample in samples]
         return {name: sum(terms[name] for terms in each) / len(each) for name in each[0]}
 
     def error(self, network: nn.Module, samples: Sequence[Sample]) -> Tensor:
@@ -66,7 +72,7 @@ class Learner:
         errors = []
         for sample in samples:
             displacement = network(sample.patient.anatomy, sample.signal).displacement
-            errors.append(sample.data(displacement, np.random.default_rng(0)))
+            errors.append(sample.data(displacement, *sample.draw(np.random.default_rng(0))))
         return torch.stack(errors).mean()
 
     def completed(self, network: nn.Module, cases: Sequence[CaseFiles]) -> dict[str, dict[str, Tensor]]:
@@ -85,7 +91,7 @@ class Learner:
         for plan, displacement in read_fem_samples(files.fem_samples, files.case):
             field = torch.as_tensor(displacement, dtype=torch.float32, device=self.device)
             everywhere = torch.ones_like(patient.reliable)
-            samples.append(Sample(patient, patient.signal(plan), _to_field(field), field, everywhere))
+            samples.append(Sample(patient, patient.signal(plan), volume_loss, _always(field), field, everywhere))
         return samples
 
     def _outcome(self, files: CaseFiles) -> list[Sample]:
@@ -93,11 +99,12 @@ class Learner:
         patient, skin = self._patient(files), PostopSkin.read(files.postop).surface
         try:
             surface = SurfaceLoss(patient, *skin, self.training.surface_samples, self.training.surface_cutoff)
-            surface(torch.zeros_like(patient.points), np.random.default_rng(0))
+            if not torch.isfinite(surface(torch.zeros_like(patient.points), np.random.default_rng(0))):
+                raise ValueError("no point of the face is near the post-operative skin: is it registered?")
         except ValueError as error:
             raise InputError(files.case, files.postop, str(error), "check registration and face region") from error
         signal = patient.signal(Plan.read(files.plan, files.case))
-        return [Sample(patient, signal, surface, signal.cue, signal.reliable)]
+        return [Sample(patient, signal, surface.between, surface.draw, signal.cue, signal.reliable)]
 
     def _patient(self, files: CaseFiles) -> PatientTensors:
         """Tensors of a patient's model and, if the network wants one, its lift."""
@@ -107,16 +114,26 @@ class Learner:
         lift = Lift.read(files.lift) if wanted else None
         return tensors(PatientModel.read(files.model), self._fem, self.network, self.device, lift)
 
-    def _terms(self, network: nn.Module, sample: Sample, step: Step) -> dict[str, Tensor]:
-        patient, training = sample.patient, self.training
-        prediction = network(patient.anatomy, sample.signal, step.mirror)
-        data = sample.data(prediction.displacement, step.rng)
-        terms = {"data": data, "boundary": boundary_loss(prediction, sample.anchor, sample.anchored)}
-        if step.physics:
-            bulk, u = bulk_factor(patient.operator, training.poisson_start, step.anneal), prediction.displacement
-            terms["physics"] = physics_loss(patient.operator, patient.free, u, training.physics_robust, bulk)
-        return terms
+    def piece(self, network: nn.Module, sample: Sample, step: Step) -> Piece:
+        """The loss of a sample: the same function for all plans of a patient, mirrored or not."""
+        patient, training, mirror, data = sample.patient, self.training, step.mirror, sample.data
+        shown = {name: value for name, value in vars(sample.signal).items() if value is not None}
+
+        def function(anchor, anchored, *rest):
+            signal, drawn = rest[: len(shown)], rest[len(shown) :]
+            prediction = network(patient.anatomy, PlanSignal(**dict(zip(shown, signal, strict=True))), mirror)
+            terms = {
+                "data": data(prediction.displacement, *drawn),
+                "boundary": boundary_loss(prediction, anchor, anchored),
+            }
+            if step.physics:
+                bulk, u = bulk_factor(patient.operator, training.poisson_start, step.anneal), prediction.displacement
+                terms["physics"] = physics_loss(patient.operator, patient.free, u, training.physics_robust, bulk)
+            return terms
+
+        inputs = (sample.anchor, sample.anchored, *shown.values(), *sample.draw(step.rng))
+        return Piece((id(patient), data, mirror), inputs, function)
 
 
-def _to_field(field: Tensor) -> DataTerm:
-    return lambda displacement, rng: volume_loss(displacement, field)
+def _always(*values: Tensor) -> Callable[[np.random.Generator], tuple[Tensor, ...]]:
+    return lambda rng: values

@@ -143,40 +143,63 @@ class SurfaceLoss:
 
     def __call__(self, displacement: Tensor, rng: np.random.Generator) -> Tensor:
         """Chamfer distance of the displaced face; `rng` draws the samples of both surfaces."""
+        return self.between(displacement, *self.draw(rng))
+
+    def draw(self, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+        """Samples of the face and of the post-operative skin, indices (samples,)."""
+        own, other = self.own.draw(rng, self.samples), self.other.draw(rng, self.samples)
+        return torch.as_tensor(own, device=self.rest.device), torch.as_tensor(other, device=self.rest.device)
+
+    def between(self, displacement: Tensor, own: Tensor, other: Tensor) -> Tensor:
+        """Chamfer distance of the displaced face by these samples.
+
+        ValueError on a CPU if no pair counts; on a GPU, where nothing waits for the outcome, it is then no number.
+        """
         skin = self.rest + torch.einsum("sc,scx->sx", self.carry, displacement[self.carriers])
         points = torch.einsum("sc,fcx->fsx", self.weights, skin[self.faces]).flatten(0, 1)
         here = points.detach()
+        if self._on_gpu():
+            distance, reached = all_pairs(here[own], self.target)
+            forward = self._weighted(points, own, reached, (distance < self.cutoff) & ~self.other_border[reached])
+            distance, reached = all_pairs(self.target[other], here)
+            back = self._weighted(points, reached, other, (distance < self.cutoff) & ~self.own_border[reached])
+            return 0.5 * (forward + back)
         if not torch.isfinite(here).all():
             return points.sum() * float("nan")
-        own = torch.as_tensor(self.own.draw(rng, self.samples), device=here.device)
-        other = torch.as_tensor(self.other.draw(rng, self.samples), device=here.device)
         near, reached = nearest(here[own], self.target, self.cutoff, self.tree)
         forward = self._mean(points, own[near], reached, self.other_border[reached])
         near, reached = nearest(self.target[other], here, self.cutoff)
         back = self._mean(points, reached, other[near], self.own_border[reached])
         return 0.5 * (forward + back)
 
+    def _on_gpu(self) -> bool:
+        return self.rest.is_cuda
+
     def _mean(self, points, own, other, border):
         """Mean distance between points[own] and target[other] over the pairs that do not end on a border."""
         own, other = own[~border], other[~border]
         if not len(own):
             raise ValueError(f"no face point within {self.cutoff} mm of the post-operative skin: is it registered?")
+        return self._apart(points, own, other).mean()
+
+    def _weighted(self, points, own, other, counts):
+        """The same over the pairs that count, in tensors whose shapes belong to the patient."""
+        return (self._apart(points, own, other) * counts).sum() / counts.sum()
+
+    def _apart(self, points, own, other):
         apart = points.index_select(0, own) - self.target[other]
-        return apart.square().sum(1).add(CHAMFER_SOFTENING).sqrt().mean()
+        return apart.square().sum(1).add(CHAMFER_SOFTENING).sqrt()
 
 
 def nearest(queries: Tensor, cloud: Tensor, cutoff: float, tree: cKDTree | None = None) -> tuple[Tensor, Tensor]:
     """Queries (k,), by index, with a point of the cloud nearer than `cutoff`, and the index (k,) of their nearest one.
 
-    queries (q, 3), cloud (c, 3), mm. Exact up to the rounding of distances. On a CPU by the k-d tree of the cloud,
-    made here if there is none yet; on a GPU by looking at all pairs, which is faster there than any tree.
+    queries (q, 3), cloud (c, 3), mm, on the CPU. Exact up to the rounding of distances, by the k-d tree of the cloud,
+    made here if there is none yet.
     """
-    if queries.is_cuda:
-        distance, index = all_pairs(queries, cloud)
-    else:
-        # Neither balanced nor compact, the tree takes a third of the time to build; it serves one step.
-        tree = tree or cKDTree(cloud.numpy(), leafsize=LEAF, balanced_tree=False, compact_nodes=False)
-        distance, index = map(torch.as_tensor, tree.query(queries.numpy(), distance_upper_bound=cutoff))
+    # Neither balanced nor compact, the tree takes a third of the time to build; it serves one step.
+    tree = tree or cKDTree(cloud.numpy(), leafsize=LEAF, balanced_tree=False, compact_nodes=False)
+    distance, index = map(torch.as_tensor, tree.query(queries.numpy(), distance_upper_bound=cutoff))
     near = torch.nonzero(distance < cutoff)[:, 0]
     return near, index[near]
 
@@ -184,7 +207,8 @@ def nearest(queries: Tensor, cloud: Tensor, cutoff: float, tree: cKDTree | None 
 def all_pairs(queries: Tensor, cloud: Tensor) -> tuple[Tensor, Tensor]:
     """Distance (q,) mm and index (q,) of the nearest point of the cloud (c, 3) to each query (q, 3).
 
-    By a matrix product in float64, whose cancellation leaves 1e-9 mm2 at the size of a head.
+    By looking at all pairs, which is faster on a GPU than any tree: a matrix product in float64, whose cancellation
+    leaves 1e-9 mm2 at the size of a head.
     """
     points, squares = cloud.double().T, cloud.double().square().sum(1)
     parts = queries.split(PAIRS // len(cloud) + 1)

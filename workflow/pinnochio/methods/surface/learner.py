@@ -23,9 +23,8 @@ from pinnochio.networks.contrast import contrast
 from pinnochio.networks.signals import mirror_signs
 from pinnochio.plans.plan import Plan
 from pinnochio.training.cases import CaseFiles, read_fem_samples
-from pinnochio.training.fold import PHASES
 from pinnochio.training.loop import Step
-from pinnochio.training.settings import TrainingSettings
+from pinnochio.training.settings import PHASES, TrainingSettings
 
 
 @dataclass(frozen=True)
@@ -71,6 +70,7 @@ class Learner:
     """
 
     build = staticmethod(build)
+    recorded = False  # every step joins other patients, whose balls differ in size
 
     def __init__(self, settings: Mapping, phase: str, device: str):
         """Adam without warm-up and weight decay, and one loss term."""

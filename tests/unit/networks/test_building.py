@@ -1,0 +1,44 @@
+"""The unified network that is compared on equal terms: as many parameters as the decomposed ones."""
+
+from dataclasses import asdict
+
+import pytest
+import torch
+
+from pinnochio.methods.pinnochio.learner import Learner
+from pinnochio.networks.building import build, matched, parameters
+from tests.helpers.settings import CONFIG, network_settings
+
+PAPER = {"boundary_layers": 4, "volume_layers": 12, "rest_layers": 12, "channels": 128}
+
+
+@pytest.mark.parametrize("sizes", [{}, PAPER, {"channels": 32, "heads": 2}], ids=["study", "paper", "small"])
+def test_a_unified_network_gets_the_parameters_of_the_decomposed_ones(sizes):
+    wanted, plain = parameters(network_settings(**sizes)), network_settings(decomposition=False, **sizes)
+    own = matched(plain)
+    assert abs(parameters(own) - wanted) < 0.002 * wanted and own.channels > plain.channels
+    assert (own.volume_layers, own.rest_layers, own.heads) == (plain.volume_layers, plain.rest_layers, plain.heads)
+    assert parameters(own) == sum(weight.numel() for weight in build(plain).parameters())
+
+
+def test_the_sizes_of_the_study_s_networks():
+    assert parameters(network_settings()) == 337_154
+    assert parameters(network_settings(decomposition=False, match_parameters=False)) == 95_962
+
+
+def test_counting_leaves_the_random_state_alone():
+    torch.manual_seed(0)
+    first = torch.rand(3)
+    torch.manual_seed(0)
+    matched.cache_clear()
+    matched(network_settings(decomposition=False))
+    assert torch.equal(torch.rand(3), first)
+
+
+def test_a_learner_stores_the_settings_that_it_trains():
+    """A prediction builds the network without counting again; a decomposed one is as it was."""
+    settings = {name: CONFIG[name] for name in ("fem", "pretraining")}
+    unified = network_settings(decomposition=False)
+    own = Learner(settings | {"network": asdict(unified)}, "pretrain", "cpu").network
+    assert own == matched(unified) and not own.match_parameters
+    assert Learner(settings | {"network": CONFIG["network"]}, "pretrain", "cpu").network == network_settings()

@@ -1,0 +1,61 @@
+"""A folder whose manifest holds the SHA-256 of each of its files and of itself."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from pinnochio.errors import InputError
+from pinnochio.files import replacing
+from pinnochio.json_text import read_own_json
+
+MANIFEST = "archive.json"
+OWN = "sha256"  # of the manifest, without itself
+
+
+def write_manifest(folder: str | os.PathLike, content: Mapping) -> None:
+    """Write the manifest with this content and the SHA-256 of every file that lies in the folder and of itself."""
+    files = sorted(path for path in Path(folder).rglob("*") if path.is_file() and path.name != MANIFEST)
+    content = dict(content) | {
+        "files": {path.relative_to(folder).as_posix(): digest(path.read_bytes()) for path in files}
+    }
+    content[OWN] = _own(content)
+    with replacing(Path(folder) / MANIFEST) as temporary:
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def read_manifest(folder: str | os.PathLike, absent: tuple[str, str], again: str, whole: bool = True) -> dict:
+    """The content of a folder's manifest, with `files` and the manifest's own SHA-256 under OWN.
+
+    InputError where there is none (absent: problem and remedy) or it is not as it was written, and, if whole, where
+    that is so of a file; again: the remedy.
+    """
+    if not (Path(folder) / MANIFEST).is_file():
+        raise InputError("-", folder, *absent)
+    content = read_own_json(Path(folder) / MANIFEST)
+    if not isinstance(content, dict) or OWN not in content:
+        raise InputError("-", folder, f"{MANIFEST} holds no checksums", again)
+    if content[OWN] != _own({name: value for name, value in content.items() if name != OWN}):
+        raise InputError("-", Path(folder) / MANIFEST, "it is not as it was packed", again)
+    for name in content.get("files", {}) if whole else ():
+        check_file(folder, content, name, again)
+    return content
+
+
+def check_file(folder: str | os.PathLike, content: Mapping, name: str, again: str) -> None:
+    """InputError where the file of this name is not there or not as the manifest's content has it."""
+    path = Path(folder) / name
+    if not path.is_file():
+        raise InputError("-", path, "the archive lacks this file", again)
+    if digest(path.read_bytes()) != content["files"].get(name):
+        raise InputError("-", path, "it is not as it was packed: it is damaged or exchanged", again)
+
+
+def digest(content: bytes) -> str:
+    """SHA-256."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def _own(content: Mapping) -> str:
+    return digest(json.dumps(content, sort_keys=True).encode())

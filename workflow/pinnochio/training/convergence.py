@@ -1,0 +1,56 @@
+"""Whether a training has converged, by a stated rule on its loss history."""
+
+import csv
+import os
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinnochio.training.loop import COLUMNS
+
+PARTS = 20  # of the steps: the medians of the training's own data term stand for a curve where nobody is held back
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Where a training ended.
+
+    done: steps; held_back: whether the curve is the error of patients held back, else of those trained on; fall: share
+    by which the least error fell over the last part of the steps, nan where the curve has no point there or before.
+    """
+
+    done: int
+    held_back: bool
+    fall: float
+
+    def flat(self, limit: float) -> bool:
+        """Whether it fell by no more than that share."""
+        return bool(self.fall <= limit)
+
+
+def convergence(history: str | os.PathLike, part: float) -> Convergence:
+    """Of a loss history as the training writes it; part: share of the steps done, at the end, that the fall is of.
+
+    A learning rate that is brought to zero flattens every curve: flat says that this training has ended, not that a
+    longer one would not have gone further.
+    """
+    with open(history, newline="", encoding="utf-8") as file:
+        rows = np.array([[float(row[name]) for name in COLUMNS] for row in csv.DictReader(file)])
+    if not len(rows):  # stopped before its first step
+        return Convergence(0, False, np.nan)
+    steps, data, looks = (rows[:, COLUMNS.index(name)] for name in ("step", "data", "validation"))
+    done = int(steps[-1]) + int(np.isfinite(rows[-1, COLUMNS.index("learning_rate")]))
+    held_back = bool(np.isfinite(looks).any())
+    if held_back:
+        seen = np.isfinite(looks)
+        at, errors = steps[seen], looks[seen]
+    else:
+        pieces = [own for own in np.array_split(np.arange(len(steps)), PARTS) if len(own)]
+        at = np.array([steps[own[-1]] + 1 for own in pieces])
+        errors = np.array([np.nanmedian(data[own]) for own in pieces])
+    before = errors[at <= (1 - part) * done]
+    late = errors[at > (1 - part) * done]
+    if not len(before) or not len(late):
+        return Convergence(done, held_back, np.nan)
+    least = before.min()
+    return Convergence(done, held_back, float(1 - min(least, late.min()) / least))
