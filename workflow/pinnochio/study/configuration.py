@@ -79,6 +79,12 @@ def check_config(config: Mapping) -> None:
             refuse(
                 f"{name!r} has an execution_prior and no lift", "choose a lift, or set finetuning.execution_prior to 0"
             )
+    for kind, own in config["invert"]["bounds"].items():
+        if shut := [name for name, (low, high) in own.items() if not low <= 0 <= high]:
+            refuse(
+                f"invert.bounds.{kind}.{shut[0]} is {own[shut[0]]}, which shuts out the bone where it is",
+                "let it reach from 0 or less to 0 or more: a proposal begins with nothing moved",
+            )
     if config["cohort"] == "virtual" and not config["patient"]:
         every = dealt(config["virtual"]["procedures"], config["virtual"]["patients"])
         made = dict.fromkeys(name for own in every for name in own.segments)

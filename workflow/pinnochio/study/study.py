@@ -14,7 +14,7 @@ from pinnochio.patients.archive import configuration_hash
 from pinnochio.report.parts import PARTS
 from pinnochio.study.cases import assign_folds, external_file, virtual_cases
 from pinnochio.study.choice import Choice, choose
-from pinnochio.study.new_patients import NewPatient, read_patients
+from pinnochio.study.new_patients import NewPatient, markups_in, read_patients
 from pinnochio.study.provenance import PLACES
 from pinnochio.virtual.card import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
 from pinnochio.virtual.procedures import Procedure, dealt
@@ -439,6 +439,15 @@ class Study:
             )
         return files
 
+    def proposals_of_patients(self, wildcards) -> list[str]:
+        """What is handed over of every new patient of whom a face is wished."""
+        wished = [patient.name for patient in self.named_patients() if patient.wishes]
+        if not wished:
+            raise InputError(
+                "-", self.config["patient"], "nobody's face is wished otherwise", "add wish.mrk.json or wish.ply"
+            )
+        return [f"<results>/patients/{name}/invert/index.html" for name in wished]
+
     def planner_settings(self, wildcards) -> dict:
         """What the planner needs to know of the patient and its models."""
         choice = self.choice
@@ -505,8 +514,28 @@ class Study:
         """The files of the patient's markups: landmarks, planes, regions."""
         own = (self.patients if wildcards.home == "patients" else self.cases)[wildcards.case].markups
         if own and Path(own).is_dir():
-            return [str(file) for file in sorted(Path(own).iterdir()) if file.name.endswith(".mrk.json")]
+            return markups_in(own)
         return [own] if own else []
+
+    def wish(self, wildcards) -> list[str]:
+        """The files that say how the patient's face shall be."""
+        return list(self.patients[wildcards.case].wishes)
+
+    def occlusion(self, wildcards) -> list[str]:
+        """The plan of a new patient whose relation of the jaws every proposal keeps, if there is one."""
+        name = self.config["invert"]["occlusion"]
+        if name in ("free", "rest"):
+            return []
+        plans = self.patients[wildcards.case].plans
+        if name not in plans:
+            known = ", ".join(plans) or "none"
+            raise InputError(
+                wildcards.case,
+                "configuration",
+                f"invert.occlusion names the plan {name!r}, and the patient's plans are: {known}",
+                "name one of them, or 'rest' for the occlusion as it is, or 'free'",
+            )
+        return [f"<results>/patients/{wildcards.case}/{name}/plan.json"]
 
     @property
     def label_values(self) -> Mapping:
