@@ -11,7 +11,7 @@ from pinnochio.inverse.proposal import Search
 from pinnochio.inverse.wish import stacked
 
 TOLD = 1.0  # mm of bone that change the wish by the tolerance: a combination that needs more is not told apart [I]
-LARGEST = 10.0  # mm of bone by which a combination is shown, at most
+LARGEST = 5.0  # mm of bone by which a combination is shown, at most
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,33 @@ class Combinations:
 
 
 def combinations(search: Search, freedom: Freedom, wish, x: np.ndarray, tolerance: float) -> Combinations:
-    """Singular vectors of the wish's derivative at the parameters x (p,); tolerance in mm."""
+    """Singular vectors of the wish's derivative at the parameters x (p,); tolerance in mm.
+
+    Those that the wish cannot tell are turned among themselves so that each moves as few bones as it can (varimax).
+    """
     _, rows = stacked(wish, freedom.model, search.skin(x))
     slope = (rows @ search.derivative(x)) / freedom.lever
     values, vectors = np.linalg.eigh(slope.T @ slope)
-    felt = np.sqrt(np.maximum(values, 0))
+    hidden = np.sqrt(np.maximum(values, 0)) * TOLD < tolerance
+    vectors[:, hidden] = varimax(vectors[:, hidden])
+    felt = np.linalg.norm(slope @ vectors, axis=0)
+    order = np.argsort(felt, kind="stable")
     with np.errstate(divide="ignore"):
-        return Combinations(vectors.T / freedom.lever, felt, tolerance / felt)
+        return Combinations(vectors.T[order] / freedom.lever, felt[order], tolerance / felt[order])
+
+
+def varimax(basis: np.ndarray, turns: int = 100) -> np.ndarray:
+    """An orthonormal basis (p, k) of the same space whose columns have few large entries (Kaiser 1958)."""
+    rows, count = basis.shape
+    turned = np.eye(count)
+    for _ in range(turns if count > 1 else 0):
+        loads = basis @ turned
+        left, _, right = np.linalg.svd(basis.T @ (loads**3 - loads * (loads**2).sum(axis=0) / rows))
+        new = left @ right
+        if np.abs(new - turned).max() < 1e-8:
+            break
+        turned = new
+    return basis @ turned
 
 
 def as_motions(freedom: Freedom, x: np.ndarray, change: np.ndarray) -> dict[str, np.ndarray]:

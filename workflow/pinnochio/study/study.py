@@ -446,7 +446,8 @@ class Study:
             raise InputError(
                 "-", self.config["patient"], "nobody's face is wished otherwise", "add wish.mrk.json or wish.ply"
             )
-        return [f"<results>/patients/{name}/invert/index.html" for name in wished]
+        files = ("invert/index.html", "sensitivity.png")
+        return [f"<results>/patients/{name}/{file}" for name in wished for file in files]
 
     def planner_settings(self, wildcards) -> dict:
         """What the planner needs to know of the patient and its models."""
