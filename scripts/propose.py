@@ -14,7 +14,7 @@ from pinnochio.inverse.face import Face
 from pinnochio.inverse.freedom import QUANTITIES
 from pinnochio.inverse.proposal import InverseSettings
 from pinnochio.inverse.reading import read_wish
-from pinnochio.inverse.wish import Wish
+from pinnochio.inverse.wish import Wish, misfit
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
@@ -79,7 +79,7 @@ def propose_plans(
 def certify(patient: PatientModel, answer: Answer, fem: FemSettings) -> dict | None:
     """Certificate of the finite-element field of a proposal; None where they did not converge."""
     proposal = answer.proposal
-    if proposal.displacement is None:
+    if not proposal.solved:
         return None
     solution = {"solver": True, "converged": True, "iterations": proposal.corrections, "load": 1.0, "reason": ""}
     said = measures(patient, proposal.plan, proposal.displacement, fem)
@@ -89,12 +89,11 @@ def certify(patient: PatientModel, answer: Answer, fem: FemSettings) -> dict | N
 def row(case, answer: Answer, certificate, wish: Wish, patient: PatientModel, own: InverseSettings, code: str) -> dict:
     """The row of PROPOSALS."""
     proposal = answer.proposal
-    total = sum(item.weight for item in wish)
     return {
         "case": case,
         "operation": proposal.operation,
-        "met": all(item.error(patient, proposal.skin) <= own.met for item in wish),
-        "asked": np.sqrt(sum(item.weight * item.asked(patient) ** 2 for item in wish) / total),
+        "met": all(item.error(proposal.displacement) <= own.met for item in wish),
+        "asked": misfit(wish, np.zeros_like(patient.points)),
         "misfit": proposal.misfit,
         "elastic_gap": proposal.gap,
         "motion_max": np.linalg.norm(patient.bone_displacement(proposal.plan), axis=1).max(),
@@ -114,7 +113,7 @@ def reached_rows(case: str, answer: Answer, wish: Wish, patient: PatientModel, o
     """Rows of REACHED."""
     rows = []
     for item in wish:
-        error = item.error(patient, answer.proposal.skin)
+        error = item.error(answer.proposal.displacement)
         rows.append(
             {
                 "case": case,
@@ -122,7 +121,7 @@ def reached_rows(case: str, answer: Answer, wish: Wish, patient: PatientModel, o
                 "wish": item.name,
                 "unit": item.unit,
                 "weight": item.weight,
-                "asked": item.asked(patient),
+                "asked": item.error(np.zeros_like(patient.points)),
                 "error": error,
                 "met": error <= own.met,
             }

@@ -27,13 +27,13 @@ def sensitivity_figure(frame: pd.DataFrame, path: str | os.PathLike) -> None:
                   color="white" if light else "black")  # fmt: skip
     axes.set_yticks(range(len(places)), [words(place) for place in places], fontsize=8)
     axes.set_xticks(range(len(moves)), [quantity for _, quantity in moves], fontsize=8, rotation=60)
-    count = len(moves) // len(dict.fromkeys(frame["segment"]))
+    owners = [segment for segment, _ in moves]
+    columns = {name: [i for i, owner in enumerate(owners) if owner == name] for name in dict.fromkeys(owners)}
     top = axes.secondary_xaxis("top")
-    segments = list(dict.fromkeys(frame["segment"]))
-    top.set_xticks([count * number + (count - 1) / 2 for number in range(len(segments))], map(words, segments))
+    top.set_xticks([np.mean(own) for own in columns.values()], map(words, columns), fontsize=9)
     top.tick_params(length=0)
-    for number in range(1, len(segments)):
-        axes.axvline(count * number - 0.5, color="white", linewidth=3)
+    for own in list(columns.values())[1:]:
+        axes.axvline(own[0] - 0.5, color="white", linewidth=3)
     bar = figure.colorbar(image, ax=axes, extend="max")
     bar.set_label("mm of the face per mm or degree of the bone")
     figure.suptitle(f"{case}: which move matters where, to first order", fontsize=10)

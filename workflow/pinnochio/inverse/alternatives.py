@@ -65,8 +65,8 @@ def contradictions(face: Face, wish: Wish, free: Freedom, settings: InverseSetti
 
     def off(chosen: Wish) -> float:
         search = Search(face, chosen, free, settings)
-        skin = search.skin(search.elastic(start))
-        return max(own.error(face.model, skin) for own in chosen)
+        field = search.field(search.elastic(start))
+        return max(own.error(field) for own in chosen)
 
     reachable = [own for own in wish if off([own]) <= settings.met] if len(wish) <= MOST_PAIRED else []
     found = [(one.name, other.name, off([one, other])) for one, other in pairs(reachable, 2)]

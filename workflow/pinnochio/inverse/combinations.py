@@ -43,7 +43,7 @@ def combinations(search: Search, freedom: Freedom, wish, x: np.ndarray, toleranc
 
     Those that the wish cannot tell are turned among themselves so that each moves as few bones as it can (varimax).
     """
-    _, rows = stacked(wish, freedom.model, search.skin(x))
+    _, rows = stacked(wish, search.field(x))
     slope = (rows @ search.derivative(x)) / freedom.lever
     values, vectors = np.linalg.eigh(slope.T @ slope)
     hidden = np.sqrt(np.maximum(values, 0)) * TOLD < tolerance

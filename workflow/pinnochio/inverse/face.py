@@ -1,7 +1,5 @@
 """The face that a plan leads to: at once by the elastic map, and by finite elements with sliding interfaces."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from pinnochio.mechanics.elastic import ElasticSolver
@@ -17,7 +15,7 @@ from pinnochio.plans.plan import Plan
 class Face:
     """One patient whose face answers many plans; what belongs to the patient is made once.
 
-    response (12 K, 3 s): displacement of the skin, mm, per unit of each amplitude of
+    response (12 K, 3 n): displacement of the nodes, mm, per unit of each amplitude of
     :func:`pinnochio.mechanics.lift.motion_amplitudes`, in equilibrium to first order with sliding interfaces.
     """
 
@@ -28,16 +26,11 @@ class Face:
         elastic = ElasticSolver(model.points, model.cells, law, rest, fem.volumetric, fem.linear_solver)
         fields = elastic.spread(segment_motions(model, model.points.mean(axis=0), blend=False))
         elastic.close()
-        own = [self.carried(field).ravel() for field in fields]
-        self.response = np.array(own).reshape(len(fields), 3 * len(model.skin_points))
-        self._solver = PlanSolver(model, "mucosa", replace(fem, kept_factors=True))
-
-    def carried(self, field: np.ndarray) -> np.ndarray:
-        """Displacement (s, 3) mm of the skin under a field (n, 3) mm of the mesh."""
-        return self.model.moved_skin(field) - self.model.skin_points
+        self.response = fields.reshape(len(fields), -1)
+        self._solver = PlanSolver(model, "mucosa", fem)
 
     def elastic(self, amplitudes: np.ndarray) -> np.ndarray:
-        """Displacement (s, 3) mm of the skin to first order under amplitudes (12 K,) of the bones' motions."""
+        """Displacement (n, 3) mm to first order under amplitudes (12 K,) of the bones' motions."""
         return (amplitudes @ self.response).reshape(-1, 3)
 
     def solve(self, plan: Plan) -> SolveResult:

@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 
 from pinnochio.inverse.face import Face
 from pinnochio.inverse.freedom import Freedom
-from pinnochio.inverse.wish import Wish, stacked
+from pinnochio.inverse.wish import Wish, misfit, stacked
 from pinnochio.plans.plan import Plan
 
 ITERATIONS = 30  # Gauss-Newton steps
@@ -36,8 +36,8 @@ class InverseSettings:
 class Proposal:
     """A plan that comes as near to a wish as its operation can.
 
-    x (p,): its parameters; displacement (n, 3) mm: finite elements of it, None where they did not converge; skin
-    (s, 3) mm: displacement of the skin that is predicted; gap, mm: root mean square distance on the judged face
+    x (p,): its parameters; displacement (n, 3) mm: finite elements of it, or what is expected of them where `solved`
+    is false; gap, mm: root mean square distance on the judged face
     between that and the elastic map; misfit, mm: weighted root mean square of the wishes' errors; at_bounds: block
     and quantity of parameters that lie on a bound; corrections: finite-element solutions; seconds: of the elastic
     proposal and of all.
@@ -46,8 +46,8 @@ class Proposal:
     operation: str
     plan: Plan
     x: np.ndarray
-    displacement: np.ndarray | None
-    skin: np.ndarray
+    displacement: np.ndarray
+    solved: bool
     gap: float
     misfit: float
     at_bounds: Sequence[tuple[str, str]]
@@ -61,23 +61,19 @@ class Search:
 
     def __init__(self, face: Face, wish: Wish, freedom: Freedom, settings: InverseSettings):
         self._face, self._wish, self._freedom, self._settings = face, wish, freedom, settings
-        # What finite elements add to the elastic map: off + slope @ (x - at), mm of the skin's coordinates.
+        # What finite elements add to the elastic map: off + slope @ (x - at), mm of the nodes' coordinates.
         self._off = np.zeros(face.response.shape[1])
         self._slope = np.zeros((face.response.shape[1], len(freedom.low)))
         self._at = np.zeros(len(freedom.low))
 
-    def skin(self, x: np.ndarray) -> np.ndarray:
-        """Displacement (s, 3) mm of the skin that is expected of the parameters x (p,)."""
+    def field(self, x: np.ndarray) -> np.ndarray:
+        """Displacement (n, 3) mm that is expected of the parameters x (p,)."""
         added = self._off + self._slope @ (x - self._at)
         return self._face.elastic(self._freedom.amplitudes(x)) + added.reshape(-1, 3)
 
     def derivative(self, x: np.ndarray) -> np.ndarray:
-        """Its derivative (3 s, p)."""
+        """Its derivative (3 n, p)."""
         return self._face.response.T @ self._freedom.derivative(x) + self._slope
-
-    def misfit(self, displacement: np.ndarray) -> float:
-        """Weighted root mean square (mm) of the errors of all wishes under a displacement (s, 3) mm of the skin."""
-        return float(np.linalg.norm(stacked(self._wish, self._face.model, displacement)[0]))
 
     def elastic(self, start: np.ndarray) -> np.ndarray:
         """Parameters (p,) within their bounds by Gauss-Newton from `start` (p,)."""
@@ -85,7 +81,7 @@ class Search:
         price = self._settings.least_motion * own.lever
         value = self._cost(x, price)
         for _ in range(ITERATIONS):
-            residual, rows = stacked(self._wish, self._face.model, self.skin(x))
+            residual, rows = stacked(self._wish, self.field(x))
             slope = rows @ self.derivative(x)
             # The triangle of the QR factors stands for thousands of rows.
             triangle = np.linalg.qr(
@@ -109,11 +105,11 @@ class Search:
         return x
 
     def _cost(self, x, price) -> float:
-        residual = stacked(self._wish, self._face.model, self.skin(x))[0]
+        residual = stacked(self._wish, self.field(x))[0]
         return float(residual @ residual + (price * x) @ (price * x))
 
     def corrected(self, x: np.ndarray, field: np.ndarray) -> None:
-        """Take note of the skin (s, 3) mm that finite elements give for x (p,): exact there, and by Broyden's update
+        """Take note of the field (n, 3) mm that finite elements give for x (p,): exact there, and by Broyden's update
         in the direction that was gone since the last one."""
         added = field.ravel() - self._face.elastic(self._freedom.amplitudes(x)).ravel()
         step = self._freedom.lever**2 * (x - self._at)
@@ -141,40 +137,36 @@ def propose(
         made += 1
         if not result.converged:
             break
-        skin = face.carried(result.displacement)
         price = settings.least_motion * freedom.lever * x
-        cost = search.misfit(skin) ** 2 + price @ price
+        cost = np.sum(stacked(wish, result.displacement)[0] ** 2) + price @ price
         if best is None or cost < best[0]:
-            best = cost, x, skin, result.displacement
-        search.corrected(x, skin)
+            best = cost, x, result.displacement
+        search.corrected(x, result.displacement)
         new = search.elastic(x)
         moved = np.abs(freedom.lever * (new - x)).max(initial=0.0)
         x = new
         if moved < 0.1 * settings.tolerance:
             break
-    if best is None:
-        skin, field = search.skin(x), None
-    else:
-        _, x, skin, field = best
-    judged = face.model.judged_points
-    linear = face.elastic(freedom.amplitudes(x))
+    if best is not None:
+        x = best[1]
+    field = best[2] if best is not None else search.field(x)
+    model = face.model
+    gap = (model.moved_skin(field) - model.moved_skin(face.elastic(freedom.amplitudes(x))))[model.judged_points]
     at = (x - freedom.low < AT_BOUND) | (freedom.high - x < AT_BOUND)
-    return (
-        Proposal(
-            operation=operation,
-            plan=freedom.plan(case, x),
-            x=x,
-            displacement=field,
-            skin=skin,
-            gap=float(np.sqrt(((skin - linear)[judged] ** 2).sum(axis=1).mean())),
-            misfit=search.misfit(skin),
-            at_bounds=[name for name, own in zip(freedom.names, at, strict=True) if own],
-            corrections=made,
-            seconds_elastic=elastic,
-            seconds=time.perf_counter() - began,
-        ),
-        search,
+    proposal = Proposal(
+        operation=operation,
+        plan=freedom.plan(case, x),
+        x=x,
+        displacement=field,
+        solved=best is not None,
+        gap=float(np.sqrt((gap**2).sum(axis=1).mean())),
+        misfit=misfit(wish, field),
+        at_bounds=[name for name, own in zip(freedom.names, at, strict=True) if own],
+        corrections=made,
+        seconds_elastic=elastic,
+        seconds=time.perf_counter() - began,
     )
+    return proposal, search
 
 
 def _opened(low, high) -> tuple[np.ndarray, np.ndarray]:

@@ -10,9 +10,9 @@ from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.inverse.columns import SENSITIVITY
 from pinnochio.inverse.face import Face
 from pinnochio.inverse.freedom import LPS, QUANTITIES
-from pinnochio.inverse.wish import Marks, named
+from pinnochio.inverse.wish import Marks
 from pinnochio.mechanics.lift import motion_amplitudes
-from pinnochio.model.landmarks import face_landmarks
+from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES, regions
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.sampling import JawAnatomy
@@ -25,21 +25,21 @@ def sensitivity(face: Face, case: str, code: str, spots: Sequence[tuple[str, str
     """
     model = face.model
     anatomy = JawAnatomy.from_points(model.bone_points, model.bone_segment, model.segments)
-    places = Marks.on(model, named(face_landmarks(model)))
+    places = Marks.of(model)
     codes = regions(model)
     rows = []
     for segment in model.segments:
         pivot = anatomy.hinge.get(segment, anatomy.centre[segment])
-        for number, quantity in enumerate(QUANTITIES):
+        # A ramus, or a mandible in its joints, can but turn.
+        for number, quantity in list(enumerate(QUANTITIES))[3 if segment in anatomy.hinge else 0 :]:
             unit = np.zeros(6)
             unit[number] = 1
             plan = Plan(case, {segment: RigidMotion.from_degrees(unit[3:], LPS * unit[:3], pivot)})
             moved = face.elastic(motion_amplitudes(plan, model.segments, model.points.mean(axis=0)))
-            checked = None
+            told = None
             if (segment, quantity) in spots and (result := face.solve(plan)).converged:
-                checked = face.carried(result.displacement)
-            told = None if checked is None else told_of(places, codes, checked)
-            for place, (mean, size) in told_of(places, codes, moved).items():
+                told = told_of(model, places, codes, result.displacement)
+            for place, (mean, size) in told_of(model, places, codes, moved).items():
                 rows.append(
                     {
                         "case": case,
@@ -55,11 +55,17 @@ def sensitivity(face: Face, case: str, code: str, spots: Sequence[tuple[str, str
     return check(pd.DataFrame(rows), SENSITIVITY)
 
 
-def told_of(places: Marks, codes: np.ndarray, skin: np.ndarray) -> dict[str, tuple[np.ndarray, float]]:
-    """Mean motion (3,) mm LPS and mean distance, mm, of every landmark and every region under skin (s, 3) mm."""
+def told_of(
+    model: PatientModel, places: Marks, codes: np.ndarray, field: np.ndarray
+) -> dict[str, tuple[np.ndarray, float]]:
+    """Mean motion (3,) mm LPS and mean distance, mm, of every landmark and every region under a field (n, 3) mm.
+
+    codes (s,): region of every skin point.
+    """
     told = {}
-    for name, motion in zip(places.names, places.moved(skin) - places.rest, strict=True):
+    for name, motion in zip(places.names, places.moved(field) - places.rest, strict=True):
         told[name] = motion, float(np.linalg.norm(motion))
+    skin = model.moved_skin(field) - model.skin_points
     for number, name in enumerate(NAMES):
         own = skin[codes == number]
         if len(own):

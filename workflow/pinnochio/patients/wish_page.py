@@ -9,7 +9,7 @@ import jinja2
 import numpy as np
 import pyvista as pv
 
-from pinnochio.figures.patient import FRONT, SIDE, SKIN, UNKNOWN, add_bone, finish, surface_of
+from pinnochio.figures.patient import FRONT, SIDE, SKIN, UNKNOWN, add_bone, finish, skin_of
 from pinnochio.files import replacing
 from pinnochio.inverse.alternatives import Answer
 from pinnochio.inverse.combinations import LARGEST, as_motions, differences, in_words
@@ -156,7 +156,7 @@ def _picture(patient: PatientModel, wish: Wish, answer: Answer) -> bytes:
     """Bones, the face from the front and from the side, with the residual of the wish."""
     plotter = pv.Plotter(off_screen=True, shape=(1, 3), window_size=(1260, 430), border=False)
     proposal = answer.proposal
-    skin = surface_of(patient.skin_points + proposal.skin, patient.skin_faces)
+    skin = skin_of(patient, proposal.displacement)
     surface = next((own for own in wish if isinstance(own, SurfaceWish)), None)
     places = [own for own in wish if isinstance(own, PlaceWish)]
     plotter.subplot(0, 0)
@@ -169,7 +169,7 @@ def _picture(patient: PatientModel, wish: Wish, answer: Answer) -> bytes:
         if surface is None:
             plotter.add_mesh(skin, color=SKIN, opacity=0.6)
         else:
-            off = surface.distances(patient, proposal.skin)
+            off = surface.distances(proposal.displacement)
             far = max(float(np.nanpercentile(np.abs(off), 99)), 0.1)
             plotter.add_mesh(
                 skin,
@@ -182,7 +182,7 @@ def _picture(patient: PatientModel, wish: Wish, answer: Answer) -> bytes:
                 copy_mesh=True,
             )
         for own in places:
-            here = own.marks.moved(proposal.skin)[own.index]
+            here = own.mark.moved(proposal.displacement)[0]
             plotter.add_mesh(pv.Line(here, own.target), color="#a40000", line_width=3)
             plotter.add_points(here[None], color="#1f3fbf", point_size=9, render_points_as_spheres=True)
             plotter.add_points(own.target[None], color="#a40000", point_size=9, render_points_as_spheres=True)

@@ -13,7 +13,7 @@ from pinnochio.importing.segment_files import IMAGE_FORMATS
 VOLUMES = ("volume", "ct", "cbct")  # names of the scan, before its ending
 ENDING = ".mrk.json"
 WISH = "wish"  # name of what is wished of the face, before its ending
-WISHES = (ENDING, ".ply", ".stl", ".vtp", ".obj")
+WISHES = (ENDING, ".ply", ".stl", ".vtp", ".obj", ".csv", ".tsv")
 
 
 @dataclass(frozen=True)
