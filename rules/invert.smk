@@ -69,3 +69,48 @@ rule invert:
         STUDY.proposals_of_patients,
     message:
         "The wishes are answered: see {config[pathvars][results]}/patients"
+
+
+# How well the motion is found that made a face; not part of `all`.
+rule measure_inverse:
+    input:
+        model="<results>/cases/{case}/model.h5",
+        plan="<results>/cases/{case}/plan.json",
+        achieved=STUDY.after_surgery("<results>/cases/{case}/achieved.json"),
+        postop=STUDY.after_surgery("<results>/cases/{case}/postop.h5"),
+        truth=(
+            STUDY.after_surgery("<results>/virtual/{case}/truth.h5")
+            if STUDY.virtual
+            else []
+        ),
+    output:
+        recovered=ensure("<results>/inverse/{case}/recovered.csv", non_empty=True),
+        faces="<results>/inverse/{case}/faces.csv",
+        marked="<results>/inverse/{case}/marked.csv",
+        seen="<results>/inverse/{case}/seen.csv",
+    log:
+        "<logs>/measure_inverse/{case}.log",
+    benchmark:
+        "<benchmarks>/measure_inverse/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        fem=config["fem"],
+        settings=config["invert"],
+        seed=SEED,
+        code=code_of("measure_inverse"),
+    message:
+        "Measure on {wildcards.case} how well the motion is found that made a face"
+    script:
+        "../scripts/measure_inverse.py"
+
+
+rule inverse:
+    input:
+        table_and_twins("inverse"),
+    message:
+        "It is measured how well the motion is found that made a face"

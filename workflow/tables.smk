@@ -127,6 +127,20 @@ TABLES = {
         },
         NAMED,
     ),
+    "inverse": (
+        {
+            kind: expand(f"<results>/inverse/{{case}}/{kind}.csv", case=STUDY.inverted)
+            for kind in ("recovered", "faces", "marked", "seen")
+        }
+        | {"models": expand("<results>/cases/{case}/model.h5", case=STUDY.inverted)},
+        NAMED
+        | {
+            "cases": STUDY.inverted,
+            "held_out": STUDY.held_out,
+            "least_motion": config["invert"]["least_motion"],
+            "seed": SEED,
+        },
+    ),
     "coverage": (
         {
             "parts": expand(

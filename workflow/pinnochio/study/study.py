@@ -368,6 +368,19 @@ class Study:
         """How models are reduced to what a plan requires."""
         return {name: value for name, value in self.config["scene"].items() if name not in ("mode", "patients")}
 
+    @property
+    def inverted(self) -> list[str]:
+        """Patients on whom it is measured how well the motion is found that made a face."""
+        return list(self.cases)[: self.config["invert"]["patients"]]
+
+    def after_surgery(self, file: str) -> Callable:
+        """Input function: a file that scan and bones after surgery give, where a patient has both."""
+        return lambda wildcards: (
+            [file.replace("{case}", wildcards.case)]
+            if wildcards.case in self.registered and wildcards.case in self.scanned
+            else []
+        )
+
     # New patients.
 
     @cached_property
