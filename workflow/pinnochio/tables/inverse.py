@@ -236,9 +236,9 @@ def recovered_block(frame: pd.DataFrame, own: pd.DataFrame, cohort: str) -> Bloc
     caption = (
         f"From a wished face to the motion that made it, {cohort}: median [bootstrap 95 % interval over bones] "
         "(largest). Error: mean distance of a bone from where it went, and angle. Told: without combinations of "
-        "motions that the wish cannot tell apart. Simulated: the finite-element face of the plan; outcome: the scan after "
-        "surgery, against the registered motion; landmarks: where those of the outcome are. Price chosen: price of "
-        "motion by the training patients of each fold. Minus regression: mean over patients, ridge regression on where "
+        "motions that the wish cannot tell apart. Simulated: the finite-element face of the plan; outcome: the scan "
+        "after surgery, against the registered motion; landmarks: where those of the outcome are. Price chosen: price "
+        "of motion by the training patients of each fold. Minus regression: mean over patients, ridge regression on where "
         "landmarks and regions go, folds as in the study; p: Wilcoxon, Holm-corrected over the rows. Simulated faces: "
         f"medians below {WITHIN['error']} mm and {WITHIN['degrees']} degrees: {'yes' if good else 'no'}; worst of what "
         f"is told below {WORST['told_error']} mm and {WORST['told_degrees']} degrees: {'yes' if fine else 'no'}."
@@ -272,8 +272,8 @@ def faces_block(faces: pd.DataFrame, least_motion: float) -> Block:
     ]
     caption = (
         "The faces of the proposals: median (largest) over the patients of the wish's root mean square error before "
-        "and after, of the distance of the elastic map from finite elements, of the combinations of motions that the wish "
-        "cannot tell apart, and of the seconds of a first proposal by the elastic map and of all corrections."
+        "and after, of the distance of the elastic map from finite elements, of the combinations of motions that the "
+        "wish cannot tell apart, and of the seconds of a first proposal by the elastic map and of all corrections."
     )
     return Block.of(shown, view, caption, "Faces")
 
@@ -308,6 +308,7 @@ def reached_block(places: pd.DataFrame) -> Block:
         f"Landmarks of the outcome as a wish: medians over {places['case'].nunique()} patients. Missed: by the "
         "finite-element face of the proposal; achieved motion: by that of the motion that surgery made. Half-width: "
         f"conformal, {100 * LEVEL:g} % of the errors of finite elements with the achieved motion on all other "
-        f"patients. Reached: missed by less. All landmarks reached: {int(all_reached.sum())} of {len(all_reached)} patients."
+        f"patients. Reached: missed by less. All landmarks reached: {int(all_reached.sum())} of "
+        f"{len(all_reached)} patients."
     )
     return Block.of(shown, view, caption, "Landmarks")
