@@ -110,7 +110,9 @@ def test_the_motion_that_made_a_face_is_found_from_its_surface(patient, model, f
 def test_landmarks_are_reached_and_what_they_cannot_tell_is_said(patient, model, face, made):
     marks = Marks.of(model).chosen(["pogonion", "labrale_superius"])
     targets = marks.moved(made[1])
-    wish = [PlaceWish(name, marks.chosen([name]), target, 1.0) for name, target in zip(marks.names, targets)]
+    wish = [
+        PlaceWish(name, marks.chosen([name]), target, 1.0) for name, target in zip(marks.names, targets, strict=True)
+    ]
     answer = found(face, wish, patient.case)
     assert all(own.error(answer.proposal.displacement) < 0.1 for own in wish)
     hidden = answer.combinations.hidden
@@ -232,9 +234,8 @@ def test_the_stage_writes_plans_that_read_back_and_a_page(patient, model, made, 
         again = Plan.read(f"{out['transforms']}/{name}", patient.case)
         for segment in plan.motions:
             points = model.bone_points[model.bone_segment == model.segments.index(segment)]
-            np.testing.assert_allclose(
-                plan.motion(segment).apply(points), again.motion(segment).apply(points), atol=1e-6
-            )
+            places = [own.motion(segment).apply(points) for own in (plan, again)]
+            np.testing.assert_allclose(*places, atol=1e-6)
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "both jaws" in text and "labrale superius" in text and text.count("<img") == 2
 
