@@ -239,9 +239,10 @@ def recovered_block(frame: pd.DataFrame, own: pd.DataFrame, cohort: str) -> Bloc
         "motions that the wish cannot tell apart. Simulated: the finite-element face of the plan; outcome: the scan "
         "after surgery, against the registered motion; landmarks: where those of the outcome are. Price chosen: price "
         "of motion by the training patients of each fold. Minus regression: mean over patients, ridge regression "
-        "on where landmarks and regions go, folds as in the study; p: Wilcoxon, Holm-corrected over the rows. Simulated "
-        f"faces: medians below {WITHIN['error']} mm and {WITHIN['degrees']} degrees: {'yes' if good else 'no'}; worst of what "
-        f"is told below {WORST['told_error']} mm and {WORST['told_degrees']} degrees: {'yes' if fine else 'no'}."
+        "on where landmarks and regions go, folds as in the study; p: Wilcoxon, Holm-corrected over the rows. "
+        f"Simulated faces: medians below {WITHIN['error']} mm and {WITHIN['degrees']} degrees: "
+        f"{'yes' if good else 'no'}; worst of what is told below {WORST['told_error']} mm and "
+        f"{WORST['told_degrees']} degrees: {'yes' if fine else 'no'}."
     )
     return Block.of(frame, view, caption)
 
