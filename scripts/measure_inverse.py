@@ -12,6 +12,7 @@ from pinnochio.inverse.columns import FACES, MARKED, RECOVERED, SEEN
 from pinnochio.inverse.face import Face
 from pinnochio.inverse.freedom import QUANTITIES
 from pinnochio.inverse.measuring import (
+    EXACT,
     LANDMARKS,
     OUTCOME,
     SIMULATED,
@@ -41,7 +42,7 @@ def measure_inverse(
     truth: str | None,
     fem: FemSettings,
     settings: Mapping,
-    prices: Sequence[float],
+    tolerances: Sequence[float],
     seed: int,
     code: str,
     out: Mapping[str, str],
@@ -50,19 +51,21 @@ def measure_inverse(
     (SEEN).
 
     achieved, postop: motion and scan after surgery; truth: of a virtual patient, whose landmarks are wished; None
-    where there is none. prices: of motion, where the face is a real outcome. out: recovered, faces, marked and seen.
+    where there is none. tolerances: that are tried, where the face is a real outcome. out: recovered, faces, marked,
+    seen.
     """
     patient = PatientModel.read(model)
     own = InverseSettings(**{name: settings[name] for name in InverseSettings.__dataclass_fields__})
     operation, free = widest(patient, settings["bounds"])
-    tried = sorted({own.least_motion, *prices})
+    tried = sorted({own.tolerance, *tolerances})
     marks, rest = Marks.of(patient), np.zeros_like(patient.points)
     face = Face(patient, fem)
     try:
         planned = free.plan(case, free.nearest(Plan.read(plan, case)))
         field = solved(face, planned)
         surface = SurfaceWish.of("face", patient, patient.moved_skin(field), patient.skin_faces)
-        tasks = {SIMULATED: ([surface], planned, [own.least_motion], patient.moved_skin(field) - patient.skin_points)}
+        skin = patient.moved_skin(field) - patient.skin_points
+        tasks = {SIMULATED: ([surface], planned, [EXACT, own.tolerance], skin)}
         marked = []
         if achieved and postop:
             reference, scan = Plan.read(achieved, case), PostopSkin.read(postop)
@@ -80,21 +83,21 @@ def measure_inverse(
                 {"case": case, "task": task, "feature": number, "value": value}
                 for number, value in enumerate(seen(patient, marks, shown))
             ]
-            for price in charged:
-                answer = sought(face, wish, operation, settings["bounds"], own, price, case)
+            for tolerance in charged:
+                answer = sought(face, wish, operation, free, own, tolerance, case)
                 found = answer.proposal
-                logging.info("%s at %g: %.3f mm", task, price, found.misfit)
+                logging.info("%s at %g: %.3f mm", task, tolerance, found.misfit)
                 for row in motion_rows(answer, reference):
                     index = patient.segments.index(row["segment"])
                     middle = patient.bone_points[patient.bone_segment == index].mean(axis=0)
                     true = as_vector(reference.motion(row["segment"]), middle)
                     values = {f"true_{name}": value for name, value in zip(QUANTITIES, true, strict=True)}
-                    recovered.append({"case": case, "task": task, "least_motion": price} | row | values)
+                    recovered.append({"case": case, "task": task, "tolerance": tolerance} | row | values)
                 faces.append(
                     {
                         "case": case,
                         "task": task,
-                        "least_motion": price,
+                        "tolerance": tolerance,
                         "operation": operation,
                         "asked": misfit(wish, rest),
                         "misfit": found.misfit,
@@ -110,7 +113,7 @@ def measure_inverse(
                         "code": code,
                     }
                 )
-                if task == LANDMARKS and price == own.least_motion:
+                if task == LANDMARKS and tolerance == own.tolerance:
                     errors = [item.error(found.displacement) for item in wish]
                     marked += [
                         {
@@ -150,7 +153,7 @@ if __name__ == "__main__":
         truth=next(iter(snakemake.input.get("truth", [])), None),
         fem=FemSettings(**snakemake.params.fem),
         settings=snakemake.params.settings,
-        prices=snakemake.params.settings["prices"],
+        tolerances=snakemake.params.settings["tolerances"],
         seed=snakemake.params.seed,
         code=snakemake.params.code,
         out=dict(snakemake.output.items()),

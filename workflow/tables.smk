@@ -137,7 +137,7 @@ TABLES = {
         | {
             "cases": STUDY.inverted,
             "held_out": STUDY.held_out,
-            "least_motion": config["invert"]["least_motion"],
+            "tolerance": config["invert"]["tolerance"],
             "seed": SEED,
         },
     ),

@@ -1,6 +1,7 @@
 """From a wish to a plan on a coarse head: motions that made a face are found, and bad wishes are refused."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,7 @@ from pinnochio.inverse.alternatives import answers, contradictions
 from pinnochio.inverse.columns import COMBINATIONS, FACES, MOTIONS, PROPOSALS, REACHED, RECOVERED, SENSITIVITY
 from pinnochio.inverse.face import Face
 from pinnochio.inverse.freedom import freedom
-from pinnochio.inverse.measuring import apart
+from pinnochio.inverse.measuring import EXACT, apart
 from pinnochio.inverse.proposal import InverseSettings
 from pinnochio.inverse.reading import read_wish
 from pinnochio.inverse.wish import Marks, MeasureWish, PlaceWish, SurfaceWish, stacked
@@ -62,8 +63,8 @@ def markups(path, points, frame="LPS", unit="mm"):
     return str(path)
 
 
-def found(face, wish, case, operation="two_jaw", **bounds):
-    return answers(face, wish, [operation], INVERT["bounds"] | bounds, SETTINGS, case)[operation]
+def found(face, wish, case, operation="two_jaw", settings=SETTINGS, **bounds):
+    return answers(face, wish, [operation], INVERT["bounds"] | bounds, settings, case)[operation]
 
 
 def test_the_derivative_of_every_wish_is_that_of_its_residual(model, made):
@@ -91,16 +92,23 @@ def test_a_surface_is_met_by_itself_and_missed_by_as_much_as_it_is_moved(model):
     swollen = SurfaceWish.of("swollen", model, model.skin_points + 0.1 * normals, model.skin_faces)
     assert swollen.error(rest) == pytest.approx(0.1, abs=0.01)
     assert np.nanmedian(swollen.distances(rest)) == pytest.approx(-0.1, abs=0.01)
-    residual, rows = swollen.rows(rest)
-    shift = np.tile([0.0, -0.01, 0], (len(model.points), 1))
-    after = swollen.rows(shift)[0]
-    np.testing.assert_allclose(np.median(after - residual - rows @ shift.ravel()), 0, atol=2e-5)
+    (residual, rows), before = swollen.rows(rest), swollen.distances(rest)
+    shift = np.tile([0.0, -0.05, 0], (len(model.points), 1))
+    over = np.flatnonzero(np.isfinite(before))
+    change = (swollen.distances(shift) - before)[over]
+    expected = (rows @ shift.ravel()) / (residual / before[over])
+    assert np.nanmedian(np.abs(change)) > 0.02 and np.nanmedian(np.abs(change - expected)) < 2e-3
 
 
 def test_the_motion_that_made_a_face_is_found_from_its_surface(patient, model, face, made):
     plan, field = made
-    answer = found(face, [SurfaceWish.of("face", model, model.moved_skin(field), model.skin_faces)], patient.case)
-    assert answer.proposal.solved and answer.proposal.misfit < 0.02 < 0.1 * answer.proposal.gap + 0.02
+    wish = [SurfaceWish.of("face", model, model.moved_skin(field), model.skin_faces)]
+    answer = found(face, wish, patient.case, settings=replace(SETTINGS, tolerance=EXACT))
+    assert answer.proposal.solved and answer.proposal.misfit < 0.02
+    usual = found(face, wish, patient.case)
+    assert usual.proposal.misfit < SETTINGS.tolerance + 0.02
+    size = [np.linalg.norm(own.freedom.lever * own.proposal.x) for own in (answer, usual)]
+    assert size[1] < size[0]
     for index, name in enumerate(model.segments):
         bone = model.bone_points[model.bone_segment == index]
         error, degrees = apart(answer.proposal.plan.motion(name), plan.motion(name), bone)
@@ -114,7 +122,7 @@ def test_landmarks_are_reached_and_what_they_cannot_tell_is_said(patient, model,
         PlaceWish(name, marks.chosen([name]), target, 1.0) for name, target in zip(marks.names, targets, strict=True)
     ]
     answer = found(face, wish, patient.case)
-    assert all(own.error(answer.proposal.displacement) < 0.1 for own in wish)
+    assert all(own.error(answer.proposal.displacement) < 0.2 for own in wish)
     hidden = answer.combinations.hidden
     assert hidden.sum() >= len(hidden) - 6  # two points say six numbers
     x, change = answer.proposal.x, answer.combinations.directions[0]
@@ -257,18 +265,18 @@ def test_the_table_of_the_inverse_says_what_is_found(patients, tmp_path):
     for own in patients:
         out = {name: str(tmp_path / f"{own.case}_{name}.csv") for name in files}
         measure_inverse(own.case, own.model, own.plan, own.executed, own.postop, own.truth, own.fem, INVERT,
-                        [0.1], SEED, "code", out)  # fmt: skip
+                        [0.3], SEED, "code", out)  # fmt: skip
         for name, path in out.items():
             files[name].append(path)
     faces = pd.concat([read_table(path, FACES) for path in files["faces"]])
-    assert faces["task"].value_counts().to_dict() == {"simulated": 2, "outcome": 4, "landmarks": 4}
+    assert faces["task"].value_counts().to_dict() == {"simulated": 4, "outcome": 4, "landmarks": 4}
     rows = pd.concat([read_table(path, RECOVERED) for path in files["recovered"]])
-    simulated, outcome = (rows[rows["task"] == task] for task in ("simulated", "outcome"))
-    assert simulated["error"].max() < 0.3 < outcome["error"].max()
+    exact = rows[(rows["task"] == "simulated") & (rows["tolerance"] == EXACT)]
+    assert exact["error"].max() < 0.3 < rows.loc[rows["task"] == "outcome", "error"].max()
     cases = [own.case for own in patients]
     table = tmp_path / "inverse.csv"
     make(table, "tables.inverse", **files, models=[own.model for own in patients], cases=cases,
-         held_out={"1": cases[:1], "2": cases[1:]}, least_motion=INVERT["least_motion"], cohort="virtual cohort",
+         held_out={"1": cases[:1], "2": cases[1:]}, tolerance=INVERT["tolerance"], cohort="virtual cohort",
          seed=SEED)  # fmt: skip
     text = table.with_suffix(".md").read_text()
-    assert "inverse, price chosen" in text and "nasolabial" not in text and "labrale superius" in text
+    assert all(name in text for name in ("inverse, tolerance chosen", "inverse, exact", "labrale superius"))

@@ -67,11 +67,11 @@ SENSITIVITY = (
 TASK = Column(
     "task", str, "", "what was wished: simulated (finite-element face of the plan), outcome (its scan), landmarks"
 )
-PRICE = number("least_motion", "", "price of one mm of bone motion, as in the configuration", ".4g")
+TOLERANCE = number("tolerance", "mm", "misfit beyond the best one within which the least motion was sought", ".4g")
 RECOVERED = (
     CASE,
     TASK,
-    PRICE,
+    TOLERANCE,
     Column("segment", str, "", "bone"),
     number("moved", "mm", "mean motion of its bone that made the face: of the plan, or achieved", ".3f"),
     number("error", "mm", "mean distance of its bone from there under the motion found", ".4f"),
@@ -83,7 +83,7 @@ RECOVERED = (
 FACES = (
     CASE,
     TASK,
-    PRICE,
+    TOLERANCE,
     OPERATION,
     number("asked", "mm", "weighted root mean square of the wishes' errors before surgery", ".3f"),
     number("misfit", "mm", "the same of the finite-element face of the proposal", ".4f"),

@@ -7,10 +7,11 @@ import numpy as np
 
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.inverse.alternatives import Answer, answers
+from pinnochio.inverse.alternatives import Answer
+from pinnochio.inverse.combinations import combinations
 from pinnochio.inverse.face import Face
 from pinnochio.inverse.freedom import LPS, OPERATIONS, Freedom, freedom
-from pinnochio.inverse.proposal import InverseSettings
+from pinnochio.inverse.proposal import InverseSettings, propose
 from pinnochio.inverse.wish import Marks, PlaceWish, SurfaceWish, Wish
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES, regions
@@ -18,6 +19,7 @@ from pinnochio.plans.plan import Plan
 
 # What was wished: the finite-element face of the plan; the scanned outcome; the places of its landmarks.
 SIMULATED, OUTCOME, LANDMARKS = TASKS = ("simulated", "outcome", "landmarks")
+EXACT = 0.002  # mm: tolerance of a search for the motion that made a simulated face, which is exact
 
 
 def widest(model: PatientModel, bounds) -> tuple[str, Freedom]:
@@ -29,11 +31,11 @@ def widest(model: PatientModel, bounds) -> tuple[str, Freedom]:
 
 
 def sought(
-    face: Face, wish: Wish, operation: str, bounds, settings: InverseSettings, least_motion: float, case: str
+    face: Face, wish: Wish, operation: str, free: Freedom, settings: InverseSettings, tolerance: float, case: str
 ) -> Answer:
-    """The answer to a wish by one operation, with this price of motion."""
-    own = replace(settings, least_motion=least_motion)
-    return answers(face, wish, [operation], bounds, own, case)[operation]
+    """The answer to a wish by one operation, sought with a tolerance (mm) of its own."""
+    proposal, search = propose(face, wish, free, operation, case, replace(settings, tolerance=tolerance))
+    return Answer(proposal, free, combinations(search, free, wish, proposal.x, settings.tolerance))
 
 
 def motion_rows(answer: Answer, reference: Plan) -> list[dict]:

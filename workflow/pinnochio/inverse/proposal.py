@@ -14,6 +14,10 @@ from pinnochio.plans.plan import Plan
 
 ITERATIONS = 30  # Gauss-Newton steps
 SMALL = 1e-3  # mm of bone: a smaller step ends the search
+# mm of misfit that one mm of bone motion counts as: at least, so that every motion has a price, and at most.
+CHEAPEST, DEAREST = 0.002, 5.0
+HALVINGS = 12  # of the interval between them, in powers of ten
+ENOUGH = 0.01  # mm of bone (root mean square): a smaller correction is none
 AT_BOUND = 1e-3  # mm or degrees from a bound: the proposal lies on it
 
 
@@ -21,12 +25,11 @@ AT_BOUND = 1e-3  # mm or degrees from a bound: the proposal lies on it
 class InverseSettings:
     """The part of section `invert` of the configuration that decides about a proposal.
 
-    least_motion: mm of misfit that one mm of bone motion counts as; met: error within which a wish is met, mm (or its
-    unit); tolerance: root mean square change of the wished face that nobody tells, mm; corrections: finite-element
-    solutions that correct the elastic map, at most.
+    met: error within which a wish is met, mm (or its unit); tolerance: root mean square change of the wished face that
+    nobody tells, mm: of the plans that miss the wish by no more than the best one and this, the least motion is
+    proposed; corrections: finite-element solutions that correct the elastic map, at most.
     """
 
-    least_motion: float
     met: float
     tolerance: float
     corrections: int
@@ -65,6 +68,7 @@ class Search:
         self._off = np.zeros(face.response.shape[1])
         self._slope = np.zeros((face.response.shape[1], len(freedom.low)))
         self._at = np.zeros(len(freedom.low))
+        self.price = CHEAPEST
 
     def field(self, x: np.ndarray) -> np.ndarray:
         """Displacement (n, 3) mm that is expected of the parameters x (p,)."""
@@ -76,37 +80,60 @@ class Search:
         return self._face.response.T @ self._freedom.derivative(x) + self._slope
 
     def elastic(self, start: np.ndarray) -> np.ndarray:
-        """Parameters (p,) within their bounds by Gauss-Newton from `start` (p,)."""
-        x, own = np.array(start), self._freedom
-        price = self._settings.least_motion * own.lever
-        value = self._cost(x, price)
+        """Parameters (p,) within their bounds, from `start` (p,): first as near to the wish as can be, then the least
+        motion that comes as near but for the tolerance. The price of motion that asks for that is `price`."""
+        nearest = self._descend(start, CHEAPEST)
+        residual, slope = self._linear(nearest)
+        allowed = np.linalg.norm(residual) + self._settings.tolerance
+        low, high = np.log10([CHEAPEST, DEAREST])
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            step = self._step(nearest, residual, slope, 10**middle)
+            if np.linalg.norm(residual + slope @ step) > allowed:
+                high = middle
+            else:
+                low = middle
+        self.price = 10**low
+        return self._descend(nearest, self.price)
+
+    def cost(self, x: np.ndarray, field: np.ndarray) -> float:
+        """What is minimised: squared misfit (mm^2) of a field (n, 3) mm, and the price of the motion x (p,)."""
+        residual, priced = stacked(self._wish, field)[0], self.price * self._freedom.lever * x
+        return float(residual @ residual + priced @ priced)
+
+    def _descend(self, start: np.ndarray, price: float) -> np.ndarray:
+        """Gauss-Newton from `start` (p,) at a price of motion."""
+        x, self.price = np.array(start), price
+        value = self.cost(x, self.field(x))
         for _ in range(ITERATIONS):
-            residual, rows = stacked(self._wish, self.field(x))
-            slope = rows @ self.derivative(x)
-            # The triangle of the QR factors stands for thousands of rows.
-            triangle = np.linalg.qr(
-                np.vstack([np.column_stack([slope, residual]), np.zeros((len(x) + 1, len(x) + 1))])
-            )[1]
-            matrix = np.vstack([triangle[:, :-1], np.diag(price)])
-            step = lsq_linear(
-                matrix, -np.concatenate([triangle[:, -1], price * x]), _opened(own.low - x, own.high - x), tol=1e-12
-            ).x
+            step = self._step(x, *self._linear(x), price)
             for halvings in range(8):
-                new = np.clip(x + 0.5**halvings * step, own.low, own.high)
-                after = self._cost(new, price)
+                new = np.clip(x + 0.5**halvings * step, self._freedom.low, self._freedom.high)
+                after = self.cost(new, self.field(new))
                 if after <= value:
                     break
             else:
                 return x
-            done = np.abs(own.lever * (new - x)).max(initial=0.0) < SMALL
+            done = np.abs(self._freedom.lever * (new - x)).max(initial=0.0) < SMALL
             x, value = new, after
             if done:
                 return x
         return x
 
-    def _cost(self, x, price) -> float:
-        residual = stacked(self._wish, self.field(x))[0]
-        return float(residual @ residual + (price * x) @ (price * x))
+    def _linear(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual (p + 1,) and its derivative (p + 1, p): the triangle of the QR factors of thousands of rows."""
+        residual, rows = stacked(self._wish, self.field(x))
+        whole = np.column_stack([rows @ self.derivative(x), residual])
+        triangle = np.linalg.qr(np.vstack([whole, np.zeros((whole.shape[1], whole.shape[1]))]))[1]
+        return triangle[:, -1], triangle[:, :-1]
+
+    def _step(self, x: np.ndarray, residual: np.ndarray, slope: np.ndarray, price: float) -> np.ndarray:
+        """The step (p,) to the least cost within the bounds, were all linear."""
+        own, weights = self._freedom, price * self._freedom.lever
+        matrix, wanted = np.vstack([slope, np.diag(weights)]), -np.concatenate([residual, weights * x])
+        # lsq_linear wants some room between the bounds.
+        bounds = np.minimum(own.low - x, -1e-9), np.maximum(own.high - x, 1e-9)
+        return lsq_linear(matrix, wanted, bounds, tol=1e-12).x
 
     def corrected(self, x: np.ndarray, field: np.ndarray) -> None:
         """Take note of the field (n, 3) mm that finite elements give for x (p,): exact there, and by Broyden's update
@@ -123,7 +150,7 @@ def propose(
 ) -> tuple[Proposal, Search]:
     """The proposal of an operation, and the search that made it.
 
-    Finite elements correct the elastic map until a step moves no bone by a tenth of the tolerance; the best of the
+    Finite elements correct the elastic map until a step moves no bone by ENOUGH; the best of the
     solved plans counts, whose face is that of finite elements. Without corrections, or where they do not converge, it
     is that of the elastic map.
     """
@@ -131,25 +158,22 @@ def propose(
     search = Search(face, wish, freedom, settings)
     x = search.elastic(np.clip(np.zeros(len(freedom.low)), freedom.low, freedom.high))
     elastic = time.perf_counter() - began
-    best, made = None, 0
+    solved, made = [], 0
     while made < settings.corrections:
         result = face.solve(freedom.plan(case, x))
         made += 1
         if not result.converged:
             break
-        price = settings.least_motion * freedom.lever * x
-        cost = np.sum(stacked(wish, result.displacement)[0] ** 2) + price @ price
-        if best is None or cost < best[0]:
-            best = cost, x, result.displacement
+        solved.append((x, result.displacement))
         search.corrected(x, result.displacement)
         new = search.elastic(x)
         moved = np.abs(freedom.lever * (new - x)).max(initial=0.0)
         x = new
-        if moved < 0.1 * settings.tolerance:
+        if moved < ENOUGH:
             break
-    if best is not None:
-        x = best[1]
-    field = best[2] if best is not None else search.field(x)
+    field = search.field(x)
+    if solved:
+        x, field = min(solved, key=lambda own: search.cost(*own))
     model = face.model
     gap = (model.moved_skin(field) - model.moved_skin(face.elastic(freedom.amplitudes(x))))[model.judged_points]
     at = (x - freedom.low < AT_BOUND) | (freedom.high - x < AT_BOUND)
@@ -158,7 +182,7 @@ def propose(
         plan=freedom.plan(case, x),
         x=x,
         displacement=field,
-        solved=best is not None,
+        solved=bool(solved),
         gap=float(np.sqrt((gap**2).sum(axis=1).mean())),
         misfit=misfit(wish, field),
         at_bounds=[name for name, own in zip(freedom.names, at, strict=True) if own],
@@ -167,8 +191,3 @@ def propose(
         seconds=time.perf_counter() - began,
     )
     return proposal, search
-
-
-def _opened(low, high) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds with some room between them, which lsq_linear wants."""
-    return np.minimum(low, -1e-9), np.maximum(high, 1e-9)

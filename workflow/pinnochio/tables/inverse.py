@@ -11,7 +11,7 @@ from pinnochio.columns import Column, check, number, read_tables
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.inverse.columns import FACES, MARKED, RECOVERED, SEEN, TASK
 from pinnochio.inverse.freedom import LPS, QUANTITIES
-from pinnochio.inverse.measuring import LANDMARKS, OUTCOME, SIMULATED, TASKS, apart
+from pinnochio.inverse.measuring import EXACT, LANDMARKS, OUTCOME, SIMULATED, TASKS, apart
 from pinnochio.methods.pca_linear import ridge
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.roles import known_role
@@ -20,7 +20,7 @@ from pinnochio.statistics.conformal import half_width
 from pinnochio.statistics.significance import compare, holm
 from pinnochio.tables.document import Block, Table, View, views
 
-INVERSE, CHOSEN, REGRESSION = "inverse", "inverse, price chosen", "regression"
+METHODS = INVERSE, SURE, CHOSEN, REGRESSION = "inverse", "inverse, exact", "inverse, tolerance chosen", "regression"
 ALL = "all"
 FEWEST = 5  # training patients with a bone, below which nothing is regressed on it
 LEVEL = 0.9  # of the landmarks' half-widths
@@ -30,7 +30,7 @@ WORST = {"told_error": 1.0, "told_degrees": 1.5}
 
 INVERSES = (
     TASK,
-    Column("method", str, "", "inverse, as is or with the price of motion chosen on training patients; regression"),
+    Column("method", str, "", "inverse; exact: with hardly a tolerance; with one chosen in training; or regression"),
     Column("bone", str, "", "maxilla, distal (lower jaw), mandible (uncut), proximal (ramus), chin, or all"),
     Column("patients", int, "", "patients"),
     Column("bones", int, "", "bones"),
@@ -64,23 +64,25 @@ def tabulate(
     models: Sequence[str | os.PathLike],
     cases: Sequence[str],
     held_out: Mapping[str, Sequence[str]],
-    least_motion: float,
+    tolerance: float,
     cohort: str,
     seed: int,
 ) -> Table:
-    """One file of each kind per patient, in the order of `cases`; held_out: patients of each fold; least_motion: the
-    price of motion of the configuration."""
+    """One file of each kind per patient, in the order of `cases`; held_out: patients of each fold; tolerance: that of
+    the configuration, mm."""
     found, looked = read_tables(recovered, RECOVERED), read_tables(seen, SEEN)
     bones = dict(zip(cases, map(_bones, models), strict=True))
-    own = found[np.isclose(found["least_motion"], least_motion)]
+    own = found[np.isclose(found["tolerance"], tolerance)]
+    sure = found[(found["task"] == SIMULATED) & np.isclose(found["tolerance"], EXACT)]
     parts = [
+        sure.assign(method=SURE),
         own.assign(method=INVERSE),
-        chosen(found, held_out, least_motion),
+        chosen(found, held_out, tolerance),
         regressed(own, looked, bones, held_out).assign(method=REGRESSION),
     ]
     rows = pd.concat([part for part in parts if len(part)], ignore_index=True)
     frame = summarise(rows, seed)
-    blocks = [recovered_block(frame, own, cohort), faces_block(read_tables(faces, FACES), least_motion)]
+    blocks = [recovered_block(frame, sure, cohort), faces_block(read_tables(faces, FACES), tolerance)]
     places = read_tables(marked, MARKED)
     places = places[places["error"].notna()]
     if len(places):
@@ -93,16 +95,16 @@ def tabulate(
     return Table(frame, INVERSES, blocks, [about])
 
 
-def chosen(found: pd.DataFrame, held_out: Mapping[str, Sequence[str]], least_motion: float) -> pd.DataFrame:
-    """Rows of the real faces at the price of motion that finds the motions of the training patients of a fold best."""
+def chosen(found: pd.DataFrame, held_out: Mapping[str, Sequence[str]], tolerance: float) -> pd.DataFrame:
+    """Rows of the real faces with the tolerance that finds the motions of the training patients of a fold best."""
     parts = []
     for task in (OUTCOME, LANDMARKS):
         rows = found[found["task"] == task]
-        errors = rows.groupby(["case", "least_motion"])["error"].mean().unstack()
+        errors = rows.groupby(["case", "tolerance"])["error"].mean().unstack()
         for cases in held_out.values():
             training = errors[~errors.index.isin(cases)]
-            price = training.mean().idxmin() if len(training) else least_motion
-            parts.append(rows[rows["case"].isin(cases) & (rows["least_motion"] == price)].assign(method=CHOSEN))
+            best = training.mean().idxmin() if len(training) else tolerance
+            parts.append(rows[rows["case"].isin(cases) & np.isclose(rows["tolerance"], best)].assign(method=CHOSEN))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -149,7 +151,7 @@ def summarise(rows: pd.DataFrame, seed: int) -> pd.DataFrame:
     rows = rows.assign(bone=rows["segment"].map(known_role))
     found = []
     for task in TASKS:
-        for method in (INVERSE, CHOSEN, REGRESSION):
+        for method in METHODS:
             own = rows[(rows["task"] == task) & (rows["method"] == method)]
             for bone in (ALL, *dict.fromkeys(own["bone"])) if len(own) else ():
                 part = own if bone == ALL else own[own["bone"] == bone]
@@ -188,7 +190,7 @@ def _interval(values: np.ndarray, seed: int) -> tuple[float, float]:
     return float(own.low), float(own.high)
 
 
-def recovered_block(frame: pd.DataFrame, own: pd.DataFrame, cohort: str) -> Block:
+def recovered_block(frame: pd.DataFrame, simulated: pd.DataFrame, cohort: str) -> Block:
     """The motions found, and whether they are found as they should be on simulated faces."""
     by_name = {column.name: column for column in INVERSES}
 
@@ -230,26 +232,27 @@ def recovered_block(frame: pd.DataFrame, own: pd.DataFrame, cohort: str) -> Bloc
         View("Minus regression mm", against),
         View("p", lambda row: by_name["p"].text(row["p"]) or row["test"]),
     ]
-    simulated = own[own["task"] == SIMULATED]
     good = all(simulated[name].median() <= limit for name, limit in WITHIN.items())
     fine = all((simulated[name].max() <= limit) for name, limit in WORST.items())
     caption = (
         f"From a wished face to the motion that made it, {cohort}: median [bootstrap 95 % interval over bones] "
         "(largest). Error: mean distance of a bone from where it went, and angle. Told: without combinations of "
         "motions that the wish cannot tell apart. Simulated: the finite-element face of the plan; outcome: the scan "
-        "after surgery, against the registered motion; landmarks: where those of the outcome are. Price chosen: price "
-        "of motion by the training patients of each fold. Minus regression: mean over patients, ridge regression "
+        "after surgery, against the registered motion; landmarks: where those of the outcome are. Exact: the plan that "
+        "comes nearest; else the least motion of those that miss the wish by no more than it and the tolerance, which "
+        "is the configuration's or chosen by the training patients of each fold. Minus regression: mean over patients, "
+        "ridge regression "
         "on where landmarks and regions go, folds as in the study; p: Wilcoxon, Holm-corrected over the rows. "
-        f"Simulated faces: medians below {WITHIN['error']} mm and {WITHIN['degrees']} degrees: "
+        f"Exact on simulated faces: medians below {WITHIN['error']} mm and {WITHIN['degrees']} degrees: "
         f"{'yes' if good else 'no'}; worst of what is told below {WORST['told_error']} mm and "
         f"{WORST['told_degrees']} degrees: {'yes' if fine else 'no'}."
     )
     return Block.of(frame, view, caption)
 
 
-def faces_block(faces: pd.DataFrame, least_motion: float) -> Block:
-    """How near the faces come, and what it takes, at the price of motion of the configuration."""
-    own = faces[np.isclose(faces["least_motion"], least_motion)]
+def faces_block(faces: pd.DataFrame, tolerance: float) -> Block:
+    """How near the faces come, and what it takes, with the tolerance of the configuration."""
+    own = faces[np.isclose(faces["tolerance"], tolerance)]
     groups = own.groupby("task", sort=False)
 
     def middle(name: str, form: str):
