@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations as pairs
 
 import numpy as np
@@ -61,10 +61,10 @@ def contradictions(face: Face, wish: Wish, free: Freedom, settings: InverseSetti
 
     Each with the larger error of the two together, the best way to compromise.
     """
-    start = np.zeros(len(free.low))
+    start, exact = np.zeros(len(free.low)), replace(settings, tolerance=0.0)
 
     def off(chosen: Wish) -> float:
-        search = Search(face, chosen, free, settings)
+        search = Search(face, chosen, free, exact)
         field = search.field(search.elastic(start))
         return max(own.error(field) for own in chosen)
 
