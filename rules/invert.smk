@@ -7,6 +7,7 @@ rule propose:
         wish=STUDY.wish,
         markups=STUDY.markups,
         occlusion=STUDY.occlusion,
+        calibration=STUDY.calibration_of_wishes,
     output:
         proposals=ensure("<results>/{home}/{case}/invert/proposals.csv", non_empty=True),
         reached="<results>/{home}/{case}/invert/reached.csv",

@@ -14,7 +14,7 @@ from pinnochio.inverse.face import Face
 from pinnochio.inverse.freedom import QUANTITIES
 from pinnochio.inverse.proposal import InverseSettings
 from pinnochio.inverse.reading import read_wish
-from pinnochio.inverse.wish import Wish, misfit
+from pinnochio.inverse.wish import Wish, misfit, regions_of
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
@@ -22,6 +22,7 @@ from pinnochio.patients.certificate import measures, plain, verdict
 from pinnochio.patients.wish_page import Told, write_wish_page
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.transforms import write_transforms
+from pinnochio.statistics.intervals import Calibration
 
 
 def propose_plans(
@@ -30,6 +31,7 @@ def propose_plans(
     wish: Sequence[str],
     markups: Sequence[str],
     occlusion: str | None,
+    calibration: str | None,
     fem: FemSettings,
     settings: Mapping,
     code: str,
@@ -38,8 +40,9 @@ def propose_plans(
     """Write proposals, what each reaches, its motions and what the wish cannot tell apart (CSV), plans, transforms and
     the page.
 
-    wish, markups: files of the user's; occlusion: a plan whose relation of the jaws is kept; settings: section
-    `invert` of the configuration; out: proposals, reached, motions, combinations, plans, transforms and page.
+    wish, markups: files of the user's; occlusion: a plan whose relation of the jaws is kept; calibration: of the
+    intervals of finite elements; settings: section `invert` of the configuration; out: proposals, reached, motions,
+    combinations, plans, transforms and page.
     """
     patient = PatientModel.read(model)
     wished = read_wish(files=wish, model=patient, weights=settings["weights"], case=case, markups=markups)
@@ -57,7 +60,8 @@ def propose_plans(
     certificates = {name: certify(patient, answer, fem) for name, answer in found.items()}
     rows = [row(case, answer, certificates[name], wished, patient, own, code) for name, answer in found.items()]
     write_csv(pd.DataFrame(rows), out["proposals"], PROPOSALS)
-    reached = [item for answer in found.values() for item in reached_rows(case, answer, wished, patient, own)]
+    width = half_widths(wished, patient, calibration)
+    reached = [item for answer in found.values() for item in reached_rows(case, answer, wished, patient, own, width)]
     write_csv(pd.DataFrame(reached), out["reached"], REACHED)
     moved = [item for answer in found.values() for item in motion_rows(case, answer)]
     write_csv(pd.DataFrame(moved), out["motions"], MOTIONS)
@@ -109,8 +113,24 @@ def row(case, answer: Answer, certificate, wish: Wish, patient: PatientModel, ow
     }
 
 
-def reached_rows(case: str, answer: Answer, wish: Wish, patient: PatientModel, own: InverseSettings) -> list[dict]:
-    """Rows of REACHED."""
+def half_widths(wish: Wish, patient: PatientModel, calibration: str | None) -> dict[str, float]:
+    """Half-width (mm) of the interval of finite elements at each wished landmark, where there is one."""
+    if calibration is None:
+        return {}
+    known = Calibration.read(calibration).half_width
+    widths = {name: known.get(region) for name, region in regions_of(wish, patient).items()}
+    return {name: width for name, width in widths.items() if width is not None}
+
+
+def reached_rows(
+    case: str,
+    answer: Answer,
+    wish: Wish,
+    patient: PatientModel,
+    own: InverseSettings,
+    half_width: Mapping[str, float],
+) -> list[dict]:
+    """Rows of REACHED; half_width (mm) by wish."""
     rows = []
     for item in wish:
         error = item.error(answer.proposal.displacement)
@@ -124,6 +144,7 @@ def reached_rows(case: str, answer: Answer, wish: Wish, patient: PatientModel, o
                 "asked": item.error(np.zeros_like(patient.points)),
                 "error": error,
                 "met": error <= own.met,
+                "half_width": half_width.get(item.name, np.nan),
             }
         )
     return rows
@@ -168,6 +189,7 @@ if __name__ == "__main__":
         wish=snakemake.input.wish,
         markups=snakemake.input.get("markups", []),
         occlusion=next(iter(snakemake.input.get("occlusion", [])), None),
+        calibration=next(iter(snakemake.input.get("calibration", [])), None),
         fem=FemSettings(**snakemake.params.fem),
         settings=snakemake.params.settings,
         code=snakemake.params.code,

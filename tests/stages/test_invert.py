@@ -21,6 +21,7 @@ from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import write_surface
 from pinnochio.plans.plan import Plan
+from pinnochio.statistics.intervals import Calibration
 from scripts.measure_inverse import measure_inverse
 from scripts.measure_sensitivity import measure_sensitivity
 from scripts.propose import propose_plans
@@ -232,10 +233,16 @@ def test_the_stage_writes_plans_that_read_back_and_a_page(patient, model, made, 
     out = {name: str(tmp_path / f"{name}.csv") for name in kinds}
     out |= {name: str(tmp_path / name) for name in ("plans", "transforms")} | {"page": str(tmp_path / "index.html")}
     settings = INVERT | {"operations": ["two_jaw_chin", "two_jaw", "mandible"]}
-    propose_plans(patient.case, patient.model, [wish], [], None, patient.fem, settings, "code", out)
+    known = {"nose": 1.0, "upper_lip": 2.5, "chin": None}
+    calibration = Calibration("fem_sliding", 0.9, 9, 1, known, known)
+    calibration.write(tmp_path / "calibration.json")
+    files = [wish], [], None, str(tmp_path / "calibration.json")
+    propose_plans(patient.case, patient.model, *files, patient.fem, settings, "code", out)
     tables = {name: read_table(out[name], columns) for name, columns in kinds.items()}
     assert tables["proposals"]["operation"].tolist() == ["two_jaw", "mandible"]  # there is no chin
     assert tables["proposals"]["met"].tolist() == [True, False] and tables["proposals"]["solved"].all()
+    widths = tables["reached"].set_index("wish")["half_width"]
+    assert (widths["labrale_superius"] == 2.5).all() and widths["pogonion"].isna().all()
     assert set(tables["motions"]["segment"]) == set(model.segments)
     for name in ("two_jaw", "mandible"):
         plan = Plan.read(f"{out['plans']}/{name}.json", patient.case)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
+from scipy.spatial import cKDTree
 
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.triangles import vertex_areas, vertex_normals
@@ -12,6 +13,7 @@ from pinnochio.model.carried import carried_landmarks, carriers
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.measures import LANDMARKS, Measure
 from pinnochio.model.patient import PatientModel
+from pinnochio.model.regions import NAMES, NOT_JUDGED, regions
 
 
 @dataclass(frozen=True)
@@ -157,6 +159,17 @@ class SurfaceWish:
         area = self.areas[judged[over]]
         off = np.einsum("kx,kx->k", moved[over] - at.points[over], normals)
         return judged[over], off, normals, area / max(area.sum(), 1e-12)
+
+
+def regions_of(wish: "Wish", model: PatientModel) -> dict[str, str]:
+    """The region of the face (of regions.NAMES) in which each wished landmark lies, where it is judged."""
+    codes, tree = regions(model), cKDTree(model.skin_points)
+    found = {}
+    for own in wish:
+        if isinstance(own, PlaceWish):
+            code = codes[tree.query(own.mark.rest[0])[1]]
+            found |= {own.name: NAMES[code]} if code != NOT_JUDGED else {}
+    return found
 
 
 Wish = Sequence[PlaceWish | SurfaceWish | MeasureWish]

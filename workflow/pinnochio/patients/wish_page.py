@@ -51,9 +51,13 @@ by {{ "%.1f" | format(error) }} mm.</div>
 {% endfor -%}
 </table>
 <h2>Wish by wish</h2>
-<table><tr><th>Wish</th><th>before surgery</th>{% for row in rows %}<th>{{ names[row.operation] }}</th>{% endfor %}</tr>
-{% for name, unit, asked, errors in wishes -%}
+<p>By how much each is missed. Usually off: half-width of the interval within which a patient's own face should lie
+about the predicted one, of a landmark, where finite elements are calibrated.</p>
+<table><tr><th>Wish</th><th>before surgery</th><th>usually off</th>
+{% for row in rows %}<th>{{ names[row.operation] }}</th>{% endfor %}</tr>
+{% for name, unit, asked, width, errors in wishes -%}
 <tr><td>{{ name }}</td><td class="n">{{ "%.2f" | format(asked) }} {{ unit }}</td>
+<td class="n">{{ "± %.1f mm" | format(width) if width == width else "–" }}</td>
 {% for error, met in errors %}<td class="n {{ 'yes' if met else 'no' }}">{{ "%.2f" | format(error) }}</td>{% endfor %}
 </tr>
 {% endfor -%}
@@ -61,7 +65,7 @@ by {{ "%.1f" | format(error) }} mm.</div>
 {% for title, picture in pictures -%}
 <h2>{{ title }}</h2><img alt="{{ title }}" src="data:image/png;base64,{{ picture }}">
 {% endfor -%}
-<p>Above each other: bones after the plan, the face from the front and from the side. {{ colours }}</p>
+<p>From left to right: bones after the plan, the face from the front and from the side. {{ colours }}</p>
 <h2>What the wish cannot tell apart</h2>
 <p>These motions change the wished face by no more than {{ tolerance }} mm (root mean square), or by that at
 {{ largest }} mm of bone, where they are cut off. Something else must decide about them: occlusion, airway, or the least
@@ -112,7 +116,15 @@ def write_wish_page(
     wishes = []
     for item in wish:
         own = [row for row in told.reached if row["wish"] == item.name]
-        wishes.append((item.name.replace("_", " "), item.unit, own[0]["asked"], [(r["error"], r["met"]) for r in own]))
+        wishes.append(
+            (
+                item.name.replace("_", " "),
+                item.unit,
+                own[0]["asked"],
+                own[0]["half_width"],
+                [(r["error"], r["met"]) for r in own],
+            )
+        )
     grades = {
         name: "did not converge" if said is None else ", ".join((verdict(said).grade, *verdict(said).reasons))
         for name, said in told.certificates.items()

@@ -551,6 +551,12 @@ class Study:
             )
         return [f"<results>/patients/{wildcards.case}/{name}/plan.json"]
 
+    def calibration_of_wishes(self, wildcards) -> list[str]:
+        """The calibration of the intervals of finite elements: a plain file of the archive or the study, if there."""
+        folders = [self.choice.folder, f"{self.results}/methods"] if self.choice.folder else [f"{self.results}/methods"]
+        files = [Path(folder, "fem_sliding", "calibration.json").resolve() for folder in folders]
+        return [str(file) for file in files if file.is_file()][:1]
+
     @property
     def label_values(self) -> Mapping:
         """Voxel values by structure, of which a preset has none of its own."""
