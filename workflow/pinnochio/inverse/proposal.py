@@ -69,6 +69,7 @@ class Search:
         self._slope = np.zeros((face.response.shape[1], len(freedom.low)))
         self._at = np.zeros(len(freedom.low))
         self.price = CHEAPEST
+        self._last = None  # parameters, and the residuals and their derivative by the nodes there
 
     def field(self, x: np.ndarray) -> np.ndarray:
         """Displacement (n, 3) mm that is expected of the parameters x (p,)."""
@@ -104,12 +105,12 @@ class Search:
     def _descend(self, start: np.ndarray, price: float) -> np.ndarray:
         """Gauss-Newton from `start` (p,) at a price of motion."""
         x, self.price = np.array(start), price
-        value = self.cost(x, self.field(x))
+        value = self._value(x)
         for _ in range(ITERATIONS):
             step = self._step(x, *self._linear(x), price)
             for halvings in range(8):
                 new = np.clip(x + 0.5**halvings * step, self._freedom.low, self._freedom.high)
-                after = self.cost(new, self.field(new))
+                after = self._value(new)
                 if after <= value:
                     break
             else:
@@ -120,9 +121,20 @@ class Search:
                 return x
         return x
 
+    def _value(self, x: np.ndarray) -> float:
+        """What is minimised at the parameters x (p,)."""
+        residual, priced = self._stacked(x)[0], self.price * self._freedom.lever * x
+        return float(residual @ residual + priced @ priced)
+
+    def _stacked(self, x: np.ndarray) -> tuple:
+        """As `stacked` at the parameters x (p,); a step that was judged is not looked at again to go on from it."""
+        if self._last is None or not np.array_equal(self._last[0], x):
+            self._last = np.array(x), stacked(self._wish, self.field(x))
+        return self._last[1]
+
     def _linear(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual (p + 1,) and its derivative (p + 1, p): the triangle of the QR factors of thousands of rows."""
-        residual, rows = stacked(self._wish, self.field(x))
+        residual, rows = self._stacked(x)
         whole = np.column_stack([rows @ self.derivative(x), residual])
         triangle = np.linalg.qr(np.vstack([whole, np.zeros((whole.shape[1], whole.shape[1]))]))[1]
         return triangle[:, -1], triangle[:, :-1]
@@ -142,7 +154,7 @@ class Search:
         step = self._freedom.lever**2 * (x - self._at)
         if (length := step @ (x - self._at)) > SMALL**2:
             self._slope += np.outer(added - self._off - self._slope @ (x - self._at), step) / length
-        self._off, self._at = added, np.array(x)
+        self._off, self._at, self._last = added, np.array(x), None
 
 
 def propose(
