@@ -131,6 +131,20 @@ TABLES = {
         },
         NAMED,
     ),
+    "inverse": (
+        {
+            kind: expand(f"<results>/inverse/{{case}}/{kind}.csv", case=STUDY.inverted)
+            for kind in ("recovered", "faces", "marked", "seen")
+        }
+        | {"models": expand("<results>/cases/{case}/model.h5", case=STUDY.inverted)},
+        NAMED
+        | {
+            "cases": STUDY.inverted,
+            "held_out": STUDY.held_out,
+            "tolerance": config["invert"]["tolerance"],
+            "seed": SEED,
+        },
+    ),
     "coverage": (
         {
             "parts": expand(

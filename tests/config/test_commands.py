@@ -27,7 +27,7 @@ def project(tmp_path_factory) -> Project:
     archive = project.folder / "results/archive"
     names = [RANGES, calibration_file(method), *(network_file(method, fold) for fold in folds)]
     files = [archive / name for name in names]
-    files += [project.folder / f"P01/{name}" for name in ("segmentation.nii.gz", "plan.json")]
+    files += [project.folder / f"P01/{name}" for name in ("segmentation.nii.gz", "plan.json", "wish.csv")]
     rows = ["case\tsegmentation\tplan\tpostop"]
     for number in range(10):
         parts = [f"C{number}.{suffix}" for suffix in ("nii.gz", "json", "ply")]

@@ -155,3 +155,23 @@ def slab_patient():
         bone_segment=np.where(bone[:, 0] < 12, 0, 1).astype(np.int8),
         segments=("lefort1", "mandible_distal"),
     )
+
+
+def bony_patient(segments: tuple[str, ...]) -> PatientModel:
+    """The block of :func:`tiny_patient` with a box of bone for each segment, where a head has it; nothing moves it."""
+    places = {"lefort1": (0, -70, 10), "mandible_distal": (0, -65, -25), "proximal_left": (45, -20, 0),
+              "proximal_right": (-45, -20, 0), "chin": (0, -75, -40), "mandible": (0, -40, -20),
+              "lefort1_left": (15, -60, 10), "lefort1_right": (-15, -60, 10),
+              "lefort1_front": (0, -80, 10)}  # fmt: skip
+    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 5)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    size = {"mandible": (50, 40, 20)}
+    parts = [grid * size.get(name, (12, 14, 10)) + places[name] for name in segments]
+    bone = np.vstack(parts)
+    own = {
+        "bone_points": bone,
+        "bone_normals": np.tile([0.0, 0, 1], (len(bone), 1)),
+        "bone_faces": np.zeros((0, 3), np.int32),
+        "bone_segment": np.repeat(np.arange(len(segments)), len(grid)).astype(np.int8),
+        "segments": segments,
+    }
+    return PatientModel(**(vars(tiny_patient()) | own))

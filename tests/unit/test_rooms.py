@@ -21,6 +21,7 @@ ORDER = (
     {"methods"},
     {"metrics"},
     {"statistics"},
+    {"inverse"},
     {"tables"},
     {"experiments"},
     {"figures"},

@@ -10,7 +10,7 @@ from pinnochio.columns import write_csv
 from pinnochio.errors import InputError
 from pinnochio.patients.archive import Archive, configuration_hash
 from pinnochio.study.choice import choose
-from pinnochio.study.new_patients import read_patients
+from pinnochio.study.new_patients import markups_in, read_patients
 from pinnochio.tables.tradeoff import TRADEOFF, summarise
 from tests.helpers.settings import CONFIG
 
@@ -183,3 +183,14 @@ def test_the_hash_of_a_configuration_knows_values_and_not_their_order():
     turned = dict(reversed(CONFIG.items()))
     assert configuration_hash(turned) == configuration_hash(json.loads(json.dumps(CONFIG)))
     assert configuration_hash(CONFIG | {"seed": 2}) != configuration_hash(CONFIG)
+
+
+def test_what_is_wished_of_the_face_lies_beside_and_is_no_markup_of_the_patient_as_it_is(folder):
+    for name in ("wish.mrk.json", "wish_chin.csv", "Wish.ply", "mine.mrk.json", "wishes.txt"):
+        (folder / name).touch()
+    (patient,) = read_patients(folder).values()
+    assert [Path(wish).name for wish in patient.wishes] == ["Wish.ply", "wish.mrk.json", "wish_chin.csv"]
+    assert [Path(own).name for own in markups_in(folder)] == ["mine.mrk.json"] and patient.markups == str(folder)
+    (folder / "mine.mrk.json").unlink()
+    (patient,) = read_patients(folder).values()
+    assert patient.markups == ""

@@ -125,6 +125,11 @@ def test_seed_depends_on_base_stage_and_key():
         (("network", "heads"), 7, "multiple"),
         (("variants", "pinnochio_unified", "network", "lift"), "elastic", "'pinnochio_unified' cannot be built"),
         (("virtual", "patients"), 3, "fewer virtual patients"),
+        (
+            ("invert", "bounds", "mandible", "forward"),
+            [1, 8],
+            "invert.bounds.mandible.forward is",
+        ),
     ],
 )
 def test_contradictions_in_the_configuration_are_refused(keys, value, problem):

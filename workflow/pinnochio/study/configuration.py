@@ -75,6 +75,12 @@ def check_config(config: Mapping) -> None:
             NetworkSettings(**settings["network"])
         except ValueError as error:
             refuse(f"the network of {name!r} cannot be built: {error}", "change its keys in 'network' or 'variants'")
+    for kind, own in config["invert"]["bounds"].items():
+        if shut := [name for name, (low, high) in own.items() if not low <= 0 <= high]:
+            refuse(
+                f"invert.bounds.{kind}.{shut[0]} is {own[shut[0]]}, which shuts out the bone where it is",
+                "let it reach from 0 or less to 0 or more: a proposal begins with nothing moved",
+            )
     if config["cohort"] == "virtual" and not config["patient"]:
         every = dealt(config["virtual"]["procedures"], config["virtual"]["patients"])
         made = dict.fromkeys(name for own in every for name in own.segments)

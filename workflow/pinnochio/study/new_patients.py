@@ -1,7 +1,7 @@
 """The files of new patients: a segmentation and one or several plans each."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,6 +15,8 @@ VOLUMES = ("volume", "ct", "cbct")  # names of the scan, before its ending
 ENDING = ".mrk.json"
 COVARIATES_FILE = "covariates.json"
 WORDS = {"True": "yes", "False": "no"}  # of a cohort table for JSON's own
+WISH = "wish"  # name of what is wished of the face, before its ending
+WISHES = (ENDING, ".ply", ".stl", ".vtp", ".obj", ".csv", ".tsv")
 
 
 @dataclass(frozen=True)
@@ -22,7 +24,8 @@ class NewPatient:
     """A patient to predict: segmentation, a file or a folder of surfaces; plan files or folders by the plan's name.
 
     home: the folder that what is planned for the patient is saved in; volume: the scan; markups: a file or folder of
-    them; both empty where there is none. covariates: what else is known, by name.
+    them; both empty where there is none. covariates: what else is known, by name; wishes: files that say how the face
+    shall be.
     """
 
     name: str
@@ -32,6 +35,13 @@ class NewPatient:
     volume: str = ""
     markups: str = ""
     covariates: Mapping[str, str | float | bool] = field(default_factory=dict)
+    wishes: Sequence[str] = ()
+
+
+def markups_in(folder: str | os.PathLike) -> list[str]:
+    """The files of markups of the patient as it is; what is wished is none of them."""
+    files = [path for path in sorted(Path(folder).iterdir()) if path.name.endswith(ENDING)]
+    return [str(path) for path in files if not _is_wish(path)]
 
 
 def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
@@ -40,8 +50,8 @@ def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
     A folder bears the patient's name and holds `segmentation.*` (or the folder `segmentation` of surfaces or of several
     images) and, unless there is no plan yet, `plan.json`, the folder `plan` of transforms, or `plans/` with several of
     either; a plan may be a second segmentation, after surgery. The scan is one of VOLUMES; markups (`.mrk.json`) and
-    `covariates.json` lie beside it. In a table the plan may be such a folder of plans too. InputError for what is
-    missing or there twice.
+    `covariates.json` lie beside it, and so does what is wished of the face, `wish.*`. In a table the plan may be such a
+    folder of plans too; it has no wishes. InputError for what is missing or there twice.
     """
     path = Path(path)
     if path.is_dir():
@@ -87,14 +97,14 @@ def _of_folder(folder: Path) -> NewPatient:
     if len(volumes) > 1:
         listed = ", ".join(path.name for path in volumes)
         raise InputError(name, folder, f"it holds {listed}", "keep one scan: the one that was segmented")
-    markups = any(path.name.endswith(ENDING) for path in folder.iterdir())
     return NewPatient(
         name=name,
         segmentation=str(images[0]),
         plans=plans,
         home=str(folder),
         volume=str(volumes[0]) if volumes else "",
-        markups=str(folder) if markups else "",
+        markups=str(folder) if markups_in(folder) else "",
+        wishes=tuple(str(path) for path in sorted(folder.iterdir()) if _is_wish(path)),
         covariates=_covariates(name, folder / COVARIATES_FILE),
     )
 
@@ -136,3 +146,9 @@ def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
 def _is_segmentation(path: Path) -> bool:
     """Whether a plan is a second segmentation, after surgery, which shows the motion that was achieved."""
     return path.name.lower().endswith(IMAGE_FORMATS)
+
+
+def _is_wish(path: Path) -> bool:
+    """Whether a file says how the face shall be: wish.mrk.json, wish.ply, or several as wish_chin.mrk.json."""
+    name = path.name.lower()
+    return name.split(".")[0].split("_")[0] == WISH and name.endswith(WISHES)

@@ -15,7 +15,7 @@ from pinnochio.patients.archive import configuration_hash
 from pinnochio.report.parts import PARTS
 from pinnochio.study.cases import assign_folds, external_file, virtual_cases
 from pinnochio.study.choice import Choice, choose
-from pinnochio.study.new_patients import NewPatient, read_patients
+from pinnochio.study.new_patients import NewPatient, markups_in, read_patients
 from pinnochio.study.provenance import PLACES
 from pinnochio.training.archive import NetworkArchive
 from pinnochio.training.settings import PHASES
@@ -425,6 +425,19 @@ class Study:
         """How models are reduced to what a plan requires."""
         return {name: value for name, value in self.config["scene"].items() if name not in ("mode", "patients")}
 
+    @property
+    def inverted(self) -> list[str]:
+        """Patients on whom it is measured how well the motion is found that made a face."""
+        return list(self.cases)[: self.config["invert"]["patients"]]
+
+    def after_surgery(self, file: str) -> Callable:
+        """Input function: a file that scan and bones after surgery give, where a patient has both."""
+        return lambda wildcards: (
+            [file.replace("{case}", wildcards.case)]
+            if wildcards.case in self.registered and wildcards.case in self.scanned
+            else []
+        )
+
     # New patients.
 
     @cached_property
@@ -496,6 +509,16 @@ class Study:
             )
         return files
 
+    def proposals_of_patients(self, wildcards) -> list[str]:
+        """What is handed over of every new patient of whom a face is wished."""
+        wished = [patient.name for patient in self.named_patients() if patient.wishes]
+        if not wished:
+            raise InputError(
+                "-", self.config["patient"], "nobody's face is wished otherwise", "add wish.mrk.json or wish.ply"
+            )
+        files = ("invert/index.html", "sensitivity.png")
+        return [f"<results>/patients/{name}/{file}" for name in wished for file in files]
+
     def planner_settings(self, wildcards) -> dict:
         """What the planner needs to know of the patient and its models."""
         choice = self.choice
@@ -562,8 +585,34 @@ class Study:
         """The files of the patient's markups: landmarks, planes, regions."""
         own = (self.patients if wildcards.home == "patients" else self.cases)[wildcards.case].markups
         if own and Path(own).is_dir():
-            return [str(file) for file in sorted(Path(own).iterdir()) if file.name.endswith(".mrk.json")]
+            return markups_in(own)
         return [own] if own else []
+
+    def wish(self, wildcards) -> list[str]:
+        """The files that say how the patient's face shall be."""
+        return list(self.patients[wildcards.case].wishes)
+
+    def occlusion(self, wildcards) -> list[str]:
+        """The plan of a new patient whose relation of the jaws every proposal keeps, if there is one."""
+        name = self.config["invert"]["occlusion"]
+        if name in ("free", "rest"):
+            return []
+        plans = self.patients[wildcards.case].plans
+        if name not in plans:
+            known = ", ".join(plans) or "none"
+            raise InputError(
+                wildcards.case,
+                "configuration",
+                f"invert.occlusion names the plan {name!r}, and the patient's plans are: {known}",
+                "name one of them, or 'rest' for the occlusion as it is, or 'free'",
+            )
+        return [f"<results>/patients/{wildcards.case}/{name}/plan.json"]
+
+    def calibration_of_wishes(self, wildcards) -> list[str]:
+        """The calibration of the intervals of finite elements: a plain file of the archive or the study, if there."""
+        folders = [self.choice.folder, f"{self.results}/methods"] if self.choice.folder else [f"{self.results}/methods"]
+        files = [Path(folder, "fem_sliding", "calibration.json").resolve() for folder in folders]
+        return [str(file) for file in files if file.is_file()][:1]
 
     @property
     def label_values(self) -> Mapping:

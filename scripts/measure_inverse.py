@@ -1,0 +1,160 @@
+"""Measures on a patient of the study how well the motion is found that made a face."""
+
+import logging
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from pinnochio.columns import write_csv
+from pinnochio.geometry.interpolation import interpolate
+from pinnochio.inverse.columns import FACES, MARKED, RECOVERED, SEEN
+from pinnochio.inverse.face import Face
+from pinnochio.inverse.freedom import QUANTITIES
+from pinnochio.inverse.measuring import (
+    EXACT,
+    LANDMARKS,
+    OUTCOME,
+    SIMULATED,
+    as_vector,
+    motion_rows,
+    places_at,
+    seen,
+    sought,
+    widest,
+)
+from pinnochio.inverse.proposal import InverseSettings
+from pinnochio.inverse.wish import Marks, SurfaceWish, misfit
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.model.truth import read_truth
+from pinnochio.plans.plan import Plan
+
+
+def measure_inverse(
+    case: str,
+    model: str,
+    plan: str,
+    achieved: str | None,
+    postop: str | None,
+    truth: str | None,
+    fem: FemSettings,
+    settings: Mapping,
+    tolerances: Sequence[float],
+    seed: int,
+    code: str,
+    out: Mapping[str, str],
+) -> None:
+    """Write what was found (RECOVERED), of which faces (FACES), at which landmarks (MARKED), and what a regression sees
+    (SEEN).
+
+    achieved, postop: motion and scan after surgery; truth: of a virtual patient, whose landmarks are wished; None
+    where there is none. tolerances: that are tried, where the face is a real outcome. out: recovered, faces, marked,
+    seen.
+    """
+    patient = PatientModel.read(model)
+    own = InverseSettings(**{name: settings[name] for name in InverseSettings.__dataclass_fields__})
+    operation, free = widest(patient, settings["bounds"])
+    tried = sorted({own.tolerance, *tolerances})
+    marks, rest = Marks.of(patient), np.zeros_like(patient.points)
+    face = Face(patient, fem)
+    try:
+        planned = free.plan(case, free.nearest(Plan.read(plan, case)))
+        field = solved(face, planned)
+        surface = SurfaceWish.of("face", patient, patient.moved_skin(field), patient.skin_faces)
+        skin = patient.moved_skin(field) - patient.skin_points
+        tasks = {SIMULATED: ([surface], planned, [EXACT, own.tolerance], skin)}
+        marked = []
+        if achieved and postop:
+            reference, scan = Plan.read(achieved, case), PostopSkin.read(postop)
+            wish = SurfaceWish.of("face", patient, *scan.surface)
+            tasks[OUTCOME] = [wish], reference, tried, wish
+            if truth:
+                points, cells, displacement, _ = read_truth(truth, case)
+                moved = interpolate(marks.rest, points, cells, displacement)
+                skin = interpolate(patient.skin_points, points, cells, displacement)
+                tasks[LANDMARKS] = places_at(marks, moved), reference, tried, skin
+                forward = marks.moved(solved(face, reference)) - marks.rest - moved
+        recovered, faces, features = [], [], []
+        for task, (wish, reference, charged, shown) in tasks.items():
+            features += [
+                {"case": case, "task": task, "feature": number, "value": value}
+                for number, value in enumerate(seen(patient, marks, shown))
+            ]
+            for tolerance in charged:
+                answer = sought(face, wish, operation, free, own, tolerance, case)
+                found = answer.proposal
+                logging.info("%s at %g: %.3f mm", task, tolerance, found.misfit)
+                for row in motion_rows(answer, reference):
+                    index = patient.segments.index(row["segment"])
+                    middle = patient.bone_points[patient.bone_segment == index].mean(axis=0)
+                    true = as_vector(reference.motion(row["segment"]), middle)
+                    values = {f"true_{name}": value for name, value in zip(QUANTITIES, true, strict=True)}
+                    recovered.append({"case": case, "task": task, "tolerance": tolerance} | row | values)
+                faces.append(
+                    {
+                        "case": case,
+                        "task": task,
+                        "tolerance": tolerance,
+                        "operation": operation,
+                        "asked": misfit(wish, rest),
+                        "misfit": found.misfit,
+                        "elastic_gap": found.gap,
+                        "untold": int(answer.combinations.hidden.sum()),
+                        "parameters": len(found.x),
+                        "bounded": len(found.at_bounds),
+                        "solved": found.solved,
+                        "corrections": found.corrections,
+                        "seconds_elastic": found.seconds_elastic,
+                        "seconds": found.seconds,
+                        "seed": seed,
+                        "code": code,
+                    }
+                )
+                if task == LANDMARKS and tolerance == own.tolerance:
+                    errors = [item.error(found.displacement) for item in wish]
+                    marked += [
+                        {
+                            "case": case,
+                            "place": name,
+                            "moved": float(np.linalg.norm(moved[number])),
+                            "error": errors[number],
+                            "forward_error": float(np.linalg.norm(forward[number])),
+                        }
+                        for number, name in enumerate(marks.names)
+                    ]
+    finally:
+        face.close()
+    write_csv(pd.DataFrame(recovered), out["recovered"], RECOVERED)
+    write_csv(pd.DataFrame(faces), out["faces"], FACES)
+    write_csv(pd.DataFrame(features), out["seen"], SEEN)
+    empty = {"case": case, "place": "-", "moved": np.nan, "error": np.nan, "forward_error": np.nan}
+    write_csv(pd.DataFrame(marked or [empty]), out["marked"], MARKED)
+
+
+def solved(face: Face, plan: Plan) -> np.ndarray:
+    """Finite elements (n, 3) mm of a plan; RuntimeError where they do not converge."""
+    result = face.solve(plan)
+    if not result.converged:
+        raise RuntimeError(f"case {plan.case!r}: the solver stopped: {result.reason}")
+    return result.displacement
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    measure_inverse(
+        case=snakemake.wildcards.case,
+        model=snakemake.input.model,
+        plan=snakemake.input.plan,
+        achieved=next(iter(snakemake.input.get("achieved", [])), None),
+        postop=next(iter(snakemake.input.get("postop", [])), None),
+        truth=next(iter(snakemake.input.get("truth", [])), None),
+        fem=FemSettings(**snakemake.params.fem),
+        settings=snakemake.params.settings,
+        tolerances=snakemake.params.settings["tolerances"],
+        seed=snakemake.params.seed,
+        code=snakemake.params.code,
+        out=dict(snakemake.output.items()),
+    )

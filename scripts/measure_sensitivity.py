@@ -1,0 +1,44 @@
+"""Makes a patient's table and figure of which move of which bone moves which place of the face."""
+
+import logging
+
+import numpy as np
+
+from pinnochio.columns import write_csv
+from pinnochio.figures.sensitivity import sensitivity_figure
+from pinnochio.inverse.columns import SENSITIVITY
+from pinnochio.inverse.face import Face
+from pinnochio.inverse.sensitivity import sensitivity
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.patient import PatientModel
+
+SPOTS = ("forward", "pitch")  # of every segment, solved by finite elements too
+
+
+def measure_sensitivity(case: str, model: str, fem: FemSettings, code: str, table: str, picture: str) -> None:
+    """Write the table (CSV) and the figure (PNG)."""
+    patient = PatientModel.read(model)
+    face = Face(patient, fem)
+    try:
+        spots = [(segment, quantity) for segment in patient.segments for quantity in SPOTS]
+        frame = sensitivity(face, case, code, spots)
+    finally:
+        face.close()
+    known = frame["checked"].notna()
+    off = np.abs(frame["moved"] - frame["checked"])[known].max()
+    logging.info("%d rows; elastic map and finite elements differ by %.4f mm at most", len(frame), off)
+    write_csv(frame, table, SENSITIVITY)
+    sensitivity_figure(frame, picture)
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    measure_sensitivity(
+        case=snakemake.wildcards.case,
+        model=snakemake.input.model,
+        fem=FemSettings(**snakemake.params.fem),
+        code=snakemake.params.code,
+        table=snakemake.output.table,
+        picture=snakemake.output.picture,
+    )

@@ -1,0 +1,197 @@
+"""Makes plans that bring a patient's face to what is wished of it: one for each operation."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pinnochio.columns import write_csv
+from pinnochio.inverse.alternatives import Answer, answers, contradictions
+from pinnochio.inverse.columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED
+from pinnochio.inverse.combinations import LARGEST, as_motions, differences
+from pinnochio.inverse.face import Face
+from pinnochio.inverse.freedom import QUANTITIES
+from pinnochio.inverse.proposal import InverseSettings
+from pinnochio.inverse.reading import read_wish
+from pinnochio.inverse.wish import Wish, misfit, regions_of
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.patient import PatientModel
+from pinnochio.patients.certificate import measures, plain, verdict
+from pinnochio.patients.wish_page import Told, write_wish_page
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.transforms import write_transforms
+from pinnochio.statistics.intervals import Calibration
+
+
+def propose_plans(
+    case: str,
+    model: str,
+    wish: Sequence[str],
+    markups: Sequence[str],
+    occlusion: str | None,
+    calibration: str | None,
+    fem: FemSettings,
+    settings: Mapping,
+    code: str,
+    out: Mapping[str, str],
+) -> None:
+    """Write proposals, what each reaches, its motions and what the wish cannot tell apart (CSV), plans, transforms and
+    the page.
+
+    wish, markups: files of the user's; occlusion: a plan whose relation of the jaws is kept; calibration: of the
+    intervals of finite elements; settings: section `invert` of the configuration; out: proposals, reached, motions,
+    combinations, plans, transforms and page.
+    """
+    patient = PatientModel.read(model)
+    wished = read_wish(files=wish, model=patient, weights=settings["weights"], case=case, markups=markups)
+    kept = None
+    if settings["occlusion"] != "free":
+        kept = Plan.read(occlusion, case) if occlusion else Plan(case, {})
+    own = InverseSettings(**{name: settings[name] for name in InverseSettings.__dataclass_fields__})
+    face = Face(patient, fem)
+    try:
+        found = answers(face, wished, settings["operations"], settings["bounds"], own, case, kept)
+        most = max(found.values(), key=lambda answer: len(answer.freedom.low))
+        against = contradictions(face, wished, most.freedom, own)
+    finally:
+        face.close()
+    certificates = {name: certify(patient, answer, fem) for name, answer in found.items()}
+    rows = [row(case, answer, certificates[name], wished, patient, own, code) for name, answer in found.items()]
+    write_csv(pd.DataFrame(rows), out["proposals"], PROPOSALS)
+    width = half_widths(wished, patient, calibration)
+    reached = [item for answer in found.values() for item in reached_rows(case, answer, wished, patient, own, width)]
+    write_csv(pd.DataFrame(reached), out["reached"], REACHED)
+    moved = [item for answer in found.values() for item in motion_rows(case, answer)]
+    write_csv(pd.DataFrame(moved), out["motions"], MOTIONS)
+    told = [item for answer in found.values() for item in combination_rows(case, answer)]
+    write_csv(pd.DataFrame(told), out["combinations"], COMBINATIONS)
+    for name, answer in found.items():
+        answer.proposal.plan.write(Path(out["plans"]) / f"{name}.json")
+        write_transforms(answer.proposal.plan.motions, Path(out["transforms"]) / name)
+    write_wish_page(
+        patient=patient,
+        case=case,
+        wish=wished,
+        answers=found,
+        told=Told(rows, reached, told, against, certificates, own),
+        path=out["page"],
+    )
+
+
+def certify(patient: PatientModel, answer: Answer, fem: FemSettings) -> dict | None:
+    """Certificate of the finite-element field of a proposal; None where they did not converge."""
+    proposal = answer.proposal
+    if not proposal.solved:
+        return None
+    solution = {"solver": True, "converged": True, "iterations": proposal.corrections, "load": 1.0, "reason": ""}
+    said = measures(patient, proposal.plan, proposal.displacement, fem)
+    return plain({"solution": solution, "measures": said, "models": None})
+
+
+def row(case, answer: Answer, certificate, wish: Wish, patient: PatientModel, own: InverseSettings, code: str) -> dict:
+    """The row of PROPOSALS."""
+    proposal = answer.proposal
+    return {
+        "case": case,
+        "operation": proposal.operation,
+        "met": all(item.error(proposal.displacement) <= own.met for item in wish),
+        "asked": misfit(wish, np.zeros_like(patient.points)),
+        "misfit": proposal.misfit,
+        "elastic_gap": proposal.gap,
+        "motion_max": np.linalg.norm(patient.bone_displacement(proposal.plan), axis=1).max(),
+        "at_bounds": ", ".join(f"{name} {quantity}" for name, quantity in proposal.at_bounds),
+        "untold": int(answer.combinations.hidden.sum()),
+        "solved": certificate is not None,
+        "min_jacobian": certificate["measures"]["min_jacobian"] if certificate else np.nan,
+        "grade": verdict(certificate).grade if certificate else "not usable",
+        "corrections": proposal.corrections,
+        "seconds_elastic": proposal.seconds_elastic,
+        "seconds": proposal.seconds,
+        "code": code,
+    }
+
+
+def half_widths(wish: Wish, patient: PatientModel, calibration: str | None) -> dict[str, float]:
+    """Half-width (mm) of the interval of finite elements at each wished landmark, where there is one."""
+    if calibration is None:
+        return {}
+    known = Calibration.read(calibration).half_width
+    widths = {name: known.get(region) for name, region in regions_of(wish, patient).items()}
+    return {name: width for name, width in widths.items() if width is not None}
+
+
+def reached_rows(
+    case: str,
+    answer: Answer,
+    wish: Wish,
+    patient: PatientModel,
+    own: InverseSettings,
+    half_width: Mapping[str, float],
+) -> list[dict]:
+    """Rows of REACHED; half_width (mm) by wish."""
+    rows = []
+    for item in wish:
+        error = item.error(answer.proposal.displacement)
+        rows.append(
+            {
+                "case": case,
+                "operation": answer.proposal.operation,
+                "wish": item.name,
+                "unit": item.unit,
+                "weight": item.weight,
+                "asked": item.error(np.zeros_like(patient.points)),
+                "error": error,
+                "met": error <= own.met,
+                "half_width": half_width.get(item.name, np.nan),
+            }
+        )
+    return rows
+
+
+def motion_rows(case: str, answer: Answer) -> list[dict]:
+    """Rows of MOTIONS: every segment of the operation."""
+    plan = answer.proposal.plan
+    moves = differences(answer.freedom, {}, plan.motions)
+    return [
+        {"case": case, "operation": answer.proposal.operation, "segment": name}
+        | dict(zip(QUANTITIES, moves.get(name, np.zeros(6)), strict=True))
+        for name in plan.motions
+    ]
+
+
+def combination_rows(case: str, answer: Answer) -> list[dict]:
+    """Rows of COMBINATIONS: what each does to every segment, as far as the wish does not feel it."""
+    rows, own = [], answer.combinations
+    for number, (direction, bone, hidden) in enumerate(zip(own.directions, own.bone, own.hidden, strict=True), 1):
+        moves = as_motions(answer.freedom, answer.proposal.x, min(bone, LARGEST) * direction)
+        for name, values in moves.items():
+            rows.append(
+                {
+                    "case": case,
+                    "operation": answer.proposal.operation,
+                    "number": number,
+                    "bone": min(bone, LARGEST),
+                    "untold": bool(hidden),
+                    "segment": name,
+                    **dict(zip(QUANTITIES, values, strict=True)),
+                }
+            )
+    return rows
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    propose_plans(
+        case=snakemake.wildcards.case,
+        model=snakemake.input.model,
+        wish=snakemake.input.wish,
+        markups=snakemake.input.get("markups", []),
+        occlusion=next(iter(snakemake.input.get("occlusion", [])), None),
+        calibration=next(iter(snakemake.input.get("calibration", [])), None),
+        fem=FemSettings(**snakemake.params.fem),
+        settings=snakemake.params.settings,
+        code=snakemake.params.code,
+        out=dict(snakemake.output.items()),
+    )

@@ -1,0 +1,73 @@
+"""The operations that could bring a wished face, side by side."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations as pairs
+
+import numpy as np
+
+from pinnochio.errors import InputError
+from pinnochio.inverse.combinations import Combinations, combinations
+from pinnochio.inverse.face import Face
+from pinnochio.inverse.freedom import OPERATIONS, Freedom, freedom
+from pinnochio.inverse.proposal import InverseSettings, Proposal, Search, propose
+from pinnochio.inverse.wish import Wish
+from pinnochio.plans.plan import Plan
+
+MOST_PAIRED = 20  # wishes of which every pair is tried
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A proposal, what it was free to move, and which combinations of motions the wish cannot tell apart."""
+
+    proposal: Proposal
+    freedom: Freedom
+    combinations: Combinations
+
+
+def answers(
+    face: Face,
+    wish: Wish,
+    operations: Sequence[str],
+    bounds: Mapping,
+    settings: InverseSettings,
+    case: str,
+    occlusion: Plan | None = None,
+) -> dict[str, Answer]:
+    """One answer per operation that the patient's segments allow, in their order; InputError where none does."""
+    found = {}
+    for operation in operations:
+        own = freedom(face.model, operation, bounds, occlusion)
+        if own is None or not len(own.low):
+            continue
+        proposal, search = propose(face, wish, own, operation, case, settings)
+        logging.info("%s: %.3f mm after %d corrections", operation, proposal.misfit, proposal.corrections)
+        known = combinations(search, own, wish, proposal.x, settings.tolerance)
+        found[operation] = Answer(proposal, own, known)
+    if not found:
+        raise InputError(
+            case,
+            "configuration",
+            f"none of {', '.join(operations)} can be done with the segments {', '.join(face.model.segments)}",
+            f"name another of {', '.join(OPERATIONS)} in invert.operations, or leave more of invert.bounds open",
+        )
+    return found
+
+
+def contradictions(face: Face, wish: Wish, free: Freedom, settings: InverseSettings) -> list[tuple[str, str, float]]:
+    """Pairs of wishes that can each be met alone, within the tolerance `met` to first order, and not together.
+
+    Each with the larger error of the two together, the best way to compromise.
+    """
+    start, exact = np.zeros(len(free.low)), replace(settings, tolerance=0.0)
+
+    def off(chosen: Wish) -> float:
+        search = Search(face, chosen, free, exact)
+        field = search.field(search.elastic(start))
+        return max(own.error(field) for own in chosen)
+
+    reachable = [own for own in wish if off([own]) <= settings.met] if len(wish) <= MOST_PAIRED else []
+    found = [(one.name, other.name, off([one, other])) for one, other in pairs(reachable, 2)]
+    return [own for own in found if own[2] > settings.met]

@@ -1,0 +1,119 @@
+"""The columns of what is found for a wish."""
+
+from pinnochio.columns import Column, number
+from pinnochio.inverse.freedom import QUANTITIES
+
+CASE = Column("case", str, "", "patient")
+OPERATION = Column(
+    "operation", str, "", "what is operated: two_jaw, mandible or maxilla, with _chin a genioplasty; chin"
+)
+CODE = Column("code", str, "", "content hash of the code")
+UNITS = dict(zip(QUANTITIES, ("mm",) * 3 + ("deg",) * 3, strict=True))
+MOVES = tuple(
+    number(name, UNITS[name], f"motion {name} of the middle of its bone", ".3f") for name in QUANTITIES[:3]
+) + (tuple(number(name, UNITS[name], f"component {name} of the rotation vector", ".3f") for name in QUANTITIES[3:]))
+
+PROPOSALS = (
+    CASE,
+    OPERATION,
+    Column("met", bool, "", "whether every wish is met within the limit of the configuration"),
+    number("asked", "mm", "weighted root mean square of the wishes' errors before surgery", ".3f"),
+    number("misfit", "mm", "the same of the face that finite elements give for the proposal", ".3f"),
+    number("elastic_gap", "mm", "root mean square distance of that face from the elastic map's", ".3f"),
+    number("motion_max", "mm", "largest motion of any bone point", ".2f"),
+    Column("at_bounds", str, "", "quantities that lie on a bound", optional=True),
+    Column("untold", int, "", "combinations of motions that the wish cannot tell apart"),
+    Column("solved", bool, "", "whether finite elements converged; otherwise the face is the elastic map's"),
+    number("min_jacobian", "", "smallest volume ratio of an element", ".3f"),
+    Column("grade", str, "", "verdict of the certificate: usable, with care, not usable"),
+    Column("corrections", int, "", "finite-element solutions"),
+    number("seconds_elastic", "s", "the elastic proposal", ".3f"),
+    number("seconds", "s", "the proposal with its corrections", ".3f"),
+    CODE,
+)
+REACHED = (
+    CASE,
+    OPERATION,
+    Column("wish", str, "", "landmark, measure or surface that is wished"),
+    Column("unit", str, "", "unit of the errors"),
+    number("weight", "", "weight of the wish", ".3g"),
+    number("asked", "", "how far it is off before surgery", ".3f"),
+    number("error", "", "how far the proposal misses it", ".3f"),
+    Column("met", bool, "", "whether the error is within the limit of the configuration"),
+    number(
+        "half_width",
+        "mm",
+        "of the interval of finite elements at a landmark, where calibrated",
+        ".2f",
+    ),
+)
+MOTIONS = (CASE, OPERATION, Column("segment", str, "", "bone"), *MOVES)
+COMBINATIONS = (
+    CASE,
+    OPERATION,
+    Column("number", int, "", "combination of motions, 1 the one that the wish feels least"),
+    number("bone", "mm", "root mean square motion of the bones that changes the wish by the tolerance", ".2f"),
+    Column("untold", bool, "", "whether that is so much that the wish cannot tell it"),
+    Column("segment", str, "", "bone"),
+    *MOVES,
+)
+SENSITIVITY = (
+    CASE,
+    Column("segment", str, "", "bone that moves alone"),
+    Column("quantity", str, "", "left, forward, up: by 1 mm; pitch, roll, yaw: by 1 degree about its pivot"),
+    Column("place", str, "", "landmark or region of the face"),
+    number("left", "mm", "motion of the place to the left", ".4f"),
+    number("forward", "mm", "motion of the place forward", ".4f"),
+    number("up", "mm", "motion of the place up", ".4f"),
+    number("moved", "mm", "its distance; of a region the mean of its points", ".4f"),
+    number("checked", "mm", "the same by finite elements, where they were solved", ".4f"),
+    CODE,
+)
+
+TASK = Column(
+    "task", str, "", "what was wished: simulated (finite-element face of the plan), outcome (its scan), landmarks"
+)
+TOLERANCE = number("tolerance", "mm", "misfit beyond the best one within which the least motion was sought", ".4g")
+RECOVERED = (
+    CASE,
+    TASK,
+    TOLERANCE,
+    Column("segment", str, "", "bone"),
+    number("moved", "mm", "mean motion of its bone that made the face: of the plan, or achieved", ".3f"),
+    number("error", "mm", "mean distance of its bone from there under the motion found", ".4f"),
+    number("degrees", "deg", "angle between the rotations", ".4f"),
+    number("told_error", "mm", "the same without what the wish cannot tell", ".4f"),
+    number("told_degrees", "deg", "the same without what the wish cannot tell", ".4f"),
+    *(number(f"true_{name}", UNITS[name], f"{name} of the motion that made the face", ".4f") for name in QUANTITIES),
+)
+FACES = (
+    CASE,
+    TASK,
+    TOLERANCE,
+    OPERATION,
+    number("asked", "mm", "weighted root mean square of the wishes' errors before surgery", ".3f"),
+    number("misfit", "mm", "the same of the finite-element face of the proposal", ".4f"),
+    number("elastic_gap", "mm", "root mean square distance of that face from the elastic map's", ".3f"),
+    Column("untold", int, "", "combinations of motions that the wish cannot tell apart"),
+    Column("parameters", int, "", "quantities that may change"),
+    Column("bounded", int, "", "quantities that lie on a bound"),
+    Column("solved", bool, "", "whether finite elements converged"),
+    Column("corrections", int, "", "finite-element solutions"),
+    number("seconds_elastic", "s", "the elastic proposal", ".3f"),
+    number("seconds", "s", "the proposal with its corrections", ".3f"),
+    Column("seed", int, "", "seed of the study"),
+    CODE,
+)
+MARKED = (
+    CASE,
+    Column("place", str, "", "landmark"),
+    number("moved", "mm", "way of the landmark to the outcome", ".3f"),
+    number("error", "mm", "distance of the proposal's finite-element face from there", ".3f"),
+    number("forward_error", "mm", "distance of the finite-element face of the achieved motion from there", ".3f"),
+)
+SEEN = (
+    CASE,
+    TASK,
+    Column("feature", int, "", "number of what a regression sees of the wished face"),
+    number("value", "mm", "its value", ".5f"),
+)

@@ -1,0 +1,42 @@
+"""The face that a plan leads to: at once by the elastic map, and by finite elements with sliding interfaces."""
+
+import numpy as np
+
+from pinnochio.mechanics.elastic import ElasticSolver
+from pinnochio.mechanics.lift import segment_motions
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import PlanSolver
+from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.mechanics.solver import SolveResult
+from pinnochio.model.patient import PatientModel
+from pinnochio.plans.plan import Plan
+
+
+class Face:
+    """One patient whose face answers many plans; what belongs to the patient is made once.
+
+    response (12 K, 3 n): displacement of the nodes, mm, per unit of each amplitude of
+    :func:`pinnochio.mechanics.lift.motion_amplitudes`, in equilibrium to first order with sliding interfaces.
+    """
+
+    def __init__(self, model: PatientModel, fem: FemSettings):
+        self.model = model
+        rest = boundary_conditions(model, Plan("-", {}), "mucosa")
+        law = fem.material(model.tissue)
+        elastic = ElasticSolver(model.points, model.cells, law, rest, fem.volumetric, fem.linear_solver)
+        fields = elastic.spread(segment_motions(model, model.points.mean(axis=0), blend=False))
+        elastic.close()
+        self.response = fields.reshape(len(fields), -1)
+        self._solver = PlanSolver(model, "mucosa", fem)
+
+    def elastic(self, amplitudes: np.ndarray) -> np.ndarray:
+        """Displacement (n, 3) mm to first order under amplitudes (12 K,) of the bones' motions."""
+        return (amplitudes @ self.response).reshape(-1, 3)
+
+    def solve(self, plan: Plan) -> SolveResult:
+        """Finite elements of the plan."""
+        return self._solver.solve([plan])[0]
+
+    def close(self) -> None:
+        """Release the factors."""
+        self._solver.close()

@@ -1,0 +1,201 @@
+"""A user's wish, read and checked: landmarks (3D Slicer markups), a surface (PLY, STL, VTP), a table of measures."""
+
+import csv
+import io
+import logging
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+
+from pinnochio.errors import InputError
+from pinnochio.geometry.closest_points import closest_points
+from pinnochio.importing.markups import ENDING, read_markups
+from pinnochio.importing.segmentation import read_postop
+from pinnochio.inverse.wish import Marks, MeasureWish, PlaceWish, SurfaceWish, Wish
+from pinnochio.json_text import read_text
+from pinnochio.model.measures import MEASURES
+from pinnochio.model.patient import PatientModel
+
+SURFACES = (".ply", ".stl", ".vtp", ".obj")
+FARTHEST = 30.0  # mm that a place of the face is wished away from where it is, at most [I: soft tissue follows by less]
+FARTHEST_MEASURE = {"mm": 25.0, "degree": 60.0}  # change of a measure, at most [I]
+COLUMNS = ("measure", "value", "change", "weight")
+OFF_FACE = 8.0  # mm between a marked point and the skin [I]
+# Other frames and units that a wish may have come in by mistake.
+MISTAKES = {
+    "RAS instead of LPS, or the other way round": np.array([-1.0, -1, 1]),
+    "metres": np.full(3, 1000.0),
+    "centimetres": np.full(3, 10.0),
+}
+# Cephalometric signs of the landmarks [R].
+SIGNS = {
+    "sellion": "N'",
+    "pronasale": "Prn",
+    "subnasale": "Sn",
+    "labrale_superius": "Ls",
+    "stomion": "Sto",
+    "labrale_inferius": "Li",
+    "sublabiale": "B'",
+    "subspinale": "A'",
+    "pogonion": "Pog'",
+    "menton": "Me'",
+    "alare_right": "AlR",
+    "alare_left": "AlL",
+    "cheilion_right": "ChR",
+    "cheilion_left": "ChL",
+}
+
+
+def read_wish(
+    files: Sequence[str | os.PathLike],
+    model: PatientModel,
+    weights: Mapping[str, float],
+    case: str,
+    markups: Sequence[str | os.PathLike] = (),
+) -> Wish:
+    """All wishes of the files. weights: of a `surface`, a `landmark`, a `measure`; markups: files with points of the
+    face as it is, which a wish may name beside the landmarks that are found.
+
+    InputError for what cannot be read, is not on the face, or lies so far off that frame or unit must be wrong.
+    """
+    wishes: list = []
+    marks = Marks.of(model, read_markups(markups, case).points)
+    for path in files:
+        if str(path).lower().endswith(ENDING):
+            wishes += _places(path, model, marks, weights["landmark"], case)
+        elif Path(path).suffix.lower() in SURFACES:
+            wishes.append(_surface(path, model, weights["surface"], case))
+        else:
+            wishes += _measures(path, model, marks, weights["measure"], case)
+    if not wishes:
+        raise InputError(case, "wish", "nothing is wished", f"add wish{ENDING}, wish.ply or wish.csv")
+    names = [own.name for own in wishes]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(case, ", ".join(map(str, files)), f"{twice[0]!r} is wished twice", "keep one of them")
+    return wishes
+
+
+def _places(path, model: PatientModel, marks: Marks, weight: float, case: str) -> list[PlaceWish]:
+    """One wish per point of a markups file."""
+
+    def refuse(problem: str, remedy: str):
+        raise InputError(case, path, problem, remedy)
+
+    wished = read_markups([path], case).points
+    if not wished:
+        refuse("it holds no point", "place a point where each landmark shall be")
+    signs = {sign.lower(): name for name, sign in SIGNS.items()} | {name.lower(): name for name in marks.names}
+    targets = {}
+    for label, target in wished.items():
+        name = signs.get(label.strip().lower().replace(" ", "_"))
+        if name is None:
+            near = get_close_matches(label.lower(), signs, n=1, cutoff=0.5)
+            meant = f"; did you mean {near[0]!r}?" if near else ""
+            known = ", ".join(f"{name} ({sign})" for name, sign in SIGNS.items() if name in marks.names)
+            refuse(
+                f"{label!r} is no landmark of the face{meant}",
+                f"name one of {known}, or mark {label!r} as it is now in another markups file of the patient",
+            )
+        if name not in marks.names:
+            refuse(f"{label!r} cannot be found on this face", "wish something else")
+        if name in targets:
+            refuse(f"{name!r} is wished to two places", "keep one point of it")
+        targets[name] = target
+    own = marks.chosen(list(targets))
+    away = closest_points(own.rest, model.skin_points, model.skin_faces).distance
+    if away.max() > OFF_FACE:
+        refuse(f"{own.names[away.argmax()]!r} is marked {away.max():.1f} mm off the face as it is now", "mark its skin")
+    places = np.array(list(targets.values()))
+    _check_near(lambda turn: np.linalg.norm(turn * places - own.rest, axis=1), own.names, refuse)
+    return [PlaceWish(name, own.chosen([name]), target, weight) for name, target in targets.items()]
+
+
+def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str) -> list[MeasureWish]:
+    """One wish per row of a table with the columns measure, and value or change, and weight if wanted."""
+
+    def refuse(problem: str, remedy: str):
+        raise InputError(case, path, problem, remedy)
+
+    text = read_text(path, refuse)
+    try:
+        dialect = csv.Sniffer().sniff(text.split("\n")[0], ",\t;")
+        rows = list(csv.DictReader(io.StringIO(text, newline=""), dialect=dialect, strict=True))
+    except csv.Error as error:
+        refuse(f"it is no table ({error})", f"give columns {', '.join(COLUMNS)}, separated by commas or tabs")
+    if not rows or not set(rows[0]) <= set(COLUMNS) or "measure" not in rows[0]:
+        refuse(f"its columns are {list(rows[0]) if rows else 'none'}", f"give columns {', '.join(COLUMNS)} and a row")
+    known = {name.lower(): name for name in MEASURES} | {own.title.lower(): name for name, own in MEASURES.items()}
+    rest, wishes = np.zeros_like(model.points), []
+    for row in rows:
+        row = {key: (value or "").strip() for key, value in row.items()}
+        name = known.get(row["measure"].lower())
+        if name is None:
+            near = get_close_matches(row["measure"].lower(), known, n=1, cutoff=0.4)
+            meant = f"; did you mean {known[near[0]]!r}?" if near else ""
+            refuse(f"{row['measure']!r} is no measure{meant}", f"name one of {', '.join(MEASURES)}")
+        own = MEASURES[name]
+        if any(point not in marks.names for point in own.points):
+            refuse(f"{name!r} cannot be measured on this face", "wish something else")
+        numbers = {}
+        for key in COLUMNS[1:]:
+            if row.get(key):
+                try:
+                    numbers[key] = float(row[key])
+                except ValueError:
+                    numbers[key] = np.nan
+                if not np.isfinite(numbers[key]):
+                    refuse(f"{key} of {name!r} is {row[key]!r}", "write a number, without its unit")
+        if ("value" in numbers) == ("change" in numbers):
+            refuse(f"{name!r} has {'both' if 'value' in numbers else 'neither'} value and change", "give one of them")
+        if numbers.get("weight", 1) <= 0:
+            refuse(f"the weight of {name!r} is {numbers['weight']:g}", "give a weight above 0, or leave the row out")
+        wish = MeasureWish(name, marks.chosen(own.points), own, 0.0, numbers.get("weight", weight))
+        now = wish.value(rest)
+        if not np.isfinite(now):
+            refuse(f"{name!r} cannot be measured on this face", "wish something else")
+        wish = replace(wish, target=numbers["value"] if "value" in numbers else now + numbers["change"])
+        if abs(wish.target - now) > FARTHEST_MEASURE[own.unit]:
+            refuse(
+                f"{name!r} is {now:.1f} {own.unit} now and wished to be {wish.target:.1f}",
+                f"wish a change of {FARTHEST_MEASURE[own.unit]:g} {own.unit} or less",
+            )
+        wishes.append(wish)
+    return wishes
+
+
+def _surface(path, model: PatientModel, weight: float, case: str) -> SurfaceWish:
+    def refuse(problem: str, remedy: str):
+        raise InputError(case, path, problem, remedy)
+
+    skin = model.skin_points[model.judged_points]
+    points, faces = read_postop(path, case, model.skin_points)
+
+    def away(turn) -> np.ndarray:
+        at = closest_points(skin, turn * points, faces)
+        return np.array([np.median(at.distance[~at.border])]) if not at.border.all() else np.array([np.inf])
+
+    _check_near(away, ["the surface"], refuse)
+    wish = SurfaceWish.of(Path(path).name, model, points, faces, weight)
+    share = np.isfinite(wish.distances(np.zeros_like(model.points))[model.judged_points]).mean()
+    if share < 0.5:
+        logging.warning("case %r: %s lies over %.0f %% of the face", case, path, 100 * share)
+    return wish
+
+
+def _check_near(away: Callable[[np.ndarray], np.ndarray], names: Sequence[str], refuse) -> None:
+    """Refuse what lies farther than FARTHEST; away(factors) gives the distances (k,) with other coordinates."""
+    now = away(np.ones(3))
+    if now.max() <= FARTHEST:
+        return
+    far = int(now.argmax())
+    problem = f"{names[far]!r} is wished {now[far]:.0f} mm away from where it is"
+    if not np.isfinite(now[far]):
+        problem = "it lies nowhere over the face"
+    for mistake, factors in MISTAKES.items():
+        if away(factors).max() <= FARTHEST:
+            refuse(f"{problem}; its coordinates seem to be in {mistake}", "save it in LPS (or RAS, said so) and mm")
+    refuse(problem, f"wish it within {FARTHEST:.0f} mm, in the frame of the scan (LPS, mm)")

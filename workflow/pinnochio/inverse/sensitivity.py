@@ -1,0 +1,73 @@
+"""Which move matters where: millimetres of every place of the face per millimetre and degree of every bone."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from pinnochio.columns import check
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.inverse.columns import SENSITIVITY
+from pinnochio.inverse.face import Face
+from pinnochio.inverse.freedom import LPS, QUANTITIES
+from pinnochio.inverse.wish import Marks
+from pinnochio.mechanics.lift import motion_amplitudes
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.regions import NAMES, regions
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.sampling import JawAnatomy
+
+
+def sensitivity(face: Face, case: str, code: str, spots: Sequence[tuple[str, str]] = ()) -> pd.DataFrame:
+    """Rows of SENSITIVITY: each segment moved alone by one unit of each quantity, about its middle or its condyle.
+
+    spots: pairs of segment and quantity that are solved by finite elements as well.
+    """
+    model = face.model
+    anatomy = JawAnatomy.from_points(model.bone_points, model.bone_segment, model.segments)
+    places = Marks.of(model)
+    codes = regions(model)
+    rows = []
+    for segment in model.segments:
+        pivot = anatomy.hinge.get(segment, anatomy.centre[segment])
+        # A ramus, or a mandible in its joints, can but turn.
+        for number, quantity in list(enumerate(QUANTITIES))[3 if segment in anatomy.hinge else 0 :]:
+            unit = np.zeros(6)
+            unit[number] = 1
+            plan = Plan(case, {segment: RigidMotion.from_degrees(unit[3:], LPS * unit[:3], pivot)})
+            moved = face.elastic(motion_amplitudes(plan, model.segments, model.points.mean(axis=0)))
+            told = None
+            if (segment, quantity) in spots and (result := face.solve(plan)).converged:
+                told = told_of(model, places, codes, result.displacement)
+            for place, (mean, size) in told_of(model, places, codes, moved).items():
+                rows.append(
+                    {
+                        "case": case,
+                        "segment": segment,
+                        "quantity": quantity,
+                        "place": place,
+                        **dict(zip(QUANTITIES[:3], LPS * mean, strict=True)),
+                        "moved": size,
+                        "checked": np.nan if told is None else told[place][1],
+                        "code": code,
+                    }
+                )
+    return check(pd.DataFrame(rows), SENSITIVITY)
+
+
+def told_of(
+    model: PatientModel, places: Marks, codes: np.ndarray, field: np.ndarray
+) -> dict[str, tuple[np.ndarray, float]]:
+    """Mean motion (3,) mm LPS and mean distance, mm, of every landmark and every region under a field (n, 3) mm.
+
+    codes (s,): region of every skin point.
+    """
+    told = {}
+    for name, motion in zip(places.names, places.moved(field) - places.rest, strict=True):
+        told[name] = motion, float(np.linalg.norm(motion))
+    skin = model.moved_skin(field) - model.skin_points
+    for number, name in enumerate(NAMES):
+        own = skin[codes == number]
+        if len(own):
+            told[f"region {name}"] = own.mean(axis=0), float(np.linalg.norm(own, axis=1).mean())
+    return told
