@@ -1,16 +1,8 @@
-"""The nasolabial angle, and the tables of it and of the outcome's discretisation error."""
+"""The tables of the nasolabial angle and of the outcome's discretisation error."""
 
-import numpy as np
 import pandas as pd
-import pytest
 
 from pinnochio.virtual import nasolabial, refinement
-
-
-def test_the_angle_is_that_of_the_sagittal_plane():
-    subnasale = np.array([0.0, -100, 0])
-    assert nasolabial.angle(subnasale + [3, -5, 0], subnasale, subnasale + [-2, 0, -8]) == pytest.approx(90)
-    assert nasolabial.angle(subnasale + [0, -5, 5], subnasale, subnasale + [0, 0, -8]) == pytest.approx(135)
 
 
 def test_our_angle_stands_beside_the_published_ones():

@@ -107,6 +107,15 @@ def face_landmarks(patient: PatientModel) -> FaceLandmarks:
     )
 
 
+def subspinale(patient: PatientModel, marks: FaceLandmarks) -> np.ndarray:
+    """Soft-tissue A' (3,) mm: the profile's deepest point behind the chord from labrale superius to subnasale."""
+    points, x = patient.skin_points, marks.subnasale[0]
+    z = np.arange(marks.labrale_superius[2], marks.subnasale[2] + STEP / 2, STEP)
+    depth = _section(points, patient.skin_faces, points[:, 0] - x, points[:, 2], z)
+    deepest = _farthest(np.column_stack([depth, z]), 0, len(z) - 1, False)
+    return np.array([x, depth[deepest], z[deepest]])
+
+
 def _refused(problem: str) -> InputError:
     return InputError("-", "model", f"its face cannot be read: {problem}", "check the segmentation and its orientation")
 

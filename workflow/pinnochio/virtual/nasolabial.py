@@ -5,10 +5,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from scipy.spatial import cKDTree
 
 from pinnochio.columns import Column, check, number, read_tables
 from pinnochio.mechanics.simulation import simulate
+from pinnochio.model.carried import carriers, columella
+from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.plans.roles import of_role
@@ -17,8 +18,6 @@ from pinnochio.virtual.ground_truth import NOMINAL, resolve
 from pinnochio.virtual.outcome import Operation, meshed
 
 ADVANCE = 5.0  # mm
-COLUMELLA = 0.45  # share of the way from subnasale to the tip of the nose, below which the columella lies [I]
-NEAR = 4.0  # mm about a landmark over which the skin is averaged [I]
 # Mean and SD in degrees after the same advance [S: Modabber 2022].
 PUBLISHED = {"Dolphin": (119.9, 8.6), "ProPlan": (129.5, 8.3)}
 CASE = (
@@ -35,25 +34,15 @@ TABLE = (
 )
 
 
-def angle(columella: np.ndarray, subnasale: np.ndarray, lip: np.ndarray) -> float:
-    """Angle in degrees at subnasale between columella and upper lip, in the sagittal plane."""
-    up, down = (columella - subnasale)[1:], (lip - subnasale)[1:]
-    return float(np.degrees(np.arccos(up @ down / (np.linalg.norm(up) * np.linalg.norm(down)))))
-
-
 def nasolabial(patient: PatientModel, landmarks: Mapping[str, np.ndarray], displacement: np.ndarray) -> float:
     """The angle of a face under a displacement (n, 3) mm of its mesh, carried by the skin about the landmarks."""
-    subnasale, tip = landmarks["subnasale"], landmarks["pronasale"]
-    skin = np.unique(patient.skin_faces)
-    tree = cKDTree(patient.skin_points[skin])
-    between = subnasale + COLUMELLA * (tip - subnasale)
-    columella = patient.skin_points[skin[tree.query(between)[1]]]
-    field = patient.moved_skin(displacement) - patient.skin_points
-    places = []
-    for place in (columella, subnasale, landmarks["labrale_superius"]):
-        near = tree.query_ball_point(place, NEAR) or [tree.query(place)[1]]
-        places.append(place + field[skin[near]].mean(axis=0))
-    return angle(*places)
+    places = [
+        columella(patient, landmarks["subnasale"], landmarks["pronasale"]),
+        landmarks["subnasale"],
+        landmarks["labrale_superius"],
+    ]
+    moved = [place + (carriers(patient, place) @ displacement)[0] for place in places]
+    return MEASURES["nasolabial"].rule(np.array(moved))[0]
 
 
 def measure(operation: Operation) -> list[dict]:
