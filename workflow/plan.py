@@ -10,6 +10,7 @@ from pinnochio.errors import InputError  # noqa: E402
 from pinnochio.planner.forecast import Forecaster  # noqa: E402
 from pinnochio.planner.page import Page  # noqa: E402
 from pinnochio.planner.prepared import Prepared  # noqa: E402
+from pinnochio.planner.serving import check_free  # noqa: E402
 from pinnochio.planner.session import Session  # noqa: E402
 from pinnochio.plans.plan import Plan  # noqa: E402
 from pinnochio.training.device import choose_device  # noqa: E402
@@ -29,6 +30,7 @@ if __name__ == "__main__":
     parser.add_argument("--no-browser", action="store_true", help="only print the address")
     asked = parser.parse_args()
     try:
+        check_free(asked.port)
         open_planner(prepared=Prepared.read(asked.prepared), port=asked.port, browser=not asked.no_browser)
     except InputError as error:
         sys.exit(str(error))

@@ -17,11 +17,11 @@ from pinnochio.errors import InputError
 from pinnochio.figures.interval import scale
 from pinnochio.patients.certificate import FAR, RESEARCH
 from pinnochio.planner.forecast import Forecast, Forecaster
+from pinnochio.planner.serving import serve
 from pinnochio.planner.session import QUANTITIES, SIDES, Session
 from pinnochio.planner.view import AXES, COLOURS, VIEWS, View, bone_colour
 from pinnochio.plans.plan import Plan
 
-LOOPBACK = "127.0.0.1"
 # What a slider moves, and which way its positive end is.
 LABELS = {
     "x": "left (+x), mm",
@@ -81,7 +81,7 @@ class Page(TrameApp):
 
     def serve(self, port: int, browser: bool) -> None:
         """Listen on the loopback until the process is ended; port 0 for any that is free."""
-        self.server.start(host=LOOPBACK, port=port, open_browser=browser, show_connection_info=True)
+        serve(self.server, port, browser)
 
     # What the person does.
 
