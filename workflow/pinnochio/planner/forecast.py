@@ -20,7 +20,7 @@ from pinnochio.patients.archive import RANGES, Archive, calibration_file, networ
 from pinnochio.patients.certificate import PARTS, in_distribution
 from pinnochio.patients.in_distribution import Ranges, beyond, widening
 from pinnochio.planner.prepared import Prepared
-from pinnochio.plans.plan import Plan
+from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.statistics.intervals import Calibration, Interval, interval, repaired_interval, widened
 
 
@@ -65,7 +65,8 @@ class Forecaster:
         shared = tensors(self.patient, self._fem, settings[0], device, lift)  # the folds' networks have one form
         self._networks = [PatientNetwork(network, shared) for network in networks]
         self._finish = Finish(self.patient, self._fem, prepared.corrections)
-        self(Plan(prepared.case, {}))  # so that no plan waits for code to be compiled
+        little = RigidMotion(translation=np.array([0.0, -1, 0]))
+        self(Plan(prepared.case, {self.patient.segments[0]: little}))  # so that no plan waits for code to be compiled
 
     def steps(self, plan: Plan) -> Iterator[Forecast | None]:
         """A first look at a plan, from the networks' raw fields; None after each field that is corrected; the forecast.

@@ -15,6 +15,7 @@ from pinnochio.json_text import check_keys, parse_json, read_text
 CONVENTION = "x_post = R (x_pre - pivot) + pivot + translation"
 KEYS = ("case", "frame", "units", "convention", "segments")
 MOTION_KEYS = ("rotation", "translation", "pivot")
+NOTHING = 1e-9  # mm, and of the entries of a rotation: rounding
 FARTHEST = 1e4  # mm; no scanner's origin lies farther from the head
 
 
@@ -28,6 +29,13 @@ class Plan:
     def motion(self, segment: str) -> RigidMotion:
         """The segment's motion, the identity if the plan does not name it."""
         return self.motions.get(segment, RigidMotion())
+
+    @property
+    def still(self) -> bool:
+        """Whether no bone moves."""
+        turned = [np.abs(own.rotation - np.eye(3)).max() for own in self.motions.values()]
+        shifted = [np.abs(own.translation).max() for own in self.motions.values()]
+        return max([*turned, *shifted], default=0.0) < NOTHING
 
     def to_json(self) -> str:
         """The plan as the JSON text that :meth:`from_json` reads."""

@@ -77,8 +77,11 @@ class PatientNetwork:
     def __call__(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
         """Displacement (n, 3) mm of every node, and of the interface nodes as P_bnd gives it, float64.
 
+        Exactly zero for a plan that moves nothing: nothing happens to that face, whatever the network learned.
         FloatingPointError if the network gives no number.
         """
+        if plan.still:
+            return tuple(np.zeros((len(self.patient.points), 3)) for _ in range(2))
         with torch.inference_mode():
             output = self._run(self.patient.signal(plan))
             # A node of which no boundary network speaks has its own displacement.
