@@ -1,12 +1,15 @@
 """What a plan changes in the usual measures of a face: before, after, change and interval; and where landmarks go."""
 
+import logging
+import os
 from dataclasses import asdict, dataclass
 
 import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from pinnochio.columns import Column, check, number
+from pinnochio.columns import Column, number, write_csv
+from pinnochio.errors import InputError
 from pinnochio.model.carried import CarriedLandmarks, carried_landmarks
 from pinnochio.model.measures import LANDMARKS, MEASURES, derivatives, measure
 from pinnochio.model.patient import PatientModel
@@ -14,6 +17,7 @@ from pinnochio.model.patient import PatientModel
 # The landmarks whose displacement is shown, as surgeons write them.
 SHOWN = {"pronasale": "Nasal tip", "subnasale": "Subnasale", "subspinale": "A'", "labrale_superius": "Upper lip",
          "labrale_inferius": "Lower lip", "sublabiale": "B'", "pogonion": "Pog'", "menton": "Me'"}  # fmt: skip
+WAYS = {"forward": (0, -1, 0), "up": (0, 0, 1), "to the left": (1, 0, 0)}
 TABLE = (
     Column("name", str, "", "landmark or measure"),
     Column("title", str, "", "as surgeons write it"),
@@ -74,13 +78,33 @@ class Face:
         shift = moved - self.landmarks.positions
         for name, title in SHOWN.items():
             place = LANDMARKS.index(name)
-            for way, axis in (("forward", (0, -1, 0)), ("up", (0, 0, 1)), ("to the left", (1, 0, 0))):
+            for way, axis in WAYS.items():
                 change = float(shift[place] @ axis)
                 key = f"{name}_{way.split()[-1]}"
                 rows.append(Row(key, title, "mm", way, np.nan, np.nan, change, float(widths[place])))
         return rows
 
 
-def table(rows: list[Row]) -> pd.DataFrame:
-    """The rows as TABLE has them."""
-    return check(pd.DataFrame([asdict(row) for row in rows]), TABLE)
+def face_rows(patient: PatientModel, displacement: np.ndarray, half_width: np.ndarray | None = None) -> list[Row]:
+    """:meth:`Face.rows` of one plan; all numbers unknown where the face cannot be read, which the log says."""
+    try:
+        return Face(patient).rows(displacement, half_width)
+    except InputError as error:
+        logging.warning("no measures: %s", error)
+    unknown = dict.fromkeys(("before", "after", "change", "half_width"), np.nan)
+    rows = [Row(name, own.title, own.unit, own.positive, **unknown) for name, own in MEASURES.items()]
+    ways = [(name, title, way) for name, title in SHOWN.items() for way in WAYS]
+    return rows + [Row(f"{name}_{way.split()[-1]}", title, "mm", way, **unknown) for name, title, way in ways]
+
+
+def write_rows(rows: list[Row], path: str | os.PathLike) -> None:
+    """Write the rows as CSV."""
+    write_csv(pd.DataFrame([asdict(row) for row in rows]), path, TABLE)
+
+
+def written(value: float, digits: int, sign: str = "") -> str:
+    """A number as pages show it; a dash where there is none, and no sign where it shows as zero."""
+    if not np.isfinite(value):
+        return "–"
+    text = format(value, f"{sign}.{digits}f")
+    return text.lstrip("+-") if not float(text) else text.replace("-", "−")

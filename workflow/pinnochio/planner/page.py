@@ -18,7 +18,7 @@ from pinnochio.errors import InputError, StorageError
 from pinnochio.figures.interval import scale
 from pinnochio.model.measures import MEASURES
 from pinnochio.patients.certificate import FAR, RESEARCH
-from pinnochio.patients.face import Face
+from pinnochio.patients.face import Face, written
 from pinnochio.planner.forecast import Forecast, Forecaster
 from pinnochio.planner.jaws import named
 from pinnochio.planner.serving import serve
@@ -364,13 +364,13 @@ class Page(TrameApp):
         for row in self.face.rows(forecast.interval.displacement, half_width):
             if row.name in MEASURES:
                 digits = 0 if row.unit == "degree" else 1
-                numbers = {"before": _shown(row.before, digits), "after": _shown(row.after, digits)}
-                numbers |= {"change": _shown(row.change, 1, "+"), "half": _shown(row.half_width, 1)}
+                numbers = {"before": written(row.before, digits), "after": written(row.after, digits)}
+                numbers |= {"change": written(row.change, 1, "+"), "half": written(row.half_width, 1)}
                 unit = "°" if row.unit == "degree" else "mm"
                 measures.append({"name": row.name, "title": f"{row.title}, {unit}"} | numbers)
             else:
-                own = moved.setdefault(row.title, {"title": row.title, "half": _shown(row.half_width, 1)})
-                own[row.positive.split()[-1]] = _shown(row.change, 1, "+")
+                own = moved.setdefault(row.title, {"title": row.title, "half": written(row.half_width, 1)})
+                own[row.positive.split()[-1]] = written(row.change, 1, "+")
         return {"measures": measures, "landmarks": list(moved.values())}
 
     # What the page looks like.
@@ -571,14 +571,6 @@ def _label(name: str, segment: str) -> str:
 def _word(name: str, segment: str) -> str:
     own = amount(name, segment)
     return name if own.unit == "°" else f"{own.more} / {own.less}"
-
-
-def _shown(value: float, digits: int, sign: str = "") -> str:
-    """A number of the table; a dash where there is none, and no sign where it shows as zero."""
-    if not np.isfinite(value):
-        return "–"
-    text = format(value, f"{sign}.{digits}f")
-    return text.lstrip("+-") if not float(text) else text.replace("-", "−")
 
 
 def _warning(forecast: Forecast) -> str:

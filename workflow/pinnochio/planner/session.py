@@ -14,14 +14,12 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.planner.jaws import Jaws, plan_with
 from pinnochio.plans.plan import FARTHEST, Plan
-from pinnochio.plans.surgery import AMOUNTS, amounts, motion_of
+from pinnochio.plans.surgery import AMOUNTS, amounts, motion_of, near_bone
 from pinnochio.plans.transforms import write_transforms
 
 SIDES = ("A", "B")
 LARGEST_TURN = 90.0  # degrees about an axis; no bone is turned farther
 REST = "nothing moved"  # no file bears a name with a space
-# A pivot farther from the middle of its bone than this is of no use to a person who turns the bone, mm.
-FARTHEST_PIVOT = 100.0
 # What a preset moves and how far, mm; a mandible that is "final" goes into its final occlusion afterwards.
 PRESETS = {
     "Le Fort I advance 5 mm": {"maxilla": {"advance": 5.0}},
@@ -227,6 +225,5 @@ class Session:
         motions = {}
         for segment, middle in self.jaws.middle.items():
             motion = plan.motion(segment)
-            far = segment not in plan.motions or np.linalg.norm(motion.pivot - middle) > FARTHEST_PIVOT
-            motions[segment] = motion.about(middle) if far else motion
+            motions[segment] = near_bone(motion, middle) if segment in plan.motions else motion.about(middle)
         return Plan(self.case, motions)

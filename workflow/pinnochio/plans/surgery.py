@@ -8,6 +8,8 @@ import numpy as np
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.plans.roles import known_role
 
+# A pivot farther from the middle of its bone than this says nothing to a person who turns the bone, mm.
+FARTHEST_PIVOT = 100.0
 SAID = 0.05  # mm or degrees from which a part of a motion is worth a word
 
 
@@ -57,6 +59,11 @@ def motion_of(parts: Mapping[str, float], pivot: np.ndarray) -> RigidMotion:
     for name, own in AMOUNTS.items():
         turned[own.unit][own.axis] = own.sign * parts[name]
     return RigidMotion.from_degrees(turned["°"], turned["mm"], pivot)
+
+
+def near_bone(motion: RigidMotion, middle: np.ndarray) -> RigidMotion:
+    """The same motion about its own pivot or, if that is far from the middle (3,) mm of the bone, about the middle."""
+    return motion.about(middle) if np.linalg.norm(motion.pivot - middle) > FARTHEST_PIVOT else motion
 
 
 def in_words(motion: RigidMotion, segment: str) -> str:
