@@ -103,7 +103,7 @@ def patient(patients) -> Patient:
     return patients[0]
 
 
-PLANNED_METHOD = "pinnochio_plus"
+METHOD = "pinnochio_plus"
 SMALL = network_settings(
     **(CONFIG["network"] | {"lift": "elastic", "volume_layers": 0, "boundary_layers": 1, "channels": 8})
 )
@@ -122,22 +122,22 @@ def prepared(patients, tmp_path_factory):
     archive = folder / "archive"
     archive.mkdir()
     describe_training(*columns, reports, str(archive / "ranges.json"))
-    methods = {PLANNED_METHOD: {"corrections": 1, "lift": "elastic", "usual": {}}}
+    methods = {METHOD: {"corrections": 1, "lift": "elastic", "usual": {}}}
     Archive("virtual cohort", 2, SEGMENTS, ["1", "2"], methods, {}, "abc", "def").write(archive)
     widths = dict.fromkeys(NAMES, 1.5), dict.fromkeys(NAMES, 0.01)
-    Calibration(PLANNED_METHOD, 0.9, 2, 2, *widths).write(archive / calibration_file(PLANNED_METHOD))
+    Calibration(METHOD, 0.9, 2, 2, *widths).write(archive / calibration_file(METHOD))
     for number, fold in enumerate("12"):
         torch.manual_seed(number)
         network = build(SMALL)
         with torch.no_grad():
             for weights in network.parameters():  # as built, every network gives out what the lift says
                 weights += 0.02 * torch.randn_like(weights)
-        save_network(archive / network_file(PLANNED_METHOD, fold), network, SMALL)
+        save_network(archive / network_file(METHOD, fold), network, SMALL)
     lift = str(folder / "lift.h5")
     write_lift(patient.model, "elastic", 16, patient.fem, lift)
     (folder / "set").mkdir()
     (folder / "set/plan.json").write_text(Path(patient.plan).read_text())
-    settings = {"home": str(folder), "archive": str(archive), "method": PLANNED_METHOD, "corrections": 1}
+    settings = {"home": str(folder), "archive": str(archive), "method": METHOD, "corrections": 1}
     settings |= {"fem": vars(patient.fem)}
     out = str(folder / "planner.json")
     prepare_planner(patient.case, patient.model, lift, reports[0], [str(folder / "set/plan.json")], settings, out)

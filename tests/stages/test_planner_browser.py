@@ -19,8 +19,8 @@ from PIL import Image
 
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
+from tests.helpers.clients import hello
 from tests.helpers.settings import ROOT
-from tests.unit.planner.test_serving import hello
 
 CHROMIUM = shutil.which("chromium")
 MISSING = [name for name in ("trame", "trame_vtk", "trame_vuetify", "playwright") if not importlib.util.find_spec(name)]

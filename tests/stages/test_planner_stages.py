@@ -12,7 +12,9 @@ from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Interval
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
-from tests.stages.conftest import PLANNED_METHOD as METHOD
+
+
+METHOD = "pinnochio_plus"
 
 
 @pytest.fixture(scope="module")

@@ -23,10 +23,10 @@ TABLE = (
     Column("title", str, "", "as surgeons write it"),
     Column("unit", str, "", "mm or degree, of the numbers that follow"),
     Column("positive", str, "", "what a larger value means"),
-    number("before", "of the row", "before surgery; empty of a displacement, and where it cannot be read", ".2f"),
-    number("after", "of the row", "after the plan", ".2f"),
-    number("change", "of the row", "after - before", ".2f"),
-    number("half_width", "of the row", "of the interval about `after`; empty where there is none", ".2f"),
+    number("before", "of the row", "before surgery; empty of a displacement, and where it cannot be read", ".4f"),
+    number("after", "of the row", "after the plan", ".4f"),
+    number("change", "of the row", "after - before", ".4f"),
+    number("half_width", "of the row", "of the interval about `after`; empty where there is none", ".4f"),
 )
 
 

@@ -11,7 +11,7 @@ const plots = [...document.querySelectorAll(".plot")];
 const pressed = (button) => button.getAttribute("aria-pressed") === "true";
 const states = [...document.querySelectorAll("[data-state]")];
 const mapped = document.querySelector("[data-map]");
-const EYES = { front: { x: 0, y: -1.6, z: 0 }, profile: { x: 1.6, y: 0, z: 0 }, oblique: { x: 1, y: -1.3, z: 0.15 } };
+const EYES = { front: { x: 0, y: -1.1, z: 0 }, profile: { x: 1.1, y: 0, z: 0 }, oblique: { x: 0.65, y: -0.88, z: 0.1 } };
 const axis = { visible: false };
 const camera = (eye) => ({ eye, up: { x: 0, y: 0, z: 1 }, projection: { type: "orthographic" } });
 const shifts = view.moved.map((text) => decode(text, Int16Array));
@@ -23,7 +23,7 @@ function face(place) {
   const at = rest.map((value, i) => value + (after ? view.step * shift[i] : 0));
   const look = {
     type: "mesh3d", x: every(at, 0), y: every(at, 1), z: every(at, 2), i: I, j: J, k: K, hoverinfo: "skip",
-    lighting: { ambient: 0.4, diffuse: 0.7, specular: 0.05, roughness: 0.8 }, color: view.skin, showscale: false,
+    lighting: { ambient: 0.65, diffuse: 0.6, specular: 0.05, roughness: 0.8 }, color: view.skin, showscale: false,
   };
   if (after && pressed(mapped)) {
     look.intensity = every(shift, 0).map((_, i) =>
@@ -37,7 +37,8 @@ function face(place) {
 
 function draw() {
   const scene = { xaxis: axis, yaxis: axis, zaxis: axis, aspectmode: "data", dragmode: "orbit" };
-  const layout = { margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "turned", scene: { ...scene, camera: camera(EYES.oblique) } };
+  const margin = { l: 0, r: 0, t: 0, b: 0 };
+  const layout = { margin, uirevision: "turned", scene: { ...scene, camera: camera(EYES.oblique) } };
   return Promise.all(plots.map((plot, place) =>
     Plotly.react(plot, face(place), layout, { displayModeBar: false, responsive: true, scrollZoom: true })));
 }
