@@ -2,9 +2,9 @@
 
 python tests/benchmarks/planner.py "http://127.0.0.1:8050/?secret=..." [--keys 16]
 
-The planner is already open at the address that `make planner` printed. Headless Chromium moves the mandible by 0.1 mm to and fro
-and takes the time in the page, from the key to the picture of the first look and to that of the prediction. Prints
-median, 95th percentile and longest of each in ms.
+The planner is already open at the address that `make planner` printed. Headless Chromium moves the mandible by 0.1 mm
+to and fro and takes the time in the page, from the key to the picture of the first look and to that of the prediction.
+Prints median, 95th percentile and longest of each in ms.
 """
 
 import argparse
@@ -52,9 +52,8 @@ def main() -> None:
             waits["prediction"].append(last[-1])
         browser.close()
     for what, times in waits.items():
-        print(
-            f"{what}: median {median(times):.0f} ms, p95 {quantiles(times, n=20)[-1]:.0f} ms, longest {max(times):.0f} ms, {len(times)} keys"
-        )
+        late = quantiles(times, n=20)[-1]
+        print(f"{what}: median {median(times):.0f}, p95 {late:.0f}, longest {max(times):.0f} ms, {len(times)} keys")
 
 
 if __name__ == "__main__":

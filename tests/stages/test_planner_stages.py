@@ -13,7 +13,6 @@ from pinnochio.statistics.intervals import Interval
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
 
-
 METHOD = "pinnochio_plus"
 
 
