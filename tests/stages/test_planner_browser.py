@@ -85,8 +85,8 @@ def rest(request):
     """Each test begins with plan A at rest, one side shown."""
     if "page" in request.fixturenames:
         page = request.getfixturevalue("page")
-        if page.locator("#both input").is_checked():
-            page.locator("#both input").click()
+        if page.locator("#both").is_checked():
+            page.locator("#both").click()
         page.click("#side_A")
         page.click("#reset")
         for name in ("carry", "locked"):
@@ -271,7 +271,7 @@ def test_two_plans_are_measured_side_by_side(page):
     page.click("#reset")
     settled(page, "B")
     put(page, JAW, "advance", -5)
-    page.locator("#both input").click()
+    page.locator("#both").click()
     settled(page, "A")
     cells = row(page, "Pog'")
     assert len(cells) == 6

@@ -131,7 +131,7 @@ def test_a_person_moves_compares_undoes_and_saves(clinic, page, tmp_path):
     page.click("#map_interval")
     assert "of a region's points should lie this near" in page.inner_text("#legend_interval")
 
-    page.locator("#both input").click()
+    page.locator("#both").click()
     assert mean(forecast(page, "B")) == 0
     both = picture(page)
     half = both.shape[1] // 2
