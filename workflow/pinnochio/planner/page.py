@@ -535,7 +535,10 @@ class Page(TrameApp):
         limit, colours = scale(self.calibration), colormaps[COLOURS](np.linspace(0, 1, 9))
         gradient = ", ".join(to_hex(colour) for colour in colours)
         level = f"{100 * self.calibration.level:g} % of a region's points should lie this near to the outcome"
-        with html.Div(classes="d-flex align-center pa-1", style="gap: .5rem; font-size: .78rem; flex-wrap: wrap"):
+        style = (
+            "gap: 0 .5rem; font-size: .78rem; flex-wrap: wrap; min-height: 3.2rem"  # two lines: the view keeps its size
+        )
+        with html.Div(classes="d-flex align-center pa-1", style=style):
             for name, start, most in (("displacement", "displacement: 0", MOST_MOVED), ("interval", level, limit)):
                 rest = " and more" if name == "displacement" else "; skin-coloured: not judged"
                 with html.Span(v_if=(f"map == '{name}'",), id=f"legend_{name}", classes="d-flex align-center",
