@@ -26,6 +26,7 @@ MAPS = ("none", "displacement", "interval")
 MOST_MOVED = 10.0  # mm: upper end of the colours of the displacement
 GHOST, SCAN = "#90a4ae", "#00897b"
 PROFILE = {"before": "#546e7a", "after": "#c62828"}
+WITHIN = 0.3  # mm by which the ghost lies within the skin before
 AHEAD = 4.0  # mm in front of the face: the midline
 
 
@@ -123,7 +124,9 @@ class Side:
             faces = (np.cumsum(own) - 1)[patient.bone_faces[own[patient.bone_faces[:, 0]]]]
             self._bone_meshes[index] = pv.PolyData.from_regular_faces(patient.bone_points[own], faces)
             self.bones.append(plotter.add_mesh(self._bone_meshes[index], color=bone_colour(index)))
-        before = pv.PolyData.from_regular_faces(patient.skin_points, patient.skin_faces)
+        # Somewhat within, so that it shows only where the face has gone from.
+        inside = patient.skin_points - WITHIN * vertex_normals(patient.skin_points, patient.skin_faces)
+        before = pv.PolyData.from_regular_faces(inside, patient.skin_faces)
         self.ghost = [plotter.add_mesh(before, color=GHOST, opacity=0.35, culling="back")]
         self.scan = []
         if scan is not None:
