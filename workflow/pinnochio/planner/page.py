@@ -536,15 +536,15 @@ class Page(TrameApp):
         gradient = ", ".join(to_hex(colour) for colour in colours)
         level = f"{100 * self.calibration.level:g} % of a region's points should lie this near to the outcome"
         style = (
-            "gap: 0 .5rem; font-size: .78rem; flex-wrap: wrap; min-height: 3.2rem"  # two lines: the view keeps its size
+            "gap: 0 .5rem; font-size: .72rem; flex-wrap: wrap; min-height: 3.2rem"  # two lines: the view keeps its size
         )
         with html.Div(classes="d-flex align-center pa-1", style=style):
             for name, start, most in (("displacement", "displacement: 0", MOST_MOVED), ("interval", level, limit)):
-                rest = " and more" if name == "displacement" else "; skin-coloured: not judged"
+                rest = " and more" if name == "displacement" else "; skin: not judged"
                 with html.Span(v_if=(f"map == '{name}'",), id=f"legend_{name}", classes="d-flex align-center",
                                style="gap: .5rem"):  # fmt: skip
                     html.Span(start if name == "displacement" else f"{start}: ± 0")
-                    html.Span(style=f"width: 8rem; height: .9rem; background: linear-gradient(to right, {gradient})")
+                    html.Span(style=f"width: 5rem; height: .9rem; background: linear-gradient(to right, {gradient})")
                     html.Span(f"{most:g} mm{rest}")
             with html.Span(v_if=("shown.includes('profile')",)):
                 for name, colour in PROFILE.items():
