@@ -81,6 +81,8 @@ rule import_plan:
         labels=config["labels"],
         limit=config["registration"]["segment_limit"],
         share=config["registration"]["segment_share"],
+        # The plan of a new patient's folder is the patient's, whatever case it names; what is odd was said before.
+        foreign=lambda wildcards: wildcards.home == "patients",
         code=code_of("import_plan"),
     message:
         "Import the plan of {wildcards.case}{wildcards.plan}"

@@ -175,6 +175,7 @@ rule show_prediction:
         certificate="<results>/{home}/{case}{plan}/{method}/certificate.json",
     output:
         page="<results>/{home}/{case}{plan}/{method}/index.html",
+        measures="<results>/{home}/{case}{plan}/{method}/measures.csv",
     log:
         "<logs>/show_prediction/{home}/{case}{plan}_{method}.log",
     benchmark:
@@ -191,6 +192,31 @@ rule show_prediction:
         "Draw {wildcards.case}{wildcards.plan}"
     script:
         "../scripts/show_prediction.py"
+
+
+rule show_plans:
+    input:
+        model="<results>/{home}/{case}/model.h5",
+        plans=STUDY.plans_of_patient,
+        results=STUDY.of_plans("{result}.h5"),
+        certificates=STUDY.of_plans("certificate.json"),
+        measures=STUDY.of_plans("measures.csv"),
+    output:
+        page="<results>/{home}/{case}/plans_{method}.html",
+    log:
+        "<logs>/show_plans/{home}/{case}_{method}.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        code=code_of("show_plans"),
+    message:
+        "Lay the plans of {wildcards.case} side by side"
+    script:
+        "../scripts/show_plans.py"
 
 
 rule predict:

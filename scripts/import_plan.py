@@ -20,12 +20,13 @@ def import_plan(
     label_values: Mapping[str, int | str] | str | None = None,
     limit: float = 0.45,
     share: float = 70.0,
+    foreign: bool = False,
 ) -> None:
     """Read a plan file or a folder of transforms and write it; InputError where it does not fit the patient's bone.
 
     A source that is a segmentation, made after surgery and read as label_values say, is registered bone by bone on the
     patient's labels, as :mod:`register_segments` does: the plan is then the motion that was achieved. limit (mm), share
-    (%): as there.
+    (%): as there. foreign: the plan may name another case.
     """
     surface = BoneSurface.read(bone)
     if is_image(source):
@@ -44,7 +45,7 @@ def import_plan(
         check_fits((cranium, *found), limit=limit, share=share, case=case, file=source)
         checked = Plan(case, {fit.segment: fit.motion for fit in found})
     else:
-        checked = Plan.read(source, case)
+        checked = Plan.read(source, case, foreign)
     check_plan(checked, surface.segments, source)
     check_travel(plan=checked, bone=surface, segments=surface.segments, path=source)
     checked.write(plan)
@@ -61,4 +62,5 @@ if __name__ == "__main__":
         label_values=snakemake.params.labels,
         limit=snakemake.params.limit,
         share=snakemake.params.share,
+        foreign=snakemake.params.foreign,
     )

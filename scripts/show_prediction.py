@@ -1,23 +1,30 @@
 """Makes the page to look at a new patient's prediction."""
 
+import numpy as np
+
 from pinnochio.json_text import read_own_json
 from pinnochio.logs import attach_log
 from pinnochio.model.patient import PatientModel
+from pinnochio.patients.face import face_rows, write_rows
 from pinnochio.patients.page import write_page
 from pinnochio.patients.result import read_result
 from pinnochio.plans.plan import Plan
 
 
-def show_prediction(case: str, model: str, plan: str, result: str, certificate: str, page: str) -> None:
-    """Write pictures, maps and the certificate in words as one HTML file."""
+def show_prediction(case: str, model: str, plan: str, result: str, certificate: str, measures: str, page: str) -> None:
+    """Write pictures, maps, measures and the certificate in words as one HTML file, and the measures as a table."""
     patient = PatientModel.read(model)
     prediction = read_result(result, case, patient)
+    half_width = prediction.half_width if np.isfinite(prediction.half_width).any() else None
+    rows = face_rows(patient, prediction.displacement, half_width)
+    write_rows(rows, measures)
     write_page(
         patient=patient,
         plan=Plan.read(plan, case),
         displacement=prediction.displacement,
         half_width=prediction.half_width,
         certificate=read_own_json(certificate),
+        rows=rows,
         path=page,
     )
 
@@ -30,5 +37,6 @@ if __name__ == "__main__":
         plan=snakemake.input.plan,
         result=snakemake.input.result,
         certificate=snakemake.input.certificate,
+        measures=snakemake.output.measures,
         page=snakemake.output.page,
     )

@@ -12,6 +12,7 @@ from pinnochio.methods.registry import graph_networks
 from pinnochio.patients.archive import READ_BY_NETWORKS
 from pinnochio.report.parts import FIGURES, PARTS
 from pinnochio.study.configuration import check_config
+from pinnochio.study.new_patients import other_cases
 from pinnochio.study.provenance import changed_since, forgotten
 from pinnochio.study.schema import checked
 from pinnochio.study.study import Study
@@ -60,6 +61,10 @@ if workflow.is_main_process and STUDY.choice and STUDY.choice.expected:
         "slowest of {patients} patients); to expect: {cd:.2f} mm from the outcome, {face_error:.2f} mm from the "
         "reference solution in the mean.".format(**STUDY.choice.expected)
     )
+
+if workflow.is_main_process:
+    for odd in other_cases(STUDY.patients.values()):
+        logger.warning(f"{odd} Is it the right patient's?")
 
 
 def any_of(names):

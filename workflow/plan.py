@@ -10,6 +10,8 @@ from pinnochio.errors import InputError  # noqa: E402
 from pinnochio.planner.forecast import Forecaster  # noqa: E402
 from pinnochio.planner.page import Page  # noqa: E402
 from pinnochio.planner.prepared import Prepared  # noqa: E402
+from pinnochio.planner.scan import read_scan  # noqa: E402
+from pinnochio.planner.serving import check_free  # noqa: E402
 from pinnochio.planner.session import Session  # noqa: E402
 from pinnochio.plans.plan import Plan  # noqa: E402
 from pinnochio.training.device import choose_device  # noqa: E402
@@ -17,9 +19,22 @@ from pinnochio.training.device import choose_device  # noqa: E402
 
 def open_planner(prepared: Prepared, port: int, browser: bool) -> None:
     """Load patient and models, then serve the page on the loopback until the process is ended; InputError if not."""
-    forecaster = Forecaster(prepared, choose_device(0, os.cpu_count()))
+    check_free(port)
+    try:
+        forecaster = Forecaster(prepared, choose_device(0, os.cpu_count()))
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError) as error:
+        problem = f"the patient or its models were made by another version ({type(error).__name__}: {error})"
+        raise InputError(prepared.case, prepared.archive, problem, "pack the models and prepare it again") from error
     plans = {name: Plan.read(path, prepared.case) for name, path in prepared.plans.items()}
-    Page(Session(forecaster.patient, prepared.case, plans, prepared.home), forecaster).serve(port, browser)
+    try:
+        scan = read_scan(forecaster.patient, prepared.case, prepared.home)
+    except InputError as error:
+        print(f"The scan is not shown: {error}", file=sys.stderr)
+        scan = None
+    session = Session(forecaster.patient, prepared.case, plans, prepared.home)
+    Page(session, forecaster, scan).serve(port, browser)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,15 @@
 """From a key on a slider of the planner to the pictures that answer it, as a person in the browser waits for them.
 
-python tests/benchmarks/planner.py http://127.0.0.1:8050/ [--keys 16]
+python tests/benchmarks/planner.py "http://127.0.0.1:8050/?secret=..." [--keys 16]
 
-The planner is already open at the address (`make planner`). Headless Chromium moves the mandible by 0.1 mm to and fro
-and takes the time in the page, from the key to the picture of the first look and to that of the prediction. Prints
-median and longest of each in ms.
+The planner is already open at the address that `make planner` printed. Headless Chromium moves the mandible by 0.1 mm
+to and fro and takes the time in the page, from the key to the picture of the first look and to that of the prediction.
+Prints median, 95th percentile and longest of each in ms.
 """
 
 import argparse
 import shutil
-from statistics import median
+from statistics import median, quantiles
 
 from playwright.sync_api import sync_playwright
 
@@ -39,7 +39,7 @@ def main() -> None:
         page.click("#segment_mandible_distal")
         page.wait_for_timeout(ANSWERED)
         page.evaluate(WATCH)
-        slider = page.locator(".v-slider [role=slider]").nth(1)
+        slider = page.locator(".v-slider [role=slider]").nth(0)
         for key in range(asked.keys):
             slider.press("ArrowLeft" if key % 2 else "ArrowRight")
             page.wait_for_timeout(ANSWERED)
@@ -52,7 +52,8 @@ def main() -> None:
             waits["prediction"].append(last[-1])
         browser.close()
     for what, times in waits.items():
-        print(f"{what}: median {median(times):.0f} ms, longest {max(times):.0f} ms, {len(times)} keys")
+        late = quantiles(times, n=20)[-1]
+        print(f"{what}: median {median(times):.0f}, p95 {late:.0f}, longest {max(times):.0f} ms, {len(times)} keys")
 
 
 if __name__ == "__main__":

@@ -1,23 +1,38 @@
 """One coarse virtual patient, carried through the stages once per test session."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import torch
 
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods.sources import SourceModel
+from pinnochio.metrics.quality import quality
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.regions import NAMES
+from pinnochio.networks.building import build
+from pinnochio.patients.archive import Archive, calibration_file, network_file
+from pinnochio.planner.prepared import Prepared
+from pinnochio.statistics.intervals import Calibration
+from pinnochio.training.checkpoint import save_network
 from pinnochio.virtual.head import USUAL
 from scripts.choose_samples import choose_samples
+from scripts.describe_training import describe_training
+from scripts.fit import fit
 from scripts.import_plan import import_plan
 from scripts.import_segmentation import import_segmentation
 from scripts.label_interfaces import label_case
+from scripts.make_lift import write_lift
+from scripts.prepare_planner import prepare_planner
 from scripts.register_postop import register_postop
 from scripts.sample_covariates import draw_covariates
 from scripts.simulate_fem import simulate_fem
 from scripts.tetrahedralize import mesh_case
 from scripts.virtual_outcome import virtual_outcome
 from scripts.virtual_patient import virtual_patient
-from tests.helpers.settings import CONFIG, OUTCOME, SEED
+from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS, network_settings
 
 
 @dataclass(frozen=True)
@@ -88,3 +103,58 @@ def patients(tmp_path_factory) -> list[Patient]:
 @pytest.fixture(scope="session")
 def patient(patients) -> Patient:
     return patients[0]
+
+
+METHOD = "pinnochio_plus"
+SMALL = network_settings(
+    **(CONFIG["network"] | {"lift": "elastic", "volume_layers": 0, "boundary_layers": 1, "channels": 8})
+)
+
+
+@pytest.fixture(scope="session")
+def prepared(patients, tmp_path_factory):
+    """The first of two patients, prepared for the planner with an archive of two networks that nobody has trained."""
+    patient, folder = patients[0], tmp_path_factory.mktemp("planner")
+    reports = []
+    for own in patients:
+        reports.append(str(folder / f"{own.case}.json"))
+        report = quality(PatientModel.read(own.model), json.loads(Path(own.report).read_text()))
+        Path(reports[-1]).write_text(json.dumps(report))
+    columns = ([getattr(own, name) for own in patients] for name in ("case", "model", "plan"))
+    archive = folder / "archive"
+    archive.mkdir()
+    describe_training(*columns, reports, str(archive / "ranges.json"))
+    methods = {METHOD: {"corrections": 1, "lift": "elastic", "usual": {}}}
+    Archive("virtual cohort", 2, SEGMENTS, ["1", "2"], methods, {}, "abc", "def").write(archive)
+    widths = dict.fromkeys(NAMES, 1.5), dict.fromkeys(NAMES, 0.01)
+    Calibration(METHOD, 0.9, 2, 2, *widths).write(archive / calibration_file(METHOD))
+    fitted = str(folder / "fitted.h5")
+    fit(
+        module="pinnochio.methods.fem_learned",
+        cases=[own.case for own in patients],
+        models=[own.model for own in patients],
+        fem_samples=[own.fem_samples for own in patients],
+        plans=[own.plan for own in patients],
+        postops=[own.postop for own in patients],
+        covariates=[own.covariates for own in patients],
+        settings={"fem": vars(patient.fem)},
+        fitted=fitted,
+    )
+    sources = {name: torch.as_tensor(value) for name, value in SourceModel.read(fitted).state().items()}
+    for number, fold in enumerate("12"):
+        torch.manual_seed(number)
+        network = build(SMALL)
+        with torch.no_grad():
+            for weights in network.parameters():  # as built, every network gives out what the lift says
+                weights += 0.02 * torch.randn_like(weights)
+        save_network(archive / network_file(METHOD, fold), network, SMALL, sources=sources)
+    lift = str(folder / "lift.h5")
+    write_lift(patient.model, "elastic", 16, patient.fem, lift)
+    (folder / "set").mkdir()
+    (folder / "set/plan.json").write_text(Path(patient.plan).read_text())
+    settings = {"home": str(folder), "archive": str(archive), "method": METHOD, "corrections": 1}
+    settings |= {"fem": vars(patient.fem)}
+    out = str(folder / "planner.json")
+    files = patient.model, lift, patient.covariates, reports[0]
+    prepare_planner(patient.case, *files, [str(folder / "set/plan.json")], settings, out)
+    return Prepared.read(out)

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 import pyvista as pv
 
+from pinnochio.columns import read_table
 from pinnochio.errors import InputError
 from pinnochio.metrics.quality import quality
 from pinnochio.model.patient import PatientModel
@@ -18,8 +19,10 @@ from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.model.regions import NAMES, regions
 from pinnochio.patients.archive import Archive
 from pinnochio.patients.certificate import in_words
+from pinnochio.patients.face import TABLE
 from pinnochio.patients.result import Solution
 from pinnochio.plans.plan import Plan
+from pinnochio.plans.surgery import in_words as in_words_of
 from pinnochio.statistics.intervals import Calibration, Interval
 from scripts.certify import certify
 from scripts.describe_training import describe_training
@@ -149,15 +152,21 @@ def test_a_method_without_training_has_neither_interval_nor_likeness(patient, ar
 
 def test_the_page_is_one_file_that_needs_nothing_else(patient, archive, result, tmp_path):
     certified(patient, archive, result, tmp_path)
-    files = [str(tmp_path / name) for name in ("certificate.json", "index.html")]
+    files = [str(tmp_path / name) for name in ("certificate.json", "measures.csv", "index.html")]
     show_prediction(patient.case, patient.model, patient.plan, result, *files)
-    page = Path(files[1]).read_text()
+    page = Path(files[2]).read_text()
     sources = re.findall(r'(?:src|href)="(.{0,30})', page)
     assert len(sources) == 4 and all(source.startswith("data:image/png;base64,") for source in sources)
     words = re.sub(r'src="[^"]*"', "", page)
     assert "http" not in words
     for said in ("virtual cohort", "For research only", "volume_muscle_cm3", "Not usable.", "SPACE=LPS"):
         assert said in words
+    assert "Half-width of the 90 % interval: 90 % of a region&#39;s points should lie this near" in words
+    motion = Plan.read(patient.plan, patient.case).motion("lefort1")
+    assert f"<td>{in_words_of(motion, 'lefort1')}</td>" in words and "± 90 %" in words
+    table = read_table(files[1], TABLE).set_index("name")
+    assert table.loc["pogonion_forward", "change"] == 2  # all goes forward, so nothing to anything else
+    assert table.loc[["pog_forward", "nasolabial", "upper_lip_e_line", "pogonion_up"], "change"].tolist() == [0] * 4
     assert words.index("Boundary mismatch, moving: ") < words.index("<h2>")  # why not, before all else
 
 

@@ -1,85 +1,19 @@
 """The planner's forecasts are those of `snakemake predict`, and its picture shows them."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
-import torch
 
-from pinnochio.methods.sources import SourceModel
-from pinnochio.metrics.quality import quality
-from pinnochio.model.patient import PatientModel
-from pinnochio.model.regions import NAMES
-from pinnochio.networks.building import build
-from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.patients.archive import RANGES, calibration_file, network_file
+from pinnochio.patients.face import Face
 from pinnochio.planner.forecast import Forecaster
-from pinnochio.planner.prepared import Prepared
 from pinnochio.planner.view import View
 from pinnochio.plans.plan import Plan
-from pinnochio.statistics.intervals import Calibration, Interval
-from pinnochio.training.checkpoint import save_network
-from scripts.describe_training import describe_training
-from scripts.fit import fit
-from scripts.make_lift import write_lift
+from pinnochio.statistics.intervals import Interval
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
-from scripts.prepare_planner import prepare_planner
-from tests.helpers.settings import CONFIG, SEGMENTS, network_settings
 
 METHOD = "pinnochio_plus"
-SMALL = network_settings(
-    **(CONFIG["network"] | {"lift": "elastic", "volume_layers": 0, "boundary_layers": 1, "channels": 8})
-)
-
-
-@pytest.fixture(scope="module")
-def prepared(patients, tmp_path_factory):
-    """The first of two patients, prepared for the planner with an archive of two networks that nobody has trained."""
-    patient, folder = patients[0], tmp_path_factory.mktemp("planner")
-    reports = []
-    for own in patients:
-        reports.append(str(folder / f"{own.case}.json"))
-        report = quality(PatientModel.read(own.model), json.loads(Path(own.report).read_text()))
-        Path(reports[-1]).write_text(json.dumps(report))
-    columns = ([getattr(own, name) for own in patients] for name in ("case", "model", "plan"))
-    archive = folder / "archive"
-    archive.mkdir()
-    describe_training(*columns, reports, str(archive / "ranges.json"))
-    methods = {METHOD: {"corrections": 1, "lift": "elastic", "usual": {}}}
-    Archive("virtual cohort", 2, SEGMENTS, ["1", "2"], methods, {}, "abc", "def").write(archive)
-    widths = dict.fromkeys(NAMES, 1.5), dict.fromkeys(NAMES, 0.01)
-    Calibration(METHOD, 0.9, 2, 2, *widths).write(archive / calibration_file(METHOD))
-    fitted = str(folder / "fitted.h5")
-    fit(
-        module="pinnochio.methods.fem_learned",
-        cases=[own.case for own in patients],
-        models=[own.model for own in patients],
-        fem_samples=[own.fem_samples for own in patients],
-        plans=[own.plan for own in patients],
-        postops=[own.postop for own in patients],
-        covariates=[own.covariates for own in patients],
-        settings={"fem": vars(patient.fem)},
-        fitted=fitted,
-    )
-    sources = {name: torch.as_tensor(value) for name, value in SourceModel.read(fitted).state().items()}
-    for number, fold in enumerate("12"):
-        torch.manual_seed(number)
-        network = build(SMALL)
-        with torch.no_grad():
-            for weights in network.parameters():  # as built, every network gives out what the lift says
-                weights += 0.02 * torch.randn_like(weights)
-        save_network(archive / network_file(METHOD, fold), network, SMALL, sources=sources)
-    lift = str(folder / "lift.h5")
-    write_lift(patient.model, "elastic", 16, patient.fem, lift)
-    (folder / "set").mkdir()
-    (folder / "set/plan.json").write_text(Path(patient.plan).read_text())
-    settings = {"home": str(folder), "archive": str(archive), "method": METHOD, "corrections": 1}
-    settings |= {"fem": vars(patient.fem)}
-    out = str(folder / "planner.json")
-    files = patient.model, lift, patient.covariates, reports[0]
-    prepare_planner(patient.case, *files, [str(folder / "set/plan.json")], settings, out)
-    return Prepared.read(out)
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +50,18 @@ def test_a_forecast_is_the_prediction_of_the_workflow(prepared, forecaster, pati
     assert np.nanmax(forecast.interval.half_width) > 1.51  # the two networks do not agree
 
 
+def test_a_plan_that_moves_nothing_moves_the_face_by_exactly_nothing(prepared, forecaster):
+    patient = forecaster.patient
+    little = RigidMotion(translation=np.array([0.0, -0.5, 0]))
+    assert forecaster(Plan(prepared.case, {"lefort1": little})).mean > 0  # the networks do move it
+    for motions in ({}, {"lefort1": RigidMotion(pivot=np.array([3.0, -40, 7])), "mandible_distal": RigidMotion()}):
+        for forecast in filter(None, forecaster.steps(Plan(prepared.case, motions))):
+            assert not forecast.interval.displacement.any() and forecast.mean == forecast.most == 0
+            np.testing.assert_array_equal(forecast.skin, patient.skin_points)
+    rows = Face(patient).rows(forecast.interval.displacement)
+    assert all(row.change == 0 for row in rows if np.isfinite(row.change)) and len(rows) > 20
+
+
 def test_a_first_look_comes_before_the_corrections_and_shows_nearly_the_same(prepared, forecaster):
     plan = Plan.read(prepared.plans["set"], prepared.case)
     first, *between, last = forecaster.steps(plan)
@@ -138,14 +84,16 @@ def test_a_plan_unlike_the_training_is_said(prepared, forecaster):
 
 
 def test_the_picture_follows_the_plan(prepared, forecaster):
-    view, still = View(forecaster.patient, 2.0), forecaster(Plan(prepared.case, {}))
+    scan = forecaster.patient.skin_points + [0, -3.0, 0], forecaster.patient.skin_faces
+    view, still = View(forecaster.patient, 2.0, 0.0, scan), forecaster(Plan(prepared.case, {}))
+    nowhere = np.zeros((0, 3))
     for side in "AB":
-        view.show(side, still)
+        view.show(side, still, nowhere)
     view.mark("A", forecaster.patient.skin_points.mean(axis=0))
 
-    def picture(interval=False, bones=False, both=False, side="A"):
+    def picture(coloured="none", shown=(), both=False, side="A"):
         view.compare(both, side)
-        view.overlay(interval, bones)
+        view.overlay(coloured, shown)
         view.plotter.render()
         return view.plotter.screenshot(return_img=True).astype(int)
 
@@ -156,9 +104,19 @@ def test_the_picture_follows_the_plan(prepared, forecaster):
     marked = picture(both=True)
     halves = np.split(marked, 2, axis=1)
     assert 0.003 < differ(*halves) < 0.03  # pivot and axes on the left alone, in front of the skin
-    assert differ(before, picture(interval=True)) > 0.05 and differ(before, picture(bones=True)) > 0.05
-    view.show("A", forecaster(Plan.read(prepared.plans["set"], prepared.case)))
-    assert differ(before, picture()) > 0.004
+    interval, displacement = picture("interval"), picture("displacement")
+    assert differ(before, interval) > 0.05 and differ(before, displacement) > 0.05
+    assert differ(interval, displacement) > 0.05  # what does not move is dark, what is uncertain is bright
+    assert differ(before, picture(shown=["bones"])) > 0.05 and differ(before, picture(shown=["scan"])) > 0.05
+    assert differ(before, picture(shown=["profile"])) > 0.001 and differ(before, picture(shown=["midline"])) > 0.001
+    assert differ(before, picture(shown=["ghost"])) < 0.05  # it lies in the skin
+    planned = forecaster(Plan.read(prepared.plans["set"], prepared.case))
+    view.show("A", planned, forecaster.patient.skin_points[::50])
+    collided = picture()
+    view.show("A", planned, nowhere)
+    assert differ(collided, picture()) > 0.001
+    assert differ(before, picture()) > 0.004 and differ(displacement, picture("displacement")) > 0.02
+    assert differ(picture(), picture(shown=["ghost"])) > 0.004
     assert differ(halves[1], np.split(picture(both=True), 2, axis=1)[1]) == 0
     view.look("front")
     front = picture(side="B")

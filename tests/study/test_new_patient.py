@@ -24,6 +24,7 @@ def clinic(packed, tmp_path_factory):
     plan = json.loads((virtual / "plan.json").read_text()) | {"case": "P01"}
     (patient / "plans/treat.json").write_text(json.dumps(plan))
     plan["segments"]["mandible_distal"]["translation"] = [0, 40, 0]
+    plan["case"] = "V01"  # not the folder's name
     (patient / "plans/extreme.json").write_text(json.dumps(plan))
     return project
 
@@ -38,6 +39,7 @@ def test_an_archive_alone_predicts_two_plans_of_one_patient(clinic):
     made = jobs(done.stdout)
     assert {name: made[name] for name in SHARED} == dict.fromkeys(SHARED, 1)
     assert {made[name] for name in ("import_plan", "predict_ensemble", "predict_interval", "certify")} == {2}
+    assert "P01/plans/extreme.json names case 'V01'" in done.stdout.split("import_segmentation")[0]  # before any job
     assert not made.keys() & TRAINING
     results = clinic.folder / "results/quick"
     assert {path.name for path in results.iterdir()} == {"patients", "logs", "benchmarks"}
@@ -47,8 +49,10 @@ def test_an_archive_alone_predicts_two_plans_of_one_patient(clinic):
         said[plan] = json.loads((folder / "certificate.json").read_text())
         assert said[plan]["measures"]["inverted"] == 0 and said[plan]["interval"]["median_mm"] > 0
         assert (folder / "index.html").stat().st_size > 200_000
-        for name in ("deformed.vtu", "skin.ply", "skin.stl", "skin.vtp", "bones/lefort1.stl"):
+        for name in ("measures.csv", "deformed.vtu", "skin.ply", "skin.stl", "skin.vtp", "bones/lefort1.stl"):
             assert (folder / name).stat().st_size > 1000
+    together = (results / f"patients/P01/plans_{METHOD}.html").read_text()
+    assert "extreme" in together and "set back 40.0 mm" in together and "Plotly" in together
     assert said["treat"]["in_distribution"]["within"]  # it is one of the training
     # Six patients with as many operations leave a wide norm; what lies outside their range is named all the same.
     assert not said["treat"]["in_distribution"]["plan"]["outside"]

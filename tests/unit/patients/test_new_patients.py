@@ -9,8 +9,9 @@ import pytest
 from pinnochio.columns import write_csv
 from pinnochio.errors import InputError
 from pinnochio.patients.archive import Archive, configuration_hash
+from pinnochio.plans.plan import Plan
 from pinnochio.study.choice import choose
-from pinnochio.study.new_patients import markups_in, read_patients
+from pinnochio.study.new_patients import markups_in, other_cases, read_patients
 from pinnochio.tables.tradeoff import TRADEOFF, summarise
 from tests.helpers.settings import CONFIG
 
@@ -26,6 +27,19 @@ def folder(tmp_path):
 def plans_of(path):
     (patient,) = read_patients(path).values()
     return {name: Path(plan).relative_to(path).as_posix() for name, plan in patient.plans.items()}
+
+
+def test_a_plan_of_another_case_is_said_and_taken_for_the_patients_own(folder):
+    (folder / "plans").mkdir()
+    plan = {"case": "P02", "segments": {}}
+    for name, content in {"other": plan, "own": plan | {"case": "P01"}, "unnamed": {"segments": {}}}.items():
+        (folder / f"plans/{name}.json").write_text(json.dumps(content))
+    (folder / "plans/damaged.json").write_text("[{")
+    (said,) = other_cases(read_patients(folder).values())
+    assert "plans/other.json names case 'P02'" in said and "'P01'" in said
+    assert Plan.read(folder / "plans/other.json", "P01", foreign=True).case == "P01"
+    with pytest.raises(InputError, match="belongs to case 'P02'"):
+        Plan.read(folder / "plans/other.json", "P01")
 
 
 def test_a_folder_holds_one_plan_or_several(folder):

@@ -9,7 +9,7 @@ from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.importing.segmentation import check_plan
 from pinnochio.planner.prepared import Prepared
-from pinnochio.planner.session import QUANTITIES, REST, SIDES, Session
+from pinnochio.planner.session import REST, SIDES, Session
 from pinnochio.plans.plan import Plan
 from pinnochio.study.new_patients import read_patients
 from tests.helpers.patients import tiny_patient, tiny_plan
@@ -40,7 +40,9 @@ def test_a_session_starts_with_the_proposed_plan_beside_nothing_moved(session):
     assert list(session.plans) == [REST, "proposed"]
     np.testing.assert_allclose(bone(session.drafts["A"].plan), bone(PLAN), atol=1e-9)
     assert not bone(session.drafts["B"].plan).any()
-    assert session.values("left") == pytest.approx(dict(zip(QUANTITIES, [1, -3, 1.5, 2, 0, 0], strict=True)), abs=1e-9)
+    assert session.values("left") == pytest.approx(
+        {"left": 1, "advance": 3, "up": 1.5, "pitch": 2, "roll": 0, "yaw": 0}, abs=1e-9
+    )
     assert session.draft.plan.motion("left").pivot.tolist() == [15, -70, 39]
     session.side = "B"
     np.testing.assert_allclose(session.draft.plan.motion("left").pivot, MIDDLE)
@@ -65,40 +67,75 @@ def test_one_value_changes_alone_and_a_new_pivot_changes_no_place(session):
     np.testing.assert_allclose(bone(session.draft.plan), bone(Plan("", {"left": expected})), atol=1e-9)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e308, -51.0, "3", None, True])
 def test_what_is_no_number_changes_nothing(session, value):
     with pytest.raises(ValueError):
-        session.change("left", "x", value)
-    with pytest.raises(ValueError):
-        session.move_pivot("left", [0, value, 0])
+        session.change("left", "left", value)
     assert not session.draft.can_undo
+
+
+@pytest.mark.parametrize("pivot", [[0, np.nan, 0], [0, np.inf, 0], [0, 1e308, 0], [0, 0]])
+def test_a_pivot_that_is_nowhere_changes_nothing(session, pivot):
+    with pytest.raises(ValueError):
+        session.move_pivot("left", pivot)
+    assert not session.draft.can_undo
+
+
+@pytest.mark.parametrize(
+    ("method", "arguments"),
+    [
+        ("choose", ("C",)),
+        ("choose", ({"a": 1},)),
+        ("open", ("no plan",)),
+        ("preset", ("no preset",)),
+        ("change", ("right", "up", 1.0)),
+        ("change", ("left", "sideways", 1.0)),
+        ("stay", ("right",)),
+        ("occlude", ()),
+    ],
+)
+def test_what_is_not_there_is_said_and_changes_nothing(session, method, arguments):
+    before = session.draft.plan
+    with pytest.raises((ValueError, TypeError)):
+        getattr(session, method)(*arguments)
+    assert session.draft.plan is before and session.side == "A"
+
+
+def test_reset_moves_nothing_and_can_be_undone(session):
+    before = session.draft.plan
+    session.reset()
+    assert session.draft.plan.still and not before.still
+    session.draft.undo()
+    assert session.draft.plan is before
 
 
 def test_one_pull_of_a_slider_is_one_step_of_undo(session):
     start = session.draft.plan
     for value in (1.5, 2.0, 2.5):
-        session.change("left", "x", value)
+        session.change("left", "left", value)
     session.draft.settle()
-    session.change("left", "x", 4.0)
-    session.change("left", "z", 0.0)
+    session.change("left", "left", 4.0)
+    session.change("left", "up", 0.0)
     seen = []
     while session.draft.can_undo:
-        seen.append(session.values("left")["x"])
+        seen.append(session.values("left")["left"])
         session.draft.undo()
     assert seen == pytest.approx([4.0, 4.0, 2.5]) and session.draft.plan is start
     session.draft.undo()
     assert session.draft.plan is start
     session.draft.redo()
     session.draft.redo()
-    assert session.values("left")["x"] == pytest.approx(4.0) and session.draft.can_redo
-    session.change("left", "x", 9.0)  # after an undo a change is a step of its own, and ends what could be done again
+    assert session.values("left")["left"] == pytest.approx(4.0) and session.draft.can_redo
+    session.change(
+        "left", "left", 9.0
+    )  # after an undo a change is a step of its own, and ends what could be done again
     assert not session.draft.can_redo
     session.draft.undo()
-    assert session.values("left")["x"] == pytest.approx(4.0)
+    assert session.values("left")["left"] == pytest.approx(4.0)
 
 
 def test_each_side_has_its_own_plan_and_its_own_undo(session):
-    session.change("left", "y", -9.0)
+    session.change("left", "advance", 9.0)
     session.side = "B"
     assert not session.draft.can_undo
     session.take_other()
@@ -137,6 +174,7 @@ def test_a_saved_plan_reads_back_from_both_forms(session, tmp_path):
         ("there", "'there' already"),
         ("../up", "letters, digits"),
         ("", "letters, digits"),
+        ("a" * 65, "1 to 64 letters"),
     ],
 )
 def test_no_other_plan_and_no_other_folder_is_written_to(session, tmp_path, name, said):
@@ -148,7 +186,8 @@ def test_no_other_plan_and_no_other_folder_is_written_to(session, tmp_path, name
 
 
 def test_a_plan_that_could_not_be_imported_is_not_saved(session, tmp_path):
-    session.change("left", "x", 51.0)
+    session.change("left", "left", 49.0)
+    session.change("left", "up", 30.0)
     with pytest.raises(InputError, match="carries a point of 'left'"):
         session.save("far")
     assert not list(tmp_path.iterdir())
@@ -177,8 +216,8 @@ def test_a_saved_plan_moves_exactly_the_segments_of_its_patient(tmp_path):
     parted = np.where(PATIENT.bone_segment == 0, PATIENT.bone_points[:, 0] > 20, -1).astype(np.int8)
     cut = replace(PATIENT, segments=("mandible", "chin"), bone_segment=parted)
     session = Session(cut, "tiny", {}, tmp_path)
-    session.change("chin", "y", -3.0)
+    session.change("chin", "advance", 3.0)
     file, folder = session.save("mine")
     check_plan(Plan.read(file, "tiny"), cut.segments, file)
     check_plan(Plan.read(folder, "tiny"), cut.segments, folder)
-    assert session.values("mandible")["y"] == 0 and session.values("chin")["y"] == -3
+    assert session.values("mandible")["advance"] == 0 and session.values("chin")["advance"] == 3

@@ -38,6 +38,12 @@ class RigidMotion:
         return RigidMotion(self.rotation, self.displacement(pivot[None])[0], pivot)
 
     @property
+    def back(self) -> "RigidMotion":
+        """The motion that undoes this one."""
+        pivot = self.pivot + self.translation
+        return RigidMotion(self.rotation.T, -self.translation, pivot)
+
+    @property
     def degrees(self) -> np.ndarray:
         """Components (3,) of the rotation vector, as :meth:`from_degrees` takes them."""
         return Rotation.from_matrix(self.rotation).as_rotvec(degrees=True)

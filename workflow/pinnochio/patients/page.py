@@ -3,7 +3,7 @@
 import base64
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jinja2
@@ -12,10 +12,14 @@ import pyvista as pv
 
 from pinnochio.figures.patient import FRONT, OBLIQUE, SIDE, SKIN, UNKNOWN, add_bone, finish, save, skin_of
 from pinnochio.files import replacing
+from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import in_words
 from pinnochio.patients.exports import SPACE
+from pinnochio.patients.face import Row, written
 from pinnochio.plans.plan import Plan
+from pinnochio.plans.surgery import in_words as motion_in_words
+from pinnochio.plans.surgery import near_bone
 
 VIEWS = {"front": FRONT, "oblique": OBLIQUE, "left side": SIDE}
 
@@ -46,9 +50,29 @@ details { margin: 1em 0 } summary { cursor: pointer; font-weight: bold }
 <b>{{ c.verdict.grade | capitalize }}.</b>
 {% if c.verdict.reasons %}<ul>{% for reason in c.verdict.reasons %}<li>{{ reason }}</li>{% endfor %}</ul>
 {% else %}{{ fine }}{% endif %}</div>
+<h2>The plan</h2>
+<table>{% for name, words in motions.items() %}<tr><td>{{ name }}</td><td>{{ words }}</td></tr>{% endfor %}</table>
 {% for title, picture, words in pictures -%}
 <h2>{{ title }}</h2><p>{{ words }}</p><img alt="{{ title }}" src="data:image/png;base64,{{ picture }}">
 {% endfor -%}
+{% if measures -%}
+<h2>The face in numbers</h2>
+<p>Before, after the plan and the change.{% if level %} ±: from the {{ level }} intervals of the places that a number is
+read at, taken as independent; not calibrated by itself.{% endif %} A', B', Pog' and lips: + in front of their line.
+Landmarks go with the skin. –: cannot be read on this face. The same numbers are in <code>measures.csv</code>.</p>
+<table><tr><th>Measure</th><th>Before</th><th>After</th><th>Change</th>
+{% if level %}<th>± {{ level }}</th>{% endif %}</tr>
+{% for row in measures -%}
+<tr><td>{{ row.title }}, {{ row.unit }}</td>{% for text in row.numbers %}<td class="n">{{ text }}</td>{% endfor %}</tr>
+{% endfor -%}
+</table>
+<table><tr><th>Moves by, mm</th><th>Forward</th><th>Up</th><th>Left</th>
+{% if level %}<th>± {{ level }}</th>{% endif %}</tr>
+{% for title, texts in landmarks.items() -%}
+<tr><td>{{ title }}</td>{% for text in texts %}<td class="n">{{ text }}</td>{% endfor %}</tr>
+{% endfor -%}
+</table>
+{% endif -%}
 <h2>Certificate</h2>
 <table><tr><th></th><th>Value</th><th>What it means</th><th></th></tr>
 {% for what, value, meaning, good, bad in rows -%}
@@ -86,6 +110,7 @@ FILES = {
     "skin.vtp": "predicted skin; displacement and half_width of the interval (NaN where there is none) of its points",
     "skin.ply, skin.stl": "predicted skin",
     "bones/*.stl": "each bone after the plan",
+    "measures.csv": "the face in numbers",
     "certificate.json": "the numbers of the table above, and more",
 }
 
@@ -96,27 +121,34 @@ def write_page(
     displacement: np.ndarray,
     half_width: np.ndarray,
     certificate: Mapping,
+    rows: Sequence[Row],
     path: str | os.PathLike,
 ) -> None:
-    """Write the page of a field (n, 3) mm with half-widths (s,) mm of its skin and its certificate."""
+    """Write the page of a field (n, 3) mm with half-widths (s,) mm of its skin, its certificate and its measures."""
+    level = f"{100 * certificate['interval']['level']:g} %" if certificate["interval"] else ""
     before, after = skin_of(patient, np.zeros_like(displacement)), skin_of(patient, displacement)
     moved = np.linalg.norm(after.points - before.points, axis=1)
     pictures = [
         ("Before and after", _faces(before, after), "Above: before. Below: predicted."),
-        ("Plan", _bones(patient, plan), "The bones after the plan, each segment in its colour."),
+        ("Bones", _bones(patient, plan), "The bones after the plan, each segment in its colour."),
         ("Displacement", _map(after, moved), "How far each point of the skin moves."),
     ]
     if np.isfinite(half_width).any():
-        words = "Half-width of the interval, within which the outcome should lie; grey: not judged."
-        pictures.append(("Interval", _map(after, half_width), words))
-    rows = in_words(certificate)
+        words = f"Half-width of the {level} interval: {level} of a region's points should lie this near to the "
+        words += "outcome. Grey: not judged."
+        pictures.append((f"{level} interval", _map(after, half_width), words))
+    measures, landmarks = in_numbers(rows, bool(level))
     fine = "No check failed: the elements are valid"
     fine += ", and patient and plan are like those of the training." if certificate["in_distribution"] else "."
     page = jinja2.Environment(autoescape=True).from_string(TEMPLATE)
     text = page.render(
         c=certificate,
         pictures=[(title, base64.b64encode(picture).decode(), words) for title, picture, words in pictures],
-        rows=rows,
+        rows=in_words(certificate),
+        motions=motions_in_words(patient, plan),
+        measures=measures,
+        landmarks=landmarks,
+        level=level,
         fine=fine,
         files=FILES,
         space=SPACE,
@@ -124,6 +156,29 @@ def write_page(
     )
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def motions_in_words(patient: PatientModel, plan: Plan) -> dict[str, str]:
+    """What a plan does with each segment, as surgeons say it: about its own pivot or, if that is far, its middle."""
+    words = {}
+    for index, name in enumerate(patient.segments):
+        middle = patient.bone_points[patient.bone_segment == index].mean(axis=0)
+        words[name.replace("_", " ")] = motion_in_words(near_bone(plan.motion(name), middle), name)
+    return words
+
+
+def in_numbers(rows: Sequence[Row], level: bool) -> tuple[list[dict], dict[str, list[str]]]:
+    """Measures, and the ways of landmarks by title, as a page writes them; with half-widths if there is a level."""
+    measures, landmarks = [], {}
+    for row in rows:
+        width = [written(row.half_width, 1)] if level else []
+        if row.name in MEASURES:
+            digits = 0 if row.unit == "degree" else 1
+            texts = [written(row.before, digits), written(row.after, digits), written(row.change, 1, "+")]
+            measures.append({"title": row.title, "unit": row.unit.replace("degree", "°"), "numbers": texts + width})
+        else:
+            landmarks.setdefault(row.title, []).append((written(row.change, 1, "+"), width))
+    return measures, {title: [text for text, _ in ways] + ways[0][1] for title, ways in landmarks.items()}
 
 
 def _faces(before: pv.PolyData, after: pv.PolyData) -> bytes:

@@ -21,7 +21,7 @@ from pinnochio.patients.archive import RANGES, Archive, calibration_file, networ
 from pinnochio.patients.certificate import PARTS, in_distribution
 from pinnochio.patients.in_distribution import Ranges, beyond, widening
 from pinnochio.planner.prepared import Prepared
-from pinnochio.plans.plan import Plan
+from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.statistics.intervals import Calibration, Interval, interval, repaired_interval, widened
 
 
@@ -70,7 +70,8 @@ class Forecaster:
             for network, file in zip(networks, files, strict=True)
         ]
         self._finish = Finish(self.patient, self._fem, prepared.corrections)
-        self(Plan(prepared.case, {}))  # so that no plan waits for code to be compiled
+        little = RigidMotion(translation=np.array([0.0, -1, 0]))
+        self(Plan(prepared.case, {self.patient.segments[0]: little}))  # so that no plan waits for code to be compiled
 
     def _sources(self, learned: SourceModel | None, covariates: Mapping) -> PatientSources | None:
         return learned and PatientSources(learned, self.patient, self._fem, covariates)

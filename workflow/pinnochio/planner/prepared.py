@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from pinnochio.errors import InputError
@@ -43,15 +43,12 @@ class Prepared:
         remedy = "prepare the patient: make planner PATIENT=FOLDER"
         if not Path(path).is_file():
             raise InputError("-", path, "no patient is prepared for the planner", remedy)
-        prepared = cls(**read_own_json(path))
-        files = [
-            prepared.model,
-            prepared.lift,
-            prepared.covariates,
-            prepared.quality,
-            prepared.archive,
-            *prepared.plans.values(),
-        ]
+        content = read_own_json(path)
+        if not isinstance(content, dict) or content.keys() != {item.name for item in fields(cls)}:
+            raise InputError("-", path, "it is not what this version prepares", remedy)
+        prepared = cls(**content)
+        files = [prepared.model, prepared.lift, prepared.covariates, prepared.quality, prepared.archive]
+        files += prepared.plans.values()
         for file in filter(None, files):
             if not Path(file).exists():
                 raise InputError(prepared.case, file, "it is no longer there", remedy)

@@ -1,4 +1,4 @@
-"""Two plans of one patient while somebody edits them: motions, undo, opening, saving."""
+"""Two plans of one patient while somebody edits them: motions, presets, undo, opening, saving."""
 
 import os
 from collections.abc import Mapping
@@ -8,19 +8,27 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.files import check_name
-from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.geometry.rigid import LARGEST_TRANSLATION, RigidMotion
 from pinnochio.importing.segmentation import check_travel
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import BoneSurface
-from pinnochio.plans.plan import Plan
+from pinnochio.planner.jaws import Jaws, plan_with
+from pinnochio.plans.plan import FARTHEST, Plan
+from pinnochio.plans.surgery import AMOUNTS, amounts, motion_of, near_bone
 from pinnochio.plans.transforms import write_transforms
 
 SIDES = ("A", "B")
-# Translation in mm (LPS), then the rotation vector in degrees.
-QUANTITIES = ("x", "y", "z", "pitch", "roll", "yaw")
+LARGEST_TURN = 90.0  # degrees about an axis; no bone is turned farther
 REST = "nothing moved"  # no file bears a name with a space
-# A pivot farther from the middle of its bone than this is of no use to a person who turns the bone, mm.
-FARTHEST_PIVOT = 100.0
+# What a preset moves and how far, mm; a mandible that is "final" goes into its final occlusion afterwards.
+PRESETS = {
+    "Le Fort I advance 5 mm": {"maxilla": {"advance": 5.0}},
+    "Le Fort I impact 3 mm": {"maxilla": {"up": 3.0}},
+    "Mandibular advance 5 mm": {"lower": {"advance": 5.0}},
+    "Mandibular setback 5 mm": {"lower": {"advance": -5.0}},
+    "Bimaxillary: Le Fort I advance 4 mm, final occlusion": {"maxilla": {"advance": 4.0}, "lower": "final"},
+    "Chin advance 4 mm": {"chin": {"advance": 4.0}},
+}
 
 
 class Draft:
@@ -67,54 +75,102 @@ class Draft:
 class Session:
     """The plans A and B of a patient, of which `side` is the one that is edited.
 
-    A starts as the first of `plans` (by name), B with nothing moved. Saved plans go to
-    `home`/plans/{name}.json, where `snakemake predict` finds them, and `home`/transforms/{name}/{segment}.tfm for 3D
-    Slicer.
+    A starts as the first of `plans` (by name), B with nothing moved. With `carry` the mandible takes its chin and, as
+    far as they usually follow, its rami along; with `locked` the jaws keep the occlusion that they have. Saved plans go
+    to `home`/plans/{name}.json, where `snakemake predict` finds them, and `home`/transforms/{name}/{segment}.tfm for
+    3D Slicer.
     """
 
     def __init__(self, patient: PatientModel, case: str, plans: Mapping[str, Plan], home: str | os.PathLike):
         self.patient, self.case, self.home, self.side = patient, case, Path(home), SIDES[0]
-        self._middles = {
-            name: patient.bone_points[patient.bone_segment == index].mean(axis=0)
-            for index, name in enumerate(patient.segments)
-        }
+        self.jaws, self.carry, self.locked = Jaws(patient), True, False
         rest = {REST: self._for_hands(Plan(case, {}))}
         self.plans = rest | {name: self._for_hands(plan) for name, plan in plans.items()}
         self._opened = set(plans)
         first = next(iter(plans), REST)
         self.drafts = {side: Draft(self.plans[name]) for side, name in zip(SIDES, (first, REST), strict=True)}
+        relations = (self.jaws.relation(plan) for plan in self.plans.values())
+        self._occlusion = next((own for own in relations if own is not None), None)
 
     @property
     def draft(self) -> Draft:
         """The plan that is edited."""
         return self.drafts[self.side]
 
+    @property
+    def occlusion(self) -> str:
+        """Where the final occlusion comes from, in words."""
+        return "incisors 2.5 mm overjet, 2 mm overbite" if self._occlusion is None else "as in the patient's plan"
+
+    @property
+    def presets(self) -> list[str]:
+        """The presets whose bones this patient has cut."""
+        return [name for name, parts in PRESETS.items() if all(self._of(part) for part in parts)]
+
+    def choose(self, side: str) -> None:
+        """Edit a side; ValueError where there is no such."""
+        if side not in SIDES:
+            raise ValueError(f"there is no side {str(side)[:20]!r}")
+        self.side = side
+
     def values(self, segment: str) -> dict[str, float]:
-        """Translation (mm) and rotation (degrees) of a segment in the edited plan, by the names of QUANTITIES."""
-        motion = self.draft.plan.motion(segment)
-        return dict(zip(QUANTITIES, [*motion.translation.tolist(), *motion.degrees.tolist()], strict=True))
+        """Parts of a segment's motion (mm, degrees) in the edited plan, by the names of AMOUNTS."""
+        return amounts(self._motion(segment))
 
     def change(self, segment: str, quantity: str, value: float) -> None:
-        """Set one value of a segment's motion; ValueError where it is no finite number."""
-        if not np.isfinite(value):
-            raise ValueError(f"{quantity} is {value}")
-        values = np.array(list((self.values(segment) | {quantity: value}).values()))
-        motion = RigidMotion.from_degrees(values[3:], values[:3], self.draft.plan.motion(segment).pivot)
-        self._put(segment, motion, (segment, quantity))
+        """Set one part of a segment's motion; ValueError where it is no number that a bone can move by."""
+        own = AMOUNTS.get(quantity)
+        most = LARGEST_TRANSLATION if own and own.unit == "mm" else LARGEST_TURN
+        if own is None or isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= most:
+            raise ValueError(f"{str(quantity)[:20]} of {str(value)[:20]} is not between {-most:g} and {most:g}")
+        motion = motion_of(self.values(segment) | {quantity: float(value)}, self._motion(segment).pivot)
+        self._put({segment: motion}, (segment, quantity))
 
     def move_pivot(self, segment: str, pivot) -> None:
         """Let the segment turn about another point (3,) mm from now on; its motion so far stays the same."""
         pivot = np.array(pivot, float)
-        if not np.isfinite(pivot).all():
-            raise ValueError(f"pivot is {pivot}")
-        self._put(segment, self.draft.plan.motion(segment).about(pivot), (segment, "pivot"))
+        if pivot.shape != (3,) or not np.abs(pivot).max() <= FARTHEST:
+            raise ValueError(f"a pivot lies within {FARTHEST:g} mm of the origin")
+        plan = self.draft.plan
+        self.draft.change(plan_with(plan, {segment: self._motion(segment).about(pivot)}), (segment, "pivot"))
 
     def stay(self, segment: str) -> None:
-        """Leave the segment where it was before surgery."""
-        self._put(segment, RigidMotion(pivot=self.draft.plan.motion(segment).pivot))
+        """Leave the segment, and what it carries, where they were before surgery."""
+        motion = self._motion(segment)
+        self._put({segment: RigidMotion(pivot=motion.pivot)})
+
+    def reset(self) -> None:
+        """Move nothing."""
+        self.draft.change(self.plans[REST])
+
+    def preset(self, name: str) -> None:
+        """Start from rest with one of PRESETS; ValueError where this patient has no such bone."""
+        if name not in self.presets:
+            raise ValueError(f"there is no preset {str(name)[:40]!r}")
+        rest, plan = self.plans[REST], self.plans[REST]
+        for part, amount in PRESETS[name].items():
+            for segment in self._of(part):
+                own = rest.motion(segment)
+                motion = self.jaws.final(plan, self._occlusion) if amount == "final" else motion_of(
+                    dict.fromkeys(AMOUNTS, 0.0) | amount, own.pivot
+                )  # fmt: skip
+                plan = self._moved(plan, {segment: motion}, locked=False, carry=True)
+        self.draft.change(plan)
+
+    def occlude(self) -> None:
+        """Put the mandible into its final occlusion under the maxilla as it stands; ValueError without both jaws."""
+        motion = self.jaws.final(self.draft.plan, self._occlusion)
+        if motion is None:
+            raise ValueError("a final occlusion needs a cut mandible and a cut maxilla")
+        plan = self.draft.plan
+        for segment in self.jaws.lower:
+            plan = self._moved(plan, {segment: motion}, locked=False, carry=self.carry)
+        self.draft.change(plan)
 
     def open(self, name: str) -> None:
         """Edit the plan of that name, one of `plans`."""
+        if name not in self.plans:
+            raise ValueError(f"there is no plan {str(name)[:40]!r}")
         self.draft.change(self.plans[name])
 
     def take_other(self) -> None:
@@ -126,9 +182,9 @@ class Session:
 
         InputError for a name that a file cannot bear or another plan has, and for a plan that cannot be imported.
         """
-        plan, patient = self.draft.plan, self.patient
+        plan, patient, name = self.draft.plan, self.patient, str(name)
+        check_name(self.case, name, self.home / "plans")
         file, folder = self.home / f"plans/{name}.json", self.home / f"transforms/{name}"
-        check_name(self.case, name, file)
         own = name in self.plans and name not in self._opened
         if name in self._opened or (file.exists() and not own):
             raise InputError(self.case, file, f"there is a plan {name!r} already", "choose another name")
@@ -139,15 +195,35 @@ class Session:
         self.plans[name] = plan
         return file, folder
 
-    def _put(self, segment: str, motion: RigidMotion, kind: object = None) -> None:
-        plan = self.draft.plan
-        self.draft.change(Plan(plan.case, plan.motions | {segment: motion}), kind)
+    def _motion(self, segment: str) -> RigidMotion:
+        if segment not in self.patient.segments:
+            raise ValueError(f"there is no segment {str(segment)[:40]!r}")
+        return self.draft.plan.motion(segment)
+
+    def _of(self, part: str) -> list[str]:
+        """Segments that a preset speaks of."""
+        return {"maxilla": self.jaws.upper, "lower": self.jaws.lower, "chin": self.jaws.chin}[part]
+
+    def _put(self, motions: Mapping[str, RigidMotion], kind: object = None) -> None:
+        self.draft.change(self._moved(self.draft.plan, motions, self.locked, self.carry), kind)
+
+    def _moved(self, plan: Plan, motions: Mapping[str, RigidMotion], locked: bool, carry: bool) -> Plan:
+        """The plan with other motions of some segments and what follows them."""
+        new = dict(motions)
+        for segment, motion in motions.items():
+            for name in self.jaws.followers(segment, locked) if carry or locked else ():
+                if carry or name not in self.jaws.chin:
+                    new[name] = self.jaws.step(plan.motion(segment), motion, plan.motion(name))
+        moved = plan_with(plan, new)
+        if carry and set(new) & set(self.jaws.lower):
+            rami = self.jaws.carried(moved, plan)
+            moved = plan_with(moved, {name: own for name, own in rami.items() if name not in motions})
+        return moved
 
     def _for_hands(self, plan: Plan) -> Plan:
         """The same plan with a motion for every segment, each about a pivot that is near its bone."""
         motions = {}
-        for segment, middle in self._middles.items():
+        for segment, middle in self.jaws.middle.items():
             motion = plan.motion(segment)
-            far = segment not in plan.motions or np.linalg.norm(motion.pivot - middle) > FARTHEST_PIVOT
-            motions[segment] = motion.about(middle) if far else motion
+            motions[segment] = near_bone(motion, middle) if segment in plan.motions else motion.about(middle)
         return Plan(self.case, motions)

@@ -1,4 +1,6 @@
-"""The picture of the planner: one or two faces from one camera, bones, interval, and the pivot with its axes."""
+"""The picture of the planner: one or two faces from one camera, with bones, maps, profile, and the pivot's axes."""
+
+from collections.abc import Sequence
 
 import numpy as np
 import pyvista as pv
@@ -20,41 +22,61 @@ NARROW = 1.4  # how much smaller heads are in half a window
 FAR = 1000.0  # mm from the camera to the head
 
 
-class View:
-    """A window with a renderer for each side; limit: upper end of the colours of the half-width, mm."""
+MAPS = ("none", "displacement", "interval")
+MOST_MOVED = 10.0  # mm: upper end of the colours of the displacement
+GHOST, SCAN = "#90a4ae", "#00897b"
+PROFILE = {"before": "#546e7a", "after": "#c62828"}
+WITHIN = 0.3  # mm by which the ghost lies within the skin before
+AHEAD = 4.0  # mm in front of the face: the midline
 
-    def __init__(self, patient: PatientModel, limit: float):
+
+class View:
+    """A window with a renderer for each side.
+
+    limit: upper end of the colours of the half-width, mm; scan: points (k, 3) mm and faces of the post-operative skin.
+    """
+
+    def __init__(self, patient: PatientModel, limit: float, middle: float, scan: tuple | None = None):
         self.plotter = pv.Plotter(off_screen=True, shape=(1, len(SIDES)), border=False, window_size=(1100, 800))
         self.plotter.render_window.SetMultiSamples(0)  # smoothed edges take four times as long without a GPU [X]
         self._patient, self._both = patient, False
         self._sides: dict[str, Side] = {}
+        profile = Profile(patient.skin_points, patient.skin_faces, middle)
         for column, side in enumerate(SIDES):
             self.plotter.subplot(0, column)
-            self._sides[side] = Side(self.plotter, patient, limit)
+            self._sides[side] = Side(self.plotter, patient, limit, scan)
         self.plotter.link_views()
         window = self.plotter.render_window
-        self._marks = {name: Marks(window, side.renderer.camera) for name, side in self._sides.items()}
+        self._marks = {
+            name: Marks(window, side.renderer.camera, profile, patient.skin_points, middle)
+            for name, side in self._sides.items()
+        }
         self.look("oblique")
 
-    def show(self, side: str, forecast: Forecast) -> None:
-        """Show a forecast on one side."""
+    def show(self, side: str, forecast: Forecast, collisions: np.ndarray) -> None:
+        """Show a forecast on one side, and the places (k, 3) mm where its bones collide."""
         self._sides[side].show(forecast)
+        self._marks[side].show(forecast.skin, collisions)
 
     def mark(self, side: str, place: np.ndarray) -> None:
         """Put pivot and axes at a place (3,) mm of one side, and nowhere else."""
         for name, marks in self._marks.items():
-            for actor in marks.actors:
+            for actor in marks.pivot:
                 actor.SetPosition(*place)
                 actor.SetVisibility(name == side)
 
-    def overlay(self, interval: bool, bones: bool) -> None:
-        """Whether the skin shows the half-width of the interval, and whether bones are seen through it."""
-        for side in self._sides.values():
-            side.skin.mapper.scalar_visibility = interval
-            side.skin.prop.opacity = THROUGH if bones else 1.0
-            side.skin.prop.culling = "back" if bones else "none"  # the far side would only blur the bones
-            for actor in side.bones:
-                actor.SetVisibility(bones)
+    def overlay(self, coloured: str, shown: Sequence[str]) -> None:
+        """What the colours of the skin mean, one of MAPS, and what is seen beside it: bones, ghost (the skin before),
+        profile, midline, scan."""
+        for side, marks in zip(self._sides.values(), self._marks.values(), strict=True):
+            side.colour(coloured)
+            through = "bones" in shown
+            side.skin.prop.opacity = THROUGH if through else 1.0
+            side.skin.prop.culling = "back" if through else "none"  # the far side would only blur the bones
+            for actors, name in ((side.bones, "bones"), (side.ghost, "ghost"), (side.scan, "scan"),
+                                 (marks.profile, "profile"), (marks.midline, "midline")):  # fmt: skip
+                for actor in actors:
+                    actor.SetVisibility(name in shown)
 
     def compare(self, both: bool, side: str) -> None:
         """Show both sides beside each other, or one alone."""
@@ -82,16 +104,18 @@ class View:
 
 
 class Side:
-    """What is drawn of one plan: skin and bones."""
+    """What is drawn of one plan: skin, bones, the skin before and the scan."""
 
-    def __init__(self, plotter: pv.Plotter, patient: PatientModel, limit: float):
+    def __init__(self, plotter: pv.Plotter, patient: PatientModel, limit: float, scan: tuple | None):
         self._patient, self.renderer = patient, plotter.renderer
+        self._limits = {"displacement": (0, MOST_MOVED), "interval": (0, limit)}
         plotter.set_background(BACKGROUND, all_renderers=False)
         self._mesh = pv.PolyData.from_regular_faces(patient.skin_points, patient.skin_faces)
         self._mesh.point_data.active_normals = vertex_normals(patient.skin_points, patient.skin_faces)
-        self._mesh.point_data["half_width"] = np.zeros(self._mesh.n_points)
+        for name in self._limits:
+            self._mesh.point_data[name] = np.zeros(self._mesh.n_points)
         self.skin = plotter.add_mesh(
-            self._mesh, color=SKIN, scalars="half_width", cmap=COLOURS, clim=(0, limit), nan_color=SKIN,
+            self._mesh, color=SKIN, scalars="interval", cmap=COLOURS, clim=(0, limit), nan_color=SKIN,
             show_scalar_bar=False, ambient=0.3, diffuse=0.8, specular=0.1,
         )  # fmt: skip
         self.bones, self._bone_meshes = [], {}
@@ -100,21 +124,59 @@ class Side:
             faces = (np.cumsum(own) - 1)[patient.bone_faces[own[patient.bone_faces[:, 0]]]]
             self._bone_meshes[index] = pv.PolyData.from_regular_faces(patient.bone_points[own], faces)
             self.bones.append(plotter.add_mesh(self._bone_meshes[index], color=bone_colour(index)))
+        # Somewhat within, so that it shows only where the face has gone from.
+        inside = patient.skin_points - WITHIN * vertex_normals(patient.skin_points, patient.skin_faces)
+        before = pv.PolyData.from_regular_faces(inside, patient.skin_faces)
+        self.ghost = [plotter.add_mesh(before, color=GHOST, opacity=0.35, culling="back")]
+        self.scan = []
+        if scan is not None:
+            self.scan.append(plotter.add_mesh(pv.PolyData.from_regular_faces(*scan), color=SCAN, opacity=0.6))
+
+    def colour(self, name: str) -> None:
+        """Colour the skin by one of MAPS."""
+        mapper = self.skin.mapper
+        mapper.scalar_visibility = name in self._limits
+        if name in self._limits:
+            mapper.SetScalarModeToUsePointFieldData()
+            mapper.SelectColorArray(name)
+            mapper.scalar_range = self._limits[name]
 
     def show(self, forecast: Forecast) -> None:
         """Move skin and bones to where the forecast sees them."""
         self._mesh.points = forecast.skin
         self._mesh.point_data.active_normals = vertex_normals(forecast.skin, self._patient.skin_faces)
-        self._mesh.point_data["half_width"] = forecast.interval.half_width
+        self._mesh.point_data["interval"] = forecast.interval.half_width
+        self._mesh.point_data["displacement"] = np.linalg.norm(forecast.skin - self._patient.skin_points, axis=1)
         moved = self._patient.bone_points + self._patient.bone_displacement(forecast.plan)
         for index, mesh in self._bone_meshes.items():
             mesh.points = moved[self._patient.bone_segment == index]
 
 
-class Marks:
-    """Pivot and axes in a layer of their own, which no skin hides, seen from the camera of a side."""
+class Profile:
+    """Where the plane of the midline cuts the skin, as lines that go with its points (s, 3) mm."""
 
-    def __init__(self, window: vtkRenderWindow, camera: pv.Camera):
+    def __init__(self, points: np.ndarray, faces: np.ndarray, middle: float):
+        side = points[:, 0] - middle
+        front = points[faces][:, :, 1].max(axis=1) < np.median(points[:, 1])  # not the back of the head
+        own = faces[front]
+        edges = own[:, [[0, 1], [1, 2], [2, 0]]]
+        cut = (side[edges[:, :, 0]] < 0) != (side[edges[:, :, 1]] < 0)
+        self._edges = edges[cut.sum(axis=1) == 2][cut[cut.sum(axis=1) == 2]]
+        ends = side[self._edges]
+        self._share = (ends[:, 0] / (ends[:, 0] - ends[:, 1]))[:, None]
+        self.lines = np.column_stack([np.full(len(self._edges) // 2, 2), np.arange(len(self._edges)).reshape(-1, 2)])
+
+    def of(self, points: np.ndarray) -> np.ndarray:
+        """Ends (2 l, 3) mm of the lines on a moved skin."""
+        start, end = points[self._edges[:, 0]], points[self._edges[:, 1]]
+        return start + self._share * (end - start)
+
+
+class Marks:
+    """Pivot with axes, profile, midline and collisions in a layer of their own, which no skin hides, seen from the
+    camera of a side."""
+
+    def __init__(self, window: vtkRenderWindow, camera: pv.Camera, profile: Profile, skin: np.ndarray, middle: float):
         self.renderer = vtkRenderer()
         self.renderer.SetLayer(window.GetNumberOfLayers())
         window.SetNumberOfLayers(window.GetNumberOfLayers() + 1)
@@ -125,9 +187,28 @@ class Marks:
         for axis, colour in zip(np.eye(3), AXES.values(), strict=True):
             arrow = pv.Arrow(direction=axis, scale=ARROW, tip_length=0.18, tip_radius=0.045, shaft_radius=0.016)
             parts.append((arrow, colour))
-        self.actors = [pv.Actor(pv.DataSetMapper(mesh), pv.Property(color=colour)) for mesh, colour in parts]
-        for actor in self.actors:
-            self.renderer.AddActor(actor)
+        self.pivot = [self._add(mesh, color=colour) for mesh, colour in parts]
+        self._profile, self._after = profile, pv.PolyData(profile.of(skin), lines=profile.lines)
+        before = pv.PolyData(profile.of(skin), lines=profile.lines)
+        self.profile = [
+            self._add(mesh, color=colour, line_width=3, lighting=False)
+            for mesh, colour in zip((before, self._after), PROFILE.values(), strict=True)
+        ]
+        front = skin[:, 1].min() - AHEAD
+        line = pv.Line((middle, front, skin[:, 2].min()), (middle, front, skin[:, 2].max()))
+        self.midline = [self._add(line, color="#212121", line_width=2, lighting=False)]
+        self._places = pv.PolyData(np.zeros((0, 3)))
+        self._add(self._places, color="#d50000", point_size=6, render_points_as_spheres=True, lighting=False)
+
+    def show(self, skin: np.ndarray, collisions: np.ndarray) -> None:
+        """Draw the profile of a skin (s, 3) mm and the places (k, 3) mm of collisions."""
+        self._after.points = self._profile.of(skin)
+        self._places.copy_from(pv.PolyData(collisions) if len(collisions) else pv.PolyData())
+
+    def _add(self, mesh: pv.DataSet, **look) -> pv.Actor:
+        actor = pv.Actor(pv.DataSetMapper(mesh), pv.Property(**look))
+        self.renderer.AddActor(actor)
+        return actor
 
 
 def bone_colour(index: int) -> str:

@@ -15,6 +15,7 @@ from pinnochio.json_text import check_keys, parse_json, read_text
 CONVENTION = "x_post = R (x_pre - pivot) + pivot + translation"
 KEYS = ("case", "frame", "units", "convention", "segments")
 MOTION_KEYS = ("rotation", "translation", "pivot")
+NOTHING = 1e-9  # mm, and of the entries of a rotation: rounding
 FARTHEST = 1e4  # mm; no scanner's origin lies farther from the head
 
 
@@ -28,6 +29,13 @@ class Plan:
     def motion(self, segment: str) -> RigidMotion:
         """The segment's motion, the identity if the plan does not name it."""
         return self.motions.get(segment, RigidMotion())
+
+    @property
+    def still(self) -> bool:
+        """Whether no bone moves."""
+        turned = [np.abs(own.rotation - np.eye(3)).max() for own in self.motions.values()]
+        shifted = [np.abs(own.translation).max() for own in self.motions.values()]
+        return max([*turned, *shifted], default=0.0) < NOTHING
 
     def to_json(self) -> str:
         """The plan as the JSON text that :meth:`from_json` reads."""
@@ -43,8 +51,11 @@ class Plan:
         return json.dumps(head | {"segments": segments}, indent=1)
 
     @classmethod
-    def from_json(cls, text: str, file: object = "plan", case: str | None = None) -> "Plan":
-        """Read and check a plan; raises InputError that names what is wrong."""
+    def from_json(cls, text: str, file: object = "plan", case: str | None = None, foreign: bool = False) -> "Plan":
+        """Read and check a plan; raises InputError that names what is wrong.
+
+        foreign: the text may name another case than `case`, whose plan it becomes.
+        """
         name = case or "?"
 
         def refuse(problem: str, remedy: str):
@@ -59,7 +70,7 @@ class Plan:
                 refuse(f"{key} is {data[key]!r}", f"convert the plan to {key} {expected!r}")
         if not isinstance(data.get("case", name), str):
             refuse(f"its case is {data['case']!r}", "write the name of the case as text")
-        if case is not None and data.get("case", case) != case:
+        if case is not None and data.get("case", case) != case and not foreign:
             refuse(f"belongs to case {data['case']!r}", "give each case its own plan")
         motions = {}
         for segment, entry in data["segments"].items():
@@ -87,11 +98,14 @@ class Plan:
                     "write the pivot in millimetres in the frame of the scan",
                 )
             motions[segment] = motion
-        return cls(data.get("case", name), motions)
+        return cls(name if foreign else data.get("case", name), motions)
 
     @classmethod
-    def read(cls, path: str | os.PathLike, case: str) -> "Plan":
-        """Read the plan of `case` from a JSON file, or from a folder of ITK / 3D Slicer transforms, one per segment."""
+    def read(cls, path: str | os.PathLike, case: str, foreign: bool = False) -> "Plan":
+        """Read the plan of `case` from a JSON file, or from a folder of ITK / 3D Slicer transforms, one per segment.
+
+        foreign: the file may name another case.
+        """
         if Path(path).is_dir():
             from pinnochio.plans.transforms import read_transforms  # needs ITK, which training does without
 
@@ -100,7 +114,7 @@ class Plan:
         def refuse(problem: str, remedy: str):
             raise InputError(case, path, problem, remedy)
 
-        return cls.from_json(read_text(path, refuse), path, case)
+        return cls.from_json(read_text(path, refuse), path, case, foreign)
 
     def write(self, path: str | os.PathLike) -> None:
         """Write the plan as JSON."""

@@ -24,6 +24,7 @@ LIMITS = {
     "distal": (np.array([[-10.0, 10], [-14, 12], [-10, 10]]), np.array([10.0, 6, 6])),
 }
 PROXIMAL_SHIFT, PROXIMAL_ANGLE = 3.0, 5.0  # mm at the centroid, degrees [R]
+FOLLOWED = 0.4  # share of the distal segment's motion beside it that a ramus follows [I]
 AUTOROTATION = 6.0  # degrees: largest turn of an uncut mandible about its condyles [I]
 WIDENING = (3.5, 1.0, 2.0, 5.0)  # mm between the molars of a segmental maxilla [R: 2 to 5]
 PIECE_SHIFT = (0.0, 0.5, -1.0, 1.0)  # mm up of the front piece of a maxilla against the others [I]
@@ -112,16 +113,28 @@ def proximal_motion(rng: np.random.Generator, anatomy: JawAnatomy, name: str, di
     """Small turn about the condyle that lets the ramus follow part of the distal segment's motion beside it.
 
     Sideways and vertical motion turn the ramus (yaw, pitch); it slides along front-to-back motion. At most 3 mm at
-    the centroid and 5 degrees [R: methods 7.2]; the followed share 0.4 +- 0.1 is a choice [I].
+    the centroid and 5 degrees [R: methods 7.2]; the followed share FOLLOWED +- 0.1 is a choice [I].
     """
     hinge, front = anatomy.hinge[name], anatomy.front[name]
-    share = truncated(rng, 0.4, 0.1, 0.1, 0.7)
+    share = truncated(rng, FOLLOWED, 0.1, 0.1, 0.7)
     arm = front - hinge
     target = share * distal.displacement(front[None])[0] * [1, 0, 1]
     turn = np.cross(arm, target) / (arm @ arm)  # least rotation whose velocity at `front` is nearest to the target
     turn = np.degrees(turn) + [truncated(rng, 0, 0.5, -1.5, 1.5) for _ in range(3)]
     shift = np.array([truncated(rng, 0, 0.3, -0.8, 0.8) for _ in range(3)])
     move = RigidMotion.from_degrees(turn, shift, hinge)
+    travel = np.linalg.norm(move.displacement(anatomy.centre[name][None])[0])
+    excess = max(travel / PROXIMAL_SHIFT, np.linalg.norm(turn) / PROXIMAL_ANGLE)
+    return move if excess <= 1 else move.fraction(0.98 / excess)
+
+
+def ramus_following(anatomy: JawAnatomy, name: str, distal: RigidMotion) -> RigidMotion:
+    """As :func:`proximal_motion` without its scatter: the usual turn about the condyle."""
+    hinge = anatomy.hinge[name]
+    arm = anatomy.front[name] - hinge
+    target = FOLLOWED * distal.displacement(anatomy.front[name][None])[0] * [1, 0, 1]
+    turn = np.degrees(np.cross(arm, target) / (arm @ arm))
+    move = RigidMotion.from_degrees(turn, np.zeros(3), hinge)
     travel = np.linalg.norm(move.displacement(anatomy.centre[name][None])[0])
     excess = max(travel / PROXIMAL_SHIFT, np.linalg.norm(turn) / PROXIMAL_ANGLE)
     return move if excess <= 1 else move.fraction(0.98 / excess)

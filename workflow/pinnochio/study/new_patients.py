@@ -1,7 +1,8 @@
 """The files of new patients: a segmentation and one or several plans each."""
 
+import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -72,6 +73,21 @@ def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
     else:
         raise InputError("-", path, "there is no such folder or table", "name the patient's folder: patient=FOLDER")
     return {patient.name: patient for patient in patients}
+
+
+def other_cases(patients: Iterable[NewPatient]) -> list[str]:
+    """What is odd of plans that name another case than the patient that they lie with; what cannot be read is skipped,
+    because importing it says why."""
+    odd = []
+    for patient in patients:
+        for file in patient.plans.values():
+            try:
+                case = json.loads(Path(file).read_bytes().decode("utf-8-sig")).get("case", patient.name)
+            except (OSError, ValueError, AttributeError, RecursionError):
+                continue
+            if case != patient.name:
+                odd.append(f"{file} names case {str(case)[:64]!r}, and is taken for a plan of {patient.name!r}.")
+    return odd
 
 
 def _of_folder(folder: Path) -> NewPatient:

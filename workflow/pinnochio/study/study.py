@@ -495,7 +495,11 @@ class Study:
             for patient in self.patients.values()
             for plan in patient.plans
             for name in ("certificate.json", "index.html", "deformed.vtu")
-        ] + [f"<results>/patients/{patient.name}/segments.png" for patient in self.patients.values()]
+        ] + [
+            f"<results>/patients/{patient.name}/{name}"
+            for patient in self.patients.values()
+            for name in ["segments.png", *([f"plans_{self.choice.method}.html"] if len(patient.plans) > 1 else [])]
+        ]
 
     def planners_of_patients(self, wildcards) -> list[str]:
         """What the planner needs of every new patient."""
@@ -821,8 +825,22 @@ class Study:
 
     def result_of_patient(self, wildcards) -> str:
         """The file that holds a new patient's displacement, and the interval of a learned method."""
-        name = "interval" if self.choice.archive else "predictions"
-        return f"<results>/patients/{wildcards.case}{wildcards.plan}/{wildcards.method}/{name}.h5"
+        return f"<results>/patients/{wildcards.case}{wildcards.plan}/{wildcards.method}/{self.result}.h5"
+
+    @property
+    def result(self) -> str:
+        """What the file of a new patient's prediction is called: it holds the interval of a learned method."""
+        return "interval" if self.choice.archive else "predictions"
+
+    def of_plans(self, name: str) -> Callable:
+        """Input function: a file of every plan of a new patient; `{result}` stands for the prediction's."""
+
+        def files(wildcards) -> list[str]:
+            folder = f"<results>/patients/{wildcards.case}"
+            own = name.replace("{result}", self.result)
+            return [f"{folder}/{plan}/{wildcards.method}/{own}" for plan in self.patients[wildcards.case].plans]
+
+        return files
 
     def external_files(self, wildcards) -> list[str]:
         """The files in which an external method delivers the held-out cases of the fold."""

@@ -95,7 +95,12 @@ class PatientNetwork:
             self._rest = network.encode_rest(patient.anatomy)
 
     def __call__(self, plan: Plan) -> RawField:
-        """The field, float64; FloatingPointError if the network gives no number."""
+        """The field, float64; exactly zero for a plan that moves nothing, whatever was learned.
+
+        FloatingPointError if the network gives no number.
+        """
+        if plan.still:
+            return RawField(*(np.zeros((len(self.patient.points), 3)) for _ in range(2)))
         with torch.inference_mode():
             output = self._run(self.patient.signal(plan))
             # A node of which no boundary network speaks has its own displacement.

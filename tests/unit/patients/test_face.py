@@ -1,0 +1,79 @@
+"""The face in numbers: measures before and after, their half-widths, and where landmarks go."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pinnochio.columns import read_table
+from pinnochio.model.measures import LANDMARKS, MEASURES, derivatives
+from pinnochio.patients.face import SHOWN, TABLE, Face, face_rows, write_rows, written
+from pinnochio.virtual.head import build_head
+from pinnochio.virtual.parameters import sample_parameters
+from tests.helpers.patients import as_model
+
+
+@pytest.fixture(scope="module")
+def patient():
+    return as_model(build_head(sample_parameters(np.random.default_rng(3), "class_ii"), spacing=2.0))
+
+
+@pytest.fixture(scope="module")
+def face(patient):
+    return Face(patient)
+
+
+def by_name(rows):
+    return {row.name: row for row in rows}
+
+
+def test_a_face_that_does_not_move_changes_in_nothing(patient, face):
+    rows = by_name(face.rows(np.zeros_like(patient.points)))
+    assert len(rows) == len(MEASURES) + 3 * len(SHOWN)
+    for row in rows.values():
+        assert row.change == 0 or np.isnan(row.before) and np.isnan(row.change)
+        assert np.isnan(row.half_width)  # there is no interval
+    assert np.isnan(rows["interlabial_gap"].before)  # no mouth slit in this mesh
+    assert -15 < rows["upper_lip_e_line"].before < 5 and 70 < rows["nasolabial"].before < 150
+
+
+def test_what_goes_forward_does_so_by_its_own_amount(patient, face):
+    below = patient.points[:, 2] < face.landmarks.positions[LANDMARKS.index("labrale_inferius"), 2] + 4
+    rows = by_name(face.rows(np.where(below[:, None], [1.0, -4, 0.5], 0)))
+    assert (rows["pogonion_forward"].change, rows["pogonion_up"].change) == pytest.approx((4, 0.5))
+    assert rows["pogonion_left"].change == pytest.approx(1)
+    assert rows["pog_forward"].change == pytest.approx(4) and rows["chin_asymmetry"].change == pytest.approx(1)
+    assert rows["convexity"].change < 0 and rows["pronasale_forward"].change == 0
+    assert rows["upper_lip_e_line"].change < 0  # the line goes forward with the chin
+
+
+def test_a_half_width_is_the_root_of_the_squares_of_what_each_landmark_adds(patient, face):
+    width = np.full(len(patient.skin_points), 0.8)
+    rows = by_name(face.rows(np.zeros_like(patient.points), width))
+    assert rows["pogonion_up"].half_width == rows["pog_forward"].half_width == pytest.approx(0.8)  # sellion is sure
+    assert rows["alar_width"].half_width == pytest.approx(0.8 * np.sqrt(2))
+    gradient = derivatives(face.landmarks.positions)[list(MEASURES).index("nasolabial")]
+    expected = 0.8 * np.sqrt((gradient**2).sum())
+    assert rows["nasolabial"].half_width == pytest.approx(expected)
+
+
+def test_a_face_that_cannot_be_read_has_no_numbers_and_the_table_stays(patient, tmp_path):
+    bare = replace(patient, bone_segment=np.full(len(patient.bone_points), -1), segments=())
+    rows = face_rows(bare, np.zeros_like(bare.points))
+    write_rows(rows, tmp_path / "measures.csv")
+    table = read_table(tmp_path / "measures.csv", TABLE)
+    assert len(table) == len(rows) == len(MEASURES) + 3 * len(SHOWN) and table["after"].isna().all()
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "sign", "text"),
+    [
+        (1.26, 1, "+", "+1.3"),
+        (-1.26, 1, "", "−1.3"),
+        (-0.04, 1, "+", "0.0"),
+        (0.04, 1, "+", "0.0"),
+        (np.nan, 1, "", "–"),
+    ],
+)
+def test_numbers_are_written_as_people_write_them(value, digits, sign, text):
+    assert written(value, digits, sign) == text

@@ -1,0 +1,117 @@
+"""What hangs together in a jaw: carried rami and chin, a locked and a final occlusion, collisions, limits, presets."""
+
+import numpy as np
+import pytest
+
+from pinnochio.planner.jaws import OVERBITE, OVERJET, Jaws
+from pinnochio.planner.session import PRESETS, Session
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.surgery import AMOUNTS, amounts, motion_of
+from pinnochio.virtual.head import build_head
+from pinnochio.virtual.parameters import sample_parameters
+from tests.helpers.patients import as_model
+
+JAW = "mandible_distal"
+RAMI = ("proximal_left", "proximal_right")
+
+
+@pytest.fixture(scope="module")
+def patient():
+    return as_model(build_head(sample_parameters(np.random.default_rng(3), "class_ii"), spacing=2.0))
+
+
+@pytest.fixture
+def session(patient, tmp_path):
+    return Session(patient, "V", {}, tmp_path)
+
+
+def moved(patient, plan, segment):
+    own = patient.bone_segment == patient.segments.index(segment)
+    return patient.bone_displacement(plan)[own]
+
+
+def test_a_mandible_takes_its_rami_along_and_leaves_the_condyles(session, patient):
+    session.change(JAW, "left", 5.0)
+    for ramus in RAMI:
+        motion = session.draft.plan.motion(ramus)
+        assert np.abs(motion.degrees).max() > 0.3
+        condyle = session.jaws.anatomy.hinge[ramus][None]
+        np.testing.assert_allclose(motion.displacement(condyle), 0, atol=1e-9)
+    session.change(JAW, "left", 0.0)  # the way there leaves nothing behind
+    assert session.draft.plan.still
+    session.carry = False
+    session.change(JAW, "left", 5.0)
+    assert all(Plan("", {ramus: session.draft.plan.motion(ramus)}).still for ramus in RAMI)
+
+
+def test_a_ramus_keeps_what_was_planned_for_itself(session):
+    session.change(RAMI[0], "yaw", 2.0)
+    session.change(JAW, "up", 4.0)
+    assert amounts(session.draft.plan.motion(RAMI[0]))["yaw"] == pytest.approx(2.0, abs=0.2)
+    session.change(JAW, "up", 0.0)
+    assert amounts(session.draft.plan.motion(RAMI[0])) == pytest.approx(
+        dict.fromkeys(AMOUNTS, 0.0) | {"yaw": 2.0}, abs=1e-9
+    )
+
+
+def test_locked_jaws_keep_their_occlusion_whichever_is_moved(session, patient):
+    session.locked = True
+    session.change("lefort1", "advance", 4.0)
+    session.change("lefort1", "yaw", 3.0)
+    session.change(JAW, "up", -2.0)
+    upper, lower = (session.draft.plan.motion(name) for name in ("lefort1", JAW))
+    points = patient.bone_points
+    np.testing.assert_allclose(upper.apply(points), lower.apply(points), atol=1e-9)
+    session.locked = False
+    session.change("lefort1", "advance", 0.0)
+    assert not np.allclose(session.draft.plan.motion("lefort1").apply(points), lower.apply(points))
+
+
+def test_the_final_occlusion_puts_the_incisors_in_place(patient):
+    jaws = Jaws(patient)
+    upper, lower = jaws._edges
+    plan = Plan("V", {"lefort1": motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"advance": 4.0}, np.zeros(3))})
+    gap = jaws.final(plan, None).apply(lower[None])[0] - plan.motion("lefort1").apply(upper[None])[0]
+    np.testing.assert_allclose(gap, [0, OVERJET, OVERBITE], atol=1e-9)
+    # The relation of another plan is kept wherever the maxilla goes.
+    other = Plan("V", plan.motions | {JAW: motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"advance": 7.0}, np.zeros(3))})
+    relation = jaws.relation(other)
+    assert amounts(relation)["advance"] == pytest.approx(3.0)
+    np.testing.assert_allclose(jaws.final(other, relation).apply(lower[None]), other.motion(JAW).apply(lower[None]))
+    assert jaws.relation(Plan("V", {})) is None
+
+
+@pytest.mark.parametrize("name", [name for name in PRESETS if "Chin" not in name])
+def test_a_preset_does_what_its_name_says(session, name):
+    assert session.presets == [own for own in PRESETS if "Chin" not in own]  # no chin is cut
+    session.preset(name)
+    for part, amount in PRESETS[name].items():
+        (segment,) = {"maxilla": session.jaws.upper, "lower": session.jaws.lower}[part]
+        if amount == "final":
+            assert not Plan("", {segment: session.draft.plan.motion(segment)}).still
+        else:
+            assert session.values(segment) == pytest.approx(dict.fromkeys(AMOUNTS, 0.0) | amount)
+    session.draft.undo()
+    assert session.draft.plan.still and not session.draft.can_undo  # one step
+
+
+def test_bones_that_run_into_each_other_are_named_and_shown(patient):
+    jaws = Jaws(patient)
+    rest, where = jaws.collisions(Plan("V", {}))
+    assert not rest and where.shape == (0, 3)
+    closed = Plan("V", {JAW: motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"up": 5.0}, np.zeros(3))})
+    deep, where = jaws.collisions(closed)
+    assert ("lefort1", JAW) in deep and 1 < deep["lefort1", JAW] <= 6 and len(where)
+    opened = Plan("V", {JAW: motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"up": -8.0}, np.zeros(3))})
+    assert ("lefort1", JAW) not in jaws.collisions(opened)[0]
+    # Both jaws together run into nothing of each other.
+    both = Plan("V", dict.fromkeys(patient.segments, closed.motion(JAW)))
+    assert not jaws.collisions(both)[0]
+
+
+def test_a_motion_beyond_practice_is_marked_by_its_part(patient):
+    jaws = Jaws(patient)
+    far = motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"advance": 10.5, "up": 3.0, "yaw": -7.0}, jaws.middle["lefort1"])
+    assert jaws.beyond(Plan("V", {"lefort1": far})) == {"lefort1": ["advance", "yaw"]}
+    assert jaws.beyond(Plan("V", {"lefort1": far.fraction(0.5)})) == {}
+    assert jaws.beyond(Plan("V", {JAW: far})) == {JAW: ["yaw"]}  # 12 mm of advance are practised there

@@ -1,0 +1,82 @@
+"""All plans of a patient on one page: what it says, and that it works offline in Chromium."""
+
+import importlib.util
+import re
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pinnochio.columns import read_table
+from pinnochio.patients.face import TABLE, face_rows, write_rows
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.surgery import AMOUNTS, motion_of
+from pinnochio.report.plans import Planned, write_plans
+from pinnochio.virtual.head import build_head
+from pinnochio.virtual.parameters import sample_parameters
+from tests.helpers.patients import as_model
+
+CHROMIUM = shutil.which("chromium")
+PATIENCE = 300_000  # ms
+JAW = "mandible_distal"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """A page of three plans: nothing, and the lower face 5 mm forward and back."""
+    folder = tmp_path_factory.mktemp("plans")
+    patient = as_model(build_head(sample_parameters(np.random.default_rng(3), "class_ii"), spacing=3.0))
+    below, width = patient.points[:, 2] < -50, np.full(len(patient.skin_points), 0.8)
+    plans = []
+    for name, advance in (("rest", 0.0), ("advance", 5.0), ("setback", -5.0)):
+        field = np.where(below[:, None], [0, -advance, 0], 0.0)
+        write_rows(face_rows(patient, field, width), folder / f"{name}.csv")
+        motion = motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"advance": advance}, np.zeros(3))
+        measures = read_table(folder / f"{name}.csv", TABLE)
+        plans.append(Planned(name, Plan("V", {JAW: motion}), f"{name}/m/index.html", "with care", field, measures))
+    write_plans("V<1>", "pinnochio_plus", patient, plans, 0.9, folder / "plans.html")
+    return folder / "plans.html", pd.concat({own.name: own.measures.set_index("name") for own in plans})
+
+
+def test_it_says_what_each_plan_does_and_comes_to(page):
+    text = page[0].read_text(encoding="utf-8").split("<script")[0]
+    for said in ("V&lt;1&gt;: 3 plans side by side", "advanced 5.0 mm", "set back 5.0 mm", "not moved",
+                 "90 % intervals", "For research only", "With care", 'href="setback/m/index.html"'):  # fmt: skip
+        assert said in text, said
+    line = re.search(r"<tr><td>Pog&#39; to the vertical.*?</tr>", text, re.DOTALL)[0]
+    cells = re.findall(r"<td[^>]*>([^<]*)</td>", line)[1:]
+    assert len(cells) == 4 and cells[1] == f"{cells[0]} ± 0.8 (0.0)"
+    assert "(+5.0)" in cells[2] and "(−5.0)" in cells[3]
+    assert "Interlabial gap" not in text  # no mouth slit in this mesh: nothing to say of any plan
+    assert page[1].loc[("advance", "pog_forward"), "change"] == 5
+
+
+@pytest.mark.full
+@pytest.mark.skipif(not (CHROMIUM and importlib.util.find_spec("playwright")), reason="no chromium, or no playwright")
+def test_it_works_offline_and_leaves_the_scrolling_to_the_page(page):
+    from playwright.sync_api import sync_playwright
+
+    wrong = []
+    with sync_playwright() as play:
+        browser = play.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--use-gl=swiftshader", "--enable-unsafe-swiftshader"]
+        )
+        context = browser.new_context(viewport={"width": 1280, "height": 500}, offline=True)
+        shown = context.new_page()
+        shown.set_default_timeout(PATIENCE)
+        shown.on("pageerror", lambda error: wrong.append(str(error)))
+        shown.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+        shown.goto(page[0].as_uri())
+        shown.locator("body[data-drawn=yes]").wait_for(state="attached")
+        assert shown.locator(".plot canvas").count() >= 3
+        first = shown.locator(".plot").nth(1)
+        before = first.screenshot()
+        shown.click("text=Before")
+        shown.wait_for_timeout(3000)
+        assert first.screenshot() != before
+        shown.locator("figure").first.hover()
+        shown.mouse.wheel(0, 200)
+        shown.wait_for_function("window.scrollY > 100")
+        browser.close()
+    assert not wrong

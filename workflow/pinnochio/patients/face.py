@@ -1,0 +1,110 @@
+"""What a plan changes in the usual measures of a face: before, after, change and interval; and where landmarks go."""
+
+import logging
+import os
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.spatial import cKDTree
+
+from pinnochio.columns import Column, number, write_csv
+from pinnochio.errors import InputError
+from pinnochio.model.carried import CarriedLandmarks, carried_landmarks
+from pinnochio.model.measures import LANDMARKS, MEASURES, derivatives, measure
+from pinnochio.model.patient import PatientModel
+
+# The landmarks whose displacement is shown, as surgeons write them.
+SHOWN = {"pronasale": "Nasal tip", "subnasale": "Subnasale", "subspinale": "A'", "labrale_superius": "Upper lip",
+         "labrale_inferius": "Lower lip", "sublabiale": "B'", "pogonion": "Pog'", "menton": "Me'"}  # fmt: skip
+WAYS = {"forward": (0, -1, 0), "up": (0, 0, 1), "to the left": (1, 0, 0)}
+TABLE = (
+    Column("name", str, "", "landmark or measure"),
+    Column("title", str, "", "as surgeons write it"),
+    Column("unit", str, "", "mm or degree, of the numbers that follow"),
+    Column("positive", str, "", "what a larger value means"),
+    number("before", "of the row", "before surgery; empty of a displacement, and where it cannot be read", ".4f"),
+    number("after", "of the row", "after the plan", ".4f"),
+    number("change", "of the row", "after - before", ".4f"),
+    number("half_width", "of the row", "of the interval about `after`; empty where there is none", ".4f"),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of TABLE; NaN where a number is not known."""
+
+    name: str
+    title: str
+    unit: str
+    positive: str
+    before: float
+    after: float
+    change: float
+    half_width: float
+
+
+class Face:
+    """The landmarks of one patient, found once; :meth:`rows` serves every plan."""
+
+    def __init__(self, patient: PatientModel):
+        self._patient = patient
+        self.landmarks: CarriedLandmarks = carried_landmarks(patient)
+        self._before = measure(self.landmarks.positions)
+        judged = patient.judged_points
+        known = np.isfinite(self.landmarks.positions).all(axis=1)
+        places = np.where(known[:, None], self.landmarks.positions, 0)
+        self._nearest = judged[cKDTree(patient.skin_points[judged]).query(places)[1]]
+
+    def rows(self, displacement: np.ndarray, half_width: np.ndarray | None = None) -> list[Row]:
+        """The measures, then how far forward, up and to the left the SHOWN landmarks go, under a field (n, 3) mm.
+
+        half_width (s,) mm of the skin points' interval, or None. That of a measure takes the intervals at its landmarks
+        for independent errors of their positions: the root of the sum of (derivative times half-width) squared [I]. It
+        is not calibrated by itself. Sellion and what lies beside the judged face count as sure.
+        """
+        moved = self.landmarks.moved(displacement)
+        widths = np.full(len(LANDMARKS), np.nan)
+        if half_width is not None and np.isfinite(half_width).any():
+            widths = np.nan_to_num(half_width[self._nearest])
+            widths[LANDMARKS.index("sellion")] = 0.0
+        gradient = np.linalg.norm(derivatives(moved), axis=2)
+        spread = np.sqrt(((gradient * widths) ** 2).sum(axis=1))
+        after = measure(moved)
+        rows = [
+            Row(name, own.title, own.unit, own.positive, before, now, now - before, width)
+            for (name, own), before, now, width in zip(MEASURES.items(), self._before, after, spread, strict=True)
+        ]
+        shift = moved - self.landmarks.positions
+        for name, title in SHOWN.items():
+            place = LANDMARKS.index(name)
+            for way, axis in WAYS.items():
+                change = float(shift[place] @ axis)
+                key = f"{name}_{way.split()[-1]}"
+                rows.append(Row(key, title, "mm", way, np.nan, np.nan, change, float(widths[place])))
+        return rows
+
+
+def face_rows(patient: PatientModel, displacement: np.ndarray, half_width: np.ndarray | None = None) -> list[Row]:
+    """:meth:`Face.rows` of one plan; all numbers unknown where the face cannot be read, which the log says."""
+    try:
+        return Face(patient).rows(displacement, half_width)
+    except InputError as error:
+        logging.warning("no measures: %s", error)
+    unknown = dict.fromkeys(("before", "after", "change", "half_width"), np.nan)
+    rows = [Row(name, own.title, own.unit, own.positive, **unknown) for name, own in MEASURES.items()]
+    ways = [(name, title, way) for name, title in SHOWN.items() for way in WAYS]
+    return rows + [Row(f"{name}_{way.split()[-1]}", title, "mm", way, **unknown) for name, title, way in ways]
+
+
+def write_rows(rows: list[Row], path: str | os.PathLike) -> None:
+    """Write the rows as CSV."""
+    write_csv(pd.DataFrame([asdict(row) for row in rows]), path, TABLE)
+
+
+def written(value: float, digits: int, sign: str = "") -> str:
+    """A number as pages show it; a dash where there is none, and no sign where it shows as zero."""
+    if not np.isfinite(value):
+        return "–"
+    text = format(value, f"{sign}.{digits}f")
+    return text.lstrip("+-") if not float(text) else text.replace("-", "−")

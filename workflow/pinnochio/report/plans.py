@@ -1,0 +1,109 @@
+"""All plans of one patient on one page: faces that turn together, what each plan does, and the face in numbers."""
+
+import base64
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import jinja2
+import numpy as np
+import pandas as pd
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
+from plotly.offline import get_plotlyjs
+
+from pinnochio.figures.patient import SKIN
+from pinnochio.files import replacing
+from pinnochio.model.patient import PatientModel
+from pinnochio.patients.certificate import RESEARCH
+from pinnochio.patients.face import written
+from pinnochio.patients.page import motions_in_words
+from pinnochio.plans.plan import Plan
+
+TEMPLATE = "plans.html"  # beside this module; it includes plans.js
+STEP = 0.01  # mm, of displacements
+FARTHEST = 10.0  # mm: upper end of the colours
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A plan and what is predicted of it.
+
+    page: its own page, as seen from this one; verdict: of its certificate; displacement (n, 3) mm; measures: the frame
+    of patients.face.TABLE.
+    """
+
+    name: str
+    plan: Plan
+    page: str
+    verdict: str
+    displacement: np.ndarray
+    measures: pd.DataFrame
+
+
+def write_plans(
+    case: str,
+    method: str,
+    patient: PatientModel,
+    plans: Sequence[Planned],
+    level: float | None,
+    path: str | os.PathLike,
+) -> None:
+    """Write the page; level: of the interval, None without one."""
+    colours = [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 1, 9))]
+    used, faces = np.unique(patient.skin_faces, return_inverse=True)
+    moved = [(patient.moved_skin(own.displacement) - patient.skin_points)[used] for own in plans]
+    view = {
+        "points": _encode(patient.skin_points[used], "<f4"),
+        "faces": _encode(faces.reshape(patient.skin_faces.shape), "<i4"),
+        "moved": [_encode(np.rint(shift / STEP), "<i2") for shift in moved],
+        "step": STEP,
+        "skin": SKIN,
+        "colours": colours,
+        "farthest": FARTHEST,
+    }
+    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True)
+    text = environment.get_template(TEMPLATE).render(
+        case=case,
+        method=method,
+        research=RESEARCH,
+        level="" if level is None else f"{100 * level:g} %",
+        plans=[
+            {
+                "name": own.name,
+                "page": own.page,
+                "verdict": own.verdict,
+                "motions": motions_in_words(patient, own.plan),
+            }
+            for own in plans
+        ],
+        numbers=_numbers([own.measures for own in plans]),
+        colours=colours,
+        farthest=f"{FARTHEST:g}",
+        view=view,
+        plotly=get_plotlyjs(),
+    )
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _numbers(tables: Sequence[pd.DataFrame]) -> list[dict]:
+    """The measures (without the ways of landmarks) of every plan: after, change and half-width."""
+    rows = []
+    for place, row in tables[0].iterrows():
+        if not np.isfinite([own.loc[place, "after"] for own in tables]).any():
+            continue
+        digits, unit = (0, "°") if row["unit"] == "degree" else (1, "mm")
+        texts = []
+        for own in tables:
+            width = own.loc[place, "half_width"]
+            beside = f" ± {written(width, 1)}" if np.isfinite(width) else ""
+            change = written(own.loc[place, "change"], 1, "+")
+            texts.append(f"{written(own.loc[place, 'after'], digits)}{beside} ({change})")
+        rows.append({"title": f"{row['title']}, {unit}", "before": written(row["before"], digits), "plans": texts})
+    return rows
+
+
+def _encode(values: np.ndarray, kind: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, kind)).decode()
