@@ -1,12 +1,20 @@
-// The 3D views: one Plotly scene per patient, whose buttons change what its meshes show.
+// The 3D views: one Plotly scene per patient, whose buttons change what its meshes show. A view takes neither the wheel
+// nor a finger until it is clicked.
 "use strict";
 
 const NOT_JUDGED = -32768;
 const [INSIDE, NONE, OUTSIDE] = [[59, 76, 192], [221, 221, 221], [180, 4, 38]]; // of the pictures' scale, as RGB
 const LIGHT = { ambient: 0.32, diffuse: 0.7, specular: 0.1, roughness: 0.6, fresnel: 0.05 };
+const CAMERAS = { front: { x: 0, y: -1.8, z: 0.1 }, profile: { x: 1.8, y: -0.1, z: 0.1 }, reset: { x: 1, y: -1.5, z: 0.2 } };
 const LAMP = { x: -60000, y: 50000, z: 100000 }; // as seen from the camera: to the left, above and behind it
 
 const decode = (text, Kind) => new Kind(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
+
+// What the page carries as gzip in base64.
+async function unpacked(text) {
+  const stream = new Blob([decode(text, Uint8Array)]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).text();
+}
 
 // A surface as Plotly takes it: coordinates, moved by a displacement (in steps) where there is one, and corners.
 function shape(surface, moved, step) {
@@ -29,8 +37,9 @@ function colour(share) {
   return rgb(NONE.map((value, i) => Math.round(value + part * (end[i] - value))));
 }
 
-function show(box) {
-  const view = JSON.parse(box.querySelector("script").textContent);
+async function show(box) {
+  const view = JSON.parse(await unpacked(box.querySelector("script").textContent));
+  const stage = box.querySelector(".stage");
   const plot = box.querySelector(".plot");
   const states = [...box.querySelectorAll("[data-state]")];
   const method = box.querySelector("select");
@@ -44,7 +53,7 @@ function show(box) {
     uirevision: "the camera stays where it was turned to",
     scene: {
       xaxis: axis, yaxis: axis, zaxis: axis, aspectmode: "data", dragmode: "orbit",
-      camera: { eye: { x: 1, y: -1.5, z: 0.2 } },
+      camera: { eye: CAMERAS.reset },
     },
   };
 
@@ -78,7 +87,20 @@ function show(box) {
     });
   }
   for (const input of [method, error, bone]) input.addEventListener("change", draw);
+  for (const button of box.querySelectorAll("[data-from]")) {
+    button.addEventListener("click", () => {
+      Plotly.relayout(plot, { "scene.camera": { eye: CAMERAS[button.dataset.from] } });
+    });
+  }
+  document.addEventListener("pointerdown", (event) => {
+    stage.classList.toggle("active", stage.contains(event.target));
+  });
   draw();
 }
 
-document.querySelectorAll(".view").forEach(show);
+unpacked(document.getElementById("plotly").textContent).then((program) => {
+  const script = document.createElement("script");
+  script.textContent = program;
+  document.head.append(script);
+  document.querySelectorAll(".view").forEach(show);
+});
