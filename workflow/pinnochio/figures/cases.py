@@ -61,9 +61,9 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
 
 def _message(ranking: Ranking) -> str:
     """What the picture says."""
-    best = f"{written(ranking.best)} comes nearest ({ranking.means.iloc[0]:.2f} mm)"
     if not ranking.tested:
-        return f"{best}; a demonstration on {ranking.patients} patients"
+        return f"A demonstration: {ranking.patients} patients do not tell methods apart"
+    best = f"{written(ranking.best)} comes nearest ({ranking.means.iloc[0]:.2f} mm)"
     count = len(ranking.alike)
     alike = f"; {count} other{'s are' if count > 1 else ' is'} not told apart" if count else ""
     return f"{best} over {ranking.patients} patients{alike}"

@@ -34,6 +34,12 @@ def written(method: str) -> str:
     return WRITTEN.get(method, method)
 
 
+def in_sentence(method: str) -> str:
+    """The name within a sentence: no capital but an abbreviation's."""
+    name = written(method)
+    return name[0].lower() + name[1:] if name[1:2].islower() and method in WRITTEN else name
+
+
 def few(methods: Iterable[str], count: int) -> list[str]:
     """At most so many of the methods, in their order: those that are wanted first, then the others as they come."""
     methods = list(methods)

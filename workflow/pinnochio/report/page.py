@@ -15,7 +15,6 @@ from plotly.offline import get_plotlyjs
 
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
-from pinnochio.figures.patient import FARTHEST
 from pinnochio.files import replacing
 from pinnochio.methods.names import WRITTEN, written
 from pinnochio.metrics.columns import CASES, scanned
@@ -51,7 +50,6 @@ def write_page(
     record = json.loads(Path(provenance).read_text(encoding="utf-8"))
     settings, study = record["config"], _cohort(record["config"])
     ranking = rank(scanned(read_table(cases, CASES)), methods, settings["seed"]) if cases else None
-    views = {case: Path(files["view"]).read_text(encoding="utf-8") for case, files in patients.items()}
     parts = [
         {
             "name": name,
@@ -67,9 +65,7 @@ def write_page(
     shown = {
         case: {
             "pictures": {name: _photograph(files[name]) for name in ("picture", "volume") if name in files},
-            "view": _packed(views[case]),
-            "methods": list(json.loads(views[case])["methods"]),
-            "farthest": FARTHEST,
+            "view": json.loads(Path(files["view"]).read_text(encoding="utf-8")),
         }
         for case, files in patients.items()
     }
