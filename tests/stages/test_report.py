@@ -11,7 +11,7 @@ import pandas as pd
 import PIL.Image
 import pytest
 
-from pinnochio.columns import Column, number, write_table
+from pinnochio.columns import Column, number, write_csv
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.metrics.columns import CASES
@@ -69,7 +69,7 @@ def report(patient, drawn, tmp_path_factory):
     provenance(CONFIG, "0123456789ab", str(folder / "provenance.json"))
     errors = {"no_change": 2.0, "fem_sliding": 1.0, FORWARD: 0.8, "floor_scan": 0.3}
     rows = [row(f"V{n}", name, cd + 0.1 * n * (name == FORWARD)) for name, cd in errors.items() for n in range(8)]
-    write_table(pd.DataFrame(rows), CASES, folder / "cases.csv")
+    write_csv(pd.DataFrame(rows), folder / "cases.csv", CASES)
     render_table(str(folder / "cases.csv"), "cases", [str(folder / "cases.png")])
     write_report(
         {path.stem: path.read_text() for path in CAPTIONS.glob("*.rst")},
