@@ -142,9 +142,9 @@ def test_the_view_holds_what_is_predicted_and_its_error(patient, drawn):
     view = json.loads(Path(drawn["view"]).read_text())
     assert list(view["methods"]) == ["no_change", FORWARD]  # what has diverged has no face
     skin, moved = view["skins"][view["methods"][FORWARD]["skin"]], view["methods"][FORWARD]
-    assert np.allclose(view["place"] * decode(skin["points"], "<i2", 3), model.skin_points, atol=0.0101)
+    assert np.allclose(view["step"] * decode(skin["points"], "<i2", 3), model.skin_points, atol=0.0251)
     assert np.array_equal(decode(skin["faces"], "<i4", 3), model.skin_faces)
-    assert np.all(view["step"] * decode(moved["moved"], "<i2", 3) == [0, -2, 0])
+    assert np.allclose(view["step"] * decode(moved["moved"], "<i2", 3), [0, -2, 0])
     judged = np.zeros(len(model.skin_points), bool)
     judged[model.skin_faces[model.face_roi]] = True
     errors = decode(moved["error"], "<i2")[:, 0]
@@ -221,7 +221,7 @@ def test_the_view_turns_and_shows_plan_and_error(opened, patient):
     view.scroll_into_view_if_needed()
     model = PatientModel.read(patient.model)
     planned, before, seen = page.evaluate(SKIN_NOW), page.evaluate(CAMERA), view.locator(".plot").screenshot()
-    assert np.allclose(np.transpose(planned), model.skin_points + [0, -2, 0], atol=0.0101)
+    assert np.allclose(np.transpose(planned), model.skin_points + [0, -2, 0], atol=0.0251)
     assert len(set(np.unique(PIL.Image.open(io.BytesIO(seen)).convert("L")))) > 50  # a shaded surface
 
     box = view.locator(".plot").bounding_box()
@@ -247,7 +247,7 @@ def test_the_view_turns_and_shows_plan_and_error(opened, patient):
     assert max(abs(turned[axis] - before[axis]) for axis in "xyz") > 0.1
 
     view.get_by_role("button", name="Before").click()
-    assert np.allclose(np.transpose(page.evaluate(SKIN_NOW)), model.skin_points, atol=0.0101)
+    assert np.allclose(np.transpose(page.evaluate(SKIN_NOW)), model.skin_points, atol=0.0251)
     assert page.evaluate(CAMERA) == pytest.approx(turned)
     view.get_by_role("button", name="Predicted").click()
     assert page.evaluate(SKIN_NOW) == planned
@@ -258,7 +258,7 @@ def test_the_view_turns_and_shows_plan_and_error(opened, patient):
     colours = page.evaluate("document.querySelector('.plot').data[0].vertexcolor")
     assert len(colours) == len(model.skin_points) and len(set(colours)) > 20 and view.locator(".scale").is_visible()
     view.get_by_label("Method").select_option("no_change")
-    assert np.allclose(np.transpose(page.evaluate(SKIN_NOW)), model.skin_points, atol=0.0101)
+    assert np.allclose(np.transpose(page.evaluate(SKIN_NOW)), model.skin_points, atol=0.0251)
     view.get_by_label("Bones").check()
     assert page.evaluate("document.querySelector('.plot').data[1].visible")
     assert page.evaluate(CAMERA) == pytest.approx(turned)

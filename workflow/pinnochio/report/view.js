@@ -35,7 +35,7 @@ const surfaceOf = async (surface) => ({
 
 // A surface as Plotly takes it: coordinates, moved by a displacement (in steps) where there is one, and corners.
 function shape({ points, faces }, view, moved) {
-  const at = Array.from(points, (value, i) => view.place * value + (moved ? view.step * moved[i] : 0));
+  const at = Array.from(points, (value, i) => view.step * (value + (moved ? moved[i] : 0)));
   const every = (values, which) => values.filter((_, i) => i % 3 === which);
   return {
     x: every(at, 0), y: every(at, 1), z: every(at, 2), i: every(faces, 0), j: every(faces, 1), k: every(faces, 2),

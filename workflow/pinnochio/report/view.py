@@ -11,8 +11,7 @@ from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 
-STEP = 0.05  # mm, of displacements and errors; the eye sees none of it
-PLACE = 0.02  # mm, of points
+STEP = 0.05  # mm, of points, displacements and errors; the eye sees none of it
 NOT_JUDGED = -(2**15)  # of an error, in steps
 
 
@@ -35,15 +34,13 @@ def make_view(
 
     patients: by method the model that it predicts on, whose skins may differ around the mouth; target: points (k, 3) mm
     and faces of the scan; moved, errors: points (s, 3) mm of the predicted skin and their judged_errors, by method.
-    Points are int16 in units of `place` mm, faces int32, displacements and errors int16 in units of `step` mm, -32768
-    for NaN; each as of encode.
+    Points, displacements and errors are int16 in units of `step` mm, -32768 for NaN, faces int32; each as of encode.
     """
     models = {id(patient): patient for patient in patients.values()}
     patient, number = next(iter(models.values())), {key: index for index, key in enumerate(models)}
     segments = [SEGMENTS[index % len(SEGMENTS)] for index in range(len(patient.segments))]
     return {
         "step": STEP,
-        "place": PLACE,
         "farthest": FARTHEST,
         "colours": {"skin": SKIN, "unknown": UNKNOWN, "bones": [BONE, *segments]},
         "skins": [
@@ -66,7 +63,7 @@ def make_view(
 
 
 def _surface(points: np.ndarray, faces: np.ndarray) -> dict[str, str]:
-    return {"points": encode(np.rint(points / PLACE), "<i2"), "faces": encode(faces, "<i4")}
+    return {"points": encode(np.rint(points / STEP), "<i2"), "faces": encode(faces, "<i4")}
 
 
 def _steps(values: np.ndarray) -> str:
