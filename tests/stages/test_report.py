@@ -68,7 +68,11 @@ def report(patient, drawn, tmp_path_factory):
     PIL.Image.new("RGB", (640, 480), "teal").save(folder / "corrections.png")
     provenance(CONFIG, "0123456789ab", str(folder / "provenance.json"))
     errors = {"no_change": 2.0, "fem_sliding": 1.0, FORWARD: 0.8, "floor_scan": 0.3}
-    rows = [row(f"V{n}", name, cd + 0.1 * n * (name == FORWARD)) for name, cd in errors.items() for n in range(8)]
+    rows = [
+        row(f"V{n}", name, cd + 0.1 * n * (name == FORWARD), registration_residual=0.3)
+        for name, cd in errors.items()
+        for n in range(8)
+    ]
     write_csv(pd.DataFrame(rows), folder / "cases.csv", CASES)
     render_table(str(folder / "cases.csv"), "cases", [str(folder / "cases.png")])
     write_report(
