@@ -82,7 +82,7 @@ def case_picture(
     finish(plotter, "before", OBLIQUE)
     plotter.subplot(0, 1)
     add_bone(plotter, patient, plan)
-    finish(plotter, "planned bone", OBLIQUE)
+    finish(plotter, "moved bone", OBLIQUE)
     plotter.subplot(0, 2)
     plotter.add_mesh(surface_of(*target), color=SKIN)
     finish(plotter, "outcome (scan)", OBLIQUE)
