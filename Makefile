@@ -1,9 +1,13 @@
-# Each target does everything on a fresh machine with Python 3.11 or newer.
+# Each target does everything on a fresh machine with Python 3.11 or newer. VERBOSE=1 shows all that Snakemake says.
 PYTHON ?= python3
 BIN := .venv/bin
 SNAKEMAKE := $(BIN)/snakemake --cores 2
 
-.PHONY: env quick study unlock report planner test test-library test-study test-full docs
+# What is shown, without CONFIG: the default study where it is finished, else the quick one where that is.
+FINISHED := $(if $(wildcard results/provenance.json),,$(if $(wildcard results/quick/provenance.json),config/quick.yaml))
+OF := $(addprefix --configfile ,$(or $(CONFIG),$(FINISHED)))
+
+.PHONY: env quick study unlock report figures predict planner test test-library test-study test-full docs
 
 env: .venv/installed
 
@@ -15,18 +19,26 @@ env: .venv/installed
 	touch $@
 
 quick: env
-	$(SNAKEMAKE) --configfile config/quick.yaml
+	$(SNAKEMAKE) all report --configfile config/quick.yaml
+	@$(BIN)/python workflow/show_results.py results/quick
 
 study: env
-	$(SNAKEMAKE)
+	$(SNAKEMAKE) all report
+	@$(BIN)/python workflow/show_results.py results
 
 # After a study was killed (power, memory, kill): ends what it left running and lets the same command go on.
 unlock: env
 	$(BIN)/python workflow/unlock.py
 
-# make report CONFIG=config/quick.yaml: of another study than the default one.
-report: env
-	$(SNAKEMAKE) report $(if $(CONFIG),--configfile $(CONFIG))
+# make report CONFIG=config/quick.yaml: of another study than the default one. Neither starts a study.
+report figures: env
+	$(SNAKEMAKE) $@ $(OF)
+
+# make predict PATIENT=FOLDER: the face that follows each plan of a patient, by models that exist. MODELS: an archive
+# elsewhere.
+predict: env
+	@test -n "$(PATIENT)" || { echo "Name the patient: make predict PATIENT=FOLDER"; exit 1; }
+	$(SNAKEMAKE) predict $(OF) --config patient=$(PATIENT) $(if $(MODELS),models=$(MODELS))
 
 # make planner PATIENT=FOLDER: prepares the patient, then opens a page on this machine to try plans on. MODELS: an
 # archive elsewhere; PLANNER: options of workflow/plan.py.

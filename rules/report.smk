@@ -48,6 +48,9 @@ rule write_report:
             if STUDY.volumes
             else []
         ),
+        qualities=expand("<results>/cases/{case}/quality.png", case=STUDY.cases),
+        cases="<results>/tables/cases.csv" if STUDY.scanned else [],
+        chart="<results>/figures/cases.png" if STUDY.scanned else [],
         provenance="<results>/provenance.json",
     output:
         page="<results>/report.html",
@@ -61,6 +64,8 @@ rule write_report:
         runtime=10,
     params:
         cases=STUDY.shown,
+        everyone=list(STUDY.cases),
+        methods=STUDY.compared,
         learned=STUDY.learned,
         captions={part: caption(part) for part in [*PARTS, "picture", "volume"]},
         code=code_of("write_report"),
@@ -68,6 +73,15 @@ rule write_report:
         "Write the report"
     script:
         "../scripts/write_report.py"
+
+
+# Pictures of what a study has found.
+rule figures:
+    input:
+        "<results>/figures/cases.png" if STUDY.scanned else [],
+        expand("<results>/figures/{case}.png", case=STUDY.shown),
+    message:
+        "The pictures are drawn: see {config[pathvars][results]}/figures"
 
 
 rule report:

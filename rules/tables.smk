@@ -61,18 +61,18 @@ rule provenance:
         "../scripts/provenance.py"
 
 
-# A picture of one patient: before, outcome and every method with its error; asked for by name.
+# A picture of one patient: before, outcome and some methods with their errors; asked for by name.
 rule render_case:
     input:
         models=lambda wildcards: [
-            STUDY.model_of(wildcards.case, method) for method in STUDY.methods
+            STUDY.model_of(wildcards.case, method) for method in STUDY.pictured
         ],
         plan=STUDY.motion,
         postop="<results>/cases/{case}/postop.h5",
         predictions=lambda wildcards: expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
             fold=STUDY.fold_of(wildcards.case),
-            method=STUDY.methods,
+            method=STUDY.pictured,
         ),
     output:
         picture=captioned("<results>/figures/{case}.png", "picture"),
@@ -86,10 +86,10 @@ rule render_case:
         mem_mb=2000,
         runtime=10,
     params:
-        methods=STUDY.methods,
+        methods=STUDY.pictured,
         code=code_of("render_case"),
     message:
-        "Draw {wildcards.case}: before, outcome and every method"
+        "Draw {wildcards.case}: before, outcome and methods"
     script:
         "../scripts/render_case.py"
 
@@ -173,7 +173,7 @@ rule render_table:
     log:
         "<logs>/render_table/{table}.log",
     wildcard_constraints:
-        table="corrections|scaling|stability|tradeoff",
+        table="cases|corrections|scaling|stability|tradeoff",
     conda:
         "../envs/pinnochio.yaml"
     threads: 1

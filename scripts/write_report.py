@@ -15,11 +15,16 @@ def write_report(
     patients: Mapping[str, Mapping[str, str]],
     provenance: str,
     output: str,
+    cases: str | None = None,
+    methods: Sequence[str] = (),
+    chart: str | None = None,
+    qualities: Mapping[str, str] | None = None,
 ) -> None:
     """Write the page.
 
     captions: as of write_page; tables: HTML twins; figures: PNG files, named like their tables; curves: pictures of
-    trainings by method; patients: by case its `picture`, its `view` and, where there is one, its `volume`.
+    trainings by method; patients: by case its `picture`, its `view` and, where there is one, its `volume`; cases,
+    methods, chart, qualities: as of write_page.
     """
     by_part = {Path(path).stem: {Path(path).stem: path} for path in figures}
     by_part |= {"training": curves} if curves else {}
@@ -30,6 +35,10 @@ def write_report(
         patients=patients,
         provenance=provenance,
         path=output,
+        cases=cases,
+        methods=methods,
+        chart=chart,
+        qualities=qualities,
     )
 
 
@@ -47,4 +56,8 @@ if __name__ == "__main__":
         },
         provenance=snakemake.input.provenance,
         output=snakemake.output.page,
+        cases=snakemake.input.get("cases") or None,
+        methods=snakemake.params.methods,
+        chart=snakemake.input.get("chart") or None,
+        qualities=dict(zip(snakemake.params.everyone, snakemake.input.qualities, strict=True)),
     )

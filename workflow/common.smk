@@ -12,10 +12,12 @@ from pinnochio.methods.registry import graph_networks
 from pinnochio.patients.archive import READ_BY_NETWORKS
 from pinnochio.report.parts import FIGURES, PARTS
 from pinnochio.study.configuration import check_config
+from pinnochio.study.console import Progress, expected_seconds, quieten
 from pinnochio.study.new_patients import other_cases
 from pinnochio.study.provenance import changed_since, forgotten
 from pinnochio.study.schema import checked
 from pinnochio.study.study import Study
+from pinnochio.study.unasked import refuse_unasked
 from pinnochio.volume_size import millions
 
 # Idle OpenMP threads of a job sleep; spinning they take the cores from the compiled loops.
@@ -99,5 +101,29 @@ PREDICTS = code_of("import_segmentation", "label_interfaces", "predict_ensemble"
 STAGES = sorted(path.stem for path in ROOT.glob("scripts/[a-z]*.py"))
 
 
+def seconds_of(counts):
+    """Seconds that one job of each rule took in the default study."""
+    measured = {rule.name: rule.benchmark is not None for rule in workflow.rules}
+    return expected_seconds(counts, measured)
+
+
+if workflow.is_main_process and not (
+    workflow.output_settings.verbose or os.environ.get("VERBOSE")
+):
+    quieten(
+        logger,
+        begin=lambda counts: Progress(counts, seconds_of(counts), ALL_CORES),
+        runs=lambda: not workflow.dryrun,
+    )
+
+
 onstart:
     check_writable(RESULTS)
+    counts = workflow.dag.stats()[1]
+    refuse_unasked(
+        targets=list(workflow.dag_settings.targets),
+        counts=counts,
+        expected=seconds_of(counts),
+        cores=ALL_CORES,
+        results=RESULTS,
+    )

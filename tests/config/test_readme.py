@@ -1,5 +1,6 @@
 """The README and the pages show the committed reference results, and lead to what exists."""
 
+import json
 import re
 from pathlib import Path
 
@@ -9,11 +10,36 @@ import pytest
 from tests.helpers.documents import PAGES
 from tests.helpers.settings import ROOT
 
+README_ROWS = {
+    "no change": "no_change",
+    "linear elasticity": "elastic",
+    "sliding finite elements": "fem_sliding",
+    "PINNOCHIO, as published": "pinnochio",
+    "PINNOCHIO plus": "pinnochio_plus",
+}
 
-def test_readme_holds_the_reference_table():
+
+def test_results_hold_the_reference_table():
     text = (ROOT / "results/reference/accuracy.md").read_text(encoding="utf-8")
     table = "\n\n".join(text.strip().split("\n\n")[:2])  # ours and its caption; the paper's values follow them
-    assert table in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert table in (ROOT / "docs/results.md").read_text(encoding="utf-8")
+
+
+def test_readme_holds_five_rows_of_the_reference():
+    """Rounded, and with the commit that they are of; seconds are those of the table or rounded."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    accuracy = pd.read_csv(ROOT / "results/reference/accuracy.csv").set_index("method")
+    shown = {row[0]: row for row in (line.strip("| ").split(" | ") for line in text.splitlines()) if len(row) == 4}
+    for name, method in README_ROWS.items():
+        own, row = accuracy.loc[method], [cell.strip("*") for cell in shown[name]]
+        assert row[1:3] == [f"{own['cd_mean']:.2f} ± {own['cd_sd']:.2f}", f"{own['pwr2_mean']:.1f}"]
+        assert float(row[3]) == pytest.approx(own["seconds_mean"], rel=0.1, abs=0.001)
+    assert json.loads((ROOT / "results/reference/provenance.json").read_text())["written"][:10] in text
+
+
+def test_readme_is_short():
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 130 and max(map(len, lines)) <= 110
 
 
 @pytest.mark.parametrize("name", ["thickness", "ratios", "effects"])

@@ -1,6 +1,7 @@
 """The real workflow in a temporary copy of the project, what a run says, and a small head as its input."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -16,6 +17,7 @@ from pinnochio.virtual.procedures import Procedure
 from tests.helpers.settings import ROOT
 
 SOON = ("--max-jobs-per-timespan", "2000/2s")  # Snakemake ends one time span after its last job
+VERBOSE = {"VERBOSE": "1"}  # all that Snakemake says
 PARTS = ("Snakefile", "rules", "scripts", "workflow", "config", "profiles", "envs", "examples")
 
 
@@ -36,6 +38,7 @@ class Project:
         return subprocess.run(
             [sys.executable, "-m", "snakemake", "--cores", str(cores), *SOON, *arguments],
             cwd=self.folder,
+            env=os.environ | VERBOSE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -1,6 +1,5 @@
 """The report of a study: what its page holds and, in a headless Chromium, what it does."""
 
-import base64
 import io
 import json
 import shutil
@@ -12,19 +11,23 @@ import pandas as pd
 import PIL.Image
 import pytest
 
-from pinnochio.columns import Column, number
+from pinnochio.columns import Column, number, write_csv
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import signed_distances
+from pinnochio.metrics.columns import CASES
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.report.page import read_body
 from pinnochio.report.parts import PARTS
+from pinnochio.report.view import decode, encode
 from pinnochio.tables.document import Block, Table, views
 from scripts.provenance import provenance
 from scripts.render_case import render_case
+from scripts.render_table import render_table
 from scripts.render_volume import render_volume
 from scripts.write_report import write_report
+from tests.helpers.rows import row
 from tests.helpers.settings import CONFIG, ROOT
 from tests.helpers.tables import write
 
@@ -64,6 +67,14 @@ def report(patient, drawn, tmp_path_factory):
         write(Table(frame, SCHEMA, [block]), folder / f"{name}.csv")
     PIL.Image.new("RGB", (640, 480), "teal").save(folder / "corrections.png")
     provenance(CONFIG, "0123456789ab", str(folder / "provenance.json"))
+    errors = {"no_change": 2.0, "fem_sliding": 1.0, FORWARD: 0.8, "floor_scan": 0.3}
+    rows = [
+        row(f"V{n}", name, cd + 0.1 * n * (name == FORWARD), registration_residual=0.3)
+        for name, cd in errors.items()
+        for n in range(8)
+    ]
+    write_csv(pd.DataFrame(rows), folder / "cases.csv", CASES)
+    render_table(str(folder / "cases.csv"), "cases", [str(folder / "cases.png")])
     write_report(
         {path.stem: path.read_text() for path in CAPTIONS.glob("*.rst")},
         [str(folder / f"{name}.html") for name in ("corrections", "accuracy")],
@@ -72,6 +83,10 @@ def report(patient, drawn, tmp_path_factory):
         {patient.case: drawn},
         str(folder / "provenance.json"),
         str(folder / "report.html"),
+        cases=str(folder / "cases.csv"),
+        methods=["no_change", "fem_sliding", FORWARD],
+        chart=str(folder / "cases.png"),
+        qualities={patient.case: drawn["picture"]},
     )
     return folder / "report.html"
 
@@ -96,11 +111,18 @@ class Elements(HTMLParser):
 def test_the_page_holds_the_tables_and_figures_that_there_are_and_no_others(report, patient):
     page = Elements(report.read_text(encoding="utf-8"))
     sections = [attributes["id"] for tag, attributes in page.elements if tag == "section"]
-    assert sections == ["accuracy", "corrections", "training", "patients", "provenance"]
+    assert sections == ["patients", "models", "accuracy", "corrections", "training", "way", "provenance"]
     for n in range(12):
         assert page.words.count(f"{n + 100.25:.4f}") == page.words.count(f"{n + 100.5:.4f}") == 2
     pictures = [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
-    assert pictures == [PARTS["corrections"], "Training: acmt", "Training: pinnochio", "T0: picture", "T0: volume"]
+    assert pictures == [
+        "All methods on the same patients", "T0: picture", "T0: volume", "T0: model", PARTS["corrections"],
+        "Training: ACMT-Net", "Training: PINNOCHIO",
+    ]  # fmt: skip
+    assert "Sliding FEM comes nearest to the outcome: 1.00 mm off in the mean" in page.words
+    assert "Not told apart from it: PINNOCHIO plus." in page.words and "Demonstration" not in page.words
+    titles = {attributes["title"] for tag, attributes in page.elements if tag == "td" and "title" in attributes}
+    assert titles == {"no_change", FORWARD} and "No change" in page.words
     for said in ("0123456789ab", "simulated cohort", "For research only", "youngs_modulus", "What corrections says"):
         assert said in page.words
     assert patient.case in page.words
@@ -119,25 +141,30 @@ def test_the_page_loads_nothing(report):
     assert "url(" not in styles and "@import" not in styles
 
 
-def decoded(text: str, kind: str) -> np.ndarray:
-    return np.frombuffer(base64.b64decode(text), kind)
-
-
 def test_the_view_holds_what_is_predicted_and_its_error(patient, drawn):
     model, target = PatientModel.read(patient.model), PostopSkin.read(patient.postop).surface
     view = json.loads(Path(drawn["view"]).read_text())
     assert list(view["methods"]) == ["no_change", FORWARD]  # what has diverged has no face
     skin, moved = view["skins"][view["methods"][FORWARD]["skin"]], view["methods"][FORWARD]
-    assert np.allclose(decoded(skin["points"], "<f4").reshape(-1, 3), model.skin_points, atol=1e-4)
-    assert np.array_equal(decoded(skin["faces"], "<i4").reshape(-1, 3), model.skin_faces)
-    assert np.all(decoded(moved["moved"], "<i2").reshape(-1, 3) == [0, -200, 0])
+    assert np.allclose(view["step"] * decode(skin["points"], "<i2", 3), model.skin_points, atol=0.0251)
+    assert np.array_equal(decode(skin["faces"], "<i4", 3), model.skin_faces)
+    assert np.allclose(view["step"] * decode(moved["moved"], "<i2", 3), [0, -2, 0])
     judged = np.zeros(len(model.skin_points), bool)
     judged[model.skin_faces[model.face_roi]] = True
-    errors = decoded(moved["error"], "<i2")
+    errors = decode(moved["error"], "<i2")[:, 0]
     assert 0 < judged.sum() < len(judged) and np.all(errors[~judged] == -(2**15))
     expected = signed_distances(model.skin_points[judged] + [0, -2, 0], *target)
-    assert np.allclose(view["step"] * errors[judged], expected, atol=0.0051)
-    assert np.array_equal(decoded(skin["error"], "<i2"), decoded(view["methods"]["no_change"]["error"], "<i2"))
+    assert np.allclose(view["step"] * errors[judged], expected, atol=0.0251)
+    assert skin["error"] == view["methods"]["no_change"]["error"]
+
+
+def test_numbers_survive_the_page():
+    rng = np.random.default_rng(0)
+    for kind in ("<i2", "<i4"):
+        ends = np.iinfo(kind)
+        values = rng.integers(ends.min, ends.max, (50, 3), endpoint=True)
+        values[3:5, 0] = ends.min, ends.max
+        assert np.array_equal(decode(encode(values, kind), kind, 3), values)
 
 
 def test_a_table_without_a_body_is_refused(tmp_path):
@@ -198,34 +225,50 @@ def test_the_view_turns_and_shows_plan_and_error(opened, patient):
     view.scroll_into_view_if_needed()
     model = PatientModel.read(patient.model)
     planned, before, seen = page.evaluate(SKIN_NOW), page.evaluate(CAMERA), view.locator(".plot").screenshot()
-    assert np.allclose(np.transpose(planned), model.skin_points + [0, -2, 0], atol=0.01)
+    assert np.allclose(np.transpose(planned), model.skin_points + [0, -2, 0], atol=0.0251)
     assert len(set(np.unique(PIL.Image.open(io.BytesIO(seen)).convert("L")))) > 50  # a shaded surface
 
     box = view.locator(".plot").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
+    top = page.evaluate("scrollY")
+    page.mouse.wheel(0, -200)  # the page's, as long as the view has not been clicked
+    page.wait_for_function(f"scrollY < {top}")
+    assert page.evaluate(CAMERA) == pytest.approx(before)
+    page.mouse.wheel(0, 200)
+    page.wait_for_function(f"scrollY == {top}")
+    page.mouse.click(x, y)
+    page.mouse.wheel(0, -200)
+    page.wait_for_timeout(1000)
+    assert page.evaluate("scrollY") == top and page.evaluate(CAMERA) != pytest.approx(before)
+    view.get_by_role("button", name="Reset").click()
+    assert page.evaluate(CAMERA) == pytest.approx(before)
+    page.mouse.click(x, y)
     page.mouse.down()
     page.mouse.move(x + 120, y + 30, steps=5)
     page.mouse.up()
     turned = page.evaluate(CAMERA)
     assert max(abs(turned[axis] - before[axis]) for axis in "xyz") > 0.1
 
-    view.get_by_role("button", name="Plan off").click()
-    assert np.allclose(np.transpose(page.evaluate(SKIN_NOW)), model.skin_points, atol=0.01)
+    view.get_by_role("button", name="Before").click()
+    assert np.allclose(np.transpose(page.evaluate(SKIN_NOW)), model.skin_points, atol=0.0251)
     assert page.evaluate(CAMERA) == pytest.approx(turned)
-    view.get_by_role("button", name="Plan on").click()
+    view.get_by_role("button", name="Predicted").click()
     assert page.evaluate(SKIN_NOW) == planned
     view.get_by_role("button", name="Outcome").click()
     assert len(page.evaluate(SKIN_NOW)[0]) == len(PostopSkin.read(patient.postop).points)
-    view.get_by_role("button", name="Plan on").click()
+    view.get_by_role("button", name="Predicted").click()
     view.get_by_label("Error map").check()
     colours = page.evaluate("document.querySelector('.plot').data[0].vertexcolor")
     assert len(colours) == len(model.skin_points) and len(set(colours)) > 20 and view.locator(".scale").is_visible()
     view.get_by_label("Method").select_option("no_change")
-    assert np.allclose(np.transpose(page.evaluate(SKIN_NOW)), model.skin_points, atol=0.01)
+    assert np.allclose(np.transpose(page.evaluate(SKIN_NOW)), model.skin_points, atol=0.0251)
     view.get_by_label("Bones").check()
     assert page.evaluate("document.querySelector('.plot').data[1].visible")
     assert page.evaluate(CAMERA) == pytest.approx(turned)
+    view.get_by_role("button", name="Profile").click()
+    eye = page.evaluate(CAMERA)
+    assert eye["x"] > 1.5 and abs(eye["y"]) < 0.3
     assert not errors
     assert [request for request in requests if not request.startswith(("data:", "blob:"))] == [page.url]
 

@@ -7,17 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from pinnochio.tables.large_cohort import Measured
 from pinnochio.tables.scaling_patients import PATIENT_STAGES, patient_runs
 from tests.helpers.study import jobs, made_tables, without_timings
 
-LEARNED = ["pinnochio_unified", "pinnochio_no_physics", "pinnochio", "pinnochio_plus"]
-SURFACE = ["acmt", "acmt_pretrained", "dgcfp", "dgcfp_pretrained"]
-SKIN_ALONE = ["ratio", "pca_linear", *SURFACE, "floor_scan"]
-FEM = ["fem_bonded", "fem_sliding", "fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse"]
-METHODS = ["oracle", "no_change", "elastic", *FEM, *SKIN_ALONE, *LEARNED]
+LEARNED = ["pinnochio_plus"]
+SKIN_ALONE = ["ratio", "floor_scan"]
+METHODS = ["no_change", "elastic", "fem_sliding", *SKIN_ALONE, *LEARNED]  # every method: tests/stages
+PLANNED = ["fem_sliding", *LEARNED]
 VOLUME = re.compile("jacobian|inverted|volume|eqres|moving_error|sliding_error")  # columns that a skin has not
 GUARD = ["raw_min_jacobian", "raw_inverted", "repaired", "damping", "interface_error"]  # of networks alone
 
@@ -51,8 +49,6 @@ def test_tables_have_one_row_per_case_and_method(studied):
         assert (cases.groupby("case")[name].nunique() == 1).all() and (cases[name] > 4000).all()
     learned = cases["method"].isin(LEARNED)
     assert np.isfinite(cases.loc[learned, GUARD]).all(None) and cases.loc[~learned, GUARD].isna().all(None)
-    ablation = pd.read_csv(results / "tables/ablation.csv").set_index("method")
-    assert list(ablation.index) == LEARNED[:3] and (ablation["n"] == 6).all()
     assert cases["converged"].all()
     regions, landmarks = (pd.read_csv(results / f"tables/{name}.csv") for name in ("regions", "landmarks"))
     assert len(regions) == 6 * len(METHODS) and len(landmarks) == 13 * len(METHODS)
@@ -60,20 +56,16 @@ def test_tables_have_one_row_per_case_and_method(studied):
     blank = landmarks["method"].isin(SKIN_ALONE) & landmarks["place"].str.startswith("volume")
     assert (landmarks.loc[~blank, "n"] == 6).all() and (landmarks.loc[blank, "n"] == 0).all()
     training = pd.read_csv(results / "tables/training.csv").set_index("method")
-    assert sorted(training.index) == sorted([*LEARNED, *SURFACE])
-    pretrained = training["pretraining_seconds"] > 0
-    assert sorted(training.index[~pretrained]) == ["acmt", "dgcfp"] and (training["finetuning_seconds"] > 0).all()
-    counts = training["parameters"]
-    assert counts["pinnochio_unified"] == pytest.approx(counts["pinnochio"], rel=0.005)
+    assert list(training.index) == LEARNED
+    assert (training[["pretraining_seconds", "finetuning_seconds", "parameters"]] > 0).all(None)
+    planned = pd.read_csv(results / "tables/planned.csv")
+    assert sorted(planned["method"]) == PLANNED and (planned["n"] == 6).all()
     stages = pd.read_csv(results / "tables/stages.csv").set_index("rule")
-    assert stages.loc["pretrain", "jobs"] == 2 * pretrained.sum() and stages.index[-1] == "all"
+    assert stages.loc["pretrain", "jobs"] == 2 and stages.index[-1] == "all"
     for name in (
         "cases",
         "accuracy",
-        "better",
         "planned",
-        "ablation",
-        "claims",
         "regions",
         "landmarks",
         "segments",
@@ -84,34 +76,53 @@ def test_tables_have_one_row_per_case_and_method(studied):
             assert (results / f"tables/{name}.{suffix}").stat().st_size > 100
 
 
+def test_what_is_too_small_to_mean_anything_is_not_shown(studied):
+    """Six patients cannot tell methods apart: no p, no star, no table of tests; nor networks of forty steps."""
+    tables = studied.folder / "results/quick/tables"
+    text = (tables / "accuracy.md").read_text()
+    assert "No p is shown" in text and "p vs reference" not in text and "\\*" not in text
+    assert not (tables / "better.csv").exists() and not (tables / "ablation.csv").exists()
+
+
 def test_physics_of_the_tables(studied):
     """Finite elements are in equilibrium and valid; the floor is the worst; doing nothing deforms nothing."""
     cases, _ = tables(studied.folder / "results/quick")
     by_method = cases.groupby("method")
-    residual = by_method["eqres_rel"].max()
-    assert residual[["fem_bonded", "fem_sliding"]].max() < 1e-4
-    assert residual[["fem_rlse_bonded", "fem_rlse_mucosa"]].max() < 0.02  # of the third the lips press on each other
+    assert by_method["eqres_rel"].max()["fem_sliding"] < 1e-4
     assert by_method["inverted"].max().drop("elastic").max() == 0
-    assert by_method["eqres_rel"].mean()["pinnochio_plus"] < 0.5 * by_method["eqres_rel"].mean()["pinnochio"]
-    for name in (*FEM, "elastic", "ratio"):  # three patients with three operations are too few for a regression
+    for name in ("fem_sliding", "elastic", "ratio", "pinnochio_plus"):
         assert by_method["cd"].mean()[name] < by_method["cd"].mean()["no_change"], name
-    assert by_method["skin_error_mean"].mean()["pinnochio"] < by_method["skin_error_mean"].mean()["no_change"]
     assert np.allclose(cases.loc[cases["method"] == "no_change", "min_jacobian"], 1)
 
 
-def test_bounds_bound(studied):
-    """The truth is nearest to its scan; the registered motion costs little beside the true one; neither is tested."""
+def test_the_floor_bounds(studied):
+    """The truth is nearest to its scan; it is never tested, and what it leaves is what can be explained."""
     cases, accuracy = tables(studied.folder / "results/quick")
     cd, summary = cases.groupby("method")["cd"].mean().sort_values(), accuracy.set_index("method")
-    assert cd.index[0] == "floor_scan" and abs(cd["oracle"] - cd["fem_sliding"]) < 0.05
-    assert list(summary.index[summary["bound"]]) == ["floor_scan", "oracle"]
-    assert (summary.loc[summary["bound"], "test"] == "bound: not tested").all()
+    assert cd.index[0] == "floor_scan" and list(summary.index[summary["bound"]]) == ["floor_scan"]
+    assert summary.loc["floor_scan", "test"] == "bound: not tested"
     share = summary["explained"]
-    assert share["fem_sliding"] == 0 and share["floor_scan"] == 1 and abs(share["oracle"]) < 0.1
-    assert share["no_change"] < 0
+    assert share["fem_sliding"] == 0 and share["floor_scan"] == 1 and share["no_change"] < 0
     assert cases.loc[cases["method"] == "floor_scan", "skin_error_mean"].max() == 0
     sliding = cases.groupby("method")["sliding_error"].max()
-    assert sliding[["fem_sliding", "oracle"]].max() == 0 and sliding["no_change"] > 0.1
+    assert sliding["fem_sliding"] == 0 and sliding["no_change"] > 0.1
+
+
+def test_rules_that_the_quick_study_leaves_out(studied):
+    """What is fitted at once, what needs a mesh of the lips, what has a network of the skin: one fold of each."""
+    small = {"pretraining": {"steps": 2}, "finetuning": {"steps": 2}}
+    own = studied.folder / "further.yaml"
+    further = ["pca_linear", "fem_rlse_mucosa", "acmt_pretrained", "oracle"]
+    surface = {"networks": {"acmt": small}}
+    own.write_text(json.dumps({"methods": [*METHODS, *further], "surface": surface}))
+    metrics = [f"results/quick/folds/1/{method}/metrics.csv" for method in further]
+    made = jobs(studied.quick("further.yaml", "--", *metrics))
+    expected = {"fit": 1, "pretrain": 1, "finetune": 1, "refine_lips": 3, "label_interfaces": 3}
+    assert made == expected | {"predict_cases": 4, "evaluate": 4}
+    rows = [pd.read_csv(studied.folder / path) for path in metrics]
+    assert all(len(own) == 3 and own["converged"].all() and (own["cd"] > 0).all() for own in rows)
+    sliding = pd.read_csv(studied.folder / "results/quick/folds/1/fem_sliding/metrics.csv")
+    assert abs(rows[-1]["cd"].mean() - sliding["cd"].mean()) < 0.05  # the registered motion costs little
 
 
 def test_provenance_names_what_made_the_results(studied):
@@ -128,7 +139,6 @@ def test_what_every_job_of_a_patient_and_of_a_fold_took_is_found(studied):
     stages = {
         *(stage for stage in PATIENT_STAGES if stage != "make_lift"),
         "make_lift elastic",
-        "label_interfaces lips",
     }
     assert runs.to_dict() == dict.fromkeys(stages, cases)
     fold = {"1": [], "2": []}
@@ -151,7 +161,7 @@ def test_a_method_that_is_added_is_trained_alone(studied):
     assert {made.pop(rule) for rule in ("pretrain", "finetune")} == {2}
     assert {made.pop(rule) for rule in ("predict_cases", "evaluate")} == {4}  # with either motion
     assert made.keys() == {"tabulate", "format_table", "provenance", "all"}
-    compared = {"cases", "accuracy", "better", "planned", "regions", "landmarks", "ablation", "claims"}
+    compared = {"cases", "accuracy", "planned", "regions", "landmarks"}
     assert made_tables(said) == compared | {"training", "stages"}
 
 
@@ -180,7 +190,7 @@ def test_rerunning_one_fold_changes_that_fold_and_the_aggregates_alone(studied):
     results = studied.folder / "results/quick"
     before, times = contents(results), {p: p.stat().st_mtime_ns for p in results.rglob("*") if p.is_file()}
     old = tables(results)
-    studied.quick("--forcerun", "results/quick/folds/1/pinnochio/pretrained.pt")
+    studied.quick("--forcerun", "results/quick/folds/1/pinnochio_plus/pretrained.pt")
     after = contents(results)
     written = {
         path.relative_to(results).as_posix()
@@ -189,17 +199,17 @@ def test_rerunning_one_fold_changes_that_fold_and_the_aggregates_alone(studied):
     }
     assert before.keys() == after.keys()
     assert {name for name in before if before[name] != after[name]} <= written
-    assert "folds/1/pinnochio/network.pt" in written
-    own = ("folds/1/pinnochio/", "planned/1/pinnochio/")
+    assert "folds/1/pinnochio_plus/network.pt" in written
+    own = ("folds/1/pinnochio_plus/", "planned/1/pinnochio_plus/")
     assert all(name.startswith((*own, "tables/", "provenance")) for name in written), written
-    assert before["folds/1/pinnochio/network.pt"] == after["folds/1/pinnochio/network.pt"]
+    assert before["folds/1/pinnochio_plus/network.pt"] == after["folds/1/pinnochio_plus/network.pt"]
     for one, two in zip(old, tables(results), strict=True):
         pd.testing.assert_frame_equal(without_timings(one), without_timings(two))
 
 
 def test_two_runs_give_the_same_numbers(studied):
-    """From the cohort on: a fold of finite elements, of a network of the skin and of one of the volume."""
-    folds = [f"folds/1/{method}/metrics.csv" for method in ("fem_sliding", "dgcfp", "pinnochio_plus")]
+    """From the cohort on: a fold of finite elements and of a network; other networks: tests/stages."""
+    folds = [f"folds/1/{method}/metrics.csv" for method in ("fem_sliding", "pinnochio_plus")]
     again = [f"results/again/{fold}" for fold in folds]
     studied.quick("--config", "pathvars={results: results/again}", "--", *again)
     for fold in folds:

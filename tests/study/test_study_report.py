@@ -1,11 +1,12 @@
 """The report of the quick study, and Snakemake's own."""
 
+import os
 import re
 import shutil
 import subprocess
 import sys
 
-from tests.helpers.study import jobs
+from tests.helpers.study import VERBOSE, jobs
 
 
 def made(studied, *arguments) -> str:
@@ -20,22 +21,13 @@ def test_the_report_shows_what_has_been_measured(studied):
     made(studied)
     page = (studied.folder / "results/quick/report.html").read_text(encoding="utf-8")
     sections = re.findall(r'<section id="(\w+)">', page)
-    parts = [
-        "accuracy",
-        "better",
-        "planned",
-        "ablation",
-        "claims",
-        "regions",
-        "landmarks",
-        "training",
-        "stages",
-        "quality",
-    ]
-    parts.append("segments")
-    assert sections == [*parts, "patients", "provenance"]
+    parts = ["accuracy", "planned", "regions", "landmarks", "segments", "quality", "stages", "training"]
+    assert sections == ["patients", "models", *parts, "way", "provenance"]
+    assert "Demonstration." in page and "too few to tell methods apart" in page
     for name in parts:
-        assert re.search(r"<tbody>.*</tbody>", (tables / f"{name}.html").read_text(), re.DOTALL)[0] in page
+        (body,) = re.findall(r"<tbody>(.*?)</tbody>", (tables / f"{name}.html").read_text(), re.DOTALL)[:1]
+        numbers = re.findall(r"<td>[-\d. ±]+</td>", body)
+        assert numbers and all(number in page for number in numbers)
     assert re.findall(r'id="patient-(\w+)"', page) == ["V01", "V02"]
 
     assert "Nothing to be done" in made(studied, "--dry-run")
@@ -74,7 +66,12 @@ def test_the_report_is_made_where_the_workflow_is_a_module_of_another(studied, t
     def run(*options):
         command = [sys.executable, "-m", "snakemake", "--cores", "2", "--rerun-triggers", "mtime", *options]
         done = subprocess.run(
-            [*command, "--", "face_report"], cwd=tmp_path, capture_output=True, text=True, check=False
+            [*command, "--", "face_report"],
+            cwd=tmp_path,
+            env=os.environ | VERBOSE,
+            capture_output=True,
+            text=True,
+            check=False,
         )
         assert done.returncode == 0, done.stderr[-3000:]
         return done.stderr
@@ -84,3 +81,16 @@ def test_the_report_is_made_where_the_workflow_is_a_module_of_another(studied, t
     assert jobs(run()) == {"face_write_report": 1, "face_report": 1}
     ours, own = ((folder / "results/quick/report.html").read_text() for folder in (studied.folder, tmp_path))
     assert re.findall(r"<section id=.*", ours) == re.findall(r"<section id=.*", own) != []
+
+
+def test_the_report_is_quiet_and_does_not_begin_a_study(project):
+    """Without VERBOSE: what would be made, how long it takes and how to go on; nothing of what Snakemake says else."""
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", "report", "--configfile", "config/quick.yaml"]
+    quiet = {name: value for name, value in os.environ.items() if name != "VERBOSE"}
+    done = subprocess.run(command, cwd=project.folder, env=quiet, capture_output=True, text=True, check=False)
+    said = done.stdout + done.stderr
+    assert done.returncode != 0 and not (project.folder / "results/quick/cases").exists()
+    for words in ("jobs are left", "on 2 cores", "all report"):
+        assert words in said
+    assert "Reason:" not in said and "Job stats" not in said and len(said) < 2000
+    assert jobs(project.snakemake("-n", "all", "report", "--configfile", "config/quick.yaml").stdout)["pretrain"] == 2

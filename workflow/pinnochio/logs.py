@@ -1,6 +1,7 @@
 """Sends what a stage script says, warns or raises to its log file."""
 
 import logging
+import os
 import sys
 import warnings
 
@@ -8,14 +9,15 @@ from pinnochio.files import check_writable
 
 
 def attach_log(path: str) -> None:
-    """Log to `path`: records, warnings, standard error (progress bars) and an uncaught exception.
+    """Log to `path`: records, warnings, standard error (progress bars, compiled libraries) and an uncaught exception.
 
     Snakemake does not redirect a `script:` to its `log:`, hence this. The exception is also left on the
     terminal, because that is where the user looks first.
     """
     check_writable(path)
     stream = open(path, "w", buffering=1)  # noqa: SIM115 (lives as long as the process)
-    terminal = sys.stderr
+    terminal = os.fdopen(os.dup(2), "w", buffering=1)  # noqa: SIM115
+    os.dup2(stream.fileno(), 2)  # what compiled libraries say, of a display that is not there
     logging.basicConfig(
         stream=stream,
         level=logging.INFO,

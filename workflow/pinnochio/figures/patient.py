@@ -8,6 +8,7 @@ import pyvista as pv
 
 from pinnochio.files import replacing
 from pinnochio.mechanics.elements import jacobians
+from pinnochio.methods.names import written
 from pinnochio.model.patient import FIXED, MOVING, SLIDING, PatientModel
 from pinnochio.plans.plan import Plan
 
@@ -81,7 +82,7 @@ def case_picture(
     finish(plotter, "before", OBLIQUE)
     plotter.subplot(0, 1)
     add_bone(plotter, patient, plan)
-    finish(plotter, "planned bone", OBLIQUE)
+    finish(plotter, "moved bone", OBLIQUE)
     plotter.subplot(0, 2)
     plotter.add_mesh(surface_of(*target), color=SKIN)
     finish(plotter, "outcome (scan)", OBLIQUE)
@@ -89,7 +90,7 @@ def case_picture(
         row, column = divmod(number, columns)
         plotter.subplot(1 + 2 * row, column)
         plotter.add_mesh(skin, color=SKIN)
-        finish(plotter, method, OBLIQUE)
+        finish(plotter, written(method), OBLIQUE)
         plotter.subplot(2 + 2 * row, column)
         actor = add_values(plotter, skin, errors[method], (-FARTHEST, FARTHEST), "coolwarm")
         finish(plotter, "distance to outcome", FRONT)
@@ -110,7 +111,7 @@ def volume_picture(patient: PatientModel, displacements: Mapping[str, np.ndarray
         grid.cell_data["ratio"] = ratio = jacobians(patient.points, patient.cells, displacement)
         outside = grid.extract_surface(algorithm="dataset_surface")
         actor = add_values(plotter, outside, outside.cell_data["ratio"], (0.5, 1.5), "PuOr")
-        finish(plotter, f"{method}: min det F {ratio.min():.2f}", BEHIND)
+        finish(plotter, f"{written(method)}: min det F {ratio.min():.2f}", BEHIND)
     plotter.subplot(rows - 1, columns - 1)
     add_scale(plotter, actor, "det F")
     save(plotter, path)

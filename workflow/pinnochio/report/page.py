@@ -1,23 +1,30 @@
 """The page itself: tables, figures, patients and provenance of a study in one HTML file that needs nothing else."""
 
 import base64
+import gzip
 import io
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jinja2
 import PIL.Image
 from plotly.offline import get_plotlyjs
 
+from pinnochio.columns import read_table
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
-from pinnochio.report.parts import PARTS
+from pinnochio.methods.names import WRITTEN, written
+from pinnochio.metrics.columns import CASES, scanned
+from pinnochio.report.answer import sentences
+from pinnochio.report.parts import FOLDED, PARTS
+from pinnochio.statistics.ranking import rank
 from pinnochio.tables.formats import STYLE
 
 TEMPLATE, PROGRAM = "page.html", "view.js"  # beside this module; the template includes the program
+SMALL = 640  # pixels, the width of a picture that is one of many
 
 
 def write_page(
@@ -27,21 +34,30 @@ def write_page(
     patients: Mapping[str, Mapping[str, str]],
     provenance: str | os.PathLike,
     path: str | os.PathLike,
+    cases: str | os.PathLike | None = None,
+    methods: Sequence[str] = (),
+    chart: str | os.PathLike | None = None,
+    qualities: Mapping[str, str] | None = None,
 ) -> None:
     """Write the page.
 
     captions: of each part, of a `picture` and of a `volume`, plain paragraphs. tables: HTML twins by part; figures: PNG
     files by part and name; patients: by case the files of its `picture`, its `view` and, where there is one, its
-    `volume`.
+    `volume`. cases: the table of CASES that the three sentences on top are made from, with the methods that they
+    compare; chart: the picture under them; these are absent where no patient has a scan. qualities: by case the
+    picture of its model.
     """
     record = json.loads(Path(provenance).read_text(encoding="utf-8"))
+    settings, study = record["config"], _cohort(record["config"])
+    ranking = rank(scanned(read_table(cases, CASES)), methods, settings["seed"]) if cases else None
     parts = [
         {
             "name": name,
             "title": title,
+            "folded": name in FOLDED,
             "words": _words(captions[name]),
-            "table": read_body(tables[name]) if name in tables else "",
-            "pictures": {label: _picture(file) for label, file in figures.get(name, {}).items()},
+            "table": _spoken(read_body(tables[name])) if name in tables else "",
+            "pictures": {written(label): _picture(file) for label, file in figures.get(name, {}).items()},
         }
         for name, title in PARTS.items()
         if name in tables or name in figures
@@ -56,13 +72,18 @@ def write_page(
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True)
     text = environment.get_template(TEMPLATE).render(
         style=STYLE,
+        said=sentences(ranking, study[0].lower() + study[1:], settings["folds"], settings["motion"]) if ranking else [],
+        demonstration=ranking is not None and not ranking.tested,
+        chart=_picture(chart) if chart else "",
+        qualities={case: _photograph(file, SMALL) for case, file in (qualities or {}).items()},
+        written=written,
         parts=parts,
         patients=shown,
         words={name: _words(captions[name]) for name in ("picture", "volume")},
         record=record,
-        study=_cohort(record["config"]),
-        virtual=record["config"]["cohort"] == "virtual",
-        plotly=get_plotlyjs() if shown else "",
+        study=study,
+        virtual=settings["cohort"] == "virtual",
+        plotly=_packed(get_plotlyjs()) if shown else "",
     )
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -83,6 +104,22 @@ def read_body(path: str | os.PathLike) -> str:
     return body[1]
 
 
+def _spoken(table: str) -> str:
+    """A table with the methods of its first column named as people write them; the short name is the cell's title."""
+    return re.sub(
+        r"<td>((?:<b>)?)(\w+)((?:</b>)?)</td>",
+        lambda cell: (
+            f'<td title="{cell[2]}">{cell[1]}{WRITTEN[cell[2]]}{cell[3]}</td>' if cell[2] in WRITTEN else cell[0]
+        ),
+        table,
+    )
+
+
+def _packed(text: str) -> str:
+    """The text as a page carries it where it is long: gzip, as base64; `unpacked` of view.js reads it."""
+    return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()
+
+
 def _words(caption: str) -> list[str]:
     """Paragraphs of a caption."""
     return [" ".join(paragraph.split()) for paragraph in caption.strip().split("\n\n")]
@@ -93,11 +130,13 @@ def _picture(path: str | os.PathLike) -> str:
     return _address(Path(path).read_bytes(), "png")
 
 
-def _photograph(path: str | os.PathLike) -> str:
-    """The address of a rendered PNG, as WebP: a tenth of the size, and no difference to the eye."""
-    written = io.BytesIO()
-    PIL.Image.open(path).save(written, "WEBP", quality=85)
-    return _address(written.getvalue(), "webp")
+def _photograph(path: str | os.PathLike, width: int | None = None) -> str:
+    """The address of a rendered PNG, as WebP, a tenth of the size and no different to the eye; no wider than width."""
+    content, picture = io.BytesIO(), PIL.Image.open(path)
+    if width and picture.width > width:
+        picture = picture.resize((width, round(picture.height * width / picture.width)), PIL.Image.Resampling.LANCZOS)
+    picture.save(content, "WEBP", quality=80)
+    return _address(content.getvalue(), "webp")
 
 
 def _address(content: bytes, kind: str) -> str:

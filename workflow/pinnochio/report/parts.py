@@ -2,7 +2,7 @@
 
 PARTS = {
     "accuracy": "Accuracy",
-    "better": "Accuracy against the better network",
+    "better": "Accuracy against PINNOCHIO plus",
     "planned": "Accuracy from the plan",
     "ablation": "Ablation",
     "claims": "The paper's claims",
@@ -10,16 +10,19 @@ PARTS = {
     "landmarks": "Landmarks, skin and volume",
     "tradeoff": "Seconds against accuracy",
     "corrections": "Newton corrections after the network",
-    "design": "Switches of the better network",
+    "design": "Switches of PINNOCHIO plus",
     "coverage": "Coverage of the intervals",
-    "scene": "Models of what a plan requires",
     "stability": "Stability at the extremes",
-    "training": "Training",
+    "scene": "Models of what a plan requires",
     "scaling": "Cost against nodes and patients",
-    "stages": "Time of every stage",
-    "quality": "Quality of the patients' models",
     "segments": "Registered motions of the bones",
+    "quality": "Quality of the patients' models",
+    "stages": "Time of every stage",
+    "training": "Training",
 }
 
 # Parts with a figure.
 FIGURES = ("tradeoff", "corrections", "stability", "scaling")
+
+# Parts for those who look after a study: shown when they are opened.
+FOLDED = ("quality", "stages", "training")

@@ -73,6 +73,14 @@ def wilcoxon(difference) -> tuple[float, str]:
     return float(result.pvalue), statement + dropped
 
 
+def attainable(n: int, comparisons: int, level: float = 0.05) -> bool:
+    """Whether so many comparisons of n patients can give a Holm-corrected p below the level at all.
+
+    The smallest two-sided p of the signed-rank test is 2 / 2^n, where every difference has the same sign.
+    """
+    return n >= SMALLEST_N and comparisons * 2.0 ** (1 - n) < level
+
+
 def holm(p) -> np.ndarray:
     """Holm-adjusted p values; NaN (not tested) stays NaN and does not count as a comparison."""
     p = np.asarray(p, float)

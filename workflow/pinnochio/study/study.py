@@ -6,13 +6,16 @@ from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
 
+from pinnochio.code import ROOT
 from pinnochio.errors import InputError
 from pinnochio.experiments.tradeoff_settings import Setting, fem_settings, network_settings
 from pinnochio.importing.cohort import Case, read_cases
 from pinnochio.manifest import MANIFEST
+from pinnochio.methods.names import few
 from pinnochio.methods.registry import GRAPH_NETWORK, Method, graph_networks, registry
 from pinnochio.patients.archive import configuration_hash
 from pinnochio.report.parts import PARTS
+from pinnochio.statistics.significance import attainable
 from pinnochio.study.cases import assign_folds, external_file, virtual_cases
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, markups_in, read_patients
@@ -23,6 +26,8 @@ from pinnochio.virtual.card import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES
 from pinnochio.virtual.procedures import Procedure, dealt
 
 STUDY_FILES = "<results>/cases/{case}"
+PICTURED = 6  # methods side by side in a picture
+SHIPPED = ROOT / "models"  # an archive that comes with the project
 
 
 @dataclass(frozen=True)
@@ -249,8 +254,8 @@ class Study:
 
     @property
     def better(self) -> bool:
-        """Whether the better network is there to be compared with."""
-        return bool(self.scanned) and self.config["design"]["base"] in self.methods
+        """Whether the better network is there to be compared with, by patients enough for a test to say something."""
+        return self.config["design"]["base"] in self.methods and attainable(len(self.scanned), len(self.compared) - 1)
 
     @property
     def ablated(self) -> bool:
@@ -285,6 +290,11 @@ class Study:
     def shown(self) -> list[str]:
         """Patients in the report."""
         return self.scanned[: self.config["report"]["patients"]]
+
+    @property
+    def pictured(self) -> list[str]:
+        """Methods that the picture of a patient shows."""
+        return few(self.compared, PICTURED)
 
     @property
     def volumes(self) -> list[str]:
@@ -456,7 +466,14 @@ class Study:
         if not self.patients:
             return None
         front = self.config["predict"]["pareto_front"] or f"{self.results}/tables/tradeoff.csv"
-        return choose(self.config, self.config["models"] or f"{self.results}/archive", front)
+        return choose(self.config, self.models, front)
+
+    @property
+    def models(self) -> str:
+        """The archive that predicts new patients: the one that is named, else the study's, else the project's own."""
+        own = f"{self.results}/archive"
+        shipped = (SHIPPED / MANIFEST).is_file() and not Path(own, MANIFEST).is_file()
+        return self.config["models"] or (str(SHIPPED) if shipped else own)
 
     @property
     def configuration(self) -> str:

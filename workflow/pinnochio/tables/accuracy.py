@@ -8,6 +8,7 @@ import pandas as pd
 
 from pinnochio.columns import read_table
 from pinnochio.metrics.columns import CASES, scanned
+from pinnochio.statistics.significance import attainable
 from pinnochio.tables.comparison import (
     BASELINE,
     BOUNDS,
@@ -47,6 +48,7 @@ def tabulate(
 def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = (), paragraphs: Sequence[str] = ()) -> Table:
     """The table in the form of the paper's Table 1; bold: best; *: Holm p < 0.05; then bounds and further blocks."""
     own, bounds = frame[~frame["bound"]], frame[frame["bound"]]
+    tested = attainable(int(own["n"].max()), len(own) - 1)
     view = [
         *views(COMPARISON, {"method": "Method"}),
         View("CD mm", starred(spread("cd")), -1),
@@ -55,13 +57,18 @@ def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = (), parag
         View("PWR@2 %", spread("pwr2"), 1),
         *views(COMPARISON, {"seconds_mean": "Seconds"}, {"seconds_mean": -1}),
         *([View("Explained", share)] if frame["explained"].notna().any() else []),
-        View("p vs reference", significance),
+        *([View("p vs reference", significance)] if tested else []),
     ]
     reference = ", ".join(frame.loc[frame["reference"], "method"])
+    test = (
+        f"p: two-sided Wilcoxon signed-rank test of CD against {reference or 'the reference'}, Holm-corrected; * p < "
+        "0.05."
+        if tested
+        else "No p is shown: of so few patients no outcome could be significant."
+    )
     caption = (
-        f"Accuracy on the {cohort}, {count(own['n'])} patients: mean ± standard deviation. Bold: best mean. p: "
-        f"two-sided Wilcoxon signed-rank test of CD against {reference or 'the reference'}, Holm-corrected; * p < "
-        f"0.05. Seconds: one plan, warm, with other jobs beside it. Explained: what CD is below that of {BASELINE}, as "
+        f"Accuracy on the {cohort}, {count(own['n'])} patients: mean ± standard deviation. Bold: best mean. {test} "
+        f"Seconds: one plan, warm, with other jobs beside it. Explained: what CD is below that of {BASELINE}, as "
         f"a share of what that is above {FLOOR}, with its bootstrap 95% interval over patients; without these two "
         "there is none."
     )

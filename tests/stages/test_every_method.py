@@ -1,0 +1,193 @@
+"""Every method of the default study, with the settings that the study gives it, from a patient's files to a row."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pinnochio.importing.cohort import Case
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import read_prediction
+from pinnochio.overlays import overlaid
+from pinnochio.study.study import Study
+from pinnochio.tables.comparison import summarise
+from scripts.evaluate import evaluate
+from scripts.finetune import finetune
+from scripts.fit import fit
+from scripts.label_interfaces import label_case
+from scripts.make_lift import write_lift
+from scripts.predict import predict
+from scripts.pretrain import pretrain
+from scripts.refine_lips import refine_lips
+from tests.helpers.settings import CONFIG, SEED
+
+STEPS = {"steps": 2, "batch": 1, "validation": 0}
+SMALL = {"boundary_layers": 1, "volume_layers": 1, "rest_layers": 1, "channels": 16}
+PHASES = {"pretraining": STEPS, "finetuning": STEPS}
+CHANGES = {
+    "network": SMALL,
+    **PHASES,
+    "lift": {"controls": 32},
+    "variants": {"pinnochio_plus": PHASES},
+    "surface": {"points": 64, "neighbours": 8, "networks": {name: PHASES for name in ("acmt", "dgcfp")}},
+}
+SURFACE = ["acmt", "acmt_pretrained", "dgcfp", "dgcfp_pretrained"]
+SKIN_ALONE = ["floor_scan", "ratio", "pca_linear", *SURFACE]
+NETWORKS = ["pinnochio_unified", "pinnochio_no_physics", "pinnochio", "pinnochio_plus"]
+FEM = ["fem_bonded", "fem_sliding", "fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse"]
+VOLUME = ["min_jacobian", "inverted", "volume_error_mean", "eqres_rel", "moving_error", "sliding_error"]
+GUARD = ["raw_min_jacobian", "raw_inverted", "repaired", "damping", "interface_error"]  # of networks alone
+
+
+@pytest.fixture(scope="module")
+def files(patients, tmp_path_factory) -> dict[str, dict[str, str]]:
+    """By patient the files that a method may read beyond those of every patient: its lips and its lift."""
+    made = {}
+    for patient in patients:
+        folder = tmp_path_factory.mktemp(patient.case)
+        own = {name: str(folder / name) for name in ("lips.vtu", "lips.h5", "lift.h5")}
+        refine_lips(patient.mesh, patient.labels, patient.bone, 18.0, 5.0, own["lips.vtu"])
+        given = patient.labels, patient.bone, patient.skin, patient.report, CONFIG["interfaces"]
+        label_case(own["lips.vtu"], *given, own["lips.h5"])
+        write_lift(patient.model, "elastic", 32, patient.fem, own["lift.h5"])
+        made[patient.case] = own
+    return made
+
+
+class Fold:
+    """One fold of two patients: the second trains, the first is held out."""
+
+    def __init__(self, patients, files, folder):
+        self.held_out, self.training = patients
+        self.files, self.folder = files, folder
+        self.study = Study(overlaid(CONFIG, CHANGES) | {"cohort": "virtual"}, "results")
+        vars(self.study)["cases"] = {name: Case(name, "", "", "scan.ply") for name in ("A", "B", "C", "D", "E")}
+
+    def lift(self, patient, method: str) -> list[str]:
+        return [self.files[patient.case]["lift.h5"]] if self.study.registry[method].lift == "elastic" else []
+
+    def train(self, method: str) -> str | None:
+        """The file that the method's training leaves."""
+        own, job = self.study.registry[method], SimpleNamespace(method=method)
+        one, phase = self.training, {"cases": [self.training.case], "models": [self.training.model]}
+        if own.trains == "no":
+            return None
+        if own.trains == "at once":
+            fitted = str(self.folder / f"{method}.h5")
+            plans = {"plans": [one.plan], "postops": [one.postop]}
+            fit(module=own.learner, **phase, fem_samples=[one.fem_samples], **plans, fitted=fitted)
+            return fitted
+        phase |= {"module": own.learner, "lifts": self.lift(one, method), "seed": SEED, "code": "x", "device": "cpu"}
+        outputs = [
+            {name: str(self.folder / f"{method}_{number}_{name}") for name in ("network", "history")} for number in "12"
+        ]
+        first = None
+        if "pretraining" in own.settings:
+            settings = self.study.settings("network", "pretraining", "fem")(job)
+            pretrain(**phase, settings=settings, fem_samples=[one.fem_samples], outputs=outputs[0])
+            first = outputs[0]["network"]
+        settings = self.study.settings("network", "finetuning", "fem")(job)
+        outcome = {"plans": [one.plan], "postops": [one.postop], "pretrained": first}
+        finetune(**phase, settings=settings, **outcome, outputs=outputs[1])
+        return outputs[1]["network"]
+
+    def predicted(self, method: str, trained: str | None) -> str:
+        """The file of the prediction of the patient that is held out."""
+        own, one = self.study.registry[method], self.held_out
+        batch = self.study.predicted(SimpleNamespace(method=method, batch="folds/1"))
+        predictions = str(self.folder / f"{method}_predictions.h5")
+        predict(
+            module=own.module,
+            settings=batch.settings,
+            trained=trained,
+            cases=[one.case],
+            models=[self.model(method)],
+            lifts=self.lift(one, method),
+            plans=[self.motion(method)],
+            truths=[one.truth] if own.truth == "field" else [],
+            device="cpu",
+            threads=1,
+            predictions=predictions,
+        )
+        return predictions
+
+    def model(self, method: str) -> str:
+        lips = self.study.registry[method].mesh == "lips"
+        return self.files[self.held_out.case]["lips.h5"] if lips else self.held_out.model
+
+    def motion(self, method: str) -> str:
+        """The plan; of a bound the motion that was carried out."""
+        return self.held_out.executed if self.study.registry[method].truth == "motion" else self.held_out.plan
+
+    def row(self, method: str) -> pd.DataFrame:
+        """The row of the table of cases."""
+        one, metrics = self.held_out, str(self.folder / f"{method}.csv")
+        predictions = self.predicted(method, self.train(method))
+        labels = {"fold": "1", "method": method, "code": "x"}
+        scans = {one.case: one.postop}, {one.case: one.judged}
+        evaluate(
+            [one.case], predictions, [self.model(method)], [self.motion(method)], *scans, [one.truth], one.fem,
+            labels, SEED, metrics,
+        )  # fmt: skip
+        return pd.read_csv(metrics)
+
+
+@pytest.fixture(scope="module")
+def fold(patients, files, tmp_path_factory) -> Fold:
+    return Fold(patients, files, tmp_path_factory.mktemp("methods"))
+
+
+@pytest.fixture(scope="module")
+def rows(fold) -> pd.DataFrame:
+    """Rows of every method, by its name."""
+    return pd.concat([fold.row(method) for method in CONFIG["methods"]]).set_index("method")
+
+
+def test_every_method_has_what_can_be_measured_of_it(rows):
+    assert list(rows.index) == CONFIG["methods"] and rows["converged"].all()
+    skin = rows.index.isin(SKIN_ALONE)
+    assert np.isfinite(rows.loc[~skin, VOLUME]).all(None) and rows.loc[skin, VOLUME].isna().all(None)
+    assert np.isfinite(rows[["cd", "hd95", "pwr1", "pwr2", "skin_error_mean"]]).all(None)
+    assert rows["target_samples"].nunique() == rows["skin_samples"].nunique() == 1
+    assert np.isfinite(rows.loc[NETWORKS, GUARD]).all(None) and rows.drop(NETWORKS)[GUARD].isna().all(None)
+    times = rows[["seconds", "setup_seconds"]]
+    assert np.isfinite(times.drop("floor_scan")).all(None) and times.loc["floor_scan"].isna().all()
+
+
+def test_physics_of_every_method(rows):
+    """Finite elements are in equilibrium; no method but elasticity leaves inverted elements; nothing moves nothing."""
+    assert rows.loc[["fem_bonded", "fem_sliding"], "eqres_rel"].max() < 1e-4
+    assert rows.loc[["fem_rlse_bonded", "fem_rlse_mucosa"], "eqres_rel"].max() < 0.02
+    assert rows["inverted"].drop("elastic").max() == 0
+    assert rows.loc["pinnochio_plus", "eqres_rel"] < 0.5 * rows.loc["pinnochio", "eqres_rel"]
+    assert (rows.loc[[*FEM, "elastic", "ratio"], "cd"] < rows.loc["no_change", "cd"]).all()
+    assert np.isclose(rows.loc["no_change", "min_jacobian"], 1)
+    assert rows.loc["oracle", "sliding_error"] == rows.loc["fem_sliding", "sliding_error"] == 0
+
+
+def test_bounds_bound(rows):
+    assert rows["cd"].idxmin() == "floor_scan" and rows.loc["floor_scan", "skin_error_mean"] == 0
+    bounds = ["floor_scan", "oracle"]
+    methods = [name for name in rows.index if name not in bounds]
+    table = summarise(rows.reset_index(), "fem_sliding", methods, SEED, bounds).set_index("method")
+    assert table.loc["fem_sliding", "explained"] == 0 and table.loc["floor_scan", "explained"] == 1
+    assert table.loc["no_change", "explained"] < 0
+    assert (table.loc[bounds, "test"] == "bound: not tested").all()
+
+
+@pytest.mark.parametrize("method", ["acmt", "dgcfp_pretrained", "pinnochio"])
+def test_two_trainings_give_the_same_field(fold, rows, method):
+    """From the training on, of a network of the skin and of one of the volume."""
+    model = PatientModel.read(fold.model(method))
+
+    def skin(predictions) -> np.ndarray:
+        return read_prediction(predictions, fold.held_out.case).moved_skin(model)
+
+    first = skin(fold.folder / f"{method}_predictions.h5")
+    second = skin(fold.predicted(method, fold.train(method)))
+    assert np.array_equal(first, second) and np.abs(first - model.skin_points).max() > 0
+
+
+def test_methods_on_lips_predict_on_their_mesh(fold):
+    assert len(PatientModel.read(fold.model("fem_rlse")).points) > len(PatientModel.read(fold.model("elastic")).points)

@@ -1,0 +1,141 @@
+"""The console of a run: progress, what is let through, and what is not begun unasked."""
+
+import io
+import logging
+from types import SimpleNamespace
+
+import pytest
+
+from pinnochio.errors import InputError
+from pinnochio.study.console import LONG, SHORT, Console, Progress, expected_seconds, in_words, quieten
+from pinnochio.study.unasked import refuse_unasked
+
+COUNTS = {"mesh": 4, "train": 2}
+EXPECTED = {"mesh": 10.0, "train": 100.0}
+
+
+def progress(cores=2) -> Progress:
+    return Progress(COUNTS, EXPECTED, cores)
+
+
+def test_the_time_left_is_that_of_the_jobs_that_are_not_done():
+    made = progress()
+    assert made.left(0.0) == (4 * 10 + 2 * 100) / 2
+    made.start(1, "mesh", 0.0)
+    assert made.left(4.0) == pytest.approx(236 / 2)
+    made.end(1, 10.0)
+    assert made.done == 1 and made.left(10.0) == pytest.approx((3 * 10 + 2 * 100) / 2)
+
+
+def test_a_slower_machine_makes_all_that_is_left_longer():
+    made = progress(1)
+    for job in range(4):
+        made.start(job, "mesh", 0.0)
+        made.end(job, 1000.0)
+    # 4,000 s instead of 40: the table is trusted for no more than a minute of work.
+    assert made.left(1000.0) == pytest.approx(2 * 100 * (60 + 4000) / (60 + 40))
+
+
+def test_the_line_names_what_is_running():
+    made = progress()
+    for job in (1, 2):
+        made.start(job, "mesh", 0.0)
+    made.start(3, "train", 0.0)
+    assert made.line(0.0).startswith("0 of 6 jobs done; mesh x 2, train; about 2 min left")
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(0, "10 s"), (44, "40 s"), (200, "3 min"), (7200, "2.0 h")])
+def test_times_are_said_in_words(seconds, said):
+    assert in_words(seconds) == said
+
+
+def test_a_rule_takes_what_the_reference_study_took():
+    expected = expected_seconds(
+        {"pretrain": 1, "list_folds": 1, "unheard_of": 1}, {"pretrain": True, "unheard_of": True}
+    )
+    assert expected["list_folds"] == SHORT and expected["pretrain"] > 10 > SHORT
+    assert 1 < expected["unheard_of"] < 4 * LONG
+
+
+def record(level=logging.INFO, message="", path="scheduler.py", **event) -> logging.LogRecord:
+    made = logging.LogRecord("snakemake", level, path, 1, message, None, None)
+    vars(made).update(event)
+    return made
+
+
+@pytest.fixture
+def logger():
+    """A logger as Snakemake has it, and what its console shows."""
+    made, stream = logging.Logger("snakemake"), io.StringIO()
+    handler = logging.StreamHandler(stream)
+    handler.name = "DefaultStreamHandler"
+    made.addHandler(handler)
+    return SimpleNamespace(handle=made.handle, said=stream.getvalue, logger=made)
+
+
+def test_progress_and_errors_are_shown_and_nothing_else(logger):
+    quieten(logger.logger, lambda counts: Progress(counts, EXPECTED, 1), lambda: True)
+    logger.handle(record(event="run_info", stats=COUNTS | {"total": 6}, message="Job stats"))
+    logger.handle(record(message="Select jobs to execute..."))
+    logger.handle(
+        record(event="job_info", jobid=1, rule_name="mesh", rule_msg="Mesh", output=["a"], message="Reason: x")
+    )
+    logger.handle(record(event="job_finished", job_id=1, message="Finished job"))
+    logger.handle(record(logging.WARNING, "a warning"))
+    logger.handle(record(message="said by the study", path="workflow/common.smk"))
+    logger.handle(record(logging.ERROR, "it broke", event="job_error"))
+    logger.handle(record(message="Complete log(s): here"))
+    said = logger.said()
+    assert "0 of 6 jobs done; mesh" in said
+    for shown in ("a warning", "said by the study", "it broke", "Complete log(s): here"):
+        assert shown in said
+    for hidden in ("Job stats", "Select jobs", "Reason", "Finished job"):
+        assert hidden not in said
+
+
+def test_the_message_of_a_target_says_where_to_look(logger):
+    quieten(logger.logger, lambda counts: Progress(counts, {}, 1), lambda: True)
+    logger.handle(record(event="run_info", stats={"report": 1}))
+    logger.handle(record(event="job_info", jobid=1, rule_name="report", rule_msg="see report.html", output=[]))
+    assert "see report.html" in logger.said()
+
+
+def test_a_list_of_jobs_is_left_as_it_is(logger):
+    quieten(logger.logger, lambda counts: Progress(counts, EXPECTED, 1), lambda: False)
+    logger.handle(record(event="run_info", stats=COUNTS, message="Job stats"))
+    logger.handle(record(event="job_info", message="Reason: missing"))
+    assert "Job stats" in logger.said() and "Reason" in logger.said() and "jobs done" not in logger.said()
+
+
+def test_one_line_changes_on_a_terminal():
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+        def fileno(self):
+            raise OSError
+
+    console = Console(lambda counts: progress(), lambda: True, Terminal())
+    assert console.changing
+    console.drawn = True
+    console.clear()
+    assert console.stream.getvalue() == "\r\033[K" and not console.drawn
+
+
+def refuse(targets, counts, expected=EXPECTED):
+    refuse_unasked(targets, counts | {"total": sum(counts.values())}, expected, 2, "results")
+
+
+@pytest.mark.parametrize("target", ["report", "figures", "results/figures/V01.png"])
+def test_a_report_does_not_begin_a_study(target):
+    with pytest.raises(InputError, match="6 jobs are left, about 4 min on 2 cores.*all " + target):
+        refuse([target], COUNTS, EXPECTED | {"train": 200.0})
+
+
+@pytest.mark.parametrize("targets", [["all", "report"], ["tables"], ["results/cases/V01/model.h5"], []])
+def test_what_is_asked_for_is_begun(targets):
+    refuse(targets, {"train": 1000})
+
+
+def test_what_is_soon_made_is_made():
+    refuse(["report"], {"mesh": 10})

@@ -1,0 +1,49 @@
+"""Names of methods as people write them; files and columns keep the short ones."""
+
+from collections.abc import Iterable
+
+WRITTEN = {
+    "floor_scan": "Noise of the scan",
+    "oracle": "Sliding FEM, true motion",
+    "no_change": "No change",
+    "ratio": "Soft-to-hard ratios",
+    "pca_linear": "Linear regression",
+    "elastic": "Linear elasticity",
+    "fem_bonded": "Bonded FEM",
+    "fem_sliding": "Sliding FEM",
+    "fem_learned": "Sliding FEM, learned loads",
+    "fem_rlse_bonded": "FEM-RLSE, bonded",
+    "fem_rlse_mucosa": "FEM-RLSE, sliding",
+    "fem_rlse": "FEM-RLSE, lips in contact",
+    "acmt": "ACMT-Net",
+    "acmt_pretrained": "ACMT-Net, pretrained",
+    "fscnet": "FSC-Net",
+    "fscnet_pretrained": "FSC-Net, pretrained",
+    "dgcfp": "DGCFP",
+    "dgcfp_pretrained": "DGCFP, pretrained",
+    "pinnochio_unified": "PINNOCHIO, one network",
+    "pinnochio_no_physics": "PINNOCHIO, no physics",
+    "pinnochio": "PINNOCHIO",
+    "pinnochio_plus": "PINNOCHIO plus",
+}
+# What a reader wants to see first where there is room for few: floors, mechanics, networks.
+FIRST = ("no_change", "elastic", "fem_sliding", "pinnochio", "pinnochio_plus", "fem_rlse", "acmt", "dgcfp", "ratio")
+
+
+def written(method: str) -> str:
+    """The name as people write it; that of a user's own method as it is."""
+    return WRITTEN.get(method, method)
+
+
+def in_sentence(method: str) -> str:
+    """The name within a sentence: no capital but an abbreviation's."""
+    name = written(method)
+    return name[0].lower() + name[1:] if name[1:2].islower() and method in WRITTEN else name
+
+
+def few(methods: Iterable[str], count: int) -> list[str]:
+    """At most so many of the methods, in their order: those that are wanted first, then the others as they come."""
+    methods = list(methods)
+    wanted = [name for name in FIRST if name in methods]
+    chosen = [*wanted, *(name for name in methods if name not in wanted)][:count]
+    return [name for name in methods if name in chosen]
