@@ -44,6 +44,8 @@ WHOLE = VOLUMETRIC[0]
 # Elements and precisions: of the block, of patients, and where a method has one form only.
 EVERY = tuple((element, precision) for element in VOLUMETRIC for precision in PRECISIONS)
 OF_MOVEMENTS = ((WHOLE, "float64"), (WHOLE, "float32"), ("p1", "float64"))
+# mm or degrees: ten-node elements are asked of motions of a patient up to here; beyond, they seldom get there [X].
+ASKED = 15
 CORRECTIONS, CONTROLS = 5, 32  # Newton corrections of a field; control points of a map
 
 
@@ -244,8 +246,8 @@ class Sweep:
         # A long movement has several equilibria: sliding nodes can settle on either side of an edge of the bone.
         unique = self.family not in OF_PATIENTS
         cold = (precision == "float64" and element == WHOLE) and self.family not in ("inverted", "field")
-        quadratic = cold and self.family != "size"
-        yield self.solution(problem, "solver", element, precision, known, unique, start, quadratic)
+        asked = value <= ASKED if self.family in OF_PATIENTS else self.family != "size"
+        yield self.solution(problem, "solver", element, precision, known, unique, start, cold and asked)
         if precision == "float64" and self.family not in ("inverted", "field"):
             yield self.kept(problem, element, known, unique)
         if self.family in ("inverted", "field"):
