@@ -14,7 +14,7 @@ rule measure_stability:
         "../envs/pinnochio.yaml"
     threads: 1
     resources:
-        mem_mb=4000,
+        mem_mb=8000,
         runtime=60,
     params:
         family=lambda wildcards: STUDY.extremes[wildcards.part]["family"],

@@ -32,8 +32,9 @@ PRESCRIBED, SLIDING, AGREEMENT, ELASTIC, MAP, ROUNDED = 1e-9, 1e-5, 1e-3, 1e-8, 
 # Of ten-node elements: mean distance of the free nodes over the largest prescribed motion. 0.01 to 0.05 in heads of
 # 1,500 nodes whose field is right, 0.09 on a block of 140 nodes [X]; a field that stays at rest has some 0.3.
 QUADRATIC = 0.1
-# Of lips in contact, mm: how much deeper than at rest a node lies in the other lip; the penalty lets 0.04 [X].
-PENETRATION = 0.3
+# Of lips in contact, mm: how much deeper than at rest a node lies in the triangles of the other lip; half of what the
+# contact's own surface rounds them by in heads of 1,500 nodes [I].
+PENETRATION = 0.5
 # What is asked of the loss, whose root is the force on a free node in units of mu h^2. In float64: of its value against
 # the judge's forces, of its gradient along random directions against differences of these. In float32: of both
 # against float64; the largest error at any setting was 5e-6 [X].
