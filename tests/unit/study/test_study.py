@@ -156,3 +156,14 @@ def test_a_method_that_only_an_archive_knows_is_a_graph_network():
     made = study()
     assert made.module(job(method="of_an_archive")) == made.module(job(method="pinnochio"))
     assert made.module(job(method="acmt")) != made.module(job(method="pinnochio"))
+
+
+def test_the_extremes_are_a_job_per_family_case_and_way():
+    own = DEFAULTS["stability"] | {"patients": 1, "directions": ["back"], "axes": ["yaw"], "unit": []}
+    made = study(stability=own)
+    first = next(iter(made.cases))
+    moved = [f"translation_{first}_back", f"rotation_{first}_yaw", f"rough_{first}_back", f"field_{first}"]
+    assert list(made.extremes) == [*moved, "poisson", "stiffness", "dihedral", "inverted", "size"]
+    assert made.extremes[moved[1]] == {"family": "rotation", "case": first, "way": "yaw"}
+    assert made.swept_model(SimpleNamespace(part="poisson")) == []
+    assert made.swept_model(SimpleNamespace(part=moved[0])) == f"<results>/cases/{first}/nodes_1500/model.h5"
