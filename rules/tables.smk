@@ -144,7 +144,7 @@ rule format_table:
         "<logs>/format_table/{folder}_{table}.log",
     wildcard_constraints:
         folder="tables|virtual",
-        table="|".join([*TABLES, "stability"]),
+        table="|".join(TABLES),
     conda:
         "../envs/pinnochio.yaml"
     threads: 1

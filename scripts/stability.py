@@ -1,55 +1,61 @@
-"""Makes the table of the stability sweep of one patient's model and the block problem."""
+"""Makes the cells of one part of the stability sweep: a family of extremes on the block problem or on one patient."""
 
 from collections.abc import Mapping
 
+import pandas as pd
 import torch
 from tqdm import tqdm
 
+from pinnochio.columns import write_csv
 from pinnochio.experiments.stability import Sweep
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.methods.pinnochio.losses import physics_loss
-from pinnochio.methods.pinnochio.patient import LOSS_EXTENSION
 from pinnochio.model.patient import PatientModel
-from pinnochio.tables.stability import table as stability_table
+from pinnochio.tables.stability import STABILITY
 
 
 def stability(
-    case: str, model: str, config: Mapping, fem: FemSettings, seed: int, code: str, table: str, document: str
+    family: str,
+    case: str,
+    way: str,
+    model: str | None,
+    config: Mapping,
+    fem: FemSettings,
+    networks: Mapping[str, Mapping],
+    seed: int,
+    code: str,
+    table: str,
 ) -> None:
-    """Write one row per cell, and the document of the twins; config: section `stability` of the configuration.
+    """Write one row per cell, wrong ones too; config: section `stability` of the configuration.
 
-    RuntimeError if a cell is wrong.
+    model: None for the block; way: direction or axis of the motion, "-" without one; networks: settings by name.
     """
     sweep = Sweep(
+        family=family,
         case=case,
-        model=PatientModel.read(model),
+        way=way,
+        model=PatientModel.read(model) if model else None,
         config=config,
         fem=fem,
-        extension=LOSS_EXTENSION,
-        loss=training_loss,
+        networks=networks,
         seed=seed,
     )
     labels = {"seed": seed, "device": "cpu", "code": code}
-    rows = [row | labels for row in tqdm(sweep.rows())]
-    stability_table(rows).write(table=table, document=document)
-
-
-def training_loss(operator, free):
-    """The physics loss of the training as a function of the displacement, for free nodes (f,) of a mesh."""
-    return lambda displacement: physics_loss(operator, free, displacement)
+    write_csv(pd.DataFrame([row | labels for row in tqdm(sweep.rows())]), table, STABILITY)
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     torch.set_num_threads(snakemake.threads)
     stability(
+        family=snakemake.params.family,
         case=snakemake.params.case,
-        model=snakemake.input.model,
+        way=snakemake.params.way,
+        model=snakemake.input.get("model"),
         config=snakemake.params.stability,
         fem=FemSettings(**snakemake.params.fem),
+        networks=snakemake.params.networks,
         seed=snakemake.params.seed,
         code=snakemake.params.code,
         table=snakemake.output.table,
-        document=snakemake.output.document,
     )

@@ -185,6 +185,10 @@ TABLES = {
             "cluster": config["scaling"]["cluster"],
         },
     ),
+    "stability": (
+        {"parts": expand("<results>/stability/{part}.csv", part=STUDY.extremes)},
+        {},
+    ),
     "scaling_patients": ({}, SUMS),
     "scaling_exponents": (SIZED, SUMS),
     "training": (

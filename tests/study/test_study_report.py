@@ -36,10 +36,8 @@ def test_the_report_shows_what_has_been_measured(studied):
     assert "Nothing to be done" in made(studied, "--dry-run")
     stray.unlink()
     further = jobs(made(studied, "--dry-run", "--config", "report={further: [stability]}"))
-    assert further == {
-        rule: 1
-        for rule in ("measure_stability", "format_table", "render_table", "provenance", "write_report", "report")
-    }
+    once = ("tabulate", "format_table", "render_table", "provenance", "write_report", "report")
+    assert further == {"measure_stability": 11} | dict.fromkeys(once, 1)
 
 
 def test_snakemakes_own_report_has_the_captions(studied):

@@ -134,6 +134,7 @@ USUAL = {"min_jacobian": [0.3, 0.5, 0.9], "eqres_rel": [0.015, 0.05, 0.14], "sli
         ({"sliding_error": 1.9}, "Boundary mismatch, sliding", CARE),
         ({"sliding_error": 2.1}, "Boundary mismatch, sliding", NOT_USABLE),
         ({"moving_error": 2.5}, "Boundary mismatch, moving", NOT_USABLE),
+        ({"off_bone_mm": 3.1}, "Sliding tissue off its bone", NOT_USABLE),
         ({"inverted": 1}, "Elements turned inside out", NOT_USABLE),
         ({"min_jacobian": None}, "Smallest volume ratio (min J)", NOT_USABLE),
     ],

@@ -1,4 +1,4 @@
-"""The stability sweep: what solver, elastic path and physics loss do at the extremes, cell by cell."""
+"""The stability sweep: what the solvers, maps, repairs and networks do at the extremes, cell by cell."""
 
 import logging
 import time
@@ -6,76 +6,215 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import torch
 
 from pinnochio.errors import InputError
 from pinnochio.experiments import stability_problems as problems
-from pinnochio.experiments.stability_judge import Verdict, judge_elastic, judge_loss, judge_solution, slope_of
+from pinnochio.experiments.stability_judge import (
+    Verdict,
+    judge_correction,
+    judge_elastic,
+    judge_loss,
+    judge_repair,
+    judge_solution,
+)
 from pinnochio.experiments.stability_problems import PRECISIONS, Problem
+from pinnochio.mechanics.corrections import Corrector
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.elements import VOLUMETRIC
+from pinnochio.mechanics.inversion_repair import repair_inversions
+from pinnochio.mechanics.lift import Lift, make_lift, motion_amplitudes
+from pinnochio.mechanics.repeated import RepeatedSolver
+from pinnochio.mechanics.residual import Operator
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import solver_options
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.methods.pinnochio.losses import physics_loss
+from pinnochio.methods.pinnochio.patient import LOSS_EXTENSION, PatientTensors
+from pinnochio.methods.pinnochio.predictor import PatientNetwork
 from pinnochio.model.patient import PatientModel
+from pinnochio.networks.building import build
+from pinnochio.networks.settings import NetworkSettings
+from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
-from pinnochio.tables.stability import CLEAN, CONVERGED, FAMILIES, WRONG
+from pinnochio.tables.stability import CLEAN, CONVERGED, FAMILIES, OF_PATIENTS, WRONG
 
 LOG = logging.getLogger(__name__)
-MOVEMENTS = ("translation", "rotation")
-METHODS = ("solver", "elastic", "loss")
+WHOLE = VOLUMETRIC[0]
+# Elements and precisions: of the block, of patients, and where a method has one form only.
+EVERY = tuple((element, precision) for element in VOLUMETRIC for precision in PRECISIONS)
+OF_MOVEMENTS = ((WHOLE, "float64"), (WHOLE, "float32"), ("p1", "float64"))
+# mm or degrees: ten-node elements are asked of motions of a patient up to here; beyond, they seldom get there [X].
+ASKED = 15
+CORRECTIONS, CONTROLS = 5, 32  # Newton corrections of a field; control points of a map
 
 
 @dataclass
 class Sweep:
-    """Every cell, setting by setting.
+    """The cells of one family on one case, setting by setting.
 
-    model: the patient of the movements, `case` its name; config: the configuration's section `stability`; fem: solver
-    settings and the patient's tissues; extension, loss: of :func:`judge_loss`.
+    model: the patient, None for the block; way: of the motion, where the family moves segments in one (DIRECTIONS or
+    AXES of the problems); config: the configuration's section `stability`; fem: solver settings and the patient's
+    tissues; networks: settings of graph networks by name, whose weights are drawn here; loss(operator, free): gives the
+    physics loss as a function of the displacement.
     """
 
+    family: str
     case: str
-    model: PatientModel
+    way: str
+    model: PatientModel | None
     config: Mapping
     fem: FemSettings
-    extension: float
-    loss: Callable
+    networks: Mapping[str, Mapping]
     seed: int
-    block_fields: dict = field(default_factory=dict)
+    loss: Callable = field(default=lambda operator, free: lambda u: physics_loss(operator, free, u))
+    _kept: dict = field(default_factory=dict)
 
     def rows(self) -> Iterator[dict]:
-        """One row per cell, in the order of the table, logged as it is measured."""
-        for family in FAMILIES:
-            for value in self.config[family]:
-                for row in self.setting(family, float(value)):
+        """One row per cell, logged as it is measured."""
+        for value in self.config[self.family]:
+            for segment in self.segments():
+                for row in self.setting(float(value), segment):
                     LOG.info("%s", ", ".join(str(x) for x in row.values()))
                     yield row
 
-    def setting(self, family: str, value: float) -> list[dict]:
-        """The rows of one setting, methods in the order of METHODS."""
-        case = self.case if family in MOVEMENTS else "block"
-        key = {"family": family, "setting": value, "unit": FAMILIES[family]}
-        rows = []
-        for element in VOLUMETRIC:
-            known: dict[str, np.ndarray] = {}
-            if family in ("inverted", "unit"):
-                known = dict(self.block_field(element))
-            for precision in PRECISIONS:
-                problem = self.problem(family, value, precision)
-                for method, verdict, seconds in self.cells(problem, element, precision, family, value, known):
-                    rows.append(
-                        key
-                        | {"method": method, "element": element, "precision": precision}
-                        | vars(verdict)
-                        | {"seconds": seconds, "case": case}
-                    )
-        return sorted(rows, key=lambda row: METHODS.index(row["method"]))
+    def segments(self) -> tuple[str, ...]:
+        """What is moved: each segment of a patient in turn, where one is."""
+        return self.model.segments if self.family in ("translation", "rotation", "rough") else ("-",)
 
-    def cells(self, problem: Problem, element: str, precision: str, family: str, value: float, known: dict):
-        """Method, verdict and seconds of each cell of a problem.
+    def setting(self, value: float, segment: str) -> Iterator[dict]:
+        """The rows of one setting."""
+        key = {"family": self.family, "setting": value, "unit": FAMILIES[self.family], "way": self.way}
+        cells = self.of_patient if self.family in OF_PATIENTS else self.of_block
+        for method, element, precision, verdict, seconds in cells(value, segment):
+            yield (
+                key
+                | {"segment": segment, "method": method, "element": element, "precision": precision}
+                | vars(verdict)
+                | {"seconds": seconds, "case": self.case}
+            )
 
-        known: fields in mm by method that later ones must agree with; the first of each method is added to it.
-        """
-        options = replace(solver_options(self.fem), volumetric=element)
+    def options(self, element: str) -> SolverOptions:
+        """The solver's, with an element."""
+        return replace(solver_options(self.fem), volumetric=element)
+
+    def rng(self, *names) -> np.random.Generator:
+        """Random numbers of a setting: the same for all methods, elements and precisions."""
+        return generator(self.seed, "stability", "/".join([self.family, self.case, self.way, *map(str, names)]))
+
+    # ---- the block
+
+    def block(self, value: float | None, precision: str) -> Problem:
+        """The block problem at a setting; the plain one where the setting is of the start alone, or none."""
+        if self.family == "size":
+            return problems.block(problems.steps_of(int(value)), precision)
+        name = "millimetres" if self.family == "unit" else self.family
+        changed = {} if self.family == "inverted" or value is None else {name: value}
+        return problems.block(tuple(self.config["block"]), precision, **changed)
+
+    def of_block(self, value: float, segment: str):
+        """The cells of one setting of the block."""
+        for element, precision in EVERY if self.family != "size" else ((WHOLE, "float64"),):
+            known = dict(self.plain(element)) if self.family in ("inverted", "unit") else {}
+            if precision == "float32":
+                known = known | self._kept.get((value, element), {})
+            problem = self.block(value, precision)
+            yield from self.solved(problem, value, element, precision, known)
+            self._kept[value, element] = known
+
+    def plain(self, element: str) -> dict[str, np.ndarray]:
+        """Fields in mm, by method, of the block as it is."""
+        if ("plain", element) not in self._kept:
+            problem, known = problems.block(tuple(self.config["block"])), {}
+            plain = replace(self, family="unit")
+            for _ in plain.solved(problem, 1.0, element, "float64", known):
+                pass
+            if "solver" not in known:
+                raise RuntimeError(f"the block problem itself is not solved with the element {element!r}; see the log")
+            self._kept["plain", element] = known
+        return self._kept["plain", element]
+
+    # ---- patients
+
+    def of_patient(self, value: float, segment: str):
+        """The cells of one setting of a patient."""
+        model = self.model
+        if self.family == "rough":
+            model = problems.roughened(model, self.config["roughness"], self.rng())
+        if self.family == "field":
+            plan = problems.advance(model, 5.0)
+        else:
+            plan = problems.moved(model, segment, self.way, value)
+        forms = {"rough": ((WHOLE, "float64"), ("p1", "float64")), "field": ((WHOLE, "float64"),)}
+        known: dict[str, dict[str, np.ndarray]] = {}
+        for element, precision in forms.get(self.family, OF_MOVEMENTS):
+            problem = problems.movement(model, plan, self.fem, precision)
+            own = known.setdefault(element, {})
+            yield from self.solved(problem, value, element, precision, own, segment)
+        problem = problems.movement(model, plan, self.fem, "float64")
+        yield from self.mapped(problem, model, plan, known[WHOLE])
+        if self.family == "field":
+            return
+        for method, arm in (("bonded", "bonded"), ("lips", "mucosa+lip")):
+            if self.family == "rough" and arm == "bonded":
+                continue  # which bone it is does not matter there
+            held = problems.movement(model, plan, self.fem, "float64", arm)
+            if held.boundary.contact or arm == "bonded":
+                yield self.solution(held, method, WHOLE, "float64", None, unique=False)
+        if self.family != "rough":
+            yield from self.predicted(problem, plan, value, segment)
+
+    def mapped(self, problem: Problem, model: PatientModel, plan: Plan, known: Mapping):
+        """The elastic map of a patient."""
+        lift = self.lift(model)
+
+        def spread():
+            amplitudes = motion_amplitudes(plan, model.segments, lift.centre)
+            return np.tensordot(amplitudes, lift.motions.astype(float), axes=1)
+
+        _, verdict, seconds = attempt(
+            spread, lambda field, _: judge_elastic(problem, WHOLE, field, known.get("elastic"), rounded=True)
+        )
+        yield "map", WHOLE, "float32", verdict, seconds
+
+    def lift(self, model: PatientModel) -> Lift:
+        """The elastic map of the model, made once."""
+        if "lift" not in self._kept:
+            law = self.fem.material(model.tissue)
+            self._kept["lift"] = make_lift(model, law, "elastic", CONTROLS, WHOLE)
+        return self._kept["lift"]
+
+    def predicted(self, problem: Problem, plan: Plan, value: float, segment: str):
+        """Networks of random weights, their fields repaired, then corrected."""
+        for number, name in enumerate(self.networks):
+            try:
+                raw, boundary = self.network(name, number)(plan)
+            except FloatingPointError as error:
+                yield f"random {name}", WHOLE, "float32", Verdict(CLEAN, str(error)), 0.0
+                continue
+            yield from self.finished(problem, WHOLE, "float32", raw, boundary, f"random {name}, ")
+
+    def network(self, name: str, number: int) -> PatientNetwork:
+        """A network of random weights on the patient: those that torch begins with, and noise on all of them."""
+        if name not in self._kept:
+            settings = NetworkSettings(**self.networks[name])
+            with torch.random.fork_rng():
+                torch.manual_seed(self.seed + number)
+                network = build(settings).eval()
+                with torch.no_grad():
+                    for parameter in network.parameters():
+                        parameter.add_(self.config["spread"] * torch.randn_like(parameter))
+            lift = self.lift(self.model) if settings.lift != "none" else None
+            law = self.fem.material(self.model.tissue)
+            tensors = PatientTensors.build(self.model, law, WHOLE, settings, lift)
+            self._kept[name] = PatientNetwork(network, tensors)
+        return self._kept[name]
+
+    # ---- methods
+
+    def solved(self, problem: Problem, value: float, element: str, precision: str, known: dict, segment: str = "-"):
+        """The cells of the mechanics on a problem; known: fields in mm by method that later ones must agree with, to
+        which the first of each method is added."""
 
         def linear():
             solver = ElasticSolver(
@@ -91,68 +230,128 @@ class Sweep:
         )
         if elastic is not None:
             known.setdefault("elastic", elastic * problem.millimetres)
-        # The same for both elements and precisions.
-        rng = generator(self.seed, "stability", f"{family}/{value:g}")
-        if family == "inverted":
+        rng = self.rng(f"{value:g}", segment)
+        rest = np.zeros(problem.points.shape) if elastic is None else elastic
+        if self.family == "inverted":
             # Linear theory has no start.
-            state = problems.tangled(problem, known["solver"], value / 100, rng)
-            start = state
+            state = start = problems.tangled(problem, known["solver"], value / 100, rng)
+        elif self.family == "field":
+            state = start = wild(problem, rest, value, rng)
         else:
-            yield "elastic", verdict, seconds
+            yield "elastic", element, precision, verdict, seconds
             # What a user hands over in single precision is a network's field; in double precision the solver gets none.
-            state = start = np.zeros_like(problem.points) if elastic is None else elastic
-            state = state + rng.normal(0, self.config["noise"] / problem.millimetres, state.shape)
-            start = None if precision == "float64" else start
-        if start is not None:
-            start = start.astype(precision)
-
+            state = rest + rng.normal(0, self.config["noise"] / problem.millimetres, rest.shape)
+            start = rest if precision == "float32" else None
+        start = None if start is None else start.astype(precision)
         # A long movement has several equilibria: sliding nodes can settle on either side of an edge of the bone.
-        unique = family not in MOVEMENTS
+        unique = self.family not in OF_PATIENTS
+        cold = (precision == "float64" and element == WHOLE) and self.family not in ("inverted", "field")
+        asked = value <= ASKED if self.family in OF_PATIENTS else self.family != "size"
+        yield self.solution(problem, "solver", element, precision, known, unique, start, cold and asked)
+        if precision == "float64" and self.family not in ("inverted", "field"):
+            yield self.kept(problem, element, known, unique)
+        if self.family in ("inverted", "field"):
+            boundary = state.astype(float)
+            yield from self.finished(problem, element, precision, state.astype(precision).astype(float), boundary)
+        if self.family not in ("rough", "size"):
+            yield self.sloped(problem, element, precision, state, rng)
+
+    def solution(self, problem, method, element, precision, known, unique, start=None, quadratic=False):
+        """Newton's method, from a start or from rest."""
+        options = self.options(element)
 
         def newton():
             return solve(problem.points, problem.cells, problem.material, problem.boundary, options, start)
 
         def judge(result, seconds):
-            return judge_solution(problem, element, result, seconds, options, known.get("solver"), unique)
+            field = None if known is None else known.get("solver")
+            return judge_solution(problem, element, result, seconds, options, field, unique, quadratic)
 
         result, verdict, seconds = attempt(newton, judge)
-        if verdict.outcome == CONVERGED:
+        if known is not None and verdict.outcome == CONVERGED:
             known.setdefault("solver", result.displacement * problem.millimetres)
-        yield "solver", verdict, seconds
+        return method, element, precision, verdict, seconds
 
+    def kept(self, problem: Problem, element: str, known: Mapping, unique: bool):
+        """The factors of the stiffness at rest."""
+        options = self.options(element)
+
+        def repeated():
+            solver = RepeatedSolver(problem.points, problem.cells, problem.material, problem.boundary, options)
+            try:
+                return solver.solve([problem.boundary])[0]
+            finally:
+                solver.close()
+
+        def judge(result, seconds):
+            return judge_solution(problem, element, result, seconds, options, known.get("solver"), unique)
+
+        result, verdict, seconds = attempt(repeated, judge)
+        if result is not None and not result.kept:
+            verdict = replace(verdict, reason=f"by Newton's method: {verdict.reason}")
+        return "kept", element, "float64", verdict, seconds
+
+    def finished(self, problem, element, precision, raw, boundary, name=""):
+        """What ends every network's prediction: the inversion repair, then Newton corrections."""
+        nodes = np.setdiff1d(np.arange(len(raw)), problem.free)
+        interface = np.zeros(len(raw), bool)
+        interface[nodes] = True
+
+        def mend():
+            return repair_inversions(problem.points, problem.cells, problem.material, raw, interface, element)
+
+        made, verdict, seconds = attempt(mend, lambda result, _: judge_repair(problem, raw, *result))
+        yield f"{name}repair", element, precision, verdict, seconds
+        if made is None:
+            return
+
+        def correct():
+            corrector = Corrector(
+                problem.points, problem.cells, problem.material, nodes, element, self.fem.linear_solver
+            )
+            try:
+                return corrector.corrections(made[0], boundary[nodes], CORRECTIONS, self.fem.tolerance)
+            finally:
+                corrector.close()
+
+        def judge(result, _):
+            return judge_correction(problem, element, result, nodes, boundary[nodes], made[1], self.fem.tolerance)
+
+        _, verdict, seconds = attempt(correct, judge)
+        yield f"{name}corrections", element, precision, verdict, seconds
+
+    def sloped(self, problem, element, precision, state, rng):
+        """The physics loss and its gradient."""
         single = state.astype(np.float32).astype(float)
 
         def loss(kind):
-            return slope_of(problem, element, kind, single, self.extension, self.loss)
+            return slope_of(problem, element, kind, single, self.loss)
 
-        def judge_slope(slope, _):
+        def judge(slope, _):
             exact = slope if precision == "float64" else loss("float64")
-            return judge_loss(problem, element, precision, single, slope, exact, self.extension, rng)
+            return judge_loss(problem, element, precision, single, slope, exact, LOSS_EXTENSION, rng)
 
-        _, verdict, seconds = attempt(lambda: loss(precision), judge_slope, refusals=(InputError,))
-        yield "loss", verdict, seconds
+        _, verdict, seconds = attempt(lambda: loss(precision), judge, refusals=(InputError,))
+        return "loss", element, precision, verdict, seconds
 
-    def problem(self, family: str, value: float, precision: str) -> Problem:
-        """The problem of a setting."""
-        if family in MOVEMENTS:
-            segment = self.config["segment"]
-            motion = problems.forward(value) if family == "translation" else problems.pitch(self.model, segment, value)
-            return problems.movement(self.model, segment, motion, self.fem, precision)
-        name = "millimetres" if family == "unit" else family
-        changed = {} if family == "inverted" else {name: value}
-        return problems.block(tuple(self.config["block"]), precision, **changed)
 
-    def block_field(self, element: str) -> dict[str, np.ndarray]:
-        """Fields in mm, by method, of the block as it is."""
-        if element not in self.block_fields:
-            problem = problems.block(tuple(self.config["block"]))
-            known: dict[str, np.ndarray] = {}
-            for _ in self.cells(problem, element, "float64", "unit", 1.0, known):
-                pass
-            if "solver" not in known:
-                raise RuntimeError(f"the block problem itself is not solved with the element {element!r}; see the log")
-            self.block_fields[element] = known
-        return self.block_fields[element]
+def slope_of(
+    problem: Problem, element: str, precision: str, state: np.ndarray, loss: Callable
+) -> tuple[float, np.ndarray]:
+    """The physics loss and its gradient (n, 3) at a state (n, 3), in a precision."""
+    law, dtype = replace(problem.material, extension=LOSS_EXTENSION), getattr(torch, precision)
+    operator = Operator.build(problem.points, problem.cells, law, element, dtype)
+    field = torch.as_tensor(state, dtype=dtype).requires_grad_()
+    value = loss(operator, torch.as_tensor(problem.free))(field)
+    (gradient,) = torch.autograd.grad(value, field)
+    return float(value.detach()), gradient.numpy().astype(float)
+
+
+def wild(problem: Problem, field: np.ndarray, noise: float, rng: np.random.Generator) -> np.ndarray:
+    """A field (n, 3) with noise of so many mm on its free nodes."""
+    other = np.array(field, float)
+    other[problem.free] += rng.normal(0, noise / problem.millimetres, (len(problem.free), 3))
+    return other
 
 
 def attempt(

@@ -6,6 +6,7 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.mechanics.elements import jacobians, mean_edge
 from pinnochio.mechanics.materials import Material, lame
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
@@ -17,13 +18,24 @@ from pinnochio.plans.plan import Plan
 
 PRECISIONS = ("float64", "float32")
 POISSON, YOUNGS_MODULUS = 0.49, 5.0  # of the block, where they are not what is swept; kPa
+# Unit ways of a translation, and axes of a rotation through the middle of the segment, LPS.
+DIRECTIONS = {
+    "forward": (0.0, -1.0, 0.0),
+    "back": (0.0, 1.0, 0.0),
+    "left": (1.0, 0.0, 0.0),
+    "right": (-1.0, 0.0, 0.0),
+    "up": (0.0, 0.0, 1.0),
+    "down": (0.0, 0.0, -1.0),
+}
+AXES = {"pitch": (1.0, 0.0, 0.0), "roll": (0.0, 1.0, 0.0), "yaw": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True)
 class Problem:
     """What a user hands over, in one precision: points (n, 3), cells (m, 4), constants, boundary condition.
 
-    Lengths count `millimetres` each. free (f,): nodes without any condition.
+    Lengths count `millimetres` each. free (f,): nodes without any condition. patient, plan: of which it is the problem,
+    if it is one's.
     """
 
     points: np.ndarray
@@ -32,32 +44,49 @@ class Problem:
     boundary: BoundaryConditions
     free: np.ndarray
     millimetres: float = 1.0
+    patient: PatientModel | None = None
+    plan: Plan | None = None
 
 
-def movement(model: PatientModel, segment: str, motion: RigidMotion, fem: FemSettings, precision: str) -> Problem:
-    """A patient, of whom one segment moves and the others stay, with sliding mucosa."""
+def movement(model: PatientModel, plan: Plan, fem: FemSettings, precision: str, arm: str = "mucosa") -> Problem:
+    """A patient under a plan; arm: one of `sliding.ARMS`. InputError for an unknown segment."""
     arrays = {name: getattr(model, name).astype(precision) for name in ("points", "bone_points", "bone_normals")}
     model = replace(model, **arrays)
-    boundary = boundary_conditions(model, Plan("-", {segment: motion}), "mucosa")
-    free = np.flatnonzero(model.node_type == FREE)
-    return Problem(model.points, model.cells, fem.material(model.tissue), boundary, free)
+    boundary = boundary_conditions(model, plan, arm)
+    # Bonded, nodes between two bones follow neither.
+    held = boundary.prescribed_nodes if arm == "bonded" else np.flatnonzero(model.node_type != FREE)
+    free = np.setdiff1d(np.arange(len(model.points)), held)
+    return Problem(model.points, model.cells, fem.material(model.tissue), boundary, free, patient=model, plan=plan)
 
 
-def forward(distance: float) -> RigidMotion:
-    """A translation to the front by `distance` mm."""
-    return RigidMotion(translation=np.array([0.0, -distance, 0.0]))
+def moved(model: PatientModel, segment: str, way: str, amount: float) -> Plan:
+    """One segment of a patient moved by `amount`: mm in one of DIRECTIONS, or degrees about one of AXES; others stay.
 
-
-def pitch(model: PatientModel, segment: str, degrees: float) -> RigidMotion:
-    """A turn of a segment about the left-right axis through the middle of its surface, the chin downwards.
-
-    Not about the condyles: as the rami stay where they are in this sweep, 30 degrees there would take the chin 40 mm
-    away from them.
+    A turn is about the middle of the segment's surface, not the condyles: as the rami stay where they are in this
+    sweep, 30 degrees there would take the chin 40 mm away from them.
     """
     if segment not in model.segments:
         raise InputError("-", "configuration", f"there is no segment {segment!r}", f"choose one of {model.segments}")
+    if way in DIRECTIONS:
+        return Plan("-", {segment: RigidMotion(translation=amount * np.array(DIRECTIONS[way]))})
     own = model.bone_points[model.bone_segment == model.segments.index(segment)]
-    return RigidMotion.from_degrees([degrees, 0.0, 0.0], np.zeros(3), own.mean(axis=0))
+    turn = RigidMotion.from_degrees(amount * np.array(AXES[way]), np.zeros(3), own.mean(axis=0))
+    return Plan("-", {segment: turn})
+
+
+def advance(model: PatientModel, amount: float) -> Plan:
+    """Every segment forward by `amount` mm."""
+    return Plan("-", {name: moved(model, name, "forward", amount).motions[name] for name in model.segments})
+
+
+def roughened(model: PatientModel, amplitude: float, rng: np.random.Generator) -> PatientModel:
+    """A patient whose bone is rough: each of its points moved along its normal by `amplitude` mm (one SD), the normals
+    those of the rough surface."""
+    points = model.bone_points + amplitude * rng.normal(size=(len(model.bone_points), 1)) * model.bone_normals
+    normals = vertex_normals(points, model.bone_faces)
+    bare = np.linalg.norm(normals, axis=1) < 0.5
+    normals[bare] = model.bone_normals[bare]
+    return replace(model, bone_points=points, bone_normals=normals)
 
 
 def block(
@@ -87,6 +116,12 @@ def block(
         whole.prescribed_nodes, lambda fraction: (whole.displacement(fraction) / millimetres).astype(precision)
     )
     return Problem((points / millimetres).astype(precision), cells, law, boundary, free, millimetres)
+
+
+def steps_of(nodes: int) -> tuple[int, int, int]:
+    """Cubes along the edges of the block for about so many nodes."""
+    edge = (np.prod(BLOCK) / nodes) ** (1 / 3)
+    return tuple(max(2, round(length / edge)) for length in BLOCK)
 
 
 def flattened(points, cells, steps, dihedral: float) -> np.ndarray:

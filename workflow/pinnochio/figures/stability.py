@@ -1,4 +1,4 @@
-"""Picture of the stability sweep: a matrix of settings and methods, coloured by outcome."""
+"""Picture of the stability sweep: settings against methods, coloured by outcome."""
 
 import os
 from collections.abc import Sequence
@@ -9,63 +9,57 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from pinnochio.experiments.stability import METHODS
 from pinnochio.figures.style import save_figure
-from pinnochio.tables.stability import CLEAN, CONVERGED, STABILITY, WRONG, label
+from pinnochio.tables.stability import CLEAN, CONVERGED, FAMILIES, STABILITY, WRONG, label
 
 COLUMNS = STABILITY
 COLOURS = {CONVERGED: "#cfe8cf", CLEAN: "#f7d58b", WRONG: "#e06c60"}
 ABSENT = "#eeeeee"
 TITLES = {
-    "translation": "jaw forward",
-    "rotation": "jaw turned",
+    "translation": "segment moved",
+    "rotation": "segment turned",
+    "rough": "set back on rough bone",
+    "field": "noise on the field",
     "poisson": "Poisson's ratio",
     "stiffness": "stiffness ratio",
     "dihedral": "smallest dihedral",
     "inverted": "start inverted",
     "unit": "unit of length",
+    "size": "nodes",
 }
 
 
 def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
-    """Draw the sweep's table: rows are settings by family, columns method, element and precision.
+    """Draw the sweep's table: rows are settings by family, columns methods and elements.
 
-    A cell's text is the least J of its state and the decimal exponent of its residual.
+    A field gathers all cases, segments, ways and precisions: it is coloured in the shares of their outcomes, from the
+    left, and says how many converged and, under them, the least J.
     """
-    rows = list(dict.fromkeys(zip(frame["family"], frame["setting"], frame["unit"], strict=True)))
-    pairs = list(dict.fromkeys(zip(frame["element"], frame["precision"], strict=True)))
-    columns = [(method, *pair) for method in METHODS for pair in pairs]
-    cells = {(r.family, r.setting, r.method, r.element, r.precision): r for r in frame.itertuples()}
-    figure = Figure(figsize=(4 + 0.95 * len(columns), 2.2 + 0.3 * len(rows)), dpi=110, layout="constrained")
+    ordered = frame.sort_values("family", key=lambda own: own.map(list(FAMILIES).index), kind="stable")
+    rows = []
+    for family, own in ordered.groupby("family", sort=False):
+        rows += [(family, setting, own["unit"].iloc[0]) for setting in sorted(own["setting"].unique())]
+    columns = list(dict.fromkeys(zip(ordered["method"], ordered["element"], strict=True)))
+    methods = list(dict.fromkeys(method for method, _ in columns))
+    columns.sort(key=lambda column: methods.index(column[0]))
+    cells = {key: own for key, own in ordered.groupby(["family", "setting", "method", "element"])}
+    figure = Figure(figsize=(4 + 0.8 * len(columns), 2.5 + 0.34 * len(rows)), dpi=110, layout="constrained")
     axes = figure.add_subplot()
-    colours = np.empty((len(rows), len(columns), 3))
     for y, (family, setting, _) in enumerate(rows):
         for x, column in enumerate(columns):
-            cell = cells.get((family, setting, *column))
-            colours[y, x] = matplotlib.colors.to_rgb(COLOURS[cell.outcome] if cell else ABSENT)
-            axes.text(x, y, text_of(cell) if cell else "–", ha="center", va="center", fontsize=9)
-    axes.imshow(colours, aspect="auto", interpolation="nearest")
-    axes.set_xticks(range(len(columns)), [f"{element}\n{precision}" for _, element, precision in columns], fontsize=9)
+            own = cells.get((family, setting, *column))
+            _paint(axes, x, y, own)
+    axes.set_xlim(-0.5, len(columns) - 0.5)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    names = [f"{method.replace(', ', chr(10))}\n{element}" for method, element in columns]
+    axes.set_xticks(range(len(columns)), names, fontsize=8, rotation=60, ha="left", rotation_mode="anchor")
     axes.set_yticks(range(len(rows)), [label(setting, unit) for _, setting, unit in rows], fontsize=9)
     axes.tick_params(length=0, labeltop=True, labelbottom=False)
-    axes.set_xticks(np.arange(len(columns)) - 0.5, minor=True)
-    axes.set_yticks(np.arange(len(rows)) - 0.5, minor=True)
-    axes.grid(which="minor", color="white", linewidth=1)
-    axes.tick_params(which="minor", length=0)
     for spine in axes.spines.values():
         spine.set_visible(False)
-    place = {"xycoords": ("data", "axes fraction"), "annotation_clip": False}
-    for number, method in enumerate(METHODS):
-        middle = (number + 0.5) * len(pairs) - 0.5
-        axes.annotate(
-            method, (middle, 1), (0, 32), textcoords="offset points", ha="center", va="bottom",
-            fontsize=11, fontweight="bold", **place,
-        )  # fmt: skip
-        if number:
-            axes.axvline(number * len(pairs) - 0.5, color="black", linewidth=1.2)
-    names = [family for family, _, _ in rows]
-    for family in dict.fromkeys(names):
-        first, count = names.index(family), names.count(family)
+    families = [family for family, _, _ in rows]
+    for family in dict.fromkeys(families):
+        first, count = families.index(family), families.count(family)
         axes.annotate(
             TITLES[family], (0, first + (count - 1) / 2), (-80, 0), xycoords=("axes fraction", "data"),
             textcoords="offset points", ha="right", va="center", fontsize=10, fontweight="bold", annotation_clip=False,
@@ -76,17 +70,23 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     legend = [Patch(color=colour, label=f"{name} ({counts.get(name, 0)})") for name, colour in COLOURS.items()]
     figure.legend(handles=legend, loc="outside lower center", ncols=3, frameon=False, fontsize=11)
     axes.set_xlabel(
-        "Text: least J of the state and exponent of the residual (loss: of its largest error, at a raw state).\n"
-        "The elastic path is linear and may turn elements inside out."
+        "Text: how many of the cells converged, and their least J. Elastic path and map are linear\n"
+        "and may turn elements inside out; the loss is taken at a raw state."
     )
     save_figure(figure, *paths)
 
 
-def text_of(cell) -> str:
-    """Least J and exponent of the residual of a row of the table."""
-    if np.isnan(cell.min_jacobian):
-        return "refused"
-    exponent = f"{np.floor(np.log10(cell.residual)):.0f}" if cell.residual > 0 else "0"
-    power = f"1e{exponent}" if exponent != "0" else "0"
-    ratio = f"{cell.min_jacobian:.2f}" if abs(cell.min_jacobian) < 100 else f"{cell.min_jacobian:.0f}"
-    return f"{ratio}  {power}"
+def _paint(axes, x: int, y: int, own: pd.DataFrame | None) -> None:
+    """One field of the picture."""
+    left = x - 0.48
+    if own is None:
+        axes.barh(y, 0.96, 0.94, left, color=ABSENT)
+        return
+    for outcome, colour in COLOURS.items():
+        share = 0.96 * float((own["outcome"] == outcome).mean())
+        axes.barh(y, share, 0.94, left, color=matplotlib.colors.to_rgb(colour))
+        left += share
+    done = own[own["outcome"] == CONVERGED]
+    least = done["min_jacobian"].min()
+    ratio = "" if not np.isfinite(least) else f"{least:.2f}" if abs(least) < 100 else f"{least:.0f}"
+    axes.text(x, y, f"{len(done)}/{len(own)}  {ratio}", ha="center", va="center", fontsize=7)

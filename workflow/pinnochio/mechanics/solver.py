@@ -329,7 +329,11 @@ class Newton:
             if start.shape != self.points.shape or not np.isfinite(start).all():
                 raise InputError("-", "start", f"shape {start.shape} or a value is not finite", "give (n, 3) in mm")
         if start is not None and not (self.options.restart and self.tangled(start)):
-            result = self.result(*self.improve(start))
+            state, reason = self.improve(start)
+            if self.options.barrier and not reason and not state.least > 0:
+                # The extended law has equilibria with elements inside out.
+                reason = f"the start leads to an equilibrium with elements inside out, J down to {state.least:.2g}"
+            result = self.result(state, reason)
             if result.converged or not self.options.restart:
                 return result
         return self.result(*self.advance(self.measured(np.zeros_like(self.points), 0.0)))

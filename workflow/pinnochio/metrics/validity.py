@@ -2,13 +2,18 @@
 
 import numpy as np
 
+from pinnochio.geometry.closest_points import closest_points
 from pinnochio.mechanics.assembly import diagonal_blocks
 from pinnochio.mechanics.elements import Elements, jacobians, shape_gradients
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import SlidingContact, boundary_conditions
-from pinnochio.model.labels import TISSUES
-from pinnochio.model.patient import FREE, MOVING, PatientModel
+from pinnochio.model.labels import TISSUES, segment_name
+from pinnochio.model.patient import FREE, MOVING, SLIDING, PatientModel
 from pinnochio.plans.plan import Plan
+
+# Change of a sliding node's distance to its bone, mm, from which it has left the bone. The surface that nodes slide on
+# is smooth, so that it changes by 0.9 at most in moves of 5 mm [X].
+OFF_BONE = 3.0
 
 
 def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
@@ -81,3 +86,22 @@ def boundary_metrics(patient: PatientModel, plan: Plan, displacement) -> dict[st
         "moving_error": float(np.linalg.norm(displacement - cue, axis=1)[moving].mean()) if moving.any() else np.nan,
         "sliding_error": float(np.abs(slid).mean()) if len(slid) else np.nan,
     }
+
+
+def off_bone(patient: PatientModel, plan: Plan, displacement) -> np.ndarray:
+    """Change (s,) in mm of the distance of each sliding node to the triangles of its bone, gap and depth alike.
+
+    The surface that the solver slides nodes on goes on beyond the rim of the bone: a node there keeps its distance to
+    that surface, and hangs in the air.
+    """
+    changes = [np.zeros(0)]
+    for index in np.unique(patient.node_segment[patient.node_type == SLIDING]):
+        nodes = np.flatnonzero((patient.node_type == SLIDING) & (patient.node_segment == index))
+        faces = patient.bone_faces[(patient.bone_segment == index)[patient.bone_faces].all(axis=1)]
+        if not len(faces):
+            continue
+        rest = patient.points[nodes]
+        there = plan.motion(segment_name(index, patient.segments)).inverse(rest + displacement[nodes])
+        before, after = (closest_points(places, patient.bone_points, faces).distance for places in (rest, there))
+        changes.append(np.abs(after - before))
+    return np.concatenate(changes)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.metrics.validity import boundary_metrics, equilibrium_of, volume_metrics
+from pinnochio.metrics.validity import OFF_BONE, boundary_metrics, equilibrium_of, off_bone, volume_metrics
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
 from pinnochio.patients.in_distribution import Ranges, anatomy_quantities, plan_quantities
@@ -55,6 +55,7 @@ def measures(patient: PatientModel, plan: Plan, displacement: np.ndarray, fem: F
         **volume_metrics(patient.points, patient.cells, patient.tissue, displacement),
         **equilibrium_of(patient, displacement, fem),
         **boundary_metrics(patient, plan, displacement),
+        "off_bone_mm": off_bone(patient, plan, displacement).max(initial=0.0),
         "skin_mean_mm": moved.mean(),
         "skin_max_mm": moved.max(),
     }
@@ -227,6 +228,14 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Row]:
             sliding + usual("sliding_error", ".2f"),
             worse("sliding_error", MISMATCH[0]),
             far("sliding_error"),
+        ),
+        Row(
+            "Sliding tissue off its bone",
+            f"{number('off_bone_mm', '.1f')} mm at most",
+            f"How far sliding tissue has come from, or gone into, the bone itself. Above {OFF_BONE:g} mm it has gone "
+            "over the bone's rim, as in long motions; no method knows what holds it there.",
+            known["off_bone_mm"] <= OFF_BONE,
+            not known["off_bone_mm"] <= OFF_BONE,
         ),
         Row("Movement of the skin", moved, "Over the judged face."),
     ]

@@ -59,6 +59,7 @@ def check_config(config: Mapping) -> None:
         "corrections.methods": config["corrections"]["methods"],
         "tradeoff.networks": config["tradeoff"]["networks"],
         "scaling.methods": config["scaling"]["methods"],
+        "stability.networks": config["stability"]["networks"],
     }
     for section, names in named.items():
         if unknown := [name for name in names if name not in learned]:

@@ -20,6 +20,7 @@ from pinnochio.study.cases import assign_folds, external_file, virtual_cases
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, markups_in, read_patients
 from pinnochio.study.provenance import PLACES
+from pinnochio.tables.stability import FAMILIES, OF_PATIENTS
 from pinnochio.training.archive import NetworkArchive
 from pinnochio.training.settings import PHASES
 from pinnochio.virtual.card import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
@@ -407,6 +408,32 @@ class Study:
         """Kind and nodes of the lifts that the trade-off's networks want."""
         kinds = {(self.registry[own.method].lift, own.nodes) for own in self.network_settings}
         return sorted(pair for pair in kinds if pair[0] != "none")
+
+    # The extremes.
+
+    @cached_property
+    def extremes(self) -> dict[str, dict[str, str]]:
+        """Parts of the stability sweep by name: family, case and way of each; a job each."""
+        own = self.config["stability"]
+        ways = {
+            "translation": own["directions"],
+            "rotation": own["axes"],
+            "rough": ["back"],
+            "field": ["-"],
+        }
+        parts = {}
+        for family in FAMILIES:
+            moved = family in OF_PATIENTS
+            for case in list(self.cases)[: own["patients"]] if moved else ["block"]:
+                for way in ways.get(family, ["-"]) if own[family] else []:
+                    name = "_".join([family, *([case, way] if moved else [])]).removesuffix("_-")
+                    parts[name] = {"family": family, "case": case, "way": way}
+        return parts
+
+    def swept_model(self, wildcards) -> str | list:
+        """The patient's model of a part of the sweep; nothing for the block."""
+        case = self.extremes[wildcards.part]["case"]
+        return [] if case == "block" else self.sized(self.config["stability"]["nodes"], "model.h5").format(case=case)
 
     # Scaling and model reduction.
 

@@ -1,10 +1,11 @@
-"""The table of the stability sweep: one row per cell, in the twins counted by family and method."""
+"""The table of the stability sweep: one row per cell, in the twins counted by family and method, and the envelope."""
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Sequence
 
 import pandas as pd
 
-from pinnochio.columns import Column, check, number
+from pinnochio.columns import Column, number, read_tables
 from pinnochio.tables.document import Block, Table, View
 
 # In the eyes of an independent judge.
@@ -14,25 +15,34 @@ OUTCOMES = (CONVERGED, CLEAN, WRONG)
 FAMILIES = {
     "translation": "mm",
     "rotation": "deg",
+    "rough": "mm",
+    "field": "mm",
     "poisson": "-",
     "stiffness": "-",
     "dihedral": "deg",
     "inverted": "%",
     "unit": "mm",
+    "size": "nodes",
 }
+OF_PATIENTS = ("translation", "rotation", "rough", "field")  # the others are of the block
+KEY = ["family", "case", "way", "segment", "setting", "method", "element", "precision"]
 STABILITY = (
     Column("family", str, "", f"what is taken to its extreme: {', '.join(FAMILIES)}"),
     Column("setting", float, "", "how far", "g"),
     Column("unit", str, "", "unit of the setting, - without one"),
-    Column("method", str, "", "solver, elastic (linear path) or loss (physics loss and its gradient)"),
+    Column("way", str, "", "direction or axis of a motion, - without one"),
+    Column("segment", str, "", "what moves, - of the block or if all do"),
+    Column("method", str, "", "what is asked: see docs/mechanics.md"),
     Column("element", str, "", "volume term"),
-    Column("precision", str, "", "of the arrays handed over; the loss computes in it, the solvers in float64"),
+    Column("precision", str, "", "of the arrays handed over; loss, map and networks compute in it, solvers in float64"),
     Column(
         "outcome", str, "", "converged and confirmed, failed cleanly, or wrong, in the eyes of an independent judge"
     ),
     Column("reason", str, "", "why"),
     number("min_jacobian", "", "smallest det F of the state"),
     number("residual", "", "relative force on free unknowns; of the loss, its largest error", ".1e"),
+    number("difference", "mm", "mean distance from ten-node elements, where these were asked"),
+    Column("marked", bool, "", "wrong, and `predict` calls such a field not usable"),
     Column("seconds", float, "s", "of the method, without the judge", ".3f"),
     Column("case", str, "", "patient, or block"),
     Column("seed", int, "", "seed of the study"),
@@ -46,27 +56,31 @@ def label(setting: float, unit: str) -> str:
     return f"{setting:g} {unit}".removesuffix(" -")
 
 
-def check_outcomes(frame: pd.DataFrame) -> None:
-    """RuntimeError that names every wrong cell, if there is one."""
-    wrong = frame[frame["outcome"] == WRONG]
-    if len(wrong):
-        cells = [
-            f"{row.family} {label(row.setting, row.unit)}, {row.method} {row.element} {row.precision}: {row.reason}"
-            for row in wrong.itertuples()
-        ]
-        raise RuntimeError(f"{len(cells)} of {len(frame)} cells are wrong:\n" + "\n".join(cells))
+def unmarked(frame: pd.DataFrame) -> list[str]:
+    """Every wrong cell that nothing warns of, in words."""
+    rows = frame[(frame["outcome"] == WRONG) & ~frame["marked"].astype(bool)]
+    return [
+        f"{row.family} {label(row.setting, row.unit)} {row.way} {row.segment}, {row.case}, "
+        f"{row.method} {row.element} {row.precision}: {row.reason}"
+        for row in rows.itertuples()
+    ]
 
 
-def table(rows: Sequence[Mapping]) -> Table:
-    """The table of the sweep's rows; RuntimeError if a cell is wrong."""
-    frame = check(pd.DataFrame(rows), STABILITY)
-    check_outcomes(frame)
+def tabulate(parts: Sequence[str | os.PathLike]) -> Table:
+    """The table of the sweep's parts, wrong cells and all."""
+    return table(read_tables(parts, STABILITY))
+
+
+def table(frame: pd.DataFrame) -> Table:
+    """The table of all cells: counts by family and method, and how far each method may go."""
+    order = {name: place for place, name in enumerate(FAMILIES)}
+    frame = frame.sort_values(KEY, key=lambda own: own.map(order) if own.name == "family" else own, kind="stable")
+    frame = frame.reset_index(drop=True)
     form = {column.name: column for column in STABILITY}
     groups = []
     for (family, method), own in frame.groupby(["family", "method"], sort=False):
-        done, failed = own[own["outcome"] == CONVERGED], own[own["outcome"] == CLEAN]
-        settings = own.drop_duplicates("setting")
-        ends = [f"{label(row.setting, row.unit)} {row.element} {row.precision}" for row in failed.itertuples()]
+        done = own[own["outcome"] == CONVERGED]
+        settings = own.drop_duplicates("setting").sort_values("setting")
         groups.append(
             {
                 "Family": family,
@@ -75,13 +89,69 @@ def table(rows: Sequence[Mapping]) -> Table:
                 **{outcome: int((own["outcome"] == outcome).sum()) for outcome in OUTCOMES},
                 "Least J": form["min_jacobian"].text(done["min_jacobian"].min()),
                 "Largest residual or error": form["residual"].text(done["residual"].max()),
-                "Failed cleanly at": ", ".join(ends),
+                "From ten-node elements [mm]": form["difference"].text(done["difference"].max()),
+                "Failed cleanly at": ends(own[own["outcome"] == CLEAN]),
+                "Wrong at": ends(own[own["outcome"] == WRONG]),
             }
         )
-    view = [View(header, lambda row, header=header: row[header]) for header in groups[0]]
+    counts = frame["outcome"].value_counts()
+    said = ", ".join(f"{counts.get(outcome, 0)} {outcome}" for outcome in OUTCOMES)
     caption = (
-        f"Stability sweep: {len(frame)} cells, each judged independently of what it judges. Least J and residual are "
-        "those of the converged cells; the elastic path is linear, and the loss is taken at a raw network's state, so "
-        "that their J may be negative."
+        f"Stability sweep: {len(frame)} cells, each judged independently of what it judges: {said}. Least J, residual "
+        "and distance are those of the converged cells; elastic path and map are linear, and the loss is taken at a "
+        "raw network's state, so that their J may be negative."
     )
-    return Table(frame, STABILITY, [Block.of(pd.DataFrame(groups), view, caption)])
+    reach = (
+        "How far every cell of every patient, segment and direction converged and was confirmed. Beyond, some cells "
+        "failed cleanly or are wrong; the last column says of how many cells of the next setting."
+    )
+    blocks = [Block.of(pd.DataFrame(groups), shown(groups), caption)]
+    if found := envelope(frame):
+        blocks.append(Block.of(pd.DataFrame(found), shown(found), reach, "Envelope"))
+    return Table(frame, STABILITY, blocks, wrong_in_words(frame))
+
+
+def shown(rows: Sequence[dict]) -> list[View]:
+    """Views of rows as they are."""
+    return [View(header, lambda row, header=header: row[header]) for header in rows[0]]
+
+
+def ends(own: pd.DataFrame) -> str:
+    """Settings of some cells, and how many there are at each."""
+    counts = own.groupby(["setting", "unit"]).size()
+    return ", ".join(f"{label(setting, unit)} ({count})" for (setting, unit), count in counts.items())
+
+
+def envelope(frame: pd.DataFrame) -> list[dict]:
+    """Of each method and each family that moves segments: the largest setting up to which every cell converged."""
+    found = []
+    for (method, family), own in frame[frame["family"].isin(["translation", "rotation", "rough"])].groupby(
+        ["method", "family"], sort=False
+    ):
+        shares = own.assign(good=own["outcome"] == CONVERGED).groupby("setting")["good"]
+        share, unit = shares.mean(), own["unit"].iloc[0]
+        bad = share[share < 1]
+        below = share[share.index < bad.index.min()] if len(bad) else share
+        beyond = ""
+        if len(bad):
+            good, count = shares.sum()[bad.index.min()], shares.size()[bad.index.min()]
+            beyond = f"{label(bad.index.min(), unit)}: {int(good)} of {count}"
+        found.append(
+            {
+                "Method": method,
+                "Family": family,
+                "All converge up to": label(below.index.max(), unit) if len(below) else "none",
+                "Beyond": beyond,
+            }
+        )
+    return found
+
+
+def wrong_in_words(frame: pd.DataFrame) -> list[str]:
+    """What the twins say of wrong cells."""
+    rows = frame[frame["outcome"] == WRONG]
+    if not len(rows):
+        return []
+    caught = int(rows["marked"].sum())
+    words = [f"{len(rows)} cells are wrong; of {caught} the certificate of `predict` says that they are not usable."]
+    return [*words, *unmarked(frame)]
