@@ -37,7 +37,8 @@ SKIN_ALONE = ["floor_scan", "ratio", "pca_linear", *SURFACE]
 NETWORKS = ["pinnochio_unified", "pinnochio_no_physics", "pinnochio", "pinnochio_plus"]
 FEM = ["fem_bonded", "fem_sliding", "fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse"]
 VOLUME = ["min_jacobian", "inverted", "volume_error_mean", "eqres_rel", "moving_error", "sliding_error"]
-GUARD = ["raw_min_jacobian", "raw_inverted", "repaired", "damping", "interface_error"]  # of networks alone
+RAW = ["raw_min_jacobian", "raw_inverted", "raw_eqres_paper", "raw_eqres_rel"]
+GUARD = [*RAW, "repaired", "damping", "interface_error"]  # of networks alone
 
 
 @pytest.fixture(scope="module")

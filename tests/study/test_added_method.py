@@ -30,7 +30,10 @@ def add_method(project) -> dict:
         path.write_text(head + place + text + rest if place else head + text, encoding="utf-8")
     for path, one, other in (
         (project.folder / SCHEMA, "required: [", "required: [mean_motion, "),
-        (project.folder / "config/config.yaml", "\nmethods: [", "\nmethods: [mean_motion, "),
+        *(
+            (project.folder / f"config/{name}.yaml", "\nmethods: [", "\nmethods: [mean_motion, ")
+            for name in ("config", "quick")
+        ),
     ):
         path.write_text(path.read_text(encoding="utf-8").replace(one, other, 1), encoding="utf-8")
     return before

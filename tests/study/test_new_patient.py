@@ -16,7 +16,7 @@ TRAINING = {"pretrain", "finetune", "simulate_fem", "calibrate", "describe_train
 def clinic(packed, tmp_path_factory):
     """A project with that archive and nothing else of a study, and a patient with two plans: V01, renamed."""
     project = type(packed)(tmp_path_factory.mktemp("clinic"))
-    shutil.copytree(packed.folder / "results/quick/archive", project.folder / "models")
+    shutil.copytree(packed.folder / "results/quick/archive", project.folder / "packed")
     patient = project.folder / "P01"
     (patient / "plans").mkdir(parents=True)
     virtual = packed.folder / "results/quick/virtual/V01"
@@ -34,7 +34,7 @@ def predict(project, *config):
 
 
 def test_an_archive_alone_predicts_two_plans_of_one_patient(clinic):
-    done = predict(clinic, "models=models")
+    done = predict(clinic, "models=packed")
     assert done.returncode == 0, done.stdout[-4000:]
     made = jobs(done.stdout)
     assert {name: made[name] for name in SHARED} == dict.fromkeys(SHARED, 1)
@@ -58,14 +58,14 @@ def test_an_archive_alone_predicts_two_plans_of_one_patient(clinic):
     assert not said["treat"]["in_distribution"]["plan"]["outside"]
     assert said["extreme"]["in_distribution"]["plan"]["outside"]
     assert said["extreme"]["in_distribution"]["anatomy"]["within"]
-    assert "Nothing to be done" in predict(clinic, "models=models").stdout
+    assert "Nothing to be done" in predict(clinic, "models=packed").stdout
 
 
 def test_a_plan_that_is_added_later_shares_the_patient(clinic):
-    predict(clinic, "models=models")
+    predict(clinic, "models=packed")
     plan = clinic.folder / "P01/plans/treat.json"
     shutil.copy(plan, plan.with_name("again.json"))
-    done = predict(clinic, "models=models", "predict={method: elastic}")
+    done = predict(clinic, "models=packed", "predict={method: elastic}")
     plan.with_name("again.json").unlink()
     assert done.returncode == 0, done.stdout[-4000:]
     made = jobs(done.stdout)
@@ -80,11 +80,11 @@ def test_a_plan_that_is_added_later_shares_the_patient(clinic):
     [
         ((), ("there is no archive of trained models", "snakemake archive", "'models'")),
         (
-            ("models=models", "segments=[lefort1, ramus_left]", "labels={ramus_left: 40}"),
+            ("models=packed", "segments=[lefort1, ramus_left]", "labels={ramus_left: 40}"),
             ("names ramus_left", "the models were trained with"),
         ),
-        (("models=models", "predict={method: acmt}"), ("the archive has no 'acmt'",)),
-        (("models=models", "patient=P02"), ("no such folder or table",)),
+        (("models=packed", "predict={method: acmt}"), ("the archive has no 'acmt'",)),
+        (("models=packed", "patient=P02"), ("no such folder or table",)),
     ],
     ids=["no models", "other segments", "other method", "no patient"],
 )
