@@ -63,7 +63,7 @@ def document(schema: dict, defaults: dict) -> str:
         "",
         "## Recipes",
         "",
-        "Write the lines to a file, say `own.yaml`, and name it: `snakemake --cores 2 --configfile own.yaml`. Add "
+        "Write the lines to a file, say `own.yaml`, and name it with `--configfile own.yaml`. Add "
         "`pathvars: {results: results/own}` to keep the study that is there. With `-n` Snakemake lists the jobs first. "
         "Times are reckoned from the default study at commit `0eb5985` (98 min on two cores), not measured.",
         "",

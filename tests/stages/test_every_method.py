@@ -68,6 +68,9 @@ class Fold:
     def lift(self, patient, method: str) -> list[str]:
         return [self.files[patient.case]["lift.h5"]] if self.study.registry[method].lift == "elastic" else []
 
+    def known(self, patient, method: str) -> list[str]:
+        return [patient.covariates] if self.study.registry[method].covariates else []
+
     def train(self, method: str) -> str | None:
         """The file that the method's training leaves."""
         own, job = self.study.registry[method], SimpleNamespace(method=method)
@@ -77,7 +80,12 @@ class Fold:
         if own.trains == "at once":
             fitted = str(self.folder / f"{method}.h5")
             plans = {"plans": [one.plan], "postops": [one.postop]}
-            fit(module=own.learner, **phase, fem_samples=[one.fem_samples], **plans, fitted=fitted)
+            own = {
+                "module": own.learner,
+                "settings": self.study.settings("fem")(job),
+                "covariates": self.known(one, method),
+            }
+            fit(**own, **phase, fem_samples=[one.fem_samples], **plans, fitted=fitted)
             return fitted
         phase |= {"module": own.learner, "lifts": self.lift(one, method), "seed": SEED, "code": "x", "device": "cpu"}
         outputs = [
@@ -88,8 +96,9 @@ class Fold:
             settings = self.study.settings("network", "pretraining", "fem")(job)
             pretrain(**phase, settings=settings, fem_samples=[one.fem_samples], outputs=outputs[0])
             first = outputs[0]["network"]
-        settings = self.study.settings("network", "finetuning", "fem")(job)
-        outcome = {"plans": [one.plan], "postops": [one.postop], "pretrained": first}
+        settings = self.study.settings("network", "finetuning", "fem", "newton_corrections")(job)
+        outcome = {"plans": [one.plan], "postops": [one.postop], "covariates": self.known(one, method)}
+        outcome["pretrained"] = first
         finetune(**phase, settings=settings, **outcome, outputs=outputs[1])
         return outputs[1]["network"]
 
@@ -107,6 +116,7 @@ class Fold:
             lifts=self.lift(one, method),
             plans=[self.motion(method)],
             truths=[one.truth] if own.truth == "field" else [],
+            covariates=self.known(one, method),
             device="cpu",
             threads=1,
             predictions=predictions,

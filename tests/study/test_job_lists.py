@@ -107,7 +107,7 @@ def test_patients_without_a_scan_are_predicted_and_measured_but_never_trained_on
 def test_too_few_scans_leave_the_learned_method_out_and_nothing_else(project, scanned, judged):
     write_cohort(project, scanned, UNSCANNED)
     jobs, said = asked(project)
-    learned = "pca_linear, acmt, acmt_pretrained, dgcfp, dgcfp_pretrained, "
+    learned = "pca_linear, fem_learned, acmt, acmt_pretrained, dgcfp, dgcfp_pretrained, "
     learned += "pinnochio_unified, pinnochio_no_physics, pinnochio, pinnochio_plus"
     assert f"Left out: {learned}. Training by cross-validation needs a post-operative scan of" in said
     assert f"{len(scanned)} of {len(scanned) + 4} patients have one" in said

@@ -69,3 +69,8 @@ def test_what_is_not_known_counts_as_usual(rows):
     np.testing.assert_allclose(found(asked), values[1], atol=0.5)
     usual = np.where(np.isnan(asked), found.mean, asked)
     np.testing.assert_allclose(found(asked), found(usual))
+
+
+def test_of_one_owner_nothing_is_learned(rows):
+    found = regress(rows, ALIKE, rows[:, :2] + 1.0, np.zeros(64, int))
+    assert found.form == "zero" and found.error == 1

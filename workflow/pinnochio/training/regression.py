@@ -65,7 +65,7 @@ def regress(rows: np.ndarray, group: np.ndarray, values: np.ndarray, owner: np.n
         predicted = np.empty_like(values, float)
         for number in np.unique(part):
             out = part == number
-            predicted[out] = _predict(rows[~out], values[~out], rows[out], width, penalty)
+            predicted[out] = _predict(rows[~out], values[~out], rows[out], width, penalty) if not out.all() else 0
         return predicted
 
     def best(widths: Sequence[float]) -> tuple[float, float, np.ndarray]:
@@ -78,8 +78,8 @@ def regress(rows: np.ndarray, group: np.ndarray, values: np.ndarray, owner: np.n
     }
     found["both"] = 0.5 * (found["linear"] + found["kernel"])
     errors = {form: float(np.square(found[form] - values).mean()) for form in FORMS}
-    form = FORMS[0]
-    for other in FORMS[1:]:
+    form = FORMS[0]  # of one owner alone nothing can be told
+    for other in FORMS[1:] if len(owners) > 1 else ():
         if errors[other] < errors[form] - TIE * errors["zero"]:
             form = other
     kernels = {"zero": [], "mean": [], "both": list(chosen.values())}.get(form, [chosen.get(form)])
