@@ -215,7 +215,12 @@ def training_step(**arguments) -> tuple[float, float]:
 def warm_plan(**arguments) -> tuple[float, float]:
     """Seconds of a prediction on the CPU as the tables have it; of the processor's nothing is known."""
     predict(
-        module="pinnochio.methods.pinnochio.predictor", device=choose_device(0, 1), threads=1, truths=[], **arguments
+        module="pinnochio.methods.pinnochio.predictor",
+        device=choose_device(0, 1),
+        threads=1,
+        truths=[],
+        covariates=[],
+        **arguments,
     )
     return read_prediction(arguments["predictions"], arguments["cases"][0]).seconds, np.nan
 

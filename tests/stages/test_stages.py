@@ -258,7 +258,11 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
 
 
 def test_the_cost_is_read_from_networks_and_benchmark_files(predicted, tmp_path):
-    files = [str(Path(predicted["pinnochio"]).parent / "network.pt")]
+    folder = Path(predicted["pinnochio"]).parent
+    files, curves = (
+        [str(folder / "network.pt")],
+        [str(folder / f"{name}.csv") for name in ("pretraining", "finetuning")],
+    )
     for rule, seconds in (("pretrain", 12.5), ("finetune", 2.5)):
         folder = tmp_path / "benchmarks" / rule
         folder.mkdir(parents=True)
@@ -266,7 +270,8 @@ def test_the_cost_is_read_from_networks_and_benchmark_files(predicted, tmp_path)
     phases = dict.fromkeys(("pretraining", "finetuning"), vars(training_settings(steps=15, learning_rate=2e-3)))
     training, stages = tmp_path / "training.csv", tmp_path / "stages.csv"
     measured = {"benchmarks": tmp_path / "benchmarks", "cohort": "virtual cohort"}
-    make(training, "tables.training", networks=files, settings={"pinnochio": phases}, folds=["1"], **measured)
+    about = {"settings": {"pinnochio": phases}, "folds": ["1"], "rule": CONFIG["convergence"]}
+    make(training, "tables.training", networks=files, histories=curves, **about, **measured)
     row = pd.read_csv(training).loc[0]
     network, _ = load_network(files[0])
     assert row["parameters"] == sum(value.numel() for value in network.parameters())

@@ -188,7 +188,7 @@ class Sweep:
         """Networks of random weights, their fields repaired, then corrected."""
         for number, name in enumerate(self.networks):
             try:
-                raw, boundary = self.network(name, number)(plan)
+                raw, boundary, _ = self.network(name, number)(plan)
             except FloatingPointError as error:
                 yield f"random {name}", WHOLE, "float32", Verdict(CLEAN, str(error)), 0.0
                 continue
