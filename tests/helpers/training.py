@@ -8,11 +8,13 @@ import h5py
 import torch
 
 from pinnochio.methods.pinnochio.learner import Learner
+from pinnochio.methods.sources import SourceModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.training import loop
 from pinnochio.training.cases import CaseFiles
 from pinnochio.training.fold import train_fold
 from pinnochio.training.settings import TrainingSettings
+from scripts.fit import fit
 from scripts.predict import predict
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import CONFIG, network_settings, training_settings
@@ -66,6 +68,22 @@ def run_and_hang(phase: str, inputs: str, folder: str, threads: str, at: str) ->
 
     loop.sample_at = hanging
     run(phase, make_cases(Path(inputs)), Path(folder))
+
+
+def learn_loads(patients, fitted: str) -> SourceModel:
+    """What sliding finite elements leave of the patients' faces, learned; written to `fitted`, too."""
+    fit(
+        module="pinnochio.methods.fem_learned",
+        cases=[own.case for own in patients],
+        models=[own.model for own in patients],
+        fem_samples=[own.fem_samples for own in patients],
+        plans=[own.plan for own in patients],
+        postops=[own.postop for own in patients],
+        covariates=[own.covariates for own in patients],
+        settings={"fem": vars(patients[0].fem)},
+        fitted=fitted,
+    )
+    return SourceModel.read(fitted)
 
 
 def predict_by(module: str, patient, predictions: str, model: str | None = None, trained=None, **settings):

@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.methods.sources import SourceModel
 from pinnochio.metrics.quality import quality
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
@@ -20,7 +19,6 @@ from pinnochio.training.checkpoint import save_network
 from pinnochio.virtual.head import USUAL
 from scripts.choose_samples import choose_samples
 from scripts.describe_training import describe_training
-from scripts.fit import fit
 from scripts.import_plan import import_plan
 from scripts.import_segmentation import import_segmentation
 from scripts.label_interfaces import label_case
@@ -33,6 +31,7 @@ from scripts.tetrahedralize import mesh_case
 from scripts.virtual_outcome import virtual_outcome
 from scripts.virtual_patient import virtual_patient
 from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS, network_settings
+from tests.helpers.training import learn_loads
 
 
 @dataclass(frozen=True)
@@ -128,19 +127,8 @@ def prepared(patients, tmp_path_factory):
     Archive("virtual cohort", 2, SEGMENTS, ["1", "2"], methods, {}, "abc", "def").write(archive)
     widths = dict.fromkeys(NAMES, 1.5), dict.fromkeys(NAMES, 0.01)
     Calibration(METHOD, 0.9, 2, 2, *widths).write(archive / calibration_file(METHOD))
-    fitted = str(folder / "fitted.h5")
-    fit(
-        module="pinnochio.methods.fem_learned",
-        cases=[own.case for own in patients],
-        models=[own.model for own in patients],
-        fem_samples=[own.fem_samples for own in patients],
-        plans=[own.plan for own in patients],
-        postops=[own.postop for own in patients],
-        covariates=[own.covariates for own in patients],
-        settings={"fem": vars(patient.fem)},
-        fitted=fitted,
-    )
-    sources = {name: torch.as_tensor(value) for name, value in SourceModel.read(fitted).state().items()}
+    learned = learn_loads(patients, str(folder / "fitted.h5"))
+    sources = {name: torch.as_tensor(value) for name, value in learned.state().items()}
     for number, fold in enumerate("12"):
         torch.manual_seed(number)
         network = build(SMALL)

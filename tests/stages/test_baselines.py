@@ -9,7 +9,6 @@ import torch
 
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.methods.pinnochio.predictor import load_network
-from pinnochio.methods.sources import SourceModel
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import read_prediction
 from pinnochio.networks.building import build
@@ -19,7 +18,7 @@ from scripts.finetune import finetune
 from scripts.fit import fit
 from scripts.pretrain import pretrain
 from tests.helpers.settings import CONFIG, SEED, network_settings
-from tests.helpers.training import predict_by
+from tests.helpers.training import learn_loads, predict_by
 
 
 def measured(patient, predictions, metrics):
@@ -52,18 +51,7 @@ def test_a_surface_network_from_fields_and_skin_to_a_row_of_the_table(patient, t
 def test_what_finite_elements_leave_is_learned_as_loads(patients, tmp_path):
     """The field is in equilibrium with the learned load; a millimetre more everywhere moves the face by as much."""
     fitted, metrics = str(tmp_path / "fitted.h5"), {}
-    fit(
-        module="pinnochio.methods.fem_learned",
-        cases=[own.case for own in patients],
-        models=[own.model for own in patients],
-        fem_samples=[own.fem_samples for own in patients],
-        plans=[own.plan for own in patients],
-        postops=[own.postop for own in patients],
-        covariates=[own.covariates for own in patients],
-        settings={"fem": CONFIG["fem"]},
-        fitted=fitted,
-    )
-    learned = SourceModel.read(fitted)
+    learned = learn_loads(patients, fitted)
     taught = replace(learned, regression=replace(learned.regression, constant=learned.regression.constant + 1.0))
     taught.write(tmp_path / "taught.h5")
     for name, file in (("learned", fitted), ("taught", str(tmp_path / "taught.h5"))):

@@ -35,6 +35,7 @@ def add_method(project) -> dict:
             for name in ("config", "quick")
         ),
     ):
+        before.setdefault(path, path.read_text(encoding="utf-8"))
         path.write_text(path.read_text(encoding="utf-8").replace(one, other, 1), encoding="utf-8")
     return before
 

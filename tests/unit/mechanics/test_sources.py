@@ -17,8 +17,6 @@ from pinnochio.plans.plan import Plan
 from tests.helpers.patients import tiny_patient
 from tests.helpers.settings import solver_options
 
-NONE = np.zeros((0, 3), int), np.zeros(0)
-
 
 @pytest.fixture(scope="module")
 def made():
@@ -36,7 +34,7 @@ def test_a_small_load_does_what_newton_says(made):
     patient, law, _, sources = made
     amplitudes = 1e-4 * np.random.default_rng(0).normal(size=len(sources.forces))
     boundary = boundary_conditions(patient, Plan("P", {}), "mucosa")
-    loads = Loads(sources.load(amplitudes), *NONE)
+    loads = Loads(sources.load(amplitudes))
     exact = solve(patient.points, patient.cells, law, replace(boundary, loads=loads), solver_options(tolerance=1e-10))
     assert exact.converged
     size = np.abs(exact.displacement).max()

@@ -9,6 +9,7 @@ from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.inverse.freedom import LPS, QUANTITIES, Freedom
 from pinnochio.inverse.proposal import Search
 from pinnochio.inverse.wish import stacked
+from pinnochio.model.bones import segment_points
 
 TOLD = 1.0  # mm of bone that change the wish by the tolerance: a combination that needs more is not told apart [I]
 LARGEST = 5.0  # mm of bone by which a combination is shown, at most
@@ -78,10 +79,10 @@ def as_motions(freedom: Freedom, x: np.ndarray, change: np.ndarray) -> dict[str,
 def differences(freedom: Freedom, before: dict[str, RigidMotion], after: dict[str, RigidMotion]) -> dict:
     """QUANTITIES (6,) of the way from one motion of each segment to another, mm at the middle of its bone, degrees."""
     found = {}
-    for index, name in enumerate(freedom.model.segments):
+    for name, bone in segment_points(freedom.model).items():
         if name in before or name in after:
             one, other = before.get(name, RigidMotion()), after.get(name, RigidMotion())
-            middle = freedom.model.bone_points[freedom.model.bone_segment == index].mean(axis=0)[None]
+            middle = bone.mean(axis=0)[None]
             turn = RigidMotion(other.rotation @ one.rotation.T).degrees
             values = np.concatenate([LPS * (other.apply(middle) - one.apply(middle))[0], turn])
             if np.abs(values).max() > 1e-9:

@@ -1,13 +1,14 @@
 """What a proposal may change: motions of bones that move by themselves, within bounds, and what they take along."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.mechanics.lift import motion_amplitudes
+from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import FRONT, UNCUT, of_role
@@ -118,8 +119,8 @@ class Freedom:
         values, blocks = [np.zeros(0)], {}
         for own in self.blocks:
             name, before = next(iter(own.relations.items()))
-            whole = composed(plan.motion(name), _inverse(before), own.pivot)
-            move = composed(_inverse(blocks[own.on]), whole, own.pivot) if own.on else whole
+            whole = composed(plan.motion(name), before.back, own.pivot)
+            move = composed(blocks[own.on].back, whole, own.pivot) if own.on else whole
             kept = np.clip(np.concatenate([LPS * move.translation, move.degrees]), own.low, own.high)
             values.append(kept[own.free])
             move = RigidMotion.from_degrees(kept[3:], LPS * kept[:3], own.pivot)
@@ -141,10 +142,7 @@ class Freedom:
 
     @cached_property
     def _middle(self) -> dict[str, np.ndarray]:
-        return {
-            name: self.model.bone_points[self.model.bone_segment == index].mean(axis=0)
-            for index, name in enumerate(self.model.segments)
-        }
+        return {name: own.mean(axis=0) for name, own in segment_points(self.model).items()}
 
 
 def freedom(model: PatientModel, operation: str, bounds: Mapping, occlusion: Plan | None = None) -> Freedom | None:
@@ -181,7 +179,7 @@ def freedom(model: PatientModel, operation: str, bounds: Mapping, occlusion: Pla
     carrier = ""  # the block that the lower jaw goes with
     if occlusion is not None and "maxilla" in jaws and lower:
         first = occlusion.motion(pieces[0] if "mandible" in jaws else lower[0])
-        related = {name: _after(_inverse(first), occlusion.motion(name)) for name in [*pieces, *lower]}
+        related = {name: _after(first.back, occlusion.motion(name)) for name in [*pieces, *lower]}
         related |= {name: related[lower[0]] for name in with_chin}
         if "mandible" in jaws:
             add("jaws", MAXILLA, upper_pivot, related)
@@ -196,7 +194,7 @@ def freedom(model: PatientModel, operation: str, bounds: Mapping, occlusion: Pla
         if "mandible" in jaws and occlusion is not None:
             fixed = occlusion.motion(lower[0])  # against a maxilla that stays
             if pieces:
-                fixed = _after(_inverse(occlusion.motion(pieces[0])), fixed)
+                fixed = _after(occlusion.motion(pieces[0]).back, fixed)
             add(lower[0], MANDIBLE, anatomy.centre[lower[0]], dict.fromkeys([*lower, *with_chin], fixed), still=True)
             carrier = lower[0]
         elif "mandible" in jaws:
@@ -213,23 +211,9 @@ def freedom(model: PatientModel, operation: str, bounds: Mapping, occlusion: Pla
         add(chin[0], CHIN, anatomy.centre[chin[0]], dict.fromkeys(chin, rest), carrier)
         if not np.allclose(jaw.rotation, np.eye(3)) or jaw.translation.any():
             # The chin stands on the teeth of its jaw, which the occlusion has moved before the block moves.
-            moved = dict.fromkeys(chin, jaw)
-            blocks[-1] = Block(
-                chin[0],
-                CHIN,
-                jaw.apply(anatomy.centre[chin[0]][None])[0],
-                moved,
-                blocks[-1].low,
-                blocks[-1].high,
-                carrier,
-            )
+            pivot = jaw.apply(anatomy.centre[chin[0]][None])[0]
+            blocks[-1] = replace(blocks[-1], pivot=pivot, relations=dict.fromkeys(chin, jaw))
     return Freedom(model, tuple(blocks)) if blocks else None
-
-
-def _inverse(motion: RigidMotion) -> RigidMotion:
-    """The motion back."""
-    back = motion.rotation.T
-    return RigidMotion(back, motion.inverse(motion.pivot[None])[0] - motion.pivot, motion.pivot)
 
 
 def _after(after: RigidMotion, before: RigidMotion) -> RigidMotion:

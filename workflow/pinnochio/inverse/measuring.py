@@ -13,6 +13,7 @@ from pinnochio.inverse.face import Face
 from pinnochio.inverse.freedom import LPS, OPERATIONS, Freedom, freedom
 from pinnochio.inverse.proposal import InverseSettings, propose
 from pinnochio.inverse.wish import Marks, PlaceWish, SurfaceWish, Wish
+from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES, regions
 from pinnochio.plans.plan import Plan
@@ -48,8 +49,7 @@ def motion_rows(answer: Answer, reference: Plan) -> list[dict]:
     x = own.nearest(reference)
     told = own.plan("-", x + answer.combinations.told(answer.proposal.x - x, own.lever))
     admitted, rows = own.plan("-", x), []
-    for index, name in enumerate(own.model.segments):
-        bone = own.model.bone_points[own.model.bone_segment == index]
+    for name, bone in segment_points(own.model).items():
         error, degrees = apart(answer.proposal.plan.motion(name), reference.motion(name), bone)
         told_error, told_degrees = apart(told.motion(name), admitted.motion(name), bone)
         rows.append(

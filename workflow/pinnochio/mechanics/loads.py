@@ -6,7 +6,7 @@ alone: the second-order part of its energy, T/2 sum of A |grad u|^2 over the tri
 to stay as they are, so that a translation meets no resistance, and a turn of a curved surface some [I].
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import sparse
@@ -20,8 +20,8 @@ class Loads:
     """forces (n, 3) mN at the end, applied in proportion; faces (f, 3) of the mesh with their tension (f,) mN/mm."""
 
     forces: np.ndarray
-    faces: np.ndarray
-    tension: np.ndarray
+    faces: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), int))
+    tension: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 class OuterForces:
@@ -32,8 +32,8 @@ class OuterForces:
 
     def __init__(self, points, loads: Loads | None):
         points = np.asarray(points, float)
-        self.forces = np.zeros_like(points) if loads is None else np.asarray(loads.forces, float)
-        faces, tension = (np.zeros((0, 3), int), np.zeros(0)) if loads is None else (loads.faces, loads.tension)
+        loads = loads or Loads(np.zeros_like(points))
+        self.forces, faces, tension = np.asarray(loads.forces, float), loads.faces, loads.tension
         if self.forces.shape != points.shape or not np.isfinite(self.forces).all():
             raise InputError("-", "loads", f"forces of shape {self.forces.shape}", "give (n, 3), finite, in mN")
         if len(tension) != len(faces) or not np.isfinite(tension).all() or (np.asarray(tension) < 0).any():

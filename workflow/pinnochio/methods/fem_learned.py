@@ -17,7 +17,6 @@ from pinnochio.plans.plan import Plan
 from pinnochio.timing import timed
 
 SLIDING = "mucosa"
-NO_TENSION = np.zeros((0, 3), int), np.zeros(0)
 
 
 def fit(
@@ -54,7 +53,7 @@ class Predictor:
 
             def predict():
                 forces = own.sources.load(own.amplitudes(plan))
-                return forces, simulate(patient, plan, SLIDING, self._fem, loads=Loads(forces, *NO_TENSION))
+                return forces, simulate(patient, plan, SLIDING, self._fem, loads=Loads(forces))
 
             return predict
 

@@ -22,7 +22,7 @@ from pinnochio.hdf5 import reading, writing
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sources import Sources, make_sources
 from pinnochio.model.bones import PLACES, motion_of_places
-from pinnochio.model.correspondence import ACROSS, SIDES, corresponding, marks, mirrored_marks
+from pinnochio.model.correspondence import ACROSS, SIDES, corresponding, marks, mirrored_marks, sides_changed
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.training.regression import Regression, regress
@@ -87,12 +87,12 @@ class PatientSources:
 
     def __init__(self, learned: SourceModel, model: PatientModel, fem: FemSettings, covariates: Mapping):
         """InputError where the face cannot be read."""
-        self._learned, self._model, self._covariates = learned, model, covariates
+        self._learned, self._features = learned, Features(model, covariates)
         self.sources = sources_of(model, learned.anchors, learned.landmarks, fem)
 
     def amplitudes(self, plan: Plan) -> np.ndarray:
         """Amplitudes (2 a + 1,) under a plan."""
-        row, _, _ = features(self._model, plan, self._covariates)
+        row, _ = self._features(plan)
         return np.append(self._learned.regression(row), self._learned.weight)
 
 
@@ -110,23 +110,23 @@ def fit(
     """
     first = models[0]
     landmarks, face = marks(first), first.skin_points[first.judged_points]
-    half = face[face[:, 0] < landmarks[:-4, 0].mean() - MIDLINE]
+    half = face[face[:, 0] < landmarks[: -len(SIDES), 0].mean() - MIDLINE]
     anchors = half[farthest(half, ANCHORS)]
 
-    deviations, rows, owner, group = [], [], [], None
+    deviations, rows, owner = [], [], []
     for number, (model, base, plan, skin, known) in enumerate(
         zip(models, bases, plans, skins, covariates, strict=True)
     ):
         deviations.append(Deviation.of(model, base, skin, sources_of(model, anchors, landmarks, fem)))
-        *both, group = features(model, plan, known)
-        rows += both
+        features = Features(model, known)
+        rows += features(plan)
         owner += [number, number]
     weight = sum(each.on_weight for each in deviations) / sum(each.of_weight for each in deviations)
     values = []
     for each in deviations:
         own = each.amplitudes(weight)
         values += [own, np.concatenate(np.split(own, 2)[::-1])]
-    regression = regress(np.array(rows), group, np.array(values), np.array(owner))
+    regression = regress(np.array(rows), features.group, np.array(values), np.array(owner))
     logging.info(
         "weight %.2f of a turn; amplitudes: %s, error %.2f of none's", weight, regression.form, regression.error
     )
@@ -142,24 +142,29 @@ def sources_of(model: PatientModel, anchors: np.ndarray, landmarks: np.ndarray, 
     return make_sources(model, fem.material(model.tissue), np.concatenate(places), fem.volumetric)
 
 
-def features(model: PatientModel, plan: Plan, covariates: Mapping) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What amplitudes are regressed on, (f,), the same of the mirrored patient, and the group (f,) of each.
+class Features:
+    """What amplitudes are regressed on; of the patient itself it is found once for every plan.
 
     Motion (mm) of the skeleton's places, to the front and to the back apart, because lips follow these differently;
     distance (mm) of the landmarks from bone, gap of the lips; covariates, NaN where they are not known.
     """
-    moved, landmarks = motion_of_places(model, plan), marks(model)
-    depth = cKDTree(model.bone_points).query(landmarks)[0]
-    known = [_value(covariates, name) for name in CODES]
-    both = []
-    for mirrored in (False, True):
-        names = [_other_side(name) for name in PLACES] if mirrored else PLACES
-        motion = np.array([moved[name] for name in names]) * (ACROSS if mirrored else 1)
-        tissue = depth[[*range(len(depth) - len(SIDES)), *SIDES]] if mirrored else depth
-        parts = motion.ravel(), np.maximum(motion[:, 1], 0), tissue, [landmarks[3, 2] - landmarks[5, 2]], known
-        both.append(np.concatenate(parts))
-    sizes = 4 * len(PLACES), len(landmarks) + 1, len(known)
-    return *both, np.repeat((MOTION, TISSUE, COVARIATES), sizes)
+
+    def __init__(self, model: PatientModel, covariates: Mapping):
+        """InputError where the face cannot be read."""
+        landmarks = marks(model)
+        depth, _ = cKDTree(model.bone_points).query(landmarks)
+        known = [landmarks[3, 2] - landmarks[5, 2], *(_value(covariates, name) for name in CODES)]
+        self._model = model
+        self._still = [np.append(own, known) for own in (depth, sides_changed(depth))]
+        self.group = np.repeat((MOTION, TISSUE, COVARIATES), (4 * len(PLACES), len(landmarks) + 1, len(CODES)))
+
+    def __call__(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+        """The features (f,) under a plan, and the same of the mirrored patient."""
+        moved, rows = motion_of_places(self._model, plan), []
+        for still, side, sign in zip(self._still, (str, _other_side), (1, ACROSS), strict=True):
+            motion = np.array([moved[side(name)] for name in PLACES]) * sign
+            rows.append(np.concatenate([motion.ravel(), np.maximum(motion[:, 1], 0), still]))
+        return tuple(rows)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,11 @@ def of_segments(segment: np.ndarray, segments: Sequence[str], *roles: str) -> np
     return np.isin(segment, [i for i, name in enumerate(segments) if known_role(name) in roles])
 
 
+def segment_points(model: PatientModel) -> dict[str, np.ndarray]:
+    """Bone points (b, 3) mm of every segment, by its name."""
+    return {name: model.bone_points[model.bone_segment == index] for index, name in enumerate(model.segments)}
+
+
 def nasion_height(points: np.ndarray, segment: np.ndarray, segments: Sequence[str], above_maxilla: float) -> float:
     """Height z (mm) that stands for the nasion's; infinite without bone.
 

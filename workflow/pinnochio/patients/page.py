@@ -12,6 +12,7 @@ import pyvista as pv
 
 from pinnochio.figures.patient import FRONT, OBLIQUE, SIDE, SKIN, UNKNOWN, add_bone, finish, save, skin_of
 from pinnochio.files import replacing
+from pinnochio.model.bones import segment_points
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import in_words
@@ -161,9 +162,8 @@ def write_page(
 def motions_in_words(patient: PatientModel, plan: Plan) -> dict[str, str]:
     """What a plan does with each segment, as surgeons say it: about its own pivot or, if that is far, its middle."""
     words = {}
-    for index, name in enumerate(patient.segments):
-        middle = patient.bone_points[patient.bone_segment == index].mean(axis=0)
-        words[name.replace("_", " ")] = motion_in_words(near_bone(plan.motion(name), middle), name)
+    for name, bone in segment_points(patient).items():
+        words[name.replace("_", " ")] = motion_in_words(near_bone(plan.motion(name), bone.mean(axis=0)), name)
     return words
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.model.bones import of_segments
+from pinnochio.model.bones import of_segments, segment_points
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import UNCUT, known_role, of_role
@@ -30,10 +30,7 @@ class Jaws:
         index[known] = np.arange(len(known))
         names = tuple(self.segments[own] for own in known)
         self.anatomy = JawAnatomy.from_points(patient.bone_points, index[patient.bone_segment], names)
-        self.middle = {
-            name: patient.bone_points[patient.bone_segment == own].mean(axis=0)
-            for own, name in enumerate(self.segments)
-        }
+        self.middle = {name: own.mean(axis=0) for name, own in segment_points(patient).items()}
         self.upper, self.lower = (of_role(self.segments, *roles) for roles in ((MAXILLA,), LOWER))
         self.chin, self.rami = of_role(self.segments, "chin"), of_role(self.segments, "proximal")
         self._edges = self._incisors()
@@ -65,8 +62,7 @@ class Jaws:
         body, moved = self.lower[0], {}
         for name in self.rami:
             old, new = (ramus_following(self.anatomy, name, own.motion(body)) for own in (before, plan))
-            own = before.motion(name)
-            moved[name] = composed(new, composed(old.back, own, own.pivot), own.pivot)
+            moved[name] = self.step(old, new, before.motion(name))
         return moved
 
     def step(self, before: RigidMotion, after: RigidMotion, own: RigidMotion) -> RigidMotion:

@@ -91,7 +91,7 @@ def _compared(cases: pd.DataFrame, published: pd.DataFrame, names: Mapping[str, 
     """The claims of a table of the paper: its own method before each other one, by every measure that it gives."""
     theirs = published.set_index("method")
     return [
-        _claim(cases, theirs, OWN, worse, measure, names, seed)
+        _claim(cases, theirs, worse, measure, names, seed)
         for worse in theirs.index
         if worse != OWN
         for measure in MEASURES
@@ -99,11 +99,11 @@ def _compared(cases: pd.DataFrame, published: pd.DataFrame, names: Mapping[str, 
     ]
 
 
-def _claim(cases, theirs, better: str, worse: str, measure: str, names: Mapping[str, str], seed: int) -> dict:
+def _claim(cases, theirs, worse: str, measure: str, names: Mapping[str, str], seed: int) -> dict:
     name, sign = MEASURES[measure]
-    one, two = names[better], names[worse]
+    one, two = names[OWN], names[worse]
     row = {"better": one, "worse": two, "measure": name, "unit": BY_NAME[name].unit, "sign": sign}
-    row |= {f"theirs_{end}": theirs.loc[who, f"{measure}_mean"] for end, who in (("better", better), ("worse", worse))}
+    row |= {f"theirs_{end}": theirs.loc[who, f"{measure}_mean"] for end, who in (("better", OWN), ("worse", worse))}
     if not {one, two} <= set(cases["method"]):
         absent = " and ".join(method for method in (one, two) if method not in set(cases["method"]))
         return row | {"test": f"{absent} not in the study"}

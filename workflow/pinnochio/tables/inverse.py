@@ -13,6 +13,7 @@ from pinnochio.inverse.columns import FACES, MARKED, RECOVERED, SEEN, TASK
 from pinnochio.inverse.freedom import LPS, QUANTITIES
 from pinnochio.inverse.measuring import EXACT, LANDMARKS, OUTCOME, SIMULATED, TASKS, apart
 from pinnochio.methods.pca_linear import ridge
+from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.roles import known_role
 from pinnochio.seeds import derive_seed
@@ -71,7 +72,7 @@ def tabulate(
     """One file of each kind per patient, in the order of `cases`; held_out: patients of each fold; tolerance: that of
     the configuration, mm."""
     found, looked = read_tables(recovered, RECOVERED), read_tables(seen, SEEN)
-    bones = dict(zip(cases, map(_bones, models), strict=True))
+    bones = {case: segment_points(PatientModel.read(path)) for case, path in zip(cases, models, strict=True)}
     own = found[np.isclose(found["tolerance"], tolerance)]
     sure = found[(found["task"] == SIMULATED) & np.isclose(found["tolerance"], EXACT)]
     parts = [
@@ -139,11 +140,6 @@ def _off(guess: np.ndarray, true: np.ndarray, bone: np.ndarray) -> tuple[float, 
     """Mean distance (mm) of a bone (b, 3) under two motions given as QUANTITIES (6,), and the angle between them."""
     one, other = (RigidMotion.from_degrees(own[3:], LPS * own[:3], bone.mean(axis=0)) for own in (guess, true))
     return apart(one, other, bone)
-
-
-def _bones(model: str | os.PathLike) -> dict[str, np.ndarray]:
-    patient = PatientModel.read(model)
-    return {name: patient.bone_points[patient.bone_segment == i] for i, name in enumerate(patient.segments)}
 
 
 def summarise(rows: pd.DataFrame, seed: int) -> pd.DataFrame:

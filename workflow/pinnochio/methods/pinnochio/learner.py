@@ -18,7 +18,7 @@ from pinnochio.networks.building import build, matched
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.signals import PlanSignal
 from pinnochio.plans.plan import Plan
-from pinnochio.training.cases import CaseFiles, read_fem_samples
+from pinnochio.training.cases import CaseFiles, File, read_fem_samples
 from pinnochio.training.loop import Step
 from pinnochio.training.recording import Piece
 from pinnochio.training.settings import PHASES, TrainingSettings
@@ -54,6 +54,7 @@ class Learner:
         if self.network.match_parameters and not self.network.decomposition:
             self.network = matched(self.network)
         self._fem, self.training = FemSettings(**settings["fem"]), TrainingSettings(**settings[PHASES[phase]])
+        self._patients: dict[File, PatientTensors] = {}
         self._corrections = settings.get("newton_corrections", 0)
         self.read = self._fem_samples if phase == "pretrain" else self._outcome
 
@@ -107,12 +108,16 @@ class Learner:
         return [Sample(patient, signal, surface.between, surface.draw, signal.cue, signal.reliable)]
 
     def _patient(self, files: CaseFiles) -> PatientTensors:
-        """Tensors of a patient's model and, if the network wants one, its lift."""
+        """Tensors of a patient's model and, if the network wants one, its lift; made once."""
+        if files.model in self._patients:
+            return self._patients[files.model]
         wanted = self.network.lift != "none"
         if wanted and files.lift is None:
             raise InputError(files.case, files.model, f"the network wants a lift, {self.network.lift}", "make it first")
         lift = Lift.read(files.lift) if wanted else None
-        return tensors(PatientModel.read(files.model), self._fem, self.network, self.device, lift)
+        own = tensors(PatientModel.read(files.model), self._fem, self.network, self.device, lift)
+        self._patients[files.model] = own
+        return own
 
     def piece(self, network: nn.Module, sample: Sample, step: Step) -> Piece:
         """The loss of a sample: the same function for all plans of a patient, mirrored or not."""
