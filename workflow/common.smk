@@ -1,6 +1,7 @@
 """The study of the configuration, and what the rules ask beside it."""
 
 import os
+from functools import cache
 from pathlib import Path
 
 import yaml
@@ -81,6 +82,7 @@ def captioned(path, name=None):
     return report(path, caption=caption, category=PARTS.get(name, "Patients"))
 
 
+@cache
 def code_of(*names):
     """Content hash of stage scripts, and modules of the library, with all that they import of the project.
 

@@ -12,7 +12,7 @@ from tests.helpers.documents import PAGES, commands, named_blocks
 from tests.helpers.settings import ROOT
 from tests.helpers.study import Project
 
-PATIENTS = 10  # as many as the cases of the table below
+PATIENTS, FOLDS = 10, 2  # the plan of a study grows with them, and so does the time that it takes
 WRITTEN = sorted(set().union(*map(commands, PAGES)))
 
 
@@ -21,15 +21,15 @@ def project(tmp_path_factory) -> Project:
     """A project with all that the commands name; empty files will do, because no job runs."""
     project = Project(tmp_path_factory.mktemp("documented"))
     config = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
-    config["virtual"]["patients"] = PATIENTS  # the plan of a study grows with them, and so does the time that it takes
+    config["virtual"]["patients"], config["folds"] = PATIENTS, FOLDS
     (project.folder / "config/config.yaml").write_text(yaml.safe_dump(config))
-    method, folds = config["predict"]["method"], ["1", "2"]
+    method, folds = config["predict"]["method"], [str(1 + fold) for fold in range(FOLDS)]
     archive = project.folder / "results/archive"
     names = [RANGES, calibration_file(method), *(network_file(method, fold) for fold in folds)]
     files = [archive / name for name in names]
     files += [project.folder / f"P01/{name}" for name in ("segmentation.nii.gz", "plan.json", "wish.csv")]
     rows = ["case\tsegmentation\tplan\tpostop"]
-    for number in range(10):
+    for number in range(PATIENTS):
         parts = [f"C{number}.{suffix}" for suffix in ("nii.gz", "json", "ply")]
         rows.append("\t".join([f"C{number}", *parts]))
         files += [project.folder / part for part in parts]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from pinnochio.tables.large_cohort import Measured
 from pinnochio.tables.scaling_patients import PATIENT_STAGES, patient_runs
@@ -206,6 +207,7 @@ def test_rerunning_one_fold_changes_that_fold_and_the_aggregates_alone(studied):
         pd.testing.assert_frame_equal(without_timings(one), without_timings(two))
 
 
+@pytest.mark.full
 def test_two_runs_give_the_same_numbers(studied):
     """From the cohort on: a fold of finite elements and of a network; other networks: tests/stages."""
     folds = [f"folds/1/{method}/metrics.csv" for method in ("fem_sliding", "pinnochio_plus")]
