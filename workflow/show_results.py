@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from pinnochio.methods.names import few, written
-from pinnochio.statistics.significance import attainable
+from pinnochio.statistics.attainable import attainable
 
 ROWS = 5
 COLUMNS = {"cd_mean": "mm off", "pwr2_mean": "within 2 mm", "seconds_mean": "seconds per plan"}

@@ -5,8 +5,8 @@ import pytest
 
 from pinnochio.methods.names import WRITTEN, few, in_sentence, written
 from pinnochio.report.answer import sentences
+from pinnochio.statistics.attainable import attainable
 from pinnochio.statistics.ranking import rank
-from pinnochio.statistics.significance import attainable
 from tests.helpers.settings import CONFIG
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import pandas as pd
 
 from pinnochio.seeds import derive_seed
-from pinnochio.statistics.significance import Comparison, attainable, compare, holm
+from pinnochio.statistics.attainable import attainable
+from pinnochio.statistics.significance import Comparison, compare, holm
 
 LEVEL = 0.05
 

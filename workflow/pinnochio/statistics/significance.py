@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-# Below six pairs the smallest two-sided p is 2/2^5 = 0.0625: no outcome could be significant.
-SMALLEST_N = 6
+from pinnochio.statistics.attainable import SMALLEST_N
+
 # Up to so many pairs ties are tested over all 2^n signs, beyond by the normal approximation, as in SciPy's "auto".
 ALL_SIGNS_N = 13
 
@@ -71,14 +71,6 @@ def wilcoxon(difference) -> tuple[float, str]:
     result = stats.wilcoxon(signed, method=method, correction=True)
     dropped = f"; {zeros} zero difference{'s' * (zeros > 1)} dropped" if zeros else ""
     return float(result.pvalue), statement + dropped
-
-
-def attainable(n: int, comparisons: int, level: float = 0.05) -> bool:
-    """Whether so many comparisons of n patients can give a Holm-corrected p below the level at all.
-
-    The smallest two-sided p of the signed-rank test is 2 / 2^n, where every difference has the same sign.
-    """
-    return n >= SMALLEST_N and comparisons * 2.0 ** (1 - n) < level
 
 
 def holm(p) -> np.ndarray:

@@ -15,7 +15,7 @@ from pinnochio.methods.names import few
 from pinnochio.methods.registry import GRAPH_NETWORK, Method, graph_networks, registry
 from pinnochio.patients.archive import configuration_hash
 from pinnochio.report.parts import PARTS
-from pinnochio.statistics.significance import attainable
+from pinnochio.statistics.attainable import attainable
 from pinnochio.study.cases import assign_folds, external_file, virtual_cases
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, markups_in, read_patients
@@ -23,7 +23,7 @@ from pinnochio.study.provenance import PLACES
 from pinnochio.tables.stability import FAMILIES, OF_PATIENTS
 from pinnochio.training.archive import NetworkArchive
 from pinnochio.training.settings import PHASES
-from pinnochio.virtual.card import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
+from pinnochio.virtual.files import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
 from pinnochio.virtual.procedures import Procedure, dealt
 
 STUDY_FILES = "<results>/cases/{case}"

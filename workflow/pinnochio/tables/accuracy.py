@@ -8,7 +8,7 @@ import pandas as pd
 
 from pinnochio.columns import read_table
 from pinnochio.metrics.columns import CASES, scanned
-from pinnochio.statistics.significance import attainable
+from pinnochio.statistics.attainable import attainable
 from pinnochio.tables.comparison import (
     BASELINE,
     BOUNDS,

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import truncnorm
 
-DEFORMITIES = ("class_ii", "class_iii", "asymmetry", "open_bite")
+from pinnochio.virtual.procedures import DEFORMITIES
+
 NORMAL = "normal"
 NORMAL_OVERJET = 2.5  # mm [R]
 REST_GAP = 2.0  # mm between the incisor edges of a normal bite, jaw at rest [R]

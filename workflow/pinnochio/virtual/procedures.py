@@ -4,8 +4,6 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pinnochio.virtual.parameters import DEFORMITIES
-
 BIMAXILLARY, MANDIBLE, MAXILLA = JAWS = ("bimaxillary", "mandible_only", "maxilla_only")
 GENIOPLASTY, SEGMENTAL = "genioplasty", "segmental"
 # Operations that may treat a deformity: a retruded or an asymmetric lower jaw is not treated in the upper one alone,
@@ -16,6 +14,7 @@ SUITED = {
     "asymmetry": (BIMAXILLARY, MANDIBLE),
     "open_bite": (BIMAXILLARY, MAXILLA),
 }
+DEFORMITIES = tuple(SUITED)
 PIECES = {1: ("lefort1",), 2: ("lefort1_left", "lefort1_right"), 3: ("lefort1_left", "lefort1_right", "lefort1_front")}
 
 

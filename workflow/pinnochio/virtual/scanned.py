@@ -6,7 +6,6 @@ import numpy as np
 
 from pinnochio.virtual.faces import Face, first_hit, make_face, sample_identity
 from pinnochio.virtual.parameters import (
-    DEFORMITIES,
     NORMAL,
     SCULPTED,
     TABLE,
@@ -16,6 +15,7 @@ from pinnochio.virtual.parameters import (
     distribution,
     draw,
 )
+from pinnochio.virtual.procedures import DEFORMITIES
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.skin import REACH, sites
 
