@@ -8,6 +8,7 @@ from pinnochio.importing.segment_registration import check_fits, register_bones
 from pinnochio.importing.segmentation import check_plan, check_travel, read_labels
 from pinnochio.logs import attach_log
 from pinnochio.model.surfaces import BoneSurface
+from pinnochio.plans.areg import matrices, read_areg
 from pinnochio.plans.plan import Plan
 
 
@@ -44,6 +45,8 @@ def import_plan(
             logging.info("%s: median %.3f mm, %.0f %% matched", fit.segment, fit.median, fit.matched)
         check_fits((cranium, *found), limit=limit, share=share, case=case, file=source)
         checked = Plan(case, {fit.segment: fit.motion for fit in found})
+    elif matrices(source):
+        checked = read_areg(source, case, surface.segments)
     else:
         checked = Plan.read(source, case, foreign)
     check_plan(checked, surface.segments, source)

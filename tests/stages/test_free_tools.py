@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import SimpleITK as sitk
 
 from pinnochio.errors import InputError
 from pinnochio.importing.markups import read_markups
@@ -214,6 +215,21 @@ def test_a_region_of_interest_crops(head, scan, tmp_path):
 def test_bone_of_the_import_carries_its_names(head, scan, tmp_path):
     run(tmp_path, tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head), volume=scan)
     assert list(BoneSurface.read(tmp_path / "out/bone.vtp").segments) == FOUR
+
+
+def test_matrices_of_areg_are_the_plan_that_was_carried_out(head, scan, tmp_path):
+    """Each from the first scan to the second, whose frame is another: the head turned, the lower jaw 4 mm forward."""
+    run(tmp_path, tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head), volume=scan)
+    (tmp_path / "plan").mkdir()
+    for region, forward in (("CB", 0), ("MAND", -4)):
+        matrix = sitk.Euler3DTransform()
+        matrix.SetRotation(0.1, 0.0, 0.3)
+        matrix.SetTranslation(matrix.TransformPoint((30.0, forward - 20.0, 5.0)))
+        sitk.WriteTransform(matrix, str(tmp_path / f"plan/P1_{region}Reg_matrix.tfm"))
+    import_plan("P1", str(tmp_path / "plan"), str(tmp_path / "out/bone.vtp"), str(tmp_path / "plan.json"))
+    plan = Plan.read(tmp_path / "plan.json", "P1")
+    np.testing.assert_allclose(plan.motion("mandible_distal").apply(np.zeros((1, 3))), [[0, -4, 0]], atol=1e-6)
+    assert not np.any(plan.motion("lefort1").displacement(np.ones((1, 3))))
 
 
 def test_a_second_segmentation_is_the_plan_that_was_carried_out(head, scan, tmp_path):

@@ -84,6 +84,23 @@ def write_transforms(motions: Mapping[str, RigidMotion], folder: str | os.PathLi
 
 
 def _read_motion(file: Path, case: str) -> RigidMotion:
+    motion = about_its_axis(*read_rigid(file, case))
+    if not np.linalg.norm(motion.translation) <= LARGEST_TRANSLATION:
+        raise InputError(
+            case,
+            file,
+            f"it moves the bone by {np.linalg.norm(motion.translation):.0f} mm",
+            f"save translations in millimetres ({LARGEST_TRANSLATION:.0f} at most)",
+        )
+    return motion
+
+
+def read_rigid(file: Path, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rotation (3, 3), offset (3,) and centre of a rigid ITK transform; its inverse is rotation (x - offset), LPS mm.
+
+    InputError for a file that is damaged, holds several transforms or one that is not rigid.
+    """
+
     def refuse(problem: str, remedy: str):
         raise InputError(case, file, problem, remedy)
 
@@ -114,16 +131,10 @@ def _read_motion(file: Path, case: str) -> RigidMotion:
     if not (np.abs(matrix.T @ matrix - np.eye(3)).max() <= RIGID and np.linalg.det(matrix) > 0):
         refuse("it scales, shears or mirrors", "save a rigid transform: rotation and translation only")
     left, _, right = np.linalg.svd(matrix)
-    motion = _about_its_axis((left @ right).T, offset, np.array(transform.GetFixedParameters()[:3]))
-    if not np.linalg.norm(motion.translation) <= LARGEST_TRANSLATION:
-        refuse(
-            f"it moves the bone by {np.linalg.norm(motion.translation):.0f} mm",
-            f"save translations in millimetres ({LARGEST_TRANSLATION:.0f} at most)",
-        )
-    return motion
+    return (left @ right).T, offset, np.array(transform.GetFixedParameters()[:3])
 
 
-def _about_its_axis(rotation, offset, centre) -> RigidMotion:
+def about_its_axis(rotation, offset, centre) -> RigidMotion:
     """x_post = rotation (x_pre - offset), with the pivot nearest to the axis of the screw that the motion is.
 
     The centre of a file is often the origin of the scanner, far from the bone, where the translation says nothing; on
