@@ -13,9 +13,25 @@ from pinnochio.mechanics.simulation import simulate
 from pinnochio.metrics.cases import evaluate_case
 from pinnochio.metrics.columns import CASES
 from pinnochio.metrics.judged import choose
-from pinnochio.metrics.validity import boundary_metrics, equilibrium_metrics, equilibrium_of, volume_metrics
+from pinnochio.metrics.validity import (
+    EDGE,
+    beside_edge,
+    boundary_metrics,
+    equilibrium_metrics,
+    equilibrium_of,
+    volume_metrics,
+)
 from pinnochio.metrics.volume import mean_and_p95, truth_errors
-from pinnochio.model.patient import BONE_MUSCLE, FIXED, FREE, MOVING, SLIDING, PatientModel
+from pinnochio.model.patient import (
+    BONE_MUSCLE,
+    CUT_PLANE,
+    FIXED,
+    FREE,
+    INTERIOR,
+    MOVING,
+    SLIDING,
+    PatientModel,
+)
 from pinnochio.model.predictions import Prediction
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import tiny_patient, tiny_plan
@@ -157,6 +173,19 @@ def test_converged_sliding_finite_elements_slide_exactly_as_far_as_the_solver_ho
     normal = plan.motion("left").rotation @ [0, 0, 1.0]
     off = boundary_metrics(tiny, plan, solved.displacement + 0.1 * normal)
     assert off["sliding_error"] == pytest.approx(0.1, abs=0.01)
+
+
+def test_how_much_of_the_face_lies_beside_the_edge_of_the_scan():
+    patient = tiny_patient()
+    field = np.tile([0.0, -3.0, 4.0], (len(patient.points), 1))
+    beyond = np.full(len(patient.points), INTERIOR, np.int16)
+    inside = beside_edge(replace(patient, node_beyond=beyond), field)
+    assert inside == {"edge_percent": 0.0, "edge_moved_mm": 0.0}
+    corner = patient.skin_points[patient.judged_points[0]]
+    beyond[np.argmin(np.linalg.norm(patient.points - corner, axis=1))] = CUT_PLANE
+    away = np.linalg.norm(patient.skin_points[patient.judged_points] - patient.points[beyond == CUT_PLANE], axis=1)
+    said = beside_edge(replace(patient, node_beyond=beyond), field)
+    assert said == {"edge_percent": pytest.approx(100 * (away <= EDGE).mean()), "edge_moved_mm": pytest.approx(5.0)}
 
 
 def test_a_linear_field_is_interpolated_exactly_and_outside_by_the_closest_point():

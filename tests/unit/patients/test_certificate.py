@@ -135,13 +135,14 @@ USUAL = {"min_jacobian": [0.3, 0.5, 0.9], "eqres_rel": [0.015, 0.05, 0.14], "sli
         ({"sliding_error": 2.1}, "Boundary mismatch, sliding", NOT_USABLE),
         ({"moving_error": 2.5}, "Boundary mismatch, moving", NOT_USABLE),
         ({"off_bone_mm": 3.1}, "Sliding tissue off its bone", NOT_USABLE),
+        ({"edge_percent": 16.0}, "Edge of the scan", CARE),
         ({"inverted": 1}, "Elements turned inside out", NOT_USABLE),
         ({"min_jacobian": None}, "Smallest volume ratio (min J)", NOT_USABLE),
     ],
 )
 def test_what_lies_beyond_the_usual_is_marked_and_decides_the_verdict(measured, row, grade):
     said = certificate(np.zeros_like(PATIENT.points), Plan("tiny", {}))
-    usual = {"min_jacobian": 0.5, "eqres_rel": 0.1, "moving_error": 0.1, "sliding_error": 0.3}
+    usual = {"edge_percent": 8.0, "min_jacobian": 0.5, "eqres_rel": 0.1, "moving_error": 0.1, "sliding_error": 0.3}
     said["measures"] |= usual | measured
     rows = _field_rows(said["measures"], {"cohort": "virtual cohort", "usual": USUAL})
     marked = [own.what for own in rows if own.good is False or own.bad]

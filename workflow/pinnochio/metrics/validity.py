@@ -1,6 +1,7 @@
 """Whether a displacement field is one that tissue could have: volume, equilibrium, boundary."""
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.mechanics.assembly import diagonal_blocks
@@ -8,12 +9,13 @@ from pinnochio.mechanics.elements import Elements, jacobians, shape_gradients
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import SlidingContact, boundary_conditions
 from pinnochio.model.labels import TISSUES, segment_name
-from pinnochio.model.patient import FREE, MOVING, SLIDING, PatientModel
+from pinnochio.model.patient import CUT_PLANE, FREE, MOVING, SLIDING, PatientModel
 from pinnochio.plans.plan import Plan
 
 # Change of a sliding node's distance to its bone, mm, from which it has left the bone. The surface that nodes slide on
 # is smooth, so that it changes by 0.9 at most in moves of 5 mm [X].
 OFF_BONE = 3.0
+EDGE = 20.0  # mm from where the scan ends within which what lies beyond it matters [I]
 
 
 def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
@@ -105,3 +107,14 @@ def off_bone(patient: PatientModel, plan: Plan, displacement) -> np.ndarray:
         before, after = (closest_points(places, patient.bone_points, faces).distance for places in (rest, there))
         changes.append(np.abs(after - before))
     return np.concatenate(changes)
+
+
+def beside_edge(patient: PatientModel, displacement) -> dict[str, float]:
+    """edge_percent: share of the judged face's points within EDGE of where the scan ends; edge_moved_mm: how far they
+    move at most under a field (n, 3) mm."""
+    face, cut = patient.judged_points, patient.points[patient.node_beyond == CUT_PLANE]
+    near = face[:0]
+    if len(cut):
+        near = face[cKDTree(cut).query(patient.skin_points[face], distance_upper_bound=EDGE)[0] <= EDGE]
+    moved = np.linalg.norm(patient.moved_skin(displacement)[near] - patient.skin_points[near], axis=1)
+    return {"edge_percent": 100 * len(near) / len(face), "edge_moved_mm": float(moved.max(initial=0.0))}

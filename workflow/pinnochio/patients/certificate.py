@@ -6,7 +6,15 @@ from typing import NamedTuple
 import numpy as np
 
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.metrics.validity import OFF_BONE, boundary_metrics, equilibrium_of, off_bone, volume_metrics
+from pinnochio.metrics.validity import (
+    EDGE,
+    OFF_BONE,
+    beside_edge,
+    boundary_metrics,
+    equilibrium_of,
+    off_bone,
+    volume_metrics,
+)
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
 from pinnochio.patients.in_distribution import Ranges, anatomy_quantities, plan_quantities
@@ -24,6 +32,7 @@ USABLE, CARE, NOT_USABLE = "usable", "with care", "not usable"
 FLAT = 0.1  # least volume ratio below which care is due where nothing usual is known
 MISMATCH = 0.5, 2.0  # mm between tissue and bone from which care is due, and from which nothing is usable
 RESIDUALS = 10.0  # times the largest usual residual from which nothing is usable
+EDGES = 15.0  # % of the face beside the edge of the scan from which care is due; of the virtual patients 6 to 9 [X]
 REPAIRED = 0.01  # share of the elements above which the repair is no small matter
 FAR = 1.0  # widths of the training's range beyond what is usual from which nothing is usable
 
@@ -56,6 +65,7 @@ def measures(patient: PatientModel, plan: Plan, displacement: np.ndarray, fem: F
         **equilibrium_of(patient, displacement, fem),
         **boundary_metrics(patient, plan, displacement),
         "off_bone_mm": off_bone(patient, plan, displacement).max(initial=0.0),
+        **beside_edge(patient, displacement),
         "skin_mean_mm": moved.mean(),
         "skin_max_mm": moved.max(),
     }
@@ -238,6 +248,13 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Row]:
             not known["off_bone_mm"] <= OFF_BONE,
         ),
         Row("Movement of the skin", moved, "Over the judged face."),
+        Row(
+            "Edge of the scan",
+            f"{of['edge_percent']:.0f} % of the face beside it, moves {of['edge_moved_mm']:.1f} mm at most",
+            f"Within {EDGE:g} mm of where the scan ends. What lies beyond is not in the model, so that the prediction "
+            "is worth less there.",
+            of["edge_percent"] <= EDGES,
+        ),
     ]
 
 
