@@ -28,6 +28,7 @@ from pinnochio.mechanics.inversion_repair import repair_inversions
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import solve
 from pinnochio.methods.pinnochio.losses import physics_loss
+from pinnochio.methods.registry import BUILT_IN
 from pinnochio.metrics.validity import off_bone
 from pinnochio.tables.stability import CLEAN, CONVERGED, OUTCOMES, STABILITY, WRONG, table, tabulate
 from scripts.check_stability import check_stability
@@ -210,6 +211,12 @@ def test_tissue_that_has_left_its_bone_is_seen_and_marked(sliding):
         replace(problem, plan=far), VOLUMETRIC[0], replace(result, displacement=moved), 1.0, solver_options()
     )
     assert verdict.outcome == WRONG and not verdict.marked  # of the other fault nothing warns
+
+
+def test_no_method_whose_lips_touch_predicts_a_new_patient():
+    """What the sweep finds of lips in contact therefore reaches no user of `predict`."""
+    touching = [method for method in BUILT_IN if method.options.get("contact") == "mucosa+lip"]
+    assert touching and not any(method.new_patients for method in touching)
 
 
 def test_a_repair_is_judged_by_what_it_leaves_and_says(block):
@@ -463,9 +470,9 @@ def test_a_wrong_cell_stands_in_the_table_and_fails_the_check(tmp_path):
         check(lie)
     assert (read_table(path, STABILITY)["outcome"] == WRONG).sum() == 1
     assert "the sign of everything" in path.with_suffix(".json").read_text()
-    # What the certificate marks as not usable stands in the table and passes.
+    # What no user is given stands in the table and passes.
     lie.loc[3, "marked"] = True
-    assert "of 1 the certificate" in check(lie).paragraphs[0]
+    assert "1 of them no user" in check(lie).paragraphs[0]
 
 
 def test_the_envelope_ends_before_the_first_failure():

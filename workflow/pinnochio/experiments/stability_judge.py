@@ -48,7 +48,7 @@ class Verdict:
     """outcome: one of OUTCOMES, and why; least J of the state; residual: what the judge measured, relative.
 
     difference: mean distance from the field of ten-node elements, mm; marked: a wrong field that the certificate of
-    `predict` calls not usable.
+    `predict` calls not usable, or of a method that `predict` refuses.
     """
 
     outcome: str
@@ -166,7 +166,7 @@ def judged(
 ) -> Verdict:
     """Converged if the residual is below its limit and there is no complaint; else wrong, with all of them.
 
-    marks: further complaints, and whether the certificate of a prediction has them too.
+    marks: further complaints, and whether they keep the field from a user of `predict`.
     """
     if not residual <= limit:
         complaints = [f"residual {residual:.1e}, at most {limit:.0e} allowed", *complaints]
@@ -209,13 +209,15 @@ def judge_solution(
         return Verdict(CLEAN, f"{result.reason}, at {100 * result.fraction:.0f} % of the load", least, residual)
     if not least > 0:
         complaints.append(f"least J is {least:.2g}")
-    complaints += balance.no_patches() + pressed(problem, displacement, force, contact)
+    complaints += balance.no_patches() + unbalanced(problem, force, contact)
     other = differs(problem, displacement, known)
     complaints += other if unique else []
     notes, marks, difference = [f"another equilibrium, {other[0]}"] if other else [], {}, np.nan
     away = hanging(problem, displacement)
     if away > OFF_BONE:
         marks[f"sliding tissue has left its bone by {away:.1f} mm"] = True
+    if (deeper := entered(problem, displacement)) > PENETRATION:
+        marks[f"lips enter each other by {deeper:.2f} mm"] = True  # `predict` knows no method whose lips touch
     if quadratic:
         difference, said = against_quadratic(problem, displacement)
         motion = moved_most(problem)
@@ -340,23 +342,26 @@ def touching(problem: Problem) -> np.ndarray:
     return np.unique(np.concatenate([np.zeros(0, int), *parts]).astype(int))
 
 
-def pressed(problem: Problem, displacement, force, contact) -> list[str]:
-    """Complaints on surfaces in contact: a node within the other by more than at rest, forces that do not balance."""
-    complaints = []
+def unbalanced(problem: Problem, force, contact) -> list[str]:
+    """A complaint where the forces (n, 3) of surfaces in contact, nodes (k,), do not balance."""
     fixed = np.asarray(problem.boundary.prescribed_nodes, int)
     size, total = np.linalg.norm(force[contact], axis=1).sum(), np.linalg.norm(force[contact].sum(axis=0))
     unit = np.linalg.norm(force[fixed], axis=1).sum()
     # A bone holds constrained nodes too.
     if np.isin(contact, problem.free).all() and total > 1e-3 * size + 1e-5 * unit:
-        complaints.append(f"the forces of contact are off balance by {total / max(size, TINY):.1e}")
+        return [f"the forces of contact are off balance by {total / max(size, TINY):.1e}"]
+    return []
+
+
+def entered(problem: Problem, displacement) -> float:
+    """How much deeper than at rest a node lies within the surface that it is in contact with, mm; 0 without contact."""
+    deepest = 0.0
     for item in problem.boundary.contact:
-        depth = [
+        rest, there = (
             depths(points[item.nodes], points, item.faces) for points in (problem.points, problem.points + displacement)
-        ]
-        deeper = float((depth[1] - np.maximum(depth[0], 0)).max(initial=0.0))
-        if deeper > PENETRATION:
-            complaints.append(f"lips enter each other by {deeper:.2f} mm")
-    return complaints
+        )
+        deepest = max(deepest, float((there - np.maximum(rest, 0)).max(initial=0.0)))
+    return deepest
 
 
 def depths(places, points, faces) -> np.ndarray:

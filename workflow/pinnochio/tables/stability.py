@@ -42,7 +42,7 @@ STABILITY = (
     number("min_jacobian", "", "smallest det F of the state"),
     number("residual", "", "relative force on free unknowns; of the loss, its largest error", ".1e"),
     number("difference", "mm", "mean distance from ten-node elements, where these were asked"),
-    Column("marked", bool, "", "wrong, and `predict` calls such a field not usable"),
+    Column("marked", bool, "", "wrong, and `predict` calls such a field not usable or refuses the method"),
     Column("seconds", float, "s", "of the method, without the judge", ".3f"),
     Column("case", str, "", "patient, or block"),
     Column("seed", int, "", "seed of the study"),
@@ -153,5 +153,8 @@ def wrong_in_words(frame: pd.DataFrame) -> list[str]:
     if not len(rows):
         return []
     caught = int(rows["marked"].sum())
-    words = [f"{len(rows)} cells are wrong; of {caught} the certificate of `predict` says that they are not usable."]
+    words = [
+        f"{len(rows)} cells are wrong; {caught} of them no user of `predict` is given: its certificate calls the field "
+        "not usable, or it refuses the method."
+    ]
     return [*words, *unmarked(frame)]
