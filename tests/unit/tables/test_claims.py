@@ -6,7 +6,7 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.tables import claims
-from pinnochio.tables.claims import CLAIMS, OPEN, OPPOSITE, REPRODUCED
+from pinnochio.tables.claims import ABSENT, CLAIMS, OPEN, OPPOSITE, REPRODUCED
 from tests.helpers.rows import row
 from tests.helpers.tables import write
 
@@ -61,4 +61,4 @@ def test_more_within_a_millimetre_is_better(tmp_path):
 def test_a_claim_about_a_method_that_the_study_lacks_says_so(tmp_path):
     table = made(tmp_path, pinnochio={}, acmt={"cd": 0.1})
     absent = table.loc["dgcfp", "cd"]
-    assert absent["verdict"] == OPEN and absent["test"] == "dgcfp not in the study" and np.isnan(absent["p"])
+    assert absent["verdict"] == ABSENT and absent["test"] == "dgcfp not in the study" and np.isnan(absent["p"])

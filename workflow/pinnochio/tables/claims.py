@@ -3,6 +3,7 @@
 import os
 from collections.abc import Mapping
 
+import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_table
@@ -15,7 +16,7 @@ from pinnochio.tables.published import OURS, SOURCE, TABLE_1, TABLE_2, VARIANTS
 
 LEVEL = 0.05  # of Holm's p
 OWN = "PINNOCHIO"  # the paper's own method, by its name there
-REPRODUCED, OPPOSITE, OPEN = "reproduced", "opposite", "not reproduced"
+REPRODUCED, OPPOSITE, OPEN, ABSENT = "reproduced", "opposite", "not reproduced", "not measured"
 # By the paper's columns: the column of cases, and whether large (1) or small (-1) is good. J and residual are those of
 # the network's own field.
 MEASURES = {
@@ -42,7 +43,7 @@ CLAIMS = (
     number("p", "", "two-sided Wilcoxon signed-rank test of the pairs", ".6g"),
     number("p_holm", "", "p after Holm's correction over the methods that this measure compares", ".6g"),
     Column("test", str, "", "how p came about, or why there is none"),
-    Column("verdict", str, "", f"{REPRODUCED}: same sign and Holm's p < {LEVEL}; {OPPOSITE}; else {OPEN}"),
+    Column("verdict", str, "", f"{REPRODUCED}: same sign and Holm's p < {LEVEL}; {OPPOSITE}; else {OPEN}; {ABSENT}"),
 )
 
 
@@ -80,7 +81,8 @@ def table(cases: pd.DataFrame, cohort: str, seed: int) -> Table:
         f"What the paper ({SOURCE}) says of one method over another, and the same comparison on the {cohort}: means "
         "over patients; difference: better minus worse, with its bootstrap 95% interval; two-sided Wilcoxon "
         f"signed-rank test, Holm-corrected over the claims of a measure. {REPRODUCED}: the paper's sign and "
-        f"p < {LEVEL}; {OPPOSITE}: the other sign and p < {LEVEL}; {OPEN}: everything else. The paper's HD stands "
+        f"p < {LEVEL}; {OPPOSITE}: the other sign and p < {LEVEL}; {OPEN}: everything else; {ABSENT}: "
+        "a method is not in the study. The paper's HD stands "
         "beside our 95th percentile, its residual, whose unit it does not give, beside the mean squared force of the "
         "free nodes; J and residual are those of the field as the network gives it."
     )
@@ -115,6 +117,8 @@ def _claim(cases, theirs, worse: str, measure: str, names: Mapping[str, str], se
 
 
 def _verdict(row: Mapping) -> str:
+    if np.isnan(row["difference"]):
+        return ABSENT
     if not row["p_holm"] < LEVEL:
         return OPEN
     return REPRODUCED if row["difference"] * row["sign"] > 0 else OPPOSITE
