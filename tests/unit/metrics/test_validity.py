@@ -177,14 +177,15 @@ def test_converged_sliding_finite_elements_slide_exactly_as_far_as_the_solver_ho
 
 def test_how_much_of_the_face_lies_beside_the_edge_of_the_scan():
     patient = tiny_patient()
-    field = np.tile([0.0, -3.0, 4.0], (len(patient.points), 1))
+    moved = np.full(len(patient.judged_points), 5.0)
     beyond = np.full(len(patient.points), INTERIOR, np.int16)
-    inside = beside_edge(replace(patient, node_beyond=beyond), field)
+    inside = beside_edge(replace(patient, node_beyond=beyond), moved)
     assert inside == {"edge_percent": 0.0, "edge_moved_mm": 0.0}
     corner = patient.skin_points[patient.judged_points[0]]
     beyond[np.argmin(np.linalg.norm(patient.points - corner, axis=1))] = CUT_PLANE
     away = np.linalg.norm(patient.skin_points[patient.judged_points] - patient.points[beyond == CUT_PLANE], axis=1)
-    said = beside_edge(replace(patient, node_beyond=beyond), field)
+    moved[away > EDGE] = 9.0  # elsewhere does not count
+    said = beside_edge(replace(patient, node_beyond=beyond), moved)
     assert said == {"edge_percent": pytest.approx(100 * (away <= EDGE).mean()), "edge_moved_mm": pytest.approx(5.0)}
 
 

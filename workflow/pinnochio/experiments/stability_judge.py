@@ -6,7 +6,7 @@ is asked of ten-node elements with pressure unknowns, which know no patches (:fu
 sliding node is where its bone is, is asked of the bone's triangles: the solver knows a field of distances alone.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -161,19 +161,17 @@ def judged(
     least: float,
     complaints: list[str],
     note: str = "",
-    marks: Mapping[str, bool] | None = None,
+    marks: Sequence[str] = (),
     difference: float = np.nan,
 ) -> Verdict:
     """Converged if the residual is below its limit and there is no complaint; else wrong, with all of them.
 
-    marks: further complaints, and whether they keep the field from a user of `predict`.
+    marks: further complaints, which keep the field from a user of `predict`.
     """
     if not residual <= limit:
         complaints = [f"residual {residual:.1e}, at most {limit:.0e} allowed", *complaints]
-    marks = marks or {}
     if complaints or marks:
-        excluded = not complaints and all(marks.values())
-        return Verdict(WRONG, "; ".join([*complaints, *marks]), least, residual, difference, excluded)
+        return Verdict(WRONG, "; ".join([*complaints, *marks]), least, residual, difference, marked=not complaints)
     return Verdict(CONVERGED, note or "confirmed", least, residual, difference)
 
 
@@ -212,12 +210,12 @@ def judge_solution(
     complaints += balance.no_patches() + unbalanced(problem, force, contact)
     other = differs(problem, displacement, known)
     complaints += other if unique else []
-    notes, marks, difference = [f"another equilibrium, {other[0]}"] if other else [], {}, np.nan
+    notes, marks, difference = [f"another equilibrium, {other[0]}"] if other else [], [], np.nan
     away = hanging(problem, displacement)
     if away > OFF_BONE:
-        marks[f"sliding tissue has left its bone by {away:.1f} mm"] = True
+        marks.append(f"sliding tissue has left its bone by {away:.1f} mm")
     if (deeper := entered(problem, displacement)) > PENETRATION:
-        marks[f"lips enter each other by {deeper:.2f} mm"] = True  # `predict` knows no method whose lips touch
+        marks.append(f"lips enter each other by {deeper:.2f} mm")  # `predict` knows no method whose lips touch
     if quadratic:
         difference, said = against_quadratic(problem, displacement)
         motion = moved_most(problem)

@@ -109,12 +109,9 @@ def off_bone(patient: PatientModel, plan: Plan, displacement) -> np.ndarray:
     return np.concatenate(changes)
 
 
-def beside_edge(patient: PatientModel, displacement) -> dict[str, float]:
-    """edge_percent: share of the judged face's points within EDGE of where the scan ends; edge_moved_mm: how far they
-    move at most under a field (n, 3) mm."""
+def beside_edge(patient: PatientModel, moved) -> dict[str, float]:
+    """edge_percent: share of the judged face's points within EDGE of where the scan ends; edge_moved_mm: the
+    largest of their ways, of those (k,) mm of all judged points."""
     face, cut = patient.judged_points, patient.points[patient.node_beyond == CUT_PLANE]
-    near = face[:0]
-    if len(cut):
-        near = face[cKDTree(cut).query(patient.skin_points[face], distance_upper_bound=EDGE)[0] <= EDGE]
-    moved = np.linalg.norm(patient.moved_skin(displacement)[near] - patient.skin_points[near], axis=1)
-    return {"edge_percent": 100 * len(near) / len(face), "edge_moved_mm": float(moved.max(initial=0.0))}
+    near = cKDTree(cut).query(patient.skin_points[face])[0] <= EDGE
+    return {"edge_percent": 100 * near.mean(), "edge_moved_mm": float(moved[near].max(initial=0.0))}

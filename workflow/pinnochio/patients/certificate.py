@@ -65,7 +65,7 @@ def measures(patient: PatientModel, plan: Plan, displacement: np.ndarray, fem: F
         **equilibrium_of(patient, displacement, fem),
         **boundary_metrics(patient, plan, displacement),
         "off_bone_mm": off_bone(patient, plan, displacement).max(initial=0.0),
-        **beside_edge(patient, displacement),
+        **beside_edge(patient, moved),
         "skin_mean_mm": moved.mean(),
         "skin_max_mm": moved.max(),
     }
