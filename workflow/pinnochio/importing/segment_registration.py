@@ -1,14 +1,15 @@
 """Finds the rigid motion that surgery gave each bone segment, from the bones of a post-operative scan in any frame.
 
 The cranium, which surgery leaves alone, brings the scan into the patient's frame. Then each segment is moved onto the
-scanned bone by point-to-plane steps on what of its surface was visible before surgery. Steps, weights and search are
-those of the skin's registration (:mod:`pinnochio.importing.registration`).
+scanned bone by point-to-plane steps on what of its surface was visible before surgery. Steps and search are those of
+the skin's registration (:mod:`pinnochio.importing.registration`).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -24,7 +25,8 @@ from pinnochio.plans.plan import Plan
 
 EDGE = 1.5  # mm of the segments' surfaces: finer than those of the model
 HIDDEN, RIM = 2.0, 3.0  # mm: bone so near in front of a point hides it; so near the volume's border is a cut
-SAMPLES, FEW, COARSE_SAMPLES = 4000, 800, 700
+SAMPLES, FEW, COARSE_SAMPLES = 8000, 800, 700
+TUKEY = 3.0  # standard deviations of the noise beyond which a pair counts nothing: plates and callus lie near [X]
 TURNED = 4.0  # mm that a mismatch of the normals by one radian counts when nearest points are looked for
 COMPATIBLE = 0.7  # cosine between normals of a pair
 REACHES = (10.0, 6.0, 3.5, 2.0)  # mm within which a pair is looked for, one pass after the other
@@ -71,7 +73,8 @@ class Target:
         self.tree = cKDTree(np.hstack([points, TURNED * normals]))
 
     def pairs(self, placed, normals, reach: float):
-        """Which points `placed` have bone within `reach`, its places and normals, and the offsets along these."""
+        """Which points `placed` have bone within `reach`, its places, and the offsets along the points' own normals,
+        which have less noise than the scan's."""
         near = self.tree.query(np.hstack([placed, TURNED * normals]), distance_upper_bound=reach + TURNED)[1]
         found = near < len(self.points)
         near = near[found]
@@ -79,8 +82,7 @@ class Target:
         fit = np.einsum("ij,ij->i", self.normals[near], normals[found]) > COMPATIBLE
         fit &= np.einsum("ij,ij->i", away, away) < reach**2
         used = np.flatnonzero(found)[fit]
-        near = near[fit]
-        return used, self.points[near], self.normals[near], np.einsum("ij,ij->i", away[fit], self.normals[near])
+        return used, self.points[near[fit]], np.einsum("ij,ij->i", away[fit], normals[used])
 
 
 @dataclass(frozen=True)
@@ -155,15 +157,18 @@ def check_fits(fits: Sequence[SegmentFit], *, limit: float, share: float, case: 
 
 def _source(part, head: Segmentation) -> Source:
     """What was visible of a bone before surgery: neither cut by the volume's border nor against another bone."""
+    # Middles of the edges too: the more points on a small bone, the less the noise of each counts.
+    points, faces = trimesh.remesh.subdivide(part.points, part.faces)
+    normals = vertex_normals(points, faces)
     low, high = head.origin, head.origin + head.spacing * (np.array(head.labels.shape) - 1)
-    seen = ((part.points > low + RIM) & (part.points < high - RIM)).all(axis=1)
+    seen = ((points > low + RIM) & (points < high - RIM)).all(axis=1)
     for step_out in (0.5 * HIDDEN, HIDDEN):
-        index = np.round((part.points + step_out * part.normals - head.origin) / head.spacing).astype(int)
+        index = np.round((points + step_out * normals - head.origin) / head.spacing).astype(int)
         index = np.clip(index, 0, np.array(head.labels.shape) - 1)
         seen &= head.labels[tuple(index.T)] < CRANIUM
-    chosen = spread(part.points, part.faces[seen[part.faces].all(axis=1)], SAMPLES)
+    chosen = spread(points, faces[seen[faces].all(axis=1)], SAMPLES)
     step_over = max(1, len(chosen) // FEW)
-    return Source(part.points[chosen], part.normals[chosen], np.arange(0, len(chosen), step_over))
+    return Source(points[chosen], normals[chosen], np.arange(0, len(chosen), step_over))
 
 
 def _fitted(source: Source, target: Target, start: RigidMotion) -> RigidMotion:
@@ -176,12 +181,12 @@ def _fitted(source: Source, target: Target, start: RigidMotion) -> RigidMotion:
         )  # fmt: skip
         for _ in range(STEPS):
             placed = points @ rotation.T + shift
-            used, places, theirs, off = target.pairs(placed, normals @ rotation.T, reach)
+            used, places, off = target.pairs(placed, normals @ rotation.T, reach)
             if len(used) < 20:
                 break
-            width = 4.685 * 1.4826 * max(np.median(np.abs(off)), LEAST_SPREAD)  # Tukey's, as for the skin
+            width = TUKEY * 1.4826 * max(np.median(np.abs(off)), LEAST_SPREAD)
             weights = np.clip(1 - (off / width) ** 2, 0, None) ** 2
-            turn, move = step(placed[used], places, theirs, weights)
+            turn, move = step(placed[used], places, normals[used] @ rotation.T, weights)
             change = np.abs(placed @ (turn - np.eye(3)).T + move).max()
             rotation, shift = turn @ rotation, turn @ shift + move
             if change < SETTLED[last]:
@@ -191,7 +196,7 @@ def _fitted(source: Source, target: Target, start: RigidMotion) -> RigidMotion:
 
 def _cost(source: Source, target: Target, motion: RigidMotion) -> float:
     """Mean distance (mm) along the normals, cut off: what has no bone costs the same in any pose."""
-    used, _, _, off = target.pairs(motion.apply(source.points), source.normals @ motion.rotation.T, CUT)
+    used, _, off = target.pairs(motion.apply(source.points), source.normals @ motion.rotation.T, CUT)
     return (np.abs(off).sum() + CUT * (len(source.points) - len(used))) / len(source.points)
 
 
@@ -200,7 +205,7 @@ def _judged(
 ) -> SegmentFit:
     """How well a motion explains the scan; of the cranium the frame is told."""
     placed = motion.apply(source.points)
-    off = np.abs(target.pairs(placed, source.normals @ motion.rotation.T, CUT)[3])
+    off = np.abs(target.pairs(placed, source.normals @ motion.rotation.T, CUT)[2])
     turned = Rotation.from_matrix(motion.rotation @ planned.rotation.T).magnitude()
     return SegmentFit(
         segment=name,
