@@ -58,6 +58,11 @@ if workflow.is_main_process and STUDY.untrained:
         f"one patient per fold; {len(STUDY.scanned)} of {len(STUDY.cases)} patients have one, and 'folds' is "
         f"{config['folds']}."
     )
+if workflow.is_main_process and STUDY.choice and STUDY.choice.archive:
+    logger.info(
+        f"Models: {STUDY.choice.folder}, trained on {STUDY.choice.archive.patients} patients "
+        f"({STUDY.choice.archive.cohort})."
+    )
 if workflow.is_main_process and STUDY.choice and STUDY.choice.expected:
     logger.info(
         "Chosen from the measured Pareto front: {setting}, {seconds:.3g} s per plan ({seconds_max:.3g} s on the "
