@@ -19,6 +19,7 @@ from pinnochio.experiments.stability_judge import (
     judge_loss,
     judge_repair,
     judge_solution,
+    moved_most,
 )
 from pinnochio.figures.stability import draw
 from pinnochio.mechanics.corrections import Corrector
@@ -211,6 +212,12 @@ def test_tissue_that_has_left_its_bone_is_seen_and_marked(sliding):
         replace(problem, plan=far), VOLUMETRIC[0], replace(result, displacement=moved), 1.0, solver_options()
     )
     assert verdict.outcome == WRONG and not verdict.marked  # of the other fault nothing warns
+
+
+def test_bone_on_which_all_nodes_slide_moves_too(sliding):
+    problem, _ = sliding
+    bare = replace(problem.boundary, prescribed_nodes=np.zeros(0, int), prescribed=np.zeros((0, 3)))
+    assert moved_most(replace(problem, boundary=bare)) == pytest.approx(2.0, abs=1e-6)
 
 
 def test_no_method_whose_lips_touch_predicts_a_new_patient():
