@@ -43,7 +43,7 @@ def certify(
         "units": "mm",
         "models": None,
         "solution": asdict(solution),
-        "measures": measures(patient=patient, plan=planned, displacement=prediction.displacement, fem=fem),
+        "measures": measures(patient, planned, prediction.displacement, fem, prediction.forces),
         "interval": None,
         "in_distribution": None,
     }

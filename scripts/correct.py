@@ -23,6 +23,8 @@ def correct(
 ) -> None:
     """Write each case's field after some Newton corrections to the file that `corrected` names for their number.
 
+    The load that a method declares stays on: equilibrium is with it.
+
     One pass makes them all; where it meets the tolerance earlier, larger numbers hold the same field. The seconds are
     those of the network and of the corrections. The first case is corrected once more beforehand, so that no timing
     holds the loading of compiled code.
@@ -39,7 +41,11 @@ def correct(
         corrector = Corrector.of(patient, fem, nodes)
         setup = prediction.setup_seconds + time.perf_counter() - began
         states = corrector.corrections(
-            start=prediction.displacement, prescribed=prescribed, steps=max(corrected), tolerance=fem.tolerance
+            start=prediction.displacement,
+            prescribed=prescribed,
+            steps=max(corrected),
+            tolerance=fem.tolerance,
+            forces=prediction.forces,
         )
         corrector.close()
         for count in corrected:

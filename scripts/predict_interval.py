@@ -1,7 +1,7 @@
 """Makes the prediction of a new patient with its calibrated interval, and a picture of how far off it may be."""
 
 import logging
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from pinnochio.patients.certificate import in_distribution
 from pinnochio.patients.in_distribution import Ranges, widening
 from pinnochio.patients.result import of_ensemble
 from pinnochio.plans.plan import Plan
-from pinnochio.statistics.intervals import Calibration, read_ensemble, repaired_interval, widened
+from pinnochio.statistics.intervals import Calibration, read_ensemble, read_load, repaired_interval, widened
 
 
 def predict_interval(
@@ -40,7 +40,7 @@ def predict_interval(
     compared = in_distribution(
         patient=patient, plan=Plan.read(plan, case), quality=read_own_json(quality), ranges=Ranges.read(ranges)
     )
-    interval = widened(interval, widening(compared))
+    interval = replace(widened(interval, widening(compared)), forces=read_load(ensemble))
     logging.info("%s: mean half-width %.3f mm; %s", case, np.nanmean(interval.half_width), repair)
     about = {"case": case, "method": calibrated.method, "level": calibrated.level}
     interval.write(result, **about, **asdict(of_ensemble(ensemble, repair)))

@@ -9,6 +9,7 @@ from pinnochio.columns import read_table
 from pinnochio.errors import InputError
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.metrics.columns import CASES
+from pinnochio.metrics.validity import equilibrium_of
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.networks.building import build
@@ -78,6 +79,22 @@ def test_more_corrections_come_nearer_to_the_field_in_equilibrium(patient, corre
     assert seconds[0] == 0.1 and (np.diff(seconds) >= 0).all() and seconds[1] > 0.1
     assert predictions[3].setup_seconds > 0.5 and 3 <= predictions[8].iterations <= 8
     np.testing.assert_array_equal(predictions[8].raw, predictions[0].displacement)
+
+
+def test_a_declared_load_stays_on(patient, tmp_path):
+    """Equilibrium is with it: what was learned is not corrected away."""
+    model, path = PatientModel.read(patient.model), str(tmp_path / "predictions.h5")
+    with h5py.File(patient.fem_samples) as file:
+        field = file["plan_0/displacement"][()]
+    boundary = np.where((model.node_type != FREE)[:, None], field, 0.0)
+    forces = np.where((model.node_type == FREE)[:, None], [0.0, -2.0, 0.0], 0.0)
+    made = Prediction(field, boundary=boundary, raw=field, repaired=0, damping=1, forces=forces)
+    write_predictions(path, {patient.case: made})
+    correct([patient.case], path, [patient.model], patient.fem, 1, {8: str(tmp_path / "corrected.h5")})
+    corrected = read_prediction(tmp_path / "corrected.h5", patient.case)
+    assert equilibrium_of(model, corrected.displacement, patient.fem, corrected.forces)["eqres_rel"] < 1e-5
+    assert equilibrium_of(model, corrected.displacement, patient.fem)["eqres_rel"] > 1e-2
+    assert (corrected.displacement - field)[model.node_type == FREE, 1].min() < -0.1
 
 
 def test_a_method_without_an_interface_is_refused(patient, tmp_path):

@@ -86,7 +86,7 @@ def judge(
         row["volume_error"] = reference.volume_error(patient, u)
         volume = volume_metrics(patient.points, patient.cells, patient.tissue, u)
         row |= {name: volume[name] for name in ("min_jacobian", "inverted")}
-        row["eqres_rel"] = equilibrium_of(patient, u, fem)["eqres_rel"]
+        row["eqres_rel"] = equilibrium_of(patient, u, fem, prediction.forces)["eqres_rel"]
     return row
 
 

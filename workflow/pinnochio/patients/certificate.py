@@ -55,14 +55,19 @@ class Verdict(NamedTuple):
     reasons: tuple[str, ...]
 
 
-def measures(patient: PatientModel, plan: Plan, displacement: np.ndarray, fem: FemSettings) -> dict:
-    """Elements, equilibrium, boundary and movement of a field (n, 3) mm; the names are those of cases.csv."""
+def measures(
+    patient: PatientModel, plan: Plan, displacement: np.ndarray, fem: FemSettings, forces: np.ndarray | None = None
+) -> dict:
+    """Elements, equilibrium, boundary and movement of a field (n, 3) mm; the names are those of cases.csv.
+
+    forces (n, 3) mN: the load that the field declares.
+    """
     moved = np.linalg.norm(patient.moved_skin(displacement) - patient.skin_points, axis=1)[patient.judged_points]
     return {
         "nodes": len(patient.points),
         "elements": len(patient.cells),
         **volume_metrics(patient.points, patient.cells, patient.tissue, displacement),
-        **equilibrium_of(patient, displacement, fem),
+        **equilibrium_of(patient, displacement, fem, forces),
         **boundary_metrics(patient, plan, displacement),
         "off_bone_mm": off_bone(patient, plan, displacement).max(initial=0.0),
         **beside_edge(patient, moved),

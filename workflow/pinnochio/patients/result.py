@@ -19,8 +19,8 @@ def read_result(path: str | os.PathLike, case: str, patient: PatientModel) -> In
         if "half_width" in file:
             return Interval.read(path)
     points, skin = len(patient.points), len(patient.skin_points)
-    displacement = read_prediction(path, case).displacement
-    return Interval(displacement, np.zeros(points), np.full(skin, np.nan), np.full(skin, NOT_JUDGED, np.int8))
+    made, nowhere = read_prediction(path, case), np.full(skin, NOT_JUDGED, np.int8)
+    return Interval(made.displacement, np.zeros(points), np.full(skin, np.nan), nowhere, made.forces)
 
 
 @dataclass(frozen=True)

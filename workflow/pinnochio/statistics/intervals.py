@@ -49,32 +49,41 @@ class Interval:
     """displacement (n, 3) mm, the mean of the fold models; spread (n,) mm, how far they lie from it (root mean square).
 
     Over the skin points: half_width (s,) mm, within which the outcome should pass, NaN where nothing is judged or
-    calibrated; region (s,) int8 (anatomy.regions).
+    calibrated; region (s,) int8 (anatomy.regions). forces (n, 3) mN: the load that the mean field declares, if any.
     """
 
     displacement: np.ndarray
     spread: np.ndarray
     half_width: np.ndarray
     region: np.ndarray
+    forces: np.ndarray | None = None
 
     def write(self, path: str | os.PathLike, **about) -> None:
         """Write as HDF5; `about` as attributes."""
         with writing(path) as file:
-            for item in fields(self):
-                file.create_dataset(item.name, data=getattr(self, item.name), track_times=False)
+            for name, values in vars(self).items():
+                if values is not None:
+                    file.create_dataset(name, data=values, track_times=False)
             file.attrs.update(about | {"regions": NAMES, "units": "mm"})
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Interval":
         """Read what :meth:`write` wrote."""
         with reading(path) as file:
-            return cls(**{item.name: file[item.name][()] for item in fields(cls)})
+            return cls(**{item.name: file[item.name][()] for item in fields(cls) if item.name in file})
 
 
 def read_ensemble(path: str | os.PathLike) -> np.ndarray:
     """Displacements (k, n, 3) mm of a patient by the networks of k folds."""
     with reading(path) as file:
         return np.stack([group["displacement"][()] for group in file.values()])
+
+
+def read_load(path: str | os.PathLike) -> np.ndarray | None:
+    """Mean load (n, 3) mN that the fields of an ensemble declare; None where they declare none."""
+    with reading(path) as file:
+        loads = [group["forces"][()] for group in file.values() if "forces" in group]
+    return np.mean(loads, axis=0) if loads else None
 
 
 def skin_spread(patient: PatientModel, displacements) -> np.ndarray:
