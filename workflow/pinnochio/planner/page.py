@@ -290,7 +290,7 @@ class Page(TrameApp):
                 self.state[name] = value
         self.state.labels = {name: _label(name, segment) for name in AMOUNTS}
         self.state.far = self.session.jaws.beyond(draft.plan).get(segment, [])
-        self.state.pivot = [round(value, 2) for value in motion.pivot.tolist()]
+        self.state.pivot = [round(value, 2) + 0.0 for value in motion.pivot.tolist()]  # no -0
         self.state.reach = max(REACH, *(float(np.ceil(abs(value))) for value in values.values()))
         self.view.mark(self.session.side, motion.pivot + motion.translation)
         self.view.compare(bool(self.state.both), self.session.side)
@@ -448,7 +448,8 @@ class Page(TrameApp):
                     classes=(f"{{far: far.includes('{name}')}}",),
                 )  # fmt: skip
                 html.Input(
-                    value=(f"{name}.toFixed(1)",), id=f"number_{name}", type="number", step=0.1, style=NUMBER,
+                    value=(f"(Math.round(10 * {name}) / 10 + 0).toFixed(1)",), id=f"number_{name}",  # + 0: no -0
+                    type="number", step=0.1, style=NUMBER,
                     change=(self._type, f"['{name}', $event.target.value]"),
                 )  # fmt: skip
             v3.VSlider(
