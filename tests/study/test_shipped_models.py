@@ -20,4 +20,5 @@ def test_the_example_patient_is_predicted_right_away(tmp_path):
     assert said["in_distribution"]["within"] and said["measures"]["inverted"] == 0
     assert said["verdict"]["grade"] in ("usable", "with care")
     assert said["measures"]["skin_max_mm"] > 2
+    assert 0 < said["measures"]["load_rel"] < 1  # the residual is that of the field under its own load
     assert (folder / "index.html").stat().st_size > 200_000
