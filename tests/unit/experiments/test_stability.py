@@ -9,11 +9,13 @@ import torch
 
 from pinnochio.columns import read_table, write_csv
 from pinnochio.errors import InputError
+from pinnochio.experiments import stability_judge
 from pinnochio.experiments import stability_problems as problems
 from pinnochio.experiments.stability import Sweep, attempt, slope_of
 from pinnochio.experiments.stability_judge import (
     Balance,
     against_quadratic,
+    entered,
     judge_correction,
     judge_elastic,
     judge_loss,
@@ -22,6 +24,7 @@ from pinnochio.experiments.stability_judge import (
     moved_most,
 )
 from pinnochio.figures.stability import draw
+from pinnochio.mechanics.contact import ContactSet
 from pinnochio.mechanics.corrections import Corrector
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.elements import VOLUMETRIC, Elements, jacobians
@@ -31,11 +34,22 @@ from pinnochio.mechanics.solver import solve
 from pinnochio.methods.pinnochio.losses import physics_loss
 from pinnochio.methods.registry import BUILT_IN
 from pinnochio.metrics.validity import off_bone
-from pinnochio.tables.stability import CLEAN, CONVERGED, OUTCOMES, STABILITY, WRONG, table, tabulate
+from pinnochio.tables.stability import (
+    CLEAN,
+    CONVERGED,
+    FAMILIES,
+    OUTCOMES,
+    STABILITY,
+    WRONG,
+    envelope,
+    table,
+    tabulate,
+    unmarked,
+)
 from scripts.check_stability import check_stability
 from scripts.stability import stability
 from tests.helpers.patients import tiny_patient
-from tests.helpers.settings import fem_settings, network_settings, solver_options
+from tests.helpers.settings import ROOT, fem_settings, network_settings, solver_options
 
 STEPS = (6, 4, 4)
 FEM = fem_settings(time_limit=60)
@@ -218,6 +232,19 @@ def test_bone_on_which_all_nodes_slide_moves_too(sliding):
     problem, _ = sliding
     bare = replace(problem.boundary, prescribed_nodes=np.zeros(0, int), prescribed=np.zeros((0, 3)))
     assert moved_most(replace(problem, boundary=bare)) == pytest.approx(2.0, abs=1e-6)
+
+
+def test_lips_within_each_other_are_seen_and_marked(block, monkeypatch):
+    points = np.array([[0.0, 0, 0], [10, 0, 0], [0, 10, 0], [3, 3, 1]])
+    lip = ContactSet(np.array([3]), np.ones(1), faces=np.array([[0, 1, 2]]))
+    held = BoundaryConditions(np.zeros(0, int), np.zeros((0, 3)), contact=[lip])
+    problem = replace(block, points=points, boundary=held)
+    for down, depth in ((0.0, 0.0), (0.8, 0.0), (1.7, 0.7)):
+        assert entered(problem, np.array([[0, 0, 0]] * 3 + [[0, 0, -down]])) == pytest.approx(depth, abs=1e-9)
+    assert entered(block, np.zeros_like(block.points)) == 0.0
+    monkeypatch.setattr(stability_judge, "entered", lambda *_: 0.8)
+    verdict = judge_solution(block, "patch", solved(block, "patch"), 1.0, solver_options())
+    assert verdict.outcome == WRONG and verdict.marked and "lips enter each other by 0.80 mm" in verdict.reason
 
 
 def test_no_method_whose_lips_touch_predicts_a_new_patient():
@@ -486,18 +513,34 @@ def test_the_envelope_ends_before_the_first_failure():
     good = next(iter(sweep("poisson", 0.3).rows()))
     cells = [(5, "back", CONVERGED), (5, "up", CONVERGED), (15, "back", CLEAN), (15, "up", CONVERGED)]
     cells.append((25, "up", CONVERGED))
+    assert reach(good, cells) == ("5 mm", "15 mm: 1 of 2")
+    # An element inside out ends it too, and a loss makes no field.
+    assert reach(good | {"min_jacobian": -0.1}, cells) == ("none", "5 mm: 0 of 2")
+    assert reach(good | {"method": "loss"}, cells) is None
+
+
+def reach(good, cells):
+    """What the envelope says of some cells of one method."""
     moves = [
         good | {"family": "translation", "unit": "mm", "setting": float(far), "way": way, "outcome": outcome}
         for far, way, outcome in cells
     ]
-    block = table(framed(moves)).blocks[1]
-    row = dict(zip(block.headers, [text for text, _ in block.rows[0]], strict=True))
-    assert row == {
-        "Method": "elastic",
-        "Family": "translation",
-        "All converge up to": "5 mm",
-        "Beyond": "15 mm: 1 of 2",
-    }
+    blocks = table(framed(moves)).blocks
+    if len(blocks) == 1:
+        return None
+    row = dict(zip(blocks[1].headers, [text for text, _ in blocks[1].rows[0]], strict=True))
+    return row["All is well up to"], row["Beyond"]
+
+
+def test_the_committed_sweep_is_whole_and_warns_of_all_that_is_wrong():
+    path = ROOT / "results/reference/stability.csv"
+    frame = read_table(path, STABILITY)
+    assert len(frame) >= 1000 and set(frame["family"]) == set(FAMILIES) and not unmarked(frame)
+    methods = {"solver", "kept", "bonded", "lips", "elastic", "map", "loss", "repair", "corrections"}
+    assert methods < set(frame["method"])
+    said = path.with_suffix(".md").read_text(encoding="utf-8")
+    for row in envelope(frame):
+        assert "| " + " | ".join(row.values()) + " |" in said, row
 
 
 def test_picture_shows_every_outcome(tmp_path):

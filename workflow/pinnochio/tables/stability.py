@@ -102,8 +102,9 @@ def table(frame: pd.DataFrame) -> Table:
         "raw network's state, so that their J may be negative."
     )
     reach = (
-        "How far every cell of every patient, segment and direction converged and was confirmed. Beyond, some cells "
-        "failed cleanly or are wrong; the last column says of how many cells of the next setting."
+        "How far every cell of every patient, segment and direction converged, was confirmed and has no element inside "
+        "out. Beyond, some cells have some, failed cleanly or are wrong; the last column says of how many cells of the "
+        "next setting all is well."
     )
     blocks = [Block.of(pd.DataFrame(groups), shown(groups), caption)]
     if found := envelope(frame):
@@ -123,12 +124,13 @@ def ends(own: pd.DataFrame) -> str:
 
 
 def envelope(frame: pd.DataFrame) -> list[dict]:
-    """Of each method and each family that moves segments: the largest setting up to which every cell converged."""
+    """Of each method that makes a field and each family that moves segments: the largest setting up to which every
+    cell converged to a field that tissue could have."""
     found = []
-    for (method, family), own in frame[frame["family"].isin(["translation", "rotation", "rough"])].groupby(
-        ["method", "family"], sort=False
-    ):
-        shares = own.assign(good=own["outcome"] == CONVERGED).groupby("setting")["good"]
+    moved = frame[frame["family"].isin(["translation", "rotation", "rough"]) & (frame["method"] != "loss")]
+    moved = moved.assign(good=(moved["outcome"] == CONVERGED) & ~(moved["min_jacobian"] <= 0))
+    for (method, family), own in moved.groupby(["method", "family"], sort=False):
+        shares = own.groupby("setting")["good"]
         share, unit = shares.mean(), own["unit"].iloc[0]
         bad = share[share < 1]
         below = share[share.index < bad.index.min()] if len(bad) else share
@@ -140,7 +142,7 @@ def envelope(frame: pd.DataFrame) -> list[dict]:
             {
                 "Method": method,
                 "Family": family,
-                "All converge up to": label(below.index.max(), unit) if len(below) else "none",
+                "All is well up to": label(below.index.max(), unit) if len(below) else "none",
                 "Beyond": beyond,
             }
         )
