@@ -38,7 +38,8 @@ rule pack:
             fold=STUDY.held_out,
         ),
         calibrations=expand(
-            "<results>/methods/{method}/calibration.json", method=STUDY.packed
+            "<results>/methods/{method}/calibration.json",
+            method=STUDY.packed_intervals,
         ),
         ranges="<results>/methods/ranges.json",
     output:
@@ -50,7 +51,8 @@ rule pack:
             fold=STUDY.held_out,
         ),
         calibrations=expand(
-            "<results>/archive/{method}/calibration.json", method=STUDY.packed
+            "<results>/archive/{method}/calibration.json",
+            method=STUDY.packed_intervals,
         ),
     log:
         "<logs>/pack.log",
@@ -70,6 +72,7 @@ rule pack:
             "configuration": STUDY.configuration,
             "code": PREDICTS,
         },
+        calibrated=STUDY.packed_intervals,
         methods={
             name: {
                 "corrections": STUDY.registry[name].settings["newton_corrections"],

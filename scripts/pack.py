@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from pinnochio.columns import read_csv
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
@@ -24,7 +25,7 @@ def pack(
     """Copy the files into the folder `archive` and write its manifest last.
 
     about: the fields of Archive but `methods`; methods: settings of each; networks and metrics by (method, fold),
-    calibrations by method. The metrics give what is usual on held-out patients.
+    calibrations by method, which may be more. The metrics give what is usual on held-out patients.
     """
     copies = {network_file(*key): path for key, path in networks.items()}
     copies |= {calibration_file(method): path for method, path in calibrations.items()} | {RANGES: ranges}
@@ -33,7 +34,8 @@ def pack(
             shutil.copyfile(path, temporary)
     described = {}
     for method, settings in methods.items():
-        held_out = pd.concat(pd.read_csv(path) for (own, _), path in metrics.items() if own == method)
+        files = [path for (own, _), path in metrics.items() if own == method]
+        held_out = pd.concat(read_csv(path, usecols=USUAL, dtype=float) for path in files)
         described[method] = dict(settings) | {"usual": usual(held_out)}
     Archive(**about, methods=described).write(archive)
 
@@ -52,7 +54,7 @@ if __name__ == "__main__":
         methods=snakemake.params.methods,
         networks=dict(zip(keys, snakemake.input.networks, strict=True)),
         metrics=dict(zip(keys, snakemake.input.metrics, strict=True)),
-        calibrations=dict(zip(snakemake.params.methods, snakemake.input.calibrations, strict=True)),
+        calibrations=dict(zip(snakemake.params.calibrated, snakemake.input.calibrations, strict=True)),
         ranges=snakemake.input.ranges,
         archive=str(Path(snakemake.output.manifest).parent),
     )

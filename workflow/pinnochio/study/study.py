@@ -288,6 +288,11 @@ class Study:
         return [name for name in names if name in self.of_family("graph network") and name in self.learned]
 
     @property
+    def packed_intervals(self) -> list[str]:
+        """Methods whose calibration is packed: those above, and finite elements, whose faces answer wishes."""
+        return [*self.packed, *(name for name in self.covered if name == "fem_sliding")]
+
+    @property
     def shown(self) -> list[str]:
         """Patients in the report."""
         return self.scanned[: self.config["report"]["patients"]]
