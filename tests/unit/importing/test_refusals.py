@@ -309,6 +309,7 @@ BAD = {
                   "'soft tissue' is in pieces.*one body"),
     "a segment of a few voxels": (of_labels(changed(np.s_[20:22], np.s_[20:22], np.s_[12:15], code=12, clear=12)), "P1",
                                   "P1.nii.gz", "100 % of 'mandible'"),
+    "a repair limit that is no number": (of_labels(head(), limit=np.nan), "P1", "P1.nii.gz", "the limit is nan %"),
     # the plan
     "plan is no JSON": (of_plan("lefort1: 5 mm"), "P1", "P1.json", "is not JSON"),
     "plan without segments": (of_plan('{"case": "P1"}'), "P1", "P1.json", "no 'segments'"),
@@ -356,6 +357,7 @@ BAD = {
     "the skin before surgery": (of_scan(skin_of(1)), "P1", "P1.ply", "it is this skin itself"),
     "a flat plane": (of_scan(flat, limit=5.0), "P1", "P1.ply", "flat|residual"),
     "a scan full of spikes": (of_scan(spiked), "P1", "P1.ply", "stand off from all around"),
+    "a residual limit that is no number": (of_scan(skin_of(1), limit=np.nan), "P1", "P1.ply", "limit nan mm"),
     "head without a forehead": (of_scan(skin_of(1), top=-10.0), "P1", "P1.ply", "up to the forehead"),
     # the cohort table and the configuration
     "no table": (of_table(None), "-", "cases.tsv", "does not exist"),

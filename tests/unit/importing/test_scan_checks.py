@@ -1,4 +1,7 @@
-"""Scans of very many triangles are thinned within what is said, and surfaces of fine volumes stay where they are."""
+"""Scans of very many triangles are thinned within what is said, and surfaces of fine volumes stay where they are.
+
+What fits the upper face and is no scan of it is refused.
+"""
 
 import logging
 import re
@@ -9,10 +12,35 @@ import pyvista as pv
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
+from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.importing import scan_checks
-from pinnochio.importing.scan_checks import thinned, without_spikes
+from pinnochio.importing.registration import Registration, register
+from pinnochio.importing.scan_checks import check_scan, thinned, without_spikes
 from pinnochio.model.labels import CRANIUM, SUPERFICIAL
 from pinnochio.model.surfaces import bone_surface, skin_surface
+from tests.helpers.heads import dome
+from tests.helpers.settings import CONFIG
+
+PLANE, LIMIT = 0.0, CONFIG["registration"]["limit"]
+NAMES = {"case": "P1", "file": "scan.ply"}
+IN_PLACE = Registration(RigidMotion(), 0.1, 0.3, 1000)
+
+
+def face(noise: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """A face with brow and nose whose halves differ by 1 mm of a brow and half a millimetre of a cheek."""
+    points, faces = dome(51)
+    outward = points / np.linalg.norm(points, axis=1, keepdims=True)
+    for height, width, *place in (
+        *((18, 12, 0, -80, -5), (5, 15, 30, -70, 25), (4, 15, -30, -70, 25), (-4, 8, 0, -77, 18)),
+        *((4, 18, 55, -58, 5), (3.5, 18, -55, -58, 5)),
+    ):
+        points = points + outward * (height * np.exp(-(((points - place) / width) ** 2).sum(axis=1, keepdims=True)))
+    return points + np.random.default_rng(5).normal(scale=noise, size=points.shape), faces
+
+
+def part(points, faces, keep) -> tuple[np.ndarray, np.ndarray]:
+    used, faces = np.unique(faces[keep[faces].all(axis=1)], return_inverse=True)
+    return points[used], faces.reshape(-1, 3)
 
 
 def wavy(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -62,3 +90,61 @@ def test_a_fine_volume_gives_the_surfaces_of_a_coarse_one():
         radii = [np.linalg.norm(points, axis=1) for points in (fine, coarse)]
         assert abs(radii[0].mean() - radii[1].mean()) < 0.05 and np.ptp(radii[0]) < 0.4
         assert np.abs(fine.mean(axis=0)).max() < 0.1
+
+
+def test_the_mirror_image_of_a_nearly_symmetric_face_is_refused_by_its_name():
+    """It registers well below the limit, so that the residual alone would let it in."""
+    points, faces = face(noise=0.1)
+    check_scan(points, faces, *face(), PLANE, IN_PLACE, **NAMES)
+    mirrored = points * [-1, 1, 1], faces[:, ::-1]
+    found = register(*mirrored, *face(), PLANE, **NAMES, limit=LIMIT)
+    assert found.median < 0.5 * LIMIT
+    with pytest.raises(InputError, match=r"'P1': scan.ply: its mirror image fits the upper face better \(0"):
+        check_scan(*mirrored, *face(), PLANE, found, **NAMES)
+
+
+def test_a_strip_of_the_upper_face_is_refused_with_the_share_that_it_shows():
+    """One side of the brow registers as well as a face does; both sides show enough."""
+    points, faces = face(noise=0.1)
+    brow = (points[:, 2] > PLANE - 2) & (points[:, 2] < PLANE + 22)
+    for seen, enough in ((brow & (points[:, 0] > 10), False), (brow, True)):
+        strip = part(points, faces, seen)
+        found = register(*strip, *face(), PLANE, **NAMES, limit=LIMIT)
+        assert found.median < 0.2 * LIMIT
+        if enough:
+            check_scan(*strip, *face(), PLANE, found, **NAMES)
+        else:
+            words = r"'P1': scan.ply: it shows 1[0-4] % of the upper face \(at least 15 % is asked\)"
+            with pytest.raises(InputError, match=words):
+                check_scan(*strip, *face(), PLANE, found, **NAMES)
+
+
+def test_a_cylinder_that_fits_a_part_of_the_forehead_is_refused_with_the_share_that_it_shows():
+    """One that fits more than COVERED of the upper face would pass: no check asks for the relief of a face."""
+    points, faces = dome(51)
+    points = np.stack([82 * np.sin(points[:, 0] / 70), -82 * np.cos(points[:, 0] / 70), points[:, 2]], axis=1)
+    found = register(points, faces, *face(), PLANE, **NAMES, limit=LIMIT)
+    with pytest.raises(InputError, match=r"it shows 1\d % of the upper face"):
+        check_scan(points, faces, *face(), PLANE, found, **NAMES)
+
+
+def test_a_limit_that_is_no_number_registers_no_scan():
+    with pytest.raises(InputError, match=r"median residual of 0\.\d\d mm \(limit nan mm\)"):
+        register(*face(noise=0.1), *face(), PLANE, **NAMES, limit=np.nan)
+
+
+@pytest.mark.parametrize(
+    ("bound", "words"),
+    [
+        ("THE_SAME", "it is this skin itself"),
+        ("DEPTH", "its upper face is flat"),
+        ("COVERED", "it shows 9. % of the upper face"),
+        ("MIRROR_BETTER", "its mirror image fits the upper face better"),
+    ],
+)
+def test_a_bound_that_is_no_number_lets_no_scan_through(bound, words, monkeypatch):
+    scan = face(noise=0.1)
+    check_scan(*scan, *face(), PLANE, IN_PLACE, **NAMES)
+    monkeypatch.setattr(scan_checks, bound, np.nan)
+    with pytest.raises(InputError, match=words):
+        check_scan(*scan, *face(), PLANE, IN_PLACE, **NAMES)

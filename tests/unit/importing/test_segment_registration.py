@@ -1,5 +1,7 @@
 """Bones of a virtual head, moved by known motions and scanned: the motions are found again, and wrong bones refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import SimpleITK as sitk
@@ -8,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.importing.postop_bones import read_postop_bones
-from pinnochio.importing.segment_registration import check_fits, register_bones
+from pinnochio.importing.segment_registration import SegmentFit, check_fits, register_bones
 from pinnochio.importing.segmentation import Segmentation, write_segmentation
 from pinnochio.model.labels import CRANIUM, segment_code
 from pinnochio.model.surfaces import bone_surface, write_surface
@@ -134,6 +136,17 @@ def test_another_patient_and_a_mirrored_one_are_refused(head, bone, noisy, tmp_p
         _, fits = errors(head, bone, *wrong)
         with pytest.raises(InputError, match=r"'P1'.*bones.*median distance of [0-9.]+ mm .limit 0.45.*Remedy: .+"):
             check_fits(fits, **LIMITS)
+
+
+@pytest.mark.parametrize("wrong", ["limit", "share", "median", "matched"])
+def test_what_is_no_number_lets_no_bone_through(wrong):
+    """Neither a bound nor a measure of the fit."""
+    fit = SegmentFit("lefort1", RigidMotion(), 800, 0.15, 0.3, 95.0, 1.0, 1.0)
+    check_fits([fit], **LIMITS)
+    limits = LIMITS | ({wrong: np.nan} if wrong in LIMITS else {})
+    unsure = fit if wrong in LIMITS else replace(fit, **{wrong: np.nan})
+    with pytest.raises(InputError, match=r"'P1'.*bones.*'lefort1'.*nan.*Remedy"):
+        check_fits([fit, unsure], **limits)
 
 
 def test_surfaces_in_centimetres_and_folders_of_them_are_the_same_bones(head, bone, clean, tmp_path):

@@ -9,6 +9,7 @@ from pathlib import Path
 import felupe
 import numpy as np
 import pytest
+import yaml
 from scipy import sparse
 from scipy.spatial.transform import Rotation
 
@@ -18,10 +19,12 @@ from pinnochio.mechanics.elements import Elements, jacobians
 from pinnochio.mechanics.linear import linear_solver
 from pinnochio.mechanics.materials import lame
 from pinnochio.mechanics.problems import box, uniform
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.simulation import solver_options as options_of
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import solve
 from pinnochio.plans.plan import RigidMotion
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import ROOT, fem_settings, solver_options
 from tests.helpers.solids import bent_block, both, material
 
 
@@ -216,6 +219,30 @@ def test_limits_of_time_and_of_work_stop_the_solver():
     result = solve(points, cells, uniform(len(cells)), boundary, options)
     assert not result.converged
     assert "1 Newton iterations" in result.reason
+
+
+def test_a_time_limit_of_the_settings_stops_the_solver_and_is_said():
+    points, cells, boundary = bent_block()
+    result = solve(points, cells, uniform(len(cells)), boundary, options_of(fem_settings(time_limit=1e-9)))
+    assert not result.converged and result.fraction == 0
+    assert result.reason == "time limit of 1e-09 s reached"
+
+
+def test_no_solve_is_limited_in_time_by_default():
+    assert FemSettings.time_limit == fem_settings().time_limit == options_of(fem_settings()).time_limit == np.inf
+
+
+@pytest.mark.parametrize("name", ["config", "quick", "paper"])
+def test_no_configuration_limits_a_solve_in_time(name):
+    """What is solved would depend on how busy the machine is. The scaling of the stages alone is timed."""
+
+    def keys(section, *path):
+        inner = section.items() if isinstance(section, dict) else ()
+        return [path, *(own for key, value in inner for own in keys(value, *path, key))]
+
+    found = set(keys(yaml.safe_load((ROOT / f"config/{name}.yaml").read_text(encoding="utf-8"))))
+    assert ("mesh", "nodes") in found
+    assert {path for path in found if path[-1:] == ("time_limit",)} <= {("scaling", "time_limit")}
 
 
 @pytest.mark.parametrize("fixed", [[0], [0, 1]])
