@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pandas as pd
 from torch.optim.optimizer import register_optimizer_step_post_hook
@@ -17,6 +16,7 @@ from tqdm import tqdm
 from pinnochio.columns import write_csv
 from pinnochio.experiments.measuring import DONE, Cost, measure
 from pinnochio.files import megabytes
+from pinnochio.hdf5 import reading
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.predictions import read_prediction
@@ -229,7 +229,7 @@ def node_count(model: Path) -> float:
     """Nodes of a patient model, NaN where there is none."""
     if not model.exists():
         return np.nan
-    with h5py.File(model) as file:
+    with reading(model) as file:
         return len(file["points"])
 
 

@@ -1,10 +1,9 @@
 """Makes the contact sheet of the first virtual patients: face, skull and outcome of each."""
 
-import json
 from collections.abc import Sequence
-from pathlib import Path
 
 from pinnochio.importing.segmentation import read_segmentation
+from pinnochio.json_text import read_own_json
 from pinnochio.logs import attach_log
 from pinnochio.model.truth import read_truth
 from pinnochio.virtual.portraits import Sitter, contact_sheet
@@ -22,7 +21,7 @@ def render_faces(
     """Draw all cases in one picture (PNG), two to a row."""
     sitters, fields = [], []
     for case, segmentation, anatomy, truth in zip(cases, segmentations, anatomies, truths, strict=True):
-        about = json.loads(Path(anatomy).read_text(encoding="utf-8"))
+        about = read_own_json(anatomy)
         head = read_segmentation(path=segmentation, case=case, label_values=label_values, segments=segments)
         sitters.append(Sitter(f"{case} {about['sex']} {about['deformity'].replace('_', ' ')}", head, head.segments))
         fields.append(read_truth(truth, case)[:3])

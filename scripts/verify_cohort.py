@@ -3,13 +3,14 @@
 import logging
 import os
 import platform
+import re
 from collections.abc import Sequence
-from pathlib import Path
 
 import pandas as pd
 
-from pinnochio.errors import InputError
+from pinnochio.errors import REMEDY, InputError
 from pinnochio.files import replacing
+from pinnochio.json_text import read_own_text
 from pinnochio.logs import attach_log
 
 
@@ -43,9 +44,10 @@ def verify_cohort(made: Sequence[str], frozen: str, table: str) -> None:
 
 def read_sums(path: str | os.PathLike) -> dict[str, str]:
     """Checksum by file, of what sha256sum writes; lines that begin with # are comments."""
-    lines = Path(path).read_text(encoding="utf-8").splitlines()
-    pairs = (line.split("  ", 1) for line in lines if line and not line.startswith("#"))
-    return {name: value for value, name in pairs}
+    lines = [line for line in read_own_text(path).splitlines() if line and not line.startswith("#")]
+    if wrong := [line for line in lines if not re.fullmatch("[0-9a-f]{64}  .+", line)]:
+        raise InputError("-", path, f"{wrong[0][:80]!r} is no line of sha256sum", REMEDY)
+    return {name: value for value, name in (line.split("  ", 1) for line in lines)}
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
 """Prints what a finished study found, in a few lines: `python workflow/show_results.py results/quick`."""
 
 import argparse
+import sys
 from pathlib import Path
 
-import pandas as pd
-
+from pinnochio.columns import read_csv
+from pinnochio.errors import InputError
 from pinnochio.methods.names import few, written
 from pinnochio.statistics.attainable import attainable
 
@@ -14,7 +15,8 @@ COLUMNS = {"cd_mean": "mm off", "pwr2_mean": "within 2 mm", "seconds_mean": "sec
 
 def lines(results: Path) -> list[str]:
     """Five methods of the study's table of accuracy, what they are of, and where the report lies."""
-    table = pd.read_csv(results / "tables/accuracy.csv").set_index("method")
+    names = ["method", "bound", "n", *COLUMNS]
+    table = read_csv(results / "tables/accuracy.csv", usecols=names, dtype={"bound": bool}).set_index("method")
     own = table[~table["bound"]]
     shown = own.loc[few(own.index, ROWS)]
     width = max(map(len, map(written, shown.index)))
@@ -33,4 +35,7 @@ def lines(results: Path) -> list[str]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("results", type=Path, help="folder of the results")
-    print("\n".join(lines(parser.parse_args().results)))
+    try:
+        print("\n".join(lines(parser.parse_args().results)))
+    except InputError as error:
+        sys.exit(str(error))

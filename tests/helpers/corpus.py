@@ -7,31 +7,43 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import SimpleITK as sitk
 import torch
 import yaml
 
+from pinnochio.columns import read_table, write_csv
 from pinnochio.importing.cohort import read_cases
 from pinnochio.importing.images import read_own_image
 from pinnochio.importing.segmentation import read_postop, read_segmentation, write_segmentation
+from pinnochio.json_text import read_own_json
 from pinnochio.mechanics.lift import Lift
 from pinnochio.meshing.mesh import TetMesh
+from pinnochio.metrics.columns import CASES
+from pinnochio.metrics.quality import quality
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, read_external, read_prediction, write_predictions
 from pinnochio.model.surfaces import BoneSurface, bone_surface, read_surface, skin_surface, write_surface
+from pinnochio.model.truth import read_truth
 from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.patients.archive import Archive
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.transforms import read_transforms
+from pinnochio.statistics.intervals import Interval
 from pinnochio.study.configuration import check_config
 from pinnochio.study.schema import checked
+from pinnochio.tables.quality import tabulate
+from pinnochio.tables.stages import read_benchmark
 from pinnochio.training.checkpoint import read_network, save_network
+from pinnochio.virtual.covariates import Covariates
+from pinnochio.virtual.outcome import Outcome
 from tests.helpers.heads import kuhn_cube
 from tests.helpers.judging import Tried
 from tests.helpers.patients import tiny_patient, tiny_plan
+from tests.helpers.rows import benchmark, row
 from tests.helpers.settings import ROOT, network_settings
 
 SEGMENTS = ("lefort1", "mandible")
@@ -518,6 +530,11 @@ def intermediates(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     settings = network_settings(boundary_layers=1, volume_layers=1, rest_layers=1, channels=8, heads=2, decoder_width=8)
     network = build(settings)
 
+    interval = Interval(patient.points, np.ones(len(patient.points)), np.ones(9), np.ones(9, np.int8))
+    imported = {"case": "tiny", "muscle": "labelled", "repairs": [{"structure": "left", "what": "kept", "voxels": 3}]}
+    imported["volume_cm3"] = dict.fromkeys(internal_codes(patient.segments), 1.5)
+    covariates = Covariates("male", 30.5, 23.1, 6.2, "vy", True)
+
     def arrays(value) -> dict:
         return {item.name: getattr(value, item.name) for item in fields(value)}
 
@@ -525,7 +542,14 @@ def intermediates(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         found, own = read_network(path, NetworkSettings, build, "cpu")
         return {name: value.numpy() for name, value in found.state_dict().items()} | {"settings": str(asdict(own))}
 
-    kinds = {
+    def read_outcome(path: Path):
+        *field, executed = read_truth(path, "tiny")
+        return field, motions(executed)
+
+    def save_json(value: dict, path: Path) -> None:
+        path.write_text(json.dumps(value, indent=1) + "\n")
+
+    sealed = {
         "model.h5": (patient.write, lambda path: arrays(PatientModel.read(path))),
         "lift.h5": (lift.write, lambda path: arrays(Lift.read(path))),
         "predictions.h5": (
@@ -541,11 +565,30 @@ def intermediates(rng: np.random.Generator, count: int) -> Iterator[Tried]:
             lambda path: write_segmentation(made, *grid, path),
             lambda path: sitk.GetArrayFromImage(read_own_image(path)),
         ),
-        "plan.json": (tiny_plan().write, lambda path: motions(Plan.read(path, "tiny"))),
+        "interval.h5": (interval.write, lambda path: arrays(Interval.read(path))),
     }
+    # A turned digit is another number; a table of several rows may end after any of them.
+    plain = {
+        "plan.json": (tiny_plan().write, lambda path: motions(Plan.read(path, "tiny"))),
+        "truth.h5": (Outcome(patient, patient.points, tiny_plan()).write, read_outcome),
+        "covariates.json": (covariates.write, lambda path: asdict(Covariates.read(path))),
+        "report.json": (partial(save_json, imported), lambda path: quality(patient, read_own_json(path))),
+        "quality.json": (
+            partial(save_json, quality(patient, imported)),
+            lambda path: tabulate([path], patient.segments, "").frame.to_dict("records"),
+        ),
+        "cases.csv": (
+            lambda path: write_csv(pd.DataFrame([row("P1", "pinnochio", 1.0)]), path, CASES),
+            lambda path: read_table(path, CASES).to_dict("records"),
+        ),
+        "benchmark.tsv": (
+            lambda path: benchmark(path, 12.5, 20.0, 300.0),
+            lambda path: read_benchmark(path).to_dict("records"),
+        ),
+    }
+    kinds = sealed | plain
     for name, (write, read) in kinds.items():
-        text = name == "plan.json"  # a turned digit is another plan
-        yield from of_bytes("intermediate", name, written(write, name), read, rng, count, checksum=not text)
+        yield from of_bytes("intermediate", name, written(write, name), read, rng, count, checksum=name in sealed)
     for name, (_, read) in kinds.items():
         yield Tried(f"intermediate: no {name}", lambda folder, name=name, read=read: read(folder / name))
 

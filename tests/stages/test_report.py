@@ -168,7 +168,7 @@ def test_numbers_survive_the_page():
 
 
 def test_a_table_without_a_body_is_refused(tmp_path):
-    (tmp_path / "corrections.html").write_text("<p>1.0</p>")
+    (tmp_path / "corrections.html").write_text("<p>1.0</p>\n")
     with pytest.raises(InputError, match="not the HTML twin of a table"):
         read_body(tmp_path / "corrections.html")
 

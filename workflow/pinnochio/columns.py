@@ -1,5 +1,6 @@
 """The columns of a table: one declaration of each, by which tables are checked, written and read."""
 
+import io
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, damaged
 from pinnochio.files import replacing
+from pinnochio.json_text import read_own_text
 
 
 @dataclass(frozen=True)
@@ -101,11 +103,23 @@ def _refusal(file: object, problem: str) -> InputError:
     return InputError("-", file, problem, "make the table again with the code that reads it")
 
 
+def read_csv(path: str | os.PathLike, **options) -> pd.DataFrame:
+    """A CSV file of the study as pandas reads it with these options; InputError where it is damaged."""
+    content = read_own_text(path).encode()
+    try:
+        frame = pd.read_csv(io.BytesIO(content), **options)
+        if len(frame) and not isinstance(frame.index, pd.RangeIndex):  # pandas takes the first cells for an index
+            raise ValueError("its rows have more cells than its first line")
+    except ValueError as error:  # so are all that pandas raises
+        raise damaged(path, error) from error
+    return frame
+
+
 def read_table(path: str | os.PathLike, columns: Sequence[Column]) -> pd.DataFrame:
-    """Read and check a CSV table."""
+    """Read and check a CSV table; InputError as of :func:`read_csv` and :func:`check`."""
     texts = {column.name: str for column in columns if column.kind is str}
     empty = {column.name: [""] for column in columns if column.kind is not str}
-    frame = pd.read_csv(path, dtype=texts, keep_default_na=False, na_values=empty, float_precision="round_trip")
+    frame = read_csv(path, dtype=texts, keep_default_na=False, na_values=empty, float_precision="round_trip")
     return _validated(frame, columns, path)
 
 

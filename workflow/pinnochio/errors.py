@@ -13,6 +13,16 @@ class InputError(ValueError):
         self.case, self.file, self.problem, self.remedy = case, str(file), problem, remedy
 
 
+# Of files that the study has made.
+REMEDY = "delete it and run the same command again; of an archive, copy it again"
+
+
+def damaged(file: object, error: Exception) -> InputError:
+    """That a file of the study's own cannot be read, by what a library says of it."""
+    reason = (str(error).strip() or type(error).__name__).splitlines()[-1]
+    return InputError("-", file, f"it cannot be read ({reason[:160]})", REMEDY)
+
+
 class StorageError(OSError):
     """A file or folder that cannot be written: names it, the problem and the remedy.
 

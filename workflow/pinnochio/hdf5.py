@@ -7,14 +7,13 @@ from contextlib import contextmanager
 
 import h5py
 
-from pinnochio.errors import InputError
+from pinnochio.errors import REMEDY, InputError, damaged
 from pinnochio.files import replacing
 
 # HDF5 knows its own end and leaves alone what follows. A file without the mark, one made elsewhere, is read all the
 # same: HDF5 itself refuses one that is cut off.
 MARK = b"\nsha256:"
 SEAL = len(MARK) + hashlib.sha256().digest_size
-REMEDY = "delete it and run the same command again; of an archive, copy it again"
 
 
 @contextmanager
@@ -39,8 +38,7 @@ def reading(path: str | os.PathLike) -> Iterator[h5py.File]:
     except InputError:
         raise
     except Exception as error:  # HDF5 raises OSError, RuntimeError, KeyError and more
-        reason = (str(error).strip() or type(error).__name__).splitlines()[-1]
-        raise InputError("-", path, f"it cannot be read ({reason})", REMEDY) from error
+        raise damaged(path, error) from error
 
 
 def _check_seal(path: str | os.PathLike) -> None:

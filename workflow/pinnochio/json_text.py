@@ -3,12 +3,15 @@
 import json
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from difflib import get_close_matches
 from pathlib import Path
+from typing import TypeVar
 
-from pinnochio.errors import InputError
+from pinnochio.errors import REMEDY, InputError
 
 Refuse = Callable[[str, str], None]  # refuse(problem, remedy) raises InputError
+Kind = TypeVar("Kind")  # a dataclass
 LARGEST = 1e300  # so that squares of what is read with others still mean something
 
 
@@ -27,20 +30,59 @@ def read_text(path: str | os.PathLike, refuse: Refuse) -> str:
         refuse(f"it is no text in UTF-8 (byte {error.start})", "save it as UTF-8")
 
 
-def read_own_json(path: str | os.PathLike):
-    """What a JSON file of the study's own holds; InputError where it is damaged."""
+class Own(dict):
+    """An object in a JSON file of the study's own; to ask for a key that it lacks is an InputError."""
 
+    file: object = "-"
+
+    def __missing__(self, key):
+        raise InputError("-", self.file, f"it holds no {key!r}", REMEDY)
+
+    def of(self, kind: type[Kind]) -> Kind:
+        """The dataclass whose fields are keys."""
+        return kind(**{item.name: self[item.name] for item in fields(kind)})
+
+
+def read_own_json(path: str | os.PathLike) -> Own:
+    """The object in a JSON file of the study's own; InputError where it is damaged."""
+    return parse_own_json(read_text(path, _refuse_own(path)), path)
+
+
+def parse_own_json(text: str, file: object) -> Own:
+    """The object that a text in a file of the study's own holds; InputError where it is damaged."""
+    refuse = _refuse_own(file)
+
+    def make(pairs):
+        own = Own(pairs)
+        own.file = file
+        return own
+
+    read = parse_json(text, refuse, finite=False, make=make)
+    return read if isinstance(read, Own) else refuse("it holds no object", REMEDY)
+
+
+def read_own_text(path: str | os.PathLike) -> str:
+    """The lines of a text of the study's own, CSV too; InputError where the last one does not end."""
+    refuse = _refuse_own(path)
+    text = read_text(path, refuse)
+    return text if text.endswith("\n") else refuse("it is cut off" if text else "it is empty", REMEDY)
+
+
+def _refuse_own(file: object) -> Refuse:
     def refuse(problem: str, remedy: str):
-        raise InputError("-", path, problem, "delete it and run the same command again; of an archive, copy it again")
+        raise InputError("-", file, problem, REMEDY)
 
-    return parse_json(read_text(path, refuse), refuse, finite=False)
+    return refuse
 
 
-def parse_json(text: str, refuse: Refuse, finite: bool = True):
-    """What the text holds; keys that stand twice are refused and, if asked, NaN, infinity and numbers beyond 1e300."""
+def parse_json(text: str, refuse: Refuse, finite: bool = True, make: Callable = dict):
+    """What the text holds; keys that stand twice are refused and, if asked, NaN, infinity and numbers beyond 1e300.
+
+    make(pairs) makes an object of its keys and values.
+    """
 
     def once(pairs):
-        read = dict(pairs)
+        read = make(pairs)
         if len(read) < len(pairs):
             keys = [key for key, _ in pairs]
             twice = next(key for key in keys if keys.count(key) > 1)
@@ -49,18 +91,13 @@ def parse_json(text: str, refuse: Refuse, finite: bool = True):
 
     def number(digits: str):
         value = float(digits)
-        if finite and not abs(value) <= LARGEST:
+        if not abs(value) <= LARGEST:
             refuse(f"it holds {digits[:20]}, which is not finite", "write finite numbers")
         return value if any(sign in digits for sign in ".eEnNI") else int(digits)
 
+    checks = dict.fromkeys(("parse_float", "parse_int", "parse_constant"), number) if finite else {}
     try:
-        return json.loads(
-            text,
-            object_pairs_hook=once,
-            parse_float=number,
-            parse_int=number,
-            parse_constant=number,
-        )
+        return json.loads(text, object_pairs_hook=once, **checks)
     except json.JSONDecodeError as error:
         refuse(f"is not JSON ({error})", "correct it there")
     except (RecursionError, ValueError) as error:

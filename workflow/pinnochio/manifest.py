@@ -34,7 +34,7 @@ def read_manifest(folder: str | os.PathLike, absent: tuple[str, str], again: str
     if not (Path(folder) / MANIFEST).is_file():
         raise InputError("-", folder, *absent)
     content = read_own_json(Path(folder) / MANIFEST)
-    if not isinstance(content, dict) or OWN not in content:
+    if OWN not in content:
         raise InputError("-", folder, f"{MANIFEST} holds no checksums", again)
     if content[OWN] != _own({name: value for name, value in content.items() if name != OWN}):
         raise InputError("-", Path(folder) / MANIFEST, "it is not as it was packed", again)

@@ -18,6 +18,7 @@ TERMS = {
     "boundary": ("#4e9a60", (0, (1, 1.2)), "boundary mismatch, mm²"),
 }
 HELD_BACK = "#111111"
+COLUMNS = ("step", *TERMS, "validation", "kept")  # of a history, as far as it is drawn
 
 
 def training_picture(phases: Mapping[str, pd.DataFrame], title: str, path: str | os.PathLike) -> None:

@@ -109,7 +109,7 @@ class Ranges:
     def read(cls, path: str | os.PathLike) -> "Ranges":
         """Read what :meth:`write` wrote."""
         ranges = read_own_json(path)
-        return cls(Norm(**ranges["anatomy"]), Norm(**ranges["plan"]), ranges["muscle"], ranges["segments"])
+        return cls(ranges["anatomy"].of(Norm), ranges["plan"].of(Norm), ranges["muscle"], ranges["segments"])
 
 
 def beyond(compared: Mapping) -> float:

@@ -44,7 +44,7 @@ class Prepared:
         if not Path(path).is_file():
             raise InputError("-", path, "no patient is prepared for the planner", remedy)
         content = read_own_json(path)
-        if not isinstance(content, dict) or content.keys() != {item.name for item in fields(cls)}:
+        if content.keys() != {item.name for item in fields(cls)}:
             raise InputError("-", path, "it is not what this version prepares", remedy)
         prepared = cls(**content)
         files = [prepared.model, prepared.lift, prepared.covariates, prepared.quality, prepared.archive]

@@ -3,7 +3,6 @@
 import base64
 import gzip
 import io
-import json
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -14,8 +13,9 @@ import PIL.Image
 from plotly.offline import get_plotlyjs
 
 from pinnochio.columns import read_table
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, damaged
 from pinnochio.files import replacing
+from pinnochio.json_text import read_own_json, read_own_text
 from pinnochio.methods.names import WRITTEN, written
 from pinnochio.metrics.columns import CASES, scanned
 from pinnochio.report.answer import sentences
@@ -47,7 +47,7 @@ def write_page(
     compare; chart: the picture under them; these are absent where no patient has a scan. qualities: by case the
     picture of its model.
     """
-    record = json.loads(Path(provenance).read_text(encoding="utf-8"))
+    record = read_own_json(provenance)
     settings, study = record["config"], _cohort(record["config"])
     ranking = rank(scanned(read_table(cases, CASES)), methods, settings["seed"]) if cases else None
     parts = [
@@ -65,7 +65,7 @@ def write_page(
     shown = {
         case: {
             "pictures": {name: _photograph(files[name]) for name in ("picture", "volume") if name in files},
-            "view": json.loads(Path(files["view"]).read_text(encoding="utf-8")),
+            "view": read_own_json(files["view"]),
         }
         for case, files in patients.items()
     }
@@ -98,7 +98,7 @@ def _cohort(config: Mapping) -> str:
 
 def read_body(path: str | os.PathLike) -> str:
     """What stands between the body tags of a table's HTML twin."""
-    body = re.search(r"<body>(.*)</body>", Path(path).read_text(encoding="utf-8"), re.DOTALL)
+    body = re.search(r"<body>(.*)</body>", read_own_text(path), re.DOTALL)
     if not body:
         raise InputError("-", path, "it is not the HTML twin of a table", "make the table again")
     return body[1]
@@ -132,7 +132,12 @@ def _picture(path: str | os.PathLike) -> str:
 
 def _photograph(path: str | os.PathLike, width: int | None = None) -> str:
     """The address of a rendered PNG, as WebP, a tenth of the size and no different to the eye; no wider than width."""
-    content, picture = io.BytesIO(), PIL.Image.open(path)
+    content = io.BytesIO()
+    try:
+        picture = PIL.Image.open(path)
+        picture.load()
+    except Exception as error:  # PIL raises OSError, SyntaxError and more
+        raise damaged(path, error) from error
     if width and picture.width > width:
         picture = picture.resize((width, round(picture.height * width / picture.width)), PIL.Image.Resampling.LANCZOS)
     picture.save(content, "WEBP", quality=80)

@@ -41,7 +41,7 @@ class Calibration:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Calibration":
         """Read what :meth:`write` wrote."""
-        return cls(**read_own_json(path))
+        return read_own_json(path).of(cls)
 
 
 @dataclass(frozen=True)

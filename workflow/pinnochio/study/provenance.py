@@ -28,8 +28,7 @@ def forgotten(provenance: str | os.PathLike, working_directory: str | os.PathLik
 
 def changed_since(provenance: str | os.PathLike, config: Mapping[str, Any]) -> list[str]:
     """The keys, nested ones joined by dots, that differ from the configuration in a `provenance.json`."""
-    record = read_own_json(provenance)
-    recorded = record.get("config") if isinstance(record, dict) else None
+    recorded = read_own_json(provenance).get("config")
     if not isinstance(recorded, dict):
         raise InputError("-", provenance, "it holds no configuration", "delete it, or the results folder that it is in")
     one, other = ({key: each[key] for key in each if key not in PLACES} for each in (recorded, config))

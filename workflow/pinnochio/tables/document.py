@@ -4,13 +4,13 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, write_csv
 from pinnochio.files import replacing
+from pinnochio.json_text import read_own_json
 
 
 @dataclass(frozen=True)
@@ -93,4 +93,4 @@ class Table:
 
 def read_blocks(document: str | os.PathLike) -> list[Block]:
     """The blocks of a document, for another table's twins to show below its own."""
-    return [Block(**block) for block in json.loads(Path(document).read_text(encoding="utf-8"))["blocks"]]
+    return [block.of(Block) for block in read_own_json(document)["blocks"]]

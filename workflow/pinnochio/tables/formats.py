@@ -1,12 +1,12 @@
 """The readable twins of a table: its document as Markdown, LaTeX or HTML."""
 
-import json
 import os
 from pathlib import Path
 
 import jinja2
 
 from pinnochio.files import replacing
+from pinnochio.json_text import read_own_json
 
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem;color:#222;background:#fff}
 .scroll{overflow-x:auto}h2{font-size:1.1rem;margin:2.5rem 0 .5rem}p{max-width:60rem;margin-top:1.5rem}
@@ -116,7 +116,8 @@ FORMATS = {".md": _markdown, ".tex": _latex, ".html": _html}
 
 def write_twins(document: str | os.PathLike) -> None:
     """Write Markdown, LaTeX and HTML beside the document of a :class:`~pinnochio.tables.document.Table`."""
-    shown = json.loads(Path(document).read_text(encoding="utf-8"))
+    own = read_own_json(document)
+    shown = {name: own[name] for name in ("blocks", "paragraphs", "columns")}
     for suffix, template in FORMATS.items():
         with replacing(Path(document).with_suffix(suffix)) as temporary:
             temporary.write_text(template().render(shown, style=STYLE), encoding="utf-8")

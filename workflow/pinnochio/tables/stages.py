@@ -6,10 +6,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from pinnochio.columns import Column, check, number
+from pinnochio.columns import Column, check, number, read_csv
+from pinnochio.errors import REMEDY, InputError
 from pinnochio.tables.document import Block, Table, views
 
 TOTAL = "all"
+MEASURED = ["s", "cpu_time", "max_rss"]
 
 
 _number = partial(number, form=".1f")
@@ -31,8 +33,10 @@ def read_benchmark(path: str | os.PathLike) -> pd.DataFrame:
 
     NaN where it did not measure, as of jobs that were over too soon.
     """
-    frame = pd.read_csv(path, sep="\t", na_values=["NA", "-"])
-    return frame.reindex(columns=["s", "cpu_time", "max_rss"]).apply(pd.to_numeric, errors="coerce")
+    frame = read_csv(path, sep="\t", na_values=["NA", "-"], usecols=MEASURED, dtype=float)[MEASURED]
+    if frame.empty:
+        raise InputError("-", path, "it has no run", REMEDY)
+    return frame
 
 
 def stages(folder: str | os.PathLike) -> pd.DataFrame:
@@ -41,7 +45,7 @@ def stages(folder: str | os.PathLike) -> pd.DataFrame:
         read_benchmark(path).assign(rule=path.relative_to(folder).parts[0])
         for path in sorted(Path(folder).glob("*/**/*.tsv"))
     ]
-    runs = pd.concat(runs) if runs else pd.DataFrame(columns=["s", "cpu_time", "max_rss", "rule"])
+    runs = pd.concat(runs) if runs else pd.DataFrame(columns=[*MEASURED, "rule"])
     parts = {rule: own for rule, own in runs.groupby("rule")} | {TOTAL: runs}
     rows = [
         {

@@ -10,9 +10,8 @@ from typing import TypeVar
 import torch
 from torch import nn
 
-from pinnochio.errors import InputError
+from pinnochio.errors import REMEDY, InputError
 from pinnochio.files import replacing
-from pinnochio.hdf5 import REMEDY
 
 Settings = TypeVar("Settings")  # a dataclass of plain values
 

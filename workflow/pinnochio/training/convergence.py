@@ -1,11 +1,11 @@
 """Whether a training has converged, by a stated rule on its loss history."""
 
-import csv
 import os
 from dataclasses import dataclass
 
 import numpy as np
 
+from pinnochio.columns import read_csv
 from pinnochio.training.loop import COLUMNS
 
 PARTS = 20  # of the steps: the medians of the training's own data term stand for a curve where nobody is held back
@@ -34,8 +34,7 @@ def convergence(history: str | os.PathLike, part: float) -> Convergence:
     A learning rate that is brought to zero flattens every curve: flat says that this training has ended, not that a
     longer one would not have gone further.
     """
-    with open(history, newline="", encoding="utf-8") as file:
-        rows = np.array([[float(row[name]) for name in COLUMNS] for row in csv.DictReader(file)])
+    rows = read_csv(history, usecols=COLUMNS, dtype=float)[[*COLUMNS]].to_numpy()
     if not len(rows):  # stopped before its first step
         return Convergence(0, False, np.nan)
     steps, data, looks = (rows[:, COLUMNS.index(name)] for name in ("step", "data", "validation"))

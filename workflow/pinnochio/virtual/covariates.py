@@ -4,12 +4,12 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pinnochio.files import replacing
+from pinnochio.json_text import read_own_json
 from pinnochio.virtual.ground_truth import CLINIC, REALITIES
 from pinnochio.virtual.parameters import draw
 from pinnochio.virtual.thickness import PUBLISHED
@@ -60,7 +60,7 @@ class Covariates:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Covariates":
         """Read what :meth:`write` wrote."""
-        return cls(**json.loads(Path(path).read_text(encoding="utf-8")))
+        return read_own_json(path).of(cls)
 
 
 def thickness_scores(thickness: Mapping[str, float | None]) -> dict[str, float]:

@@ -1,12 +1,10 @@
 """The simulated outcome of a virtual patient's surgery: the displaced tissue, by mechanics that no method uses."""
 
-import json
 import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import h5py
@@ -15,6 +13,7 @@ import numpy as np
 from pinnochio.files import replacing
 from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.importing.segmentation import Segmentation, read_segmentation
+from pinnochio.json_text import read_own_json
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.inversion_repair import repair_inversions
 from pinnochio.mechanics.simulation import simulate
@@ -92,7 +91,7 @@ class Operation:
             settings=OutcomeSettings.of(outcome),
             seed=seed,
             covariates=Covariates.read(inputs["covariates"]),
-            anatomy=json.loads(Path(inputs["anatomy"]).read_text(encoding="utf-8")),
+            anatomy=read_own_json(inputs["anatomy"]),
         )
 
     def registered(self, seen: Scan) -> tuple[np.ndarray, np.ndarray]:
@@ -118,6 +117,7 @@ class Outcome:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as HDF5: points, cells, displacement; attribute `executed`, the plan as JSON."""
+        # Without the seal of other files: the frozen checksums of a cohort are those of these bytes.
         own = {"points": self.patient.points, "cells": self.patient.cells, "displacement": self.displacement}
         with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
             for name, values in own.items():

@@ -1,9 +1,7 @@
 """Soft-tissue thickness of virtual heads, measured on the labels, beside what the literature has."""
 
-import json
 import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +9,7 @@ import pandas as pd
 from scipy import ndimage
 
 from pinnochio.columns import Column, check, words
+from pinnochio.json_text import read_own_json
 from pinnochio.model.labels import AIR, CRANIUM
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.virtual.head import Head
@@ -92,7 +91,7 @@ def summarise(patients: Sequence[Mapping[str, float]]) -> pd.DataFrame:
 
 def tabulate(anatomies: Sequence[str | os.PathLike], cohort: str) -> Table:
     """The table of the patients' anatomy files (JSON)."""
-    patients = [json.loads(Path(path).read_text(encoding="utf-8"))["thickness"] for path in anatomies]
+    patients = [read_own_json(path)["thickness"] for path in anatomies]
     return table(summarise(patients), cohort)
 
 
