@@ -19,7 +19,8 @@ def prepare_planner(
 ) -> None:
     """Write the list with absolute paths, so that the planner can be started from any folder.
 
-    plans: checked plan files, `{name}/plan.json`; settings: home, archive, method, corrections and fem of a Prepared.
+    plans: checked plan files, `{name}/plan.json`; settings: home, archive, method, corrections, fem and invert
+    of a Prepared.
     """
 
     def absolute(path: str) -> str:
@@ -37,6 +38,7 @@ def prepare_planner(
         method=settings["method"],
         corrections=settings["corrections"],
         fem=settings["fem"],
+        invert=settings["invert"],
     )
     prepared.write(out)
 

@@ -7,12 +7,14 @@ import sys
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as in the workflow: idle threads leave the cores to others
 
 from pinnochio.errors import InputError  # noqa: E402
+from pinnochio.mechanics.settings import FemSettings  # noqa: E402
 from pinnochio.planner.forecast import Forecaster  # noqa: E402
 from pinnochio.planner.page import Page  # noqa: E402
 from pinnochio.planner.prepared import Prepared  # noqa: E402
 from pinnochio.planner.scan import read_scan  # noqa: E402
 from pinnochio.planner.serving import check_free  # noqa: E402
 from pinnochio.planner.session import Session  # noqa: E402
+from pinnochio.planner.wishing import Wishing  # noqa: E402
 from pinnochio.plans.plan import Plan  # noqa: E402
 from pinnochio.training.device import choose_device  # noqa: E402
 
@@ -34,7 +36,9 @@ def open_planner(prepared: Prepared, port: int, browser: bool) -> None:
         print(f"The scan is not shown: {error}", file=sys.stderr)
         scan = None
     session = Session(forecaster.patient, prepared.case, plans, prepared.home)
-    Page(session, forecaster, scan).serve(port, browser)
+    fem = FemSettings(**prepared.fem)
+    wishing = Wishing(forecaster.patient, prepared.case, fem, prepared.invert)
+    Page(session, forecaster, wishing, scan).serve(port, browser)
 
 
 if __name__ == "__main__":

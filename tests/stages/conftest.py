@@ -141,7 +141,7 @@ def prepared(patients, tmp_path_factory):
     (folder / "set").mkdir()
     (folder / "set/plan.json").write_text(Path(patient.plan).read_text())
     settings = {"home": str(folder), "archive": str(archive), "method": METHOD, "corrections": 1}
-    settings |= {"fem": vars(patient.fem)}
+    settings |= {"fem": vars(patient.fem), "invert": CONFIG["invert"]}
     out = str(folder / "planner.json")
     files = patient.model, lift, patient.covariates, reports[0]
     prepare_planner(patient.case, *files, [str(folder / "set/plan.json")], settings, out)

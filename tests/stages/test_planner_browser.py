@@ -119,7 +119,7 @@ def put(page, segment, name, value, side="A") -> None:
 
 def row(page, title) -> list[str]:
     """Cells of a line of the table of measures."""
-    return page.locator("#measures tr", has_text=title).first.locator("td").all_inner_texts()
+    return page.locator("#measures tr", has_text=title).first.locator("td:not(:has(input))").all_inner_texts()
 
 
 def picture(page) -> np.ndarray:
@@ -335,3 +335,33 @@ def test_what_cannot_be_opened_is_said_without_a_traceback(address, home, prepar
     command = [sys.executable, str(ROOT / "workflow/plan.py"), str(file), "--port", port, "--no-browser"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE / 1000)
     assert done.returncode == 1 and "Remedy: " in done.stderr and "Traceback" not in done.stderr
+
+
+def wish(page, name, value) -> None:
+    page.locator(f"#wish_{name}").fill(str(value))
+    page.locator(f"#wish_{name}").press("Enter")
+    page.wait_for_timeout(1500)
+
+
+def test_a_wish_is_typed_fitted_and_verified(page):
+    before = float(row(page, "Pog'")[1])
+    assert page.locator("#fit").is_disabled()
+    wish(page, "pog_forward", before + 3)
+    page.click("#fit")
+    page.locator("#said").get_by_text(re.compile("^Finite elements: every wish is met")).wait_for()
+    settled(page)
+    page.click(f"#segment_{JAW}")
+    page.wait_for_timeout(1500)
+    assert number(page, "advance") > 1
+    page.keyboard.press("Control+z")
+    page.keyboard.press("Control+z")
+    settled(page)
+    assert number(page, "advance") == 0
+
+
+def test_a_wish_that_no_operation_grants_is_answered(page):
+    wish(page, "pog_forward", 400)
+    assert "wish a change of 25 mm or less" in page.inner_text("#said").lower()
+    assert page.locator("#said").bounding_box()["height"] > 30  # as high as its words
+    wish(page, "pog_forward", "")
+    assert page.locator("#fit").is_disabled()

@@ -4,14 +4,19 @@ import numpy as np
 import pytest
 
 from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.inverse.wish import Marks
+from pinnochio.model.measures import MEASURES
+from pinnochio.model.patient import PatientModel
 from pinnochio.patients.archive import RANGES, calibration_file, network_file
 from pinnochio.patients.face import Face
 from pinnochio.planner.forecast import Forecaster
 from pinnochio.planner.view import View
+from pinnochio.planner.wishing import Wishing
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Interval
 from scripts.predict_ensemble import predict_ensemble
 from scripts.predict_interval import predict_interval
+from tests.helpers.settings import CONFIG
 
 METHOD = "pinnochio_plus"
 
@@ -122,3 +127,19 @@ def test_the_picture_follows_the_plan(prepared, forecaster):
     front = picture(side="B")
     assert differ(front, front[:, ::-1]) < 0.5 * differ(before, before[:, ::-1])  # a face is symmetric
     view.plotter.close()
+
+
+def test_a_wish_is_fitted_at_once_and_then_by_finite_elements(patient):
+    model = PatientModel.read(patient.model)
+    wishing, own = Wishing(model, patient.case, patient.fem, CONFIG["invert"]), MEASURES["pog_forward"]
+    now = own.rule(Marks.of(model).chosen(own.points).rest)[0]
+    operation = wishing.operations[0]
+    fits = list(wishing.fits({"pog_forward": now + 3}, operation))
+    assert [fit.verified for fit in fits] == [False, True]
+    assert all(fit.missed["pog_forward"] <= fit.met for fit in fits)
+    assert not fits[1].plan.still and set(fits[1].plan.motions) <= set(model.segments)
+    with pytest.raises(ValueError, match=r"wished to be .*\. Wish a change of 25 mm or less"):
+        wishing.wish("pog_forward", now + 400)
+    for wishes, name, words in (({}, operation, "nothing is wished"), ({"pog_forward": now}, "eyes", "no operation")):
+        with pytest.raises(ValueError, match=words):
+            list(wishing.fits(wishes, name))

@@ -200,7 +200,16 @@ def test_what_is_prepared_reads_back_and_a_missing_file_is_said(tmp_path):
     files = {name: str(tmp_path / file) for name, file in names.items()}
     plans = {"a": str(tmp_path / "plan.json")}
     prepared = Prepared(
-        "tiny", lift=None, plans=plans, home="h", archive=str(tmp_path), method="m", corrections=1, fem={}, **files
+        "tiny",
+        lift=None,
+        plans=plans,
+        home="h",
+        archive=str(tmp_path),
+        method="m",
+        corrections=1,
+        fem={},
+        invert={},
+        **files,
     )
     prepared.write(tmp_path / "planner.json")
     assert asdict(Prepared.read(tmp_path / "planner.json")) == asdict(prepared)

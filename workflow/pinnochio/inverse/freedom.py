@@ -37,6 +37,12 @@ MAXILLA, PIECE, MANDIBLE, PROXIMAL, AUTOROTATION, CHIN = (
 )
 
 
+def operation_in_words(operation: str) -> str:
+    """The name of an operation as people read it."""
+    jaws = [name for name in ("maxilla", "mandible", "chin") if name in OPERATIONS[operation]]
+    return ", ".join(["both jaws", *jaws[2:]] if jaws[:2] == ["maxilla", "mandible"] else jaws)
+
+
 @dataclass(frozen=True)
 class Block:
     """Bones that move as one: relation, the motion of each before that of the block.

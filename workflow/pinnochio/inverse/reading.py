@@ -16,7 +16,7 @@ from pinnochio.geometry.closest_points import closest_points
 from pinnochio.importing.markups import ENDING, read_markups
 from pinnochio.importing.segmentation import read_postop
 from pinnochio.inverse.wish import Marks, MeasureWish, PlaceWish, SurfaceWish, Wish
-from pinnochio.json_text import read_text
+from pinnochio.json_text import Refuse, read_text
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 
@@ -129,7 +129,7 @@ def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str)
     if not rows or not set(rows[0]) <= set(COLUMNS) or "measure" not in rows[0]:
         refuse(f"its columns are {list(rows[0]) if rows else 'none'}", f"give columns {', '.join(COLUMNS)} and a row")
     known = {name.lower(): name for name in MEASURES} | {own.title.lower(): name for name, own in MEASURES.items()}
-    rest, wishes = np.zeros_like(model.points), []
+    wishes = []
     for row in rows:
         row = {key: (value or "").strip() for key, value in row.items()}
         name = known.get(row["measure"].lower())
@@ -137,9 +137,6 @@ def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str)
             near = get_close_matches(row["measure"].lower(), known, n=1, cutoff=0.4)
             meant = f"; did you mean {known[near[0]]!r}?" if near else ""
             refuse(f"{row['measure']!r} is no measure{meant}", f"name one of {', '.join(MEASURES)}")
-        own = MEASURES[name]
-        if any(point not in marks.names for point in own.points):
-            refuse(f"{name!r} cannot be measured on this face", "wish something else")
         numbers = {}
         for key in COLUMNS[1:]:
             if row.get(key):
@@ -153,18 +150,36 @@ def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str)
             refuse(f"{name!r} has {'both' if 'value' in numbers else 'neither'} value and change", "give one of them")
         if numbers.get("weight", 1) <= 0:
             refuse(f"the weight of {name!r} is {numbers['weight']:g}", "give a weight above 0, or leave the row out")
-        wish = MeasureWish(name, marks.chosen(own.points), own, 0.0, numbers.get("weight", weight))
-        now = wish.value(rest)
-        if not np.isfinite(now):
-            refuse(f"{name!r} cannot be measured on this face", "wish something else")
-        wish = replace(wish, target=numbers["value"] if "value" in numbers else now + numbers["change"])
-        if abs(wish.target - now) > FARTHEST_MEASURE[own.unit]:
-            refuse(
-                f"{name!r} is {now:.1f} {own.unit} now and wished to be {wish.target:.1f}",
-                f"wish a change of {FARTHEST_MEASURE[own.unit]:g} {own.unit} or less",
-            )
-        wishes.append(wish)
+        weight_of_row = numbers.pop("weight", weight)
+        wishes.append(measure_wish(name, model, marks, weight_of_row, refuse, **numbers))
     return wishes
+
+
+def measure_wish(
+    name: str,
+    model: PatientModel,
+    marks: Marks,
+    weight: float,
+    refuse: Refuse,
+    value: float | None = None,
+    change: float | None = None,
+) -> MeasureWish:
+    """The wish that a measure be `value`, or be off by `change` from what it is; refused where the face has no such
+    measure, or it lies beyond what an operation changes."""
+    own = MEASURES[name]
+    now = np.nan
+    if all(point in marks.names for point in own.points):
+        wish = MeasureWish(name, marks.chosen(own.points), own, 0.0, weight)
+        now = wish.value(np.zeros_like(model.points))
+    if not np.isfinite(now):
+        refuse(f"{name!r} cannot be measured on this face", "wish something else")
+    wish = replace(wish, target=now + change if value is None else value)
+    if not abs(wish.target - now) <= FARTHEST_MEASURE[own.unit]:
+        refuse(
+            f"{name!r} is {now:.1f} {own.unit} now and wished to be {wish.target:.1f}",
+            f"wish a change of {FARTHEST_MEASURE[own.unit]:g} {own.unit} or less",
+        )
+    return wish
 
 
 def _surface(path, model: PatientModel, weight: float, case: str) -> SurfaceWish:

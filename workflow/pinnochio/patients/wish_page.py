@@ -13,7 +13,7 @@ from pinnochio.figures.patient import FRONT, SIDE, SKIN, UNKNOWN, add_bone, fini
 from pinnochio.files import replacing
 from pinnochio.inverse.alternatives import Answer
 from pinnochio.inverse.combinations import LARGEST, as_motions, differences, in_words
-from pinnochio.inverse.freedom import OPERATIONS
+from pinnochio.inverse.freedom import operation_in_words
 from pinnochio.inverse.proposal import InverseSettings
 from pinnochio.inverse.wish import PlaceWish, SurfaceWish, Wish
 from pinnochio.model.patient import PatientModel
@@ -95,16 +95,6 @@ class Told:
     against: Sequence[tuple[str, str, float]]
     certificates: Mapping[str, Mapping | None]
     settings: InverseSettings
-
-
-def operation_in_words(operation: str) -> str:
-    """The name of an operation as people read it."""
-    jaws = [name for name in ("maxilla", "mandible", "chin") if name in OPERATIONS[operation]]
-    return (
-        "both jaws" + (", chin" if "chin" in jaws else "")
-        if len(jaws) > 1 and jaws[1] == "mandible"
-        else (", ".join(jaws))
-    )
 
 
 def write_wish_page(

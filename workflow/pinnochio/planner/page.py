@@ -16,6 +16,7 @@ from trame.widgets import vuetify3 as v3
 
 from pinnochio.errors import InputError, StorageError
 from pinnochio.figures.interval import scale
+from pinnochio.inverse.freedom import operation_in_words
 from pinnochio.model.measures import MEASURES
 from pinnochio.patients.certificate import FAR, RESEARCH
 from pinnochio.patients.face import Face, written
@@ -24,6 +25,7 @@ from pinnochio.planner.jaws import named
 from pinnochio.planner.serving import serve
 from pinnochio.planner.session import SIDES, Session
 from pinnochio.planner.view import AXES, COLOURS, GHOST, MAPS, MOST_MOVED, PROFILE, SCAN, VIEWS, View, bone_colour
+from pinnochio.planner.wishing import Fit, Wishing
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS, amount
 
@@ -32,6 +34,7 @@ REACH = 20.0  # mm or degrees that a slider goes either way; farther where an op
 NUMBER = (
     "width: 4rem; border: 1px solid #bbb; border-radius: 4px; padding: 0 .3rem; text-align: right; font-size: .8rem"
 )
+WISHED = NUMBER.replace("4rem", "3.2rem").replace(".8rem", ".72rem")
 SWITCH = {"hide_details": True, "density": "compact", "color": "primary"}
 FIELD = {"hide_details": True, "density": "compact", "variant": "outlined"}
 SMALL = {"size": "small", "variant": "tonal"}
@@ -112,14 +115,15 @@ class Page(TrameApp):
     scan: points (k, 3) mm and faces of the post-operative skin, where there is one.
     """
 
-    def __init__(self, session: Session, forecaster: Forecaster, scan: tuple | None = None):
+    def __init__(self, session: Session, forecaster: Forecaster, wishing: Wishing, scan: tuple | None = None):
         super().__init__()
-        self.session, self.forecaster = session, forecaster
+        self.session, self.forecaster, self.wishing = session, forecaster, wishing
         self.calibration = forecaster.calibration
         self.face = Face(forecaster.patient)
         middle = float(self.face.landmarks.positions[0, 0])
         self.view = View(forecaster.patient, scale(self.calibration), middle, scan)
         self._worker, self._following = ThreadPoolExecutor(1), False
+        self._seeker, self._seeking = ThreadPoolExecutor(1), False  # its finite elements take seconds
         self._shown: dict[str, Forecast] = {}
         self._refused: dict[str, Plan] = {}
         self._images = None  # what sends the pictures, once there is a server
@@ -148,6 +152,9 @@ class Page(TrameApp):
                 "labels": {},
                 "far": [],
                 "reach": REACH,
+                "wishes": {},
+                "operation": next(iter(wishing.operations), None),
+                "seeking": False,
             }
             | dict.fromkeys(AMOUNTS, 0.0)
         )
@@ -226,6 +233,22 @@ class Page(TrameApp):
         elif name == "redo":
             self.session.draft.redo()
         self._follow()
+
+    @answered
+    def _wish(self, name: str, text: str) -> None:
+        """A measure is wished to be so, or, without a number, no longer."""
+        wishes = {own: value for own, value in self.state.wishes.items() if own != name}
+        if str(text).strip():
+            wishes[name] = self.wishing.wish(str(name), _number(text)).target
+        self.state.wishes = wishes
+
+    @answered
+    def _fit(self) -> None:
+        if not self._seeking:
+            fits = self.wishing.fits(dict(self.state.wishes), self.state.operation)
+            self._seeking = self.state.seeking = True
+            self._say("A plan is sought for the wished face ...")
+            asynchronous.create_task(self._seek(self.session.side, fits))
 
     def _settle(self, *_):
         """The slider is let go."""
@@ -323,6 +346,25 @@ class Page(TrameApp):
             with self.state:
                 self._following = self.state.busy = False
 
+    async def _seek(self, side: str, fits) -> None:
+        """Put what is found in place: by the elastic map, then by finite elements, unless the person has gone on."""
+        loop, plan = asyncio.get_running_loop(), self.session.drafts[side].plan
+        try:
+            while fit := await loop.run_in_executor(self._seeker, next, fits, None):
+                with self.state:
+                    if self.session.side != side or self.session.draft.plan is not plan:
+                        return
+                    self.session.take(fit.plan)
+                    plan = self.session.draft.plan
+                    self._follow()
+                    self._say(_found(fit))
+        except (ValueError, KeyError, TypeError, FloatingPointError) as error:
+            with self.state:
+                self._say(f"Not done: {error}", failed=True)
+        finally:
+            with self.state:
+                self._seeking = self.state.seeking = False
+
     def _show(self, side: str, forecast: Forecast) -> None:
         self._shown[side] = forecast
         deep, places = self.session.jaws.collisions(forecast.plan)
@@ -386,9 +428,7 @@ class Page(TrameApp):
                 self._build_segment()
                 v3.VDivider(classes="my-2")
                 self._build_files()
-            with v3.VNavigationDrawer(
-                v_model=("numbers",), location="right", width=("both ? 400 : 330",), permanent=True
-            ):
+            with v3.VNavigationDrawer(v_model=("numbers",), location="right", width=400, permanent=True):
                 self._build_measures()
             with v3.VMain(classes="d-flex flex-column", style="height: 100vh"):
                 self._build_captions()
@@ -496,6 +536,7 @@ class Page(TrameApp):
                     html.Th(f"{side} after", v_if=(f"both || side == '{side}'",))
                     html.Th("change", v_if=(f"both || side == '{side}'",))
                     html.Th(f"± {level}", v_if=(f"!both && side == '{side}'",))
+                html.Th("wish", v_if=("!both",))
             with html.Tr(v_for="row, place in rows[side].measures", key="row.name"):
                 html.Td("{{ row.title }}")
                 html.Td("{{ row.before }}")
@@ -504,6 +545,21 @@ class Page(TrameApp):
                     html.Td(f"{{{{ {own}.after }}}}", v_if=(f"both || side == '{side}'",))
                     html.Td(f"{{{{ {own}.change }}}}", v_if=(f"both || side == '{side}'",))
                     html.Td(f"{{{{ {own}.half }}}}", v_if=(f"!both && side == '{side}'",))
+                with html.Td(v_if=("!both",)):
+                    html.Input(
+                        value=("wishes[row.name]",), type="number", step=0.5, style=WISHED, title="wished value",
+                        id=("'wish_' + row.name",), change=(self._wish, "[row.name, $event.target.value]"),
+                    )  # fmt: skip
+        with html.Div(classes="d-flex pa-2", style="gap: .4rem", v_if=("!both && operation",)):
+            words = [{"title": operation_in_words(name), "value": name} for name in self.wishing.operations]
+            v3.VSelect(
+                v_model=("operation",), items=("operations", words), label="move", id="operation",
+                style="min-width: 9rem", **FIELD,
+            )  # fmt: skip
+            v3.VBtn(
+                "Fit the plan", id="fit", color="primary", click=self._fit, loading=("seeking",),
+                disabled=("!Object.keys(wishes).length",), title="seeks the least motion that meets the wished values",
+            )  # fmt: skip
         with html.Table(id="landmarks", classes="numbers mt-2"):
             with html.Tr():
                 for title in ("{{ side }}: moves by, mm", "forward", "up", "left", f"± {level}"):
@@ -521,7 +577,7 @@ class Page(TrameApp):
         """What was done or refused, and what is shown of each plan, in words above its picture."""
         v3.VAlert(
             "{{ said }}", v_if=("said",), id="said", type=("failed ? 'error' : 'success'",), density="compact",
-            classes="flex-grow-0", style="overflow-wrap: anywhere; font-size: .8rem",
+            style="flex: none; overflow-wrap: anywhere; font-size: .8rem",
         )  # fmt: skip
         with html.Div(classes="d-flex", style="font-size: .8rem"):
             for side in SIDES:
@@ -556,6 +612,13 @@ class Page(TrameApp):
             html.Span("pivot ⬤ with axes:")
             for way, colour in AXES.items():
                 html.B(f"{way} →", style=f"color: {colour}")
+
+
+def _found(fit: Fit) -> str:
+    """What was found for a wish, in words."""
+    by = "Finite elements" if fit.verified else "Proposal by the elastic map, which finite elements now verify"
+    off = [f"{MEASURES[name].title} by {error:.1f}" for name, error in fit.missed.items() if not error <= fit.met]
+    return f"{by}: " + (f"missed are {', '.join(off)} (mm or degrees)." if off else "every wish is met.")
 
 
 def _number(text: object) -> float:

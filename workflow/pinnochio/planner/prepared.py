@@ -17,7 +17,7 @@ class Prepared:
 
     model, lift (None for networks without one), covariates, quality: files of the patient; plans: checked plan files by
     name; home: folder that plans are saved in; archive: folder of the models; method, corrections, fem: what predicts,
-    and how.
+    and how; invert: how wishes are answered, the section of the configuration.
     """
 
     case: str
@@ -31,6 +31,7 @@ class Prepared:
     method: str
     corrections: int
     fem: Mapping[str, object]
+    invert: Mapping[str, object]
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as JSON."""

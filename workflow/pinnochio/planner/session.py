@@ -173,6 +173,10 @@ class Session:
             raise ValueError(f"there is no plan {str(name)[:40]!r}")
         self.draft.change(self.plans[name])
 
+    def take(self, plan: Plan) -> None:
+        """Edit a plan that something else has found."""
+        self.draft.change(self._for_hands(plan))
+
     def take_other(self) -> None:
         """Edit what the other side shows."""
         self.draft.change(next(self.drafts[side].plan for side in SIDES if side != self.side))

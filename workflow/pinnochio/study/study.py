@@ -581,6 +581,7 @@ class Study:
             "method": choice.method,
             "corrections": choice.corrections,
             "fem": choice.settings["fem"],
+            "invert": self.config["invert"],
         }
 
     @property
