@@ -1,6 +1,7 @@
 """Damaged, extreme and merely unusual inputs of every kind, made from a seed."""
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, fields
 from functools import cache, partial
@@ -74,9 +75,9 @@ def damaged(content: bytes, rng: np.random.Generator, count: int) -> Iterator[tu
 
 
 def of_bytes(
-    kind: str, name: str, content: bytes, read: Callable[[Path], object], rng, count: int, checksum: bool = True
+    kind: str, name: str, content: bytes, read: Callable[[Path], object], rng, count: int, sealed: float = 0
 ) -> Iterator[Tried]:
-    """Damages of a file: refused, or read as the whole file is; checksum: whether a turned bit can be noticed."""
+    """Damages of a file: refused, or read as the whole file is; sealed: byte from which a checksum notices a bit."""
 
     def act(data: bytes, folder: Path):
         (folder / name).write_bytes(data)
@@ -88,7 +89,8 @@ def of_bytes(
         if f"{kind}: {name}: {what}" in known:
             continue
         known.add(f"{kind}: {name}: {what}")
-        seen = checksum or not what.startswith(("bit", "zeros"))
+        place = re.search(r"^(?:bit turned|zeros) at (\d+)", what)
+        seen = not place or int(place[1]) >= sealed
         yield Tried(f"{kind}: {name}: {what}", partial(act, data), right if seen else ...)
 
 
@@ -139,7 +141,8 @@ def labels(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     for name in ("a.nii.gz", "a.nii", "a.nrrd", "a.mha", "a.gipl.gz"):
         compressed = name != "a.nii"
         content = written(partial(save_labels, compressed=compressed), name)
-        yield from of_bytes("labels", name, content, read_labels, rng, count, checksum=name.endswith(".gz"))
+        plain = {"a.nii": np.inf, "a.nrrd": content.find(b"\n\n"), "a.mha": content.find(b"LOCAL\n")}.get(name, 0)
+        yield from of_bytes("labels", name, content, read_labels, rng, count, sealed=plain)
     right = once(lambda folder: (save_labels(folder / "a.nii.gz"), read_labels(folder / "a.nii.gz"))[1])
 
     def beside(folder: Path):
@@ -203,7 +206,7 @@ def scans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     # None of these formats has a checksum: what is cut off is noticed, a turned digit is not; OBJ may end anywhere.
     for name, write in (("a.ply", None), ("b.ply", ascii_ply), ("a.stl", None), ("a.vtp", None)):
         content = written(write or partial(write_surface, points, faces), name)
-        yield from of_bytes("scan", name, content, read, rng, count, checksum=False)
+        yield from of_bytes("scan", name, content, read, rng, count, sealed=np.inf)
     text = written(obj, "a.obj")
     for what, data in damaged(text, rng, count):
         yield Tried(f"scan: a.obj: {what}", partial(_read_bytes, read, "a.obj", data), ...)
@@ -354,7 +357,7 @@ def transforms(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     contents = {}
     for name in ("a.tfm", "a.txt", "a.h5", "a.mat"):
         contents[name] = written(lambda path: sitk.WriteTransform(made, str(path)), name)
-        yield from of_bytes("transform", name, contents[name], read, rng, count, checksum=False)
+        yield from of_bytes("transform", name, contents[name], read, rng, count, sealed=np.inf)
     text = contents["a.tfm"].decode()
     lines = text.splitlines(keepends=True)
     changes = {
@@ -588,7 +591,9 @@ def intermediates(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     }
     kinds = sealed | plain
     for name, (write, read) in kinds.items():
-        yield from of_bytes("intermediate", name, written(write, name), read, rng, count, checksum=name in sealed)
+        yield from of_bytes(
+            "intermediate", name, written(write, name), read, rng, count, sealed=0 if name in sealed else np.inf
+        )
     for name, (_, read) in kinds.items():
         yield Tried(f"intermediate: no {name}", lambda folder, name=name, read=read: read(folder / name))
 
