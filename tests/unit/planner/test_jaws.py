@@ -44,6 +44,13 @@ def test_a_mandible_takes_its_rami_along_and_leaves_the_condyles(session, patien
     assert all(Plan("", {ramus: session.draft.plan.motion(ramus)}).still for ramus in RAMI)
 
 
+def test_a_ramus_that_is_turned_by_hand_turns_about_its_condyle(session):
+    session.change(RAMI[1], "yaw", 5.0)
+    motion = session.draft.plan.motion(RAMI[1])
+    np.testing.assert_allclose(motion.displacement(session.jaws.anatomy.hinge[RAMI[1]][None]), 0, atol=1e-9)
+    assert np.abs(motion.degrees).max() > 4
+
+
 def test_a_ramus_keeps_what_was_planned_for_itself(session):
     session.change(RAMI[0], "yaw", 2.0)
     session.change(JAW, "up", 4.0)

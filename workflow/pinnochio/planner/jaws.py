@@ -31,6 +31,7 @@ class Jaws:
         names = tuple(self.segments[own] for own in known)
         self.anatomy = JawAnatomy.from_points(patient.bone_points, index[patient.bone_segment], names)
         self.middle = {name: own.mean(axis=0) for name, own in segment_points(patient).items()}
+        self.pivots = self.middle | self.anatomy.hinge  # what a segment turns about unless something else is said
         self.upper, self.lower = (of_role(self.segments, *roles) for roles in ((MAXILLA,), LOWER))
         self.chin, self.rami = of_role(self.segments, "chin"), of_role(self.segments, "proximal")
         self._edges = self._incisors()

@@ -227,7 +227,7 @@ class Session:
     def _for_hands(self, plan: Plan) -> Plan:
         """The same plan with a motion for every segment, each about a pivot that is near its bone."""
         motions = {}
-        for segment, middle in self.jaws.middle.items():
+        for segment, pivot in self.jaws.pivots.items():
             motion = plan.motion(segment)
-            motions[segment] = near_bone(motion, middle) if segment in plan.motions else motion.about(middle)
+            motions[segment] = near_bone(motion, pivot) if segment in plan.motions else motion.about(pivot)
         return Plan(self.case, motions)
