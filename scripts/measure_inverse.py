@@ -55,7 +55,7 @@ def measure_inverse(
     seen.
     """
     patient = PatientModel.read(model)
-    own = InverseSettings(**{name: settings[name] for name in InverseSettings.__dataclass_fields__})
+    own = InverseSettings.of(settings)
     operation, free = widest(patient, settings["bounds"])
     tried = sorted({own.tolerance, *tolerances})
     marks, rest = Marks.of(patient), np.zeros_like(patient.points)

@@ -49,7 +49,7 @@ def propose_plans(
     kept = None
     if settings["occlusion"] != "free":
         kept = Plan.read(occlusion, case) if occlusion else Plan(case, {})
-    own = InverseSettings(**{name: settings[name] for name in InverseSettings.__dataclass_fields__})
+    own = InverseSettings.of(settings)
     face = Face(patient, fem)
     try:
         found = answers(face, wished, settings["operations"], settings["bounds"], own, case, kept)

@@ -28,7 +28,7 @@ from tests.helpers.settings import CONFIG, SEED
 from tests.helpers.tables import make
 
 INVERT = CONFIG["invert"]
-SETTINGS = InverseSettings(**{name: INVERT[name] for name in InverseSettings.__dataclass_fields__})
+SETTINGS = InverseSettings.of(INVERT)
 
 
 @pytest.fixture(scope="module")

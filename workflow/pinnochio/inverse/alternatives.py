@@ -10,7 +10,7 @@ import numpy as np
 from pinnochio.errors import InputError
 from pinnochio.inverse.combinations import Combinations, combinations
 from pinnochio.inverse.face import Face
-from pinnochio.inverse.freedom import OPERATIONS, Freedom, freedom
+from pinnochio.inverse.freedom import OPERATIONS, Freedom, freedoms
 from pinnochio.inverse.proposal import InverseSettings, Proposal, Search, propose
 from pinnochio.inverse.wish import Wish
 from pinnochio.plans.plan import Plan
@@ -38,10 +38,7 @@ def answers(
 ) -> dict[str, Answer]:
     """One answer per operation that the patient's segments allow, in their order; InputError where none does."""
     found = {}
-    for operation in operations:
-        own = freedom(face.model, operation, bounds, occlusion)
-        if own is None or not len(own.low):
-            continue
+    for operation, own in freedoms(face.model, operations, bounds, occlusion).items():
         proposal, search = propose(face, wish, own, operation, case, settings)
         logging.info("%s: %.3f mm after %d corrections", operation, proposal.misfit, proposal.corrections)
         known = combinations(search, own, wish, proposal.x, settings.tolerance)

@@ -1,6 +1,6 @@
 """What a proposal may change: motions of bones that move by themselves, within bounds, and what they take along."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -149,6 +149,14 @@ class Freedom:
     @cached_property
     def _middle(self) -> dict[str, np.ndarray]:
         return {name: own.mean(axis=0) for name, own in segment_points(self.model).items()}
+
+
+def freedoms(
+    model: PatientModel, operations: Iterable[str], bounds: Mapping, occlusion: Plan | None = None
+) -> dict[str, Freedom]:
+    """As :func:`freedom`, in their order, of the operations that move anything of this patient."""
+    found = {operation: freedom(model, operation, bounds, occlusion) for operation in operations}
+    return {operation: own for operation, own in found.items() if own is not None and len(own.low)}
 
 
 def freedom(model: PatientModel, operation: str, bounds: Mapping, occlusion: Plan | None = None) -> Freedom | None:

@@ -1,8 +1,8 @@
 """The motion that meets a wish: Gauss-Newton on the elastic map, corrected by finite elements."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -33,6 +33,11 @@ class InverseSettings:
     met: float
     tolerance: float
     corrections: int
+
+    @classmethod
+    def of(cls, section: Mapping) -> "InverseSettings":
+        """From the section."""
+        return cls(**{item.name: section[item.name] for item in fields(cls)})
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from pinnochio.inverse.face import Face
-from pinnochio.inverse.freedom import freedom
+from pinnochio.inverse.freedom import freedoms
 from pinnochio.inverse.proposal import InverseSettings, propose
 from pinnochio.inverse.reading import measure_wish
 from pinnochio.inverse.wish import Marks, MeasureWish
@@ -35,12 +35,8 @@ class Wishing:
 
     def __init__(self, patient: PatientModel, case: str, fem: FemSettings, settings: Mapping):
         self._patient, self._case, self._fem, self._settings = patient, case, fem, settings
-        self._own = InverseSettings(**{name: settings[name] for name in InverseSettings.__dataclass_fields__})
-        self._freedoms = {}
-        for operation in settings["operations"]:
-            free = freedom(patient, operation, settings["bounds"], None)
-            if free is not None and len(free.low):
-                self._freedoms[operation] = free
+        self._own = InverseSettings.of(settings)
+        self._freedoms = freedoms(patient, settings["operations"], settings["bounds"])
         self._marks, self._face = Marks.of(patient), None
 
     @property
