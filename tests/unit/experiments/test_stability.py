@@ -19,6 +19,7 @@ from pinnochio.experiments.stability_judge import (
     judge_correction,
     judge_elastic,
     judge_loss,
+    judge_raw,
     judge_repair,
     judge_solution,
     moved_most,
@@ -32,6 +33,7 @@ from pinnochio.mechanics.inversion_repair import repair_inversions
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import solve
 from pinnochio.methods.pinnochio.losses import physics_loss
+from pinnochio.methods.pinnochio.predictor import RawField
 from pinnochio.methods.registry import BUILT_IN
 from pinnochio.metrics.validity import off_bone
 from pinnochio.tables.stability import (
@@ -447,13 +449,32 @@ def test_every_method_moves_a_patient_and_is_confirmed():
     assert (mechanics["outcome"] == CONVERGED).all(), mechanics[mechanics["outcome"] != CONVERGED].to_string()
     assert set(rows["method"]) == {
         *("elastic", "solver", "kept", "loss", "map", "bonded"),
-        *("random wild, repair", "random wild, corrections"),
+        *("random wild, raw", "random wild, repair", "random wild, corrections"),
     }
     assert set(rows["segment"]) == {"left"} and set(rows["case"]) == {"tiny"} and set(rows["way"]) == {"forward"}
     assert not (rows["outcome"] == WRONG).any()
     assert np.isfinite(rows.loc[rows["method"] == "solver", "difference"]).sum() == 1
     turned = pd.DataFrame(sweep("rotation", 5.0, way="yaw").rows())
     assert len(turned) == len(rows) and not (turned["outcome"] == WRONG).any()
+
+
+def test_a_raw_network_is_asked_again_of_the_patient_lying_elsewhere(monkeypatch):
+    rng = np.random.default_rng(6)
+    problem = problems.movement(PATIENT, problems.moved(PATIENT, "left", "back", 2.0), FEM, "float64")
+    field = rng.normal(0, 3, PATIENT.points.shape)
+    verdict = judge_raw(problem, field, field)
+    inverted = (jacobians(PATIENT.points, PATIENT.cells, field) <= 0).sum()
+    assert verdict.outcome == CONVERGED and f"{inverted} of" in verdict.reason and inverted
+    assert judge_raw(problem, field, field * 1.01).outcome == WRONG
+    assert judge_raw(problem, np.where(field > 5, np.nan, field), field).outcome == WRONG
+
+    def displaced(self, name, number):
+        return lambda plan: RawField(*(1e-3 * self.model.points for _ in range(2)))
+
+    monkeypatch.setattr(Sweep, "network", displaced)
+    rows = pd.DataFrame(sweep("translation", 2.0, way="forward").rows())
+    raw = rows[rows["method"] == "random wild, raw"]
+    assert len(raw) and (raw["outcome"] == WRONG).all() and raw["reason"].str.contains("lying elsewhere").all()
 
 
 def test_rough_bone_and_wild_fields_are_judged():

@@ -15,6 +15,7 @@ from pinnochio.experiments.stability_judge import (
     judge_correction,
     judge_elastic,
     judge_loss,
+    judge_raw,
     judge_repair,
     judge_solution,
 )
@@ -185,14 +186,28 @@ class Sweep:
         return self._kept["lift"]
 
     def predicted(self, problem: Problem, plan: Plan, value: float, segment: str):
-        """Networks of random weights, their fields repaired, then corrected."""
+        """Networks of random weights: their fields as they are, repaired, then corrected."""
+        elsewhere = self.elsewhere()
+        same = problems.moved(elsewhere.model, segment, self.way, value)
         for number, name in enumerate(self.networks):
-            try:
-                raw, boundary, _ = self.network(name, number)(plan)
-            except FloatingPointError as error:
-                yield f"random {name}", WHOLE, "float32", Verdict(CLEAN, str(error)), 0.0
-                continue
-            yield from self.finished(problem, WHOLE, "float32", raw, boundary, f"random {name}, ")
+
+            def predict(sweep=self, own=plan, name=name, number=number):
+                return sweep.network(name, number)(own)
+
+            def judge(field, _, predict=predict):
+                return judge_raw(problem, field.displacement, predict(elsewhere, same).displacement)
+
+            field, verdict, seconds = attempt(predict, judge, refusals=(InputError, FloatingPointError))
+            yield f"random {name}, raw", WHOLE, "float32", verdict, seconds
+            if field is not None:
+                raw, boundary = field.displacement, field.boundary
+                yield from self.finished(problem, WHOLE, "float32", raw, boundary, f"random {name}, ")
+
+    def elsewhere(self) -> "Sweep":
+        """The same sweep on the same patient who lies elsewhere."""
+        if "elsewhere" not in self._kept:
+            self._kept["elsewhere"] = replace(self, model=problems.elsewhere(self.model), _kept={})
+        return self._kept["elsewhere"]
 
     def network(self, name: str, number: int) -> PatientNetwork:
         """A network of random weights on the patient: those that torch begins with, and noise on all of them."""

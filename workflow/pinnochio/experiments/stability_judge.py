@@ -39,6 +39,8 @@ PENETRATION = 0.5
 # the judge's forces, of its gradient along random directions against differences of these. In float32: of both
 # against float64; the largest error at any setting was 5e-6 [X].
 VALUE, DIFFERENCE, SINGLE = 1e-10, 1e-6, 1e-4
+# Of a raw network, in single precision: largest change of its field over the largest displacement, the patient moved.
+PLACE = 1e-3
 HONEST = 0.01  # relative: of a figure that a method reports of itself against the judge's
 TINY = np.finfo(float).tiny
 
@@ -243,6 +245,19 @@ def judge_elastic(
     complaints += differs(problem, displacement, known, 0.01 if rounded else AGREEMENT)
     note = f"confirmed; linear, hence {inverted} elements inside out" if inverted else ""
     return judged(residual, MAP if rounded else ELASTIC, float(ratio.min()), complaints, note)
+
+
+def judge_raw(problem: Problem, raw: np.ndarray, elsewhere: np.ndarray) -> Verdict:
+    """Verdict on the field (n, 3) that a network gives, and on that which it gives of the patient lying elsewhere:
+    they must be the same. Elements inside out are told, not judged: repair and corrections come after it."""
+    if not np.isfinite(raw).all():
+        return Verdict(WRONG, "the displacement is not finite")
+    ratios = Balance(problem.points, problem.cells, problem.material).ratios(raw)
+    least, inverted = float(ratios.min()), int((ratios <= 0).sum())
+    apart = float(np.abs(elsewhere - raw).max() / max(np.abs(raw).max(), TINY))
+    if not apart <= PLACE:
+        return Verdict(WRONG, f"the patient lying elsewhere, the field is another by {100 * apart:.2g} %", least, apart)
+    return Verdict(CONVERGED, f"the same elsewhere; {inverted} of {len(ratios)} elements inside out", least, apart)
 
 
 def judge_repair(problem: Problem, raw: np.ndarray, field: np.ndarray, repair: Repair) -> Verdict:
