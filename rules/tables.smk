@@ -173,7 +173,7 @@ rule render_table:
     log:
         "<logs>/render_table/{table}.log",
     wildcard_constraints:
-        table="cases|corrections|scaling|stability|tradeoff",
+        table="cases|corrections|learning|scaling|stability|tradeoff",
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -189,6 +189,15 @@ rule render_table:
         "Draw the table {wildcards.table}"
     script:
         "../scripts/render_table.py"
+
+
+# What more training patients are worth; not part of `all`.
+rule learning:
+    input:
+        table_and_twins("learning"),
+        "<results>/figures/learning.png",
+    message:
+        "The learning curve is measured"
 
 
 # What each switch of the better network is worth, on the first folds; not part of `all`.

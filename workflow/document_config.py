@@ -45,6 +45,7 @@ TABLES = {
     "training": ("pinnochio.tables.training", "TRAINING", "one row per learned method"),
     "stages": ("pinnochio.tables.stages", "STAGES", "one row per stage"),
     "tradeoff": ("pinnochio.tables.tradeoff", "TRADEOFF", "one row per setting"),
+    "learning": ("pinnochio.tables.learning", "LEARNING", "one row per method and number of training patients"),
     "corrections": ("pinnochio.tables.corrections", "CORRECTIONS", "one row per method and number of corrections"),
     "coverage": ("pinnochio.tables.coverage", "COVERAGE", "one row per method and region"),
 }

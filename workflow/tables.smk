@@ -114,6 +114,16 @@ TABLES = {
         },
         NAMED | {"variants": {m: NETWORKS[m] for m in STUDY.design}, "seed": SEED},
     ),
+    "learning": (
+        lambda wildcards: STUDY.learning_metrics,
+        NAMED
+        | {
+            "methods": config["learning"]["methods"],
+            "untaught": STUDY.untaught,
+            "patients": list(STUDY.learning_folds),
+            "seed": SEED,
+        },
+    ),
     "corrections": (
         {"metrics": STUDY.corrected_metrics},
         NAMED

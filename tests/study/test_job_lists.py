@@ -234,3 +234,29 @@ def test_a_locked_cohort_is_packed_without_its_outcomes_until_they_are_revealed(
 def test_procedures_need_their_segments_in_the_vocabulary(project):
     done = project.snakemake("-n", "--config", "segments=[lefort1, mandible_distal, proximal_left, proximal_right]")
     assert done.returncode != 0 and "mandible" in done.stdout and "virtual.procedures" in done.stdout
+
+
+def test_the_learning_curve_trains_on_fewer_and_holds_out_the_same(project):
+    """Metrics of fewer patients come from jobs that read only these; those of all are the study's own."""
+    write_cohort(project, SCANNED, UNSCANNED)
+    chosen = "learning={methods: [pinnochio_plus, pca_linear], patients: [2, 3, 500], folds: 2}"
+    jobs, _ = asked(project, chosen, "--", "learning")
+    held_out = cases_read(jobs["folds/1/pinnochio_plus/predictions.h5"], "model.h5")
+    training = cases_read(jobs["folds/1/pinnochio_plus/pretrained.pt"], "fem_samples.h5")
+    before = set()
+    for patients in (2, 3):
+        fold = f"folds/1of{patients}"
+        some = cases_read(jobs[f"{fold}/pinnochio_plus/pretrained.pt"], "fem_samples.h5")
+        assert before < some < training and len(some) == patients
+        assert cases_read(jobs[f"{fold}/pca_linear/fitted.h5"], "postop.h5") == some
+        assert cases_read(jobs[f"{fold}/pinnochio_plus/predictions.h5"], "model.h5") == held_out
+        assert f"{fold}/pinnochio_plus/network.pt" in jobs[f"{fold}/pinnochio_plus/predictions.h5"]
+        before = some
+    read = {file.rsplit("/", 1)[0] for file in jobs["tables/learning.csv"]}
+    assert read == {"folds/1/fem_sliding", "folds/2/fem_sliding"} | {
+        f"folds/{fold}{part}/{method}"
+        for fold in "12"
+        for part in ("of2", "of3", "")
+        for method in ("pinnochio_plus", "pca_linear")
+    }
+    assert "folds/1/pinnochio/network.pt" not in jobs and not any(re.match(r"folds/\dof", path) for path in asked(project)[0])

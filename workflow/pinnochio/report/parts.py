@@ -10,6 +10,7 @@ PARTS = {
     "landmarks": "Landmarks, skin and volume",
     "tradeoff": "Seconds against accuracy",
     "corrections": "Newton corrections after the network",
+    "learning": "Error against training patients",
     "design": "Switches of PINNOCHIO plus",
     "coverage": "Coverage of the intervals",
     "stability": "Stability at the extremes",
@@ -22,7 +23,7 @@ PARTS = {
 }
 
 # Parts with a figure.
-FIGURES = ("tradeoff", "corrections", "stability", "scaling")
+FIGURES = ("tradeoff", "corrections", "stability", "scaling", "learning")
 
 # Parts for those who look after a study: shown when they are opened.
 FOLDED = ("quality", "stages", "training")

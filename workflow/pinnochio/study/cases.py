@@ -42,6 +42,23 @@ def assign_folds(scanned: Sequence[str], unscanned: Sequence[str], folds: int, s
     return {fold: sorted(cases) for fold, cases in held_out.items() if cases}
 
 
+def of_fewer(fold: str, patients: int) -> str:
+    """What the fold is called that holds out the same cases and trains on so many patients only."""
+    return f"{fold}of{patients}"
+
+
+def whole_fold(fold: str) -> tuple[str, int | None]:
+    """The fold that holds the same cases out, and how many patients it trains on; None for all."""
+    own, _, patients = fold.partition("of")
+    return own, int(patients) if patients else None
+
+
+def some(names: Sequence[str], patients: int, seed: int, fold: str) -> list[str]:
+    """So many of the names, in their order: drawn so that fewer are among more."""
+    drawn = generator(seed, "learning", fold).permutation(len(names))[:patients]
+    return [names[i] for i in sorted(drawn)]
+
+
 def external_file(folder: str | os.PathLike, case: str) -> str:
     """The file in which a method made elsewhere delivers a case: {case}.npz, else {case}.vtu."""
     names = [f"{case}.npz", f"{case}.vtu"]

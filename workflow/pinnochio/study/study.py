@@ -16,10 +16,11 @@ from pinnochio.methods.registry import GRAPH_NETWORK, Method, graph_networks, re
 from pinnochio.patients.archive import configuration_hash
 from pinnochio.report.parts import PARTS
 from pinnochio.statistics.attainable import attainable
-from pinnochio.study.cases import assign_folds, external_file, virtual_cases
+from pinnochio.study.cases import assign_folds, external_file, of_fewer, some, virtual_cases, whole_fold
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, markups_in, read_patients
 from pinnochio.study.provenance import PLACES
+from pinnochio.tables.comparison import BASELINE, FLOOR
 from pinnochio.tables.stability import FAMILIES, OF_PATIENTS
 from pinnochio.training.archive import NetworkArchive
 from pinnochio.training.settings import PHASES
@@ -115,13 +116,18 @@ class Study:
         """The fold that holds the case out."""
         return next(fold for fold, cases in self.held_out.items() if case in cases)
 
+    def kept_from(self, fold: str) -> list[str]:
+        """Patients that the fold, or one of the learning curve, holds out."""
+        return self.held_out[whole_fold(fold)[0]]
+
     def training(self, fold: str) -> list[str]:
         """Patients that the fold trains on."""
-        return [name for name in self.scanned if name not in self.held_out[fold]]
+        names, (own, patients) = [name for name in self.scanned if name not in self.kept_from(fold)], whole_fold(fold)
+        return names if patients is None else some(names, patients, self.config["seed"], own)
 
     def judged(self, fold: str) -> list[str]:
         """Held-out patients of the fold that have a scan."""
-        return [name for name in self.held_out[fold] if name in self.scanned]
+        return [name for name in self.kept_from(fold) if name in self.scanned]
 
     @cached_property
     def registry(self) -> dict[str, Method]:
@@ -280,6 +286,43 @@ class Study:
             for corrected in ("", *(f"/corrected_{count}" for count in counts))
             for fold in self.held_out
         ]
+
+    # The learning curve: the first folds again, each on a part of its training patients.
+
+    @cached_property
+    def learning_folds(self) -> dict[int, list[str]]:
+        """Folds by the number of training patients, smallest first; last those of the study, which train on all."""
+        own = list(self.held_out)[: self.config["learning"]["folds"]]
+        most = min((len(self.training(fold)) for fold in own), default=0)
+        sizes = [size for size in sorted(self.config["learning"]["patients"]) if size < most]
+        return {size: [of_fewer(fold, size) for fold in own] for size in sizes} | {most: own}
+
+    @property
+    def untaught(self) -> list[str]:
+        """What the learning curve is seen against: the noise floor where it is known, and finite elements."""
+        return [name for name in (FLOOR, BASELINE) if name in self.methods]
+
+    @property
+    def learning_metrics(self) -> dict[str, list[str]]:
+        """Metrics of the learning curve: of what is not trained, then of each method, number by number."""
+        methods, every = self.config["learning"]["methods"], self.learning_folds
+        if BASELINE not in self.methods:
+            raise InputError(
+                "-", "configuration", f"the learning curve is seen against {BASELINE!r}", "add it to 'methods'"
+            )
+        if taken := [name for name in methods if name in self.taken]:
+            raise InputError(
+                "-",
+                "configuration",
+                f"the archive {self.config['networks_archive']!r} has no network of {taken[0]!r} of fewer patients",
+                "train all of them here (networks: train), or leave it out of learning.methods",
+            )
+        *_, whole = every.values()
+        pattern = "<results>/folds/{}/{}/metrics.csv"
+        return {
+            "untrained": [pattern.format(fold, name) for name in self.untaught for fold in whole],
+            "trained": [pattern.format(fold, name) for name in methods for folds in every.values() for fold in folds],
+        }
 
     @cached_property
     def packed(self) -> list[str]:
@@ -587,7 +630,8 @@ class Study:
     @property
     def wildcards(self) -> dict[str, str]:
         """What each wildcard of the rules may be; where there is nothing, a name that nothing bears."""
-        plans, folds = "|".join(self.plans) or "none", "|".join(self.held_out)
+        plans = "|".join(self.plans) or "none"
+        folds = "|".join([*self.held_out, *(fold for own in self.learning_folds.values() for fold in own)])
         return {
             "home": "cases|patients",
             "case": "|".join([*self.cases, *self.patients]),
@@ -738,7 +782,7 @@ class Study:
 
     def of_held_out(self, pattern: str) -> Callable:
         """`pattern` for each held-out case of the fold."""
-        return lambda wildcards: filled(pattern, self.held_out[wildcards.fold])
+        return lambda wildcards: filled(pattern, self.kept_from(wildcards.fold))
 
     def of_judged(self, pattern: str) -> Callable:
         """`pattern` for each held-out case of the fold that can be judged."""
@@ -772,18 +816,18 @@ class Study:
         return self.training(wildcards.fold)
 
     def held_out_cases(self, wildcards) -> list[str]:
-        return self.held_out[wildcards.fold]
+        return self.kept_from(wildcards.fold)
 
     def judged_cases(self, wildcards) -> list[str]:
         return self.judged(wildcards.fold)
 
     def models_of_held_out(self, wildcards) -> list[str]:
         """The models that the method predicts the held-out cases of the fold on."""
-        return [self.model_of(case, wildcards.method, wildcards.arm) for case in self.held_out[wildcards.fold]]
+        return [self.model_of(case, wildcards.method, wildcards.arm) for case in self.kept_from(wildcards.fold)]
 
     def motions_of_held_out(self, wildcards) -> list[str]:
         """The motions that the method predicts the held-out cases of the fold with."""
-        return [self.motion_of(case, wildcards.method, wildcards.arm) for case in self.held_out[wildcards.fold]]
+        return [self.motion_of(case, wildcards.method, wildcards.arm) for case in self.kept_from(wildcards.fold)]
 
     def motions_of_training(self, wildcards) -> list[str]:
         """The motions that made the skins which the method trains on."""
@@ -825,7 +869,7 @@ class Study:
                 settings=_predicting(own.settings),
             )
         fold = wildcards.batch.split("/")[1]
-        cases = self.held_out[fold]
+        cases = self.kept_from(fold)
         name = {"no": "", "at once": "fitted.h5", "by steps": "network.pt"}[method.trains]
         return SimpleNamespace(
             cases=cases,
@@ -895,7 +939,7 @@ class Study:
     def external_files(self, wildcards) -> list[str]:
         """The files in which an external method delivers the held-out cases of the fold."""
         folder = self.config["external"][wildcards.method]
-        return [external_file(folder, case) for case in self.held_out[wildcards.fold]]
+        return [external_file(folder, case) for case in self.kept_from(wildcards.fold)]
 
     def rows_of_traded(self, wildcards) -> list[str]:
         """The rows of the trade-off; InputError where it has too few patients."""

@@ -1,0 +1,126 @@
+"""The learning curve: what the same held-out patients gain when a method learns from more of the others."""
+
+import os
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+
+from pinnochio.columns import Column, check, number, read_tables
+from pinnochio.metrics.columns import BY_NAME, CASES
+from pinnochio.seeds import derive_seed
+from pinnochio.statistics.shares import explained
+from pinnochio.statistics.significance import bootstrap_interval, compare
+from pinnochio.tables.comparison import BASELINE, FLOOR, count
+from pinnochio.tables.document import Block, Table, View, views
+
+ERRORS = {"cd": "Chamfer distance", "skin_error_mean": "error of the true skin"}
+
+
+def _of_error(name: str) -> list[Column]:
+    source = BY_NAME[name]
+    return [
+        number(f"{name}_mean", source.unit, f"mean of {name}", source.summary),
+        number(f"{name}_low", source.unit, "lower end of its bootstrap 95% interval over patients", source.summary),
+        number(f"{name}_high", source.unit, "upper end of it", source.summary),
+        number(f"{name}_difference", source.unit, f"mean of {name} minus that of {BASELINE}", source.summary),
+        number(f"{name}_difference_low", source.unit, "lower end of its bootstrap 95% interval", source.summary),
+        number(f"{name}_difference_high", source.unit, "upper end of it", source.summary),
+    ]
+
+
+LEARNING = (
+    Column("method", str, "", "method"),
+    Column("patients", int, "", "patients that it has learned from; 0: it learns from none"),
+    Column("n", int, "", "held-out patients with a metric, the same in every row"),
+    *(column for name in ERRORS for column in _of_error(name)),
+    number("explained", "", f"(cd of {BASELINE} - cd) / (cd of {BASELINE} - cd of {FLOOR}), of means", ".3f"),
+    number("explained_low", "", "lower end of its bootstrap 95% interval", ".3f"),
+    number("explained_high", "", "upper end of it", ".3f"),
+)
+_LEARNING = {column.name: column for column in LEARNING}
+
+
+def summarise(rows: Mapping[tuple[str, int], pd.DataFrame], seed: int = 0) -> pd.DataFrame:
+    """One row of LEARNING per method and number of training patients, in that order, of the CASES rows of the held-out
+    patients. (BASELINE, 0) must be among them; without (FLOOR, 0) nothing is explained."""
+    by_case = {key: check(cases, CASES).set_index("case") for key, cases in rows.items()}
+    baseline, floor = by_case[BASELINE, 0], by_case.get((FLOOR, 0))
+    summaries = []
+    for (method, patients), own in by_case.items():
+        row = {"method": method, "patients": patients, "n": int(own["cd"].notna().sum())}
+        for name in ERRORS:
+            key = f"{method}/{patients}/{name}"
+            values = own[name].dropna()
+            low, high = bootstrap_interval(values, derive_seed(seed, "learning", key))
+            row |= {f"{name}_mean": values.mean(), f"{name}_low": low, f"{name}_high": high}
+            both = pd.concat([own[name], baseline[name]], axis=1, keys=("own", "baseline")).dropna()
+            if len(both) and method not in (BASELINE, FLOOR):
+                test = compare(both["own"], both["baseline"], derive_seed(seed, "difference", key))
+                ends = {"": test.mean, "_low": test.low, "_high": test.high}
+                row |= {f"{name}_difference{end}": value for end, value in ends.items()}
+        if floor is not None:
+            common = pd.concat([own["cd"], baseline["cd"], floor["cd"]], axis=1).dropna().to_numpy().T
+            share = explained(*common, derive_seed(seed, "explained", f"{method}/{patients}"))
+            row |= {"explained": share.share, "explained_low": share.low, "explained_high": share.high}
+        summaries.append(row)
+    return check(pd.DataFrame(summaries).reindex(columns=list(_LEARNING)), LEARNING)
+
+
+def tabulate(
+    untrained: Sequence[str | os.PathLike],
+    trained: Sequence[str | os.PathLike],
+    untaught: Sequence[str],
+    methods: Sequence[str],
+    patients: Sequence[int],
+    cohort: str,
+    seed: int,
+) -> Table:
+    """The metrics of the folds: of each name in untaught, then, of each method, number by number of patients."""
+    keys = [(name, 0) for name in untaught] + [(method, size) for method in methods for size in patients]
+    files = [*untrained, *trained]
+    folds = len(files) // len(keys)
+    rows = {key: read_tables(files[i * folds : (i + 1) * folds], CASES) for i, key in enumerate(keys)}
+    return table(summarise(rows, seed), cohort)
+
+
+def table(frame: pd.DataFrame, cohort: str) -> Table:
+    """The table of rows of LEARNING."""
+
+    def interval(name):
+        def text(row):
+            middle, low, high = (_LEARNING[name + end].text(row[name + end]) for end in ("_mean", "_low", "_high"))
+            return f"{middle} [{low}, {high}]" if low else middle
+
+        return text
+
+    def share(row):
+        middle, low, high = (_LEARNING[f"explained{end}"].text(row[f"explained{end}"]) for end in ("", "_low", "_high"))
+        return f"{middle} [{low}, {high}]" if low else middle
+
+    known = [name for name in ERRORS if frame[f"{name}_mean"].notna().any()]
+    view = [
+        *views(LEARNING, {"method": "Method", "patients": "Training patients"}),
+        *(View(f"{ERRORS[name]} [{_LEARNING[f'{name}_mean'].unit}]".capitalize(), interval(name)) for name in known),
+        *([View("Explained", share)] if frame["explained"].notna().any() else []),
+    ]
+    caption = (
+        f"Learning curve, {cohort}, {count(frame['n'])} held-out patients, the same in every row: mean and bootstrap "
+        f"95% interval over patients. Fewer training patients are among more. Explained: share of what {BASELINE} "
+        f"misses above {FLOOR}."
+    )
+    return Table(frame, LEARNING, [Block.of(frame, view, caption)], enough(frame))
+
+
+def enough(frame: pd.DataFrame) -> list[str]:
+    """How many patients each method wants before it is better than BASELINE, in words."""
+    said = []
+    for method, own in frame[frame["patients"] > 0].groupby("method", sort=False):
+        for name, words in ERRORS.items():
+            if own[f"{name}_difference"].isna().all():
+                continue
+            better = own[f"{name}_difference_high"] < 0
+            lasting = own["patients"][better[::-1].cummin()[::-1].astype(bool)]
+            until = f"with up to {own['patients'].max()} training patients it is not told apart or worse"
+            found = f"better from {lasting.min()} training patients on, as far as measured" if len(lasting) else until
+            said.append(f"{method} against {BASELINE} by {words}: {found}.")
+    return said
