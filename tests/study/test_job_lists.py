@@ -259,4 +259,6 @@ def test_the_learning_curve_trains_on_fewer_and_holds_out_the_same(project):
         for part in ("of2", "of3", "")
         for method in ("pinnochio_plus", "pca_linear")
     }
-    assert "folds/1/pinnochio/network.pt" not in jobs and not any(re.match(r"folds/\dof", path) for path in asked(project)[0])
+    assert "folds/1/pinnochio/network.pt" not in jobs and not any(
+        re.match(r"folds/\dof", path) for path in asked(project)[0]
+    )

@@ -553,8 +553,9 @@ def reach(good, cells):
     return row["All is well up to"], row["Beyond"]
 
 
-def test_the_committed_sweep_is_whole_and_warns_of_all_that_is_wrong():
-    path = ROOT / "results/reference/stability.csv"
+@pytest.mark.parametrize("name", ["stability", "stability_headsq"])
+def test_the_committed_sweep_is_whole_and_warns_of_all_that_is_wrong(name):
+    path = ROOT / f"results/reference/{name}.csv"
     frame = read_table(path, STABILITY)
     assert len(frame) >= 1000 and set(frame["family"]) == set(FAMILIES) and not unmarked(frame)
     methods = {"solver", "kept", "bonded", "lips", "elastic", "map", "loss", "repair", "corrections"}
