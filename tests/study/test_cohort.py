@@ -30,7 +30,7 @@ def cohort(studied):
 
 def test_every_file_is_there_and_summed_up(cohort):
     listed = (cohort / "SHA256SUMS").read_text()
-    for number in range(1, 7):
+    for number in range(1, 5):
         for name in FILES:
             assert f"V{number:02d}/{name}" in listed
     checked = subprocess.run(["sha256sum", "--check", "SHA256SUMS"], cwd=cohort, capture_output=True, text=True)

@@ -13,6 +13,7 @@ from pinnochio.tables.large_cohort import Measured
 from pinnochio.tables.scaling_patients import PATIENT_STAGES, patient_runs
 from tests.helpers.study import jobs, made_tables, without_timings
 
+PATIENTS = 4
 LEARNED = ["pinnochio_plus"]
 SKIN_ALONE = ["ratio", "floor_scan"]
 METHODS = ["no_change", "elastic", "fem_sliding", *SKIN_ALONE, *LEARNED]  # every method: tests/stages
@@ -39,7 +40,7 @@ def test_tables_have_one_row_per_case_and_method(studied):
     results = studied.folder / "results/quick"
     cases, accuracy = tables(results)
     assert sorted(accuracy["method"]) == sorted(METHODS)
-    assert len(cases) == 6 * len(METHODS) and not cases.duplicated(["case", "method"]).any()
+    assert len(cases) == PATIENTS * len(METHODS) and not cases.duplicated(["case", "method"]).any()
     measured = cases.select_dtypes("number").drop(columns=GUARD)
     skin, volume = cases["method"].isin(SKIN_ALONE), [name for name in measured if VOLUME.search(name)]
     assert np.isfinite(measured.loc[~skin]).all(None) and measured.loc[skin, volume].isna().all(None)
@@ -54,14 +55,14 @@ def test_tables_have_one_row_per_case_and_method(studied):
     assert cases["converged"].all()
     regions, landmarks = (pd.read_csv(results / f"tables/{name}.csv") for name in ("regions", "landmarks"))
     assert len(regions) == 6 * len(METHODS) and len(landmarks) == 13 * len(METHODS)
-    assert (regions["n"] == 6).all()
+    assert (regions["n"] == PATIENTS).all()
     blank = landmarks["method"].isin(SKIN_ALONE) & landmarks["place"].str.startswith("volume")
-    assert (landmarks.loc[~blank, "n"] == 6).all() and (landmarks.loc[blank, "n"] == 0).all()
+    assert (landmarks.loc[~blank, "n"] == PATIENTS).all() and (landmarks.loc[blank, "n"] == 0).all()
     training = pd.read_csv(results / "tables/training.csv").set_index("method")
     assert list(training.index) == LEARNED
     assert (training[["pretraining_seconds", "finetuning_seconds", "parameters"]] > 0).all(None)
     planned = pd.read_csv(results / "tables/planned.csv")
-    assert sorted(planned["method"]) == PLANNED and (planned["n"] == 6).all()
+    assert sorted(planned["method"]) == PLANNED and (planned["n"] == PATIENTS).all()
     stages = pd.read_csv(results / "tables/stages.csv").set_index("rule")
     assert stages.loc["pretrain", "jobs"] == 2 and stages.index[-1] == "all"
     for name in (
@@ -119,24 +120,24 @@ def test_rules_that_the_quick_study_leaves_out(studied):
     own.write_text(json.dumps({"methods": [*METHODS, *further], "surface": surface}))
     metrics = [f"results/quick/folds/1/{method}/metrics.csv" for method in further]
     made = jobs(studied.quick("further.yaml", "--", *metrics))
-    expected = {"fit": 1, "pretrain": 1, "finetune": 1, "refine_lips": 3, "label_interfaces": 3}
+    expected = {"fit": 1, "pretrain": 1, "finetune": 1, "refine_lips": 2, "label_interfaces": 2}
     assert made == expected | {"predict_cases": 4, "evaluate": 4}
     rows = [pd.read_csv(studied.folder / path) for path in metrics]
-    assert all(len(own) == 3 and own["converged"].all() and (own["cd"] > 0).all() for own in rows)
+    assert all(len(own) == PATIENTS / 2 and own["converged"].all() and (own["cd"] > 0).all() for own in rows)
     sliding = pd.read_csv(studied.folder / "results/quick/folds/1/fem_sliding/metrics.csv")
     assert abs(rows[-1]["cd"].mean() - sliding["cd"].mean()) < 0.05  # the registered motion costs little
 
 
 def test_provenance_names_what_made_the_results(studied):
     record = json.loads((studied.folder / "results/quick/provenance.json").read_text())
-    assert record["config"]["virtual"]["patients"] == 6 and record["packages"]["torch"].startswith("2.13.0")
+    assert record["config"]["virtual"]["patients"] == PATIENTS and record["packages"]["torch"].startswith("2.13.0")
     assert len(record["code"]) == 12 and record["machine"]["cores"] >= 1
 
 
 def test_what_every_job_of_a_patient_and_of_a_fold_took_is_found(studied):
     """Where the rules write their benchmark files, the tables of cost look for them."""
     folder = studied.folder / "results/quick/benchmarks"
-    cases = [f"V{number:02d}" for number in range(1, 7)]
+    cases = [f"V{number:02d}" for number in range(1, PATIENTS + 1)]
     runs = patient_runs(folder, cases).groupby("stage")["case"].agg(list)
     lips = {"refine_lips", "label_interfaces lips"}  # of methods that the quick study leaves out
     stages = {*PATIENT_STAGES, "make_lift elastic"} - {"make_lift", *lips}
