@@ -11,7 +11,7 @@ from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import write_predictions
 from pinnochio.plans.plan import Plan
-from pinnochio.training.device import choose_device
+from pinnochio.training.device import device_of
 
 
 def predict(
@@ -64,7 +64,7 @@ if __name__ == "__main__":
         plans=snakemake.input.plans,
         truths=snakemake.input.get("truths", []),
         covariates=snakemake.input.get("covariates", []),
-        device=choose_device(snakemake.resources.gpu, snakemake.threads),
+        device=device_of(snakemake.params.module, snakemake.resources.gpu, snakemake.threads),
         threads=snakemake.threads,
         predictions=snakemake.output.predictions,
     )

@@ -29,7 +29,7 @@ os.environ.setdefault("ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS", "1")
 
 HERE = Path(workflow.current_basedir.get_path_or_uri(secret_free=True))
 SCHEMA = (HERE / "schemas/config.schema.yaml").read_text(encoding="utf-8")
-config.update(checked(config, yaml.safe_load(SCHEMA)))
+config.update(checked(config, yaml.load(SCHEMA, yaml.CSafeLoader)))
 check_config(config)
 
 RESULTS = config["pathvars"]["results"]

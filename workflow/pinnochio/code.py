@@ -1,6 +1,5 @@
 """Content hashes of source files together with all that they import of the project."""
 
-import ast
 import hashlib
 import os
 import re
@@ -11,7 +10,10 @@ from pathlib import Path
 LIBRARY = Path(__file__).resolve().parent
 ROOT = LIBRARY.parents[1]
 PACKAGES = {"pinnochio": LIBRARY, "scripts": ROOT / "scripts"}
-# A call named by a string, as what is run in a process of its own is: "scripts.tetrahedralize:tetrahedralize".
+# By text: a syntax tree of every module takes longer than all else that Snakemake does before it runs a job.
+IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+)?import[ \t]+(\([^)]*\)|[^\n#]*)", re.MULTILINE)
+TEXT = re.compile(r"""["']([\w./:]+)["']""")
+# A call named by a string, as what is run in a process of its own is, e.g. scripts.tetrahedralize:tetrahedralize.
 CALL = re.compile(r"((?:pinnochio|scripts)(?:\.\w+)+)(?::\w+)?")
 # A data file beside the module that names it.
 DATA = re.compile(r"[\w/]+\.(?:html|js|css|md|tex|json|npz)(?:\.j2)?")
@@ -50,17 +52,15 @@ def imported_by(file: Path) -> frozenset[Path]:
     """Files that the Python file names: modules of the project in an import or a call's string, data beside it."""
     if file.suffix != ".py":
         return frozenset()
-    modules, data = set(), set()
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            modules |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-        elif isinstance(node, ast.Import):
-            modules |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-            if match := CALL.fullmatch(node.value):
-                modules.add(match[1])
-            elif DATA.fullmatch(node.value) and (file.parent / node.value).is_file():
-                data.add(file.parent / node.value)
+    source, modules, data = file.read_text(encoding="utf-8"), set(), set()
+    for module, names in IMPORT.findall(source):
+        names = re.findall(r"[\w.]+", names)
+        modules |= {module, *(f"{module}.{name}" for name in names)} if module else {*names}
+    for text in TEXT.findall(source):
+        if match := CALL.fullmatch(text):
+            modules.add(match[1])
+        elif DATA.fullmatch(text) and (file.parent / text).is_file():
+            data.add(file.parent / text)
     return frozenset(data.union(path for module in modules for path in _files(module)))
 
 

@@ -1,4 +1,4 @@
-"""How many voxels a volume has, by its header alone: what memory and time of its import go by."""
+"""Formats of volumes, and how many voxels one has by its header alone: what memory and time of its import go by."""
 
 import gzip
 import math
@@ -8,6 +8,7 @@ import struct
 import zlib
 from pathlib import Path
 
+IMAGE_FORMATS = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".gipl", ".gipl.gz", ".dcm")
 HEADER = 4096  # bytes that hold the sizes in every format
 
 

@@ -7,8 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pinnochio.figures.style import add_grid, save_figure
-from pinnochio.methods.names import written
-from pinnochio.tables.comparison import BASELINE, FLOOR
+from pinnochio.methods.names import BASELINE, FLOOR, written
 from pinnochio.tables.learning import LEARNING
 
 COLUMNS = LEARNING

@@ -27,10 +27,11 @@ from pinnochio.importing.presets import (
     UPPER_TEETH,
     Preset,
 )
-from pinnochio.importing.segment_files import IMAGE_FORMATS, read_segments
+from pinnochio.importing.segment_files import read_segments
 from pinnochio.importing.segmentation import HEADER, axes_of, check_extent, turn
 from pinnochio.importing.soft_tissue import air_threshold, between, bulk, closed, near_skin
 from pinnochio.model.labels import CRANIUM, SUPERFICIAL, TOUCHING, segment_code
+from pinnochio.volume_size import IMAGE_FORMATS
 
 LOG = logging.getLogger(__name__)
 VOXEL = 1.0  # mm: finer voxels are merged, elements are several times as large

@@ -5,16 +5,16 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.closed_surfaces import SURFACE_FORMATS, read_triangles, surface_files
 from pinnochio.geometry.triangles import enclosed_volume
 from pinnochio.importing.head_parts import bone_parts
-from pinnochio.importing.segment_files import IMAGE_FORMATS, Segment, read_segments
+from pinnochio.importing.segment_files import Segment, read_segments
 from pinnochio.importing.segmentation import in_millimetres
 from pinnochio.model.labels import TISSUES
 from pinnochio.model.surfaces import contour
+from pinnochio.volume_size import IMAGE_FORMATS
 
 EDGE = 1.5  # mm; longer edges of a surface file are divided, so that its vertices show it everywhere
 PAD = 3  # voxels that bone is continued beyond the border of the volume
@@ -48,6 +48,8 @@ def read_postop_bones(
         return _surface(image, inside)
     files = surface_files(path, refuse).values() if Path(path).is_dir() else [path]
     read = (read_triangles(file, refuse) for file in files)
+    import trimesh  # half a second, which a plan given as motions is spared
+
     points, faces = _joined([(points, _outward(points, faces)) for points, faces in read], refuse)
     points = in_millimetres(points, bone_points, "bone", case, path)
     points, faces = trimesh.remesh.subdivide_to_size(points, faces, EDGE, max_iter=20)

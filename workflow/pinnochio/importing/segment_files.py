@@ -9,8 +9,8 @@ import numpy as np
 import SimpleITK as sitk
 
 from pinnochio.importing.images import read_image
+from pinnochio.volume_size import IMAGE_FORMATS
 
-IMAGE_FORMATS = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".gipl", ".gipl.gz", ".dcm")
 Refuse = Callable[..., None]  # refuse(problem, remedy) raises InputError
 
 

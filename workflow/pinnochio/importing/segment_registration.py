@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -157,6 +156,8 @@ def check_fits(fits: Sequence[SegmentFit], *, limit: float, share: float, case: 
 
 def _source(part, head: Segmentation) -> Source:
     """What was visible of a bone before surgery: neither cut by the volume's border nor against another bone."""
+    import trimesh  # half a second, which a plan given as motions is spared
+
     # Middles of the edges too: the more points on a small bone, the less the noise of each counts.
     points, faces = trimesh.remesh.subdivide(part.points, part.faces)
     normals = vertex_normals(points, faces)

@@ -26,6 +26,8 @@ WRITTEN = {
     "pinnochio": "PINNOCHIO",
     "pinnochio_plus": "PINNOCHIO plus",
 }
+# Explained is what a method does better than the one, of what the other leaves to be done.
+BASELINE, FLOOR = "fem_sliding", "floor_scan"
 # What a reader wants to see first where there is room for few: what the paper compares, and the better network.
 FIRST = ("fem_sliding", "pinnochio", "pinnochio_plus", "fem_rlse", "acmt", "dgcfp", "no_change", "elastic", "ratio")
 

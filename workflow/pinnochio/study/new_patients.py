@@ -9,8 +9,8 @@ from pathlib import Path
 from pinnochio.errors import InputError
 from pinnochio.files import check_name
 from pinnochio.importing.cohort import COVARIATES, covariates_of, read_cases
-from pinnochio.importing.segment_files import IMAGE_FORMATS
 from pinnochio.json_text import read_json
+from pinnochio.volume_size import IMAGE_FORMATS
 
 VOLUMES = ("volume", "ct", "cbct")  # names of the scan, before its ending
 ENDING = ".mrk.json"

@@ -11,7 +11,7 @@ from pinnochio.errors import InputError
 from pinnochio.experiments.tradeoff_settings import Setting, fem_settings, network_settings
 from pinnochio.importing.cohort import Case, read_cases
 from pinnochio.manifest import MANIFEST
-from pinnochio.methods.names import few
+from pinnochio.methods.names import BASELINE, FLOOR, few
 from pinnochio.methods.registry import GRAPH_NETWORK, Method, graph_networks, registry
 from pinnochio.patients.archive import configuration_hash
 from pinnochio.report.parts import PARTS
@@ -20,7 +20,6 @@ from pinnochio.study.cases import assign_folds, external_file, of_fewer, some, v
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, markups_in, read_patients
 from pinnochio.study.provenance import PLACES
-from pinnochio.tables.comparison import BASELINE, FLOOR
 from pinnochio.tables.stability import FAMILIES, OF_PATIENTS
 from pinnochio.training.archive import NetworkArchive
 from pinnochio.training.settings import PHASES

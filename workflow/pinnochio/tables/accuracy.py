@@ -7,13 +7,12 @@ from dataclasses import replace
 import pandas as pd
 
 from pinnochio.columns import read_table
+from pinnochio.methods.names import BASELINE, FLOOR
 from pinnochio.metrics.columns import CASES, scanned
 from pinnochio.statistics.attainable import attainable
 from pinnochio.tables.comparison import (
-    BASELINE,
     BOUNDS,
     COMPARISON,
-    FLOOR,
     count,
     share,
     significance,

@@ -7,13 +7,12 @@ import pandas as pd
 
 from pinnochio.columns import Column, check, number
 from pinnochio.errors import InputError
+from pinnochio.methods.names import BASELINE, FLOOR
 from pinnochio.metrics.columns import BY_NAME, CASES
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.shares import explained
 from pinnochio.statistics.significance import Comparison, compare, holm
 
-# Explained is what a method does better than the one, of what the other leaves to be done.
-BASELINE, FLOOR = "fem_sliding", "floor_scan"
 BOUNDS = (
     "What no method can know, measured as the methods are and never tested. floor_scan: the true skin against its own "
     "registered scan: noise, expression and registration. oracle: the mechanics of fem_sliding with the motion that "

@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_tables
+from pinnochio.methods.names import BASELINE, FLOOR
 from pinnochio.metrics.columns import BY_NAME, CASES
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.shares import explained
 from pinnochio.statistics.significance import bootstrap_interval, compare
-from pinnochio.tables.comparison import BASELINE, FLOOR, count
+from pinnochio.tables.comparison import count
 from pinnochio.tables.document import Block, Table, View, views
 
 ERRORS = {"cd": "Chamfer distance", "skin_error_mean": "error of the true skin"}
