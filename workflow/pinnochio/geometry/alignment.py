@@ -31,6 +31,7 @@ def carried(points, faces, target_points, target_faces, part, start, seed: int) 
     moved = np.asarray(start, float)
     for count in range(1, len(FIELDS) + 1):
         basis, prior = _fields(samples, points, FIELDS[:count])
+        everywhere = basis(points)
         for _ in range(STEPS):
             placed = np.einsum("sc,scx->sx", weights, moved[corners])
             near = closest_points(placed, target_points, target_faces)
@@ -46,7 +47,7 @@ def carried(points, faces, target_points, target_faces, part, start, seed: int) 
             system = np.einsum("sx,sk->skx", facing[paired], basis(samples[paired])).reshape(len(wanted), -1)
             normal_matrix = system.T @ system / NOISE**2 + np.kron(prior, np.eye(3))
             field = np.linalg.solve(normal_matrix, system.T @ wanted / NOISE**2).reshape(-1, 3)
-            moved = points + basis(points) @ field
+            moved = points + everywhere @ field
     return moved
 
 
