@@ -7,7 +7,7 @@ SNAKEMAKE := $(BIN)/snakemake --cores 2
 FINISHED := $(if $(wildcard results/provenance.json),,$(if $(wildcard results/quick/provenance.json),config/quick.yaml))
 OF := $(addprefix --configfile ,$(or $(CONFIG),$(FINISHED)))
 
-.PHONY: env quick study unlock report figures predict planner test test-library test-study test-full docs
+.PHONY: env quick study unlock report figures predict planner test test-study test-unit test-stages test-workflow test-full docs
 
 env: .venv/installed
 
@@ -56,13 +56,24 @@ test: env
 	$(BIN)/ruff format --check
 	$(BIN)/snakefmt --check Snakefile rules workflow/common.smk workflow/tables.smk
 	$(BIN)/snakemake --lint
-	$(MAKE) --jobs 2 --keep-going --output-sync=target test-library test-study
+	$(MAKE) --jobs 2 --keep-going --output-sync=target $(TESTS)
 
-test-library:
-	$(BIN)/pytest -m "not full and not studied"
+# The longest first: the others fill what is left of two cores.
+TESTS := test-unit test-study test-stages test-workflow
 
+test-unit:
+	$(BIN)/pytest tests/unit
+
+# Tests that share the finished quick study.
 test-study:
-	$(BIN)/pytest -m "not full and studied"
+	$(BIN)/pytest tests/study -m "not full and studied"
+
+test-stages:
+	$(BIN)/pytest tests/stages
+
+# All others, most of which run Snakemake.
+test-workflow:
+	$(BIN)/pytest --ignore tests/unit --ignore tests/stages -m "not full and not studied"
 
 # Needs what apt-get install munge slurm-wlm chromium brings; a test whose service is absent says so.
 test-full: env

@@ -65,7 +65,7 @@ def test_a_documented_command_is_understood(project, command):
     if program == "snakemake":
         if "--report" in words:  # needs the results
             words = words[: words.index("--report")] + words[words.index("--report") + 2 :]
-        done = project.snakemake("--dry-run", "--quiet=all", *words)
+        done = project.dry_run("--quiet=all", *words)
         assert done.returncode == 0, done.stdout[-3000:]
     elif program == "make":
         run("make", "--dry-run", *words)

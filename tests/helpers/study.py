@@ -1,6 +1,7 @@
 """The real workflow in a temporary copy of the project, what a run says, and a small head as its input."""
 
 import json
+import multiprocessing
 import os
 import re
 import shutil
@@ -12,6 +13,7 @@ import numpy as np
 import pandas as pd
 import SimpleITK as sitk
 import trimesh
+from snakemake.cli import main
 
 from pinnochio.virtual.procedures import Procedure
 from tests.helpers.settings import ROOT
@@ -45,6 +47,17 @@ class Project:
             check=False,
         )
 
+    def dry_run(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
+        """Plan what Snakemake would run, in a fork of this process: it has imported Snakemake and the library, which
+        takes longer than the plan. Only for a copy of the project whose library nobody has edited."""
+        said = self.folder / "said.txt"
+        child = multiprocessing.get_context("fork").Process(
+            target=_plan, args=(self.folder, said, ["--dry-run", "--cores", str(cores), *arguments])
+        )
+        child.start()
+        child.join()
+        return subprocess.CompletedProcess(arguments, child.exitcode, said.read_text(encoding="utf-8"))
+
     def start(self, *arguments: str, **options) -> subprocess.Popen:
         """Begin to run Snakemake; its output, both streams, goes to `said.txt` of the folder."""
         with open(self.folder / "said.txt", "w", encoding="utf-8") as said:
@@ -69,6 +82,17 @@ class Project:
         done = self.snakemake("--configfile", "config/quick.yaml", *arguments)
         assert done.returncode == 0, done.stdout[-4000:]
         return done.stdout
+
+
+def _plan(folder: Path, said: Path, arguments: list[str]) -> None:
+    """Run Snakemake's command line in this process; both streams go to a file."""
+    os.chdir(folder)
+    os.environ |= VERBOSE
+    with open(said, "w", encoding="utf-8", buffering=1) as stream:
+        os.dup2(stream.fileno(), 1), os.dup2(stream.fileno(), 2)
+        sys.stdout = sys.stderr = stream
+        sys.argv = ["snakemake", *arguments]
+        main()
 
 
 def without_timings(table: pd.DataFrame) -> pd.DataFrame:

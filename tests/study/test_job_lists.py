@@ -22,7 +22,7 @@ def write_cohort(project, scanned, unscanned):
 
 def asked(project, *arguments, folds=3):
     """Input files of each output that the study would make (paths below results/), and all that was said."""
-    done = project.snakemake("-n", "--config", "cohort=cases.tsv", f"folds={folds}", *arguments, cores=1)
+    done = project.dry_run("--config", "cohort=cases.tsv", f"folds={folds}", *arguments, cores=1)
     assert done.returncode == 0, done.stdout[-3000:]
     jobs = {}
     for reasons in re.findall(r"Reason: (Missing output files: .*)", done.stdout):
@@ -128,7 +128,7 @@ def test_an_ablation_of_no_variants_is_no_table(project):
 
 def test_the_picture_of_an_unscanned_patient_is_refused_by_name(project):
     write_cohort(project, SCANNED, UNSCANNED)
-    done = project.snakemake("-n", "--config", "cohort=cases.tsv", "--", "results/figures/U1.png")
+    done = project.dry_run("--config", "cohort=cases.tsv", "--", "results/figures/U1.png")
     assert done.returncode != 0 and "'U1'" in done.stdout and "no post-operative scan" in done.stdout
 
 
@@ -136,7 +136,7 @@ def test_an_interval_is_made_of_unscanned_patients_alone(project):
     write_cohort(project, SCANNED, UNSCANNED)
     for name, made in (("U1", True), ("S1", False)):
         target = f"results/cases/{name}/pinnochio/interval.h5"
-        done = project.snakemake("-n", "--config", "cohort=cases.tsv", "folds=3", "--", target)
+        done = project.dry_run("--config", "cohort=cases.tsv", "folds=3", "--", target)
         assert (done.returncode == 0) == made, done.stdout[-2000:]
 
 
@@ -152,11 +152,11 @@ def test_an_external_method_is_asked_for_its_held_out_cases_and_a_missing_file_i
     assert sorted(read) == sorted([*SCANNED, *UNSCANNED])
     assert "Left out" not in said and "folds/1/fem_sliding/predictions.h5" not in jobs
     (folder / "S3.vtu").unlink()
-    done = project.snakemake("-n", "--config", "cohort=cases.tsv", *mine)
+    done = project.dry_run("--config", "cohort=cases.tsv", *mine)
     assert done.returncode != 0
     for words in ("'S3'", "elsewhere", "neither S3.npz nor S3.vtu", "Remedy: "):
         assert words in done.stdout
-    assert project.snakemake("-n", "--config", "cohort=cases.tsv", *mine, "--", "inputs").returncode == 0
+    assert project.dry_run("--config", "cohort=cases.tsv", *mine, "--", "inputs").returncode == 0
 
 
 def test_the_tradeoff_trains_the_first_fold_alone_and_judges_its_patients(project):
@@ -175,7 +175,7 @@ def test_the_tradeoff_trains_the_first_fold_alone_and_judges_its_patients(projec
 
 def test_a_tradeoff_of_one_patient_is_refused(project):
     write_cohort(project, SCANNED[:3], UNSCANNED)
-    done = project.snakemake("-n", "--config", "cohort=cases.tsv", "folds=3", "--", "tradeoff")
+    done = project.dry_run("--config", "cohort=cases.tsv", "folds=3", "--", "tradeoff")
     assert done.returncode != 0 and "the trade-off wants two" in done.stdout
 
 
@@ -220,19 +220,19 @@ def test_what_runs_nothing_needs_no_number_of_cores(project, asked):
 
 def test_a_locked_cohort_is_packed_without_its_outcomes_until_they_are_revealed(project):
     """Other patients in a folder of their own; the whole study makes the outcomes that it trains on."""
-    locked = ("-n", "--configfile", "config/locked.yaml", "--")
-    said, revealing = (project.snakemake(*locked, target).stdout for target in ("cohort", "reveal"))
+    locked = ("--configfile", "config/locked.yaml", "--")
+    said, revealing = (project.dry_run(*locked, target).stdout for target in ("cohort", "reveal"))
     packed, revealed = counted(said), counted(revealing)
     assert packed["virtual_patient"] == 40 and packed["data_card"] == packed["sum_up"] == 1
     assert "virtual_outcome" not in packed and "measure_outcome" not in packed
     assert revealed["virtual_outcome"] == 40 and revealed["sum_up"] == 1
-    open_one = counted(project.snakemake("-n", "--", "cohort").stdout)
+    open_one = counted(project.dry_run("--", "cohort").stdout)
     assert open_one["virtual_outcome"] == 40 and open_one["measure_outcome"] > 0
     assert "results/locked/virtual/V01/segmentation.nii.gz" in said and "results/virtual/" not in said
 
 
 def test_procedures_need_their_segments_in_the_vocabulary(project):
-    done = project.snakemake("-n", "--config", "segments=[lefort1, mandible_distal, proximal_left, proximal_right]")
+    done = project.dry_run("--config", "segments=[lefort1, mandible_distal, proximal_left, proximal_right]")
     assert done.returncode != 0 and "mandible" in done.stdout and "virtual.procedures" in done.stdout
 
 

@@ -234,14 +234,25 @@ COMMON = {
 }
 
 
-@settings(max_examples=25, **COMMON)
-@given(frame=frames)
-def test_any_frame_and_format_gives_the_same_head(tmp_path, reference, frame):
-    head, place = imported(tmp_path, frame)
+def check_head(folder, frame, reference):
+    head, place = imported(folder, frame)
     if not any(frame["oblique"]):
         # Nothing was resampled: each voxel is where it was.
         assert (head.labels != expected(head, place)).mean() < 1e-4
     check_surfaces(head, place, reference)
+
+
+@settings(max_examples=12, **COMMON)
+@given(frame=frames)
+def test_a_frame_and_format_gives_the_same_head(tmp_path, reference, frame):
+    check_head(tmp_path, frame, reference)
+
+
+@pytest.mark.full
+@settings(max_examples=50, **COMMON)
+@given(frame=frames)
+def test_any_frame_and_format_gives_the_same_head(tmp_path, reference, frame):
+    check_head(tmp_path, frame, reference)
 
 
 @settings(max_examples=6, **COMMON)
