@@ -10,7 +10,7 @@ from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.aftermath import CHANGES, GAINS, Circumstances, Site, expression, gain, lip_gap, looseness
 from pinnochio.virtual.covariates import Covariates
 from pinnochio.virtual.ground_truth import CHANGE, EFFECTS
-from pinnochio.virtual.thickness import PUBLISHED
+from pinnochio.virtual.published_thickness import PUBLISHED
 from tests.helpers.heads import dome
 
 

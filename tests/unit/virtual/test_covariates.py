@@ -7,7 +7,7 @@ import pytest
 
 from pinnochio.seeds import generator
 from pinnochio.virtual.covariates import BMI, Covariates, sample_covariates, thickness_scores
-from pinnochio.virtual.thickness import PUBLISHED
+from pinnochio.virtual.published_thickness import PUBLISHED
 
 ANATOMY = {"sex": "female", "thickness": {name: known.mean for name, known in PUBLISHED.items()}}
 

@@ -12,7 +12,7 @@ from pinnochio.files import replacing
 from pinnochio.json_text import read_own_json
 from pinnochio.virtual.ground_truth import CLINIC, REALITIES
 from pinnochio.virtual.parameters import draw
-from pinnochio.virtual.thickness import PUBLISHED
+from pinnochio.virtual.published_thickness import PUBLISHED
 
 AGE = (25.0, 7.0, 18.0, 55.0)  # mean, SD, bounds in years of patients with orthognathic surgery [R]
 BMI = (23.5, 3.5, 17.0, 38.0)  # kg/m2 [R]

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -13,32 +12,10 @@ from pinnochio.json_text import read_own_json
 from pinnochio.model.labels import AIR, CRANIUM
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.virtual.head import Head
+from pinnochio.virtual.published_thickness import PUBLISHED
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.skin import Ray, sites
 
-
-class Published(NamedTuple):
-    """Adult mean and standard deviation, mm, and their source."""
-
-    mean: float
-    sd: float
-    source: str
-
-
-PUBLISHED = {
-    "glabella": Published(5.5, 1.2, "[R]"),
-    "nasion": Published(6.5, 1.3, "[R]"),
-    "subnasale": Published(15.6, 2.4, "[S: 10.1016/j.forsciint.2018.10.021]"),
-    "mid_philtrum": Published(11.0, 2.0, "[R]"),
-    "labrale_superius": Published(11.5, 2.2, "[R]"),
-    "labrale_inferius": Published(13.0, 2.0, "[R]"),
-    "mentolabial": Published(11.0, 2.0, "[R]"),
-    "pogonion": Published(11.0, 2.3, "[R]"),
-    "menton": Published(7.0, 2.0, "[R]"),
-    "zygoma": Published(8.0, 2.0, "[R]"),
-    "masseter": Published(18.0, 3.5, "[R]"),
-    "cheek": Published(22.0, 4.0, "[R] 20 and more"),
-}
 TABLE = (
     Column("landmark", str, "", "landmark"),
     Column("ours_mean", float, "mm", "mean of the virtual patients, measured on their labels", ".2f"),
