@@ -59,7 +59,7 @@ test: env
 	$(MAKE) --jobs 2 --keep-going --output-sync=target $(TESTS)
 
 # The longest first: the others fill what is left of two cores.
-TESTS := test-unit test-study test-stages test-workflow
+TESTS := test-study test-unit test-stages test-workflow
 
 test-unit:
 	$(BIN)/pytest tests/unit
