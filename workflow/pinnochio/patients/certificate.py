@@ -267,16 +267,15 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Row]:
 
 
 def _detail_row(of: Mapping) -> Row:
-    meaning = (
-        "How far the skin that is shown lies from the mesh that carries it. Form that is finer than the mesh rides "
-    )
-    meaning += "on the tissue beneath: it is shown, not computed."
-    regions = [f"{name.replace('_', ' ')} {value:.1f} mm" for name, value in of["off_mesh_regions_mm"].items()]
+    value = f"{of['off_mesh_p95_mm']:.1f} mm off the mesh at 95 %"
+    regions = [f"{name.replace('_', ' ')} {beyond:.1f}" for name, beyond in of["off_mesh_regions_mm"].items()]
     if regions:
-        meaning += (
-            f" By regions, at 95 %: {', '.join(regions)}. Finite elements on a finer mesh (mesh.nodes) have more."
-        )
-    value = f"{of['off_mesh_mean_mm']:.1f} mm off the mesh in the mean, {of['off_mesh_p95_mm']:.1f} mm at 95 %"
+        value += f" ({', '.join(regions)})"
+    meaning = (
+        f"How far the skin that is shown lies from the mesh that carries it; {of['off_mesh_mean_mm']:.1f} mm in the "
+    )
+    meaning += "mean. Form that is finer than the mesh rides on the tissue beneath: it is shown, not computed. Finite "
+    meaning += "elements on a finer mesh (mesh.nodes) compute more of it."
     return Row("Detail of the skin", value, meaning, of["off_mesh_p95_mm"] <= DETAIL)
 
 
