@@ -81,7 +81,7 @@ def main() -> None:
             if name in MIXED:
                 result = solve_mixed(points, cells, law, boundary, name, increments=1, tolerance=1e-6)
             else:
-                result = solve(points, cells, law, boundary, solver_options(name, **OPTIONS))
+                result = solve(points, cells, law, boundary, solver_options(volumetric=name, **OPTIONS))
             off = np.linalg.norm(result.displacement[top] - wanted, axis=1)
             good = result.converged and truth.converged
             errors[name].append(f"{off.mean():.3f} / {off.max():.3f}" if good else "failed")

@@ -22,12 +22,16 @@ FILLED_IN = {
 }
 
 
+def bash_blocks(page: Path) -> list[str]:
+    """The bash blocks of a page in their order, as a reader types them."""
+    return [block for language, block in FENCE.findall(page.read_text(encoding="utf-8")) if language == "bash"]
+
+
 def commands(page: Path) -> set[tuple[str, ...]]:
     """The commands of a page, filled in: lines of its bash blocks, and code that begins with a program or an option."""
     text, lines = page.read_text(encoding="utf-8"), []
-    for language, block in FENCE.findall(text):
-        if language == "bash":
-            lines += block.replace("\\\n", " ").splitlines()
+    for block in bash_blocks(page):
+        lines += block.replace("\\\n", " ").splitlines()
     for span in (" ".join(span.split()) for span in re.findall(r"`([^`]+)`", FENCE.sub("", text))):
         if re.match(r"(snakemake|make|python) ", span):
             lines.append(span)

@@ -10,6 +10,7 @@ from pinnochio.importing.segmentation import read_labels
 from pinnochio.model.labels import CRANIUM
 from pinnochio.virtual.head import Head
 from scripts.import_segmentation import import_segmentation
+from tests.helpers.settings import CONFIG
 
 SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right", "mandible", "chin")
 
@@ -101,7 +102,12 @@ def run(
     """Import what a tool segmented; returns the report and the labels."""
     outputs = {name: str(folder / "out" / f"{name}{end}") for name, end in
                (("labels", ".nii.gz"), ("bone", ".vtp"), ("skin", ".vtp"), ("report", ".json"))}  # fmt: skip
-    given = {"orientation": "header", "repair_limit": 5.0, "unlabelled_muscle": "derived", "bone_edge": 6.0}
+    given = {
+        "orientation": "header",
+        "repair_limit": CONFIG["repair"]["limit"],
+        "unlabelled_muscle": "derived",
+        "bone_edge": 6.0,
+    }
     import_segmentation(
         case="P1",
         segmentation=str(segmentation),

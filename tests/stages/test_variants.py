@@ -193,7 +193,7 @@ VARIANTS = {
     "lips that touch": (lambda p: changed(p, scan=joined), {}, None, SAME),
     "grey values of a cone-beam CT (0 to 255)": (
         lambda p: changed(p, scan=lambda v: ((v + 1000) / 1900 * 255).astype(np.float32)), {}, None, SAME),
-    "few loose voxels of bone": (lambda p: changed(p, crumbs(40)), {}, None, SAME),
+    "few loose voxels of bone": (lambda p: changed(p, crumbs(80)), {}, None, SAME),
     "many loose voxels of bone": (lambda p: changed(p, crumbs(900)), {}, "stray voxels", None),
     "mandible in two halves": (lambda p: changed(p, halves), {}, "in pieces|would|cm3|cut leaves", None),
     "no mandible": (lambda p: changed(p, replaced(2, 1)), {}, "no mandible is labelled", None),

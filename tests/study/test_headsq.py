@@ -4,6 +4,7 @@ import json
 
 import meshio
 import numpy as np
+import pytest
 
 CONFIG = "examples/headsq/config.yaml"
 
@@ -35,3 +36,16 @@ def test_bimaxillary_surgery_of_headsq(headsq):
     assert lip.sum() > 5 and displacement[lip, 1].mean() < -2.5
     assert chin.sum() > 5 and displacement[chin, 1].mean() > 2.5
     assert np.linalg.norm(displacement[(z > -25) | (y > 112)], axis=1).mean() < 0.2
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("nodes", [5000, 20000])
+def test_finer_meshes_of_headsq_converge(headsq, nodes):
+    finer = headsq.folder / "finer.yaml"
+    finer.write_text(f"mesh:\n  nodes: {nodes}\n")
+    made = "results/headsq/cases/headsq/fem/mucosa.json"
+    done = headsq.snakemake("--configfile", CONFIG, str(finer), "--", made, cores=1)
+    assert done.returncode == 0, done.stdout[-4000:]
+    said = json.loads((headsq.folder / made).read_text())
+    assert said["converged"] and said["relative_residual"] <= 1e-6 and said["inverted"] == 0
+    assert said["min_jacobian"] > 0.1 and abs(said["nodes"] / nodes - 1) < 0.1

@@ -10,8 +10,9 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.importing.repair import KEPT
-from pinnochio.metrics.quality import contact, quality, thickness
+from pinnochio.metrics.quality import contact, off_mesh, quality, thickness
 from pinnochio.model.patient import FIXED, FREE, INTERIOR, MOVING, SLIDING
+from pinnochio.model.regions import CHIN, NOSE, NOT_JUDGED, UPPER_LIP
 from pinnochio.tables.quality import quality_columns, table
 from scripts.report_quality import report_quality
 from tests.helpers.patients import tiny_patient
@@ -72,6 +73,22 @@ def test_contact_is_the_area_of_the_nodes_by_bone_and_type():
         "cranium": {"fixed": 0.75, "sliding": 0.0, "released": 0.0},
         "left": {"moving": 1.5, "sliding": 0.75, "released": 0.75},
     }
+
+
+def test_skin_off_the_mesh_is_measured_where_the_face_is_judged(monkeypatch):
+    model = tiny_patient()
+    face = model.judged_points
+    assert off_mesh(model) == {"off_mesh_mean_mm": 0, "off_mesh_p95_mm": 0, "off_mesh_regions_mm": {}}
+    points, codes = model.skin_points.copy(), np.full(len(model.skin_points), NOT_JUDGED, np.int8)
+    points[face, 2] += np.linspace(0, 4, len(face))
+    points[np.setdiff1d(np.arange(len(points)), face), 2] += 50.0  # is not judged
+    codes[face] = np.where(np.arange(len(face)) < len(face) // 8, CHIN, NOSE)
+    codes[face[-1]] = UPPER_LIP
+    monkeypatch.setattr("pinnochio.metrics.quality.known_regions", lambda patient: codes)
+    said = off_mesh(replace(model, skin_points=points))
+    assert said["off_mesh_mean_mm"] == pytest.approx(2) and said["off_mesh_p95_mm"] == pytest.approx(3.8)
+    assert list(said["off_mesh_regions_mm"]) == ["upper_lip", "nose"]  # the chin lies within a millimetre
+    assert said["off_mesh_regions_mm"]["upper_lip"] == pytest.approx(4)
 
 
 def test_the_report_holds_the_mesh_and_what_was_repaired():

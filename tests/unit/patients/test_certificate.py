@@ -136,6 +136,7 @@ USUAL = {"min_jacobian": [0.3, 0.5, 0.9], "eqres_rel": [0.015, 0.05, 0.14], "sli
         ({"moving_error": 2.5}, "Boundary mismatch, moving", NOT_USABLE),
         ({"off_bone_mm": 3.1}, "Sliding tissue off its bone", NOT_USABLE),
         ({"edge_percent": 16.0}, "Edge of the scan", CARE),
+        ({"off_mesh_p95_mm": 1.1}, "Detail of the skin", CARE),
         ({"inverted": 1}, "Elements turned inside out", NOT_USABLE),
         ({"min_jacobian": None}, "Smallest volume ratio (min J)", NOT_USABLE),
     ],
@@ -166,3 +167,14 @@ def test_what_lies_beyond_the_usual_is_marked_and_decides_the_verdict(measured, 
 def test_how_a_field_came_about_decides_the_verdict(solution, grade):
     said = certificate(np.zeros_like(PATIENT.points), Plan("tiny", {}), solution=asdict(Solution(**solution)))
     assert verdict(said).grade == grade and bool(verdict(said).reasons) == (grade != USABLE)
+
+
+def test_the_page_says_which_detail_of_the_skin_no_mechanics_computes():
+    said = certificate(np.zeros_like(PATIENT.points), Plan("tiny", {}))
+    assert said["measures"]["off_mesh_mean_mm"] == 0
+    far = {"off_mesh_mean_mm": 0.9, "off_mesh_p95_mm": 2.8, "off_mesh_regions_mm": {"lower_lip": 6.9, "nose": 2.9}}
+    said["measures"] |= far
+    reason = "Detail of the skin: 2.8 mm off the mesh at 95 % (lower lip 6.9, nose 2.9)"
+    assert verdict(said) == (CARE, (reason,))
+    (row,) = [own for own in in_words(said) if own.what == "Detail of the skin"]
+    assert "0.9 mm in the mean" in row.meaning and "shown, not computed" in row.meaning

@@ -7,11 +7,11 @@ import numpy as np
 import pyvista as pv
 
 from pinnochio.figures.patient import BONE, FRONT, SEGMENTS, SIDE, SKIN, finish, save, surface_of
+from pinnochio.importing.repair import KEPT
 from pinnochio.model.labels import segment_name
 from pinnochio.model.surfaces import BoneSurface
 
 BELOW, OTHER_SIDE = (0.0, -0.45, -1.0), (-1, -0.05, 0.05)
-KEPT = "enclosed cavity kept"
 ROWS = 14  # lines of repairs that are listed
 
 

@@ -78,7 +78,7 @@ def choose(patient: PatientModel, plan: Plan, target_points, target_faces, sampl
     near = cKDTree(patient.bone_points).query(points, BONE)[1]
     start = points + patient.bone_displacement(plan)[near].mean(axis=1)
     placed = carried(points, faces, target_points, target_faces, part, start, seed)
-    codes = _regions(patient)
+    codes = known_regions(patient)
 
     skin = sample_surface(points, faces[roi], samples, seed)
     shown = ~closest_points(_carried(skin, points, faces, placed), target_points, target_faces).border
@@ -103,7 +103,7 @@ def _carried(places, points, faces, moved) -> np.ndarray:
     return np.einsum("kc,kcx->kx", here.weights(points, faces), np.asarray(moved)[faces[here.face]])
 
 
-def _regions(patient: PatientModel) -> np.ndarray:
+def known_regions(patient: PatientModel) -> np.ndarray:
     """Region (s,) of every skin point; NOT_JUDGED where the face cannot be read."""
     try:
         return regions(patient)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.metrics.quality import DETAIL, off_mesh
 from pinnochio.metrics.validity import (
     EDGE,
     OFF_BONE,
@@ -71,6 +72,7 @@ def measures(
         **boundary_metrics(patient, plan, displacement),
         "off_bone_mm": off_bone(patient, plan, displacement).max(initial=0.0),
         **beside_edge(patient, moved),
+        **off_mesh(patient),
         "skin_mean_mm": moved.mean(),
         "skin_max_mm": moved.max(),
     }
@@ -260,7 +262,21 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Row]:
             "is worth less there.",
             of["edge_percent"] <= EDGES,
         ),
+        _detail_row(of),
     ]
+
+
+def _detail_row(of: Mapping) -> Row:
+    value = f"{of['off_mesh_p95_mm']:.1f} mm off the mesh at 95 %"
+    regions = [f"{name.replace('_', ' ')} {beyond:.1f}" for name, beyond in of["off_mesh_regions_mm"].items()]
+    if regions:
+        value += f" ({', '.join(regions)})"
+    meaning = (
+        f"How far the skin that is shown lies from the mesh that carries it; {of['off_mesh_mean_mm']:.1f} mm in the "
+    )
+    meaning += "mean. Form that is finer than the mesh rides on the tissue beneath: it is shown, not computed. Finite "
+    meaning += "elements on a finer mesh (mesh.nodes) compute more of it."
+    return Row("Detail of the skin", value, meaning, of["off_mesh_p95_mm"] <= DETAIL)
 
 
 def _interval_row(interval: Mapping, within: bool) -> Row:
