@@ -9,12 +9,12 @@ from pinnochio.errors import InputError
 from pinnochio.mechanics import repeated
 from pinnochio.mechanics.assembly import CUT, Assembler
 from pinnochio.mechanics.elements import Elements
+from pinnochio.mechanics.held_nodes import HeldNodes, bones_of
 from pinnochio.mechanics.local_equilibrium import LocalEquilibrium, subset
-from pinnochio.mechanics.point_surface import CompiledSurface, PointSurface
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
 from pinnochio.mechanics.repeated import RepeatedSolver
 from pinnochio.mechanics.simulation import PlanSolver, simulate
-from pinnochio.mechanics.sliding import BoundaryConditions
+from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact, SlidingSet
 from pinnochio.mechanics.solver import solve
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient, tiny_patient, tiny_plan
@@ -215,23 +215,110 @@ def test_local_equilibrium_moves_its_own_nodes_alone_and_rights_inverted_element
     part = LocalEquilibrium(elements, constraints, patches, "auto")
     u = np.zeros(points.shape)
     u[inner] = [5.0, 0, 0]
-    assert elements.evaluate(u)[2] < 0
-    settled, made = part.settled(u, constraints, 1e-9, lambda u: np.zeros((0, 3, 3)))
-    moved = np.abs(settled - u).max(axis=1) > 0
-    assert made > 0
+    energy, force, least = elements.evaluate(u)
+    assert least < 0
+    held = HeldNodes(bones_of(constraints.sliding, np.zeros((0, 3, 3))), constraints.sliding)
+    done = part.settled(u, held, np.zeros((0, 3, 3)), 1e-9)
+    moved = np.abs(done.displacement - u).max(axis=1) > 0
+    assert done.steps > 0
     assert (moved <= part.inside.any(axis=1)).all()
-    np.testing.assert_allclose(settled, 0, atol=1e-6)
+    np.testing.assert_allclose(done.displacement, 0, atol=1e-6)
+    after, there, _ = elements.evaluate(done.displacement)
+    assert energy + done.energy == pytest.approx(after, abs=1e-9 * energy)
+    force[part.nodes] += done.force
+    np.testing.assert_allclose(force, there, rtol=0, atol=1e-9 * np.abs(elements.evaluate(u)[1]).max())
     part.close()
     solver.close()
 
 
-def test_the_compiled_surface_is_the_same_surface():
-    points, normals = sphere(20.0, 400)
-    x = points[::7] * np.random.default_rng(0).uniform(0.9, 1.15, (len(points[::7]), 1))
-    one, other = PointSurface(points, normals), CompiledSurface(points, normals)
-    for plain, fast in zip(one.distance(x), other.distance(x), strict=True):
-        np.testing.assert_allclose(fast, plain, rtol=0, atol=2e-4)
-    value, gradient = other.distance(x)
-    steps = 1e-5 * np.eye(3)
-    slope = np.stack([(other.distance(x + s)[0] - other.distance(x - s)[0]) / 2e-5 for s in steps], axis=1)
-    np.testing.assert_allclose(slope, gradient, rtol=0, atol=1e-8)
+def sliding_on_a_sphere(motion, near=1.0):
+    """Nodes about a sphere of 20 mm that has moved, and their surface of 1,200 points."""
+    points, normals = sphere(20.0, 1200)
+    nodes = near * points[::31]
+    sets = [SlidingSet(np.arange(len(nodes)), points, normals, motion.fraction)]
+    return nodes, SlidingContact(nodes, sets)
+
+
+TURNED = RigidMotion.from_degrees([5, -20, 10], [3, 1, -2], [10, 0, 0])
+
+
+@pytest.mark.parametrize("degrees", [0, 60])
+@pytest.mark.parametrize("near", [0.97, 1.08])
+def test_held_nodes_are_put_back_as_by_the_sliding_condition(near, degrees):
+    """Far away from where it was at rest, a node meets points of the bone that were not listed for it."""
+    nodes, sliding = sliding_on_a_sphere(TURNED, near)
+    bones = bones_of(sliding, sliding.frames(np.zeros_like(nodes), 0.0))
+    held = HeldNodes(bones, sliding)
+    slid = RigidMotion.from_degrees([0, 0, degrees], [0, 0, 0], [0, 0, 0]).apply(nodes)
+    u = TURNED.apply(slid) - nodes + np.random.default_rng(0).normal(0, 0.5, nodes.shape)
+    exact, back = sliding.project(u, 1.0), u.copy()
+    axes = held.put_back(back)
+    np.testing.assert_allclose(back, exact, rtol=0, atol=2e-3)
+    assert held.violation(back) < 1e-9 < held.violation(u)
+    np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), np.broadcast_to(np.eye(3), axes.shape), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(axes), 1)
+    np.testing.assert_allclose(axes[:, 0], sliding.frames(back, 1.0)[:, 0], rtol=0, atol=2e-3)
+    again = back.copy()
+    held.put_back(again)
+    np.testing.assert_array_equal(again, back)
+
+
+def test_axes_of_held_nodes_turn_with_their_bone_alone():
+    nodes, sliding = sliding_on_a_sphere(TURNED)
+    rest = sliding.frames(np.zeros_like(nodes), 0.0)
+    axes = HeldNodes(bones_of(sliding, rest), sliding).put_back(TURNED.displacement(nodes))
+    np.testing.assert_allclose(axes, rest @ TURNED.rotation.T, rtol=0, atol=1e-3)
+
+
+def test_bend_under_held_nodes_is_that_of_the_sliding_condition():
+    nodes, sliding = sliding_on_a_sphere(TURNED, 1.05)
+    held = HeldNodes(bones_of(sliding, sliding.frames(np.zeros_like(nodes), 0.0)), sliding)
+    u = TURNED.displacement(nodes) + 0.3
+    axes, force = held.put_back(u), np.random.default_rng(1).normal(0, 5, nodes.shape)
+    bend = held.bend(u, axes, force)
+    np.testing.assert_allclose(bend, sliding.curvature(u, 1.0, axes, force), rtol=0, atol=2e-3)
+    assert np.abs(bend).max() > 0.1
+
+
+def test_plans_by_two_threads_are_those_of_one():
+    points, cells, boundary = bent_block()
+    boundaries = [
+        BoundaryConditions(boundary.prescribed_nodes, share * boundary.displacement(1.0)) for share in (0.2, 0.5, 1.0)
+    ]
+    solver = RepeatedSolver(points, cells, material(len(cells)), boundary, options_with())
+    for one, two in zip(solver.solve(boundaries), solver.solve(boundaries, threads=2), strict=True):
+        assert one.kept and two.kept
+        np.testing.assert_array_equal(one.displacement, two.displacement)
+    solver.close()
+
+
+def test_what_fails_at_once_is_reached_in_increments(monkeypatch):
+    """A plan that may have ended elsewhere takes the way over smaller loads, by the kept factors still."""
+    points, cells, boundary = bent_block()
+    law, options = material(len(cells)), options_with(tolerance=1e-8)
+    doubts = iter(["elsewhere"])
+    monkeypatch.setattr(RepeatedSolver, "_elsewhere", lambda *_: next(doubts, ""))
+    (result,) = kept(points, cells, law, [boundary], options)
+    assert result.kept and [entry["fraction"] for entry in result.history if entry["residual"] <= 1e-8] == [1.0]
+    assert {entry["fraction"] for entry in result.history} == {0.25, 0.5, 0.75, 1.0}
+    exact = solve(points, cells, law, boundary, options)
+    np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-6)
+
+
+def test_the_least_increments_decide_what_larger_ones_doubt(monkeypatch):
+    points, cells, boundary = bent_block()
+    monkeypatch.setattr(RepeatedSolver, "_elsewhere", lambda *_: "elsewhere")
+    (result,) = kept(points, cells, material(len(cells)), [boundary], options_with())
+    assert result.kept and min(entry["fraction"] for entry in result.history) == repeated.LEAST_INCREMENT
+
+
+def test_a_node_far_from_those_beside_it_is_doubted():
+    points, cells, boundary = bent_block()
+    solver = RepeatedSolver(points, cells, material(len(cells)), boundary, options_with())
+    start, edge = np.zeros(points.shape), solver._elements.edge
+    alone, all_of_them = start.copy(), start + 3 * edge
+    alone[-1, 0] = edge
+    axes = np.zeros((0, 3, 3))
+    told = [solver._elsewhere(start, axes[:, 0], solver._point(u, 0, 1, axes, 0 * u)) for u in (alone, all_of_them)]
+    assert "strayed" in told[0] and told[1] == ""
+    solver.close()

@@ -380,7 +380,7 @@ def _turn(dense, at, count, axes):
             dense[row, own + i] = axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
 
 
-@compiled
+@compiled(nogil=True)
 def _tangent(
     u, mesh: ElementArrays, patches: Patches, pattern: Pattern, frames, definite, imposed, pressure, data, product
 ):

@@ -6,7 +6,6 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.faces import pieces
-from pinnochio.mechanics.point_surface import PointSurface
 from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact
 
 
@@ -18,9 +17,9 @@ class Constraints:
     mesh could move as a whole.
     """
 
-    def __init__(self, points, cells, boundary: BoundaryConditions, surface: type[PointSurface] = PointSurface):
+    def __init__(self, points, cells, boundary: BoundaryConditions):
         self.points, self.boundary = np.asarray(points, float), boundary
-        self.sliding = SlidingContact(self.points, boundary.sliding, surface)
+        self.sliding = SlidingContact(self.points, boundary.sliding)
         self.prescribed = np.asarray(boundary.prescribed_nodes, int)
         self._check()
         self.constrained = np.zeros((len(self.points), 3), bool)

@@ -9,7 +9,6 @@ from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.elements import VOLUMETRIC, Elements
 from pinnochio.mechanics.linear import linear_solver
 from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.point_surface import PointSurface
 from pinnochio.mechanics.sliding import BoundaryConditions
 
 
@@ -32,10 +31,9 @@ class ElasticSolver:
         volumetric: str = VOLUMETRIC[0],
         linear_solver_kind: str = "auto",
         single: bool = False,
-        surface: type[PointSurface] = PointSurface,
     ):
         self.elements = elements = Elements.build(points, cells, material, volumetric)
-        self.constraints = Constraints(points, elements.cells, boundary, surface)
+        self.constraints = Constraints(points, elements.cells, boundary)
         rest = np.zeros((elements.nodes, 3))
         self.frames = self.constraints.sliding.frames(rest, 0.0)
         whole = Assembler(elements, np.zeros(rest.shape, bool), self.constraints.sliding.nodes)

@@ -97,9 +97,19 @@ class Elements:
 
     def evaluate(self, displacement) -> tuple[float, np.ndarray, float]:
         """Energy in mN mm, internal force (n, 3) in mN and least J of a displacement (n, 3) mm."""
-        force = np.zeros((self.nodes, 3))
-        energy, least = _evaluate(np.ascontiguousarray(displacement, float), self.arrays, force)
+        energy, force, least, _ = self._measured(displacement, 0)
         return energy, force, least
+
+    def measure(self, displacement) -> tuple[float, np.ndarray, np.ndarray]:
+        """Energy in mN mm, internal force (n, 3) in mN and, of each element, J and I1 (m, 2) of a displacement
+        (n, 3) mm."""
+        energy, force, _, state = self._measured(displacement, len(self.cells))
+        return energy, force, state
+
+    def _measured(self, displacement, count: int) -> tuple[float, np.ndarray, float, np.ndarray]:
+        force, state = np.zeros((self.nodes, 3)), np.empty((count, 2))
+        energy, least = _evaluate(np.ascontiguousarray(displacement, float), self.arrays, force, state)
+        return energy, force, least, state
 
 
 def check_mesh(points, cells) -> tuple[np.ndarray, np.ndarray]:
@@ -162,6 +172,16 @@ def extended_log(j, extension):
 
 
 @compiled
+def cofactor(f, cof):
+    """Cofactor of f (3, 3) into `cof`."""
+    for i in range(3):
+        p, q = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            r, s = (j + 1) % 3, (j + 2) % 3
+            cof[i, j] = f[p, r] * f[q, s] - f[p, s] * f[q, r]
+
+
+@compiled
 def deformation(u, cell, gradient, f, cof):
     """F into `f`, its cofactor into `cof`; returns J and I1 - 3 (free of cancellation near rest)."""
     excess = 0.0
@@ -172,11 +192,7 @@ def deformation(u, cell, gradient, f, cof):
                 h += u[cell[a], i] * gradient[a, j]
             excess += h * h + (2 * h if i == j else 0.0)
             f[i, j] = h + (1.0 if i == j else 0.0)
-    for i in range(3):
-        p, q = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            r, s = (j + 1) % 3, (j + 2) % 3
-            cof[i, j] = f[p, r] * f[q, s] - f[p, s] * f[q, r]
+    cofactor(f, cof)
     return f[0, 0] * cof[0, 0] + f[0, 1] * cof[0, 1] + f[0, 2] * cof[0, 2], excess
 
 
@@ -198,16 +214,28 @@ def patch_bulk(u, mesh: ElementArrays, first, second):
     return energy
 
 
-@compiled
-def _evaluate(u, mesh: ElementArrays, force):
-    f, cof = np.empty((3, 3)), np.empty((3, 3))
-    first, second = np.empty(len(mesh.patch_volumes)), np.empty(len(mesh.patch_volumes))
-    energy = patch_bulk(u, mesh, first, second)
-    least = np.inf
-    for e in range(len(mesh.cells)):
+@compiled(nogil=True)
+def _evaluate(u, mesh: ElementArrays, force, state):
+    """Adds to force (n, 3); J and I1 of the elements go into state (m, 2), which may be empty."""
+    count, patches = len(mesh.cells), len(mesh.patch_volumes)
+    fs, cof, js = np.empty((count, 3, 3)), np.empty((3, 3)), np.empty((count, 2))
+    ratio, first = np.zeros(patches), np.empty(patches)
+    for e in range(count):
+        js[e] = deformation(u, mesh.cells[e], mesh.gradients[e], fs[e], cof)
+        ratio[mesh.patch[e]] += mesh.volumes[e] * js[e, 0]
+    energy, least = 0.0, np.inf
+    for p in range(patches):
+        volume, lam = mesh.patch_volumes[p], mesh.patch_lam[p]
+        log, d, _ = extended_log(ratio[p] / volume, mesh.extension)
+        energy += 0.5 * volume * lam * log * log
+        first[p] = lam * log * d
+    for e in range(count):
         cell, volume, mu, stiffening = mesh.cells[e], mesh.volumes[e], mesh.mu[e], mesh.stiffening[e]
-        j, excess = deformation(u, cell, mesh.gradients[e], f, cof)
+        f, j, excess = fs[e], js[e, 0], js[e, 1]
+        cofactor(f, cof)
         least = min(least, j)
+        if len(state):
+            state[e, 0], state[e, 1] = j, excess + 3
         log, d, _ = extended_log(j, mesh.extension)
         energy += volume * (0.5 * mu * excess + 0.5 * stiffening * excess**2 - mu * log)
         shear = volume * (mu + 2 * stiffening * excess)

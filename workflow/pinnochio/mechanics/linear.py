@@ -4,7 +4,8 @@ import copy
 import ctypes
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from importlib import metadata
 
@@ -165,6 +166,31 @@ class Scipy:
 
     def close(self) -> None:
         self._factors = None
+
+
+class Workers:
+    """Threads that each work by themselves; what they solve is solved by one thread of MKL."""
+
+    def __init__(self, count: int):
+        self._pool = ThreadPoolExecutor(count, initializer=_alone) if count > 1 else None
+
+    def each(self, call: Callable, arguments: Iterable[tuple]) -> list:
+        """What the call gives for each of the arguments, in their order."""
+        if self._pool is None:
+            return [call(*own) for own in arguments]
+        return list(self._pool.map(lambda own: call(*own), arguments))
+
+    def __enter__(self) -> "Workers":
+        return self
+
+    def __exit__(self, *_) -> None:
+        if self._pool is not None:
+            self._pool.shutdown()
+
+
+def _alone() -> None:
+    if PyPardisoSolver is not None:
+        _library().libmkl.MKL_Set_Num_Threads_Local(1)
 
 
 def symmetric_product(upper: sparse.csr_matrix) -> Callable[[np.ndarray], np.ndarray]:

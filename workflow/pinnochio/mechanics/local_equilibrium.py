@@ -1,20 +1,22 @@
-"""A part of a mesh brought to equilibrium while the rest of it stays: Newton's method on whole patches."""
+"""A part of a mesh brought to equilibrium while the rest of it stays: Newton's method on whole patches, whose factors
+are kept as long as they serve."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from pinnochio.mechanics.assembly import CUT, Assembler
 from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.elements import Elements
+from pinnochio.mechanics.held_nodes import HeldNodes
 from pinnochio.mechanics.linear import linear_solver
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.solver import UNTANGLING
 
-# Way of a sliding node in mean edges after which the rest of the mesh has to follow first: alone, some nodes slid over
-# the rim of the bone and stayed there [X].
-SLIDE = 0.2
-STEPS = 10  # Newton iterations at most in one call [I]
+SLIDE = 0.5  # way of a sliding node in mean edges that a step is shortened to [I]
+STEPS = 10  # iterations at most in one call [I]
+SLOW = 0.5  # factors that leave more of the force than this are made anew [X]
 
 
 def subset(elements: Elements, chosen) -> tuple[Elements, np.ndarray]:
@@ -35,11 +37,37 @@ def subset(elements: Elements, chosen) -> tuple[Elements, np.ndarray]:
     ), nodes
 
 
+class Settled(NamedTuple):
+    """What became of a displacement (n, 3) mm once its part is in equilibrium, or nearer to it.
+
+    axes (s, 3, 3) of the sliding nodes; energy: its change, mN mm; force (k, 3) mN: its change at the part's nodes;
+    least: least J of the part's elements; steps: iterations made.
+    """
+
+    displacement: np.ndarray
+    axes: np.ndarray
+    energy: float
+    force: np.ndarray
+    least: float
+    steps: int
+
+
+class _State(NamedTuple):
+    """A displacement (n, 3) mm of the mesh, the axes (s, 3, 3) of its sliding nodes, and of the part energy, force
+    (k, 3) mN and least J."""
+
+    u: np.ndarray
+    axes: np.ndarray
+    energy: float
+    force: np.ndarray
+    least: float
+
+
 class LocalEquilibrium:
     """Some patches of a mesh, whose nodes alone move.
 
     patches (p,) bool: those to bring to equilibrium; sliding nodes are among their nodes all or none. inside (n, 3)
-    bool: the unknowns that move. Every patch beside them belongs to the energy.
+    bool: the unknowns that move. Every patch beside them belongs to the energy: touched (p,) bool; nodes (k,): theirs.
     """
 
     def __init__(self, elements: Elements, constraints: Constraints, patches, kind: str):
@@ -47,79 +75,92 @@ class LocalEquilibrium:
         moving = np.zeros(elements.nodes, bool)
         moving[elements.cells[patches[elements.patch]]] = True
         self.inside = ~constraints.constrained & moving[:, None]
-        touched = np.zeros(len(patches), bool)
-        touched[elements.patch[self.inside.any(axis=1)[elements.cells].any(axis=1)]] = True
-        self._elements, self._nodes = subset(elements, touched)
-        self._slides = bool(len(constraints.sliding.nodes)) and bool(self.inside[constraints.sliding.nodes].any())
-        framed = constraints.sliding.nodes if self._slides else np.zeros(0, int)
-        self._framed = np.searchsorted(self._nodes, framed)
-        self._assembler = Assembler(self._elements, ~self.inside[self._nodes], self._framed)
-        self._linear = linear_solver(self._assembler.indptr, self._assembler.indices, 0, kind)
+        self.touched = np.zeros(len(patches), bool)
+        self.touched[elements.patch[self.inside.any(axis=1)[elements.cells].any(axis=1)]] = True
+        self._elements, self.nodes = subset(elements, self.touched)
+        framed = constraints.sliding.nodes
+        if not self.inside[framed].any():
+            framed = np.zeros(0, int)
+        self._framed = np.searchsorted(self.nodes, framed)
+        self._assembler = Assembler(self._elements, ~self.inside[self.nodes], self._framed)
+        self._linear = linear_solver(self._assembler.indptr, self._assembler.indices, 0, kind, True)
+        self._ready = False
 
-    def settled(self, u, constraints: Constraints, goal: float, axes) -> tuple[np.ndarray, int]:
-        """The displacement (n, 3) with the part in equilibrium, or nearer to it, and the Newton iterations made.
+    def settled(self, u, held: HeldNodes, axes, goal: float) -> Settled:
+        """The displacement u (n, 3) mm, sliding nodes on their bones with these axes, with the part in equilibrium.
 
-        goal: norm of the free forces that is enough, mN; axes: displacement (n, 3) -> local axes of sliding nodes.
+        goal: norm of the free forces that is enough, mN.
         """
-        made, self._indefinite, elements = 0, False, self._elements
-        inverted = elements.evaluate(u[self._nodes])[2] <= 0
-        if inverted:
-            u, made = self._newton(u, elements.with_extension(UNTANGLING), constraints, goal, axes, -np.inf)
-            inverted = elements.evaluate(u[self._nodes])[2] <= 0
-        u, more = self._newton(u, elements, constraints, goal, axes, -np.inf if inverted else 0.0)
-        return u, made + more
+        start = state = self._state(u, axes, self._elements)
+        made = 0
+        if state.least <= 0:
+            loose, self._ready = self._elements.with_extension(UNTANGLING), False
+            state, made = self._newton(self._state(u, axes, loose), loose, held, goal, -np.inf)
+            self._ready, state = False, self._state(state.u, state.axes, self._elements)
+        state, more = self._newton(state, self._elements, held, goal, 0.0 if state.least > 0 else -np.inf)
+        change = state.energy - start.energy, state.force - start.force
+        return Settled(state.u, state.axes, *change, state.least, made + more)
 
-    def _newton(self, u, elements: Elements, constraints: Constraints, goal: float, axes, least_allowed: float):
-        sliding, none = constraints.sliding, np.zeros((0, 3, 3))
-        energy, force, _ = elements.evaluate(u[self._nodes])
+    def _state(self, u, axes, elements: Elements) -> _State:
+        return _State(u, axes, *elements.evaluate(u[self.nodes]))
+
+    def _newton(self, state: _State, elements: Elements, held: HeldNodes, goal: float, least_allowed: float):
+        """The state after some steps, and their number."""
+        last = np.inf
         for step in range(STEPS):
-            frames = axes(u) if self._slides else none
-            free = self._assembler.gather(self._local(force, frames))
-            if np.linalg.norm(free) <= goal:
-                return u, step
-            motion = self._direction(u, elements, sliding, frames, force, free)
-            if motion is None:
-                return u, step
-            slope = -float(np.vdot(motion, force))
-            slide = np.linalg.norm(motion[self._framed], axis=1).max(initial=0.0)
-            share = min(1.0, SLIDE * elements.edge / max(slide, 1e-30))
-            far = share < 1
-            noise = 1e-14 * elements.modulus * elements.volumes.sum() + 1e-13 * abs(energy)
-            while share > 1e-4:
-                new = u.copy()
-                new[self._nodes] += share * motion
-                if self._slides:
-                    new = sliding.project(new, 1.0)
-                new_energy, new_force, least = elements.evaluate(new[self._nodes])
-                if least > least_allowed and new_energy <= energy - 1e-4 * share * slope + noise:
+            free = self._assembler.gather(self._local(state.force, state.axes))
+            size = np.linalg.norm(free)
+            if size <= goal:
+                return state, step
+            new, kept = None, self._ready and size <= SLOW * last
+            for fresh in (False, True) if kept else (True,):
+                if fresh and not self._factorize(state, elements, held):
+                    return state, step
+                new = self._searched(state, elements, held, free, least_allowed)
+                if new is not None:
                     break
-                share /= 2
-            else:
-                return u, step
-            u, energy, force = new, new_energy, new_force
-            if far:
-                return u, step + 1
-        return u, STEPS
+            if new is None:
+                return state, step
+            state, last = new, size
+        return state, STEPS
 
-    def _direction(self, u, elements, sliding, frames, force, free) -> np.ndarray | None:
-        """Newton's step (k, 3) of the part's nodes, of the tangent without negative eigenvalues if need be."""
-        for definite in (CUT,) if self._indefinite else (0.0, CUT):
-            data, _ = self._assembler.tangent(u[self._nodes], frames, definite=definite, elements=elements)
-            if self._slides and not definite:
-                whole = np.zeros(u.shape)
-                whole[self._nodes] = force
-                bend = sliding.curvature(u, 1.0, frames, whole)
-                self._assembler.add(data, np.repeat(self._framed[:, None], 2, axis=1), bend)
-            if self._linear.factorize(data):
-                local = self._assembler.scatter(-self._linear.solve(free))
-                local[self._framed] = np.einsum("sij,si->sj", frames, local[self._framed])
-                return local
-            self._indefinite = True
+    def _searched(self, state: _State, elements, held, free, least_allowed: float) -> _State | None:
+        """The state after a step of the factors along which the energy falls, None if there is none."""
+        motion = self._assembler.scatter(-self._linear.solve(free))
+        slides = len(self._framed) > 0
+        if slides:
+            motion[self._framed] = np.einsum("sij,si->sj", state.axes, motion[self._framed])
+        slope = -float(np.vdot(motion, state.force))
+        slide = np.linalg.norm(motion[self._framed], axis=1).max(initial=0.0)
+        share = min(1.0, SLIDE * elements.edge / max(slide, 1e-30))
+        noise = 1e-14 * elements.modulus * elements.volumes.sum() + 1e-13 * abs(state.energy)
+        while share > 1e-4:
+            u = state.u.copy()
+            u[self.nodes] += share * motion
+            new = self._state(u, held.put_back(u) if slides else state.axes, elements)
+            if new.least > least_allowed and new.energy <= state.energy - 1e-4 * share * slope + noise:
+                return new
+            share /= 2
         return None
 
-    def _local(self, vectors, frames) -> np.ndarray:
+    def _factorize(self, state: _State, elements, held) -> bool:
+        """Factors of the present tangent, of the one without negative eigenvalues if need be."""
+        slides = len(self._framed) > 0
+        frames = state.axes if slides else np.zeros((0, 3, 3))
+        for definite in (0.0, CUT):
+            data, _ = self._assembler.tangent(state.u[self.nodes], frames, definite=definite, elements=elements)
+            if slides and not definite:
+                bend = held.bend(state.u, state.axes, state.force[self._framed])
+                self._assembler.add(data, np.repeat(self._framed[:, None], 2, axis=1), bend)
+            self._ready = self._linear.factorize(data)
+            if self._ready:
+                return True
+        return False
+
+    def _local(self, vectors, axes) -> np.ndarray:
         turned = np.array(vectors)
-        turned[self._framed] = np.einsum("sij,sj->si", frames, turned[self._framed])
+        if len(self._framed):
+            turned[self._framed] = np.einsum("sij,sj->si", axes, turned[self._framed])
         return turned
 
     def close(self) -> None:

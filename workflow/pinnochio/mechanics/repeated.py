@@ -20,25 +20,35 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from pinnochio.compiled import compiled
+from pinnochio.geometry.faces import edges_of
 from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.elastic import ElasticSolver
-from pinnochio.mechanics.elements import ElementArrays, deformation
+from pinnochio.mechanics.elements import Elements
+from pinnochio.mechanics.held_nodes import HeldNodes, bones_of
+from pinnochio.mechanics.linear import Workers
 from pinnochio.mechanics.local_equilibrium import LocalEquilibrium
 from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.point_surface import CompiledSurface
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions, solve
 
-MEMORY = 5  # pairs of steps and changes of the force that are kept
+MEMORY = 10  # pairs of steps and changes of the force that are kept
 # An element is hard below this volume ratio, or above this I1 = tr F'F, 3 at rest.
 HARD_RATIO, HARD_STRETCH = 0.5, 8.0
 LOOSE = 0.1  # force left in the hard patches, over that outside, before a step
 # Least cosine between the surface's normals where the linear field puts a sliding node and where it ends. Beyond, it
 # has gone round the rim of its bone, and which equilibrium it found depends on the way: Newton's method decides [X].
 RIM = 0.4
-ITERATIONS = 60  # after so many a plan goes to Newton's method
+# Way of a node beside the mean of its neighbours', in mean edges, from where the linear field puts it. A tip of the
+# mesh that one element alone holds has two equilibria: up to 0.72 it was in Newton's, at 1.24 in the other [X].
+STRAY = 0.8
+WILD = -2  # a step to where an element has a smaller J is halved at once
+ITERATIONS = 60  # after so many at one load it counts as failed
+PATIENCE, FAR = 8, 0.3  # so many iterations that leave more than this residual promise nothing [X]
+# Share of the load in the first increment, where the whole fails at once, and the least one.
+INCREMENT, LEAST_INCREMENT = 0.25, 1 / 16
 
 
 class Point(NamedTuple):
@@ -55,9 +65,13 @@ class Point(NamedTuple):
 
 @dataclass
 class Path:
-    """How one plan was solved; part: its hard patches."""
+    """How one plan is solved. held: its sliding nodes, target (p, 3) mm: where its prescribed nodes go, both at the
+    fraction of the load that it is at; part: its hard patches."""
 
     constraints: Constraints
+    held: HeldNodes | None = None
+    target: np.ndarray | None = None
+    fraction: float = 0.0
     part: LocalEquilibrium | None = None
     point: Point | None = None
     residual: float = np.inf
@@ -75,10 +89,14 @@ class RepeatedSolver:
 
     def __init__(self, points, cells, material: Material, boundary: BoundaryConditions, options: SolverOptions):
         self._points, self._cells, self._material, self._options = np.asarray(points, float), cells, material, options
-        self._rest = ElasticSolver(
-            points, cells, material, boundary, options.volumetric, options.linear_solver, True, CompiledSurface
-        )
+        self._rest = ElasticSolver(points, cells, material, boundary, options.volumetric, options.linear_solver, True)
         self._elements, self._constraints = self._rest.elements, self._rest.constraints
+        self._bones = bones_of(self._constraints.sliding, self._rest.frames)
+        self._gradients = mean_gradients(self._elements)
+        edges = edges_of(self._elements.cells)[0]
+        ends = np.concatenate([edges, edges[:, ::-1]]).T
+        beside = sparse.csr_array((np.ones(len(ends[0])), ends), (len(self._points), len(self._points)))
+        self._beside = sparse.diags_array(1 / np.maximum(beside.sum(axis=1), 1)) @ beside
         elements, nodes = self._elements, self._constraints.sliding.nodes
         used = np.zeros(len(self._points), bool)
         used[elements.cells] = True
@@ -88,15 +106,16 @@ class RepeatedSolver:
         slides[nodes] = True
         self._shell[elements.patch[slides[elements.cells].any(axis=1)]] = True
 
-    def solve(self, boundaries: Sequence[BoundaryConditions]) -> list[SolveResult]:
+    def solve(self, boundaries: Sequence[BoundaryConditions], threads: int = 1) -> list[SolveResult]:
         """The solution of each boundary condition, which differs from the first one in its motion alone.
 
-        All advance together, so that their loads meet the factors together; a plan that fails does not stop others.
+        All advance together, `threads` at a time, so that their loads meet the factors together; a plan that fails does
+        not stop others.
         """
         began = time.perf_counter()
         quick = [not (item.contact or item.loads) and self._options.barrier for item in boundaries]
         paths = [Path(self._constraints.under(item)) for item, fast in zip(boundaries, quick, strict=True) if fast]
-        self._advance(paths)
+        self._advance(paths, threads)
         share = (time.perf_counter() - began) / max(len(paths), 1)
         done, results = iter(paths), []
         for boundary, fast in zip(boundaries, quick, strict=True):
@@ -112,18 +131,22 @@ class RepeatedSolver:
         """Release the factors."""
         self._rest.close()
 
-    def _advance(self, paths: Sequence[Path]) -> None:
+    def _advance(self, paths: Sequence[Path], threads: int) -> None:
         if not paths:
             return
         starts = self._rest.spread(np.stack([path.constraints.motions() for path in paths]))
         walks = [self._walk(path, start) for path, start in zip(paths, starts, strict=True)]
-        loads = {number: self._sent(walk, paths[number], None) for number, walk in enumerate(walks)}
-        while loads := {number: load for number, load in loads.items() if load is not None}:
-            answers = self._rest.respond(np.stack(list(loads.values())))
-            loads = {
-                number: self._sent(walks[number], paths[number], answer)
-                for number, answer in zip(loads, answers.reshape(len(loads), -1), strict=True)
-            }
+        with Workers(min(threads, len(paths))) as workers:
+            numbers, answers = list(range(len(paths))), [None] * len(paths)
+            while numbers:
+                asked = [
+                    (walks[number], paths[number], answer) for number, answer in zip(numbers, answers, strict=True)
+                ]
+                loads = dict(zip(numbers, workers.each(self._sent, asked), strict=True))
+                numbers = [number for number in numbers if loads[number] is not None]
+                if numbers:
+                    answers = self._rest.respond(np.stack([loads[number] for number in numbers]))
+                    answers = answers.reshape(len(numbers), -1)
 
     @staticmethod
     def _sent(walk: Generator, path: Path, answer: np.ndarray | None) -> np.ndarray | None:
@@ -136,38 +159,83 @@ class RepeatedSolver:
             path.reason = f"{type(error).__name__}: {error}"
             return None
 
-    def _walk(self, path: Path, start) -> Generator[np.ndarray, np.ndarray, None]:
-        """One plan from its linear field (n, 3) to equilibrium; gives loads (f,) and is sent what they cause."""
-        pairs: list[tuple] = []
-        start = path.constraints.met(start, 1.0)
-        normals = self._axes(path.constraints, start)[:, 0]
-        point = self._settled(path, start)
+    def _walk(self, path: Path, linear) -> Generator[np.ndarray, np.ndarray, None]:
+        """One plan to equilibrium, linear (n, 3) mm its linear field; gives loads (f,) and is sent what they cause.
+
+        The whole load at once; if that fails in increments, which are halved as often as they fail, down to a limit.
+        """
+        u, done, share = np.zeros_like(linear), 0.0, 1.0
         try:
-            while True:
-                gradient = point.force[self._free]
-                path.point, path.residual = point, self._residual(point)
-                path.history.append({"residual": path.residual, "energy": point.energy, "min_jacobian": point.least})
-                if path.residual <= self._options.tolerance:
-                    if (normals * point.axes[:, 0]).sum(axis=1).min(initial=1.0) < RIM:
-                        path.reason = "a node slid round the rim of its bone"
+            while done < 1:
+                path.fraction, path.reason = min(done + share, 1.0), ""
+                path.target = path.constraints.boundary.displacement(path.fraction)
+                path.held = HeldNodes(self._bones, path.constraints.sliding, path.fraction)
+                yield from self._balance(path, u + (path.fraction - done) * linear, share > LEAST_INCREMENT)
+                if not path.reason:
+                    u, done = path.point.u, path.fraction
+                    continue
+                share = min(share / 2, INCREMENT)
+                if share < LEAST_INCREMENT:
                     return
-                if path.iterations == ITERATIONS:
-                    path.reason = f"{ITERATIONS} iterations left a residual of {path.residual:.1e}"
-                    return
-                direction = yield from self._direction(point, gradient, pairs)
-                new = self._searched(path, point, direction, gradient)
-                path.iterations += 1
-                if new is None:
-                    path.reason = f"the line search stagnated at a residual of {path.residual:.1e}"
-                    return
-                step = self._turned(new.u - point.u, new.axes)[self._free]
-                change = new.force[self._free] - gradient
-                if step @ change > 1e-12 * np.linalg.norm(step) * np.linalg.norm(change):
-                    pairs = [*pairs, (step, change, 1 / (step @ change))][-MEMORY:]
-                point = new
+                self._forget(path)
         finally:
-            if path.part is not None:
-                path.part.close()
+            self._forget(path)
+
+    @staticmethod
+    def _forget(path: Path) -> None:
+        if path.part is not None:
+            path.part.close()
+            path.part = None
+
+    def _balance(self, path: Path, start, wary: bool) -> Generator[np.ndarray, np.ndarray, None]:
+        """From a field (n, 3) mm, whose sliding nodes are put back, to equilibrium at the path's share of the load.
+
+        wary: refuse what may be another equilibrium; in the least increments it is the one that they lead to.
+        """
+        pairs: list[tuple] = []
+        tolerance = self._options.tolerance if path.fraction == 1 else self._options.loose
+        normals = path.held.put_back(start)[:, 0]
+        point = self._settled(path, start.copy())
+        for count in range(ITERATIONS):
+            gradient = point.force[self._free]
+            path.point, path.residual = point, self._residual(point)
+            path.history.append(
+                {
+                    "fraction": path.fraction,
+                    "residual": path.residual,
+                    "energy": point.energy,
+                    "min_jacobian": point.least,
+                }
+            )
+            near = path.residual <= self._options.loose
+            if near and wary:
+                path.reason = self._elsewhere(start, normals, point)
+            if count == PATIENCE and path.residual > FAR:
+                path.reason = f"{count} iterations left a residual of {path.residual:.1e}"
+            if path.residual <= tolerance or path.reason:
+                return
+            direction = yield from self._direction(point, gradient, pairs)
+            new = self._searched(path, point, direction, gradient)
+            path.iterations += 1
+            if new is None:
+                path.reason = f"the line search stagnated at a residual of {path.residual:.1e}"
+                return
+            step = self._turned(new.u - point.u, new.axes)[self._free]
+            change = new.force[self._free] - gradient
+            if step @ change > 1e-12 * np.linalg.norm(step) * np.linalg.norm(change):
+                pairs = [*pairs, (step, change, 1 / (step @ change))][-MEMORY:]
+            point = new
+        path.reason = f"{ITERATIONS} iterations left a residual of {path.residual:.1e}"
+
+    def _elsewhere(self, start, normals, point: Point) -> str:
+        """Why the point, from a start (n, 3) mm with these normals (s, 3), may be another equilibrium than the one that
+        a small motion leads to, or ""."""
+        if (normals * point.axes[:, 0]).sum(axis=1).min(initial=1.0) < RIM:
+            return "a node slid round the rim of its bone"
+        way = point.u - start
+        if np.linalg.norm(way - self._beside @ way, axis=1).max() > STRAY * self._elements.edge:
+            return "a node strayed from those beside it"
+        return ""
 
     def _direction(self, point: Point, gradient, pairs) -> Generator[np.ndarray, np.ndarray, np.ndarray]:
         """Minus the product of the inverse Hessian that L-BFGS knows with the gradient (f,)."""
@@ -186,8 +254,8 @@ class RepeatedSolver:
 
     def _warp(self, point: Point) -> np.ndarray:
         """Mean deformation gradient (n, 3, 3) at the nodes, of determinant 1, from axes at rest to those of now."""
-        warp = np.zeros((len(self._points), 3, 3))
-        _mean_gradients(point.u, self._elements.arrays, warp)
+        warp = np.eye(3) + (self._gradients @ point.u).reshape(-1, 3, 3).transpose(0, 2, 1)
+        _keep_volume(warp)
         nodes = self._constraints.sliding.nodes
         warp[nodes] = point.axes @ warp[nodes] @ self._rest.frames.transpose(0, 2, 1)
         warp[nodes, 0, :] = warp[nodes, :, 0] = 0
@@ -208,83 +276,71 @@ class RepeatedSolver:
         allowed = 0.0 if point.least > 0 else -np.inf
         for halvings in range(20):
             step = 0.5**halvings
-            new = self._settled(path, path.constraints.met(point.u + step * motion, 1.0))
-            if new.energy <= point.energy + 1e-4 * step * slope + noise and new.least > allowed:
+            new = self._settled(path, point.u + step * motion, WILD)
+            if new is not None and new.energy <= point.energy + 1e-4 * step * slope + noise and new.least > allowed:
                 return new
         return None
 
-    def _settled(self, path: Path, u) -> Point:
-        """The state at `u` (n, 3) with its hard patches in equilibrium."""
-        point = self._point(path, u)
+    def _settled(self, path: Path, u, least: float = -np.inf) -> Point | None:
+        """The admissible state next to `u`, which is taken over, with its hard patches in equilibrium; None if there an
+        element has a J below `least`."""
+        u[self._constraints.prescribed] = path.target
+        axes = path.held.put_back(u)
+        energy, force, state = self._elements.measure(u)
+        if state[:, 0].min() < least:
+            return None
+        part = self._part(path, state)
+        if part is None:
+            return self._point(u, energy, state[:, 0].min(), axes, force)
+        outside = self._free & ~part.inside
+        point = self._point(u, energy, 0.0, axes, force)
+        goal = max(LOOSE * np.linalg.norm(point.force[outside]), 0.3 * self._options.tolerance * self._reaction(point))
+        done = part.settled(u, path.held, axes, goal)
+        path.local_iterations += done.steps
+        force[part.nodes] += done.force
+        least = min(state[~part.touched[self._elements.patch], 0].min(initial=np.inf), done.least)
+        return self._point(done.displacement, energy + done.energy, least, done.axes, force)
+
+    def _part(self, path: Path, state) -> LocalEquilibrium | None:
+        """The plan's hard patches, with those that became so; state (m, 2): J and I1 of the elements."""
         hard = np.zeros(len(self._elements.patch_volumes), bool)
-        _mark_hard(u, self._elements.arrays, HARD_RATIO, HARD_STRETCH, hard)
-        if (
-            path.part is None
-            and (hard | self._shell).any()
-            or path.part is not None
-            and (hard & ~path.part.patches).any()
-        ):
+        hard[self._elements.patch[(state[:, 0] < HARD_RATIO) | (state[:, 1] > HARD_STRETCH)]] = True
+        known = self._shell if path.part is None else path.part.patches
+        if (hard & ~known).any() or (path.part is None and known.any()):
             nodes = np.zeros(len(self._points), bool)
             nodes[self._elements.cells[hard[self._elements.patch]]] = True
-            wide = self._shell.copy()
+            wide = known.copy()
             wide[self._elements.patch[nodes[self._elements.cells].any(axis=1)]] = True
-            if path.part is not None:
-                path.part.close()
+            self._forget(path)
             path.part = LocalEquilibrium(self._elements, path.constraints, wide, self._options.linear_solver)
-        if path.part is None:
-            return point
-        outside = np.linalg.norm(point.force[self._free & ~path.part.inside])
-        goal = max(LOOSE * outside, 0.3 * self._options.tolerance * self._least_reaction(point))
-        settled, made = path.part.settled(u, path.constraints, goal, lambda u: self._axes(path.constraints, u))
-        path.local_iterations += made
-        return self._point(path, settled) if made else point
+        return path.part
 
-    def _point(self, path: Path, u) -> Point:
-        energy, force, least = self._elements.evaluate(u)
-        axes = self._axes(path.constraints, u)
-        local = self._turned(force, axes)
-        return Point(u, energy, least, axes, local, float(np.linalg.norm(local[path.constraints.constrained])))
+    def _point(self, u, energy: float, least: float, axes, force) -> Point:
+        local = self._constraints.local(force, axes)
+        return Point(u, energy, least, axes, local, float(np.linalg.norm(local[self._constraints.constrained])))
 
-    def _least_reaction(self, point: Point) -> float:
+    def _reaction(self, point: Point) -> float:
         elements = self._elements
         least = 1e-4 * elements.modulus * elements.edge**2 * np.sqrt(self._constraints.constrained.sum())
         return max(point.reaction, least, np.finfo(float).tiny)
 
     def _residual(self, point: Point) -> float:
-        return float(np.linalg.norm(point.force[self._free]) / self._least_reaction(point))
-
-    def _axes(self, constraints: Constraints, u) -> np.ndarray:
-        """Local axes (s, 3, 3) of the sliding nodes: those at rest, turned by their bone and no further than the normal
-        of its surface asks, so that they change no faster than the surface bends."""
-        carried, done = np.empty_like(self._rest.frames), 0
-        for item in constraints.sliding.sets:
-            own = slice(done, done + len(item.nodes))
-            carried[own] = self._rest.frames[own] @ item.motion(1.0).rotation.T
-            done = own.stop
-        here = constraints.sliding.frames(u, 1.0)
-        one, other = carried[:, 0], here[:, 0]
-        cosine = (one * other).sum(axis=1)
-        axis = np.cross(one, other)
-        # Rodrigues: v -> v + axis x v + axis x (axis x v) / (1 + cosine)
-        turn = np.cross(axis[:, None], carried)
-        turned = carried + turn + np.cross(axis[:, None], turn) / np.maximum(1 + cosine, 1e-6)[:, None, None]
-        return np.where((cosine > -0.9)[:, None, None], turned, here)
+        return float(np.linalg.norm(point.force[self._free]) / self._reaction(point))
 
     def _turned(self, vectors, axes) -> np.ndarray:
         return self._constraints.local(vectors, axes)
 
     def _result(self, path: Path, seconds: float) -> SolveResult:
         point = path.point
-        violation = np.abs(path.constraints.sliding.violation(point.u, 1.0))
         return SolveResult(
             displacement=point.u,
             converged=True,
             reason="converged",
-            history=[{"kind": "kept", "step": 1.0, "fraction": 1.0} | entry for entry in path.history],
+            history=[{"kind": "kept", "step": 1.0} | entry for entry in path.history],
             min_jacobian=point.least,
             fraction=1.0,
             residual=path.residual,
-            violation=float(violation.max(initial=0.0)),
+            violation=path.held.violation(point.u),
             penetration=0.0,
             gap=0.0,
             increments=1,
@@ -296,16 +352,20 @@ class RepeatedSolver:
         )
 
 
-@compiled
-def _mean_gradients(u, mesh: ElementArrays, mean):
-    """Adds to mean (n, 3, 3) the deformation gradients of the elements by volume; scales them to determinant 1."""
-    f, cof = np.empty((3, 3)), np.empty((3, 3))
-    for e in range(len(mesh.cells)):
-        deformation(u, mesh.cells[e], mesh.gradients[e], f, cof)
-        for a in range(4):
-            for i in range(3):
-                for j in range(3):
-                    mean[mesh.cells[e, a], i, j] += mesh.volumes[e] * f[i, j]
+def mean_gradients(elements: Elements) -> sparse.csr_array:
+    """Displacement (n, 3) mm -> transposed mean displacement gradients by volume, (3n, 3), of the nodes."""
+    cells, weighted = elements.cells, elements.volumes[:, None, None] * elements.gradients
+    share = np.bincount(cells.ravel(), np.repeat(elements.volumes, 4), elements.nodes)
+    rows = np.broadcast_to(3 * cells[:, :, None, None] + np.arange(3), (*cells.shape, 4, 3))
+    columns = np.broadcast_to(cells[:, None, :, None], rows.shape)
+    values = weighted[:, None] / share[cells][:, :, None, None]
+    shape = 3 * elements.nodes, elements.nodes
+    return sparse.csr_array((values.ravel(), (rows.ravel(), columns.ravel())), shape)
+
+
+@compiled(nogil=True)
+def _keep_volume(mean):
+    """Scales gradients (n, 3, 3) to determinant 1."""
     for n in range(len(mean)):
         g = mean[n]
         ratio = (
@@ -323,13 +383,3 @@ def _mean_gradients(u, mesh: ElementArrays, mean):
             g[:] = 0.0
             for i in range(3):
                 g[i, i] = 1.0
-
-
-@compiled
-def _mark_hard(u, mesh: ElementArrays, ratio, stretch, hard):
-    """Marks the patches (p,) that hold an element with J below `ratio` or I1 above `stretch`."""
-    f, cof = np.empty((3, 3)), np.empty((3, 3))
-    for e in range(len(mesh.cells)):
-        j, excess = deformation(u, mesh.cells[e], mesh.gradients[e], f, cof)
-        if j < ratio or excess + 3 > stretch:
-            hard[mesh.patch[e]] = True

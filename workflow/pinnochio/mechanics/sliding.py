@@ -61,14 +61,13 @@ class BoundaryConditions:
 class SlidingContact:
     """The sliding sets of one mesh: holds their nodes on the level sets of their surfaces where they started."""
 
-    def __init__(self, points, sets, surface: type[PointSurface] = PointSurface):
+    def __init__(self, points, sets):
         self.points = np.asarray(points, float)
         self.sets = [item for item in sets if len(item.nodes)]
         self.nodes = np.concatenate([np.zeros(0, int)] + [np.asarray(item.nodes, int) for item in self.sets])
-        self._surfaces = [surface(item.points, item.normals) for item in self.sets]
+        self.surfaces = [PointSurface(item.points, item.normals) for item in self.sets]
         self._levels = [
-            surface.distance(self.points[item.nodes])[0]
-            for surface, item in zip(self._surfaces, self.sets, strict=True)
+            surface.distance(self.points[item.nodes])[0] for surface, item in zip(self.surfaces, self.sets, strict=True)
         ]
 
     def under(self, sets) -> "SlidingContact":
@@ -88,7 +87,7 @@ class SlidingContact:
     def project(self, displacement, fraction: float) -> np.ndarray:
         """Displacement (n, 3) with the sliding nodes put back on their level sets at `fraction`."""
         moved = np.array(displacement, float)
-        for item, surface, level in zip(self.sets, self._surfaces, self._levels, strict=True):
+        for item, surface, level in zip(self.sets, self.surfaces, self._levels, strict=True):
             motion = item.motion(fraction)
             here = surface.project(motion.inverse(self._place(item, moved)), level)
             moved[item.nodes] = motion.apply(here) - self.points[item.nodes]
@@ -97,7 +96,7 @@ class SlidingContact:
     def frames(self, displacement, fraction: float) -> np.ndarray:
         """Local axes (s, 3, 3) of the sliding nodes, in rows: normal of the moved surface and two tangents."""
         normals = [np.zeros((0, 3))]
-        for item, surface in zip(self.sets, self._surfaces, strict=True):
+        for item, surface in zip(self.sets, self.surfaces, strict=True):
             motion = item.motion(fraction)
             _, gradient = surface.distance(motion.inverse(self._place(item, displacement)))
             normals.append(gradient @ motion.rotation.T)
@@ -110,7 +109,7 @@ class SlidingContact:
         mN is the gradient of the energy. d2g is taken by central differences of the gradient.
         """
         step, blocks, done = 1e-3, [np.zeros((0, 3, 3))], 0
-        for item, surface in zip(self.sets, self._surfaces, strict=True):
+        for item, surface in zip(self.sets, self.surfaces, strict=True):
             motion, axes = item.motion(fraction), frames[done : done + len(item.nodes)]
             done += len(item.nodes)
             here = motion.inverse(self._place(item, displacement))
@@ -129,7 +128,7 @@ class SlidingContact:
     def violation(self, displacement, fraction: float = 1.0) -> np.ndarray:
         """Signed gap (s,) in mm that opened (positive) or closed (penetration, negative) at the sliding nodes."""
         gaps = [np.zeros(0)]
-        for item, surface, level in zip(self.sets, self._surfaces, self._levels, strict=True):
+        for item, surface, level in zip(self.sets, self.surfaces, self._levels, strict=True):
             here = item.motion(fraction).inverse(self._place(item, displacement))
             gaps.append(surface.distance(here)[0] - level)
         return np.concatenate(gaps)

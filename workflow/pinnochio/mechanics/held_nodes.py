@@ -1,0 +1,288 @@
+"""Sliding nodes of one mesh under many plans: put back on their bones and given their local axes, compiled.
+
+The field is that of :class:`pinnochio.mechanics.point_surface.PointSurface`, but every point of a bone counts whose
+weight is above exp(-18): it differs by what that class leaves out, below 1e-5 of a weight. The points that may count
+are found by their distance from the node at rest.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pinnochio.compiled import compiled
+from pinnochio.mechanics.sliding import SlidingContact
+
+NEAREST = 256  # points of the bone that are listed for a node; where they do not reach all points are looked through
+CUTOFF = 18.0  # squared distance beyond the nearest point's, in squared spacings, at which a point counts no more
+
+
+class Bones(NamedTuple):
+    """What the kernels read of nodes (s,) and of the bones that they slide on.
+
+    rest (s, 3) mm: the nodes; owner (s,): their bone; level (s,) mm: their distance from it; frames (s, 3, 3): their
+    axes at rest. points, normals (b, 3): of all bones, those of bone i from first[i] on; width (i,) mm2: squared
+    spacing of its points. near (s, k): places in points by distance (s, k) mm from the node, -1 where there are fewer.
+    """
+
+    nodes: np.ndarray
+    rest: np.ndarray
+    owner: np.ndarray
+    level: np.ndarray
+    frames: np.ndarray
+    points: np.ndarray
+    normals: np.ndarray
+    first: np.ndarray
+    width: np.ndarray
+    near: np.ndarray
+    away: np.ndarray
+
+
+def bones_of(sliding: SlidingContact, frames: np.ndarray) -> Bones:
+    """The bones of the sliding sets; frames (s, 3, 3): axes of the nodes at rest."""
+    surfaces, nodes = sliding.surfaces, sliding.nodes
+    first = np.concatenate([[0], np.cumsum([len(surface.points) for surface in surfaces])]).astype(np.int64)
+    owner = np.repeat(np.arange(len(surfaces)), [len(item.nodes) for item in sliding.sets])
+    near, away = np.full((len(nodes), NEAREST), -1), np.full((len(nodes), NEAREST), np.inf)
+    rest = sliding.points[nodes]
+    for index, surface in enumerate(surfaces):
+        own, count = owner == index, min(NEAREST, len(surface.points))
+        distance, place = cKDTree(surface.points).query(rest[own], count)
+        near[own, :count], away[own, :count] = first[index] + place, distance
+    bones = Bones(
+        nodes=nodes,
+        rest=rest,
+        owner=owner,
+        level=np.zeros(len(nodes)),
+        frames=np.ascontiguousarray(frames, float),
+        points=np.concatenate([np.zeros((0, 3)), *(surface.points for surface in surfaces)]),
+        normals=np.concatenate([np.zeros((0, 3)), *(surface.normals for surface in surfaces)]),
+        first=first,
+        width=np.array([surface.width for surface in surfaces], float),
+        near=near,
+        away=away,
+    )
+    _levels(bones, bones.level)
+    return bones
+
+
+class HeldNodes:
+    """The nodes on their bones at a fraction of one plan; sliding: the same sets in the plan's motion."""
+
+    def __init__(self, bones: Bones, sliding: SlidingContact, fraction: float = 1.0):
+        motions = [item.motion(fraction) for item in sliding.sets]
+        self._bones = bones
+        self._turns = np.array([motion.rotation for motion in motions]).reshape(-1, 3, 3)
+        self._shifts = np.array([motion.apply(np.zeros((1, 3)))[0] for motion in motions]).reshape(-1, 3)
+
+    def put_back(self, u: np.ndarray) -> np.ndarray:
+        """Local axes (s, 3, 3) of the nodes, in rows, the normal first; moves their displacement in u (n, 3) mm along
+        the normal to where their distance from the bone is that at rest, to 1e-9 mm if it can.
+
+        The axes are those at rest, turned by their bone and no further than the normal of its surface asks, so that
+        they change no faster than the surface bends.
+        """
+        axes = np.empty((len(self._bones.nodes), 3, 3))
+        _put_back(u, self._bones, self._turns, self._shifts, axes)
+        return axes
+
+    def bend(self, u, axes, force) -> np.ndarray:
+        """What the bend of the surfaces adds to the tangent, (s, 3, 3) mN/mm in local axes, zero along the first; as
+        :meth:`pinnochio.mechanics.sliding.SlidingContact.curvature`; force (s, 3) mN on the nodes."""
+        blocks = np.zeros((len(self._bones.nodes), 3, 3))
+        _bend(u, self._bones, self._turns, self._shifts, axes, force, blocks)
+        return blocks
+
+    def violation(self, u) -> float:
+        """Largest change of a node's distance from its bone, mm."""
+        if not len(self._bones.nodes):
+            return 0.0
+        return float(_violation(u, self._bones, self._turns, self._shifts))
+
+
+@compiled(nogil=True)
+def _field(x, s, bones: Bones, near, square, weight, plane, gradient):
+    """Signed distance of x (3,) mm from the bone of node s; its gradient (3,)."""
+    start, end, width = bones.first[bones.owner[s]], bones.first[bones.owner[s] + 1], bones.width[bones.owner[s]]
+    moved = 0.0
+    for i in range(3):
+        moved += (x[i] - bones.rest[s, i]) ** 2
+    moved, least, used, reached = np.sqrt(moved), np.inf, 0, False
+    for k in range(min(bones.near.shape[1], end - start)):
+        reach = bones.away[s, k] - moved
+        if reach > 0 and reach * reach > least + CUTOFF * width:
+            reached = True
+            break
+        b = bones.near[s, k]
+        a0, a1, a2 = x[0] - bones.points[b, 0], x[1] - bones.points[b, 1], x[2] - bones.points[b, 2]
+        near[k], square[k], used = b, a0 * a0 + a1 * a1 + a2 * a2, k + 1
+        least = min(least, square[k])
+    if not reached and end - start > bones.near.shape[1]:
+        used = 0
+        for b in range(start, end):
+            a0, a1, a2 = x[0] - bones.points[b, 0], x[1] - bones.points[b, 1], x[2] - bones.points[b, 2]
+            near[used], square[used] = b, a0 * a0 + a1 * a1 + a2 * a2
+            least = min(least, square[used])
+            used += 1
+    count, total = 0, 0.0
+    for k in range(used):
+        if square[k] < least + CUTOFF * width:
+            near[count], weight[count] = near[k], np.exp((least - square[k]) / width)
+            total += weight[count]
+            count += 1
+    n0, n1, n2, o0, o1, o2, first = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(count):
+        b = near[k]
+        weight[k] /= total
+        w = weight[k]
+        a0, a1, a2 = x[0] - bones.points[b, 0], x[1] - bones.points[b, 1], x[2] - bones.points[b, 2]
+        m0, m1, m2 = bones.normals[b, 0], bones.normals[b, 1], bones.normals[b, 2]
+        plane[k] = a0 * m0 + a1 * m1 + a2 * m2
+        n0, n1, n2 = n0 + w * m0, n1 + w * m1, n2 + w * m2
+        o0, o1, o2 = o0 + w * a0, o1 + w * a1, o2 + w * a2
+        first += w * plane[k]
+    length = max(np.sqrt(n0 * n0 + n1 * n1 + n2 * n2), 1e-3)
+    n0, n1, n2 = n0 / length, n1 / length, n2 / length
+    second = n0 * o0 + n1 * o1 + n2 * o2
+    g0, g1, g2 = n0 * (1 + length), n1 * (1 + length), n2 * (1 + length)
+    t0, t1, t2 = (o0 - second * n0) / length, (o1 - second * n1) / length, (o2 - second * n2) / length
+    for k in range(count):
+        b = near[k]
+        a0, a1, a2 = x[0] - bones.points[b, 0], x[1] - bones.points[b, 1], x[2] - bones.points[b, 2]
+        # d weight/dx = -2/width weight (offset - mean offset): derivatives of averages are covariances.
+        along = plane[k] + t0 * bones.normals[b, 0] + t1 * bones.normals[b, 1] + t2 * bones.normals[b, 2]
+        along = -2 / width * weight[k] * (along + a0 * n0 + a1 * n1 + a2 * n2)
+        g0, g1, g2 = g0 + along * (a0 - o0), g1 + along * (a1 - o1), g2 + along * (a2 - o2)
+    gradient[0], gradient[1], gradient[2] = g0 / 2, g1 / 2, g2 / 2
+    return (first + second) / 2
+
+
+@compiled(nogil=True)
+def _inside(u, s, bones: Bones, turn, shift, x):
+    """Where node s is in the frame of its bone at rest, into x (3,)."""
+    for j in range(3):
+        x[j] = 0.0
+        for i in range(3):
+            x[j] += turn[i, j] * (bones.rest[s, i] + u[bones.nodes[s], i] - shift[i])
+
+
+@compiled(nogil=True)
+def _levels(bones: Bones, level):
+    size = len(bones.points)
+    near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)
+    gradient = np.empty(3)
+    for s in range(len(bones.nodes)):
+        level[s] = _field(bones.rest[s], s, bones, near, square, weight, plane, gradient)
+
+
+@compiled(nogil=True)
+def _violation(u, bones: Bones, turns, shifts):
+    size, worst = len(bones.points), 0.0
+    near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)
+    x, gradient = np.empty(3), np.empty(3)
+    for s in range(len(bones.nodes)):
+        _inside(u, s, bones, turns[bones.owner[s]], shifts[bones.owner[s]], x)
+        worst = max(worst, abs(_field(x, s, bones, near, square, weight, plane, gradient) - bones.level[s]))
+    return worst
+
+
+@compiled(nogil=True)
+def _put_back(u, bones: Bones, turns, shifts, axes):
+    size = len(bones.points)
+    near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)
+    x, gradient, normal, carried, axis = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
+    for s in range(len(bones.nodes)):
+        turn, shift = turns[bones.owner[s]], shifts[bones.owner[s]]
+        _inside(u, s, bones, turn, shift, x)
+        moved = False
+        for _ in range(200):
+            gap = bones.level[s] - _field(x, s, bones, near, square, weight, plane, gradient)
+            if abs(gap) <= 1e-9:
+                break
+            slope = gradient[0] ** 2 + gradient[1] ** 2 + gradient[2] ** 2
+            # A step is never longer than 2 mm: across a sharp edge the gradient says little about what lies beyond.
+            way = gap / max(slope, 0.01)
+            way *= min(1.0, 2 / max(abs(way) * np.sqrt(slope), 1e-30))
+            for i in range(3):
+                x[i] += way * gradient[i]
+            moved = True
+        if moved:
+            for i in range(3):
+                place = shift[i] - bones.rest[s, i]
+                for j in range(3):
+                    place += turn[i, j] * x[j]
+                u[bones.nodes[s], i] = place
+        length = max(np.sqrt(gradient[0] ** 2 + gradient[1] ** 2 + gradient[2] ** 2), 1e-12)
+        for i in range(3):
+            normal[i] = 0.0
+            for j in range(3):
+                normal[i] += turn[i, j] * gradient[j] / length
+            for r in range(3):
+                carried[r, i] = 0.0
+                for j in range(3):
+                    carried[r, i] += bones.frames[s, r, j] * turn[i, j]
+        _turned(carried, normal, axis, axes[s])
+
+
+@compiled(nogil=True)
+def _turned(carried, normal, axis, axes):
+    """Axes (3, 3) in rows, turned the shortest way so that the first is the normal; others where it points back."""
+    cosine = 0.0
+    for i in range(3):
+        p, q = (i + 1) % 3, (i + 2) % 3
+        axis[i] = carried[0, p] * normal[q] - carried[0, q] * normal[p]
+        cosine += carried[0, i] * normal[i]
+    if cosine <= -0.9:
+        least = 0
+        for i in range(3):
+            axes[0, i] = normal[i]
+            if abs(normal[i]) < abs(normal[least]):
+                least = i
+        size = np.sqrt(max(1 - normal[least] ** 2, 1e-30))
+        p, q = (least + 1) % 3, (least + 2) % 3
+        axes[1, least], axes[1, p], axes[1, q] = 0.0, normal[q] / size, -normal[p] / size
+        for i in range(3):
+            p, q = (i + 1) % 3, (i + 2) % 3
+            axes[2, i] = normal[p] * axes[1, q] - normal[q] * axes[1, p]
+        return
+    # Rodrigues: v -> v + axis x v + axis x (axis x v) / (1 + cosine)
+    for r in range(3):
+        v = carried[r]
+        c0, c1, c2 = axis[1] * v[2] - axis[2] * v[1], axis[2] * v[0] - axis[0] * v[2], axis[0] * v[1] - axis[1] * v[0]
+        axes[r, 0] = v[0] + c0 + (axis[1] * c2 - axis[2] * c1) / (1 + cosine)
+        axes[r, 1] = v[1] + c1 + (axis[2] * c0 - axis[0] * c2) / (1 + cosine)
+        axes[r, 2] = v[2] + c2 + (axis[0] * c1 - axis[1] * c0) / (1 + cosine)
+
+
+@compiled(nogil=True)
+def _bend(u, bones: Bones, turns, shifts, axes, force, blocks):
+    size, step = len(bones.points), 1e-3
+    near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)
+    x, there, gradient, change, tangents = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
+    for s in range(len(bones.nodes)):
+        turn = turns[bones.owner[s]]
+        _inside(u, s, bones, turn, shifts[bones.owner[s]], x)
+        _field(x, s, bones, near, square, weight, plane, gradient)
+        slope, pull = 0.0, 0.0
+        for j in range(3):
+            slope += gradient[j] ** 2
+            for i in range(3):
+                pull += force[s, i] * turn[i, j] * gradient[j]
+        for c in range(2):
+            for j in range(3):
+                tangents[c, j] = 0.0
+                for i in range(3):
+                    tangents[c, j] += axes[s, c + 1, i] * turn[i, j]
+        for c in range(2):
+            change[:] = 0.0
+            for sign in (1.0, -1.0):
+                for i in range(3):
+                    there[i] = x[i] + sign * step * tangents[c, i]
+                _field(there, s, bones, near, square, weight, plane, gradient)
+                for i in range(3):
+                    change[i] += sign * gradient[i] / (2 * step)
+            for d in range(2):
+                bent = tangents[d, 0] * change[0] + tangents[d, 1] * change[1] + tangents[d, 2] * change[2]
+                bent *= -pull / max(slope, 1e-12) / 2
+                blocks[s, d + 1, c + 1] += bent
+                blocks[s, c + 1, d + 1] += bent
