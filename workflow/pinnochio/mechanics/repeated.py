@@ -44,7 +44,9 @@ RIM = 0.4
 # Way of a node beside the mean of its neighbours', in mean edges, from where the linear field puts it. A tip of the
 # mesh that one element alone holds has two equilibria: up to 0.72 it was in Newton's, at 1.24 in the other [X].
 STRAY = 0.8
-SLIDE = 0.5  # the same of a sliding node, all of its way: beyond it may have left the hollow that it would stay in [X]
+# Way of a sliding node, mm, from where the linear field puts it: beyond, it may have left the hollow of the bone that
+# it would stay in. Up to 3.1 mm it was in that of Newton's method, at 4.8 mm in another [X].
+SLIDE = 4.0
 WILD = -2  # a step to where an element has a smaller J is halved at once
 ITERATIONS = 60  # after so many at one load it counts as failed
 PATIENCE, FAR = 8, 0.3  # so many iterations that leave more than this residual promise nothing [X]
@@ -234,7 +236,7 @@ class RepeatedSolver:
         if (normals * point.axes[:, 0]).sum(axis=1).min(initial=1.0) < RIM:
             return "a node slid round the rim of its bone"
         way = point.u - start
-        if np.linalg.norm(way[self._constraints.sliding.nodes], axis=1).max(initial=0) > SLIDE * self._elements.edge:
+        if np.linalg.norm(way[self._constraints.sliding.nodes], axis=1).max(initial=0) > SLIDE:
             return "a node slid far from where the linear field puts it"
         if np.linalg.norm(way - self._beside @ way, axis=1).max() > STRAY * self._elements.edge:
             return "a node strayed from those beside it"
