@@ -11,7 +11,8 @@ few iterations [X]:
 * patches with a hard element (squeezed or stretched far), and those that touch sliding nodes, are brought to
   equilibrium by Newton's method before each step: there the stiffness has little to do with that at rest.
 
-What does not converge so is solved by Newton's method from rest, as `solver.solve` does; so are contact and loads.
+What does not converge so, or may have found another equilibrium than a small motion leads to, goes on in increments of
+the load; what fails even then is solved by Newton's method from rest, as `solver.solve` does; so are contact and loads.
 """
 
 import time
@@ -39,7 +40,7 @@ MEMORY = 10  # pairs of steps and changes of the force that are kept
 HARD_RATIO, HARD_STRETCH = 0.5, 8.0
 LOOSE = 0.1  # force left in the hard patches, over that outside, before a step
 # Least cosine between the surface's normals where the linear field puts a sliding node and where it ends. Beyond, it
-# has gone round the rim of its bone, and which equilibrium it found depends on the way: Newton's method decides [X].
+# has gone round the rim of its bone, and which equilibrium it found depends on the way: smaller loads decide [X].
 RIM = 0.4
 # Way of a node beside the mean of its neighbours', in mean edges, from where the linear field puts it. A tip of the
 # mesh that one element alone holds has two equilibria: up to 0.72 it was in Newton's, at 1.24 in the other [X].
@@ -55,7 +56,7 @@ INCREMENT, LEAST_INCREMENT = 0.25, 1 / 16
 
 
 class Point(NamedTuple):
-    """A displacement (n, 3) mm at full load, its energy, least J, local axes (s, 3, 3) of the sliding nodes, force
+    """A displacement (n, 3) mm, its energy, least J, local axes (s, 3, 3) of the sliding nodes, force
     (n, 3) mN in local axes, and the norm of the force on the constrained unknowns."""
 
     u: np.ndarray
@@ -211,7 +212,9 @@ class RepeatedSolver:
                 }
             )
             near = path.residual <= self._options.loose
-            if near and wary:
+            if near and not point.least > 0:
+                path.reason = "elements are inside out"
+            elif near and wary:
                 path.reason = self._elsewhere(start, normals, point)
             if count == PATIENCE and path.residual > FAR:
                 path.reason = f"{count} iterations left a residual of {path.residual:.1e}"
