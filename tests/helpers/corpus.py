@@ -181,6 +181,12 @@ def labels(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     no_rotation = np.array([1, 0], np.int16).tobytes() + np.ones(3, np.float32).tobytes()
     yield Tried("labels: header with a quaternion longer than 1", partial(with_header, 252, no_rotation))
 
+    def as_a_folder(folder: Path):
+        (folder / "a.nii.gz").mkdir()
+        return read_own_image(folder / "a.nii.gz")
+
+    yield Tried("labels: a folder of that name", as_a_folder)
+
     def of_type(kind: str, folder: Path):
         image = sitk.GetImageFromArray(head().astype(kind).transpose(2, 1, 0))
         image.SetSpacing((4.0, 4.0, 4.0))
@@ -295,6 +301,13 @@ def scans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     wild[-4:] = (-7).to_bytes(4, "little", signed=True)
     yield Tried("scan: a face before the points", partial(_read_bytes, read, "a.ply", bytes(wild)))
 
+    mixed = rng.permutation(len(points))
+    for name, own, drawn in (
+        ("points in another order than its faces", points[mixed], faces),
+        ("triangles anywhere", points, mixed[faces]),
+    ):
+        data = written(partial(write_surface, own, drawn), "a.stl")
+        yield Tried(f"scan: {name}", partial(_read_bytes, read, "a.stl", data))
     spiked = points.copy()
     spiked[len(spiked) // 2] += [0, 400.0, 0]
 
@@ -527,6 +540,7 @@ def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         "semicolons": ((head_ + row).replace("\t", ";").encode(), None),
         "a column twice": ((head_.replace("age", "plan") + row).encode(), None),
         "a column unknown": ((head_.replace("age", "Age") + row).encode(), None),
+        "a path too long": ((head_ + row.replace("a.json", "a" * 300)).encode(), None),
         "a huge field": ((head_ + row.replace("P1", "P" * 200_000)).encode(), None),
     }
     names = [
@@ -551,7 +565,7 @@ def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         cases[f"the name {name[:20]!r}"] = ((head_ + row.replace("P1", name)).encode(), None)
     for name in ("p1", "P1", " P1"):
         cases[f"{name!r} beside 'P1'"] = ((head_ + row + row.replace("P1", name)).encode(), None)
-    for age in ("nan", "inf", "-1", "1e9", "thirty", "30,5", "0x10", "٣٠٠"):
+    for age in ("nan", "inf", "-1", "1e9", "thirty", "30,5", "3_0", "0x10", "٣٠٠"):
         cases[f"an age of {age}"] = ((head_ + row.replace("30", age)).encode(), None)
     for _ in range(count):
         name = "".join(rng.choice(list("ABCdef019_-"), rng.integers(1, 65)))

@@ -55,6 +55,8 @@ def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUn
     pixel: the type of SimpleITK that its voxels are turned into.
     """
     name = str(path).lower()
+    if not os.path.isfile(path):
+        refuse("it is not there, or is a folder", "correct its path")
     if name.endswith((".nii", ".nii.gz")):
         content = Path(path).read_bytes()
         if content.startswith(GZIP) != name.endswith(".gz"):
