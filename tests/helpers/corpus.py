@@ -16,6 +16,7 @@ import yaml
 from pinnochio.columns import read_table, write_csv
 from pinnochio.importing.cohort import read_cases
 from pinnochio.importing.images import read_own_image
+from pinnochio.importing.markups import read_markups
 from pinnochio.importing.segmentation import read_postop, read_segmentation, write_segmentation
 from pinnochio.json_text import read_own_json
 from pinnochio.mechanics.lift import Lift
@@ -172,8 +173,52 @@ def labels(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         ("NaN scale", 112, np.float32(np.nan)),
         ("far voxels", 108, np.float32(1e9)),
         ("no bits", 72, np.int16(0)),
+        ("floats of 8 bits", 70, np.int16(16)),
+        ("whole numbers of 8 of 16 bits", 70, np.int16(4)),
+        ("no such type", 70, np.int16(9999)),
     ):
         yield Tried(f"labels: header with {name}", partial(with_header, at, value.tobytes()))
+    no_rotation = np.array([1, 0], np.int16).tobytes() + np.ones(3, np.float32).tobytes()
+    yield Tried("labels: header with a quaternion longer than 1", partial(with_header, 252, no_rotation))
+
+    def as_a_folder(folder: Path):
+        (folder / "a.nii.gz").mkdir()
+        return read_own_image(folder / "a.nii.gz")
+
+    yield Tried("labels: a folder of that name", as_a_folder)
+
+    def of_type(kind: str, folder: Path):
+        image = sitk.GetImageFromArray(head().astype(kind).transpose(2, 1, 0))
+        image.SetSpacing((4.0, 4.0, 4.0))
+        image.SetOrigin((-60.0, -64.0, -70.0))
+        sitk.WriteImage(image, str(folder / "a.nrrd"))
+        return read_labels(folder / "a.nrrd")
+
+    for kind in ("int8", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"):
+        yield Tried(f"labels: NRRD of {kind}", partial(of_type, kind), right)
+
+    def of_slicer(changed: dict, folder: Path):
+        image = sitk.GetImageFromArray(head().transpose(2, 1, 0))
+        image.SetSpacing((4.0, 4.0, 4.0))
+        image.SetOrigin((-60.0, -64.0, -70.0))
+        for index, (name, code) in enumerate(CODES.items()):
+            own = {"ID": name, "Name": name, "LabelValue": str(code), "Layer": "0"}
+            for key, value in (own | (changed if index == 1 else {})).items():
+                image.SetMetaData(f"Segment{index}_{key}", value)
+        sitk.WriteImage(image, str(folder / "a.seg.nrrd"))
+        made = read_segmentation(folder / "a.seg.nrrd", "P1", {name: name for name in CODES}, SEGMENTS)
+        return made.labels, made.spacing, made.origin, made.segments
+
+    yield Tried("labels: names of Slicer", partial(of_slicer, {}), right)
+    for key, value in (
+        ("LabelValue", "two"),
+        ("LabelValue", "2.5"),
+        ("LabelValue", "9" * 400),
+        ("Layer", "x"),
+        ("Layer", "7"),
+        ("Name", "superficial"),
+    ):
+        yield Tried(f"labels: Slicer's {key} {value[:9]}", partial(of_slicer, {key: value}))
 
 
 # ---- scans and surfaces
@@ -226,12 +271,43 @@ def scans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         assert old.encode() in whole
         data = whole.replace(old.encode(), new.encode())
         yield Tried(f"scan: PLY with {name}", partial(_read_bytes, read, "a.ply", data))
+    plain, drawn, filed = (
+        written(write, f"b.{kind}").decode()
+        for write, kind in ((ascii_ply, "ply"), (obj, "obj"), (partial(write_surface, points, faces), "vtp"))
+    )
+    triangle, corner = "3 " + " ".join(map(str, faces[-1])), "f " + " ".join(str(own + 1) for own in faces[-1])
+    nothing = plain.replace(triangle, "3 0 0 0")
+    for own in faces:
+        nothing = nothing.replace("\n3 " + " ".join(map(str, own)) + "\n", "\n3 0 0 0\n")
+    for name, old, new in (
+        ("b.ply", triangle, triangle + ".5"),
+        ("b.ply", triangle, triangle.replace("3 ", "3.5 ", 1)),
+        ("b.ply", triangle, triangle.replace("3 ", "nan ", 1)),
+        ("b.ply", triangle, triangle[:-1] + "_" + triangle[-1]),
+        ("b.ply", plain, nothing),
+        ("b.obj", corner, corner + "/99999"),
+        ("b.obj", corner, corner + "//-1"),
+        ("b.obj", corner, corner[:-1] + "_" + corner[-1]),
+        ("b.vtp", f'NumberOfPoints="{len(points)}"', 'NumberOfPoints="99999999999999"'),
+        ("b.vtp", f'NumberOfPolys="{len(faces)}"', 'NumberOfPolys="99999999999"'),
+    ):
+        text = {"b.ply": plain, "b.obj": drawn, "b.vtp": filed}[name]
+        assert old in text
+        data = text.replace(old, new).encode()
+        yield Tried(f"scan: {name}: {old[:30]!r} is {new[:40]!r}", partial(_read_bytes, read, name, data))
     wild = bytearray(whole)
     wild[-4:] = (2**31 - 1).to_bytes(4, "little")
     yield Tried("scan: a face beyond the points", partial(_read_bytes, read, "a.ply", bytes(wild)))
     wild[-4:] = (-7).to_bytes(4, "little", signed=True)
     yield Tried("scan: a face before the points", partial(_read_bytes, read, "a.ply", bytes(wild)))
 
+    mixed = rng.permutation(len(points))
+    for name, own, drawn in (
+        ("points in another order than its faces", points[mixed], faces),
+        ("triangles anywhere", points, mixed[faces]),
+    ):
+        data = written(partial(write_surface, own, drawn), "a.stl")
+        yield Tried(f"scan: {name}", partial(_read_bytes, read, "a.stl", data))
     spiked = points.copy()
     spiked[len(spiked) // 2] += [0, 400.0, 0]
 
@@ -342,6 +418,36 @@ def plans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         yield Tried(f"plan: {name}", partial(_read_bytes, read, "a.json", data), result)
 
 
+# ---- markups
+
+
+def markups(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    def read(path: Path):
+        found = read_markups([path], "P1")
+        return found.points, found.regions
+
+    def text_of(**parts) -> bytes:
+        own = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm"}
+        own["controlPoints"] = [{"label": "A", "position": [1, 2.5, -3]}]
+        return json.dumps({"markups": [own | parts]}).encode()
+
+    yield from of_bytes("markups", "a.mrk.json", text_of(), read, rng, count, sealed=np.inf)
+    for place in (["1", "2", "3"], [True, False, True], [1, 2], [1, 2, None], [[1, 2, 3]], "123", 1e400, {}):
+        points = [{"label": "A", "position": place}]
+        yield Tried(f"markups: at {place}", partial(_read_bytes, read, "a.mrk.json", text_of(controlPoints=points)))
+    for size in ([-10, 10, 10], [0, 10, 10], [10, 10], ["10", "10", "10"], 10, None):
+        data = text_of(type="ROI", center=[0, 0, 0], size=size)
+        yield Tried(f"markups: a region of {size}", partial(_read_bytes, read, "a.mrk.json", data))
+    for key, value in (
+        ("coordinateSystem", "IJK"),
+        ("coordinateUnits", "m"),
+        ("controlPoints", [1]),
+        ("type", "Plane"),
+    ):
+        data = text_of(**{key: value})
+        yield Tried(f"markups: {key} {value}", partial(_read_bytes, read, "a.mrk.json", data))
+
+
 # ---- transforms
 
 
@@ -380,6 +486,12 @@ def transforms(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         "a hexadecimal": text.replace("0.5", "0x1p-1"),
         "another class": text.replace("Euler3DTransform", "BSplineTransform"),
         "no such class": text.replace("Euler3DTransform", "RigidTransform"),
+        "digits of another script": text.replace("0.5", "\u0660.\u0665"),
+        "a blank that is none": text.replace(" -4", "\u00a0-4"),
+        "a separator that is none": text.replace(" -4", "\x1f-4"),
+        "parameters twice": text + "Parameters: 0 0 0 0 0 0\n",
+        "a switch between 0 and 1": text.replace(" 30 0\n", " 30 0.7\n"),
+        "a versor longer than 1": text.replace("Euler3DTransform", "VersorRigid3DTransform").replace("0.02", "1.02"),
         "two dimensions": text.replace("_3_3", "_2_2"),
         "two transforms": text + text.split("\n", 2)[2],
         "UTF-16": None,
@@ -428,6 +540,7 @@ def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         "semicolons": ((head_ + row).replace("\t", ";").encode(), None),
         "a column twice": ((head_.replace("age", "plan") + row).encode(), None),
         "a column unknown": ((head_.replace("age", "Age") + row).encode(), None),
+        "a path too long": ((head_ + row.replace("a.json", "a" * 300)).encode(), None),
         "a huge field": ((head_ + row.replace("P1", "P" * 200_000)).encode(), None),
     }
     names = [
@@ -452,7 +565,7 @@ def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         cases[f"the name {name[:20]!r}"] = ((head_ + row.replace("P1", name)).encode(), None)
     for name in ("p1", "P1", " P1"):
         cases[f"{name!r} beside 'P1'"] = ((head_ + row + row.replace("P1", name)).encode(), None)
-    for age in ("nan", "inf", "-1", "1e9", "thirty", "30,5", "0x10", "٣٠٠"):
+    for age in ("nan", "inf", "-1", "1e9", "thirty", "30,5", "3_0", "0x10", "٣٠٠"):
         cases[f"an age of {age}"] = ((head_ + row.replace("30", age)).encode(), None)
     for _ in range(count):
         name = "".join(rng.choice(list("ABCdef019_-"), rng.integers(1, 65)))
@@ -495,6 +608,8 @@ def configs(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     for place in numbers[:: max(1, len(numbers) // (10 * count))]:
         yield _config(place, _at(own, place), ...)  # as it stands
     yield _config(("registration", "limit"), float("nan"), None)
+    for place in (("convergence", 1), ("fem", None), ("mesh", True), ("virtual", 2.5)):
+        yield _config(place, 1, None)
     for place in (("registratoin",), ("mesh", "Nodes"), ("fem", "")):
         yield _config(place, 1, None)
 
@@ -515,7 +630,7 @@ def _config(place: tuple, value, right) -> Tried:
         if any(isinstance(_at(read, at), float) and not np.isfinite(_at(read, at)) for at in places(read)):
             raise AssertionError("a number that is not finite went in")
 
-    return Tried(f"config: {'.'.join(place)} = {str(value)[:20]!r} ({type(value).__name__})", act, right)
+    return Tried(f"config: {'.'.join(map(str, place))} = {str(value)[:20]!r} ({type(value).__name__})", act, right)
 
 
 # ---- what the study makes itself
@@ -664,7 +779,8 @@ def archives(rng: np.random.Generator, count: int) -> Iterator[Tried]:
 
 
 KINDS = {
-    own.__name__: own for own in (labels, scans, plans, transforms, tables, configs, intermediates, external, archives)
+    own.__name__: own
+    for own in (labels, scans, plans, markups, transforms, tables, configs, intermediates, external, archives)
 }
 
 

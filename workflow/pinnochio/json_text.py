@@ -113,3 +113,10 @@ def check_keys(entry: Mapping, known: tuple[str, ...], place: str, refuse: Refus
             near = get_close_matches(key, known, n=1, cutoff=0.5)
             meant = f"; did you mean {near[0]!r}?" if near else ""
             refuse(f"{place}{key!r} is unknown{meant}", f"use {', '.join(known)} only")
+
+
+def numbers(value, *shape: int) -> bool:
+    """Whether it is nested lists of numbers of this shape; true and false are none."""
+    if not shape:
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, list) and len(value) == shape[0] and all(numbers(own, *shape[1:]) for own in value)

@@ -15,7 +15,7 @@ from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.importing import scan_checks
 from pinnochio.importing.registration import Registration, register
-from pinnochio.importing.scan_checks import check_scan, thinned, without_spikes
+from pinnochio.importing.scan_checks import check_joined, check_scan, thinned, without_spikes
 from pinnochio.model.labels import CRANIUM, SUPERFICIAL
 from pinnochio.model.surfaces import bone_surface, skin_surface
 from tests.helpers.heads import dome
@@ -120,12 +120,33 @@ def test_a_strip_of_the_upper_face_is_refused_with_the_share_that_it_shows():
 
 
 def test_a_cylinder_that_fits_a_part_of_the_forehead_is_refused_with_the_share_that_it_shows():
-    """One that fits more than COVERED of the upper face would pass: no check asks for the relief of a face."""
+    """One that lay within OFF of the upper face would pass: no check asks for the relief of a face."""
     points, faces = dome(51)
     points = np.stack([82 * np.sin(points[:, 0] / 70), -82 * np.cos(points[:, 0] / 70), points[:, 2]], axis=1)
     found = register(points, faces, *face(), PLANE, **NAMES, limit=LIMIT)
     with pytest.raises(InputError, match=r"it shows 1\d % of the upper face"):
         check_scan(points, faces, *face(), PLANE, found, **NAMES)
+
+
+def test_a_surface_that_touches_the_upper_face_here_and_there_is_refused():
+    points, faces = face(noise=0.1)
+    forward = points - [0, 3.5, 0]
+    with pytest.raises(InputError, match=r"half of the upper face lies 2\.\d mm or more off it"):
+        check_scan(forward, faces, *face(), PLANE, IN_PLACE, **NAMES)
+
+
+def test_triangles_that_join_points_far_apart_are_refused():
+    points, faces = wavy(60)
+    check_joined(points, faces, "P1", "scan.ply")
+    mixed = np.random.default_rng(0).permutation(len(points))
+    with pytest.raises(InputError, match="'P1': scan.ply: its triangles join points .* mm apart"):
+        check_joined(points[mixed], faces, "P1", "scan.ply")
+
+
+def test_a_scan_without_area_is_refused():
+    points, faces = face(noise=0.1)
+    with pytest.raises(InputError, match="hardly any surface"):
+        register(points * [0, 0, 1], faces, *face(), PLANE, **NAMES, limit=LIMIT)
 
 
 def test_a_limit_that_is_no_number_registers_no_scan():
@@ -139,6 +160,7 @@ def test_a_limit_that_is_no_number_registers_no_scan():
         ("THE_SAME", "it is this skin itself"),
         ("DEPTH", "its upper face is flat"),
         ("COVERED", "it shows 9. % of the upper face"),
+        ("OFF", r"half of the upper face lies 0\.\d mm or more off it"),
         ("MIRROR_BETTER", "its mirror image fits the upper face better"),
     ],
 )

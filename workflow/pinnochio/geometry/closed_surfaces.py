@@ -53,11 +53,13 @@ def read_triangles(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray,
         raise
     except Exception as error:  # the readers raise what they like
         refuse(f"it cannot be read as a surface ({error})", "export the surface again", file=path)
-    if len(points) == 0 or len(faces) == 0:
-        refuse("the surface is empty", "export the structure as triangles", file=path)
     if not np.isfinite(points).all():
         refuse("it holds coordinates that are not finite", "remove these vertices and export again", file=path)
-    return _merged(points, faces)
+    if len(faces):
+        points, faces = _merged(points, faces)
+    if len(faces) == 0:
+        refuse("the surface is empty", "export the structure as triangles", file=path)
+    return points, faces
 
 
 def read_closed_surface(path: str | os.PathLike, direction, refuse: Refuse) -> tuple[np.ndarray, np.ndarray]:

@@ -22,6 +22,7 @@ PLY_TYPES = {
     **{name: code for code, names in {"f4": "float float32", "f8": "double float64"}.items() for name in names.split()},
 }
 STL_HEAD, STL_FACET = 84, 50  # bytes
+MOST = 100  # points or faces of a byte of a VTP, which may be compressed
 
 
 def check_surface(path: str | os.PathLike, refuse: Refuse) -> None:
@@ -112,13 +113,15 @@ def _text_rows(body: bytes, elements, damaged) -> Iterator[tuple[str, dict[str, 
         columns = {own: [] for own, _, _ in properties}
         for line in lines[place : place + count]:
             try:
+                if b"_" in line:  # which Python reads over
+                    raise ValueError
                 numbers = [float(word) for word in line.split()]
                 at = 0
                 for own, _, listed in properties:
                     length = 1
                     if listed is not None:
                         length, at = int(numbers[at]), at + 1
-                        if not 0 <= length <= len(numbers) - at:
+                        if length != numbers[at - 1] or not 0 <= length <= len(numbers) - at:
                             raise ValueError
                     value = numbers[at : at + length]
                     columns[own].append(np.array(value) if listed else value[0])
@@ -193,6 +196,8 @@ def _triangles(faces: Sequence, points: int, damaged) -> np.ndarray:
 
 
 def _check_indices(indices: np.ndarray, points: int, damaged) -> None:
+    if (indices != np.rint(indices)).any():  # NaN too
+        damaged("a face names a point by a number that is not whole")
     if indices.size and not (indices.min() >= 0 and indices.max() < points):
         damaged(f"a face names point {indices.max():g}, and it has {points} points")
 
@@ -211,27 +216,33 @@ def _check_stl(content: bytes, damaged) -> None:
 
 
 def _check_obj(content: bytes, damaged) -> None:
-    points, at = 0, []
+    counts = dict.fromkeys((b"v", b"vt", b"vn"), 0)  # points, places in a texture, normals: a face may name each
+    named = {kind: [] for kind in counts}
     lines = content.split(b"\n")
     if lines[-1].strip():
         damaged("its last line does not end, so it may be cut off")
     for line in lines:
-        words = line.split()
+        kind, *words = line.split() or [b""]
         try:
-            if words[:1] == [b"v"]:
-                points += 1
-                if len([float(word) for word in words[1:]]) < 3:
-                    raise ValueError
-            elif words[:1] == [b"f"]:
-                corners = [int(word.split(b"/")[0]) for word in words[1:]]
-                if len(corners) < 3:
-                    raise ValueError
-                at += [corner - 1 if corner > 0 else points + corner if corner < 0 else -1 for corner in corners]
+            if kind in (b"v", b"f") and (len(words) < 3 or b"_" in line):  # Python reads 1_0 as 10
+                raise ValueError
+            if kind == b"v":
+                [float(word) for word in words]
+            counts[kind] = counts.get(kind, 0) + 1
+            for word in words if kind == b"f" else ():
+                for part, text in zip(named, word.split(b"/"), strict=False):
+                    if text or part == b"v":
+                        at = int(text)
+                        named[part].append(at - 1 if at > 0 else counts[part] + at if at < 0 else -1)
         except ValueError:
             damaged(f"its line {line[:60]!r} is damaged")
-    _check_indices(np.array(at), points, damaged)
+    for part, indices in named.items():
+        _check_indices(np.array(indices), counts[part], damaged)
 
 
 def _check_vtp(content: bytes, damaged) -> None:
     if b"<VTKFile" not in content[:2000] or not re.search(rb"</VTKFile>\s*(<!--[^<>]*-->\s*)?\Z", content):
         damaged("it is no VTP file, or it is cut off")
+    for name, count in re.findall(rb'(NumberOf\w+)="\s*(\d+)', content):
+        if int(count) > MOST * len(content):  # VTK reserves the memory
+            damaged(f"its header has {name.decode()} {count.decode()[:20]}, more than it can hold")

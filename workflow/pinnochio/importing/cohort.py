@@ -24,7 +24,7 @@ def _number(low: float, high: float, unit: str):
 
     def read(text: str) -> float:
         value = float(text)  # NaN lies in no bounds
-        if not low <= value <= high:
+        if "_" in text or not low <= value <= high:
             raise ValueError
         return value
 
@@ -104,7 +104,7 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
         for key, path in paths.items():
             if not path and key not in OPTIONAL_FILES:
                 raise InputError(name, table, f"column {key} is empty", f"name the {key} file of the case")
-            if path and not (Path(path).is_file() or (key in FOLDERS and Path(path).is_dir())):
+            if path and not (os.path.isfile(path) or (key in FOLDERS and os.path.isdir(path))):
                 raise InputError(name, path, f"the {key} file does not exist", f"correct the path in {table}")
         cases.append(Case(name, **paths, covariates=covariates_of(row, name, table)))
     if not cases:

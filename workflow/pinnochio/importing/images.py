@@ -31,9 +31,14 @@ NRRD_BYTES = {
     **dict.fromkeys(("short", "short int", "signed short", "signed short int", "int16", "int16_t"), 2),
     **dict.fromkeys(("ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"), 2),
     **dict.fromkeys(("int", "signed int", "int32", "int32_t", "uint", "unsigned int", "uint32", "uint32_t"), 4),
-    **dict.fromkeys(("longlong", "long long", "int64", "int64_t", "ulonglong", "uint64", "uint64_t", "double"), 8),
+    **dict.fromkeys(("longlong", "long long", "long long int", "int64", "int64_t", "double"), 8),
+    **dict.fromkeys(("signed long long", "signed long long int", "ulonglong", "uint64", "uint64_t"), 8),
+    **dict.fromkeys(("unsigned long long", "unsigned long long int"), 8),
     "float": 4,
 }
+# Bits of a voxel by the data type of NIfTI: whole numbers, then others.
+NIFTI_BITS = {2: 8, 256: 8, 4: 16, 512: 16, 8: 32, 768: 32, 1024: 64, 1280: 64}
+NIFTI_BITS |= {1: 1, 16: 32, 64: 64, 32: 64, 1792: 128, 1536: 128, 2048: 256, 128: 24, 2304: 32}
 # Numbers of each key of MetaImage by the count of axes, and its other names.
 META_NUMBERS = {
     "TransformMatrix": (lambda axes: axes * axes, "Rotation", "Orientation"),
@@ -50,6 +55,8 @@ def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUn
     pixel: the type of SimpleITK that its voxels are turned into.
     """
     name = str(path).lower()
+    if not os.path.isfile(path):
+        refuse("it is not there, or is a folder", "correct its path")
     if name.endswith((".nii", ".nii.gz")):
         content = Path(path).read_bytes()
         if content.startswith(GZIP) != name.endswith(".gz"):
@@ -140,13 +147,14 @@ def _check_nifti(content: bytes, refuse: Refuse) -> None:
     sides = numbers("h", 8, 40, 16, "q")
     if not 1 <= sides[0] <= 7 or min(sides[1 : sides[0] + 1]) < 1:
         refuse(f"its header gives the sizes {sides[1:]} of {sides[0]} axes", AGAIN)
-    (bits,) = numbers("h", 1, 72, 14)
+    (kind,), (bits,) = numbers("h", 1, 70, 12), numbers("h", 1, 72, 14)
     (start,) = numbers("f", 1, 108, 168, "q")
     if not first[order] <= start <= len(content) or bits < 1:
         refuse(f"its header has voxels of {bits} bits begin at byte {start:g}", AGAIN)
+    if bits != NIFTI_BITS.get(kind):
+        refuse(f"its header has voxels of type {kind} and {bits} bits, which is none", AGAIN)
     wanted = (math.prod(int(side) for side in sides[1 : sides[0] + 1]) * bits + 7) // 8
     _check_length(len(content) - int(start), wanted, refuse)
-    (kind,) = numbers("h", 1, 70, 12)
     if kind in (16, 64):  # ITK turns NaN into 0 without a word
         voxels = np.frombuffer(content, f"{order}f{bits // 8}", offset=int(start))
         if not np.isfinite(voxels).all():
@@ -158,6 +166,8 @@ def _check_nifti(content: bytes, refuse: Refuse) -> None:
     used = [steps[1:4], *([quaternion] if by_quaternion > 0 else []), *([rows] if by_rows > 0 else [])]
     if not all(np.isfinite(part).all() for part in used) or not (steps[1 : min(sides[0], 3) + 1] > 0).all():
         refuse("its header holds voxel sizes or axes that are not finite numbers above 0", "correct the header")
+    if by_quaternion > 0 and not np.linalg.norm(quaternion[:3]) <= 1 + TURNED:
+        refuse("its header holds a quaternion (qform) that is no rotation", "correct the header, or export it again")
     scale = np.array(numbers("f", 2, 112, 176, "d"), float)
     if not np.isfinite(scale).all():
         refuse("its header scales the voxels by a number that is not finite", "save it without scaling")

@@ -9,7 +9,7 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.importing.thresholding import Plane
-from pinnochio.json_text import read_json
+from pinnochio.json_text import numbers, read_json
 
 ENDING = ".mrk.json"
 FRAMES = {"LPS": np.ones(3), "0": np.array([-1.0, -1.0, 1.0]), "RAS": np.array([-1.0, -1.0, 1.0]), "1": np.ones(3)}
@@ -63,11 +63,10 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
     return found
 
 
-def _three(numbers) -> np.ndarray:
-    value = np.array(numbers, float)
-    if value.shape != (3,) or not np.isfinite(value).all():
-        raise ValueError("three finite numbers are needed")
-    return value
+def _three(value) -> np.ndarray:
+    if not numbers(value, 3):
+        raise ValueError("three numbers are needed")
+    return np.array(value, float)
 
 
 def _add(known: dict, name: str, value, refuse) -> None:
@@ -95,6 +94,9 @@ def _plane(markup: dict, places: list[np.ndarray], turn: np.ndarray) -> Plane:
 
 def _region(markup: dict, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     axes = np.reshape(markup.get("orientation", np.eye(3)), (3, 3))
-    half = np.abs(axes) @ (np.array(markup["size"], float) / 2)
+    size = _three(markup["size"])
+    if not (size > 0).all():
+        raise ValueError(f"a region of size {markup['size']}")
+    half = np.abs(axes) @ (size / 2)
     centre = turn * _three(markup["center"])
     return centre - half, centre + half

@@ -58,6 +58,8 @@ def register(
         raise InputError(case, file, problem, "segment the head up to the forehead")
     all_normals = vertex_normals(points, faces)
     few = spread(points, faces, COARSE_SAMPLES)
+    if len(few) < FEWEST:
+        raise InputError(case, file, "it has hardly any surface", "give a surface of the face, as a scanner makes it")
     front = skin_points[skin_points[:, 1] <= np.median(skin_points[:, 1])]  # a scan shows the face, not the nape
     rotation, shift = coarse(points[few], all_normals[few], skin_points, skin_faces, plane, front)
     # From here on only what lies above the plane, and a margin that the scan may still turn through.
@@ -76,7 +78,7 @@ def register(
             case,
             file,
             f"registered on the upper face it leaves a median residual of {median:.2f} mm (limit {limit:g} mm)",
-            "check that the scan is of this patient, shows the forehead and is not mirrored",
+            "check that the scan is of this patient, shows the forehead from outside and is not mirrored",
         )
     return Registration(motion, median, float(np.percentile(distance, 95)), len(distance))
 
@@ -105,9 +107,9 @@ def registered_again(points, faces, skin_points, skin_faces, plane: float, found
 
 def spread(points, faces, count: int) -> np.ndarray:
     """Vertices chosen evenly over the area, in the order of z, so that dense parts weigh no more than sparse."""
-    if not len(faces):
-        return np.zeros(0, int)
     areas = np.bincount(faces.ravel(), np.repeat(face_normals(points, faces)[1], 3), minlength=len(points))
+    if not areas.sum() > 0:
+        return np.zeros(0, int)
     order = np.argsort(points[:, 2], kind="stable")
     share = np.cumsum(areas[order]) / areas.sum()
     picked = np.searchsorted(share, (np.arange(count) + 0.5) / count).clip(max=len(points) - 1)

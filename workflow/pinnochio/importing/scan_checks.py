@@ -3,6 +3,7 @@
 import logging
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import closest_points
@@ -19,6 +20,8 @@ THE_SAME = 0.02  # mm; no scanner repeats a face so well [I]
 MIRROR_BETTER = 0.93  # share of the residual below which the mirror image fits better than the scan
 DEPTH = 3.0  # mm; standard deviation of the upper face across its flattest direction: a strip of forehead has 5
 COVERED, SHOWN = 0.15, 3.0  # share of the upper face that a scan must show, within so many mm
+OFF = 2.0  # mm from the scan of half of the upper face that it lies over: 0.2 to 0.9 of faces, 2.9 of a cylinder [X]
+FAR = 10.0  # length of edges by the distance of next points, above which triangles are no surface [I]
 FRONT = -0.3  # y of a normal that looks forward (LPS)
 
 
@@ -50,6 +53,17 @@ def without_spikes(points, faces, case: str, file: object) -> tuple[np.ndarray, 
         problem = f"{lost} of its {first} points stand off from all around them by more than {SPIKE:g} mm"
         raise InputError(case, file, problem, "clean the scan and export it again")
     return points, faces
+
+
+def check_joined(points, faces, case: str, file: object) -> None:
+    """Refuse (InputError) triangles that join points far from each other, as where the order of points is lost."""
+    edges = np.linalg.norm(points[faces] - points[np.roll(faces, 1, axis=1)], axis=2)
+    edge = float(np.median(edges.min(axis=1)))
+    some = points[:: max(1, len(points) // 10_000)]
+    apart = float(np.median(cKDTree(points).query(some, 2)[0][:, 1]))
+    if not edge <= FAR * apart:
+        problem = f"its triangles join points {edge:.3g} mm apart, and points lie {apart:.3g} mm from the next"
+        raise InputError(case, file, problem, "export the scan again as one surface")
 
 
 def thinned(points, faces, case: str, file: object) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +104,8 @@ def check_scan(
 
     points (p, 3), faces (f, 3): the scan in its own frame; skin_points, skin_faces: the skin before surgery, LPS mm;
     plane: height z (mm) above which they were registered; found: the registration. Refused are the skin before surgery
-    itself, a mirror image, a surface without depth, and one that shows hardly any of the upper face.
+    itself, a mirror image, a surface without depth, one that shows hardly any of the upper face, and one that
+    touches it here and there.
     """
 
     def refuse(problem: str, remedy: str):
@@ -120,6 +135,9 @@ def check_scan(
             f"it shows {100 * covered:.0f} % of the upper face (at least {100 * COVERED:.0f} % is asked)",
             "give a scan with forehead and bridge of the nose",
         )
+    off = float(np.median(closest.distance[~closest.border]))
+    if not off <= OFF:
+        refuse(f"half of the upper face lies {off:.1f} mm or more off it", "give a scan of this face")
     own, mirrored = registered_again(points, faces, skin_points, skin_faces, plane, found)
     if not mirrored > MIRROR_BETTER * own:
         refuse(

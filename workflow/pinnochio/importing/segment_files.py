@@ -68,8 +68,12 @@ def _slicer_segments(image: sitk.Image, layers: np.ndarray, refuse: Refuse) -> l
     segments = []
     while (key := f"Segment{len(segments)}_") + "ID" in header:
         name = header.get(key + "Name", header[key + "ID"])
-        value = int(header.get(key + "LabelValue", 1))
-        layer = int(header.get(key + "Layer", 0 if key + "LabelValue" in header else len(segments)))
+        try:
+            value = int(header.get(key + "LabelValue", 1))
+            layer = int(header.get(key + "Layer", 0 if key + "LabelValue" in header else len(segments)))
+            float(value)
+        except (OverflowError, ValueError):
+            refuse(f"segment {name!r} has no whole number as value or layer", "save it again in Slicer")
         if not 0 <= layer < layers.shape[3]:
             refuse(f"segment {name!r} lies in layer {layer}, the file has {layers.shape[3]}", "save it again in Slicer")
         segments.append(Segment(name, value, lambda layer=layer, value=value: layers[..., layer] == value))

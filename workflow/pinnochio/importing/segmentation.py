@@ -16,7 +16,7 @@ from pinnochio.files import replacing
 from pinnochio.geometry.closed_surfaces import read_closed_surface, read_triangles, surface_files, voxelised
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION
 from pinnochio.importing.images import read_own_image
-from pinnochio.importing.scan_checks import thinned, without_spikes
+from pinnochio.importing.scan_checks import check_joined, thinned, without_spikes
 from pinnochio.importing.segment_files import Segment, read_segments
 from pinnochio.model.labels import AIR, TISSUES, TOUCHING, internal_codes
 from pinnochio.model.surfaces import BoneSurface
@@ -284,7 +284,9 @@ def read_postop(path: str | os.PathLike, case: str, skin_points) -> tuple[np.nda
 
     points, faces = read_triangles(path, refuse)
     points = in_millimetres(points, skin_points, "skin", case, path)
-    return thinned(*without_spikes(points, faces, case, path), case, path)
+    points, faces = thinned(*without_spikes(points, faces, case, path), case, path)
+    check_joined(points, faces, case, path)
+    return points, faces
 
 
 def in_millimetres(points, reference, what: str, case: str, path: str | os.PathLike) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION, RigidMotion
-from pinnochio.json_text import check_keys, parse_json, read_text
+from pinnochio.json_text import check_keys, numbers, parse_json, read_text
 
 CONVENTION = "x_post = R (x_pre - pivot) + pivot + translation"
 KEYS = ("case", "frame", "units", "convention", "segments")
@@ -78,7 +78,7 @@ class Plan:
                 refuse(f"segment {segment!r} is no object", "give it rotation, translation and pivot")
             check_keys(entry, MOTION_KEYS, f"segment {segment!r}: ", refuse)
             parts = [entry.get(key, None if key != "pivot" else [0, 0, 0]) for key in MOTION_KEYS]
-            if not (_numbers(parts[0], 3, 3) and _numbers(parts[1], 3) and _numbers(parts[2], 3)):
+            if not (numbers(parts[0], 3, 3) and numbers(parts[1], 3) and numbers(parts[2], 3)):
                 refuse(
                     f"segment {segment!r} needs rotation (3x3), translation (3) and, if wanted, pivot (3)",
                     "write all numbers of the motion as numbers",
@@ -120,10 +120,3 @@ class Plan:
         """Write the plan as JSON."""
         with replacing(path) as temporary:
             temporary.write_text(self.to_json() + "\n", encoding="utf-8")
-
-
-def _numbers(value, *shape: int) -> bool:
-    """Whether it is nested lists of numbers of this shape; true and false are none."""
-    if not shape:
-        return isinstance(value, int | float) and not isinstance(value, bool)
-    return isinstance(value, list) and len(value) == shape[0] and all(_numbers(own, *shape[1:]) for own in value)

@@ -10,7 +10,7 @@ import logging
 import os
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import h5py
@@ -27,7 +27,7 @@ RIGID = 1e-4  # what files in single precision leave of R'R = I
 NO_ROTATION = 1e-6
 AGAIN = "save the linear transform again, with finite numbers"
 FIXED = "TransformFixedParameters"
-NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 LARGEST = 1e300  # a number beyond it is taken for infinite
 # Parameters and fixed parameters of ITK's linear transforms of space, by the name without its types.
 PARAMETERS = {
@@ -107,12 +107,12 @@ def read_rigid(file: Path, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
     if file.suffix.lower() in (".tfm", ".txt"):
         _check_text(file, lambda problem: refuse(f"it cannot be read as a transform ({problem})", AGAIN))
     try:
-        counts = _parameters(file)
-        for name, own in counts:
+        stored = _parameters(file)
+        for name, *own in stored:
             wanted = PARAMETERS.get(name.split("_")[0])
-            if wanted is not None and own not in wanted:
-                refuse(f"{name} has {own[0]} and {own[1]} parameters", AGAIN)
-        transform, count = sitk.ReadTransform(str(file)), len(counts)
+            if wanted is not None and tuple(map(len, own)) not in wanted:
+                refuse(f"{name} has {len(own[0])} and {len(own[1])} parameters", AGAIN)
+        transform, count = sitk.ReadTransform(str(file)), len(stored)
     except InputError:
         raise
     except Exception as error:  # ITK, HDF5 and MATLAB's format raise what they like
@@ -122,6 +122,8 @@ def read_rigid(file: Path, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
         count = sitk.CompositeTransform(transform).GetNumberOfTransforms()
     if count != 1:
         refuse(f"it holds {count} transforms", "harden them into one linear transform per segment")
+    if not _as_stored(transform, *stored[-1][1:]):
+        refuse("ITK takes its numbers for others, as of a quaternion longer than 1", AGAIN)
     if transform.GetDimension() != 3 or not transform.IsLinear():
         refuse("it is not a linear transform of space", "save one rigid (linear) transform per segment")
     offset = np.array(transform.TransformPoint((0.0, 0.0, 0.0)))
@@ -151,7 +153,18 @@ def about_its_axis(rotation, offset, centre) -> RigidMotion:
     return RigidMotion(rotation, rotation @ (pivot - offset) - pivot, pivot)
 
 
-def _parameters(file: Path) -> list[tuple[str, tuple[int, int]]]:
+def _as_stored(transform: sitk.Transform, *stored) -> bool:
+    """Whether a transform, alone or in a composite, has the parameters and fixed parameters that its file holds."""
+    if transform.GetTransformEnum() == sitk.sitkComposite:
+        transform = sitk.CompositeTransform(transform).GetNthTransform(0)
+    read = transform.GetParameters(), transform.GetFixedParameters()
+    return all(
+        np.allclose(one[: len(other)], other[: len(one)], rtol=1e-5, atol=1e-8)
+        for one, other in zip(read, stored, strict=True)
+    )
+
+
+def _parameters(file: Path) -> list[tuple[str, Sequence[float], Sequence[float]]]:
     """Name, parameters and fixed parameters of each transform in the file.
 
     ITK takes the first of several, and reads what is not there from memory that is not the file's.
@@ -162,42 +175,45 @@ def _parameters(file: Path) -> list[tuple[str, tuple[int, int]]]:
             return [
                 (
                     np.ravel(own["TransformType"][()])[0].decode(),
-                    tuple(own[key].size if key in own else 0 for key in ("TransformParameters", FIXED)),
+                    *(np.ravel(own[key][()]) if key in own else () for key in ("TransformParameters", FIXED)),
                 )
                 for own in content["TransformGroup"].values()
             ]
     if suffix == ".mat":
-        sizes = _of_matlab(file.read_bytes())
-        fixed = dict(sizes).get("fixed", 0)
-        return [(name, (own, fixed)) for name, own in sizes if name != "fixed"]
+        matrices = _of_matlab(file.read_bytes())
+        fixed = dict(matrices).get("fixed", ())
+        return [(name, own, fixed) for name, own in matrices if name != "fixed"]
     found = []
     for line in _lines(file):
         key, _, rest = line.partition(":")
         if key == "Transform":
             found.append((rest.strip(), {}))
         elif found:
-            found[-1][1][key] = len(rest.split())
-    return [(name, (own.get("Parameters", 0), own.get("FixedParameters", 0))) for name, own in found]
+            found[-1][1][key] = [float(word) for word in rest.split()]
+    return [(name, own.get("Parameters", ()), own.get("FixedParameters", ())) for name, own in found]
 
 
-def _of_matlab(content: bytes) -> list[tuple[str, int]]:
+def _of_matlab(content: bytes) -> list[tuple[str, np.ndarray]]:
     """Name and numbers of each matrix in a file of MATLAB 4, as ITK writes it; ValueError where it is cut off."""
-    sizes, place = [], 0
+    matrices, place = [], 0
     while place < len(content):
         kind, rows, columns, imaginary, length = struct.unpack_from("<5i", content, place)
         if kind not in (0, 10) or min(rows, columns) < 0 or not 1 < length < 200 or imaginary:
             raise ValueError("it is no file of MATLAB 4 with numbers")
         name = content[place + 20 : place + 20 + length].rstrip(b"\0").decode("ascii")
-        sizes.append((name, rows * columns))
-        place += 20 + length + rows * columns * (4 if kind else 8)
-    if place != len(content):
-        raise ValueError("it is cut off")
-    return sizes
+        place += 20 + length
+        matrices.append((name, np.frombuffer(content, "<f4" if kind else "<f8", rows * columns, place)))
+        place += matrices[-1][1].nbytes
+    return matrices
 
 
 def _lines(file: Path) -> list[str]:
     lines = [line.strip() for line in file.read_text(encoding="utf-8").split("\n")]
     return [line for line in lines if line and not line.startswith("#")]
+
+
+def _plain(line: str) -> bool:
+    return line.isascii() and line.replace("\t", " ").isprintable()
 
 
 def _check_text(file: Path, refuse) -> None:
@@ -212,7 +228,8 @@ def _check_text(file: Path, refuse) -> None:
         refuse("its last line does not end, so it may be cut off")
     for line in _lines(file):
         key, colon, rest = line.partition(":")
-        if not colon or key not in ("Transform", "Parameters", "FixedParameters"):
+        # What is a blank to Python and none to ITK makes it read memory that is not the file's.
+        if not colon or key not in ("Transform", "Parameters", "FixedParameters") or not _plain(line):
             refuse(f"it has the line {line[:60]!r}")
         if key != "Transform" and (
             wrong := [word for word in rest.split() if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]

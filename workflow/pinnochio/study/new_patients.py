@@ -55,9 +55,9 @@ def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
     folder of plans too; it has no wishes. InputError for what is missing or there twice.
     """
     path = Path(path)
-    if path.is_dir():
+    if os.path.isdir(path):  # a path that is too long is none
         patients = [_of_folder(path)]
-    elif path.is_file():
+    elif os.path.isfile(path):
         patients = [
             NewPatient(
                 name=case.name,
@@ -153,7 +153,7 @@ def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
     for plan in own:
         name = plan.name.split(".")[0] if _is_segmentation(plan) else plan.stem
         check_name(case, name, plan)
-        if name in plans:
+        if name.lower() in map(str.lower, plans):
             raise InputError(case, plan, f"plan {name!r} is there twice", "give each plan a name of its own")
         plans[name] = str(plan)
     return plans

@@ -74,7 +74,8 @@ def _typed(value: Any, entry: Mapping, validator: Draft202012Validator) -> Any:
         valid = [read for read, option in each if validator.evolve(schema=option).is_valid(read)]
         return [*valid, *(read for read in readings if read != value), value][0]
     if isinstance(value, Mapping):
-        items = {key: _typed(item, _child(entry, key, validator.schema), validator) for key, item in value.items()}
+        named = {str(key): item for key, item in value.items()}  # YAML knows keys that are numbers, or nothing
+        items = {key: _typed(item, _child(entry, key, validator.schema), validator) for key, item in named.items()}
         known = entry.get("properties", {}).items()
         return {key: own["default"] for key, own in known if "default" in own and key not in value} | items
     if isinstance(value, Sequence) and not isinstance(value, str):
