@@ -109,9 +109,9 @@ STAGES = sorted(path.stem for path in ROOT.glob("scripts/[a-z]*.py"))
 
 
 def seconds_of(counts):
-    """Seconds that one job of each rule took in the default study."""
+    """Seconds that one job of each rule took before."""
     measured = {rule.name: rule.benchmark is not None for rule in workflow.rules}
-    return expected_seconds(counts, measured)
+    return expected_seconds(counts, measured, RESULTS)
 
 
 if workflow.is_main_process and not (

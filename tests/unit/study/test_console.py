@@ -51,10 +51,14 @@ def test_times_are_said_in_words(seconds, said):
 
 def test_a_rule_takes_what_the_reference_study_took():
     expected = expected_seconds(
-        {"pretrain": 1, "list_folds": 1, "unheard_of": 1}, {"pretrain": True, "unheard_of": True}
+        {"pretrain": 1, "list_folds": 1, "unheard_of": 1}, {"pretrain": True, "unheard_of": True}, "results"
     )
     assert expected["list_folds"] == SHORT and expected["pretrain"] > 10 > SHORT
     assert 1 < expected["unheard_of"] < 4 * LONG
+    quick = expected_seconds(
+        {"pretrain": 1, "virtual_outcome": 1}, {"pretrain": True, "virtual_outcome": True}, "results/quick"
+    )
+    assert quick["pretrain"] < expected["pretrain"] / 10 and quick["virtual_outcome"] < LONG
 
 
 def record(level=logging.INFO, message="", path="scheduler.py", **event) -> logging.LogRecord:

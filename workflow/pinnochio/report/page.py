@@ -56,7 +56,7 @@ def write_page(
             "title": title,
             "folded": name in FOLDED,
             "words": _words(captions[name]),
-            "table": _spoken(read_body(tables[name])) if name in tables else "",
+            "table": spoken(read_body(tables[name])) if name in tables else "",
             "pictures": {written(label): _picture(file) for label, file in figures.get(name, {}).items()},
         }
         for name, title in PARTS.items()
@@ -104,15 +104,23 @@ def read_body(path: str | os.PathLike) -> str:
     return body[1]
 
 
-def _spoken(table: str) -> str:
-    """A table with the methods of its first column named as people write them; the short name is the cell's title."""
-    return re.sub(
+def spoken(table: str) -> str:
+    """A table as people write it: methods of its first column by their names, the short name the cell's title; of
+    numbers that vary by a tenth or more two decimals, while the files keep all."""
+    table = re.sub(
         r"<td>((?:<b>)?)(\w+)((?:</b>)?)</td>",
         lambda cell: (
             f'<td title="{cell[2]}">{cell[1]}{WRITTEN[cell[2]]}{cell[3]}</td>' if cell[2] in WRITTEN else cell[0]
         ),
         table,
     )
+    return re.sub(r"(?<!\d)(-?\d+\.\d{3,4})(?: ± (\d+\.\d{3,4}))?(?!\d)", _rounded, table)
+
+
+def _rounded(found: re.Match) -> str:
+    """A number of three or four decimals, with its spread where it has one, to two where that is a tenth or more."""
+    numbers = [float(text) for text in found.groups() if text]
+    return " ± ".join(f"{value:.2f}" for value in numbers) if abs(numbers[-1]) >= 0.1 else found[0]
 
 
 def _packed(text: str) -> str:

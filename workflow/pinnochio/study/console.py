@@ -10,26 +10,29 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TextIO
 
 from pinnochio.code import ROOT
 
-MEASURED = ROOT / "results/reference/stages.csv"  # of the default study, two cores
+MEASURED = ROOT / "results/reference"  # stages.csv of the default study; in folders of their names of other results
+NAME = "stages.csv"
 SHORT = 1.5  # s, [X] a job that is too short to be measured
 LONG = 15.0  # s, [X] mean of those that are, where the table is not there
 TRUSTED = 60.0  # s of work that the table is trusted for before what is measured here outweighs it
 EVERY = 20.0  # s between two lines where the console keeps every line
 
 
-def expected_seconds(counts: Mapping[str, int], measured: Mapping[str, bool]) -> dict[str, float]:
-    """Seconds that one job of each rule took in the committed default study.
+def expected_seconds(counts: Mapping[str, int], measured: Mapping[str, bool], results: str) -> dict[str, float]:
+    """Seconds that one job of each rule took in the committed study of these results, or else in the default one.
 
     counts: jobs by rule; measured: whether the rule writes a benchmark file. A rule that the table does not know takes
     the mean of all, one that is not measured next to nothing.
     """
     rows = {"all": LONG}
-    if MEASURED.is_file():
-        with open(MEASURED, newline="", encoding="utf-8") as file:
+    table = next((table for table in (MEASURED / Path(results).name / NAME, MEASURED / NAME) if table.is_file()), None)
+    if table:
+        with open(table, newline="", encoding="utf-8") as file:
             rows = {row["rule"]: float(row["seconds"]) / float(row["jobs"]) for row in csv.DictReader(file)}
     return {
         rule: rows.get(rule.removesuffix("_cases"), rows["all"]) if measured.get(rule) else SHORT for rule in counts

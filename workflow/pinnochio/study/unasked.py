@@ -24,7 +24,7 @@ def refuse_unasked(
             "-",
             results,
             f"the study behind {shows[0]} is not finished: {counts['total']} jobs are left, about {in_words(seconds)} "
-            f"on {cores} cores at the sizes of the default study. Nothing was started",
+            f"on {cores} cores by the times of an earlier study. Nothing was started",
             f"if that is wanted, name both in the same command: snakemake --cores {cores} all {' '.join(shows)}; "
             "make quick is the small study",
         )

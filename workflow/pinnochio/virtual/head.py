@@ -21,6 +21,7 @@ USUAL = Procedure()
 SEGMENTS = USUAL.segments
 SKIN_LAYER = 3.5  # mm of superficial tissue over muscle at least [I]
 LEAST = 2.5  # mm of tissue over any bone but that behind the lips [I]
+BETWEEN = 2.1  # voxels there at least: of heads as coarse, bone would show through the skin [X]
 CRUMB = 300.0  # mm3; smaller pieces of muscle are left out [I]
 
 
@@ -120,7 +121,7 @@ def _scanned(s: Skeleton, spacing: float) -> _Soft:
     upper.subtract(*airway(s, face.nostrils, MUCOSA))
     inside = face_solid(face, axes) | behind_lips(face.line, x, y, z)
     depth = ndimage.distance_transform_edt(inside, sampling=spacing).astype(np.float32)
-    covered = (depth > LEAST) | behind_lips(face.line - [0, 8, 0], x, y, z)
+    covered = (depth > max(LEAST, BETWEEN * spacing)) | behind_lips(face.line - [0, 8, 0], x, y, z)
     air = air_in(airway(s, face.nostrils), axes)
     return _Soft(axes, depth, (upper.values < 0) & covered, (jaw.values < 0) & covered, air, face.marks, face.line)
 
