@@ -1,6 +1,5 @@
 """Sends what a stage script says, warns or raises to its log file."""
 
-import atexit
 import logging
 import os
 import sys
@@ -13,8 +12,7 @@ def attach_log(path: str) -> None:
     """Log to `path`: records, warnings, standard error (progress bars, compiled libraries) and an uncaught exception.
 
     Snakemake does not redirect a `script:` to its `log:`, hence this. The exception is also left on the
-    terminal, because that is where the user looks first. The process then ends without taking down what it has
-    loaded, which takes VTK or torch half a second.
+    terminal, because that is where the user looks first.
     """
     check_writable(path)
     stream = open(path, "w", buffering=1)  # noqa: SIM115 (lives as long as the process)
@@ -30,18 +28,8 @@ def attach_log(path: str) -> None:
     warnings.simplefilter("default")
     sys.stderr = stream
 
-    status = 0
-
     def hook(kind, error, traceback):
-        nonlocal status
-        status = 1
         logging.getLogger("stage").critical("failed", exc_info=(kind, error, traceback))
         print(f"{kind.__name__}: {error}\n(log: {path})", file=terminal)
 
-    def leave():
-        for open_stream in (sys.stdout, terminal, stream):
-            open_stream.flush()
-        os._exit(status)
-
     sys.excepthook = hook
-    atexit.register(leave)

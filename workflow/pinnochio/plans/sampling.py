@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.stats import truncnorm
 
 from pinnochio.errors import InputError
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.plans.roles import FRONT, UNCUT, of_role, role
-from pinnochio.truncated_normal import truncated
 
 DEFORMITIES = ("class_ii", "class_iii", "asymmetry", "open_bite")
 # Largest movements of practice [R: methods 7.2], mm and degrees: (left, forward, up) as low, high; (pitch, roll, yaw).
@@ -47,6 +47,11 @@ BITE = {
 CHIN_ADVANCE = (5.0, 2.0, 0.0, 10.0)  # [R: methods 7.2]
 # Mean and SD of the absolute error: left-right, front-back, vertical mm; pitch, roll, yaw degrees [S: PMC8432567].
 EXECUTION = np.array([[0.61, 0.55], [0.86, 0.68], [1.00, 0.79], [1.43, 1.06], [0.50, 0.31], [0.58, 0.41]])
+
+
+def truncated(rng: np.random.Generator, mean: float, sd: float, low: float, high: float) -> float:
+    """One value of the normal (mean, sd) truncated to [low, high]."""
+    return float(truncnorm.ppf(rng.random(), (low - mean) / sd, (high - mean) / sd, loc=mean, scale=sd))
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
-
-from pinnochio.truncated_normal import quantile
+from scipy.stats import truncnorm
 
 FILE = Path(__file__).parent / "face_model/faces.npz"
 LIMIT = 2.5  # standard deviations of an identity's coordinate at most [I]
@@ -95,7 +94,7 @@ def sample_identity(rng: np.random.Generator, male: bool) -> tuple[float, ...]:
     model = face_model()
     half = 0.5 * model.male * (1 if male else -1)
     spread = np.sqrt(np.maximum(1 - half**2, 0.1))
-    draws = quantile(rng.random(len(half)), -LIMIT, LIMIT)
+    draws = truncnorm.ppf(rng.random(len(half)), -LIMIT, LIMIT)
     return tuple(np.round(half + spread * draws, 4).tolist())
 
 

@@ -14,8 +14,8 @@ from pinnochio.plans.sampling import (
     compose_plan,
     motion,
     sample_maxilla,
+    truncated,
 )
-from pinnochio.truncated_normal import truncated
 from pinnochio.virtual.head import Head
 from pinnochio.virtual.parameters import NORMAL_OVERJET, REST_GAP, TABLE, HeadParameters
 from pinnochio.virtual.skeleton import Skeleton
