@@ -122,14 +122,14 @@ def read_rigid(file: Path, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
         count = sitk.CompositeTransform(transform).GetNumberOfTransforms()
     if count != 1:
         refuse(f"it holds {count} transforms", "harden them into one linear transform per segment")
-    if not _as_stored(transform, *stored[-1][1:]):
-        refuse("ITK takes its numbers for others, as of a quaternion longer than 1", AGAIN)
     if transform.GetDimension() != 3 or not transform.IsLinear():
         refuse("it is not a linear transform of space", "save one rigid (linear) transform per segment")
     offset = np.array(transform.TransformPoint((0.0, 0.0, 0.0)))
     matrix = np.array([transform.TransformPoint(axis) for axis in np.eye(3).tolist()]).T - offset[:, None]
     if not np.isfinite([*matrix.ravel(), *offset]).all():
         refuse("it holds a number that is not finite", "write finite numbers")
+    if not _as_stored(transform, *stored[-1][1:]):
+        refuse("ITK takes its numbers for others, as of a quaternion longer than 1", AGAIN)
     if not (np.abs(matrix.T @ matrix - np.eye(3)).max() <= RIGID and np.linalg.det(matrix) > 0):
         refuse("it scales, shears or mirrors", "save a rigid transform: rotation and translation only")
     left, _, right = np.linalg.svd(matrix)
