@@ -24,7 +24,7 @@ EVERY = 20.0  # s between two lines where the console keeps every line
 
 
 def expected_seconds(counts: Mapping[str, int], measured: Mapping[str, bool], results: str) -> dict[str, float]:
-    """Seconds that one job of each rule took in the committed study of these results, or else in the default one.
+    """Seconds of a core that one job of each rule took in the committed study of these results, or else of the default.
 
     counts: jobs by rule; measured: whether the rule writes a benchmark file. A rule that the table does not know takes
     the mean of all, one that is not measured next to nothing.
@@ -33,7 +33,7 @@ def expected_seconds(counts: Mapping[str, int], measured: Mapping[str, bool], re
     table = next((table for table in (MEASURED / Path(results).name / NAME, MEASURED / NAME) if table.is_file()), None)
     if table:
         with open(table, newline="", encoding="utf-8") as file:
-            rows = {row["rule"]: float(row["seconds"]) / float(row["jobs"]) for row in csv.DictReader(file)}
+            rows = {row["rule"]: float(row["cpu_seconds"]) / float(row["jobs"]) for row in csv.DictReader(file)}
     return {
         rule: rows.get(rule.removesuffix("_cases"), rows["all"]) if measured.get(rule) else SHORT for rule in counts
     }

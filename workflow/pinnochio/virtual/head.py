@@ -21,7 +21,7 @@ USUAL = Procedure()
 SEGMENTS = USUAL.segments
 SKIN_LAYER = 3.5  # mm of superficial tissue over muscle at least [I]
 LEAST = 2.5  # mm of tissue over any bone but that behind the lips [I]
-BETWEEN = 2.1  # voxels there at least: of heads as coarse, bone would show through the skin [X]
+BETWEEN = 1.8  # voxels there at least: bone meets no air, over a corner neither
 CRUMB = 300.0  # mm3; smaller pieces of muscle are left out [I]
 
 
