@@ -1,8 +1,7 @@
 """Sliding nodes of one mesh under many plans: put back on their bones and given their local axes, compiled.
 
-The field is that of :class:`pinnochio.mechanics.point_surface.PointSurface`, but every point of a bone counts whose
-weight is above exp(-18): it differs by what that class leaves out, below 1e-5 of a weight. The points that may count
-are found by their distance from the node at rest.
+The field is that of :class:`pinnochio.mechanics.point_surface.PointSurface`: as many of the bone's points count, the
+nearest. They are sought among those that are nearest to the node at rest.
 """
 
 from typing import NamedTuple
@@ -14,7 +13,6 @@ from pinnochio.compiled import compiled
 from pinnochio.mechanics.sliding import SlidingContact
 
 NEAREST = 256  # points of the bone that are listed for a node; where they do not reach all points are looked through
-CUTOFF = 18.0  # squared distance beyond the nearest point's, in squared spacings, at which a point counts no more
 
 
 class Bones(NamedTuple):
@@ -22,7 +20,8 @@ class Bones(NamedTuple):
 
     rest (s, 3) mm: the nodes; owner (s,): their bone; level (s,) mm: their distance from it; frames (s, 3, 3): their
     axes at rest. points, normals (b, 3): of all bones, those of bone i from first[i] on; width (i,) mm2: squared
-    spacing of its points. near (s, k): places in points by distance (s, k) mm from the node, -1 where there are fewer.
+    spacing of its points; count (i,): how many of them count. near (s, k): places in points by distance (s, k) mm from
+    the node, -1 where there are fewer.
     """
 
     nodes: np.ndarray
@@ -34,6 +33,7 @@ class Bones(NamedTuple):
     normals: np.ndarray
     first: np.ndarray
     width: np.ndarray
+    count: np.ndarray
     near: np.ndarray
     away: np.ndarray
 
@@ -59,6 +59,7 @@ def bones_of(sliding: SlidingContact, frames: np.ndarray) -> Bones:
         normals=np.concatenate([np.zeros((0, 3)), *(surface.normals for surface in surfaces)]),
         first=first,
         width=np.array([surface.width for surface in surfaces], float),
+        count=np.array([surface.count for surface in surfaces], np.int64),
         near=near,
         away=away,
     )
@@ -103,30 +104,30 @@ class HeldNodes:
 @compiled(nogil=True)
 def _field(x, s, bones: Bones, near, square, weight, plane, gradient):
     """Signed distance of x (3,) mm from the bone of node s; its gradient (3,)."""
-    start, end, width = bones.first[bones.owner[s]], bones.first[bones.owner[s] + 1], bones.width[bones.owner[s]]
+    bone = bones.owner[s]
+    start, end, width, count = bones.first[bone], bones.first[bone + 1], bones.width[bone], bones.count[bone]
     moved = 0.0
     for i in range(3):
         moved += (x[i] - bones.rest[s, i]) ** 2
-    moved, least, used, reached = np.sqrt(moved), np.inf, 0, False
-    for k in range(min(bones.near.shape[1], end - start)):
-        reach = bones.away[s, k] - moved
-        if reach > 0 and reach * reach > least + CUTOFF * width:
-            reached = True
-            break
+    used = min(bones.near.shape[1], end - start)
+    for k in range(used):
         b = bones.near[s, k]
         a0, a1, a2 = x[0] - bones.points[b, 0], x[1] - bones.points[b, 1], x[2] - bones.points[b, 2]
-        near[k], square[k], used = b, a0 * a0 + a1 * a1 + a2 * a2, k + 1
-        least = min(least, square[k])
-    if not reached and end - start > bones.near.shape[1]:
-        used = 0
-        for b in range(start, end):
+        near[k], square[k] = b, a0 * a0 + a1 * a1 + a2 * a2
+    reach, farthest = bones.away[s, used - 1] - np.sqrt(moved), np.inf
+    if used >= count:
+        farthest = np.partition(square[:used], count - 1)[count - 1]
+    if used < end - start and not (reach > 0 and reach * reach > farthest):
+        used = end - start
+        for k in range(used):
+            b = start + k
             a0, a1, a2 = x[0] - bones.points[b, 0], x[1] - bones.points[b, 1], x[2] - bones.points[b, 2]
-            near[used], square[used] = b, a0 * a0 + a1 * a1 + a2 * a2
-            least = min(least, square[used])
-            used += 1
+            near[k], square[k] = b, a0 * a0 + a1 * a1 + a2 * a2
+        farthest = np.partition(square[:used], count - 1)[count - 1]
+    least = square[:used].min()
     count, total = 0, 0.0
     for k in range(used):
-        if square[k] < least + CUTOFF * width:
+        if square[k] <= farthest:
             near[count], weight[count] = near[k], np.exp((least - square[k]) / width)
             total += weight[count]
             count += 1

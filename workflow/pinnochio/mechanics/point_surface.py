@@ -14,7 +14,7 @@ class PointSurface:
     misses by as much on the other side. Half of each is exact on planes and right to third order on curved surfaces.
     The field is smooth, as Newton's method needs it: so many points are averaged, however densely they lie where thin
     bone has two sides, that those left out weigh less than 1e-5.
-    width: squared spacing, mm2.
+    width: squared spacing, mm2; count: how many points.
     """
 
     WIDTHS = 3.5  # spacings; exp(-3.5^2) < 1e-5
@@ -31,11 +31,11 @@ class PointSurface:
         spacing = self._tree.query(self.points, 7)[0][:, 1:].mean()
         self.width = max(float(spacing), 1e-6) ** 2
         near = self._tree.query_ball_point(self.points, self.WIDTHS * np.sqrt(self.width), return_length=True)
-        self._count = min(int(near.max()) + 1, len(self.points))
+        self.count = min(int(near.max()) + 1, len(self.points))
 
     def distance(self, x) -> tuple[np.ndarray, np.ndarray]:
         """Signed distance (s,) in mm and its gradient (s, 3) at x (s, 3)."""
-        _, near = self._tree.query(x, self._count)
+        _, near = self._tree.query(x, self.count)
         offset, normals = x[:, None] - self.points[near], self.normals[near]
         square = (offset**2).sum(axis=2)
         weight = np.exp((square[:, :1] - square) / self.width)
