@@ -16,7 +16,7 @@ from pinnochio.study.configuration import check_config
 from pinnochio.study.console import Progress, expected_seconds, quieten
 from pinnochio.study.new_patients import other_cases
 from pinnochio.study.provenance import changed_since, forgotten
-from pinnochio.study.schema import checked
+from pinnochio.study.schema import checked, refuse_doubled
 from pinnochio.study.study import Study
 from pinnochio.study.unasked import refuse_unasked
 from pinnochio.volume_size import millions
@@ -29,6 +29,9 @@ os.environ.setdefault("ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS", "1")
 
 HERE = Path(workflow.current_basedir.get_path_or_uri(secret_free=True))
 SCHEMA = (HERE / "schemas/config.schema.yaml").read_text(encoding="utf-8")
+if workflow.is_main_process:
+    for file in workflow.configfiles:
+        refuse_doubled(file)
 config.update(checked(config, yaml.load(SCHEMA, yaml.CSafeLoader)))
 check_config(config)
 

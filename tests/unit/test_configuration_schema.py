@@ -9,7 +9,7 @@ import yaml
 
 from pinnochio.errors import InputError
 from pinnochio.overlays import overlaid
-from pinnochio.study.schema import checked
+from pinnochio.study.schema import checked, refuse_doubled
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMA = yaml.safe_load((ROOT / "workflow/schemas/config.schema.yaml").read_text(encoding="utf-8"))
@@ -131,3 +131,25 @@ def test_a_missing_key_is_named():
 def test_many_wrong_keys_are_counted():
     text = said(fem={f"key{number}": number for number in range(9)})
     assert text.count("is unknown") == 5 and "and 4 more" in text and len(text.splitlines()) == 6
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("seed: 1\nfolds: 5\nseed: 2\n", "'seed' stands in lines 1 and 3"),
+        ("fem:\n  poisson: 0.45\n  poisson: 0.49\n", "'poisson' stands in lines 2 and 3"),
+        ("fem: {poisson: 0.45, poisson: 0.49}\n", "'poisson' stands in lines 1 and 1"),
+        ('{"methods": [{"a": 1,\n"a": 2}]}', "'a' stands in lines 1 and 2"),
+    ],
+)
+def test_a_key_that_stands_twice_is_refused(tmp_path, text, words):
+    file = tmp_path / "mine.yaml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=words) as told:
+        refuse_doubled(file)
+    assert "mine.yaml" in str(told.value)
+
+
+def test_the_projects_own_configurations_hold_no_key_twice():
+    for file in (ROOT / "config").glob("*.yaml"):
+        refuse_doubled(file)

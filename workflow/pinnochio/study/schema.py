@@ -5,11 +5,13 @@ Snakemake lays a nested value of `--config` over the section of the file, but re
 a text stands for.
 """
 
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from functools import reduce
 from operator import getitem
+from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
@@ -41,6 +43,24 @@ def checked(config: Mapping, schema: Mapping) -> dict:
         problem = "\n  ".join([*lines[:SHOWN], *more])
         raise InputError("-", "configuration", problem, "correct it; config/README.md explains every key")
     return typed
+
+
+def refuse_doubled(file: str | os.PathLike) -> None:
+    """InputError where a mapping of a configuration file (YAML, JSON) holds a key twice: the last would win unsaid."""
+    left = [yaml.compose(Path(file).read_text(encoding="utf-8"), yaml.CSafeLoader)]
+    while left:
+        node = left.pop()
+        if isinstance(node, yaml.SequenceNode):
+            left += node.value
+        if isinstance(node, yaml.MappingNode):
+            lines = {}
+            for key, value in node.value:
+                line = key.start_mark.line + 1
+                if key.value in lines:
+                    problem = f"key {key.value!r} stands in lines {lines[key.value]} and {line}"
+                    raise InputError("-", str(file), problem, "leave one of them")
+                lines[key.value] = line
+                left.append(value)
 
 
 def allowed(entry: Mapping) -> str:
