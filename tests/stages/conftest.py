@@ -16,6 +16,7 @@ from pinnochio.patients.archive import Archive, calibration_file, network_file
 from pinnochio.planner.prepared import Prepared
 from pinnochio.statistics.intervals import Calibration
 from pinnochio.training.checkpoint import save_network
+from pinnochio.virtual import head
 from pinnochio.virtual.head import USUAL
 from scripts.choose_samples import choose_samples
 from scripts.describe_training import describe_training
@@ -64,7 +65,9 @@ def make_patient(case: str, number: int, folder: Path, procedure=USUAL) -> Patie
         "anatomy": file("anatomy.json"),
     }
     anatomy, muscles = CONFIG["virtual"]["anatomy"], CONFIG["virtual"]["muscles"]
-    virtual_patient(case, number, SEED, anatomy, 2.0, CONFIG["labels"], procedure, muscles, sources)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(head, "BETWEEN", 0.0)  # tissue as thin as in heads of 1 mm: what is expected below was set on it
+        virtual_patient(case, number, SEED, anatomy, 2.0, CONFIG["labels"], procedure, muscles, sources)
     covariates = file("covariates.json")
     draw_covariates(case, sources["anatomy"], OUTCOME["reality"], SEED, covariates)
     made = {"postop": file("scan.ply"), "truth": file("truth.h5"), "executed": file("executed.json")}
