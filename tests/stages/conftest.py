@@ -16,7 +16,6 @@ from pinnochio.patients.archive import Archive, calibration_file, network_file
 from pinnochio.planner.prepared import Prepared
 from pinnochio.statistics.intervals import Calibration
 from pinnochio.training.checkpoint import save_network
-from pinnochio.virtual import head
 from pinnochio.virtual.head import USUAL
 from scripts.choose_samples import choose_samples
 from scripts.describe_training import describe_training
@@ -30,7 +29,7 @@ from scripts.sample_covariates import draw_covariates
 from scripts.simulate_fem import simulate_fem
 from scripts.tetrahedralize import mesh_case
 from scripts.virtual_outcome import virtual_outcome
-from scripts.virtual_patient import virtual_patient
+from tests.helpers.coarse_head import make_head
 from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS, network_settings
 from tests.helpers.training import learn_loads
 
@@ -65,9 +64,7 @@ def make_patient(case: str, number: int, folder: Path, procedure=USUAL) -> Patie
         "anatomy": file("anatomy.json"),
     }
     anatomy, muscles = CONFIG["virtual"]["anatomy"], CONFIG["virtual"]["muscles"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(head, "BETWEEN", 0.0)  # tissue as thin as in heads of 1 mm: what is expected below was set on it
-        virtual_patient(case, number, SEED, anatomy, 2.0, CONFIG["labels"], procedure, muscles, sources)
+    make_head(case, number, SEED, anatomy, 2.0, CONFIG["labels"], procedure, muscles, sources)
     covariates = file("covariates.json")
     draw_covariates(case, sources["anatomy"], OUTCOME["reality"], SEED, covariates)
     made = {"postop": file("scan.ply"), "truth": file("truth.h5"), "executed": file("executed.json")}

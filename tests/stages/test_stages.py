@@ -35,7 +35,7 @@ from scripts.register_postop import register_postop
 from scripts.render_case import render_case
 from scripts.render_faces import render_faces
 from scripts.solve_plan import solve_plan
-from scripts.virtual_patient import virtual_patient
+from tests.helpers.coarse_head import make_head
 from tests.helpers.settings import CONFIG, SEED, SEGMENTS, network_settings, training_settings
 from tests.helpers.tables import make
 from tests.helpers.training import predict_by
@@ -48,10 +48,10 @@ def test_virtual_patient_is_its_seed(patient, tmp_path):
     names |= {"landmarks": "landmarks.json", "anatomy": "anatomy.json"}
     again = {key: str(tmp_path / name) for key, name in names.items()}
     anatomy, rest = CONFIG["virtual"]["anatomy"], (CONFIG["labels"], USUAL, CONFIG["virtual"]["muscles"], again)
-    virtual_patient(patient.case, 0, SEED, anatomy, 2.0, *rest)
+    make_head(patient.case, 0, SEED, anatomy, 2.0, *rest)
     for name in names.values():
         assert (tmp_path / name).read_bytes() == (patient.folder / name).read_bytes()
-    virtual_patient(patient.case, 0, SEED + 1, anatomy, 2.0, *rest)
+    make_head(patient.case, 0, SEED + 1, anatomy, 2.0, *rest)
     assert (tmp_path / "input_plan.json").read_bytes() != (patient.folder / "input_plan.json").read_bytes()
 
 
