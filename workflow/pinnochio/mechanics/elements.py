@@ -197,13 +197,8 @@ def deformation(u, cell, gradient, f, cof):
 
 
 @compiled
-def patch_bulk(u, mesh: ElementArrays, first, second):
-    """dU/dJ_p and d2U/dJ_p2 of each patch, U = lam_p/2 (ln J_p)^2; returns the energy of all."""
-    f, cof = np.empty((3, 3)), np.empty((3, 3))
-    ratio = np.zeros(len(mesh.patch_volumes))
-    for e in range(len(mesh.cells)):
-        j, _ = deformation(u, mesh.cells[e], mesh.gradients[e], f, cof)
-        ratio[mesh.patch[e]] += mesh.volumes[e] * j
+def bulk_energy(ratio, mesh: ElementArrays, first, second):
+    """Energy of all patches, whose volumes are now `ratio` (p,) mm3; first, second: as in :func:`patch_bulk`."""
     energy = 0.0
     for p in range(len(mesh.patch_volumes)):
         volume, lam = mesh.patch_volumes[p], mesh.patch_lam[p]
@@ -214,21 +209,27 @@ def patch_bulk(u, mesh: ElementArrays, first, second):
     return energy
 
 
+@compiled
+def patch_bulk(u, mesh: ElementArrays, first, second):
+    """dU/dJ_p and d2U/dJ_p2 of each patch, U = lam_p/2 (ln J_p)^2; returns the energy of all."""
+    f, cof = np.empty((3, 3)), np.empty((3, 3))
+    ratio = np.zeros(len(mesh.patch_volumes))
+    for e in range(len(mesh.cells)):
+        j, _ = deformation(u, mesh.cells[e], mesh.gradients[e], f, cof)
+        ratio[mesh.patch[e]] += mesh.volumes[e] * j
+    return bulk_energy(ratio, mesh, first, second)
+
+
 @compiled(nogil=True)
 def _evaluate(u, mesh: ElementArrays, force, state):
     """Adds to force (n, 3); J and I1 of the elements go into state (m, 2), which may be empty."""
     count, patches = len(mesh.cells), len(mesh.patch_volumes)
     fs, cof, js = np.empty((count, 3, 3)), np.empty((3, 3)), np.empty((count, 2))
-    ratio, first = np.zeros(patches), np.empty(patches)
+    ratio, first, second = np.zeros(patches), np.empty(patches), np.empty(patches)
     for e in range(count):
         js[e] = deformation(u, mesh.cells[e], mesh.gradients[e], fs[e], cof)
         ratio[mesh.patch[e]] += mesh.volumes[e] * js[e, 0]
-    energy, least = 0.0, np.inf
-    for p in range(patches):
-        volume, lam = mesh.patch_volumes[p], mesh.patch_lam[p]
-        log, d, _ = extended_log(ratio[p] / volume, mesh.extension)
-        energy += 0.5 * volume * lam * log * log
-        first[p] = lam * log * d
+    energy, least = bulk_energy(ratio, mesh, first, second), np.inf
     for e in range(count):
         cell, volume, mu, stiffening = mesh.cells[e], mesh.volumes[e], mesh.mu[e], mesh.stiffening[e]
         f, j, excess = fs[e], js[e, 0], js[e, 1]

@@ -27,7 +27,7 @@ from pinnochio.compiled import compiled
 from pinnochio.geometry.faces import edges_of
 from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.elastic import ElasticSolver
-from pinnochio.mechanics.elements import Elements
+from pinnochio.mechanics.elements import Elements, lumped
 from pinnochio.mechanics.held_nodes import HeldNodes, bones_of
 from pinnochio.mechanics.linear import Workers
 from pinnochio.mechanics.local_equilibrium import LocalEquilibrium
@@ -80,7 +80,6 @@ class Path:
     point: Point | None = None
     residual: float = np.inf
     iterations: int = 0
-    local_iterations: int = 0
     reason: str = ""
     history: list[dict] = field(default_factory=list)
 
@@ -226,7 +225,7 @@ class RepeatedSolver:
             if new is None:
                 path.reason = f"the line search stagnated at a residual of {path.residual:.1e}"
                 return
-            step = self._turned(new.u - point.u, new.axes)[self._free]
+            step = self._constraints.local(new.u - point.u, new.axes)[self._free]
             change = new.force[self._free] - gradient
             if step @ change > 1e-12 * np.linalg.norm(step) * np.linalg.norm(change):
                 pairs = [*pairs, (step, change, 1 / (step @ change))][-MEMORY:]
@@ -304,7 +303,6 @@ class RepeatedSolver:
         point = self._point(u, energy, 0.0, axes, force)
         goal = max(LOOSE * np.linalg.norm(point.force[outside]), 0.3 * self._options.tolerance * self._reaction(point))
         done = part.settled(u, path.held, axes, goal)
-        path.local_iterations += done.steps
         force[part.nodes] += done.force
         least = min(state[~part.touched[self._elements.patch], 0].min(initial=np.inf), done.least)
         return self._point(done.displacement, energy + done.energy, least, done.axes, force)
@@ -335,9 +333,6 @@ class RepeatedSolver:
     def _residual(self, point: Point) -> float:
         return float(np.linalg.norm(point.force[self._free]) / self._reaction(point))
 
-    def _turned(self, vectors, axes) -> np.ndarray:
-        return self._constraints.local(vectors, axes)
-
     def _result(self, path: Path, seconds: float) -> SolveResult:
         point = path.point
         return SolveResult(
@@ -363,7 +358,7 @@ class RepeatedSolver:
 def mean_gradients(elements: Elements) -> sparse.csr_array:
     """Displacement (n, 3) mm -> transposed mean displacement gradients by volume, (3n, 3), of the nodes."""
     cells, weighted = elements.cells, elements.volumes[:, None, None] * elements.gradients
-    share = np.bincount(cells.ravel(), np.repeat(elements.volumes, 4), elements.nodes)
+    share = lumped(cells, 4 * elements.volumes, elements.nodes)
     rows = np.broadcast_to(3 * cells[:, :, None, None] + np.arange(3), (*cells.shape, 4, 3))
     columns = np.broadcast_to(cells[:, None, :, None], rows.shape)
     values = weighted[:, None] / share[cells][:, :, None, None]
