@@ -1,21 +1,26 @@
 """Many plans by kept factors: Newton's field on blocks, bones and a head, batches, and the way back to Newton."""
 
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
+from pinnochio.geometry.faces import boundary_faces
 from pinnochio.mechanics import repeated
 from pinnochio.mechanics.assembly import CUT, Assembler
-from pinnochio.mechanics.elements import Elements
+from pinnochio.mechanics.elements import Elements, node_volumes
 from pinnochio.mechanics.held_nodes import HeldNodes, bones_of
+from pinnochio.mechanics.loads import Loads, OuterForces
 from pinnochio.mechanics.local_equilibrium import LocalEquilibrium, subset
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
 from pinnochio.mechanics.repeated import RepeatedSolver
 from pinnochio.mechanics.simulation import PlanSolver, simulate
-from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact, SlidingSet
+from pinnochio.mechanics.simulation import solver_options as options_of
+from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact, SlidingSet, boundary_conditions
 from pinnochio.mechanics.solver import solve
+from pinnochio.model.patient import FREE
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient, tiny_patient, tiny_plan
 from tests.helpers.settings import fem_settings
@@ -80,6 +85,7 @@ def test_a_turned_block_takes_few_iterations():
 def test_plans_of_a_patient_as_by_newton_alone_and_together(arm):
     model = slab_patient()
     settings = fem_settings(tolerance=1e-8)
+    newton = replace(settings, kept_factors=False)
     plans = [
         Plan("P", {"mandible_distal": RigidMotion.from_degrees([0, turn, 0], shift, [12, 6, 0])})
         for turn, shift in ((2, [2, 1, 1.0]), (-3, [-1, 0, 2.0]), (0, [0, 0, 0]))
@@ -87,7 +93,7 @@ def test_plans_of_a_patient_as_by_newton_alone_and_together(arm):
     solver = PlanSolver(model, arm, settings)
     together = solver.solve(plans)
     for plan, result in zip(plans, together, strict=True):
-        exact, (alone,) = simulate(model, plan, arm, settings), solver.solve([plan])
+        exact, (alone,) = simulate(model, plan, arm, newton), solver.solve([plan])
         assert result.kept and alone.kept and exact.converged
         np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
         np.testing.assert_allclose(alone.displacement, exact.displacement, rtol=0, atol=1e-5)
@@ -98,9 +104,9 @@ def test_plans_of_a_patient_as_by_newton_alone_and_together(arm):
 
 def test_a_small_head_as_by_newton():
     model, settings = tiny_patient(), fem_settings(tolerance=1e-8)
-    solver = PlanSolver(model, "mucosa", settings)
+    newton, solver = replace(settings, kept_factors=False), PlanSolver(model, "mucosa", settings)
     for plan in (tiny_plan(), tiny_plan(3, 2, -1, -4)):
-        (result,), exact = solver.solve([plan]), simulate(model, plan, "mucosa", settings)
+        (result,), exact = solver.solve([plan]), simulate(model, plan, "mucosa", newton)
         assert result.kept
         np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
     solver.close()
@@ -152,22 +158,57 @@ def test_other_nodes_are_refused():
     solver.close()
 
 
-def test_lips_in_contact_and_tissue_that_yields_are_newtons(monkeypatch):
+def test_lips_in_contact_are_newtons():
+    model, plan, settings = tiny_patient(), tiny_plan(), fem_settings()
+    result, exact = (
+        simulate(model, plan, "mucosa+lip", replace(settings, kept_factors=kept)) for kept in (True, False)
+    )
+    assert not result.kept
+    np.testing.assert_array_equal(result.displacement, exact.displacement)
+
+
+@pytest.mark.parametrize("yielding", [0.0, 0.3])
+def test_weight_tension_and_tissue_that_yields_as_by_newton(yielding, monkeypatch):
+    """Hard patches are many here, so that the forces beside those of the elements meet them."""
+    monkeypatch.setattr(repeated, "HARD_RATIO", 0.97)
     model, plan = tiny_patient(), tiny_plan()
-    settings = fem_settings()
-    yielding = replace(settings, yielding=0.3)
-    for arm, own in (("mucosa+lip", settings), ("bonded", yielding)):
-        solver = PlanSolver(model, arm, own)
-        (result,) = solver.solve([plan])
-        assert not result.kept
-        np.testing.assert_array_equal(result.displacement, simulate(model, plan, arm, own).displacement)
-        solver.close()
+    settings = fem_settings(tolerance=1e-8, yielding=yielding)
+    faces, _ = boundary_faces(model.cells)
+    weight = 0.02 * node_volumes(model.points, model.cells)[:, None] * [0, -1.0, -1.0]
+    skin = faces[np.isin(faces, model.skin_nodes).all(axis=1)]
+    loads = Loads(weight, skin, np.full(len(skin), 20.0))
+    kept, exact = (
+        simulate(model, plan, "mucosa", replace(settings, kept_factors=kept), loads=loads) for kept in (True, False)
+    )
+    bare = simulate(model, plan, "mucosa", settings)
+    assert kept.kept and exact.converged and not exact.kept
+    np.testing.assert_allclose(kept.displacement, exact.displacement, rtol=0, atol=1e-5)
+    assert np.abs(kept.displacement - bare.displacement).max() > 0.1
+
+
+def test_dead_forces_are_each_plans_own():
+    model, plan, settings = tiny_patient(), tiny_plan(), fem_settings(tolerance=1e-8)
+    forces = np.where(model.node_type[:, None] == FREE, [0, 0, -1.0], 0)
+    with closing(PlanSolver(model, "mucosa", settings)) as solver:
+        first, second = solver.solve([plan, plan], [0 * forces, forces])
+    newton = replace(settings, kept_factors=False)
+    assert first.kept and second.kept
+    for result, load in ((first, None), (second, Loads(forces))):
+        exact = simulate(model, plan, "mucosa", newton, loads=load)
+        np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
 
 
 def test_without_the_setting_newton_solves():
     model, plan, settings = tiny_patient(), tiny_plan(), fem_settings(kept_factors=False)
     (result,) = PlanSolver(model, "bonded", settings).solve([plan])
-    np.testing.assert_array_equal(result.displacement, simulate(model, plan, "bonded", settings).displacement)
+    exact = solve(
+        model.points,
+        model.cells,
+        settings.material(model.tissue),
+        boundary_conditions(model, plan, "bonded"),
+        options_of(settings),
+    )
+    np.testing.assert_array_equal(result.displacement, exact.displacement)
 
 
 @pytest.mark.parametrize("stiffening", [0.0, 1.5])
@@ -212,13 +253,13 @@ def test_local_equilibrium_moves_its_own_nodes_alone_and_rights_inverted_element
     constraints, inner = solver._constraints, int(np.argmin(np.linalg.norm(points - 6, axis=1)))
     patches = np.zeros(len(elements.patch_volumes), bool)
     patches[elements.patch[(cells == inner).any(axis=1)]] = True
-    part = LocalEquilibrium(elements, constraints, patches, "auto")
+    part = LocalEquilibrium(elements, constraints, patches, OuterForces(points, None), "auto", True)
     u = np.zeros(points.shape)
     u[inner] = [5.0, 0, 0]
     energy, force, least = elements.evaluate(u)
     assert least < 0
     held = HeldNodes(bones_of(constraints.sliding, np.zeros((0, 3, 3))), constraints.sliding)
-    done = part.settled(u, held, np.zeros((0, 3, 3)), 1e-9)
+    done = part.settled(u, held, np.zeros((0, 3, 3)), 1e-9, 1.0)
     moved = np.abs(done.displacement - u).max(axis=1) > 0
     assert done.steps > 0
     assert (moved <= part.inside.any(axis=1)).all()

@@ -65,9 +65,7 @@ class Constraints:
 
     def turned(self, blocks, pairs, frames) -> np.ndarray:
         """Blocks (k, 3, 3) of a tangent at node pairs (k, 2), from the common axes into those of their nodes."""
-        axes = np.tile(np.eye(3), (len(self.points), 1, 1))
-        axes[self.sliding.nodes] = frames
-        return axes[pairs[:, 0]] @ blocks @ axes[pairs[:, 1]].transpose(0, 2, 1)
+        return turned(blocks, pairs, len(self.points), self.sliding.nodes, frames)
 
     def _check(self) -> None:
         fixed = np.concatenate([self.prescribed, self.sliding.nodes])
@@ -97,3 +95,11 @@ class Constraints:
             if np.linalg.eigvalsh(rows.T @ rows)[0] < 1e-6:
                 problem = f"a piece of {own.sum()} of the mesh's nodes is free to move or turn as a whole"
                 raise InputError("-", "boundary", problem, "constrain three nodes of it, or drop it from the mesh")
+
+
+def turned(blocks, pairs, count: int, nodes, frames) -> np.ndarray:
+    """Blocks (k, 3, 3) at pairs (k, 2) of `count` nodes, from the common axes into those, frames (s, 3, 3), that some
+    nodes (s,) have."""
+    axes = np.tile(np.eye(3), (count, 1, 1))
+    axes[nodes] = frames
+    return axes[pairs[:, 0]] @ blocks @ axes[pairs[:, 1]].transpose(0, 2, 1)

@@ -92,7 +92,7 @@ class Corrector:
             raise InputError("-", "start", problem, f"give {newton.points.shape} and {self._motion.shape} in mm")
         began = time.perf_counter()
         self._motion = self._attainable(start, prescribed)
-        newton.outer.replace(np.zeros_like(start) if forces is None else forces)
+        newton.outer = newton.outer.under(forces)
         newton.forget()  # what one plan leaves behind must not change the next one's result
         # No pressure to begin with: that of a field which is far from equilibrium is spurious.
         pressure, cut_below = np.zeros(len(newton.elements.patch_volumes)), CUT_BELOW

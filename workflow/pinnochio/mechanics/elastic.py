@@ -8,6 +8,7 @@ from pinnochio.mechanics.assembly import Assembler
 from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.elements import VOLUMETRIC, Elements
 from pinnochio.mechanics.linear import linear_solver
+from pinnochio.mechanics.loads import OuterForces
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.sliding import BoundaryConditions
 
@@ -17,9 +18,10 @@ class ElasticSolver:
 
     points (n, 3) mm, cells (m, 4). A sliding node moves with its bone along the normal that the bone's surface has at
     rest and is free across it. Exact to first order in the motion: a rotation by 10
-    degrees already stretches by 1.5 %. Contact sets are refused, because they open and close.
-    single: factors in single precision. elements, constraints: of the mesh and of the first boundary condition; frames
-    (s, 3, 3): axes of the sliding nodes at rest.
+    degrees already stretches by 1.5 %. Contact sets are refused, because they open and close. The tension of surfaces
+    is that of the first boundary condition.
+    single: factors in single precision. elements, constraints: of the mesh and of the first boundary condition; outer:
+    its forces beside those of the elements; frames (s, 3, 3): axes of the sliding nodes at rest.
     """
 
     def __init__(
@@ -36,8 +38,11 @@ class ElasticSolver:
         self.constraints = Constraints(points, elements.cells, boundary)
         rest = np.zeros((elements.nodes, 3))
         self.frames = self.constraints.sliding.frames(rest, 0.0)
-        whole = Assembler(elements, np.zeros(rest.shape, bool), self.constraints.sliding.nodes)
-        upper = whole.upper(whole.tangent(rest, self.frames)[0])
+        self.outer = outer = OuterForces(points, boundary.loads)
+        whole = Assembler(elements, np.zeros(rest.shape, bool), self.constraints.sliding.nodes, outer.pairs)
+        data = whole.tangent(rest, self.frames)[0]
+        whole.add(data, outer.pairs, self.constraints.turned(outer.blocks, outer.pairs, self.frames))
+        upper = whole.upper(data)
         full = (upper + sparse.triu(upper, 1).T).tocsr()
         fixed = self.constraints.constrained[whole.free]
         own = sparse.triu(full[~fixed][:, ~fixed], format="csr")
@@ -48,10 +53,12 @@ class ElasticSolver:
             raise RuntimeError("the stiffness at rest is not positive definite to working precision")
 
     def solve(self, boundary: BoundaryConditions) -> np.ndarray:
-        """Displacement (n, 3) in mm at full load; the boundary differs from the first one in its motion alone."""
-        if boundary.contact or boundary.loads:
-            raise InputError("-", "boundary", "has contact sets or loads", "solve it by Newton's method")
-        return self.spread(self.constraints.under(boundary).motions()[None])[0]
+        """Displacement (n, 3) in mm at full load; the boundary differs from the first one in its motion and its dead
+        forces alone."""
+        if boundary.contact:
+            raise InputError("-", "boundary", "has contact sets", "solve it by Newton's method")
+        moved = self.spread(self.constraints.under(boundary).motions()[None])[0]
+        return moved + self.under(boundary.loads.forces[None])[0] if boundary.loads else moved
 
     def spread(self, motions: np.ndarray) -> np.ndarray:
         """Fields (k, n, 3) mm in equilibrium with displacements `motions` (k, n, 3) mm of the constrained nodes.

@@ -6,6 +6,7 @@ alone: the second-order part of its energy, T/2 sum of A |grad u|^2 over the tri
 to stay as they are, so that a translation meets no resistance, and a turn of a curved surface some [I].
 """
 
+import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -38,14 +39,26 @@ class OuterForces:
             raise InputError("-", "loads", f"forces of shape {self.forces.shape}", "give (n, 3), finite, in mN")
         if len(tension) != len(faces) or not np.isfinite(tension).all() or (np.asarray(tension) < 0).any():
             raise InputError("-", "loads", "tension must be finite, not negative, one per triangle", "mend it")
-        self.stiffness = surface_stiffness(points, np.asarray(faces, int), np.asarray(tension, float))
-        upper = sparse.triu(self.stiffness).tocoo()
+        self._couple(surface_stiffness(points, np.asarray(faces, int), np.asarray(tension, float)))
+
+    def _couple(self, stiffness: sparse.csr_array) -> None:
+        self.stiffness, upper = stiffness, sparse.triu(stiffness).tocoo()
         self.pairs = np.column_stack([upper.row, upper.col]).astype(np.int64)
         self.blocks = upper.data[:, None, None] * np.eye(3)
 
-    def replace(self, forces) -> None:
-        """Take other dead forces (n, 3) mN, as another plan has them."""
-        self.forces = np.asarray(forces, float)
+    def under(self, forces) -> "OuterForces":
+        """The same tension with other dead forces (n, 3) mN, as another plan has them; none for None."""
+        other = copy.copy(self)
+        other.forces = np.zeros_like(self.forces) if forces is None else np.asarray(forces, float)
+        return other
+
+    def part(self, nodes) -> "OuterForces":
+        """What acts on some nodes (k,) of the mesh: as long as all others rest, its energy and force change as the
+        whole's do."""
+        other = copy.copy(self)
+        other.forces = self.forces[nodes]
+        other._couple(self.stiffness[nodes][:, nodes])
+        return other
 
     def evaluate(self, displacement, fraction: float) -> tuple[float, np.ndarray]:
         """Energy in mN mm and its gradient (n, 3) in mN at a displacement (n, 3) mm and a fraction of the load."""

@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pinnochio.mechanics.assembly import CUT, Assembler
-from pinnochio.mechanics.constraints import Constraints
+from pinnochio.mechanics.constraints import Constraints, turned
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.held_nodes import HeldNodes
 from pinnochio.mechanics.linear import linear_solver
+from pinnochio.mechanics.loads import OuterForces
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.solver import UNTANGLING
 
@@ -68,9 +69,12 @@ class LocalEquilibrium:
 
     patches (p,) bool: those to bring to equilibrium; sliding nodes are among their nodes all or none. inside (n, 3)
     bool: the unknowns that move. Every patch beside them belongs to the energy: touched (p,) bool; nodes (k,): theirs.
+    outer: forces beside those of the elements. barrier: elements stay, or become, the right way out.
     """
 
-    def __init__(self, elements: Elements, constraints: Constraints, patches, kind: str):
+    def __init__(
+        self, elements: Elements, constraints: Constraints, patches, outer: OuterForces, kind: str, barrier: bool
+    ):
         self.patches = patches
         moving = np.zeros(elements.nodes, bool)
         moving[elements.cells[patches[elements.patch]]] = True
@@ -82,27 +86,33 @@ class LocalEquilibrium:
         if not self.inside[framed].any():
             framed = np.zeros(0, int)
         self._framed = np.searchsorted(self.nodes, framed)
-        self._assembler = Assembler(self._elements, ~self.inside[self.nodes], self._framed)
+        self._outer, self._fraction, self._barrier = outer.part(self.nodes), 0.0, barrier
+        self._assembler = Assembler(self._elements, ~self.inside[self.nodes], self._framed, self._outer.pairs)
         self._linear = linear_solver(self._assembler.indptr, self._assembler.indices, 0, kind, True)
         self._ready = False
 
-    def settled(self, u, held: HeldNodes, axes, goal: float) -> Settled:
-        """The displacement u (n, 3) mm, sliding nodes on their bones with these axes, with the part in equilibrium.
+    def settled(self, u, held: HeldNodes, axes, goal: float, fraction: float) -> Settled:
+        """The displacement u (n, 3) mm, sliding nodes on their bones with these axes, with the part in equilibrium at a
+        fraction of the load.
 
         goal: norm of the free forces that is enough, mN.
         """
+        self._fraction = fraction
         start = state = self._state(u, axes, self._elements)
         made = 0
-        if state.least <= 0:
+        if state.least <= 0 and self._barrier:
             loose, self._ready = self._elements.with_extension(UNTANGLING), False
             state, made = self._newton(self._state(u, axes, loose), loose, held, goal, -np.inf)
             self._ready, state = False, self._state(state.u, state.axes, self._elements)
-        state, more = self._newton(state, self._elements, held, goal, 0.0 if state.least > 0 else -np.inf)
+        allowed = 0.0 if state.least > 0 and self._barrier else -np.inf
+        state, more = self._newton(state, self._elements, held, goal, allowed)
         change = state.energy - start.energy, state.force - start.force
         return Settled(state.u, state.axes, *change, state.least, made + more)
 
     def _state(self, u, axes, elements: Elements) -> _State:
-        return _State(u, axes, *elements.evaluate(u[self.nodes]))
+        energy, force, least = elements.evaluate(u[self.nodes])
+        loaded, pull = self._outer.evaluate(u[self.nodes], self._fraction)
+        return _State(u, axes, energy + loaded, force + pull, least)
 
     def _newton(self, state: _State, elements: Elements, held: HeldNodes, goal: float, least_allowed: float):
         """The state after some steps, and their number."""
@@ -152,6 +162,9 @@ class LocalEquilibrium:
             if slides and not definite:
                 bend = held.bend(state.u, state.axes, state.force[self._framed])
                 self._assembler.add(data, np.repeat(self._framed[:, None], 2, axis=1), bend)
+            if len(self._outer.pairs):
+                tense = turned(self._outer.blocks, self._outer.pairs, len(self.nodes), self._framed, frames)
+                self._assembler.add(data, self._outer.pairs, tense)
             self._ready = self._linear.factorize(data)
             if self._ready:
                 return True

@@ -1,6 +1,7 @@
 """Many plans of one patient: quasi-Newton steps on the factors of the stiffness at rest, which are kept.
 
-Mesh, material and constrained nodes are the patient's, motions alone the plan's. A plan begins with its linear field
+Mesh, material, constrained nodes and the tension of surfaces are the patient's, motions and dead forces alone the
+plan's. A plan begins with its linear field
 and goes on by L-BFGS (Nocedal 1980), one force and one solution by the kept factors an iteration. Two things make that
 few iterations [X]:
 
@@ -12,7 +13,7 @@ few iterations [X]:
   equilibrium by Newton's method before each step: there the stiffness has little to do with that at rest.
 
 What does not converge so, or may have found another equilibrium than a small motion leads to, goes on in increments of
-the load; what fails even then is solved by Newton's method from rest, as `solver.solve` does; so are contact and loads.
+the load; what fails even then is solved by Newton's method from rest, as `solver.solve` does, and so is contact.
 """
 
 import time
@@ -30,6 +31,7 @@ from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.elements import Elements, lumped
 from pinnochio.mechanics.held_nodes import HeldNodes, bones_of
 from pinnochio.mechanics.linear import Workers
+from pinnochio.mechanics.loads import OuterForces
 from pinnochio.mechanics.local_equilibrium import LocalEquilibrium
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.sliding import BoundaryConditions
@@ -69,10 +71,11 @@ class Point(NamedTuple):
 
 @dataclass
 class Path:
-    """How one plan is solved. held: its sliding nodes, target (p, 3) mm: where its prescribed nodes go, both at the
-    fraction of the load that it is at; part: its hard patches."""
+    """How one plan is solved. outer: its forces beside those of the elements; held: its sliding nodes, target (p, 3)
+    mm: where its prescribed nodes go, both at the fraction of the load that it is at; part: its hard patches."""
 
     constraints: Constraints
+    outer: OuterForces
     held: HeldNodes | None = None
     target: np.ndarray | None = None
     fraction: float = 0.0
@@ -110,14 +113,14 @@ class RepeatedSolver:
         self._shell[elements.patch[slides[elements.cells].any(axis=1)]] = True
 
     def solve(self, boundaries: Sequence[BoundaryConditions], threads: int = 1) -> list[SolveResult]:
-        """The solution of each boundary condition, which differs from the first one in its motion alone.
+        """The solution of each boundary condition, which differs from the first one in motion and dead forces alone.
 
         All advance together, `threads` at a time, so that their loads meet the factors together; a plan that fails does
         not stop others.
         """
         began = time.perf_counter()
-        quick = [not (item.contact or item.loads) and self._options.barrier for item in boundaries]
-        paths = [Path(self._constraints.under(item)) for item, fast in zip(boundaries, quick, strict=True) if fast]
+        quick = [not item.contact for item in boundaries]
+        paths = [self._path(item) for item, fast in zip(boundaries, quick, strict=True) if fast]
         self._advance(paths, threads)
         share = (time.perf_counter() - began) / max(len(paths), 1)
         done, results = iter(paths), []
@@ -134,10 +137,16 @@ class RepeatedSolver:
         """Release the factors."""
         self._rest.close()
 
+    def _path(self, boundary: BoundaryConditions) -> Path:
+        forces = boundary.loads.forces if boundary.loads else None
+        return Path(self._constraints.under(boundary), self._rest.outer.under(forces))
+
     def _advance(self, paths: Sequence[Path], threads: int) -> None:
         if not paths:
             return
         starts = self._rest.spread(np.stack([path.constraints.motions() for path in paths]))
+        if any(path.outer.forces.any() for path in paths):
+            starts += self._rest.under(np.stack([path.outer.forces for path in paths]))
         walks = [self._walk(path, start) for path, start in zip(paths, starts, strict=True)]
         with Workers(min(threads, len(paths))) as workers:
             numbers, answers = list(range(len(paths))), [None] * len(paths)
@@ -211,7 +220,7 @@ class RepeatedSolver:
                 }
             )
             near = path.residual <= self._options.loose
-            if near and not point.least > 0:
+            if near and self._options.barrier and not point.least > 0:
                 path.reason = "elements are inside out"
             elif near and wary:
                 path.reason = self._elsewhere(start, normals, point)
@@ -280,7 +289,7 @@ class RepeatedSolver:
         if not slope < 0:
             return None
         noise = 1e-14 * self._elements.modulus * self._elements.volumes.sum() + 1e-13 * abs(point.energy)
-        allowed = 0.0 if point.least > 0 else -np.inf
+        allowed = 0.0 if point.least > 0 and self._options.barrier else -np.inf
         for halvings in range(20):
             step = 0.5**halvings
             new = self._settled(path, point.u + step * motion, WILD)
@@ -296,13 +305,15 @@ class RepeatedSolver:
         energy, force, state = self._elements.measure(u)
         if state[:, 0].min() < least:
             return None
+        loaded, pull = path.outer.evaluate(u, path.fraction)
+        energy, force = energy + loaded, force + pull
         part = self._part(path, state)
         if part is None:
             return self._point(u, energy, state[:, 0].min(), axes, force)
         outside = self._free & ~part.inside
         point = self._point(u, energy, 0.0, axes, force)
         goal = max(LOOSE * np.linalg.norm(point.force[outside]), 0.3 * self._options.tolerance * self._reaction(point))
-        done = part.settled(u, path.held, axes, goal)
+        done = part.settled(u, path.held, axes, goal, path.fraction)
         force[part.nodes] += done.force
         least = min(state[~part.touched[self._elements.patch], 0].min(initial=np.inf), done.least)
         return self._point(done.displacement, energy + done.energy, least, done.axes, force)
@@ -318,7 +329,8 @@ class RepeatedSolver:
             wide = known.copy()
             wide[self._elements.patch[nodes[self._elements.cells].any(axis=1)]] = True
             self._forget(path)
-            path.part = LocalEquilibrium(self._elements, path.constraints, wide, self._options.linear_solver)
+            kind, barrier = self._options.linear_solver, self._options.barrier
+            path.part = LocalEquilibrium(self._elements, path.constraints, wide, path.outer, kind, barrier)
         return path.part
 
     def _point(self, u, energy: float, least: float, axes, force) -> Point:

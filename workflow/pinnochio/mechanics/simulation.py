@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.loads import Loads
 from pinnochio.mechanics.repeated import RepeatedSolver
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions, solve
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
@@ -42,50 +42,59 @@ def simulate(
     unilateral: bool = False,
     loads: Loads | None = None,
 ) -> SolveResult:
-    """Displacement of every node under the plan; arm: one of `sliding.ARMS`; apart in mm and unilateral: as in
-    boundary_conditions; loads: forces beside those of the elements."""
-    boundary = boundary_conditions(patient, plan, arm, unilateral, apart)
-    return solve(
-        patient.points,
-        patient.cells,
-        settings.material(patient.tissue),
-        replace(boundary, loads=loads),
-        solver_options(settings),
-    )
+    """Displacement of every node under the plan; all as in :class:`PlanSolver`."""
+    with closing(PlanSolver(patient, arm, settings, apart, unilateral, loads)) as solver:
+        return solver.solve([plan])[0]
 
 
 class PlanSolver:
-    """Plans of one patient, for whom what is the same under every plan is made once; arm, apart: as in `simulate`.
+    """Plans of one patient, for whom what is the same under every plan is made once.
 
-    With settings.kept_factors by the factors of the stiffness at rest (:mod:`repeated`), and by Newton's method what
-    they do not solve; without, and for lips in contact, one after the other by Newton's method, as in `simulate`.
+    arm: one of `sliding.ARMS`; apart in mm and unilateral: as in boundary_conditions; loads: forces beside those of the
+    elements. With settings.kept_factors by the factors of the stiffness at rest (:mod:`repeated`), and by Newton's
+    method what they do not solve; without, and for contact, one after the other by Newton's method.
     preparation: seconds that the patient took.
     """
 
-    def __init__(self, patient: PatientModel, arm: str, settings: FemSettings, apart: float = 0.0):
-        self._patient, self._arm, self._settings, self._apart = patient, arm, settings, apart
+    def __init__(
+        self,
+        patient: PatientModel,
+        arm: str,
+        settings: FemSettings,
+        apart: float = 0.0,
+        unilateral: bool = False,
+        loads: Loads | None = None,
+    ):
+        self._patient, self._arm, self._apart, self._unilateral, self._loads = patient, arm, apart, unilateral, loads
+        self._law, self._options = settings.material(patient.tissue), solver_options(settings)
         self._kept, began = None, time.perf_counter()
-        if settings.kept_factors and arm != "mucosa+lip":
-            boundary, law = self._boundary(Plan("rest", {})), settings.material(patient.tissue)
+        if settings.kept_factors and not (unilateral or arm == "mucosa+lip"):
+            rest = self._boundary(Plan("rest", {}))
             try:
-                self._kept = RepeatedSolver(patient.points, patient.cells, law, boundary, solver_options(settings))
+                self._kept = RepeatedSolver(patient.points, patient.cells, self._law, rest, self._options)
             except RuntimeError as error:  # the stiffness at rest cannot be factorised
                 logging.warning("no kept factors: %s", error)
         self.preparation = time.perf_counter() - began
 
-    def solve(self, plans: Sequence[Plan]) -> list[SolveResult]:
-        """Displacement of every node under each plan."""
-        if self._kept is None:
-            return [simulate(self._patient, plan, self._arm, self._settings, self._apart) for plan in plans]
-        return self._kept.solve([self._boundary(plan) for plan in plans])
+    def solve(self, plans: Sequence[Plan], forces: Sequence[np.ndarray] | None = None) -> list[SolveResult]:
+        """Displacement of every node under each plan; forces: dead forces (n, 3) mN of each, if not that of `loads`."""
+        boundaries = [self._boundary(plan) for plan in plans]
+        if forces is not None:
+            dead = [replace(self._loads, forces=own) if self._loads else Loads(own) for own in forces]
+            boundaries = [replace(item, loads=own) for item, own in zip(boundaries, dead, strict=True)]
+        if self._kept is not None:
+            return self._kept.solve(boundaries)
+        mesh = self._patient.points, self._patient.cells
+        return [solve(*mesh, self._law, boundary, self._options) for boundary in boundaries]
 
     def close(self) -> None:
         """Release the factors."""
         if self._kept is not None:
             self._kept.close()
 
-    def _boundary(self, plan: Plan):
-        return boundary_conditions(self._patient, plan, self._arm, apart=self._apart)
+    def _boundary(self, plan: Plan) -> BoundaryConditions:
+        boundary = boundary_conditions(self._patient, plan, self._arm, self._unilateral, self._apart)
+        return replace(boundary, loads=self._loads)
 
 
 def simulate_elastic(patient: PatientModel, plan: Plan, settings: FemSettings) -> tuple[np.ndarray, float, float]:

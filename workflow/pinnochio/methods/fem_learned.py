@@ -2,12 +2,12 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
 
 import numpy as np
 
-from pinnochio.mechanics.loads import Loads
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import PlanSolver, simulate
+from pinnochio.mechanics.simulation import PlanSolver
 from pinnochio.methods import sources
 from pinnochio.methods.protocol import Planned
 from pinnochio.methods.sources import PatientSources, SourceModel
@@ -47,17 +47,19 @@ class Predictor:
     def __call__(self, planned: Planned) -> Prediction:
         """Equilibrium under the plan and the learned loads; a solve that stops early is returned as such."""
         patient, plan = planned.patient, planned.plan
+        with ExitStack() as stack:
 
-        def prepare():
-            own = PatientSources(self._learned, patient, self._fem, planned.covariates)
+            def prepare():
+                own = PatientSources(self._learned, patient, self._fem, planned.covariates)
+                solver = stack.enter_context(closing(PlanSolver(patient, SLIDING, self._fem)))
 
-            def predict():
-                forces = own.sources.load(own.amplitudes(plan))
-                return forces, simulate(patient, plan, SLIDING, self._fem, loads=Loads(forces))
+                def predict():
+                    forces = own.sources.load(own.amplitudes(plan))
+                    return forces, solver.solve([plan], [forces])[0]
 
-            return predict
+                return predict
 
-        (forces, result), seconds, setup = timed(prepare)
+            (forces, result), seconds, setup = timed(prepare)
         logging.info("%s: %s", planned.case, result.reason)
         return Prediction(
             result.displacement,

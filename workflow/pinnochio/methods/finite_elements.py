@@ -53,7 +53,8 @@ class Predictor:
 
     def _warm_up(self, planned: Planned) -> None:
         """Load the compiled code of what may come."""
-        simulate(planned.patient, planned.plan, self._contact, replace(self._fem, time_limit=1e-3), self._apart)
+        newton = replace(self._fem, time_limit=1e-3, kept_factors=False)
+        simulate(planned.patient, planned.plan, self._contact, newton, self._apart)
         if self._fem.kept_factors:
             self._solver_of(planned.patient).solve([planned.plan])
             self._patient = None

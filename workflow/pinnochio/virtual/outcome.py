@@ -3,6 +3,7 @@
 import logging
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,7 +17,7 @@ from pinnochio.importing.segmentation import Segmentation, read_segmentation
 from pinnochio.json_text import read_own_json
 from pinnochio.mechanics.elements import jacobians
 from pinnochio.mechanics.inversion_repair import repair_inversions
-from pinnochio.mechanics.simulation import simulate
+from pinnochio.mechanics.simulation import PlanSolver
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.model.patient import FREE, PatientModel
@@ -170,20 +171,21 @@ def moved(operation: Operation, effects: Mapping[str, Any], patient: PatientMode
         operation.draws("pre_stress"),
     )
     draws = operation.draws("execution_error")
-    for _ in range(ATTEMPTS):
-        executed = operation.plan
-        if effects["execution_error"]:
-            executed = execution_error(operation.plan, draws, effects["execution_error"])
-        result = simulate(patient, executed, "mucosa", own, unilateral=bool(effects["contact"]), loads=outer)
-        LOG.info("%s; moduli %s kPa; %.1f s", result.reason, moduli, result.seconds)
-        if result.converged and result.min_jacobian > 0:
-            return Outcome(patient, result.displacement, executed)
-        if result.converged:
-            law, interface = fem.material(patient.tissue), patient.node_type != FREE
-            field, repair = repair_inversions(patient.points, patient.cells, law, result.displacement, interface)
-            LOG.info("%s", repair)
-            if repair.damping == 1:
-                return Outcome(patient, field, executed)
+    with closing(PlanSolver(patient, "mucosa", own, unilateral=bool(effects["contact"]), loads=outer)) as solver:
+        for _ in range(ATTEMPTS):
+            executed = operation.plan
+            if effects["execution_error"]:
+                executed = execution_error(operation.plan, draws, effects["execution_error"])
+            (result,) = solver.solve([executed])
+            LOG.info("%s; moduli %s kPa; %.1f s", result.reason, moduli, result.seconds)
+            if result.converged and result.min_jacobian > 0:
+                return Outcome(patient, result.displacement, executed)
+            if result.converged:
+                law, interface = fem.material(patient.tissue), patient.node_type != FREE
+                field, repair = repair_inversions(patient.points, patient.cells, law, result.displacement, interface)
+                LOG.info("%s", repair)
+                if repair.damping == 1:
+                    return Outcome(patient, field, executed)
     raise RuntimeError(f"case {operation.case!r}: the simulated outcome did not converge: {result.reason}")
 
 
