@@ -16,7 +16,7 @@ from pinnochio.columns import read_table
 from pinnochio.errors import InputError, damaged
 from pinnochio.files import replacing
 from pinnochio.json_text import read_own_json, read_own_text
-from pinnochio.methods.names import WRITTEN, written
+from pinnochio.methods.names import written
 from pinnochio.metrics.columns import CASES, scanned
 from pinnochio.report.answer import sentences
 from pinnochio.report.parts import FOLDED, PARTS
@@ -56,7 +56,7 @@ def write_page(
             "title": title,
             "folded": name in FOLDED,
             "words": _words(captions[name]),
-            "table": spoken(read_body(tables[name])) if name in tables else "",
+            "table": rounded(read_body(tables[name])) if name in tables else "",
             "pictures": {written(label): _picture(file) for label, file in figures.get(name, {}).items()},
         }
         for name, title in PARTS.items()
@@ -104,16 +104,8 @@ def read_body(path: str | os.PathLike) -> str:
     return body[1]
 
 
-def spoken(table: str) -> str:
-    """A table as people write it: methods of its first column by their names, the short name the cell's title; of
-    numbers that vary by a tenth or more two decimals, while the files keep all."""
-    table = re.sub(
-        r"<td>((?:<b>)?)(\w+)((?:</b>)?)</td>",
-        lambda cell: (
-            f'<td title="{cell[2]}">{cell[1]}{WRITTEN[cell[2]]}{cell[3]}</td>' if cell[2] in WRITTEN else cell[0]
-        ),
-        table,
-    )
+def rounded(table: str) -> str:
+    """A table with two decimals of numbers that vary by a tenth or more, while the files keep all."""
     return re.sub(r"(?<!\d)(-?\d+\.\d{3,4})(?: ± (\d+\.\d{3,4}))?(?!\d)", _rounded, table)
 
 

@@ -15,6 +15,7 @@ from plotly.offline import get_plotlyjs
 
 from pinnochio.figures.patient import SKIN
 from pinnochio.files import replacing
+from pinnochio.methods.names import written as method_name
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import RESEARCH
 from pinnochio.patients.face import written
@@ -66,7 +67,7 @@ def write_plans(
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True)
     text = environment.get_template(TEMPLATE).render(
         case=case,
-        method=method,
+        method=method_name(method),
         research=RESEARCH,
         level="" if level is None else f"{100 * level:g} %",
         plans=[
