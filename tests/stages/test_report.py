@@ -281,14 +281,18 @@ def test_the_view_turns_and_shows_plan_and_error(opened, patient):
 
 
 @pytest.mark.full
-def test_tables_are_readable_on_a_phone(opened):
+def test_chart_and_tables_are_readable_on_a_phone(opened):
     page, _, errors = opened(390)
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    chart = page.locator(".chart img").bounding_box()
+    assert chart["x"] >= 0 and chart["x"] + chart["width"] <= 390  # all of it, without scrolling
     tables = page.evaluate(
         """[...document.querySelectorAll('.table .scroll')].map((box) => {
           box.scrollLeft = 1e6;
           const [first, last] = [box.querySelector('td'), box.querySelector('td:last-child')];
+          const { left } = first.getBoundingClientRect();
           return {
+            beside: left - box.getBoundingClientRect().left,
             box: box.getBoundingClientRect().toJSON(), moved: box.scrollLeft,
             first: first.getBoundingClientRect().left, last: last.getBoundingClientRect().right,
             size: parseFloat(getComputedStyle(first).fontSize),
@@ -302,5 +306,6 @@ def test_tables_are_readable_on_a_phone(opened):
         assert box["left"] >= 0 and box["right"] <= 390
         # Scrolled to its end: the last column is there, the first stays, and the caption can be read in one glance.
         assert table["moved"] > 100 and table["last"] <= box["right"] and table["first"] >= box["left"]
+        assert table["beside"] < 2  # no number is seen beside it
         assert table["size"] >= 13 and box["left"] <= caption["left"] and caption["right"] <= 390
     assert not errors

@@ -24,7 +24,7 @@ from pinnochio.plans.plan import Plan
 
 TEMPLATE = "plans.html"  # beside this module; it includes plans.js
 STEP = 0.01  # mm, of displacements
-FARTHEST = 10.0  # mm: upper end of the colours
+FARTHEST, SHADES = 10.0, 65  # mm: upper end of the colours, and how many there are
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def write_plans(
     path: str | os.PathLike,
 ) -> None:
     """Write the page; level: of the interval, None without one."""
-    colours = [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 1, 9))]
+    colours = [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 1, SHADES))]
     used, faces = np.unique(patient.skin_faces, return_inverse=True)
     moved = [(patient.moved_skin(own.displacement) - patient.skin_points)[used] for own in plans]
     view = {
@@ -80,7 +80,7 @@ def write_plans(
             for own in plans
         ],
         numbers=_numbers([own.measures for own in plans]),
-        colours=colours,
+        colours=colours[:: SHADES // 8],
         farthest=f"{FARTHEST:g}",
         view=view,
         plotly=get_plotlyjs(),
