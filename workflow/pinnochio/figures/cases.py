@@ -16,7 +16,7 @@ COLUMNS = CASES
 # Bounds and the floor are lines, not rows.
 NOISE, STILL, BOUNDS = "floor_scan", "no_change", ("floor_scan", "oracle")
 MEAN, PATIENT, BAND = "#1f4e79", "#9aa5b1", "#f1e3c6"
-WIDTH, ROW = 5.2, 0.46  # inches: readable on a phone, where names stand above their rows
+WIDTH, ROW = 5.2, 0.42  # inches: readable on a phone, where names stand above their rows
 WIDEST = 1.35  # times the error without a prediction, where the axis ends at the latest
 
 
@@ -28,7 +28,7 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     means, lines = ranking.means, frame.groupby("method")["cd"].mean()
     largest = max(ranking.errors.max().max(), 1.05 * lines.get(STILL, 0))
     end = 1.02 * min(largest, WIDEST * lines.get(STILL, largest))
-    figure = Figure(figsize=(WIDTH, 1.8 + ROW * len(means)), dpi=150, layout="constrained")
+    figure = Figure(figsize=(WIDTH, 1.6 + ROW * len(means)), dpi=150, layout="constrained")
     axes = figure.subplots()
     for row, name in enumerate(means.index):
         own = ranking.errors[name].clip(upper=end)
@@ -60,7 +60,7 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     axes.spines[["top", "right", "left"]].set_visible(False)
     axes.grid(axis="x", color="#e5e5e5", linewidth=0.6)
     axes.set_axisbelow(True)
-    figure.suptitle(textwrap.fill(_message(ranking), 48), x=0.01, ha="left", fontsize=12, weight="bold")
+    figure.suptitle(textwrap.fill(_message(ranking), 54), x=0.01, ha="left", fontsize=11, weight="bold")
     save_figure(figure, *paths)
 
 

@@ -24,7 +24,7 @@ from pinnochio.statistics.ranking import rank
 from pinnochio.tables.formats import STYLE
 
 TEMPLATE, PROGRAM = "page.html", "view.js"  # beside this module; the template includes the program
-SMALL = 640  # pixels, the width of a picture that is one of many
+SMALL = 480  # pixels, the width of a picture that is one of many
 
 
 def write_page(
@@ -126,12 +126,16 @@ def _words(caption: str) -> list[str]:
 
 
 def _picture(path: str | os.PathLike) -> str:
-    """The address of a PNG as it is."""
-    return _address(Path(path).read_bytes(), "png")
+    """The address of a drawn PNG, as WebP that loses nothing: a third of the size."""
+    return _webp(path, lossless=True)
 
 
 def _photograph(path: str | os.PathLike, width: int | None = None) -> str:
     """The address of a rendered PNG, as WebP, a tenth of the size and no different to the eye; no wider than width."""
+    return _webp(path, width, quality=80)
+
+
+def _webp(path: str | os.PathLike, width: int | None = None, **how) -> str:
     content = io.BytesIO()
     try:
         picture = PIL.Image.open(path)
@@ -140,9 +144,5 @@ def _photograph(path: str | os.PathLike, width: int | None = None) -> str:
         raise damaged(path, error) from error
     if width and picture.width > width:
         picture = picture.resize((width, round(picture.height * width / picture.width)), PIL.Image.Resampling.LANCZOS)
-    picture.save(content, "WEBP", quality=80)
-    return _address(content.getvalue(), "webp")
-
-
-def _address(content: bytes, kind: str) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+    picture.save(content, "WEBP", **how)
+    return f"data:image/webp;base64,{base64.b64encode(content.getvalue()).decode()}"
