@@ -7,7 +7,7 @@ from pathlib import Path
 from tests.helpers.settings import ROOT
 
 PAGES = [
-    *(ROOT / f"{folder}README.md" for folder in ("", "config/", "results/")),
+    *(ROOT / f"{folder}README.md" for folder in ("", "config/", "models/", "results/")),
     *sorted((ROOT / "docs").glob("*.md")),
 ]
 FENCE = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.M | re.S)

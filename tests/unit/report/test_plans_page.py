@@ -1,12 +1,14 @@
 """All plans of a patient on one page: what it says, and that it works offline in Chromium."""
 
 import importlib.util
+import io
 import re
 import shutil
 
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from pinnochio.columns import read_table
 from pinnochio.patients.face import TABLE, face_rows, write_rows
@@ -71,12 +73,25 @@ def test_it_works_offline_and_leaves_the_scrolling_to_the_page(page):
         shown.locator("body[data-drawn=yes]").wait_for(state="attached")
         assert shown.locator(".plot canvas").count() >= 3
         first = shown.locator(".plot").nth(1)
-        before = first.screenshot()
-        shown.click("text=Before")
+        shown.click("text=Profile")
         shown.wait_for_timeout(3000)
-        assert first.screenshot() != before
+        plain = first.screenshot()
+        assert len(np.unique(Image.open(io.BytesIO(plain)).convert("L"))) > 50  # a shaded surface
+        for button in ("Displacement", "Before"):
+            shown.click(f"text={button}")
+            shown.wait_for_timeout(3000)
+            assert first.screenshot() != plain
+            shown.click("text=After the plan" if button == "Before" else f"text={button}")
+            shown.wait_for_timeout(3000)
+            assert first.screenshot() == plain
         shown.locator("figure").first.hover()
         shown.mouse.wheel(0, 200)
         shown.wait_for_function("window.scrollY > 100")
+        shown.wait_for_timeout(1000)  # the scrolling has come to rest
+        shown.locator("figure").first.click()
+        top = shown.evaluate("window.scrollY")
+        shown.mouse.wheel(0, -100)
+        shown.wait_for_timeout(1000)
+        assert shown.evaluate("window.scrollY") == top
         browser.close()
     assert not wrong

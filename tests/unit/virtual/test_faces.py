@@ -130,9 +130,12 @@ def test_the_nose_is_open_and_the_lips_part(heads):
         assert both[throat] != both[0, 0, 0]
 
 
-def test_a_chin_is_cut_off_in_one_piece(heads):
+def test_a_coarse_head_is_covered_by_two_voxels_and_its_chin_cut_off_in_one_piece(heads):
     for head in heads:
         cut = build_head(head.parameters, 2.0, Procedure(chin=True))
+        forehead = cut.labels[:, :, int((head.landmarks["nasion"][2] + 8 - cut.origin[2]) / 2) :]
+        outside = ndimage.label(forehead == AIR)[0] == 1
+        assert not (ndimage.binary_dilation(outside, iterations=2) & (forehead >= CRANIUM)).any()
         assert cut.segments[-1] == "chin" and ndimage.label(cut.labels == segment_code(4))[1] == 1
         assert 2000 < (cut.labels == segment_code(4)).sum() * 8 < 12_000
 

@@ -1,6 +1,7 @@
 """Picture of all methods on the same patients: every patient's error, the mean, and its difference to the best."""
 
 import os
+import textwrap
 from collections.abc import Sequence
 
 import pandas as pd
@@ -15,6 +16,7 @@ COLUMNS = CASES
 # Bounds and the floor are lines, not rows.
 NOISE, STILL, BOUNDS = "floor_scan", "no_change", ("floor_scan", "oracle")
 MEAN, PATIENT, BAND = "#1f4e79", "#9aa5b1", "#f1e3c6"
+WIDTH, ROW = 5.2, 0.42  # inches: readable on a phone, where names stand above their rows
 WIDEST = 1.35  # times the error without a prediction, where the axis ends at the latest
 
 
@@ -26,7 +28,7 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     means, lines = ranking.means, frame.groupby("method")["cd"].mean()
     largest = max(ranking.errors.max().max(), 1.05 * lines.get(STILL, 0))
     end = 1.02 * min(largest, WIDEST * lines.get(STILL, largest))
-    figure = Figure(figsize=(9, 1.5 + 0.42 * len(means)), dpi=150, layout="constrained")
+    figure = Figure(figsize=(WIDTH, 1.6 + ROW * len(means)), dpi=150, layout="constrained")
     axes = figure.subplots()
     for row, name in enumerate(means.index):
         own = ranking.errors[name].clip(upper=end)
@@ -38,6 +40,10 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
         axes.plot(min(means[name], end), row, "D" if name == ranking.best else "o", color=MEAN, markersize=8)
         text = f"{means[name]:.2f}" + (" →" if means[name] > end else "")
         axes.annotate(text, (1.01, row), xycoords=("axes fraction", "data"), va="center", fontsize=10)
+        axes.annotate(
+            written(name), (0, row), (2, 7), xycoords=("axes fraction", "data"), textcoords="offset points",
+            fontsize=10, bbox={"facecolor": "white", "edgecolor": "none", "pad": 1},
+        )  # fmt: skip
     if ranking.tested:
         axes.axvspan(means.iloc[0], means[[ranking.best, *ranking.alike]].max(), color=BAND, zorder=0)
     for name, style in ((NOISE, ":"), (STILL, "--")):
@@ -47,15 +53,14 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
                 f"{written(name)} {lines[name]:.2f}", (lines[name], 1.0), (0, 3), xycoords=("data", "axes fraction"),
                 textcoords="offset points", ha="center", va="bottom", fontsize=9,
             )  # fmt: skip
-    axes.set_yticks(range(len(means)), [written(name) for name in means.index], fontsize=10)
-    axes.set_ylim(len(means) - 0.4, -0.6)
+    axes.set_yticks([])
+    axes.set_ylim(len(means) - 0.6, -0.8)
     axes.set_xlim(0, end)
-    axes.set_xlabel("distance between predicted and post-operative face, mm (Chamfer)")
+    axes.set_xlabel("distance of prediction and outcome, mm (Chamfer)")
     axes.spines[["top", "right", "left"]].set_visible(False)
-    axes.tick_params(axis="y", length=0)
     axes.grid(axis="x", color="#e5e5e5", linewidth=0.6)
     axes.set_axisbelow(True)
-    figure.suptitle(_message(ranking), x=0.01, ha="left", fontsize=12, weight="bold")
+    figure.suptitle(textwrap.fill(_message(ranking), 54), x=0.01, ha="left", fontsize=11, weight="bold")
     save_figure(figure, *paths)
 
 

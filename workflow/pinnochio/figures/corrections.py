@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pinnochio.figures.style import add_grid, label_log, save_figure
+from pinnochio.methods.names import written
 from pinnochio.tables.corrections import CORRECTIONS
 
 COLUMNS = CORRECTIONS
@@ -27,7 +28,7 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
         groups = frame.groupby("method", sort=False)
         for (method, rows), (mark, line, colour) in zip(groups, cycle(STYLES), strict=False):
             x, y = rows["seconds_mean"], rows[f"{name}_mean"]
-            axes.plot(x, y, marker=mark, linestyle=line, color=colour, markersize=6, label=method)
+            axes.plot(x, y, marker=mark, linestyle=line, color=colour, markersize=6, label=written(method))
             # Corrections beyond the tolerance are none: one mark carries all their numbers.
             for number, (at, same) in enumerate(rows.groupby(["seconds_mean", f"{name}_mean"], sort=False)):
                 side = (6, 2) if logarithmic else (0, 7 if number % 2 == 0 else -14)

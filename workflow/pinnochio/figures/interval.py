@@ -6,6 +6,7 @@ import numpy as np
 import pyvista as pv
 
 from pinnochio.figures.patient import FRONT, OBLIQUE, SKIN, UNKNOWN, finish, save, skin_of
+from pinnochio.methods.names import in_sentence
 from pinnochio.model.patient import PatientModel
 from pinnochio.statistics.intervals import Calibration, Interval
 
@@ -18,7 +19,7 @@ def interval_picture(
     after = skin_of(patient, interval.displacement)
     faces = {
         f"{case}: before": skin_of(patient, 0 * interval.displacement),
-        f"predicted by {calibration.method}": after,
+        f"predicted by {in_sentence(calibration.method)}": after,
     }
     for column, (title, skin) in enumerate(faces.items()):
         plotter.subplot(0, column)

@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pinnochio.figures.style import add_grid, label_log, save_figure
+from pinnochio.methods.names import spoken
 from pinnochio.tables.scaling import SCALING, size_growths
 
 COLUMNS = SCALING
@@ -27,7 +28,7 @@ def draw(sizes: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
             growth = grown[stage, "nodes", quantity]
             own = own.dropna(subset=[quantity])
             colour, line = COLOURS[number % len(COLOURS)], LINES[number % len(LINES)]
-            text = f"{stage}, per {own['unit'].iloc[0]}" if len(own) else stage
+            text = spoken(f"{stage}, per {own['unit'].iloc[0]}" if len(own) else stage)
             power = ": not determined"
             if growth.error <= LOOSE:
                 power = f": $n^{{{growth.exponent:.2f}\\pm{growth.error:.2f}}}$"

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from pinnochio.figures.style import save_figure
+from pinnochio.methods.names import spoken
 from pinnochio.tables.stability import CLEAN, CONVERGED, FAMILIES, STABILITY, WRONG, label
 
 COLUMNS = STABILITY
@@ -51,7 +52,7 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
             _paint(axes, x, y, own)
     axes.set_xlim(-0.5, len(columns) - 0.5)
     axes.set_ylim(len(rows) - 0.5, -0.5)
-    names = [f"{method.replace(', ', chr(10))}\n{element}" for method, element in columns]
+    names = [f"{spoken(method).replace(', ', chr(10))}\n{element}" for method, element in columns]
     axes.set_xticks(range(len(columns)), names, fontsize=8, rotation=60, ha="left", rotation_mode="anchor")
     axes.set_yticks(range(len(rows)), [label(setting, unit) for _, setting, unit in rows], fontsize=9)
     axes.tick_params(length=0, labeltop=True, labelbottom=False)

@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pinnochio.figures.style import EVERY, add_grid, label_log, save_figure
+from pinnochio.methods.names import spoken
 from pinnochio.tables.tradeoff import FRONTS, TRADEOFF, named
 
 COLUMNS = TRADEOFF
@@ -14,8 +15,8 @@ COLUMNS = TRADEOFF
 FAMILIES = (
     ("finite elements", ("fem",), "s", "#1f4e79"),
     ("linear elasticity", ("elastic",), "D", "#5b9bd5"),
-    ("pinnochio_plus and its variants", ("pinnochio_plus", "design"), "o", "#b5541c"),
-    ("pinnochio and its variants", ("pinnochio",), "^", "#3c7d3c"),
+    ("PINNOCHIO plus and its variants", ("pinnochio_plus", "design"), "o", "#b5541c"),
+    ("PINNOCHIO and its variants", ("pinnochio",), "^", "#3c7d3c"),
     ("others", ("",), "x", "#666666"),
 )
 PANELS = {  # label of the axis and its marks; all of cd lies in little more than half a decade
@@ -40,7 +41,7 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
         for number, (name, _, mark, colour) in enumerate(FAMILIES):
             own = sound[family[sound.index] == number]
             axes.scatter(own["x"], own[error], marker=mark, s=26, color=colour, alpha=0.75, linewidth=0.9, label=name)
-        names = [f"{number}  {named(row)}" for number, (_, row) in enumerate(optimal.iterrows(), 1)]
+        names = [f"{number}  {spoken(named(row))}" for number, (_, row) in enumerate(optimal.iterrows(), 1)]
         for number, (_, row) in enumerate(optimal.iterrows(), 1):
             below = (-5, -13 if number % 2 else -22)  # where the Pareto front never runs; neighbours apart
             axes.annotate(str(number), (row["x"], row[error]), below, textcoords="offset points", ha="center")

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pinnochio.figures.style import save_figure
+from pinnochio.methods.names import spoken
 
 SMOOTHING = 20  # a curve is the running median over one in so many of the steps, and over as many steps at least
 # Colour, line and name of each term; the lines differ in grey too.
@@ -28,7 +29,7 @@ def training_picture(phases: Mapping[str, pd.DataFrame], title: str, path: str |
         axes = figure.add_subplot(1, len(phases), number + 1)
         _draw(axes, phase, history)
         axes.set_title(phase, fontsize=12, fontweight="bold")
-    figure.suptitle(title, fontsize=13)
+    figure.suptitle(spoken(title), fontsize=13)
     save_figure(figure, path)
 
 

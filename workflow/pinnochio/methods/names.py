@@ -1,5 +1,6 @@
-"""Names of methods as people write them; files and columns keep the short ones."""
+"""Names of methods as people write them; CSV files and the configuration keep the short ones."""
 
+import re
 from collections.abc import Iterable
 
 WRITTEN = {
@@ -12,6 +13,7 @@ WRITTEN = {
     "fem_bonded": "Bonded FEM",
     "fem_sliding": "Sliding FEM",
     "fem_learned": "Sliding FEM, learned loads",
+    "fem_lips": "Sliding FEM, lips in contact",
     "fem_rlse_bonded": "FEM-RLSE, bonded",
     "fem_rlse_mucosa": "FEM-RLSE, sliding",
     "fem_rlse": "FEM-RLSE, lips in contact",
@@ -22,10 +24,16 @@ WRITTEN = {
     "dgcfp": "DGCFP",
     "dgcfp_pretrained": "DGCFP, pretrained",
     "pinnochio_unified": "PINNOCHIO, one network",
+    "pinnochio_unified_narrow": "PINNOCHIO, one narrow network",
+    "pinnochio_narrow": "PINNOCHIO, narrow",
+    "pinnochio_shallow": "PINNOCHIO, shallow",
     "pinnochio_no_physics": "PINNOCHIO, no physics",
     "pinnochio": "PINNOCHIO",
     "pinnochio_plus": "PINNOCHIO plus",
 }
+WORDS = {"oracle", "ratio", "elastic"}  # that a text may hold without speaking of the method
+SWITCH = "design_"  # of a design study's network: the switch follows
+_WITHIN = re.compile(rf"(^|[.:] )?\b({'|'.join(sorted(WRITTEN.keys() - WORDS))}|{SWITCH}\w+)\b")
 # Explained is what a method does better than the one, of what the other leaves to be done.
 BASELINE, FLOOR = "fem_sliding", "floor_scan"
 # What a reader wants to see first where there is room for few: what the paper compares, and the better network.
@@ -34,13 +42,26 @@ FIRST = ("fem_sliding", "pinnochio", "pinnochio_plus", "fem_rlse", "acmt", "dgcf
 
 def written(method: str) -> str:
     """The name as people write it; that of a user's own method as it is."""
+    if method.startswith(SWITCH):
+        return f"Design {method.removeprefix(SWITCH).replace('_', ' ')}"
     return WRITTEN.get(method, method)
 
 
 def in_sentence(method: str) -> str:
     """The name within a sentence: no capital but an abbreviation's."""
     name = written(method)
-    return name[0].lower() + name[1:] if name[1:2].islower() and method in WRITTEN else name
+    return name[0].lower() + name[1:] if name[1:2].islower() and name != method else name
+
+
+def spoken(text: str) -> str:
+    """A cell or a text in which methods bear the names that people write."""
+    if text in WRITTEN:
+        return WRITTEN[text]
+    return _WITHIN.sub(lambda found: _spoken(*found.groups()), text)
+
+
+def _spoken(before: str | None, method: str) -> str:
+    return in_sentence(method) if before is None else before + written(method)
 
 
 def few(methods: Iterable[str], count: int) -> list[str]:

@@ -12,6 +12,7 @@ import pyvista as pv
 
 from pinnochio.figures.patient import FRONT, OBLIQUE, SIDE, SKIN, UNKNOWN, add_bone, finish, save, skin_of
 from pinnochio.files import replacing
+from pinnochio.methods.names import spoken
 from pinnochio.model.bones import segment_points
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
@@ -38,11 +39,11 @@ td.n { text-align: right; white-space: nowrap } .no { font-weight: bold; color: 
 details { margin: 1em 0 } summary { cursor: pointer; font-weight: bold }
 </style></head><body>
 <h1>{{ c.case }}: {{ c.plan }}</h1>
-<p>Predicted by <b>{{ c.method }}</b>
+<p>Predicted by <b>{{ spoken(c.method) }}</b>
 {%- if c.models %}, the mean of {{ c.models.folds }} models trained on {{ c.models.patients }} patients of the
 {{ c.models.cohort }}{% endif %}
 {%- if c.corrections %}; {{ c.corrections }} Newton correction{{ "s" if c.corrections > 1 }}{% endif %}.
-{%- if c.expected %} Chosen from the measured trade-off: {{ c.expected.setting }}. To expect, by
+{%- if c.expected %} Chosen from the measured trade-off: {{ spoken(c.expected.setting) }}. To expect, by
 {{ c.expected.patients }} patients: {{ number(c.expected.seconds) }} s per plan (at most
 {{ number(c.expected.seconds_max) }} s), {{ number(c.expected.cd) }} mm from the outcome,
 {{ number(c.expected.face_error) }} mm from finite elements on a fine mesh.{% endif %}
@@ -153,6 +154,7 @@ def write_page(
         fine=fine,
         files=FILES,
         space=SPACE,
+        spoken=spoken,
         number=lambda value: "–" if value is None else f"{value:.2f}",
     )
     with replacing(path) as temporary:

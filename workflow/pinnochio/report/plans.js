@@ -11,10 +11,17 @@ const plots = [...document.querySelectorAll(".plot")];
 const pressed = (button) => button.getAttribute("aria-pressed") === "true";
 const states = [...document.querySelectorAll("[data-state]")];
 const mapped = document.querySelector("[data-map]");
-const EYES = { front: { x: 0, y: -1.1, z: 0 }, profile: { x: 1.1, y: 0, z: 0 }, oblique: { x: 0.65, y: -0.88, z: 0.1 } };
+const EYES = { front: { x: 0, y: -1.8, z: 0.1 }, profile: { x: 1.8, y: -0.1, z: 0.1 }, oblique: { x: 1, y: -1.5, z: 0.2 } };
+const LIGHT = { ambient: 0.32, diffuse: 0.7, specular: 0.1, roughness: 0.6, fresnel: 0.05 }; // as in the report
+const LAMP = { x: -60000, y: 50000, z: 100000 };
 const axis = { visible: false };
-const camera = (eye) => ({ eye, up: { x: 0, y: 0, z: 1 }, projection: { type: "orthographic" } });
+const camera = (eye) => ({ eye, up: { x: 0, y: 0, z: 1 } });
 const shifts = view.moved.map((text) => decode(text, Int16Array));
+const scene = { xaxis: axis, yaxis: axis, zaxis: axis, aspectmode: "data", dragmode: "orbit" };
+// Kept, so that a face stays as it was turned when it is drawn anew.
+const layouts = plots.map(() => ({
+  margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "turned", scene: { ...scene, camera: camera(EYES.oblique) },
+}));
 let turning = false;
 
 function face(place) {
@@ -23,24 +30,19 @@ function face(place) {
   const at = rest.map((value, i) => value + (after ? view.step * shift[i] : 0));
   const look = {
     type: "mesh3d", x: every(at, 0), y: every(at, 1), z: every(at, 2), i: I, j: J, k: K, hoverinfo: "skip",
-    lighting: { ambient: 0.65, diffuse: 0.6, specular: 0.05, roughness: 0.8 }, color: view.skin, showscale: false,
+    lighting: LIGHT, lightposition: LAMP,
   };
-  if (after && pressed(mapped)) {
-    look.intensity = every(shift, 0).map((_, i) =>
-      view.step * Math.hypot(shift[3 * i], shift[3 * i + 1], shift[3 * i + 2]));
-    look.colorscale = view.colours.map((colour, i) => [i / (view.colours.length - 1), colour]);
-    look.cmin = 0;
-    look.cmax = view.farthest;
-  }
+  const last = view.colours.length - 1;
+  look.vertexcolor = Array.from(every(shift, 0), (_, i) => {
+    const way = view.step * Math.hypot(shift[3 * i], shift[3 * i + 1], shift[3 * i + 2]);
+    return after && pressed(mapped) ? view.colours[Math.min(Math.round((last * way) / view.farthest), last)] : view.skin;
+  });
   return [look];
 }
 
 function draw() {
-  const scene = { xaxis: axis, yaxis: axis, zaxis: axis, aspectmode: "data", dragmode: "orbit" };
-  const margin = { l: 0, r: 0, t: 0, b: 0 };
-  const layout = { margin, uirevision: "turned", scene: { ...scene, camera: camera(EYES.oblique) } };
   return Promise.all(plots.map((plot, place) =>
-    Plotly.react(plot, face(place), layout, { displayModeBar: false, responsive: true, scrollZoom: true })));
+    Plotly.react(plot, face(place), layouts[place], { displayModeBar: false, responsive: true, scrollZoom: true })));
 }
 
 async function turn(eye, besides) {

@@ -15,6 +15,7 @@ from plotly.offline import get_plotlyjs
 
 from pinnochio.figures.patient import SKIN
 from pinnochio.files import replacing
+from pinnochio.methods.names import written as method_name
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import RESEARCH
 from pinnochio.patients.face import written
@@ -23,7 +24,7 @@ from pinnochio.plans.plan import Plan
 
 TEMPLATE = "plans.html"  # beside this module; it includes plans.js
 STEP = 0.01  # mm, of displacements
-FARTHEST = 10.0  # mm: upper end of the colours
+FARTHEST, SHADES = 10.0, 65  # mm: upper end of the colours, and how many there are
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def write_plans(
     path: str | os.PathLike,
 ) -> None:
     """Write the page; level: of the interval, None without one."""
-    colours = [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 1, 9))]
+    colours = [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 1, SHADES))]
     used, faces = np.unique(patient.skin_faces, return_inverse=True)
     moved = [(patient.moved_skin(own.displacement) - patient.skin_points)[used] for own in plans]
     view = {
@@ -66,7 +67,7 @@ def write_plans(
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True)
     text = environment.get_template(TEMPLATE).render(
         case=case,
-        method=method,
+        method=method_name(method),
         research=RESEARCH,
         level="" if level is None else f"{100 * level:g} %",
         plans=[
@@ -79,7 +80,7 @@ def write_plans(
             for own in plans
         ],
         numbers=_numbers([own.measures for own in plans]),
-        colours=colours,
+        colours=colours[:: SHADES // 8],
         farthest=f"{FARTHEST:g}",
         view=view,
         plotly=get_plotlyjs(),

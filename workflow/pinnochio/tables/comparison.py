@@ -7,16 +7,16 @@ import pandas as pd
 
 from pinnochio.columns import Column, check, number
 from pinnochio.errors import InputError
-from pinnochio.methods.names import BASELINE, FLOOR
+from pinnochio.methods.names import BASELINE, FLOOR, in_sentence, written
 from pinnochio.metrics.columns import BY_NAME, CASES
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.shares import explained
 from pinnochio.statistics.significance import Comparison, compare, holm
 
 BOUNDS = (
-    "What no method can know, measured as the methods are and never tested. floor_scan: the true skin against its own "
-    "registered scan: noise, expression and registration. oracle: the mechanics of fem_sliding with the motion that "
-    "was carried out. Against the virtual truth itself floor_scan is zero."
+    f"What no method can know, measured as the methods are and never tested. {written(FLOOR)}: the true skin against "
+    f"its own registered scan: noise, expression and registration. {written('oracle')}: the mechanics of "
+    f"{in_sentence(BASELINE)} with the motion that was carried out. Against the virtual truth itself the floor is zero."
 )
 # What is averaged over patients: column of cases -> also its standard deviation.
 SUMMARISED = {

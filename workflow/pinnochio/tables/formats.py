@@ -1,12 +1,14 @@
 """The readable twins of a table: its document as Markdown, LaTeX or HTML."""
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import jinja2
 
 from pinnochio.files import replacing
 from pinnochio.json_text import read_own_json
+from pinnochio.methods.names import spoken
 
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem;color:#222;background:#fff}
 .scroll{overflow-x:auto}h2{font-size:1.1rem;margin:2.5rem 0 .5rem}p{max-width:60rem;margin-top:1.5rem}
@@ -23,7 +25,7 @@ MARKDOWN = """\
 | {{ block.headers | join(" | ") }} |
 | {{ (["---"] * (block.headers | length)) | join(" | ") }} |
 {% for row in block.rows -%}
-|{% for text, bold in row %} {{ "**" if bold }}{{ text | escaped }}{{ "**" if bold }} |{% endfor %}
+|{% for text, bold, _ in row %} {{ "**" if bold }}{{ text | escaped }}{{ "**" if bold }} |{% endfor %}
 {% endfor %}
 {{ block.caption }}
 {% if not loop.last %}
@@ -43,7 +45,7 @@ LATEX = r"""
 <% for header in block.headers %><% if not loop.first %> & <% endif %><< header >><% endfor %> \\
 \hline
 <% for row in block.rows -%>
-<% for text, bold in row -%>
+<% for text, bold, _ in row -%>
 <% if not loop.first %> & <% endif %><% if bold %>\textbf{<< text >>}<% else %><< text >><% endif %>
 <%- endfor %> \\
 <% endfor -%>
@@ -68,7 +70,9 @@ HTML = """\
 <thead><tr>{% for header in block.headers %}<th>{{ header }}</th>{% endfor %}</tr></thead>
 <tbody>
 {% for row in block.rows -%}
-<tr>{% for text, bold in row %}<td>{% if bold %}<b>{{ text }}</b>{% else %}{{ text }}{% endif %}</td>{% endfor %}</tr>
+<tr>{% for text, bold, own in row -%}
+<td{% if own != text %} title="{{ own }}"{% endif %}>{% if bold %}<b>{{ text }}</b>{% else %}{{ text }}{% endif %}</td>
+{%- endfor %}</tr>
 {% endfor -%}
 </tbody></table></div>
 {% endfor -%}
@@ -117,7 +121,18 @@ FORMATS = {".md": _markdown, ".tex": _latex, ".html": _html}
 def write_twins(document: str | os.PathLike) -> None:
     """Write Markdown, LaTeX and HTML beside the document of a :class:`~pinnochio.tables.document.Table`."""
     own = read_own_json(document)
-    shown = {name: own[name] for name in ("blocks", "paragraphs", "columns")}
+    shown = {
+        "blocks": [_spoken(block) for block in own["blocks"]],
+        "paragraphs": [spoken(text) for text in own["paragraphs"]],
+        "columns": own["columns"],
+    }
     for suffix, template in FORMATS.items():
         with replacing(Path(document).with_suffix(suffix)) as temporary:
             temporary.write_text(template().render(shown, style=STYLE), encoding="utf-8")
+
+
+def _spoken(block: Mapping) -> dict:
+    """The block with methods by the names that people write; each cell is (text, whether it is bold, text of the CSV
+    file)."""
+    rows = [[(spoken(text), bold, text) for text, bold in row] for row in block["rows"]]
+    return {**block, "title": spoken(block["title"]), "caption": spoken(block["caption"]), "rows": rows}

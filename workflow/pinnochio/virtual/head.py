@@ -21,7 +21,7 @@ USUAL = Procedure()
 SEGMENTS = USUAL.segments
 SKIN_LAYER = 3.5  # mm of superficial tissue over muscle at least [I]
 LEAST = 2.5  # mm of tissue over any bone but that behind the lips [I]
-BETWEEN = 1.8  # voxels there at least: bone meets no air, over a corner neither
+BETWEEN = 2.3  # voxels there at least: two of tissue, since a coarse mesh leaves out a layer of one
 CRUMB = 300.0  # mm3; smaller pieces of muscle are left out [I]
 
 
