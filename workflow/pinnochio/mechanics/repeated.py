@@ -87,12 +87,23 @@ class Path:
 class RepeatedSolver:
     """The factors of one mesh with one set of constrained nodes, for any number of motions.
 
-    points (n, 3) mm, cells (m, 4). The first boundary tells the nodes and the bones that they slide on.
+    points (n, 3) mm, cells (m, 4). The first boundary tells the nodes and the bones that they slide on. rest: the
+    factors, where they are there already; :meth:`close` releases them all the same.
     """
 
-    def __init__(self, points, cells, material: Material, boundary: BoundaryConditions, options: SolverOptions):
+    def __init__(
+        self,
+        points,
+        cells,
+        material: Material,
+        boundary: BoundaryConditions,
+        options: SolverOptions,
+        rest: ElasticSolver | None = None,
+    ):
         self._points, self._cells, self._material, self._options = np.asarray(points, float), cells, material, options
-        self._rest = ElasticSolver(points, cells, material, boundary, options.volumetric, options.linear_solver, True)
+        self._rest = rest or ElasticSolver(
+            points, cells, material, boundary, options.volumetric, options.linear_solver, True
+        )
         self._elements, self._constraints = self._rest.elements, self._rest.constraints
         self._bones = bones_of(self._constraints.sliding, self._rest.frames)
         self._gradients = mean_gradients(self._elements)
