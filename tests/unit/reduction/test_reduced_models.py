@@ -81,7 +81,7 @@ def test_a_reduced_plan_is_that_of_the_whole_patient_to_second_order(long, arm, 
         plan = tiny_plan(*(scale * np.array([1.0, -3.0, 1.5, 2.0])))
         solvers = PlanSolver(long, arm, fem), ReducedSolver(long, arm, fem, 0.0, scale * LIMIT)
         (whole,), (part,) = (solver.solve([plan]) for solver in solvers)
-        share = solvers[1].required(boundary_conditions(long, plan, arm))[0].mean()
+        share = solvers[1].required(plan).mean()
         for solver in solvers:
             solver.close()
         assert part.converged and part.kept == kept and 0.1 < share < 0.9
@@ -107,13 +107,24 @@ def test_all_is_solved_where_less_does_not_pay_or_does_not_converge(long, monkey
     assert still.converged and np.abs(still.displacement).max() < 1e-9
 
 
+def test_newtons_method_makes_no_linear_map_for_a_plan_of_several_bones(long):
+    segment = np.where(np.arange(len(long.bone_points)) % 2, long.bone_segment, 1).astype(np.int8)
+    patient = replace(long, bone_segment=segment, segments=("lefort1", "chin"))
+    own = tiny_plan().motions["left"]
+    solver = ReducedSolver(patient, "mucosa", replace(FEM, kept_factors=False), 0.0, LIMIT)
+    assert solver.required(Plan("-", {"lefort1": own, "chin": own})).all() and solver._map is None
+    solver.required(Plan("-", {"lefort1": own}))
+    assert solver._map is not None
+    solver.close()
+
+
 def test_lips_in_contact_are_always_solved(monkeypatch):
     monkeypatch.setattr(reduction, "WORTH", 0.9)
     patient = tiny_patient(shape=(16, 5, 4))
     lip = np.zeros(len(patient.points), np.int8)
     lip[np.argmax(patient.points[:, 0])] = m.UPPER_LIP
     solver = ReducedSolver(replace(patient, lip=lip), "mucosa+lip", FEM, 0.0, LIMIT)
-    wanted, _ = solver.required(boundary_conditions(patient, tiny_plan(), "mucosa"))
+    wanted = solver.required(tiny_plan())
     solver.close()
     around = (patient.cells == np.flatnonzero(lip)[0]).any(axis=1)
     assert wanted[around].all() and not wanted.all()

@@ -120,8 +120,11 @@ class RepeatedSolver:
         slides[nodes] = True
         self._shell[elements.patch[slides[elements.cells].any(axis=1)]] = True
 
-    def solve(self, boundaries: Sequence[BoundaryConditions], threads: int = 1) -> list[SolveResult]:
-        """The solution of each boundary condition, which differs from the first one in its motion alone.
+    def solve(
+        self, boundaries: Sequence[BoundaryConditions], threads: int = 1, linear: Sequence[np.ndarray] | None = None
+    ) -> list[SolveResult]:
+        """The solution of each boundary condition, which differs from the first one in its motion alone; linear: their
+        linear fields (n, 3) mm, where they are known.
 
         All advance together, `threads` at a time, so that their loads meet the factors together; a plan that fails does
         not stop others.
@@ -129,7 +132,8 @@ class RepeatedSolver:
         began = time.perf_counter()
         quick = [not (item.contact or item.loads) and self._options.barrier for item in boundaries]
         paths = [Path(self._constraints.under(item)) for item, fast in zip(boundaries, quick, strict=True) if fast]
-        self._advance(paths, threads)
+        starts = None if linear is None else [field for field, fast in zip(linear, quick, strict=True) if fast]
+        self._advance(paths, threads, starts)
         share = (time.perf_counter() - began) / max(len(paths), 1)
         done, results = iter(paths), []
         for boundary, fast in zip(boundaries, quick, strict=True):
@@ -145,10 +149,11 @@ class RepeatedSolver:
         """Release the factors."""
         self._rest.close()
 
-    def _advance(self, paths: Sequence[Path], threads: int) -> None:
+    def _advance(self, paths: Sequence[Path], threads: int, starts: Sequence[np.ndarray] | None) -> None:
         if not paths:
             return
-        starts = self._rest.spread(np.stack([path.constraints.motions() for path in paths]))
+        if starts is None:
+            starts = self._rest.spread(np.stack([path.constraints.motions() for path in paths]))
         walks = [self._walk(path, start) for path, start in zip(paths, starts, strict=True)]
         with Workers(min(threads, len(paths))) as workers:
             numbers, answers = list(range(len(paths))), [None] * len(paths)

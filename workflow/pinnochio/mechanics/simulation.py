@@ -59,25 +59,16 @@ class PlanSolver:
 
     With settings.kept_factors by the factors of the stiffness at rest (:mod:`repeated`), and by Newton's method what
     they do not solve; without, and for lips in contact, one after the other by Newton's method, as in `simulate`.
-    rest: the factors, where they are there already; :meth:`close` releases them all the same. preparation: seconds that
-    the patient took.
+    preparation: seconds that the patient took.
     """
 
-    def __init__(
-        self,
-        patient: PatientModel,
-        arm: str,
-        settings: FemSettings,
-        apart: float = 0.0,
-        rest: ElasticSolver | None = None,
-    ):
+    def __init__(self, patient: PatientModel, arm: str, settings: FemSettings, apart: float = 0.0):
         self._patient, self._arm, self._settings, self._apart = patient, arm, settings, apart
         self._kept, began = None, time.perf_counter()
         if settings.kept_factors and arm != "mucosa+lip":
             boundary, law = self._boundary(Plan("rest", {})), settings.material(patient.tissue)
             try:
-                options = solver_options(settings)
-                self._kept = RepeatedSolver(patient.points, patient.cells, law, boundary, options, rest)
+                self._kept = RepeatedSolver(patient.points, patient.cells, law, boundary, solver_options(settings))
             except RuntimeError as error:  # the stiffness at rest cannot be factorised
                 logging.warning("no kept factors: %s", error)
         self.preparation = time.perf_counter() - began
