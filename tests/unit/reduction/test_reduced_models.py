@@ -8,9 +8,10 @@ import pandas as pd
 import pytest
 
 from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.mechanics.contact import ContactSet
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.simulation import PlanSolver
-from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
 from pinnochio.model import patient as m
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.scenarios import parts
@@ -40,24 +41,26 @@ def test_cells_are_wanted_for_one_node_that_moves_or_is_kept():
     np.testing.assert_array_equal(moved_cells(cells, field, 0.49, [8]), [True, False, True])
 
 
-def test_what_is_left_out_and_the_cut_move_with_the_linear_field_and_the_rest_is_as_it_was(long):
-    plan = tiny_plan()
-    whole = boundary_conditions(long, plan, "mucosa")
+def test_the_cut_moves_with_the_linear_field_and_the_rest_is_as_it_was(long):
+    whole = boundary_conditions(long, tiny_plan(), "mucosa")
     field = np.random.default_rng(0).normal(size=long.points.shape)
     wanted = long.points[long.cells].mean(axis=1)[:, 0] < 40
-    part = restricted(whole, long.cells, wanted, field)
-    before = len(whole.prescribed_nodes)
-    np.testing.assert_array_equal(part.prescribed_nodes[:before], whole.prescribed_nodes)
-    held = part.prescribed_nodes[before:]
-    left = np.unique(long.cells[~wanted])
-    np.testing.assert_array_equal(held, np.setdiff1d(left, whole.prescribed_nodes))
+    nodes, cells, part = restricted(whole, long.cells, wanted, field)
+    np.testing.assert_array_equal(nodes[cells], long.cells[wanted])
+    own, held = np.unique(long.cells[wanted]), np.unique(long.cells[~wanted])
+    np.testing.assert_array_equal(nodes, own)
+    before = np.isin(whole.prescribed_nodes, own)
+    count = before.sum()
+    np.testing.assert_array_equal(nodes[part.prescribed_nodes[:count]], whole.prescribed_nodes[before])
+    cut = nodes[part.prescribed_nodes[count:]]
+    np.testing.assert_array_equal(cut, np.setdiff1d(np.intersect1d(own, held), whole.prescribed_nodes))
     for fraction in (0.5, 1.0):
         moved = part.displacement(fraction)
-        np.testing.assert_array_equal(moved[:before], whole.displacement(fraction))
-        np.testing.assert_allclose(moved[before:], fraction * field[held])
-    for one, two in zip(part.sliding, whole.sliding, strict=True):
-        np.testing.assert_array_equal(one.nodes, np.setdiff1d(two.nodes, left))
+        np.testing.assert_array_equal(moved[:count], whole.displacement(fraction)[before])
+        np.testing.assert_allclose(moved[count:], fraction * field[cut])
     assert sum(len(item.nodes) for item in part.sliding) < sum(len(item.nodes) for item in whole.sliding)
+    for one, two in zip(part.sliding, whole.sliding, strict=True):
+        np.testing.assert_array_equal(nodes[one.nodes], np.setdiff1d(two.nodes, held))
 
 
 def test_a_linear_part_is_the_whole_linear_field(long):
@@ -67,9 +70,21 @@ def test_a_linear_part_is_the_whole_linear_field(long):
     field = solver.solve(whole)
     wanted = moved_cells(long.cells, field, LIMIT)
     assert 0.1 < wanted.mean() < 0.9
-    boundary = restricted(whole, long.cells, wanted, field)
-    part = ElasticSolver(long.points, long.cells[wanted], FEM.material(long.tissue[wanted]), boundary, "p1")
-    np.testing.assert_allclose(part.solve(boundary), field, atol=1e-10)
+    nodes, cells, boundary = restricted(whole, long.cells, wanted, field)
+    part = ElasticSolver(long.points[nodes], cells, FEM.material(long.tissue[wanted]), boundary, "p1")
+    np.testing.assert_allclose(part.solve(boundary), field[nodes], atol=1e-10)
+
+
+def test_contact_surfaces_beyond_the_cut_are_carried():
+    cells = np.array([[0, 1, 2, 3], [3, 4, 5, 6], [6, 7, 8, 9]])
+    sides = [ContactSet(np.array([1, 2]), np.ones(2), faces=np.array([[2, 3, 9]]))]
+    whole = BoundaryConditions(np.array([0, 8]), np.arange(6.0).reshape(2, 3), contact=sides)
+    field = np.arange(30.0).reshape(10, 3)
+    nodes, _, part = restricted(whole, cells, np.array([True, False, False]), field)
+    np.testing.assert_array_equal(nodes, [0, 1, 2, 3, 9])
+    np.testing.assert_array_equal(part.contact[0].faces, [[2, 3, 4]])
+    np.testing.assert_array_equal(nodes[part.prescribed_nodes], [0, 3, 9])
+    np.testing.assert_array_equal(part.displacement(1.0), [[0, 1, 2], *field[[3, 9]]])
 
 
 @pytest.mark.parametrize(("arm", "kept"), [("mucosa", True), ("mucosa", False), ("bonded", True)])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet
+from pinnochio.mechanics.sliding import BoundaryConditions
 
 
 def moved_cells(cells, field, limit: float, kept=()) -> np.ndarray:
@@ -15,25 +15,39 @@ def moved_cells(cells, field, limit: float, kept=()) -> np.ndarray:
     return moved[cells].any(axis=1)
 
 
-def restricted(boundary: BoundaryConditions, cells, wanted, field) -> BoundaryConditions:
-    """The boundary condition of the cells `wanted` (m,) bool alone: every other node, and those on the cut, moves in
-    proportion to the load by its part of the linear field (n, 3) mm. Nodes that were prescribed move as they did.
+def restricted(boundary: BoundaryConditions, cells, wanted, field) -> tuple[np.ndarray, np.ndarray, BoundaryConditions]:
+    """The problem of the cells `wanted` (m,) bool of (m, 4) alone: its nodes (k,), its cells by their places among
+    these, and its boundary condition.
 
-    The mesh keeps its nodes, so that a solution is one of the whole patient. Contact sets have to lie inside.
+    Nodes on the cut, and of contact surfaces beyond it, move in proportion to the load by their part of the linear
+    field (n, 3) mm; those that were prescribed move as they did.
     """
-    outside = np.ones(len(field), bool)
-    outside[cells[wanted]] = False
-    outside[cells[~wanted]] = True
-    outside[boundary.prescribed_nodes] = False
-    held = np.flatnonzero(outside)
-    nodes, rest = np.concatenate([boundary.prescribed_nodes, held]), field[held]
+    own = cells[wanted]
+    nodes = np.unique(np.concatenate([own.ravel(), *(item.faces.ravel() for item in boundary.contact)]))
+    place = np.full(len(field), -1)
+    place[nodes] = np.arange(len(nodes))
+    cut = np.ones(len(field), bool)
+    cut[own] = False
+    cut[cells[~wanted]] = True
+    cut[boundary.prescribed_nodes] = False
+    cut = nodes[cut[nodes]]
+    kept = place[boundary.prescribed_nodes] >= 0
+    rest = field[cut]
 
     def prescribed(fraction: float) -> np.ndarray:
-        return np.vstack([boundary.displacement(fraction), fraction * rest])
+        return np.vstack([boundary.displacement(fraction)[kept], fraction * rest])
 
-    sliding = [_without(item, outside) for item in boundary.sliding]
-    return replace(boundary, prescribed_nodes=nodes, prescribed=prescribed, sliding=sliding)
-
-
-def _without(item: SlidingSet, outside) -> SlidingSet:
-    return replace(item, nodes=np.asarray(item.nodes, int)[~outside[item.nodes]])
+    slides = np.zeros(len(field), bool)
+    slides[nodes] = True
+    slides[cut] = False
+    return (
+        nodes,
+        place[own],
+        replace(
+            boundary,
+            prescribed_nodes=place[np.concatenate([boundary.prescribed_nodes[kept], cut])],
+            prescribed=prescribed,
+            sliding=[replace(item, nodes=place[item.nodes[slides[item.nodes]]]) for item in boundary.sliding],
+            contact=[replace(item, nodes=place[item.nodes], faces=place[item.faces]) for item in boundary.contact],
+        ),
+    )

@@ -62,7 +62,7 @@ class ReducedSolver:
         wanted, field = self._required(plan, boundary)
         logging.info("%s: %.0f %% of the cells are solved", plan.case, 100 * wanted.mean())
         if not wanted.all():
-            result = self._part(restricted(boundary, self._patient.cells, wanted, field), wanted)
+            result = self._part(boundary, wanted, field)
         if result is None or not result.converged:
             result = self._all(boundary, field)
         return replace(result, seconds=time.perf_counter() - began)
@@ -92,28 +92,32 @@ class ReducedSolver:
             self._map = ElasticSolver(*own, fem.volumetric, fem.linear_solver, single=True)
         return self._map.solve(boundary)
 
-    def _part(self, boundary: BoundaryConditions, wanted: np.ndarray) -> SolveResult:
-        """The cells `wanted` (m,) bool alone."""
-        problem = self._problem(boundary, wanted)
-        if not self._kept:
-            return solve(*problem)
-        solver = RepeatedSolver(*problem)
-        (result,) = solver.solve([boundary])
-        solver.close()
-        return result
+    def _part(self, boundary: BoundaryConditions, wanted: np.ndarray, field: np.ndarray) -> SolveResult:
+        """The cells `wanted` (m,) bool solved, the linear field (n, 3) mm elsewhere."""
+        nodes, cells, boundary = restricted(boundary, self._patient.cells, wanted, field)
+        problem = self._patient.points[nodes], cells, *self._problem(boundary, wanted)
+        if self._kept:
+            solver = RepeatedSolver(*problem)
+            (result,) = solver.solve([boundary])
+            solver.close()
+        else:
+            result = solve(*problem)
+        displacement = field.copy()
+        displacement[nodes] = result.displacement
+        return replace(result, displacement=displacement)
 
     def _all(self, boundary: BoundaryConditions, field: np.ndarray | None) -> SolveResult:
         """All cells, by the factors of the linear map where factors are kept; field (n, 3) mm: the linear one."""
-        problem = self._problem(boundary, slice(None))
+        problem = self._patient.points, self._patient.cells, *self._problem(boundary, slice(None))
         if not self._kept:
             return solve(*problem)
         if self._whole is None:
             self._whole = RepeatedSolver(*problem, self._map)
         return self._whole.solve([boundary], linear=[field])[0]
 
-    def _problem(self, boundary: BoundaryConditions, wanted) -> tuple:
-        law = self._settings.material(self._patient.tissue[wanted])
-        return self._patient.points, self._patient.cells[wanted], law, boundary, solver_options(self._settings)
+    def _problem(self, boundary: BoundaryConditions, cells) -> tuple:
+        law = self._settings.material(self._patient.tissue[cells])
+        return law, boundary, solver_options(self._settings)
 
     def _boundary(self, plan: Plan) -> BoundaryConditions:
         return boundary_conditions(self._patient, plan, self._arm, apart=self._apart)
