@@ -1,34 +1,4 @@
-# Models reduced to what a plan requires: those of the study, where `scene.mode` is auto, and what each reduction costs.
-
-
-rule make_scene:
-    input:
-        model="<results>/cases/{case}/model.h5",
-        labels="<results>/cases/{case}/labels.nii.gz",
-        skin="<results>/cases/{case}/skin.vtp",
-        plan=STUDY.motion,
-    output:
-        scene="<results>/cases/{case}/scene/scene.json",
-        model="<results>/cases/{case}/scene/model.h5",
-    log:
-        "<logs>/make_scene/{case}.log",
-    benchmark:
-        "<benchmarks>/make_scene/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=4000,
-        runtime=10,
-    params:
-        interfaces=config["interfaces"],
-        fem=config["fem"],
-        settings=STUDY.reduction,
-        code=code_of("make_scene"),
-    message:
-        "Decide what the plan of {wildcards.case} requires"
-    script:
-        "../scripts/make_scene.py"
+# What solving only what a plan requires saves.
 
 
 rule measure_scene:
@@ -39,7 +9,6 @@ rule measure_scene:
         plan="<results>/cases/{case}/plan.json",
     output:
         table=ensure("<results>/scene/{case}/trials.csv", non_empty=True),
-        scene="<results>/scene/{case}/scene.json",
     log:
         "<logs>/measure_scene/{case}.log",
     benchmark:
@@ -51,14 +20,14 @@ rule measure_scene:
         mem_mb=4000,
         runtime=60,
     params:
-        mesh=config["mesh"],
-        interfaces=config["interfaces"],
-        fem=config["fem"],
-        settings=STUDY.reduction,
+        config={
+            name: config[name] for name in ("mesh", "interfaces", "fem_rlse", "scene")
+        },
+        methods=STUDY.reduced_methods,
         seed=SEED,
         code=code_of("measure_scene"),
     message:
-        "Measure what each reduction of the model of {wildcards.case} costs"
+        "Measure what solving only what a plan of {wildcards.case} requires saves"
     script:
         "../scripts/measure_scene.py"
 
@@ -67,4 +36,4 @@ rule scene:
     input:
         table_and_twins("scene"),
     message:
-        "What a plan requires of a model is measured"
+        "What solving only what a plan requires saves is measured"

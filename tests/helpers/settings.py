@@ -11,7 +11,6 @@ from pinnochio.mechanics.solver import SolverOptions
 from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.overlays import overlaid
-from pinnochio.reduction.settings import SceneSettings
 from pinnochio.training.settings import TrainingSettings
 from pinnochio.virtual.procedures import Procedure
 
@@ -49,9 +48,3 @@ def surface_settings(architecture: str, **changes) -> SurfaceSettings:
     """The settings of a surface network with all of its switches off, with changes."""
     sizes = {key: CONFIG["surface"][key] for key in ("points", "neighbours", "repeats")}
     return SurfaceSettings(architecture, **sizes | changes)
-
-
-def scene_settings(**changes) -> SceneSettings:
-    """The settings of model reduction, with changes."""
-    scene = {key: value for key, value in CONFIG["scene"].items() if key not in ("mode", "patients")}
-    return SceneSettings(**scene | changes)

@@ -1,24 +1,23 @@
-"""From one coarse patient's model and plan to the scene's model, decisions, trials and table."""
+"""From one coarse patient and the parts of its plan to the trials, the table, and a prediction of what is required."""
 
-import json
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
 from pinnochio.columns import read_table
-from pinnochio.mechanics.simulation import simulate
-from pinnochio.model.patient import CUT_PLANE, PatientModel
+from pinnochio.methods.finite_elements import Predictor
+from pinnochio.methods.protocol import Planned
+from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
-from pinnochio.reduction.settings import REDUCTIONS
+from pinnochio.reduction.solver import WORTH
 from pinnochio.tables.reductions import SCENES, TRIALS
-from scripts.make_scene import make_scene
 from scripts.measure_scene import measure_scene
-from tests.helpers.settings import CONFIG, MESH, SEED, scene_settings
+from tests.helpers.settings import CONFIG, MESH, SEED
 from tests.helpers.tables import make
 
 LEFORT = "lefort1"
+LIMIT = CONFIG["scene"]["amplitude"]
 
 
 @pytest.fixture(scope="module")
@@ -29,40 +28,43 @@ def lefort(patient, tmp_path_factory):
     return {name: getattr(patient, name) for name in ("model", "labels", "bone", "skin")} | {"plan": str(path)}
 
 
-def test_scene_of_a_lefort_plan_is_smaller_and_its_face_moves_alike(patient, lefort, tmp_path):
-    out = str(tmp_path / "scene.json"), str(tmp_path / "model.h5")
-    make_scene(patient.case, lefort, CONFIG["interfaces"], patient.fem, scene_settings(), *out)
-    said = json.loads(Path(out[0]).read_text())["plans"]["own"]
-    assert set(said) == {"segments", *REDUCTIONS} and said["segments"]["value"] == [LEFORT]
-    assert said["region"]["value"] and not said["bonded"]["value"] and not said["graded"]["value"]
-    full, part = PatientModel.read(lefort["model"]), PatientModel.read(out[1])
-    assert len(part.points) < 0.7 * len(full.points)
-    np.testing.assert_array_equal(part.skin_points, full.skin_points)
-    np.testing.assert_array_equal(part.face_roi, full.face_roi)
-    assert (part.node_beyond == CUT_PLANE).sum() > 10
-    plan = Plan.read(lefort["plan"], patient.case)
-    faces = [model.moved_skin(simulate(model, plan, "mucosa", patient.fem).displacement) for model in (full, part)]
-    judged = np.unique(full.skin_faces[full.face_roi])
-    error = np.linalg.norm(faces[1] - faces[0], axis=1)[judged]
-    moved = np.linalg.norm(faces[0] - full.skin_points, axis=1)[judged]
-    # Voxels of 2 mm: the largest error is where the coarse reduced mesh ends.
-    assert error.mean() < 0.1 * moved.mean() and error.max() < 0.3 * moved.max()
+@pytest.fixture(scope="module")
+def settings(patient):
+    """What a method of sliding finite elements reads."""
+    return {"fem": asdict(patient.fem), "contact": "mucosa", "apart": 0.0}
 
 
-def test_trials_and_table_compare_every_reduction_with_the_full_model(patient, lefort, tmp_path):
-    settings = replace(scene_settings(), graded=False)
-    out = str(tmp_path / "trials.csv"), str(tmp_path / "scene.json")
-    rest = MESH, CONFIG["interfaces"], patient.fem, settings, SEED, "code", *out
-    measure_scene(patient.case, lefort, *rest)
-    trials = read_table(out[0], TRIALS).set_index("model")
-    assert list(trials.index) == ["full", *REDUCTIONS, "auto"] and trials["converged"].all()
-    assert (trials.loc["full", ["error_mean", "error_max", "decide_seconds"]] == 0).all()
-    assert (trials.drop("full")["error_mean"] > 0).all() and (trials["error_max"] >= trials["error_mean"]).all()
-    assert trials.loc["region", "share"] < 0.7 and trials.loc["bonded", "share"] == 1
-    assert trials.loc["auto", "share"] == trials.loc["region", "share"]
-    assert trials.loc["bonded", "made"] == "bonded" and "region" in trials.loc["auto", "made"]
-    assert list(json.loads(Path(out[1]).read_text())["plans"]) == [LEFORT]
-    table = tmp_path / "scene.csv"
-    make(table, "tables.reductions", trials=[out[0]], cohort="virtual cohort")
-    assert read_table(table, SCENES)["model"].tolist() == list(trials.index)
+def test_a_lefort_plan_is_predicted_on_what_it_requires_alike(patient, lefort, settings, caplog):
+    model, plan = PatientModel.read(lefort["model"]), Plan.read(lefort["plan"], patient.case)
+    planned = Planned(patient.case, model, plan)
+    caplog.set_level("INFO")
+    whole = Predictor(settings, None, "cpu", 1)(planned)
+    assert "of the cells are solved" not in caplog.text
+    part = Predictor(settings | {"region": LIMIT}, None, "cpu", 1)(planned)
+    said = [line for line in caplog.messages if "of the cells are solved" in line]
+    assert said and 0 < int(said[-1].split()[1]) < 50
+    assert whole.converged and part.converged and part.seconds > 0
+    faces = [model.moved_skin(one.displacement)[model.judged_points] for one in (whole, part)]
+    error = np.linalg.norm(faces[1] - faces[0], axis=1)
+    assert 0 < error.mean() < 0.05 and error.max() < 0.3
+
+
+def test_trials_and_table_compare_with_the_whole_patient(patient, lefort, settings, tmp_path):
+    out, table = str(tmp_path / "trials.csv"), tmp_path / "scene.csv"
+    config = {name: CONFIG[name] for name in ("interfaces", "fem_rlse", "scene")} | {"mesh": MESH}
+    config["scene"] = config["scene"] | {"nodes": [MESH["nodes"], 1000]}
+    config["fem_rlse"] = config["fem_rlse"] | {"lip_edge": 8}
+    methods = {"fem_sliding": settings | {"mesh": "study"}, "fem_rlse_mucosa": settings | {"mesh": "lips"}}
+    measure_scene(patient.case, lefort, config, methods, SEED, "code", out)
+    trials = read_table(out, TRIALS)
+    assert trials["model"].tolist() == ["full", "auto"] * 3 and set(trials["plan"]) == {LEFORT}
+    assert trials["method"].tolist()[::2] == ["fem_sliding", "fem_sliding", "fem_rlse_mucosa"]
+    assert trials["target"].tolist()[::2] == [MESH["nodes"], 1000, MESH["nodes"]]
+    assert trials["converged"].all()
+    full, auto = trials[trials["model"] == "full"], trials[trials["model"] == "auto"]
+    assert (full[["error_mean", "error_max", "decide_seconds"]] == 0).all(axis=None) and (full["share"] == 1).all()
+    assert (auto["share"] <= WORTH).all() and (auto["error_mean"] > 0).all() and (auto["error_max"] < 0.3).all()
+    assert (trials[["mesh_seconds", "first_seconds", "further_seconds"]] > 0).all(axis=None)
+    make(table, "tables.reductions", trials=[out], cohort="virtual cohort")
+    assert read_table(table, SCENES)["target"].tolist() == [MESH["nodes"], 1000, MESH["nodes"]]
     assert "virtual cohort" in table.with_suffix(".md").read_text()

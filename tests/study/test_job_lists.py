@@ -198,17 +198,6 @@ def test_scaling_asks_for_every_size_and_for_the_stages_of_the_first_patients(pr
         assert cases[0] not in cases_read(jobs[network], "model.h5")
 
 
-def test_a_scene_serves_finite_elements_and_leaves_the_networks_the_whole_patient(project):
-    write_cohort(project, SCANNED, UNSCANNED)
-    jobs, _ = asked(project, "scene={mode: auto}")
-    reduced = ("fem_bonded", "fem_sliding", "elastic")
-    for method in (*reduced, "pinnochio", "no_change", "fem_rlse"):
-        for name in ("predictions.h5", "metrics.csv"):
-            models = [path for path in jobs[f"folds/1/{method}/{name}"] if path.endswith("model.h5")]
-            assert models and {"/scene/" in path for path in models} == {method in reduced}, (method, name)
-    assert jobs["cases/S0/scene/model.h5"] >= {"cases/S0/model.h5", "cases/S0/plan.json"}
-
-
 @pytest.mark.parametrize("asked", ["--list", "--rulegraph"])
 def test_what_runs_nothing_needs_no_number_of_cores(project, asked):
     done = subprocess.run(

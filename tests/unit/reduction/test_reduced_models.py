@@ -1,157 +1,148 @@
-"""Scenes: the amplitude against closed forms, the cut and the bonded contact on a block, the parts of a plan."""
+"""Scenes: the cells that a plan requires, what holds the others, the field of the whole patient; parts of a plan."""
+
+import logging
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.importing.segmentation import Segmentation
-from pinnochio.mechanics.simulation import simulate
-from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.mechanics.contact import ContactSet
+from pinnochio.mechanics.elastic import ElasticSolver
+from pinnochio.mechanics.simulation import PlanSolver
+from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
 from pinnochio.model import patient as m
-from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.scenarios import parts
-from pinnochio.reduction.amplitude import amplitude
-from pinnochio.reduction.decisions import decide
-from pinnochio.reduction.models import bonded, cropped, single_layer
+from pinnochio.reduction import solver as reduction
+from pinnochio.reduction.region import moved_cells, restricted
+from pinnochio.reduction.solver import ReducedSolver
 from pinnochio.tables.reductions import TRIALS, summarise
 from tests.helpers.patients import tiny_patient, tiny_plan
-from tests.helpers.settings import fem_settings, scene_settings
+from tests.helpers.settings import fem_settings
 
-ONES, ZERO = np.ones(3), np.zeros(3)
 FEM = fem_settings(poisson=0.45)
-JAWS = ("lefort1", "mandible_distal")
+LIMIT = 1.5  # mm: 59 % of the cells of the long patient
 
 
-def moved(**shifts):
-    return Plan("-", {name: RigidMotion(translation=np.array(shift, float)) for name, shift in shifts.items()})
+@pytest.fixture(scope="module")
+def long():
+    """A long patient, whose plan moves one end."""
+    return tiny_patient(shape=(16, 5, 4))
 
 
-def rod(count=42, thick=6):
-    """A rod of tissue in air along x, moving bone at one end and cranium at the other."""
-    labels = np.zeros((count, thick + 8, thick + 8), np.uint8)
-    inner = (slice(4, 4 + thick),) * 2
-    labels[4:-4, *inner] = SUPERFICIAL
-    labels[2:4, *inner] = segment_code(0)
-    labels[-4:-2, *inner] = CRANIUM
-    return labels
+def test_cells_are_wanted_for_one_node_that_moves_or_is_kept():
+    cells = np.array([[0, 1, 2, 3], [3, 4, 5, 6], [5, 6, 7, 8]])
+    field = np.zeros((9, 3))
+    field[1] = 0, 0.3, 0.4
+    np.testing.assert_array_equal(moved_cells(cells, field, 0.49), [True, False, False])
+    np.testing.assert_array_equal(moved_cells(cells, field, 0.5), [False, False, False])
+    np.testing.assert_array_equal(moved_cells(cells, field, 0.49, [8]), [True, False, True])
 
 
-def along(field):
-    """Amplitude of the blocks along the middle of the rod, and their places (voxels)."""
-    value = field.value[:, field.value.shape[1] // 2, field.value.shape[2] // 2]
-    return value, 2 * np.arange(len(value)) + 0.5
+def test_the_cut_moves_with_the_linear_field_and_the_rest_is_as_it_was(long):
+    whole = boundary_conditions(long, tiny_plan(), "mucosa")
+    field = np.random.default_rng(0).normal(size=long.points.shape)
+    wanted = long.points[long.cells].mean(axis=1)[:, 0] < 40
+    nodes, cells, part = restricted(whole, long.cells, wanted, field)
+    np.testing.assert_array_equal(nodes[cells], long.cells[wanted])
+    own, held = np.unique(long.cells[wanted]), np.unique(long.cells[~wanted])
+    np.testing.assert_array_equal(nodes, own)
+    before = np.isin(whole.prescribed_nodes, own)
+    count = before.sum()
+    np.testing.assert_array_equal(nodes[part.prescribed_nodes[:count]], whole.prescribed_nodes[before])
+    cut = nodes[part.prescribed_nodes[count:]]
+    np.testing.assert_array_equal(cut, np.setdiff1d(np.intersect1d(own, held), whole.prescribed_nodes))
+    for fraction in (0.5, 1.0):
+        moved = part.displacement(fraction)
+        np.testing.assert_array_equal(moved[:count], whole.displacement(fraction)[before])
+        np.testing.assert_allclose(moved[count:], fraction * field[cut])
+    assert sum(len(item.nodes) for item in part.sliding) < sum(len(item.nodes) for item in whole.sliding)
+    for one, two in zip(part.sliding, whole.sliding, strict=True):
+        np.testing.assert_array_equal(nodes[one.nodes], np.setdiff1d(two.nodes, held))
 
 
-def test_amplitude_falls_linearly_along_a_rod_and_follows_the_length_of_the_motion():
-    labels = rod()
-    field = amplitude(labels, ONES, ZERO, ("jaw",), moved(jaw=(0, 3, 4)), ("jaw",), [], 18, 0)
-    value, place = along(field)
-    inside = (place > 4) & (place < 37)
-    np.testing.assert_allclose(value[inside], np.interp(place[inside], [2.5, 38.5], [5, 0]), atol=1e-3)
-    assert field.voxels().shape == labels.shape and field.voxels()[10, 7, 7] > 2.5 > field.voxels()[30, 7, 7]
-    np.testing.assert_allclose(field.at(np.array([20.2, 7, 7]), ONES, ZERO), field.voxels()[20, 7, 7])
+def test_a_linear_part_is_the_whole_linear_field(long):
+    """Superposition: with the linear field on the cut, linear elasticity of a part gives that field again."""
+    whole = boundary_conditions(long, tiny_plan(), "mucosa")
+    solver = ElasticSolver(long.points, long.cells, FEM.material(long.tissue), whole, "p1")
+    field = solver.solve(whole)
+    wanted = moved_cells(long.cells, field, LIMIT)
+    assert 0.1 < wanted.mean() < 0.9
+    nodes, cells, boundary = restricted(whole, long.cells, wanted, field)
+    part = ElasticSolver(long.points[nodes], cells, FEM.material(long.tissue[wanted]), boundary, "p1")
+    np.testing.assert_allclose(part.solve(boundary), field[nodes], atol=1e-10)
 
 
-def test_a_gap_separates():
-    labels = rod()
-    labels[20:22] = AIR
-    field = amplitude(labels, ONES, ZERO, ("jaw",), moved(jaw=(5, 0, 0)), ("jaw",), [], 18, 0)
-    value, place = along(field)
-    np.testing.assert_allclose(value[(place > 4) & (place < 20)], 5, atol=1e-3)
-    np.testing.assert_allclose(value[(place > 22) & (place < 37)], 0, atol=1e-3)
+def test_contact_surfaces_beyond_the_cut_are_carried():
+    cells = np.array([[0, 1, 2, 3], [3, 4, 5, 6], [6, 7, 8, 9]])
+    sides = [ContactSet(np.array([1, 2]), np.ones(2), faces=np.array([[2, 3, 9]]))]
+    whole = BoundaryConditions(np.array([0, 8]), np.arange(6.0).reshape(2, 3), contact=sides)
+    field = np.arange(30.0).reshape(10, 3)
+    nodes, _, part = restricted(whole, cells, np.array([True, False, False]), field)
+    np.testing.assert_array_equal(nodes, [0, 1, 2, 3, 9])
+    np.testing.assert_array_equal(part.contact[0].faces, [[2, 3, 4]])
+    np.testing.assert_array_equal(nodes[part.prescribed_nodes], [0, 3, 9])
+    np.testing.assert_array_equal(part.displacement(1.0), [[0, 1, 2], *field[[3, 9]]])
 
 
-def test_bone_that_stays_lets_go_where_it_opposes_a_moving_segment_or_is_near_the_osteotomy():
-    labels = rod()
-    labels[4:-4, 10:12, 4:10] = segment_code(1)  # a plate along the rod
-    plan = moved(lefort1=(5, 0, 0))
-    fixed = amplitude(labels, ONES, ZERO, JAWS, plan, ("lefort1",), [], 60, 0)
-    slides = amplitude(labels, ONES, ZERO, JAWS, plan, ("lefort1",), [(0, 1)], 60, 0)
-    near = amplitude(labels, ONES, ZERO, JAWS, plan, ("lefort1",), [], 60, 12)
-    bare = amplitude(np.where(labels == segment_code(1), AIR, labels), ONES, ZERO, JAWS, plan, ("lefort1",), [], 18, 0)
-    middle = fixed.value[10, 3, 3], near.value[10, 3, 3], slides.value[10, 3, 3]
-    assert middle[0] < 0.2 < middle[1] < middle[2]
-    np.testing.assert_allclose(slides.value[4:18, 3, 3], bare.value[4:18, 3, 3], atol=1e-2)
+@pytest.mark.parametrize(("arm", "kept"), [("mucosa", True), ("mucosa", False), ("bonded", True)])
+def test_a_reduced_plan_is_that_of_the_whole_patient_to_second_order(long, arm, kept, monkeypatch):
+    """Plain elements: patches are those of the cells that are solved, which is a difference of first order."""
+    fem, errors = replace(FEM, kept_factors=kept, volumetric="p1"), []
+    monkeypatch.setattr(reduction, "WORTH", 0.9)
+    for scale in (0.5, 0.25):
+        plan = tiny_plan(*(scale * np.array([1.0, -3.0, 1.5, 2.0])))
+        solvers = PlanSolver(long, arm, fem), ReducedSolver(long, arm, fem, 0.0, scale * LIMIT)
+        (whole,), (part,) = (solver.solve([plan]) for solver in solvers)
+        share = solvers[1].required(plan).mean()
+        for solver in solvers:
+            solver.close()
+        assert part.converged and part.kept == kept and 0.1 < share < 0.9
+        errors.append(np.linalg.norm(part.displacement - whole.displacement, axis=1).max())
+    assert errors[0] < 0.15 and errors[1] < 0.35 * errors[0]
 
 
-def test_cropped_leaves_the_rest_to_the_bit_and_holds_the_cut():
-    patient, plan = tiny_patient(shape=(16, 5, 4)), tiny_plan()
-    x = patient.points[patient.cells].mean(axis=1)[:, 0]
-    part = cropped(patient, x < 70)
-    kept = np.flatnonzero((patient.points[:, None] == part.points).all(axis=2).any(axis=1))
-    np.testing.assert_array_equal(patient.points[kept], part.points)
-    assert 0.5 < len(part.points) / len(patient.points) < 0.9
-    np.testing.assert_array_equal(kept[part.cells], patient.cells[x < 70])
-    cut = np.isin(kept, patient.cells[x >= 70])
-    assert cut.any() and (part.node_type[cut] == m.FIXED).all() and (part.node_beyond[cut] == m.CUT_PLANE).all()
-    np.testing.assert_array_equal(part.node_type[~cut], patient.node_type[kept][~cut])
-    field = np.random.default_rng(0).normal(size=patient.points.shape)
-    field[np.setdiff1d(np.arange(len(field)), kept)] = 0
-    np.testing.assert_allclose(part.moved_skin(field[kept]), patient.moved_skin(field), atol=1e-12)
-    np.testing.assert_array_equal(part.skin_faces, patient.skin_faces)
-    result = simulate(part, plan, "mucosa", FEM)
-    assert result.converged and np.abs(result.displacement[cut]).max() == 0
+def test_all_is_solved_where_less_does_not_pay_or_does_not_converge(long, monkeypatch, caplog):
+    plan = tiny_plan()
+    alone = PlanSolver(long, "mucosa", FEM)
+    (whole,) = alone.solve([plan])
+    alone.close()
+    solver = ReducedSolver(long, "mucosa", FEM, 0.0, 1e-6)
+    with caplog.at_level(logging.INFO):
+        (same,) = solver.solve([plan])
+    assert "100 % of the cells are solved" in caplog.text
+    np.testing.assert_allclose(same.displacement, whole.displacement, atol=1e-5)
+    monkeypatch.setattr(reduction, "WORTH", 1.0)
+    monkeypatch.setattr(solver, "_part", lambda *_: replace(whole, converged=False))
+    np.testing.assert_array_equal(solver.solve([plan])[0].displacement, same.displacement)
+    (still,) = solver.solve([Plan("-", {})])
+    solver.close()
+    assert still.converged and np.abs(still.displacement).max() < 1e-9
 
 
-def test_a_piece_without_moving_bone_is_left_out():
+def test_newtons_method_makes_no_linear_map_for_a_plan_of_several_bones(long):
+    segment = np.where(np.arange(len(long.bone_points)) % 2, long.bone_segment, 1).astype(np.int8)
+    patient = replace(long, bone_segment=segment, segments=("lefort1", "chin"))
+    own = tiny_plan().motions["left"]
+    solver = ReducedSolver(patient, "mucosa", replace(FEM, kept_factors=False), 0.0, LIMIT)
+    assert solver.required(Plan("-", {"lefort1": own, "chin": own})).all() and solver._map is None
+    solver.required(Plan("-", {"lefort1": own}))
+    assert solver._map is not None
+    solver.close()
+
+
+def test_lips_in_contact_are_always_solved(monkeypatch):
+    monkeypatch.setattr(reduction, "WORTH", 0.9)
     patient = tiny_patient(shape=(16, 5, 4))
-    x = patient.points[patient.cells].mean(axis=1)[:, 0]
-    sides = cropped(patient, (x < 50) | (x > 82))  # beyond 80 mm there is nothing but cranium
-    alone = cropped(patient, x < 50)
-    assert (patient.node_type[patient.points[:, 0] > 80] != m.MOVING).all()
-    np.testing.assert_array_equal(sides.points, alone.points)
-
-
-def test_bonded_holds_what_the_bonded_arm_holds():
-    patient, plan = tiny_patient(), tiny_plan()
-    reduced = bonded(patient)
-    assert (patient.node_type == m.SLIDING).any() and not (reduced.node_type == m.SLIDING).any()
-    one, two = boundary_conditions(reduced, plan, "mucosa"), boundary_conditions(patient, plan, "bonded")
-    np.testing.assert_array_equal(one.prescribed_nodes, two.prescribed_nodes)
-    np.testing.assert_array_equal(one.displacement(1.0), two.displacement(1.0))
-    assert not one.sliding
-
-
-def test_single_layer_is_one_tissue():
-    reduced = single_layer(tiny_patient())
-    assert set(reduced.tissue) == {SUPERFICIAL} and reduced.muscle == "single"
-    assert not np.isin(reduced.interface_kind, (m.BONE_MUSCLE, m.MUSCLE_SUPERFICIAL)).any()
-    assert (reduced.interface_kind == m.BONE_SUPERFICIAL).any()
-
-
-def head_of(patient):
-    """Labels around the tiny patient: tissue above its plate of bone."""
-    low = patient.bone_points.min(axis=0).round() - [2, 2, 3]
-    shape = np.ceil(np.ptp(patient.bone_points, axis=0)).astype(int) + [5, 5, 24]
-    labels = np.full(shape, SUPERFICIAL, np.uint8)
-    labels[..., -4:] = AIR
-    labels[..., :3] = np.where(low[0] + np.arange(shape[0]) < 35, segment_code(0), CRANIUM)[:, None, None]
-    labels[:6, :, 3:8] = MUSCLE
-    return Segmentation(labels, ONES, low)
-
-
-def test_decisions_name_their_numbers_and_obey_the_hand():
-    patient = tiny_patient(shape=(16, 5, 4))
-    head = head_of(patient)
-
-    def decided(plan, **settings):
-        return decide(patient, head, plan, scene_settings(**settings), FEM, 18, 5)[0]
-
-    far, near = decided(tiny_plan()), decided(tiny_plan(0.3, 0, 0, 0))
-    assert far["segments"].value == ("left",) and "left 3" in far["segments"].reason
-    assert far["region"].value and "% of the tissue can move by more than 0.0" in far["region"].reason
-    assert not far["elastic"].value and near["elastic"].value and "0.30 mm" in near["elastic"].reason
-    assert not far["single_layer"].value and near["single_layer"].value
-    still = decided(tiny_plan(0.05, 0, 0, 0))
-    assert still["segments"].value == () and not still["region"].value and still["elastic"].value
-    hand = decided(tiny_plan(), elastic=True, region=False)
-    assert hand["elastic"].value and not hand["region"].value
-    assert hand["elastic"].by == "hand" and hand["bonded"].by == "auto"
-    with pytest.raises(InputError, match="there is no 'chin'"):
-        decided(tiny_plan(), segments=["chin"])
+    lip = np.zeros(len(patient.points), np.int8)
+    lip[np.argmax(patient.points[:, 0])] = m.UPPER_LIP
+    solver = ReducedSolver(replace(patient, lip=lip), "mucosa+lip", FEM, 0.0, LIMIT)
+    wanted = solver.required(tiny_plan())
+    solver.close()
+    around = (patient.cells == np.flatnonzero(lip)[0]).any(axis=1)
+    assert wanted[around].all() and not wanted.all()
 
 
 def test_parts_of_a_plan_compose_to_it():
@@ -173,10 +164,17 @@ def test_parts_of_a_plan_compose_to_it():
     assert list(parts(Plan("-", {"lefort1": upper}))) == ["lefort1"]
 
 
-def test_summary_keeps_the_worst_patient_and_the_worst_point():
+def test_summary_compares_with_the_whole_patient_and_says_what_pays():
     row = {column.name: 1 if column.kind in (int, float) else "x" for column in TRIALS} | {"converged": True}
-    rows = [row | {"error_mean": 0.1, "error_max": 0.4}, row | {"case": "B", "error_mean": 0.3, "error_max": 0.2}]
-    summary = summarise(pd.DataFrame([*rows, row | {"model": "y", "converged": False, "made": ""}]))
-    assert summary["model"].tolist() == ["x", "y"] and summary["n"].tolist() == [2, 1]
-    assert summary["failed"].tolist() == [0, 1]
+    full = row | {"model": "full", "error_mean": 0, "error_max": 0, "first_seconds": 3, "further_seconds": 2}
+    auto = row | {"model": "auto", "share": 0.4, "error_mean": 0.1, "error_max": 0.4}
+    other = auto | {"case": "B", "error_mean": 0.3, "error_max": 0.2, "converged": False}
+    slow = {"plan": "y", "further_seconds": 3}
+    rows = [full, auto, full | {"case": "B"}, other, full | slow | {"further_seconds": 2}, auto | slow]
+    summary = summarise(pd.DataFrame([*rows, full | {"plan": "z"}, auto | {"plan": "z", "share": 1.0}]))
+    assert summary["n"].tolist() == [2, 1, 1] and summary["failed"].tolist() == [1, 0, 0]
+    assert summary["reduced"].tolist() == [2, 1, 0]
     assert summary.loc[0, ["error_mean", "error_mean_max", "error_max"]].tolist() == pytest.approx([0.2, 0.3, 0.4])
+    ratios = summary.loc[0, ["further_ratio", "first_ratio", "whole_ratio"]].tolist()
+    assert ratios == pytest.approx([2, 3, 4 / 2])
+    assert summary["pays"].tolist() == ["one plan, many plans", "one plan", "not made"]

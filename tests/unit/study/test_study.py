@@ -62,9 +62,6 @@ def test_a_fold_trains_on_no_patient_that_it_holds_out():
 def test_each_method_predicts_on_its_own_mesh():
     assert study().model_of("S1", "fem_sliding") == "<results>/cases/S1/model.h5"
     assert study().model_of("S1", "fem_rlse") == "<results>/cases/S1/lips/model.h5"
-    reduced = study(scene=DEFAULTS["scene"] | {"mode": "auto"})
-    assert reduced.model_of("S1", "fem_sliding") == "<results>/cases/S1/scene/model.h5"
-    assert reduced.model_of("S1", "pinnochio") == "<results>/cases/S1/model.h5"
 
 
 def test_training_and_prediction_take_the_achieved_motion_where_there_are_bones():
@@ -97,11 +94,12 @@ def test_the_arm_of_the_plan_is_there_where_motions_differ():
     assert {"planned", "segments"} <= set(study(bones=("S0",)).tables) and "segments" not in study().tables
 
 
-def test_the_plan_is_predicted_on_the_whole_patient():
-    """A reduced model is that of the achieved motion."""
-    made = study(bones=("S1",), scene=DEFAULTS["scene"] | {"mode": "auto"})
-    assert made.model_of("S1", "fem_sliding", "folds/1") == "<results>/cases/S1/scene/model.h5"
-    assert made.model_of("S1", "fem_sliding", "planned/1") == "<results>/cases/S1/model.h5"
+def test_finite_elements_alone_solve_what_a_plan_requires():
+    for mode, region in (("full", 0.0), ("auto", DEFAULTS["scene"]["amplitude"])):
+        own = study(scene=DEFAULTS["scene"] | {"mode": mode}).registry
+        reduced = {name for name, method in own.items() if "region" in method.settings}
+        assert reduced == {"fem_bonded", "fem_sliding", "fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse"}
+        assert {own[name].settings["region"] for name in reduced} == {region}
 
 
 def test_the_mesh_has_the_nodes_that_its_name_says():

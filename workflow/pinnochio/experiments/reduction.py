@@ -1,50 +1,84 @@
-"""A plan solved on a reduced model, and how far its face is from that of the full one."""
+"""What solving only what a plan requires saves on one patient, and how far its face is from that of the whole."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import simulate
+from pinnochio.mechanics.simulation import PlanSolver
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
+from pinnochio.reduction.solver import ReducedSolver
+from pinnochio.timing import REPEATS
+
+PATIENCE = 2.0  # s of a first solve, above which it is not made again for the time of a further one
+
+
+@dataclass(frozen=True)
+class Way:
+    """How a patient is solved: arm, apart and settings as of `PlanSolver`; limit in mm: as of `ReducedSolver`, or 0."""
+
+    arm: str
+    settings: FemSettings
+    apart: float = 0.0
+    limit: float = 0.0
+
+    def solver(self, patient: PatientModel) -> PlanSolver | ReducedSolver:
+        """The solver of a patient."""
+        own = patient, self.arm, self.settings, self.apart
+        return ReducedSolver(*own, self.limit) if self.limit else PlanSolver(*own)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A solved plan: displacement (s, 3) mm of the skin's points, seconds of the solve, whether it converged."""
+    """A solved plan: displacement (s, 3) mm of the skin's points; whether it converged; share of the cells that were
+    solved; seconds of the processor: of deciding, beyond the boundary condition that any solve needs; of the patient
+    and its first plan; of one more plan."""
 
     skin: np.ndarray
-    seconds: float
     converged: bool
+    share: float
+    deciding: float
+    first: float
+    further: float
 
 
-def solve_scene(patient: PatientModel, plan: Plan, elastic: bool, fem: FemSettings) -> Trial:
-    """Solve with sliding interfaces, as far as the model has them, by linear elasticity or Newton's method."""
-    start = time.perf_counter()
-    if elastic:
-        boundary = boundary_conditions(patient, plan, "mucosa")
-        material = fem.material(patient.tissue)
-        solver = ElasticSolver(patient.points, patient.cells, material, boundary, fem.volumetric, fem.linear_solver)
-        displacement, converged = solver.solve(boundary), True
-        solver.close()
-    else:
-        result = simulate(patient, plan, "mucosa", fem)
-        displacement, converged = result.displacement, result.converged
-    seconds = time.perf_counter() - start
-    return Trial(patient.moved_skin(displacement) - patient.skin_points, seconds, converged)
+def tried(patient: PatientModel, plan: Plan, way: Way) -> Trial:
+    """Solve the plan as the first one of the patient, then again, as a further one."""
+    began = time.process_time()
+    solver = way.solver(patient)
+    prepared = time.process_time()
+    (result,) = solver.solve([plan])
+    ended = time.process_time()
+    further = ended - prepared
+    if further < PATIENCE:
+        solver.solve([plan])
+        further = time.process_time() - ended
+    share, deciding = 1.0, 0.0
+    if way.limit:
+        share = float(solver.required(plan).mean())
+        deciding = _seconds(lambda: solver.required(plan)) - _seconds(
+            lambda: boundary_conditions(patient, plan, way.arm, apart=way.apart)
+        )
+    solver.close()
+    skin = patient.moved_skin(result.displacement) - patient.skin_points
+    return Trial(skin, result.converged, share, deciding, ended - began, further)
 
 
-def face_error(full: PatientModel, reference: Trial, patient: PatientModel, trial: Trial) -> tuple[float, float]:
-    """Mean and largest distance (mm) between the two displacements of the points of the full model's judged face.
+def _seconds(call: Callable[[], object]) -> float:
+    """Least seconds of the processor of some calls."""
+    seconds = []
+    for _ in range(REPEATS):
+        start = time.process_time()
+        call()
+        seconds.append(time.process_time() - start)
+    return min(seconds)
 
-    A point that the other model's skin lacks is compared with its nearest one.
-    """
-    face = full.judged_points
-    _, nearest = cKDTree(patient.skin_points).query(full.skin_points[face])
-    error = np.linalg.norm(trial.skin[nearest] - reference.skin[face], axis=1)
+
+def face_error(patient: PatientModel, whole: Trial, trial: Trial) -> tuple[float, float]:
+    """Mean and largest distance (mm) between the two displacements of the points of the judged face."""
+    error = np.linalg.norm(trial.skin - whole.skin, axis=1)[patient.judged_points]
     return float(error.mean()), float(error.max())

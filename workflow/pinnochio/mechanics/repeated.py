@@ -90,12 +90,23 @@ class Path:
 class RepeatedSolver:
     """The factors of one mesh with one set of constrained nodes, for any number of motions.
 
-    points (n, 3) mm, cells (m, 4). The first boundary tells the nodes and the bones that they slide on.
+    points (n, 3) mm, cells (m, 4). The first boundary tells the nodes and the bones that they slide on. rest: the
+    factors, where they are there already; :meth:`close` releases them all the same.
     """
 
-    def __init__(self, points, cells, material: Material, boundary: BoundaryConditions, options: SolverOptions):
+    def __init__(
+        self,
+        points,
+        cells,
+        material: Material,
+        boundary: BoundaryConditions,
+        options: SolverOptions,
+        rest: ElasticSolver | None = None,
+    ):
         self._points, self._cells, self._material, self._options = np.asarray(points, float), cells, material, options
-        self._rest = ElasticSolver(points, cells, material, boundary, options.volumetric, options.linear_solver, True)
+        self._rest = rest or ElasticSolver(
+            points, cells, material, boundary, options.volumetric, options.linear_solver, True
+        )
         self._elements, self._constraints = self._rest.elements, self._rest.constraints
         self._bones = bones_of(self._constraints.sliding, self._rest.frames)
         self._gradients = mean_gradients(self._elements)
@@ -112,8 +123,11 @@ class RepeatedSolver:
         slides[nodes] = True
         self._shell[elements.patch[slides[elements.cells].any(axis=1)]] = True
 
-    def solve(self, boundaries: Sequence[BoundaryConditions], threads: int = 1) -> list[SolveResult]:
-        """The solution of each boundary condition, which differs from the first one in motion and dead forces alone.
+    def solve(
+        self, boundaries: Sequence[BoundaryConditions], threads: int = 1, linear: Sequence[np.ndarray] | None = None
+    ) -> list[SolveResult]:
+        """The solution of each boundary condition, which differs from the first one in motion and dead forces alone;
+        linear: their linear fields (n, 3) mm, where they are known.
 
         All advance together, `threads` at a time, so that their loads meet the factors together; a plan that fails does
         not stop others.
@@ -121,7 +135,8 @@ class RepeatedSolver:
         began = time.perf_counter()
         quick = [not item.contact for item in boundaries]
         paths = [self._path(item) for item, fast in zip(boundaries, quick, strict=True) if fast]
-        self._advance(paths, threads)
+        starts = None if linear is None else [field for field, fast in zip(linear, quick, strict=True) if fast]
+        self._advance(paths, threads, starts)
         share = (time.perf_counter() - began) / max(len(paths), 1)
         done, results = iter(paths), []
         for boundary, fast in zip(boundaries, quick, strict=True):
@@ -141,12 +156,13 @@ class RepeatedSolver:
         forces = boundary.loads.forces if boundary.loads else None
         return Path(self._constraints.under(boundary), self._rest.outer.under(forces))
 
-    def _advance(self, paths: Sequence[Path], threads: int) -> None:
+    def _advance(self, paths: Sequence[Path], threads: int, starts: Sequence[np.ndarray] | None) -> None:
         if not paths:
             return
-        starts = self._rest.spread(np.stack([path.constraints.motions() for path in paths]))
-        if any(path.outer.forces.any() for path in paths):
-            starts += self._rest.under(np.stack([path.outer.forces for path in paths]))
+        if starts is None:
+            starts = self._rest.spread(np.stack([path.constraints.motions() for path in paths]))
+            if any(path.outer.forces.any() for path in paths):
+                starts += self._rest.under(np.stack([path.outer.forces for path in paths]))
         walks = [self._walk(path, start) for path, start in zip(paths, starts, strict=True)]
         with Workers(min(threads, len(paths))) as workers:
             numbers, answers = list(range(len(paths))), [None] * len(paths)

@@ -9,21 +9,23 @@ from pinnochio.mechanics.simulation import PlanSolver, simulate
 from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
+from pinnochio.reduction.solver import ReducedSolver
 
 
 class Predictor:
     """As :class:`pinnochio.methods.protocol.Predictor`.
 
-    settings: fem; contact: one of `sliding.ARMS`; apart in mm: as in boundary_conditions. What belongs to the patient
-    is kept for further plans of the same one. The first patient's solve is begun once more beforehand, and solved by
-    kept factors, so that no timing holds the loading of compiled code.
+    settings: fem; contact: one of `sliding.ARMS`; apart in mm: as in boundary_conditions; region: amplitude in mm below
+    which a plan leaves tissue to linear elasticity, 0 to solve all. What belongs to the patient is kept for further
+    plans of the same one. The first patient's solve is begun once more beforehand, and solved by kept factors, so that
+    no timing holds the loading of compiled code.
     """
 
     def __init__(self, settings: Mapping, trained: str | None, device: str, threads: int):
         self._fem, self._contact, self._apart = FemSettings(**settings["fem"]), settings["contact"], settings["apart"]
-        self._threads, self._warm = threads, False
+        self._region, self._threads, self._warm = settings.get("region", 0.0), threads, False
         self._patient: PatientModel | None = None
-        self._solver: PlanSolver | None = None
+        self._solver: PlanSolver | ReducedSolver | None = None
 
     def __call__(self, planned: Planned) -> Prediction:
         """A solve that stops early is returned as such, with the last good state."""
@@ -43,12 +45,14 @@ class Predictor:
             load=result.fraction,
         )
 
-    def _solver_of(self, patient: PatientModel) -> PlanSolver:
+    def _solver_of(self, patient: PatientModel) -> PlanSolver | ReducedSolver:
         """The solver of the patient, of one at a time."""
         if self._patient is not patient:
             if self._solver is not None:
                 self._solver.close()
-            self._solver, self._patient = PlanSolver(patient, self._contact, self._fem, self._apart), patient
+            own = patient, self._contact, self._fem, self._apart
+            self._solver = ReducedSolver(*own, self._region) if self._region else PlanSolver(*own)
+            self._patient = patient
         return self._solver
 
     def _warm_up(self, planned: Planned) -> None:

@@ -19,10 +19,10 @@ class Method:
     module: of the library, with the method's Predictor. learner: the one with its `fit` (trains at once) or its Learner
     (by steps). sections: of the configuration that it reads; options: further values, fixed. mesh: "study", or "lips"
     for the mesh that resolves the lips. trains: "no", "at once" or "by steps". new_patients: whether it predicts
-    patients of no study. varied: what the trade-off changes of it. reduced: whether a reduced model serves it. truth:
-    what a bound reads of the virtual truth, "motion" or "field"; empty for every method proper. covariates: whether it
-    reads what else is known of a patient. settings: values of the
-    sections and options, by section, once the configuration is known.
+    patients of no study. varied: what the trade-off changes of it. reduced: whether it can solve what a plan requires
+    alone. truth: what a bound reads of the virtual truth, "motion" or "field"; empty for every method proper.
+    covariates: whether it reads what else is known of a patient. settings: values of the sections and options, by
+    section, once the configuration is known.
     """
 
     name: str
@@ -58,7 +58,6 @@ def _finite_elements(name: str, contact: str, **more) -> Method:
     return Method(name, "finite elements", module, sections=("fem",), options=options, **more)
 
 
-_WHOLE = {"new_patients": True, "reduced": True}
 _VARIED = ("nodes", "element", "increments", "tolerance", "precision")
 _REGRESSION = "pinnochio.methods.pca_linear"
 _LEARNED = "pinnochio.methods.fem_learned"
@@ -66,13 +65,20 @@ BUILT_IN = (
     Method("no_change", "floor", "pinnochio.methods.no_change"),
     Method("ratio", "floor", "pinnochio.methods.ratio"),
     Method("pca_linear", "regression", _REGRESSION, _REGRESSION, trains="at once"),
-    Method("elastic", "finite elements", "pinnochio.methods.elastic", sections=("fem",), varied=("nodes",), **_WHOLE),
-    _finite_elements("fem_bonded", "bonded", varied=("nodes", "element", "mixed"), **_WHOLE),
-    _finite_elements("fem_sliding", "mucosa", varied=_VARIED, **_WHOLE),
+    Method(
+        "elastic",
+        "finite elements",
+        "pinnochio.methods.elastic",
+        sections=("fem",),
+        varied=("nodes",),
+        new_patients=True,
+    ),
+    _finite_elements("fem_bonded", "bonded", varied=("nodes", "element", "mixed"), new_patients=True, reduced=True),
+    _finite_elements("fem_sliding", "mucosa", varied=_VARIED, new_patients=True, reduced=True),
     Method("fem_learned", "finite elements", _LEARNED, _LEARNED, ("fem",), trains="at once", covariates=True),
-    _finite_elements("fem_rlse_bonded", "bonded", mesh="lips"),
-    _finite_elements("fem_rlse_mucosa", "mucosa", mesh="lips"),
-    _finite_elements("fem_rlse", "mucosa+lip", mesh="lips"),
+    _finite_elements("fem_rlse_bonded", "bonded", mesh="lips", reduced=True),
+    _finite_elements("fem_rlse_mucosa", "mucosa", mesh="lips", reduced=True),
+    _finite_elements("fem_rlse", "mucosa+lip", mesh="lips", reduced=True),
     _finite_elements("oracle", "mucosa", truth="motion"),
     Method("floor_scan", "scan", "pinnochio.methods.floor_scan", truth="field"),
 )
@@ -114,6 +120,8 @@ def _settings(method: Method, config: Mapping) -> dict:
         lips = config["fem_rlse"]
         solver = {name: lips[name] for name in ("increments", "tolerance")}
         settings |= {"fem": settings["fem"] | solver, "apart": lips["apart"]}
+    if method.reduced:
+        settings["region"] = config["scene"]["amplitude"] if config["scene"]["mode"] == "auto" else 0.0
     return settings
 
 

@@ -1,1 +1,1 @@
-"""Models reduced to what a plan requires."""
+"""Plans solved on what they require of a patient."""

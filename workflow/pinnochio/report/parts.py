@@ -14,7 +14,7 @@ PARTS = {
     "design": "Switches of PINNOCHIO plus",
     "coverage": "Coverage of the intervals",
     "stability": "Stability at the extremes",
-    "scene": "Models of what a plan requires",
+    "scene": "Solving what a plan requires",
     "scaling": "Cost against nodes and patients",
     "segments": "Registered motions of the bones",
     "quality": "Quality of the patients' models",

@@ -501,13 +501,14 @@ class Study:
 
     @property
     def reduced_cases(self) -> list[str]:
-        """Patients on whom model reduction is measured."""
+        """Patients on whom it is measured what solving only what a plan requires saves."""
         return list(self.cases)[: self.config["scene"]["patients"]]
 
     @property
-    def reduction(self) -> dict:
-        """How models are reduced to what a plan requires."""
-        return {name: value for name, value in self.config["scene"].items() if name not in ("mode", "patients")}
+    def reduced_methods(self) -> dict[str, dict]:
+        """Settings and mesh of the methods that it is measured with."""
+        own = {name: self.registry[name] for name in ("fem_bonded", "fem_sliding", "fem_rlse")}
+        return {name: {**method.settings, "mesh": method.mesh} for name, method in own.items()}
 
     @property
     def inverted(self) -> list[str]:
@@ -767,11 +768,9 @@ class Study:
         """The checked plans of a new patient."""
         return [f"<results>/patients/{wildcards.case}/{plan}/plan.json" for plan in self.patients[wildcards.case].plans]
 
-    def model_of(self, case: str, method: str, batch: str = "") -> str:
-        """The model of the study's patient that the method predicts on; a reduced one serves the study's motion."""
-        own = self.registry[method]
-        reduced = own.reduced and self.config["scene"]["mode"] == "auto" and not batch.startswith("planned")
-        return f"<results>/cases/{case}{'/lips' if own.mesh == 'lips' else '/scene' if reduced else ''}/model.h5"
+    def model_of(self, case: str, method: str) -> str:
+        """The model of the study's patient that the method predicts on."""
+        return f"<results>/cases/{case}{'/lips' if self.registry[method].mesh == 'lips' else ''}/model.h5"
 
     # Input functions of training and prediction.
 
@@ -822,7 +821,7 @@ class Study:
 
     def models_of_held_out(self, wildcards) -> list[str]:
         """The models that the method predicts the held-out cases of the fold on."""
-        return [self.model_of(case, wildcards.method, wildcards.arm) for case in self.kept_from(wildcards.fold)]
+        return [self.model_of(case, wildcards.method) for case in self.kept_from(wildcards.fold)]
 
     def motions_of_held_out(self, wildcards) -> list[str]:
         """The motions that the method predicts the held-out cases of the fold with."""
@@ -872,7 +871,7 @@ class Study:
         name = {"no": "", "at once": "fitted.h5", "by steps": "network.pt"}[method.trains]
         return SimpleNamespace(
             cases=cases,
-            models=[self.model_of(case, wildcards.method, wildcards.batch) for case in cases],
+            models=[self.model_of(case, wildcards.method) for case in cases],
             plans=[self.motion_of(case, wildcards.method, wildcards.batch) for case in cases],
             truths=filled("<results>/virtual/{case}/truth.h5", cases) if method.truth == "field" else [],
             lifts=self._lifts(wildcards.method, cases),
