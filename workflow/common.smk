@@ -1,6 +1,7 @@
 """The study of the configuration, and what the rules ask beside it."""
 
 import os
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import yaml
 from snakemake.logging import logger
 
 from pinnochio.code import ROOT, code_hash, source_file
+from pinnochio.errors import InputError
 from pinnochio.files import check_writable
 from pinnochio.methods.registry import graph_networks
 from pinnochio.patients.archive import READ_BY_NETWORKS
@@ -29,53 +31,67 @@ os.environ.setdefault("ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS", "1")
 
 HERE = Path(workflow.current_basedir.get_path_or_uri(secret_free=True))
 SCHEMA = (HERE / "schemas/config.schema.yaml").read_text(encoding="utf-8")
-if workflow.is_main_process:
-    for file in workflow.configfiles:
-        refuse_doubled(file)
-config.update(checked(config, yaml.load(SCHEMA, yaml.CSafeLoader)))
-check_config(config)
 
-RESULTS = config["pathvars"]["results"]
-RECORD = f"{RESULTS}/provenance.json"
-if workflow.is_main_process and forgotten(RECORD):
-    if changed := changed_since(RECORD, config):
+
+@contextmanager
+def plainly():
+    """What is wrong with configuration, table or patient ends the run in one line: of an error that nobody catches
+    Snakemake shows lines of code as well."""
+    try:
+        yield
+    except InputError as error:
+        logger.error(str(error))
+        raise SystemExit(1) from None
+
+
+with plainly():
+    if workflow.is_main_process:
+        for file in workflow.configfiles:
+            refuse_doubled(file)
+    config.update(checked(config, yaml.load(SCHEMA, yaml.CSafeLoader)))
+    check_config(config)
+
+    RESULTS = config["pathvars"]["results"]
+    RECORD = f"{RESULTS}/provenance.json"
+    if workflow.is_main_process and forgotten(RECORD):
+        if changed := changed_since(RECORD, config):
+            logger.warning(
+                f"Snakemake has no metadata of {RESULTS}, which was made with another configuration: {', '.join(changed)}. "
+                "What lies there counts as up to date. Delete it, or name what shall be made again with --forcerun."
+            )
+    BENCHMARKS = f"{RESULTS}/benchmarks"
+    STUDY = Study(config, RESULTS)
+    NETWORKS = graph_networks(config)
+    SEED, COHORT = config["seed"], STUDY.cohort
+    # Jobs that are timed have the machine for themselves; no number of cores is given where nothing runs, as by --list.
+    ALL_CORES = workflow.resource_settings.cores or 1
+    # A job of a cluster does not hear of --resources: it asks its step for a GPU only where SLURM has granted it one.
+    GPU = int(not workflow.remote_exec or "SLURM_GPUS_ON_NODE" in os.environ)
+    if workflow.is_main_process and STUDY.unbounded:
         logger.warning(
-            f"Snakemake has no metadata of {RESULTS}, which was made with another configuration: {', '.join(changed)}. "
-            "What lies there counts as up to date. Delete it, or name what shall be made again with --forcerun."
+            f"Left out: {', '.join(STUDY.unbounded)}. Bounds read the truth, which is known of the virtual cohort alone."
         )
-BENCHMARKS = f"{RESULTS}/benchmarks"
-STUDY = Study(config, RESULTS)
-NETWORKS = graph_networks(config)
-SEED, COHORT = config["seed"], STUDY.cohort
-# Jobs that are timed have the machine for themselves; no number of cores is given where nothing runs, as by --list.
-ALL_CORES = workflow.resource_settings.cores or 1
-# A job of a cluster does not hear of --resources: it asks its step for a GPU only where SLURM has granted it one.
-GPU = int(not workflow.remote_exec or "SLURM_GPUS_ON_NODE" in os.environ)
-if workflow.is_main_process and STUDY.unbounded:
-    logger.warning(
-        f"Left out: {', '.join(STUDY.unbounded)}. Bounds read the truth, which is known of the virtual cohort alone."
-    )
-if workflow.is_main_process and STUDY.untrained:
-    logger.warning(
-        f"Left out: {', '.join(STUDY.untrained)}. Training by cross-validation needs a post-operative scan of at least "
-        f"one patient per fold; {len(STUDY.scanned)} of {len(STUDY.cases)} patients have one, and 'folds' is "
-        f"{config['folds']}."
-    )
-if workflow.is_main_process and STUDY.choice and STUDY.choice.archive:
-    logger.info(
-        f"Models: {STUDY.choice.folder}, trained on {STUDY.choice.archive.patients} patients "
-        f"({STUDY.choice.archive.cohort})."
-    )
-if workflow.is_main_process and STUDY.choice and STUDY.choice.expected:
-    logger.info(
-        "Chosen from the measured Pareto front: {setting}, {seconds:.3g} s per plan ({seconds_max:.3g} s on the "
-        "slowest of {patients} patients); to expect: {cd:.2f} mm from the outcome, {face_error:.2f} mm from the "
-        "reference solution in the mean.".format(**STUDY.choice.expected)
-    )
+    if workflow.is_main_process and STUDY.untrained:
+        logger.warning(
+            f"Left out: {', '.join(STUDY.untrained)}. Training by cross-validation needs a post-operative scan of at least "
+            f"one patient per fold; {len(STUDY.scanned)} of {len(STUDY.cases)} patients have one, and 'folds' is "
+            f"{config['folds']}."
+        )
+    if workflow.is_main_process and STUDY.choice and STUDY.choice.archive:
+        logger.info(
+            f"Models: {STUDY.choice.folder}, trained on {STUDY.choice.archive.patients} patients "
+            f"({STUDY.choice.archive.cohort})."
+        )
+    if workflow.is_main_process and STUDY.choice and STUDY.choice.expected:
+        logger.info(
+            "Chosen from the measured Pareto front: {setting}, {seconds:.3g} s per plan ({seconds_max:.3g} s on the "
+            "slowest of {patients} patients); to expect: {cd:.2f} mm from the outcome, {face_error:.2f} mm from the "
+            "reference solution in the mean.".format(**STUDY.choice.expected)
+        )
 
-if workflow.is_main_process:
-    for odd in other_cases(STUDY.patients.values()):
-        logger.warning(f"{odd} Is it the right patient's?")
+    if workflow.is_main_process:
+        for odd in other_cases(STUDY.patients.values()):
+            logger.warning(f"{odd} Is it the right patient's?")
 
 
 def any_of(names):

@@ -1,7 +1,9 @@
 """Damaged, extreme and merely unusual inputs of every kind, made from a seed."""
 
+import io
 import json
 import re
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, fields
 from functools import cache, partial
@@ -9,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pydicom
 import SimpleITK as sitk
 import torch
 import yaml
@@ -42,6 +45,7 @@ from pinnochio.tables.stages import read_benchmark
 from pinnochio.training.checkpoint import read_network, save_network
 from pinnochio.virtual.covariates import Covariates
 from pinnochio.virtual.outcome import Outcome
+from tests.helpers.dicom import save_dicom_seg
 from tests.helpers.heads import kuhn_cube
 from tests.helpers.judging import Tried
 from tests.helpers.patients import tiny_patient, tiny_plan
@@ -219,6 +223,137 @@ def labels(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         ("Name", "superficial"),
     ):
         yield Tried(f"labels: Slicer's {key} {value[:9]}", partial(of_slicer, {key: value}))
+
+
+def headers(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    """Headers of MetaImage, NRRD and GIPL that say something else than what the voxels are."""
+    voxels = head().transpose(2, 1, 0).tobytes()
+    meta = {
+        **{"ObjectType": "Image", "NDims": "3", "BinaryData": "True", "BinaryDataByteOrderMSB": "False"},
+        **{"CompressedData": "False", "TransformMatrix": "1 0 0 0 1 0 0 0 1", "Offset": "-60 -64 -70"},
+        **{"ElementSpacing": "4 4 4", "DimSize": "30 32 34", "ElementType": "MET_UCHAR"},
+    }
+    nrrd = {
+        **{"type": "unsigned char", "dimension": "3", "space": "left-posterior-superior", "sizes": "30 32 34"},
+        **{"space directions": "(4,0,0) (0,4,0) (0,0,4)", "encoding": "raw", "space origin": "(-60,-64,-70)"},
+    }
+    right = once(lambda folder: (save_labels(folder / "a.nii.gz"), read_labels(folder / "a.nii.gz"))[1])
+
+    def read(name: str, text: str, data: bytes, beside: bytes, folder: Path):
+        (folder / "a.raw").write_bytes(beside)
+        (folder / name).write_bytes(text.encode() + data)
+        return read_labels(folder / name)
+
+    def of_meta(more: str = "", where: str = "LOCAL", data: bytes = voxels, **changed) -> partial:
+        said = "".join(f"{key} = {value}\n" for key, value in (meta | changed).items())
+        return partial(read, "a.mha", said + more + f"ElementDataFile = {where}\n", data, voxels)
+
+    def of_nrrd(more: str = "", data: bytes = voxels, left_out: tuple = (), **changed) -> partial:
+        said = {key: value for key, value in (nrrd | changed).items() if key not in left_out}
+        lines = "".join(f"{key}: {value}\n" for key, value in said.items())
+        return partial(read, "a.nrrd", "NRRD0004\n" + lines + more + "\n", data, voxels)
+
+    yield Tried("headers: MetaImage", of_meta(), right)
+    yield Tried("headers: MetaImage with voxels beside it", of_meta(where="a.raw", data=b""), right)
+    yield Tried(
+        "headers: MetaImage that is compressed", of_meta(CompressedData="True", data=zlib.compress(voxels)), right
+    )
+    for key, values in {
+        "ElementSpacing": ("-4 4 4", "4 4 -4", "0 4 4", "1e-9 4 4", "nan 4 4", "4 4", "4,4,4", "\u0664 4 4", ""),
+        "Offset": ("1e9 0 0", "nan 0 0", "0 0", "1e400 0 0"),
+        "TransformMatrix": ("0 0 0 0 0 0 0 0 0", "1 0 0 1 0 0 0 0 1", "1 0 0 0 1 0 0 0 nan", "1 0 0 0 1 0 0 0"),
+        "DimSize": ("30 32", "30 32 35", "-30 -32 34", "30 32 34.0", "99999999999 1 1", "0 0 0"),
+        "NDims": ("2", "0", "nan", "3 3"),
+        "ElementType": ("MET_SHORT", "MET_FLOAT", "MET_STRING", ""),
+        "CompressedData": ("True",),
+    }.items():
+        for value in values:
+            yield Tried(f"headers: MetaImage with {key} = {value!r}", of_meta(**{key: value}))
+    for more in ("ElementSpacing = 4 4 3\n", "ElementSize = 2 2 2\n", "Position = 5 5 5\n", "DimSize = 30 32 34\n"):
+        yield Tried(f"headers: MetaImage with {more.strip()} too", of_meta(more))
+    for where in ("", ".", "LIST", "a%03d.raw 1 34 1", "b.raw", "a" * 300, "a\0.raw", "/etc/hostname"):
+        yield Tried(f"headers: MetaImage with voxels in {where[:20]!r}", of_meta(where=where, data=b""))
+    yield Tried("headers: NRRD", of_nrrd(), right)
+    yield Tried("headers: NRRD in mm", of_nrrd('space units: "mm" "mm" "mm"\n'), right)
+    for unit in ("m", "cm", "um"):
+        yield Tried(f"headers: NRRD in {unit}", of_nrrd(f'space units: "{unit}" "{unit}" "{unit}"\n'))
+    plain = ("space", "space directions", "space origin")
+    for sizes in ("4 nan 4", "4 -4 4", "4 0 4", "4 x 4"):
+        yield Tried(f"headers: NRRD with spacings {sizes}", of_nrrd(f"spacings: {sizes}\n", left_out=plain))
+    for key, values in {
+        "space directions": ("(0,0,0) (0,4,0) (0,0,4)", "(nan,0,0) (0,4,0) (0,0,4)", "(4,0,0) (0,4,0)", "4 4 4"),
+        "space origin": ("(nan,0,0)", "(0,0)", "(1e9,0,0)"),
+        "sizes": ("30 32 34 1", "0 32 34", "30.0 32 34"),
+        "encoding": ("ascii", "hex", "bzip2", "gzip"),
+        "data file": ("LIST", "LIST 2", "a%03d.raw 0 33 1", "b.raw", "."),
+    }.items():
+        for value in values:
+            yield Tried(f"headers: NRRD with {key}: {value}", of_nrrd(data=b"", **{key: value}))
+    gipl = written(save_labels, "a.gipl")
+    for name, at, value in (
+        ("a negative size", 10, np.float32(-4)),
+        ("no size", 14, np.float32(0)),
+        ("a size that is NaN", 18, np.float32(np.nan)),
+        ("an origin that is NaN", 204, np.float64(np.nan)),
+        ("another type", 8, np.int16(31)),
+    ):
+        changed = gipl[:at] + value.byteswap().tobytes() + gipl[at + value.nbytes :]
+        yield Tried(f"headers: GIPL with {name}", partial(_read_bytes, read_labels, "a.gipl", changed))
+
+
+def dicom(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    """DICOM-SEG: cut, changed, and with a header that says something else than the frames."""
+    masks = np.stack([code == head().T for code in CODES.values()], axis=-1)
+    grid = np.eye(3), np.full(3, 4.0), np.array([-60.0, -64.0, -70.0])
+    content = written(lambda path: save_dicom_seg(path, masks, list(CODES), *grid), "a.dcm")
+
+    def read(path: Path):
+        made = read_segmentation(path, "P1", {name: name for name in CODES}, SEGMENTS)
+        return made.labels, made.spacing, made.origin, made.segments
+
+    yield from of_bytes("dicom", "a.dcm", content, read, rng, count, sealed=np.inf)  # it has no checksum
+
+    def act(change: Callable, folder: Path):
+        stored = pydicom.dcmread(io.BytesIO(content))
+        frames, shared = stored.PerFrameFunctionalGroupsSequence, stored.SharedFunctionalGroupsSequence[0]
+        change(stored, frames, shared.PixelMeasuresSequence[0], shared.PlaneOrientationSequence[0])
+        stored.save_as(folder / "a.dcm")
+        return read(folder / "a.dcm")
+
+    def put(name: str, value) -> Callable:
+        return lambda stored, *_: setattr(stored, name, value(stored) if callable(value) else value)
+
+    yield Tried(
+        "dicom: as it should be", partial(act, lambda *_: None), once(partial(_read_bytes, read, "a.dcm", content))
+    )
+    changes = {
+        "voxels less": put("PixelData", lambda stored: stored.PixelData[:-500]),
+        "no voxels": lambda stored, *_: delattr(stored, "PixelData"),
+        "frames less": put("NumberOfFrames", lambda stored: stored.NumberOfFrames - 3),
+        "frames more": put("NumberOfFrames", lambda stored: stored.NumberOfFrames + 3),
+        "no list of frames": lambda stored, *_: delattr(stored, "PerFrameFunctionalGroupsSequence"),
+        "another height": put("Rows", 31),
+        "no height": put("Rows", 0),
+        "other bits": put("BitsAllocated", 8),
+        "another kind": put("SegmentationType", "FRACTIONAL"),
+        "a label map": put("SegmentationType", "LABELMAP"),
+        "a CT": put("SOPClassUID", "1.2.840.10008.5.1.4.1.1.2"),
+        "a segment that is not listed": lambda stored, *_: stored.SegmentSequence.pop(1),
+        "a name twice": lambda stored, *_: setattr(stored.SegmentSequence[1], "SegmentLabel", "superficial"),
+        "a frame of no segment": lambda _, frames, *__: setattr(
+            frames[3].SegmentIdentificationSequence[0], "ReferencedSegmentNumber", 99
+        ),
+        "a frame without a segment": lambda _, frames, *__: delattr(frames[3], "SegmentIdentificationSequence"),
+        "a frame nowhere": lambda _, frames, *__: setattr(
+            frames[3].PlanePositionSequence[0], "ImagePositionPatient", [0, 0, 5]
+        ),
+    }
+    for size in ([0, 0], [-4, 4], [1e9, 4], [1e-9, 1e-9], [4]):
+        changes[f"pixels of {size}"] = lambda *own, size=size: setattr(own[2], "PixelSpacing", size)
+    for axes in ([1, 0, 0, 1, 0, 0], [0, 0, 0, 0, 0, 0], [2, 0, 0, 0, 2, 0]):
+        changes[f"axes {axes}"] = lambda *own, axes=axes: setattr(own[3], "ImageOrientationPatient", axes)
+    for name, change in changes.items():
+        yield Tried(f"dicom: {name}", partial(act, change))
 
 
 # ---- scans and surfaces
@@ -432,7 +567,17 @@ def markups(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         return json.dumps({"markups": [own | parts]}).encode()
 
     yield from of_bytes("markups", "a.mrk.json", text_of(), read, rng, count, sealed=np.inf)
-    for place in (["1", "2", "3"], [True, False, True], [1, 2], [1, 2, None], [[1, 2, 3]], "123", 1e400, {}):
+    for place in (
+        ["1", "2", "3"],
+        [True, False, True],
+        [1, 2],
+        [1, 2, None],
+        [[1, 2, 3]],
+        "123",
+        1e400,
+        {},
+        [1e299, 0, 0],
+    ):
         points = [{"label": "A", "position": place}]
         yield Tried(f"markups: at {place}", partial(_read_bytes, read, "a.mrk.json", text_of(controlPoints=points)))
     for size in ([-10, 10, 10], [0, 10, 10], [10, 10], ["10", "10", "10"], 10, None):
@@ -780,7 +925,11 @@ def archives(rng: np.random.Generator, count: int) -> Iterator[Tried]:
 
 KINDS = {
     own.__name__: own
-    for own in (labels, scans, plans, markups, transforms, tables, configs, intermediates, external, archives)
+    for own in (
+        *(labels, scans, plans, markups, transforms, tables),
+        *(configs, intermediates, external, archives),
+        *(headers, dicom),
+    )
 }
 
 

@@ -207,6 +207,10 @@ def test_a_landmark_that_is_marked_off_the_face_is_refused(patient, model, tmp_p
         ("measure,value,change\nnasolabial,wide,\n", "value of 'nasolabial' is 'wide'"),
         ("measure,value,change\npog_forward,,60\n", "wished to be"),
         ("measure,value,weight\nnasolabial,105,0\n", "weight of 'nasolabial' is 0"),
+        ("measure,value,weight\nnasolabial,105,1e300\n", "weight of 'nasolabial' is 1e"),
+        ("measure,value\nnasolabial,1_05\n", "value of 'nasolabial' is '1_05'"),
+        ("measure,value\nnasolabial,105\nalar_width,3,5\n", "the row of 'alar_width' has more cells"),
+        ("measure,value,value\nnasolabial,105,108\n", "its columns are .*each once"),
         ("measures,value\nnasolabial,105\n", "its columns are"),
         ("measure,value,change\nmidline,0,\nmidline,1,\n", "wished twice"),
     ],
@@ -217,9 +221,15 @@ def test_a_table_of_measures_that_says_nothing_sure_is_refused(patient, model, t
         read_wish([str(tmp_path / "wish.csv")], model, INVERT["weights"], patient.case)
 
 
-@pytest.mark.parametrize(("turn", "said"), [([-1, -1, 1], "RAS instead of LPS"), ([1, 1, 1], "nowhere|mm away")])
-def test_a_surface_elsewhere_is_refused(patient, model, tmp_path, turn, said):
-    shift = [0, 0, 0] if turn[0] < 0 else [0, 0, 400.0]
+@pytest.mark.parametrize(
+    ("turn", "shift", "said"),
+    [
+        ([-1, -1, 1], [0, 0, 0], "RAS instead of LPS"),
+        ([1, 1, 1], [0, 0, 400.0], "nowhere|mm away"),
+        ([1, 1, 1], [0, -60.0, 0], "mm away"),
+    ],
+)
+def test_a_surface_elsewhere_is_refused(patient, model, tmp_path, turn, shift, said):
     write_surface(np.array(turn) * model.skin_points + shift, model.skin_faces, tmp_path / "wish.stl")
     with pytest.raises(InputError, match=said):
         read_wish([str(tmp_path / "wish.stl")], model, INVERT["weights"], patient.case)

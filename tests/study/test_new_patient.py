@@ -58,6 +58,12 @@ def test_an_archive_alone_predicts_two_plans_of_one_patient(clinic):
     assert not said["treat"]["in_distribution"]["plan"]["outside"]
     assert said["extreme"]["in_distribution"]["plan"]["outside"]
     assert said["extreme"]["in_distribution"]["anatomy"]["within"]
+    # Beyond what the stability sweep finds good: tissue leaves its bone, and certificate and page say so.
+    assert said["extreme"]["verdict"]["grade"] == "not usable"
+    for plan in said:
+        page = (results / f"patients/P01/{plan}/{METHOD}/index.html").read_text()
+        for words in ("<b>Not usable.", "<li>Sliding tissue off its bone"):
+            assert (words in page) is (plan == "extreme")
     assert "Nothing to be done" in predict(clinic, "models=packed").stdout
 
 

@@ -3,7 +3,6 @@
 import gzip
 from itertools import permutations, product
 
-import highdicom
 import numpy as np
 import pytest
 import pyvista as pv
@@ -11,9 +10,6 @@ import SimpleITK as sitk
 import trimesh
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
-from pydicom import Dataset
-from pydicom.dataset import FileMetaDataset
-from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
 from scipy.spatial.transform import Rotation
 
 from pinnochio.errors import InputError
@@ -23,6 +19,7 @@ from pinnochio.importing.segmentation import read_segmentation
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.surfaces import bone_surface, contour, skin_surface
+from tests.helpers.dicom import save_dicom_seg, scan_slices
 
 SEGMENTS = ("lefort1", "mandible")
 STRUCTURES = tuple(internal_codes(SEGMENTS))
@@ -347,56 +344,11 @@ def test_slicer_files_before_4_11_hold_one_layer_per_segment(tmp_path):
     np.testing.assert_array_equal(segmentation.labels, expected(segmentation, UPRIGHT[2]))
 
 
-def scan_slices(shape, direction, spacing, origin):
-    """An axial CT of air as DICOM data sets; shape, spacing: columns, rows, slices."""
-    series, study, frame = (generate_uid(entropy_srcs=[name]) for name in ("series", "study", "frame"))
-    slices = []
-    for number in range(shape[2]):
-        made = Dataset()
-        made.SOPClassUID, made.SOPInstanceUID = CTImageStorage, generate_uid(entropy_srcs=[f"slice {number}"])
-        made.file_meta = FileMetaDataset()
-        made.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
-        made.StudyInstanceUID, made.SeriesInstanceUID, made.FrameOfReferenceUID = study, series, frame
-        made.PatientID = made.PatientName = made.PatientBirthDate = made.PatientSex = made.AccessionNumber = ""
-        made.StudyID = made.StudyDate = made.StudyTime = made.ReferringPhysicianName = (
-            made.PositionReferenceIndicator
-        ) = ""
-        made.SeriesNumber, made.InstanceNumber, made.Modality = 1, number + 1, "CT"
-        made.Columns, made.Rows = shape[0], shape[1]
-        made.PixelSpacing, made.SliceThickness = [spacing[1], spacing[0]], spacing[2]
-        made.ImageOrientationPatient = [*direction[:, 0], *direction[:, 1]]
-        made.ImagePositionPatient = list(origin + number * spacing[2] * direction[:, 2])
-        made.SamplesPerPixel, made.PhotometricInterpretation, made.PixelRepresentation = 1, "MONOCHROME2", 1
-        made.BitsAllocated = made.BitsStored = 16
-        made.HighBit, made.ImageType = 15, ["ORIGINAL", "PRIMARY", "AXIAL"]
-        made.PixelData = bytes(2 * shape[0] * shape[1])
-        slices.append(made)
-    return slices
-
-
 def write_dicom_seg(path, direction, spacing, place, names=NAMES, fractional=False):
     """The solids of a head as overlapping segments of a DICOM-SEG."""
     points, origin = grid(direction, spacing, place)
     masks = np.stack([inside.T for inside in solids(points).values()], axis=-1)
-    code = highdicom.sr.CodedConcept("123037004", "SCT", "Anatomical structure")
-    manual = highdicom.seg.SegmentAlgorithmTypeValues.MANUAL
-    highdicom.seg.Segmentation(
-        source_images=scan_slices(points.shape[:3], direction, spacing, origin),
-        pixel_array=masks.astype(np.float32) * 0.8 if fractional else masks.astype(np.uint8),
-        segmentation_type="FRACTIONAL" if fractional else "BINARY",
-        segment_descriptions=[
-            highdicom.seg.SegmentDescription(number, names[name], code, code, manual)
-            for number, name in enumerate(STRUCTURES, start=1)
-        ],
-        series_instance_uid=generate_uid(),
-        series_number=2,
-        sop_instance_uid=generate_uid(),
-        instance_number=1,
-        manufacturer="none",
-        manufacturer_model_name="none",
-        software_versions="0",
-        device_serial_number="0",
-    ).save_as(path)
+    save_dicom_seg(path, masks, [names[name] for name in STRUCTURES], direction, spacing, origin, fractional)
 
 
 NUMBERS = {name: number for number, name in enumerate(STRUCTURES, start=1)}

@@ -106,7 +106,7 @@ def test_the_mirror_image_of_a_nearly_symmetric_face_is_refused_by_its_name():
 def test_a_strip_of_the_upper_face_is_refused_with_the_share_that_it_shows():
     """One side of the brow registers as well as a face does; both sides show enough."""
     points, faces = face(noise=0.1)
-    brow = (points[:, 2] > PLANE - 2) & (points[:, 2] < PLANE + 22)
+    brow = (points[:, 2] > PLANE - 8) & (points[:, 2] < PLANE + 22)
     for seen, enough in ((brow & (points[:, 0] > 10), False), (brow, True)):
         strip = part(points, faces, seen)
         found = register(*strip, *face(), PLANE, **NAMES, limit=LIMIT)
@@ -120,12 +120,47 @@ def test_a_strip_of_the_upper_face_is_refused_with_the_share_that_it_shows():
 
 
 def test_a_cylinder_that_fits_a_part_of_the_forehead_is_refused_with_the_share_that_it_shows():
-    """One that lay within OFF of the upper face would pass: no check asks for the relief of a face."""
     points, faces = dome(51)
     points = np.stack([82 * np.sin(points[:, 0] / 70), -82 * np.cos(points[:, 0] / 70), points[:, 2]], axis=1)
     found = register(points, faces, *face(), PLANE, **NAMES, limit=LIMIT)
     with pytest.raises(InputError, match=r"it shows 1\d % of the upper face"):
         check_scan(points, faces, *face(), PLANE, found, **NAMES)
+
+
+def test_the_back_of_a_head_is_refused_for_the_nose_that_it_lacks():
+    """Its dome registers on the forehead well below the limit, over more of it than is asked."""
+    points, faces = face()
+    outward = points / np.linalg.norm(points, axis=1, keepdims=True)
+    for side in (-1, 1):  # eye sockets
+        away = ((points - [side * 26, -70, -14]) / [16, 40, 11]) ** 2
+        points = points - outward * (20 * np.exp(-away.sum(axis=1, keepdims=True)))
+    rng = np.random.default_rng(5)
+    scan = points + rng.normal(scale=0.1, size=points.shape)
+    check_scan(scan, faces, points, faces, PLANE, IN_PLACE, **NAMES)
+    back = dome(51)[0] * [1.0, 1.02, 1.0] + rng.normal(scale=0.1, size=points.shape)
+    found = register(back, faces, points, faces, PLANE, **NAMES, limit=LIMIT)
+    words = r"'P1': scan.ply: it lies within 5 mm of [12]\d % of the bridge of the nose .*it is no face, .*Remedy: give"
+    with pytest.raises(InputError, match=words):
+        check_scan(back, faces, points, faces, PLANE, found, **NAMES)
+
+
+@pytest.mark.parametrize("scale", [0.9, 0.97, 1.03])
+def test_a_face_of_another_size_is_refused_with_its_scale(scale):
+    points, faces = face(noise=0.1)
+    points = scale * points
+    found = register(points, faces, *face(), PLANE, **NAMES, limit=3 * LIMIT)
+    with pytest.raises(
+        InputError, match=r"'P1': scan.ply: made ([\d.]+) times as large it fits .*its true size"
+    ) as error:
+        check_scan(points, faces, *face(), PLANE, found, **NAMES)
+    assert abs(float(re.search(r"made ([\d.]+)", str(error.value))[1]) * scale - 1) < 0.005
+
+
+def test_half_a_face_and_a_coarse_scan_have_the_right_size():
+    points, faces = face(noise=0.4)
+    for scan in ((points, faces), part(points, faces, points[:, 0] > -10), part(points, faces, points[:, 0] < 10)):
+        found = register(*scan, *face(), PLANE, **NAMES, limit=LIMIT)
+        check_scan(*scan, *face(), PLANE, found, **NAMES)
 
 
 def test_a_surface_that_touches_the_upper_face_here_and_there_is_refused():
@@ -161,6 +196,7 @@ def test_a_limit_that_is_no_number_registers_no_scan():
         ("DEPTH", "its upper face is flat"),
         ("COVERED", "it shows 9. % of the upper face"),
         ("OFF", r"half of the upper face lies 0\.\d mm or more off it"),
+        ("BRIDGE", "of the bridge of the nose"),
         ("MIRROR_BETTER", "its mirror image fits the upper face better"),
     ],
 )

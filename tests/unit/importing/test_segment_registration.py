@@ -141,12 +141,49 @@ def test_another_patient_and_a_mirrored_one_are_refused(head, bone, noisy, tmp_p
 @pytest.mark.parametrize("wrong", ["limit", "share", "median", "matched"])
 def test_what_is_no_number_lets_no_bone_through(wrong):
     """Neither a bound nor a measure of the fit."""
-    fit = SegmentFit("lefort1", RigidMotion(), 800, 0.15, 0.3, 95.0, 1.0, 1.0)
+    moved = RigidMotion(translation=np.array([0, -3.0, 0]))
+    fit = SegmentFit("lefort1", moved, 800, 0.15, 0.3, 95.0, 1.0, 1.0)
     check_fits([fit], **LIMITS)
     limits = LIMITS | ({wrong: np.nan} if wrong in LIMITS else {})
     unsure = fit if wrong in LIMITS else replace(fit, **{wrong: np.nan})
     with pytest.raises(InputError, match=r"'P1'.*bones.*'lefort1'.*nan.*Remedy"):
         check_fits([fit, unsure], **limits)
+
+
+def test_the_bones_before_surgery_are_no_bones_after_it():
+    """They fit better than any scan, and say that nothing has moved."""
+    fits = [
+        SegmentFit(
+            "cranium", RigidMotion.from_degrees((40, 0, 9), (80, 0, 0), (0, 0, 0)), 800, 0.07, 0.2, 99.0, 0.0, 0.0
+        ),
+        SegmentFit(
+            "lefort1", RigidMotion.from_degrees((0.1, 0, 0), (0.05, 0, 0), (0, 0, 0)), 800, 0.09, 0.2, 99.0, 1.6, 1.0
+        ),
+        SegmentFit("mandible_distal", RigidMotion(), 800, 0.09, 0.2, 99.0, 9.4, 1.0),
+    ]
+    words = (
+        r"'P1': bones: every segment is where it was .*'mandible_distal' 9\.4 mm from where the plan.*Remedy: give the"
+    )
+    with pytest.raises(InputError, match=words):
+        check_fits(fits, **LIMITS)
+    moved = RigidMotion(translation=np.array([0, 0.5, 0]))
+    check_fits([*fits[:2], replace(fits[2], motion=moved)], **LIMITS)
+    check_fits([fits[0], *(replace(fit, from_plan=0.2) for fit in fits[1:])], **LIMITS)  # and nothing was to move
+
+
+def test_a_surface_with_a_point_far_off_is_refused_before_it_is_divided(bone, tmp_path):
+    points = bone.points.copy()
+    points[7] += [1e5, 0, 0]
+    write_surface(points, bone.faces, tmp_path / "bones.ply")
+    with pytest.raises(InputError, match=r"'P1'.*its edges are up to 1e\+05 mm long; .* triangles.*Remedy: remove"):
+        read_postop_bones(tmp_path / "bones.ply", "P1", bone.points)
+
+
+@pytest.mark.parametrize("bone", [np.ones((20, 20, 20)), np.pad(np.ones((1, 1, 1)), 9)], ids=["all", "a voxel"])
+def test_a_volume_whose_bone_has_no_surface_is_refused(bone, tmp_path):
+    sitk.WriteImage(sitk.GetImageFromArray(bone.astype(np.uint8)), str(tmp_path / "bones.nrrd"))
+    with pytest.raises(InputError, match="'P1'.*its bone has no surface.*Remedy: label"):
+        read_postop_bones(tmp_path / "bones.nrrd", "P1", np.zeros((0, 3)))
 
 
 def test_surfaces_in_centimetres_and_folders_of_them_are_the_same_bones(head, bone, clean, tmp_path):

@@ -216,8 +216,10 @@ def test_bad_cuts_are_refused(tmp_path):
     refused(read({"lefort": {"point": [0, 0], "normal": [0, 0, 1]}}), "three numbers")
     refused(read({"low": [0, 0]}), "three values")
     refused(read({"leforte": CUTS["lefort"]}), "leforte")
-    path.write_text("{")
-    refused(lambda: Cuts.read(path), "cannot be read")
+    refused(read({"leforte": None, "low": [0, 0, float("nan")]}), "not finite")
+    for text in ("{", 100_000 * "["):
+        path.write_text(text)
+        refused(lambda: Cuts.read(path), "is not JSON|nested too deeply")
     refused(lambda: Cuts.read(tmp_path / "none.json"), "cannot be read")
 
 

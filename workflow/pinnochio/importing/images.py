@@ -100,10 +100,15 @@ def _read(path, refuse: Refuse, pixel: int) -> sitk.Image:
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1]
         refuse(f"it cannot be read as an image ({reason})", "export the label map again")
-    places = [*image.GetSpacing(), *image.GetOrigin(), *image.GetDirection()]
-    if not np.isfinite(places).all() or max(map(abs, places)) > 1e6 or min(image.GetSpacing()) < 1e-6:
-        refuse("its header holds no proper voxel size, origin and axes", "correct the header, or export it again")
+    spacing = image.GetSpacing()
+    check_places([*spacing, *image.GetOrigin(), *image.GetDirection()], spacing, refuse)
     return image
+
+
+def check_places(places, spacing, refuse: Refuse) -> None:
+    """Refuse a grid whose voxel size, origin or axes, all `places`, are none."""
+    if not np.isfinite(places).all() or not np.abs(places).max() <= 1e6 or not min(spacing) >= 1e-6:
+        refuse("its header holds no proper voxel size, origin and axes", "correct the header, or export it again")
 
 
 def _unpacked(content: bytes, refuse: Refuse) -> bytes:
@@ -124,6 +129,16 @@ def _beside(path: Path, name: str, refuse: Refuse) -> bytes:
         refuse(
             f"its voxels, the file {name[:40]!r}, are not there", "keep both in one folder, or save them in one file"
         )
+
+
+def _check_size(word: object, refuse: Refuse) -> None:
+    """Refuse a size of voxels that is no number above 0; ITK turns the axis of a negative one round."""
+    try:
+        proper = 0 < float(word) < math.inf
+    except ValueError:
+        proper = False
+    if not proper:
+        refuse(f"its header holds {word} as the size of a voxel", "correct the header, or export it again")
 
 
 def _check_length(there: int, wanted: int, refuse: Refuse) -> None:
@@ -206,6 +221,8 @@ def _check_gipl(content: bytes, refuse: Refuse) -> None:
     *sides, kind = struct.unpack(">5H", content[:10])
     if kind not in GIPL_BYTES:
         refuse(f"its voxels are of type {kind}, not of numbers of 1, 2, 4 or 8 bytes", "save it as .nii.gz")
+    for size in struct.unpack(">3f", content[10:22]):
+        _check_size(size, refuse)
     wanted = math.prod(max(side, 1) for side in sides) * GIPL_BYTES[kind]
     _check_length(len(content) - GIPL_HEADER, wanted, refuse)
 
@@ -223,9 +240,13 @@ def _check_nrrd(path: Path, refuse: Refuse) -> None:
     apart = said.get("data file", said.get("datafile"))
     data = content[end.end() :] if end else b""
     if apart is not None:
-        if apart.upper() == "LIST" or "%" in apart:
-            return  # many files: ITK reads each to its end
+        if apart.upper().startswith("LIST") or "%" in apart:  # ITK looks at the length and the checksum of none
+            refuse("its voxels lie in many files", "save it as one .nrrd")
         data = _beside(path, apart, refuse)
+    if not set(said.get("space units", "").replace('"', "").split()) <= {"mm"}:
+        refuse(f"its unit is {said['space units']}", "save it in millimetres")
+    for word in said.get("spacings", "").split():  # ITK takes NaN for 1 mm
+        _check_size(word, refuse)
     try:
         sides = [int(word) for word in said["sizes"].split()]
         if len(sides) != int(said["dimension"]) or not 2 <= len(sides) <= 4 or min(sides) < 1:
@@ -250,8 +271,11 @@ def _plain_meta(path: Path, refuse: Refuse) -> bytes:
     found = re.search(rb"^ElementDataFile *= *(.*?)\r?(\n|\Z)", content, re.MULTILINE)
     if found is None:
         refuse("it is no MetaImage, or its header is cut off", AGAIN)
-    lines = content[: found.start()].decode("utf-8", "replace").splitlines()
-    said = {key.strip(): value.strip() for key, _, value in (line.partition("=") for line in lines)}
+    lines = content[: found.start()].decode("ascii", "replace").splitlines()
+    pairs = [line.partition("=") for line in lines if "=" in line]
+    said = {key.strip(): value.strip() for key, _, value in pairs}
+    if len(said) < len(pairs):
+        refuse("a key of its header stands twice", "save it again as .mha")
     where = found[1].decode("utf-8", "replace").strip()
     data = content[found.end() :]
     if where.upper() != "LOCAL":
@@ -272,10 +296,14 @@ def _plain_meta(path: Path, refuse: Refuse) -> bytes:
         plain = {"ObjectType": "Image", "NDims": axes, "BinaryData": "True", "BinaryDataByteOrderMSB": order.title()}
         plain |= {"CompressedData": "False", "ElementNumberOfChannels": channels}
         for key, (count, *names) in META_NUMBERS.items():
+            if sum(name in said for name in (key, *names)) > 1:
+                raise ValueError(f"{key} twice")
             numbers = [float(word) for word in one_of(key, *names).split()]
             if len(numbers) != count(axes) or not np.isfinite(numbers).all():
                 raise ValueError(f"{key} of {len(numbers)} numbers")
             plain[key] = " ".join(map(repr, numbers))
+        for size in plain["ElementSpacing"].split():
+            _check_size(size, refuse)
     except (KeyError, ValueError) as error:
         refuse(f"its header lacks a word or a number, or one is damaged ({error})", "save it again as .mha")
     if one_of("CompressedData").lower() == "true":

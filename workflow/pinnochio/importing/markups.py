@@ -13,6 +13,7 @@ from pinnochio.json_text import numbers, read_json
 
 ENDING = ".mrk.json"
 FRAMES = {"LPS": np.ones(3), "0": np.array([-1.0, -1.0, 1.0]), "RAS": np.array([-1.0, -1.0, 1.0]), "1": np.ones(3)}
+FARTHEST = 1e5  # mm from the origin of a scanner
 PLANE, REGION = "Plane", "ROI"
 
 
@@ -64,8 +65,8 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
 
 
 def _three(value) -> np.ndarray:
-    if not numbers(value, 3):
-        raise ValueError("three numbers are needed")
+    if not numbers(value, 3) or not max(map(abs, value)) <= FARTHEST:
+        raise ValueError(f"three numbers of {FARTHEST:g} at most are needed")
     return np.array(value, float)
 
 

@@ -17,6 +17,7 @@ from pinnochio.model.surfaces import contour
 from pinnochio.volume_size import IMAGE_FORMATS
 
 EDGE = 1.5  # mm; longer edges of a surface file are divided, so that its vertices show it everywhere
+MOST = 5e6  # triangles that the division may make: some ten million take minutes and the memory of the stage
 PAD = 3  # voxels that bone is continued beyond the border of the volume
 
 
@@ -36,7 +37,9 @@ def read_postop_bones(
         raise InputError(case, file, problem, remedy)
 
     if isinstance(label_values, str) and is_image(path):
-        return _joined([_surface(image, inside) for image, inside in bone_parts(path, label_values, refuse)], refuse)
+        return _joined(
+            [_surface(image, inside, refuse) for image, inside in bone_parts(path, label_values, refuse)], refuse
+        )
     if not Path(path).is_dir() and not str(path).lower().endswith(SURFACE_FORMATS):
         image, parts = read_segments(path, refuse)
         inside = np.zeros(image.GetSize()[::-1], bool)
@@ -45,13 +48,19 @@ def read_postop_bones(
                 inside |= part.voxels()
         if not inside.any():
             refuse("it shows no bone", "label the bones, or correct 'labels'")
-        return _surface(image, inside)
+        return _surface(image, inside, refuse)
     files = surface_files(path, refuse).values() if Path(path).is_dir() else [path]
     read = (read_triangles(file, refuse) for file in files)
     import trimesh  # half a second, which a plan given as motions is spared
 
     points, faces = _joined([(points, _outward(points, faces)) for points, faces in read], refuse)
     points = in_millimetres(points, bone_points, "bone", case, path)
+    longest = np.linalg.norm(points[faces] - points[np.roll(faces, 1, axis=1)], axis=2).max(axis=1)
+    # A triangle becomes four until no edge is too long.
+    divided = float((4.0 ** np.ceil(np.log2(longest[longest > EDGE] / EDGE))).sum())
+    if not divided <= MOST:
+        problem = f"its edges are up to {longest.max():.3g} mm long; divided it would have {divided:.2g} triangles"
+        refuse(problem, "remove points that stand off, or remesh it with edges of a few mm")
     points, faces = trimesh.remesh.subdivide_to_size(points, faces, EDGE, max_iter=20)
     return points, faces.astype(np.int32)
 
@@ -78,13 +87,15 @@ def _joined(surfaces, refuse) -> tuple[np.ndarray, np.ndarray]:
     return points, np.concatenate([faces + start for (_, faces), start in zip(surfaces, starts, strict=True)])
 
 
-def _surface(image, inside) -> tuple[np.ndarray, np.ndarray]:
+def _surface(image, inside, refuse) -> tuple[np.ndarray, np.ndarray]:
     """The surface of bone (bool [iz, iy, ix]), open where it goes on beyond the border of the volume."""
     inside, spacing = np.pad(inside.transpose(2, 1, 0), PAD, mode="edge"), np.array(image.GetSpacing())
     points, faces = contour(inside, spacing, -PAD * spacing)
     end = spacing * (np.array(image.GetSize()) - 1)
     beyond = ((points < -spacing / 2) | (points > end + spacing / 2)).any(axis=1)
     used, faces = np.unique(faces[~beyond[faces].any(axis=1)], return_inverse=True)
+    if not len(faces):
+        refuse("its bone has no surface: it fills the volume, or hardly any voxel", "label the bones alone")
     points = points[used] @ np.reshape(image.GetDirection(), (3, 3)).T + image.GetOrigin()
     faces = faces.reshape(-1, 3).astype(np.int32)
     return points, faces if np.linalg.det(np.reshape(image.GetDirection(), (3, 3))) > 0 else faces[:, ::-1]

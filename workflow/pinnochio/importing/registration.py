@@ -83,26 +83,34 @@ def register(
     return Registration(motion, median, float(np.percentile(distance, 95)), len(distance))
 
 
-def registered_again(points, faces, skin_points, skin_faces, plane: float, found: Registration) -> tuple[float, float]:
-    """Mean residual (mm, robust) of a registered scan and of its mirror image, registered in its place.
+def registered_again(
+    points, faces, skin_points, skin_faces, plane: float, found: Registration
+) -> tuple[float, float, float, float]:
+    """Mean residual (mm, robust) of a registered scan, of its mirror image registered in its place, and of the scan
+    registered in its place with a scale of its own; and this scale.
 
     The mirror is the middle plane of the skin's upper face, from where a few steps lead to the best fit.
     """
-    skin_points, upper = np.asarray(skin_points, float), np.asarray(skin_points)[:, 2] >= plane
-    middle = (skin_points[upper, 0].min() + skin_points[upper, 0].max()) / 2
+    skin_points, middle = np.asarray(skin_points, float), middle_of_face(skin_points, plane)
     placed = found.motion.apply(np.asarray(points, float))
     chosen = spread(placed, faces[(placed[faces, 2] >= plane - 10).all(axis=1)], SAMPLES)
     near = skin_faces[(skin_points[skin_faces, 2] >= plane - 20).any(axis=1)]
     residuals = []
-    for mirror in (1.0, -1.0):
+    for mirror, scaled in ((1.0, False), (-1.0, False), (1.0, True)):
         image = (placed[chosen] - [middle, 0, 0]) * [mirror, 1, 1] + [middle, 0, 0]
         normals = vertex_normals(placed, faces)[chosen] * [mirror, 1, 1]
-        rotation, shift = _fine(image, normals, np.eye(3), np.zeros(3), skin_points, near, plane, 80)
+        rotation, shift = _fine(image, normals, np.eye(3), np.zeros(3), skin_points, near, plane, 80, scaled)
         image = image @ rotation.T + shift
         closest = closest_points(image[image[:, 2] >= plane], skin_points, near)
         distance = closest.distance[~closest.border]
         residuals.append(float(np.minimum(distance, COARSE_CUT).mean()) if len(distance) >= FEWEST else np.inf)
-    return residuals[0], residuals[1]
+    return *residuals, float(np.cbrt(np.linalg.det(rotation)))
+
+
+def middle_of_face(skin_points, plane: float) -> float:
+    """x (mm) halfway across the skin above z = plane (mm)."""
+    upper = skin_points[skin_points[:, 2] >= plane, 0]
+    return float(upper.min() + upper.max()) / 2
 
 
 def spread(points, faces, count: int) -> np.ndarray:
@@ -168,8 +176,11 @@ def _starts(moving, front):
             yield rotation, front.mean(axis=0) + beside - rotation @ moving.mean(axis=0)
 
 
-def _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane, steps: int = 40):
-    """Point-to-plane steps on exact closest points above the plane, until a step moves less than 1e-3 mm."""
+def _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane, steps: int = 40, scaled: bool = False):
+    """Point-to-plane steps on exact closest points above the plane, until a step moves less than 1e-3 mm.
+
+    scaled: the scan's size is found as well; it is a factor of the rotation.
+    """
     skin_normals = face_normals(skin_points, skin_faces)[0]
     for _ in range(steps):
         placed = moving @ rotation.T + shift
@@ -185,7 +196,7 @@ def _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane, step
         # alone costs 5% of the precision; a hard trim would cost far more.
         spread = 4.685 * 1.4826 * max(np.median(closest.distance[fit]), 1e-3)
         weights = np.clip(1 - (closest.distance[fit] / spread) ** 2, 0, None) ** 2
-        turn, move = step(placed[upper[fit]], closest.points[fit], skin_normals[closest.face[fit]], weights)
+        turn, move = step(placed[upper[fit]], closest.points[fit], skin_normals[closest.face[fit]], weights, scaled)
         change = np.abs(placed[upper] @ (turn - np.eye(3)).T + move).max()
         rotation, shift = turn @ rotation, turn @ shift + move
         if change < 1e-3:
@@ -193,15 +204,20 @@ def _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane, step
     return rotation, shift
 
 
-def step(placed, targets, normals, weights=1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation and shift of the linearised, weighted least-squares step along the normals."""
+def step(placed, targets, normals, weights=1.0, scaled: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation and shift of the linearised, weighted least-squares step along the normals; scaled: with a scale, which
+    is a factor of the rotation."""
     centre = placed.mean(axis=0)
-    matrix = np.hstack([np.cross(placed - centre, normals), normals])
+    away = placed - centre
+    columns = [np.cross(away, normals), normals]
+    if scaled:
+        columns.append(np.einsum("ij,ij->i", away, normals)[:, None])
+    matrix = np.hstack(columns)
     right = np.einsum("ij,ij->i", targets - placed, normals)
     # A little damping: a sphere or a plane leaves turns undetermined.
-    scale = np.linalg.norm(matrix, axis=0).max()
+    size = np.linalg.norm(matrix, axis=0).max()
     weighted = (matrix * np.reshape(weights, (-1, 1))).T
-    damped = weighted @ matrix + 1e-8 * scale**2 * np.eye(6)
+    damped = weighted @ matrix + 1e-8 * size**2 * np.eye(matrix.shape[1])
     solution = np.linalg.solve(damped, weighted @ right)
-    turn = Rotation.from_rotvec(solution[:3]).as_matrix()
-    return turn, solution[3:] + centre - turn @ centre
+    turn = Rotation.from_rotvec(solution[:3]).as_matrix() * (1 + solution[6] if scaled else 1)
+    return turn, solution[3:6] + centre - turn @ centre

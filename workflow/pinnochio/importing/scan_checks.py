@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.triangles import vertex_normals
-from pinnochio.importing.registration import SAMPLES, Registration, registered_again, spread
+from pinnochio.importing.registration import SAMPLES, Registration, middle_of_face, registered_again, spread
 
 LOG = logging.getLogger(__name__)
 SPIKE = 20.0  # mm from the middle of its neighbours; no part of a face is so thin
@@ -18,9 +18,16 @@ CELL = 0.5  # mm; points in one cell of this size become one
 THINNING = 0.1  # mm; what 95 of 100 points may lie off the thinned surface
 THE_SAME = 0.02  # mm; no scanner repeats a face so well [I]
 MIRROR_BETTER = 0.93  # share of the residual below which the mirror image fits better than the scan
+# Share of the residual that a scale leaves where the scan's is wrong, and by how much it is then wrong at least: the
+# share is 0.93 to 1.0 of virtual patients' scans, half of one too, and 0.5 of one that is 2 % too small or large [X].
+SCALED_BETTER, SCALE = 0.7, 0.02
 DEPTH = 3.0  # mm; standard deviation of the upper face across its flattest direction: a strip of forehead has 5
 COVERED, SHOWN = 0.15, 3.0  # share of the upper face that a scan must show, within so many mm
 OFF = 2.0  # mm from the scan of half of the upper face that it lies over: 0.2 to 0.9 of faces, 2.9 of a cylinder [X]
+# The bridge of the nose and the eyes' inner corners: mm below and above the plane, mm from the middle; the share of it
+# that a scan must show within so many mm: 0.8 to 1 of scans, 0.4 of half of one, 0.2 at most of other surfaces [X].
+BELOW, ABOVE, BESIDE = 25.0, 10.0, 35.0
+BRIDGE, NEAR = 0.3, 5.0
 FAR = 10.0  # length of edges by the distance of next points, above which triangles are no surface [I]
 FRONT = -0.3  # y of a normal that looks forward (LPS)
 
@@ -104,8 +111,8 @@ def check_scan(
 
     points (p, 3), faces (f, 3): the scan in its own frame; skin_points, skin_faces: the skin before surgery, LPS mm;
     plane: height z (mm) above which they were registered; found: the registration. Refused are the skin before surgery
-    itself, a mirror image, a surface without depth, one that shows hardly any of the upper face, and one that
-    touches it here and there.
+    itself, a mirror image, a face of another size, a surface without depth, one that shows hardly any of the upper
+    face or no bridge of the nose, as the back of a head, and one that touches it here and there.
     """
 
     def refuse(problem: str, remedy: str):
@@ -138,7 +145,24 @@ def check_scan(
     off = float(np.median(closest.distance[~closest.border]))
     if not off <= OFF:
         refuse(f"half of the upper face lies {off:.1f} mm or more off it", "give a scan of this face")
-    own, mirrored = registered_again(points, faces, skin_points, skin_faces, plane, found)
+    below = skin_points[:, 2] - plane
+    bridge = (normals[:, 1] < FRONT) & (below > -BELOW) & (below < ABOVE)
+    bridge &= np.abs(skin_points[:, 0] - middle_of_face(skin_points, plane)) < BESIDE
+    closest = closest_points(skin_points[bridge], placed, faces)
+    shown = float(((closest.distance < NEAR) & ~closest.border).mean()) if bridge.any() else 0.0
+    if not shown >= BRIDGE:
+        refuse(
+            f"it lies within {NEAR:g} mm of {100 * shown:.0f} % of the bridge of the nose and what is beside it "
+            f"(at least {100 * BRIDGE:.0f} % is asked): it is no face, or not this one",
+            "give a scan of this patient's face from in front, with forehead and nose",
+        )
+    own, mirrored, scaled, scale = registered_again(points, faces, skin_points, skin_faces, plane, found)
+    if not (scaled >= SCALED_BETTER * own or abs(scale - 1) <= SCALE):
+        refuse(
+            f"made {scale:.3f} times as large it fits the upper face better ({scaled:.2f} mm) than it does "
+            f"({own:.2f} mm)",
+            "export the scan in its true size, and check the scanner's calibration",
+        )
     if not mirrored > MIRROR_BETTER * own:
         refuse(
             f"its mirror image fits the upper face better ({mirrored:.2f} mm) than it does ({own:.2f} mm)",

@@ -32,6 +32,8 @@ REACHES = (10.0, 6.0, 3.5, 2.0)  # mm within which a pair is looked for, one pas
 STEPS, SETTLED = 25, (0.02, 0.002)  # of a pass at most; mm of a step that ends it, in all passes but the last and there
 LEAST_SPREAD = 0.05  # mm
 MATCHED, CUT = 1.0, 3.0  # mm: a point so near bone is matched; beyond this, a point tells nothing but that it has none
+UNMOVED = 0.3, 0.5  # mm and degrees that a registered motion is true to: a bone that moved less has not moved
+PLANNED = 1.0  # mm from its plan at which a segment that has not moved is odd [I]
 FEWEST = 60  # points of a segment that can be registered
 
 FITS = (
@@ -140,7 +142,25 @@ def register_bones(
 
 
 def check_fits(fits: Sequence[SegmentFit], *, limit: float, share: float, case: str, file: object) -> None:
-    """Refuse (InputError) a bone whose median distance exceeds `limit` mm or whose matched share is below `share` %."""
+    """Refuse (InputError) a bone whose median distance exceeds `limit` mm or whose matched share is below `share` %.
+
+    And a scan in which every segment is where it was although the plan moves one: the bones before surgery.
+    """
+    segments = [fit for fit in fits if fit.segment != "cranium"]
+    still = [
+        np.linalg.norm(fit.motion.translation) < UNMOVED[0]
+        and Rotation.from_matrix(fit.motion.rotation).magnitude() < np.radians(UNMOVED[1])
+        for fit in segments
+    ]
+    if segments and all(still) and max(fit.from_plan for fit in segments) > PLANNED:
+        farthest = max(segments, key=lambda fit: fit.from_plan)
+        raise InputError(
+            case,
+            file,
+            f"every segment is where it was before surgery, {farthest.segment!r} {farthest.from_plan:.1f} mm from "
+            "where the plan takes it",
+            "give the bones after surgery, not those before; or leave postop_bones empty",
+        )
     for fit in fits:
         if not (fit.median <= limit and fit.matched >= share):
             raise InputError(

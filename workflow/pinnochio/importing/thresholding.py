@@ -1,6 +1,5 @@
 """Label maps of a CT by thresholds and a few planes, for a head that nobody has segmented."""
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
@@ -14,6 +13,7 @@ from pinnochio.errors import InputError
 from pinnochio.importing.images import read_image
 from pinnochio.importing.segmentation import HEADER, Segmentation, axes_of, turn
 from pinnochio.importing.soft_tissue import between, bulk, closed, largest, near_skin
+from pinnochio.json_text import read_json
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, segment_code
 
 SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right")
@@ -55,9 +55,12 @@ class Cuts:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Cuts":
         """Read JSON: {"occlusal": {"point": [x, y, z], "normal": [x, y, z]}, ..., "low": [null, null, z], ...}."""
+
+        def refuse(problem: str, remedy: str):
+            raise InputError("-", path, problem, remedy)
+
+        content = read_json(path, refuse)
         try:
-            with open(path, encoding="utf-8") as file:
-                content = json.load(file)
             planes = {name: _plane(content[name]) for name in PLANES if name in content}
             bounds = {
                 name: np.array([empty if value is None else float(value) for value in content[name]])
@@ -69,10 +72,8 @@ class Cuts:
             if any(value.shape != (3,) for value in bounds.values()):
                 raise ValueError("low and high need three values each")
             return cls(**planes, **bounds)
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                "-", path, f"cannot be read as cuts ({error})", "name occlusal, lefort, pterygoid and joint"
-            ) from error
+        except (ValueError, KeyError, TypeError) as error:
+            refuse(f"cannot be read as cuts ({error})", "name occlusal, lefort, pterygoid and joint")
 
 
 def _plane(plane: Mapping) -> Plane:

@@ -22,7 +22,9 @@ from pinnochio.model.patient import PatientModel
 
 SURFACES = (".ply", ".stl", ".vtp", ".obj")
 FARTHEST = 30.0  # mm that a place of the face is wished away from where it is, at most [I: soft tissue follows by less]
+NEARLY_ALL = 90  # percent of what a wished surface lies over that FARTHEST holds of
 FARTHEST_MEASURE = {"mm": 25.0, "degree": 60.0}  # change of a measure, at most [I]
+LARGEST_WEIGHT = 1e6
 COLUMNS = ("measure", "value", "change", "weight")
 OFF_FACE = 8.0  # mm between a marked point and the skin [I]
 # Other frames and units that a wish may have come in by mistake.
@@ -123,11 +125,14 @@ def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str)
     text = read_text(path, refuse)
     try:
         dialect = csv.Sniffer().sniff(text.split("\n")[0], ",\t;")
-        rows = list(csv.DictReader(io.StringIO(text, newline=""), dialect=dialect, strict=True))
+        reader = csv.DictReader(io.StringIO(text, newline=""), dialect=dialect, strict=True)
+        columns, rows = list(reader.fieldnames or ()), list(reader)
     except csv.Error as error:
         refuse(f"it is no table ({error})", f"give columns {', '.join(COLUMNS)}, separated by commas or tabs")
-    if not rows or not set(rows[0]) <= set(COLUMNS) or "measure" not in rows[0]:
-        refuse(f"its columns are {list(rows[0]) if rows else 'none'}", f"give columns {', '.join(COLUMNS)} and a row")
+    if not rows or not set(columns) <= set(COLUMNS) or "measure" not in columns or len({*columns}) < len(columns):
+        refuse(f"its columns are {columns or 'none'}", f"give columns {', '.join(COLUMNS)}, each once, and a row")
+    if long := [row for row in rows if None in row]:
+        refuse(f"the row of {long[0]['measure']!r} has more cells than the first line", "give it one cell per column")
     known = {name.lower(): name for name in MEASURES} | {own.title.lower(): name for name, own in MEASURES.items()}
     wishes = []
     for row in rows:
@@ -141,15 +146,16 @@ def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str)
         for key in COLUMNS[1:]:
             if row.get(key):
                 try:
-                    numbers[key] = float(row[key])
+                    numbers[key] = float(row[key].replace("_", "?"))  # Python's own sign between digits
                 except ValueError:
                     numbers[key] = np.nan
                 if not np.isfinite(numbers[key]):
                     refuse(f"{key} of {name!r} is {row[key]!r}", "write a number, without its unit")
         if ("value" in numbers) == ("change" in numbers):
             refuse(f"{name!r} has {'both' if 'value' in numbers else 'neither'} value and change", "give one of them")
-        if numbers.get("weight", 1) <= 0:
-            refuse(f"the weight of {name!r} is {numbers['weight']:g}", "give a weight above 0, or leave the row out")
+        if not 0 < numbers.get("weight", 1) <= LARGEST_WEIGHT:
+            remedy = f"give a weight above 0, of {LARGEST_WEIGHT:g} at most, or leave the row out"
+            refuse(f"the weight of {name!r} is {numbers['weight']:g}", remedy)
         weight_of_row = numbers.pop("weight", weight)
         wishes.append(measure_wish(name, model, marks, weight_of_row, refuse, **numbers))
     return wishes
@@ -191,7 +197,8 @@ def _surface(path, model: PatientModel, weight: float, case: str) -> SurfaceWish
 
     def away(turn) -> np.ndarray:
         at = closest_points(skin, turn * points, faces)
-        return np.array([np.median(at.distance[~at.border])]) if not at.border.all() else np.array([np.inf])
+        # Not the median: walls of a face that lies far in front of its place are near the walls of this one.
+        return np.percentile(at.distance[~at.border], [NEARLY_ALL]) if not at.border.all() else np.array([np.inf])
 
     _check_near(away, ["the surface"], refuse)
     wish = SurfaceWish.of(Path(path).name, model, points, faces, weight)

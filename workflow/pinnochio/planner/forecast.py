@@ -15,6 +15,7 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.pinnochio.patient import tensors
 from pinnochio.methods.pinnochio.predictor import PatientNetwork, load_network, load_sources
 from pinnochio.methods.sources import PatientSources, SourceModel
+from pinnochio.metrics.validity import off_bone
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
 from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
@@ -32,6 +33,7 @@ class Forecast:
     interval: displacement of the nodes and half-widths of the skin; skin (s, 3) mm: points of the moved skin; mean,
     most: movement of the judged face, mm; least: smallest volume ratio of an element, None of a first look; repaired,
     damping: most elements that the inversion repair solved again, and its smallest factor on a whole field, 1 for none;
+    off_bone: how far tissue that slides has come from its bone or gone into it, at most, mm;
     beyond: how far patient or plan lies beyond the training, in widths of its range;
     out_of_distribution: what of patient and plan is (segments, muscle, anatomy, plan); seconds: since the beginning.
     """
@@ -44,6 +46,7 @@ class Forecast:
     least: float | None
     repaired: int
     damping: float
+    off_bone: float
     beyond: float
     out_of_distribution: tuple[str, ...]
     seconds: float
@@ -118,6 +121,7 @@ class Forecaster:
             least=least,
             repaired=max((own.elements for own in repairs), default=0),
             damping=min((own.damping for own in repairs), default=1.0),
+            off_bone=float(off_bone(self.patient, plan, result.displacement).max(initial=0.0)),
             beyond=beyond(compared),
             out_of_distribution=tuple(part for part in PARTS if not compared[part]["within"]),
             seconds=time.perf_counter() - began,

@@ -17,6 +17,7 @@ from trame.widgets import vuetify3 as v3
 from pinnochio.errors import InputError, StorageError
 from pinnochio.figures.interval import scale
 from pinnochio.inverse.freedom import operation_in_words
+from pinnochio.metrics.validity import OFF_BONE
 from pinnochio.model.measures import MEASURES
 from pinnochio.patients.certificate import FAR, RESEARCH
 from pinnochio.patients.face import Face, written
@@ -43,6 +44,7 @@ AT_FIRST = ["profile"]
 FIRST_LOOK = "first look"
 OUTSIDE = "Unlike the training in {}: do not rely on the interval."
 DAMPED = "Not usable: the field turned tissue inside out and was scaled to {:.2g} %; the plan is not carried out."
+OFF = "Not usable: tissue that slides is {:.1f} mm off its bone, beyond its rim."
 FAR_BEYOND = "Not usable: {:.1f} widths of the training's range beyond it."
 REPAIR = "{} elements were turned inside out and solved again."
 COLLIDE = "Bones run into each other: {} (up to {:.1f} mm deep; red points)."
@@ -647,6 +649,8 @@ def _warning(forecast: Forecast) -> str:
         said.append(DAMPED.format(100 * forecast.damping))
     elif forecast.repaired:
         said.append(REPAIR.format(forecast.repaired))
+    if not forecast.off_bone <= OFF_BONE:
+        said.append(OFF.format(forecast.off_bone))
     if forecast.beyond > FAR:
         said.append(FAR_BEYOND.format(forecast.beyond))
     if forecast.out_of_distribution:

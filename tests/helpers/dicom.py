@@ -1,0 +1,57 @@
+"""Segmentations as DICOM-SEG, with the slices of a CT that they belong to."""
+
+import highdicom
+import numpy as np
+from pydicom import Dataset
+from pydicom.dataset import FileMetaDataset
+from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
+
+
+def scan_slices(shape, direction, spacing, origin):
+    """An axial CT of air as DICOM data sets; shape, spacing: columns, rows, slices."""
+    series, study, frame = (generate_uid(entropy_srcs=[name]) for name in ("series", "study", "frame"))
+    slices = []
+    for number in range(shape[2]):
+        made = Dataset()
+        made.SOPClassUID, made.SOPInstanceUID = CTImageStorage, generate_uid(entropy_srcs=[f"slice {number}"])
+        made.file_meta = FileMetaDataset()
+        made.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
+        made.StudyInstanceUID, made.SeriesInstanceUID, made.FrameOfReferenceUID = study, series, frame
+        made.PatientID = made.PatientName = made.PatientBirthDate = made.PatientSex = made.AccessionNumber = ""
+        made.StudyID = made.StudyDate = made.StudyTime = made.ReferringPhysicianName = (
+            made.PositionReferenceIndicator
+        ) = ""
+        made.SeriesNumber, made.InstanceNumber, made.Modality = 1, number + 1, "CT"
+        made.Columns, made.Rows = shape[0], shape[1]
+        made.PixelSpacing, made.SliceThickness = [spacing[1], spacing[0]], spacing[2]
+        made.ImageOrientationPatient = [*direction[:, 0], *direction[:, 1]]
+        made.ImagePositionPatient = list(origin + number * spacing[2] * direction[:, 2])
+        made.SamplesPerPixel, made.PhotometricInterpretation, made.PixelRepresentation = 1, "MONOCHROME2", 1
+        made.BitsAllocated = made.BitsStored = 16
+        made.HighBit, made.ImageType = 15, ["ORIGINAL", "PRIMARY", "AXIAL"]
+        made.PixelData = bytes(2 * shape[0] * shape[1])
+        slices.append(made)
+    return slices
+
+
+def save_dicom_seg(path, masks, names, direction, spacing, origin, fractional=False):
+    """Segments of these names from masks [iz, iy, ix, segment]."""
+    code = highdicom.sr.CodedConcept("123037004", "SCT", "Anatomical structure")
+    manual = highdicom.seg.SegmentAlgorithmTypeValues.MANUAL
+    highdicom.seg.Segmentation(
+        source_images=scan_slices(masks.shape[2::-1], direction, spacing, origin),
+        pixel_array=masks.astype(np.float32) * 0.8 if fractional else masks.astype(np.uint8),
+        segmentation_type="FRACTIONAL" if fractional else "BINARY",
+        segment_descriptions=[
+            highdicom.seg.SegmentDescription(number, name, code, code, manual)
+            for number, name in enumerate(names, start=1)
+        ],
+        series_instance_uid=generate_uid(),
+        series_number=2,
+        sop_instance_uid=generate_uid(),
+        instance_number=1,
+        manufacturer="none",
+        manufacturer_model_name="none",
+        software_versions="0",
+        device_serial_number="0",
+    ).save_as(path)
