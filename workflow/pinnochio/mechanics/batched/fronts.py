@@ -40,7 +40,9 @@ class Fronts:
             own_row += level.own.size
         self._rows, self._size, self._solutions = rows, row, solutions
         self._up = [Rows(_taken(levels, at, rows, row), device, dtype) for at in range(len(levels))]
-        self._down = [Rows(gathers(_placed(level.beside, place).reshape(-1, 1), solutions), device, dtype) for level in levels]
+        self._down = [
+            Rows(gathers(_placed(level.beside, place).reshape(-1, 1), solutions), device, dtype) for level in levels
+        ]
         self._out = Rows(gathers(place[:, None], solutions), device, dtype)
         self._shapes = [(len(level.own), level.own.shape[1], level.beside.shape[1]) for level in levels]
 
@@ -145,11 +147,13 @@ def _factorized(levels: list[Level], blocks: sparse.bsr_array, device) -> list[T
 
 
 def _entries(nodes, own, blocks: sparse.bsr_array) -> tuple[np.ndarray, ...]:
-    """Front, row, column (e,) and values (e, 3, 3) of the matrix's blocks between own nodes and those of their front."""
+    """Front, row, column (e,) and values (e, 3, 3) of the matrix's blocks between own nodes and their front."""
     front, row = np.nonzero(own >= 0)
     node = own[front, row]
     counts = np.diff(blocks.indptr)[node]
-    entry = np.repeat(blocks.indptr[node] - np.concatenate([[0], np.cumsum(counts)[:-1]]), counts) + np.arange(counts.sum())
+    entry = np.repeat(blocks.indptr[node] - np.concatenate([[0], np.cumsum(counts)[:-1]]), counts) + np.arange(
+        counts.sum()
+    )
     front, row = np.repeat(front, counts), np.repeat(row, counts)
     most = len(blocks.indptr)
     keys = (np.arange(len(nodes))[:, None] * most + np.where(nodes >= 0, nodes, most - 1)).ravel()

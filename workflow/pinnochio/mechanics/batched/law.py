@@ -70,13 +70,6 @@ class Mesh:
         force = self._at_nodes(force.view(-1, 3, u.shape[2]))
         return State(energy.sum(0) + own.sum(0), force, ratio, stretch, first, second)
 
-    def energy(self, u: Tensor, extension: Tensor) -> tuple[Tensor, Tensor]:
-        """Energy (k,) and least J (k,)."""
-        ratio, stretch = _ratios(u, self.constants)
-        energy, _, _ = _bulk(self._in_patches(ratio), self.constants, extension)
-        own = _shear_energy(ratio, stretch, self.constants, extension)
-        return energy.sum(0) + own.sum(0), ratio.amin(0)
-
     def curvature(self, u: Tensor, state: State, extension: Tensor) -> tuple[Tensor, Tensor]:
         """What :meth:`product` needs of a state; and the blocks (n, 9, k) of the tangent at the nodes, about."""
         kept, blocks = _curvature(u, self.constants, state.first, state.second, extension)
@@ -144,13 +137,6 @@ def _ratios(u, c):
 def _bulk(volume, c, extension):
     log, d, dd = _log(volume / c.patch_volumes, extension)
     return 0.5 * c.patch_volumes * c.patch_lam * log * log, c.patch_lam * log * d, c.patch_lam * (d * d + log * dd)
-
-
-@fused
-def _shear_energy(j, stretch, c, extension):
-    excess = stretch - 3
-    log, _, _ = _log(j, extension)
-    return c.volumes * (0.5 * c.mu * excess + 0.5 * c.stiffening * excess * excess - c.mu * log)
 
 
 @fused

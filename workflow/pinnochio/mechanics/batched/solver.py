@@ -2,10 +2,8 @@
 
 Bonded plans: L-BFGS on the kept factor of the stiffness at rest, warped; hard patches in equilibrium before every step
 is judged. As many plans as there are slots advance together, and where one ends the next begins. Field, energy and
-force are in double precision, directions, pairs and factors in single. What fails goes to the solver of one plan.
-
-Beside that of `repeated`: hard patches are those of all plans so far, so that the last digits of a field, below the
-tolerance, depend on which plans were asked before it. The same calls in the same order give the same bits.
+force are in double precision, directions, pairs and factors in single.
+What fails goes to the solver of one plan. The same calls give the same bits.
 """
 
 import time
@@ -19,10 +17,10 @@ from torch import Tensor
 
 from pinnochio.mechanics import repeated
 from pinnochio.mechanics.assembly import Assembler
+from pinnochio.mechanics.batched import zone
 from pinnochio.mechanics.batched.fronts import Fronts
 from pinnochio.mechanics.batched.law import Mesh
 from pinnochio.mechanics.batched.rows import Rows, fused
-from pinnochio.mechanics.batched.zone import Zone
 from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.materials import Material
@@ -32,7 +30,6 @@ from pinnochio.mechanics.solver import SolveResult, SolverOptions
 
 SLOTS = 64  # plans that advance together [X]
 MEMORY = 5  # pairs of steps and changes of the force that are kept
-LOCAL = 8  # Newton steps in the hard patches before a step is judged, at most
 SETTLED = 0.1  # force left in them, over that outside, before a step
 HALVINGS = 12
 RUNNING, SOLVED, FAILED, IDLE = range(4)
@@ -58,7 +55,7 @@ class BatchSolver:
         self._asked = points, cells, material, boundary, options
         self._options, self._device, self._slots = options, torch.device(device), slots
         self._alone: RepeatedSolver | None = None
-        self._elements = elements = Elements.build(points, cells, material, options.volumetric)
+        self._elements = elements = _by_patch(Elements.build(points, cells, material, options.volumetric))
         self._constraints = Constraints(points, elements.cells, boundary)
         used = np.zeros(elements.nodes, bool)
         used[elements.cells] = True
@@ -74,11 +71,6 @@ class BatchSolver:
         rows = (3 * free[:, None] + np.arange(3)).ravel()
         self._gradients = Rows(mean_gradients(elements)[rows], self._device, torch.float32)
         self._beside = Rows(beside(elements), self._device, torch.float64)
-        self._known = np.zeros(len(elements.patch_volumes), bool)
-        self._touch = sparse.csr_array(
-            (np.ones(elements.cells.size), (np.repeat(elements.patch, 4), elements.cells.ravel())),
-            (len(self._known), elements.nodes),
-        )
         self._work: _Slots | None = None
 
     def solve(self, boundaries: Sequence[BoundaryConditions]) -> list[SolveResult]:
@@ -122,12 +114,6 @@ class BatchSolver:
         fields[self._nodes] = self._fronts.solve(load.view(-1, 3, motions.shape[2])).double()
         return fields
 
-    def widened(self, patches) -> Zone:
-        """The zone of all hard patches so far, with these (p,) bool and those that they touch."""
-        nodes = (self._touch.T @ patches.astype(float)) > 0
-        self._known |= patches | ((self._touch @ nodes.astype(float)) > 0)
-        return Zone(self._elements, self._known, self._free, self._device)
-
 
 class _Slots:
     """The plans that advance together, and what is known of each of them."""
@@ -152,13 +138,12 @@ class _Slots:
         self._products, self._age = zeros(MEMORY, MEMORY), zeros(MEMORY, dtype=torch.long)
         self._fresh, self._halvings = zeros(dtype=torch.bool), zeros(dtype=torch.long)
         self._iterations, self._code = zeros(dtype=torch.long), zeros(dtype=torch.long) + IDLE
-        self._hard = torch.zeros(len(elements.patch_volumes), dtype=torch.bool, device=device)
-        self._known = torch.zeros_like(self._hard)
-        self._told = zeros(6)
-        self._zone: Zone | None = None
-        self._widen()
-        self._judge = Recorded(self._judged, device)
-        self._move = Recorded(self._moved, device)
+        self._known = zeros(len(elements.patch_volumes), dtype=torch.bool)
+        self._told = zeros(7)
+        self._zone = (zone if device.type == "cpu" else _zone_gpu()).Zone(elements, solver._free, plans, device)
+        self._ready = False
+        self._prepare = Recorded(lambda: self._zone.prepare(self._known), device)
+        self._tick = Recorded(self._ticked, device)
 
     def run(self, motions: Tensor) -> tuple[np.ndarray, list[list[dict]]]:
         """As :meth:`BatchSolver.fields`."""
@@ -174,11 +159,13 @@ class _Slots:
         waiting = iter(range(count))
         self._fill(owner, np.arange(self.plans), waiting, starts)
         while (owner >= 0).any():
+            if not self._ready:
+                self._prepare()
             self._tick()
             told = self._told.cpu().numpy()
-            codes = told[0].astype(int)
+            codes, self._ready = told[0].astype(int), not told[6].any()
             for slot in np.flatnonzero(owner >= 0):
-                records[owner[slot]].append(_entry(told[:, slot]))
+                records[owner[slot]].append(_entry(told[:6, slot]))
             ended = np.flatnonzero((owner >= 0) & (codes != RUNNING))
             if len(ended):
                 strayed = self._strayed()
@@ -204,57 +191,24 @@ class _Slots:
             field[:, :, at] = begin
         self._direction[:, :, at] = 0
         self._age[:, at] = 0
+        self._known[:, at] = self._ready = False
         for numbers, value in ((self._fresh, True), (self._halvings, 0), (self._iterations, 0), (self._code, RUNNING)):
             numbers[at] = value
 
-    def _tick(self) -> None:
+    def _ticked(self) -> None:
         """One step of every plan, its hard patches in equilibrium, tried and judged."""
-        self._move()
-        if self._zone is not None:
-            for count in range(LOCAL):
-                self._settle()
-                if count and bool(self._rested.all()):
-                    break
-            self._trial[self._zone.nodes] = self._field
-        self._judge()
-        if bool(self._hard.any()):
-            self._widen()
-
-    def _widen(self) -> None:
-        """Take the hard patches that are new into the zone."""
-        new = self._hard.cpu().numpy()
-        if not (new.any() or self._solver._known.any()):
-            return
-        self._zone = self._solver.widened(new)
-        self._known.copy_(torch.as_tensor(self._solver._known))
-        self._field = self._u[self._zone.nodes]
-        self._bends = self._law.clone()
-        self._rested = torch.zeros_like(self._fresh)
-        self._settle = Recorded(self._settled, self._u.device)
-        self._move = Recorded(self._moved, self._u.device)
-
-    def _moved(self) -> None:
         self._trial.copy_(self._u)
         self._trial.index_add_(0, self._solver._nodes, self._step * self._direction)
-        if self._zone is not None:
-            field, bends = self._zone.begin(self._trial)
-            self._field.copy_(field)
-            self._bends.copy_(bends)
-
-    def _settled(self) -> None:
-        field, bends, rested = self._zone.step(self._field, self._bends, self._goal)
-        running = self._code == RUNNING
-        self._field.copy_(torch.where(running, field, self._field))
-        self._bends.copy_(bends)
-        self._rested.copy_(rested | ~running)
+        self._zone.settle(self._trial, torch.where(self._code == RUNNING, self._goal, torch.inf))
+        self._judged()
 
     def _judged(self) -> None:
         """Take the trial where it is good, else halve the step; find the next direction."""
         solver, running = self._solver, self._code == RUNNING
         state = solver._mesh.measure(self._trial, self._law)
         hard = (state.ratio < repeated.HARD_RATIO) | (state.stretch > repeated.HARD_STRETCH)
-        new = (solver._mesh.of_patches(hard.double()) > 0) & ~self._known[:, None] & running
-        self._hard.copy_(new.any(1))
+        new = (solver._mesh.of_patches(hard.double()) > 0) & ~self._known & running
+        self._known |= self._zone.wide(new)
         again = new.any(0)
         force, least = state.force[solver._nodes], state.ratio.amin(0)
         size, reaction = (torch.linalg.vector_norm(item, dim=(0, 1)) for item in (force, state.force[solver._fixed]))
@@ -281,7 +235,8 @@ class _Slots:
         self._slope.copy_(torch.where(good, slope, self._slope))
         self._step.copy_(torch.where(good, 1.0, torch.where(bad, self._step / 2, self._step)))
         outside = torch.maximum(SETTLED * size, 0.3 * self._options.tolerance * reaction)
-        self._goal.copy_(torch.where(good, 0.3 * outside, self._goal))
+        goal = torch.where(again & self._fresh, 0.02 * size, self._goal)
+        self._goal.copy_(torch.where(good, 0.3 * outside, goal))
         self._fresh &= ~good
         near = good & (self._residual <= self._options.loose)
         failed = (self._halvings > HALVINGS) | (self._iterations >= repeated.ITERATIONS) | (near & ~(self._least > 0))
@@ -289,7 +244,7 @@ class _Slots:
         solved = good & (self._residual <= self._options.tolerance) & (self._least > 0)
         failed |= good & ~solved & ~(self._slope < 0)
         self._code.copy_(torch.where(running & solved, SOLVED, torch.where(running & failed, FAILED, self._code)))
-        told = self._code, self._residual, self._energy, self._least, self._iterations, self._step
+        told = self._code, self._residual, self._energy, self._least, self._iterations, self._step, again
         self._told.copy_(torch.stack([item.double() for item in told]))
 
     def _remember(self, good: Tensor, force: Tensor) -> None:
@@ -368,6 +323,12 @@ class Recorded:
             self._graph.replay()
 
 
+def _zone_gpu():
+    from pinnochio.mechanics.batched import zone_gpu
+
+    return zone_gpu
+
+
 def _entry(told) -> dict:
     names = "code", "residual", "energy", "min_jacobian", "iterations", "step"
     return dict(zip(names, told.tolist(), strict=True))
@@ -393,6 +354,19 @@ def _result(field, record: list[dict], seconds: float) -> SolveResult:
         linear_iterations=int(end["iterations"]),
         seconds=seconds,
         kept=True,
+    )
+
+
+def _by_patch(elements: Elements) -> Elements:
+    """The elements in the order of their patches, so that neighbouring lanes read neighbouring ones."""
+    order, law = np.argsort(elements.patch, kind="stable"), elements.material
+    return replace(
+        elements,
+        cells=elements.cells[order],
+        gradients=elements.gradients[order],
+        volumes=elements.volumes[order],
+        patch=elements.patch[order],
+        material=replace(law, mu=law.mu[order], lam=law.lam[order], stiffening=law.stiffening[order]),
     )
 
 
@@ -435,7 +409,7 @@ def _combined(pairs, shares):
 
 @fused
 def _kept_volume(mean):
-    """Displacement gradients, transposed, to deformation gradients of determinant 1, unity where they are degenerate."""
+    """Displacement gradients, transposed, to deformation gradients of determinant 1, or unity."""
     g = [[mean[:, j, i] + (1 if i == j else 0) for j in range(3)] for i in range(3)]
     det = sum(
         g[0][i] * (g[1][(i + 1) % 3] * g[2][(i + 2) % 3] - g[1][(i + 2) % 3] * g[2][(i + 1) % 3]) for i in range(3)

@@ -1,53 +1,84 @@
 """The hard patches of all plans brought to equilibrium together, while the rest of the mesh stays.
 
-As :mod:`pinnochio.mechanics.local_equilibrium`, but for one set of patches that all plans share, and with Newton's
-systems solved by conjugate gradients: many small systems that never have to be assembled.
+As :mod:`pinnochio.mechanics.local_equilibrium`, but Newton's systems are solved by conjugate gradients: many small
+systems that never have to be assembled. Here for a CPU; on a GPU :mod:`pinnochio.mechanics.batched.zone_gpu`.
 """
-
 
 import numpy as np
 import torch
+from scipy import sparse
 from torch import Tensor
 
 from pinnochio.mechanics.batched.law import Mesh
-from pinnochio.mechanics.batched.rows import fused
+from pinnochio.mechanics.batched.rows import Rows, fused
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.local_equilibrium import subset
 from pinnochio.mechanics.solver import UNTANGLING
 
+STEPS = 4  # of Newton's method before a step of the whole is judged, at most
 GRADIENTS = 20  # iterations of conjugate gradients in a step of Newton's method [X]
-FORCING = 0.03  # residual of a Newton system that is enough, relative [X]
+FORCING = 0.1  # residual of a Newton system that is enough, relative [X]
 SHARES = 1.0, 0.4, 0.1  # of a step, from which the one of least energy is taken
 
 
-class Zone:
-    """Patches (p,) bool of a mesh, whose free nodes move; free (n,) bool."""
+class Patches:
+    """Which patches touch which nodes of a mesh; free (n,) bool: nodes that move."""
 
-    def __init__(self, elements: Elements, patches, free, device):
-        moving = np.zeros(elements.nodes, bool)
-        moving[elements.cells[patches[elements.patch]]] = True
-        moving &= free
-        touched = np.zeros(len(patches), bool)
-        touched[elements.patch[moving[elements.cells].any(axis=1)]] = True
-        own, nodes = subset(elements, touched)
-        # In the order of the patches, neighbouring lanes read neighbouring elements.
-        self._fine, self._coarse = Mesh(own, device), Mesh(own, device, torch.float32)
-        self.nodes = torch.as_tensor(nodes, device=device)
-        self._moves = torch.as_tensor(moving[nodes], device=device)[:, None, None]
-        self._noise = 1e-14 * own.modulus * own.volumes.sum()
-        self._extension = own.material.extension
+    def __init__(self, elements: Elements, free, device):
+        corners = np.repeat(elements.patch, 4), elements.cells.ravel()
+        touch = sparse.csr_array((np.ones(elements.cells.size), corners), (len(elements.patch_volumes), elements.nodes))
+        self._touch, self._touched = (Rows(item, device, torch.float32) for item in (touch, touch.T))
+        self._free = torch.as_tensor(free, device=device)[:, None]
 
-    def begin(self, u: Tensor) -> tuple[Tensor, Tensor]:
-        """The zone's part of displacements (n, 3, k), and the extension (k,) of ln J that each needs."""
-        field = u[self.nodes]
-        law = torch.full_like(field[0, 0], self._extension)
-        _, least = self._fine.energy(field, law)
-        return field, torch.where(least > 0, law, UNTANGLING)
+    def wide(self, patches: Tensor) -> Tensor:
+        """Patches (p, k) bool with those that touch them."""
+        return self._touch((self._touched(patches.float()) > 0).float()) > 0
 
-    def step(self, field: Tensor, extension: Tensor, goal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def around(self, patches: Tensor) -> tuple[Tensor, Tensor]:
+        """The nodes (n, k) of patches (p, k) that move, and all patches (p, k) whose energy that changes."""
+        moves = (self._touched(patches.float()) > 0) & self._free
+        return moves, self._touch(moves.float()) > 0
+
+
+class Zone(Patches):
+    """Hard patches of some plans, on a CPU."""
+
+    def __init__(self, elements: Elements, free, plans: int, device):
+        super().__init__(elements, free, device)
+        self._elements, self._device = elements, device
+        self._noise = 1e-14 * elements.modulus * elements.volumes.sum()
+        self._extension, self._nodes = elements.material.extension, torch.zeros(0, dtype=torch.long)
+
+    def prepare(self, known: Tensor) -> None:
+        """Take known (p, k) bool as the hard patches of the plans."""
+        moves, touched = self.around(known)
+        own, nodes = subset(self._elements, touched.any(1).numpy())
+        self._fine, self._coarse = Mesh(own, self._device), Mesh(own, self._device, torch.float32)
+        self._nodes = torch.as_tensor(nodes, device=self._device)
+        self._moves = moves[self._nodes][:, None]
+
+    def settle(self, u: Tensor, goal: Tensor) -> None:
+        """Move hard patches of displacements u (n, 3, k) mm until their force is at most goal (k,) mN, or as long as
+        that helps."""
+        if not len(self._nodes):
+            return
+        field = u[self._nodes]
+        law = torch.full_like(goal, self._extension)
+        least = self._fine.measure(field, law).ratio.amin(0)
+        extension = torch.where(least > 0, law, UNTANGLING)
+        done = torch.zeros_like(least, dtype=torch.bool)
+        for _ in range(STEPS):
+            new, wanted, ended = self._step(field, extension, goal)
+            field = torch.where(done, field, new)
+            extension, done = wanted, done | ended
+            if done.all():
+                break
+        u[self._nodes] = field
+
+    def _step(self, field: Tensor, extension: Tensor, goal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """The field and the extension after a Newton step, and which plans (k,) had no need of one.
 
-        goal (k,) mN: norm of the force that is enough. What was untangled goes on by its own law.
+        What was untangled, with ln J extended far, goes on by its own law.
         """
         state = self._fine.measure(field, extension)
         force = torch.where(self._moves, state.force, 0)
@@ -57,10 +88,11 @@ class Zone:
         barrier = torch.where(state.ratio.amin(0) > 0, 0.0, -torch.inf).double()
         best, share = state.energy, torch.zeros_like(state.energy)
         for part in SHARES:
-            energy, least = self._fine.energy(field + part * motion, extension)
+            ahead = self._fine.measure(field + part * motion, extension)
             noise = self._noise + 1e-13 * state.energy.abs()
-            good = (energy <= best.clamp(max=state.energy + 1e-4 * part * slope + noise)) & (least > barrier)
-            best, share = torch.where(good, energy, best), torch.where(good, part, share)
+            allowed = torch.minimum(best, state.energy + 1e-4 * part * slope + noise)
+            good = (ahead.energy <= allowed) & (ahead.ratio.amin(0) > barrier)
+            best, share = torch.where(good, ahead.energy, best), torch.where(good, part, share)
         share = torch.where(wanting, share, 0.0)
         stuck = share == 0
         done = stuck & (extension == self._extension)
@@ -91,7 +123,7 @@ class Zone:
             way = torch.where(active, z + new / size * way, way)
             size = torch.where(active, new, size)
             active = active & (new > least)
-            if not motion.is_cuda and not active.any():
+            if not active.any():
                 break
         return motion
 
