@@ -59,16 +59,23 @@ class PlanSolver:
 
     With settings.kept_factors by the factors of the stiffness at rest (:mod:`repeated`), and by Newton's method what
     they do not solve; without, and for lips in contact, one after the other by Newton's method, as in `simulate`.
-    preparation: seconds that the patient took.
+    device: where bonded plans are solved with kept factors, "cuda" in whole batches (:mod:`batched`). preparation:
+    seconds that the patient took.
     """
 
-    def __init__(self, patient: PatientModel, arm: str, settings: FemSettings, apart: float = 0.0):
+    def __init__(self, patient: PatientModel, arm: str, settings: FemSettings, apart: float = 0.0, device: str = "cpu"):
         self._patient, self._arm, self._settings, self._apart = patient, arm, settings, apart
         self._kept, began = None, time.perf_counter()
         if settings.kept_factors and arm != "mucosa+lip":
             boundary, law = self._boundary(Plan("rest", {})), settings.material(patient.tissue)
+            known = patient.points, patient.cells, law, boundary, solver_options(settings)
             try:
-                self._kept = RepeatedSolver(patient.points, patient.cells, law, boundary, solver_options(settings))
+                if device == "cpu" or boundary.sliding:
+                    self._kept = RepeatedSolver(*known)
+                else:
+                    from pinnochio.mechanics.batched.solver import BatchSolver  # loads torch
+
+                    self._kept = BatchSolver(*known, device)
             except RuntimeError as error:  # the stiffness at rest cannot be factorised
                 logging.warning("no kept factors: %s", error)
         self.preparation = time.perf_counter() - began

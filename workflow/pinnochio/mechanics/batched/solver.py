@@ -28,7 +28,7 @@ from pinnochio.mechanics.repeated import RepeatedSolver, beside, mean_gradients
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions
 
-SLOTS = 64  # plans that advance together [X]
+SLOTS = 256  # plans that advance together [X]
 MEMORY = 5  # pairs of steps and changes of the force that are kept
 SETTLED = 0.1  # force left in them, over that outside, before a step
 HALVINGS = 12
@@ -78,7 +78,7 @@ class BatchSolver:
         began = time.perf_counter()
         quick = [not (item.contact or item.loads or item.sliding) and self._options.barrier for item in boundaries]
         numbers = np.flatnonzero(quick)
-        motions = [self._constraints.under(boundaries[number]).motions() for number in numbers]
+        motions = [self.motions(boundaries[number]) for number in numbers]
         fields, records = self.fields(np.array(motions)) if len(numbers) else (np.zeros((0,)), [])
         share = (time.perf_counter() - began) / max(len(numbers), 1)
         results: list[SolveResult | None] = [None] * len(boundaries)
@@ -99,10 +99,14 @@ class BatchSolver:
         if self._alone is not None:
             self._alone.close()
 
+    def motions(self, boundary: BoundaryConditions) -> np.ndarray:
+        """Displacement (n, 3) mm that a boundary condition prescribes, zero elsewhere."""
+        return self._constraints.under(boundary).motions()
+
     def fields(self, motions: np.ndarray) -> tuple[np.ndarray, list[list[dict]]]:
         """Fields (k, n, 3) mm of prescribed motions (k, n, 3) mm, and the record of each plan, whose last entry's code
         says whether it is SOLVED or FAILED."""
-        slots = min(self._slots, len(motions))
+        slots = min(self._slots, 1 << (len(motions) - 1).bit_length())
         if self._work is None or self._work.plans != slots:
             self._work = _Slots(self, slots)
         return self._work.run(torch.as_tensor(motions, device=self._device))

@@ -15,10 +15,10 @@ from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.local_equilibrium import subset
 from pinnochio.mechanics.solver import UNTANGLING
 
-STEPS = 4  # of Newton's method before a step of the whole is judged, at most
+STEPS = 2  # of Newton's method before a step of the whole is judged, at most
 GRADIENTS = 20  # iterations of conjugate gradients in a step of Newton's method [X]
 FORCING = 0.1  # residual of a Newton system that is enough, relative [X]
-SHARES = 1.0, 0.4, 0.1  # of a step, from which the one of least energy is taken
+SHARES = 1.0, 0.4, 0.1  # of a step, of which the first that lowers the energy is taken
 
 
 class Patches:
@@ -86,13 +86,12 @@ class Zone(Patches):
         motion = self._direction(field, state, force, extension).double()
         slope = (motion * force).sum((0, 1))
         barrier = torch.where(state.ratio.amin(0) > 0, 0.0, -torch.inf).double()
-        best, share = state.energy, torch.zeros_like(state.energy)
+        share = torch.zeros_like(state.energy)
         for part in SHARES:
             ahead = self._fine.measure(field + part * motion, extension)
             noise = self._noise + 1e-13 * state.energy.abs()
-            allowed = torch.minimum(best, state.energy + 1e-4 * part * slope + noise)
-            good = (ahead.energy <= allowed) & (ahead.ratio.amin(0) > barrier)
-            best, share = torch.where(good, ahead.energy, best), torch.where(good, part, share)
+            good = (ahead.energy <= state.energy + 1e-4 * part * slope + noise) & (ahead.ratio.amin(0) > barrier)
+            share = torch.where(good & (share == 0), part, share)
         share = torch.where(wanting, share, 0.0)
         stuck = share == 0
         done = stuck & (extension == self._extension)

@@ -15,13 +15,16 @@ from pinnochio.mechanics.batched.dissection import padded
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.solver import UNTANGLING
 
-_WARPS = 16  # of a program [X]
+_WARPS = 8  # of a program [X]
+_LARGEST = 16  # elements of a patch: the few larger ones stay as they are
 
 
 class Zone(zone.Patches):
     """As :class:`pinnochio.mechanics.batched.zone.Zone`."""
 
     def __init__(self, elements: Elements, free, plans: int, device):
+        free, sizes = np.array(free), np.bincount(elements.patch)
+        free[elements.cells[sizes[elements.patch] > _LARGEST]] = False
         super().__init__(elements, free, device)
 
         def tensor(values, dtype):
@@ -30,8 +33,7 @@ class Zone(zone.Patches):
         law, count, patches = elements.material, len(elements.cells), len(elements.patch_volumes)
         order = np.argsort(elements.patch, kind="stable")
         members = padded(np.split(order, np.cumsum(np.bincount(elements.patch))[:-1]))
-        self._width = triton.next_power_of_2(members.shape[1])
-        members = np.pad(members, ((0, 0), (0, self._width - members.shape[1])), constant_values=-1)
+        members = np.pad(members, ((0, 0), (0, _LARGEST)), constant_values=-1)[:, :_LARGEST]
         incident = np.argsort(elements.cells.ravel(), kind="stable")
         first = np.concatenate([[0], np.cumsum(np.bincount(elements.cells.ravel(), minlength=elements.nodes))])
         self._integers = [tensor(item, torch.int32) for item in (members, elements.cells.T, first, incident)]
@@ -75,7 +77,7 @@ class Zone(zone.Patches):
                 self._slopes, self._force, self._corner, self._corners, self._kept, self._second, self._vectors,
                 self._inverse, nodes, self._kept.shape[2], self._second.shape[1], self._extension, UNTANGLING,
                 self._noise, zone.FORCING**2,
-                W=self._width, P=max(32 * _WARPS // self._width, 1), N=32 * _WARPS,
+                W=_LARGEST, P=max(32 * _WARPS // _LARGEST, 1), N=16 * _WARPS, K=8,
                 STEPS=zone.STEPS, GRADIENTS=zone.GRADIENTS, num_warps=_WARPS,
             )  # fmt: skip
         u.copy_(self._field.permute(1, 2, 0))
@@ -252,18 +254,20 @@ def _product(
 
 
 @triton.jit
-def _gathered(corners, first, incident, node, there, zero):
-    """Sum of the corners' vectors at nodes."""
+def _gathered(corners, first, incident, node, there, K: tl.constexpr):
+    """Sum of the corners' vectors at nodes, K of them at a time."""
     start = tl.load(first + node, mask=there, other=0)
     count = tl.where(there, tl.load(first + node + 1, mask=there, other=0) - start, 0)
-    x, y, z = zero, zero, zero
-    for k in range(tl.max(count, 0)):
-        here = k < count
-        at = tl.load(incident + start + k, mask=here, other=0)
+    x = tl.zeros((node.shape[0], K), corners.dtype.element_ty)
+    y, z = x, x
+    for k in range(0, tl.max(count, 0), K):
+        place = k + tl.arange(0, K)
+        here = place[None, :] < count[:, None]
+        at = tl.load(incident + start[:, None] + place[None, :], mask=here, other=0)
         x += tl.load(corners + 3 * at, mask=here, other=0.0)
         y += tl.load(corners + 3 * at + 1, mask=here, other=0.0)
         z += tl.load(corners + 3 * at + 2, mask=here, other=0.0)
-    return x, y, z
+    return tl.sum(x, axis=1), tl.sum(y, axis=1), tl.sum(z, axis=1)
 
 
 @triton.jit
@@ -283,7 +287,19 @@ def _store_vector(x, node, there, one, two, three):
 
 @triton.jit
 def _invert_blocks(
-    nodes, count, first, incident, g, volumes, stiffening, kept, elements, inverse, size, N: tl.constexpr
+    nodes,
+    count,
+    first,
+    incident,
+    g,
+    volumes,
+    stiffening,
+    kept,
+    elements,
+    inverse,
+    size,
+    N: tl.constexpr,
+    K: tl.constexpr,
 ):
     """Inverses of the tangent's blocks at the nodes, about, into inverse (6, n)."""
     for begin in range(0, count, N):
@@ -292,11 +308,12 @@ def _invert_blocks(
         node = tl.load(nodes + row, mask=there, other=0)
         start = tl.load(first + node, mask=there, other=0)
         length = tl.where(there, tl.load(first + node + 1, mask=there, other=0) - start, 0)
-        a00, a01, a02 = tl.zeros((N,), tl.float32), tl.zeros((N,), tl.float32), tl.zeros((N,), tl.float32)
-        a11, a12, a22 = tl.zeros((N,), tl.float32), tl.zeros((N,), tl.float32), tl.zeros((N,), tl.float32)
-        for k in range(tl.max(length, 0)):
-            here = k < length
-            at = tl.load(incident + start + k, mask=here, other=0)
+        a00 = tl.zeros((N, K), tl.float32)
+        a01, a02, a11, a12, a22 = a00, a00, a00, a00, a00
+        for k in range(0, tl.max(length, 0), K):
+            lane = k + tl.arange(0, K)
+            here = lane[None, :] < length[:, None]
+            at = tl.load(incident + start[:, None] + lane[None, :], mask=here, other=0)
             e = at // 4
             place = 3 * (at % 4) * elements + e
             g0 = tl.load(g + place, mask=here, other=0.0)
@@ -316,6 +333,8 @@ def _invert_blocks(
             a11 += shear + stretch * p1 * p1 + stiff * q1 * q1
             a12 += stretch * p1 * p2 + stiff * q1 * q2
             a22 += shear + stretch * p2 * p2 + stiff * q2 * q2
+        a00, a01, a02 = tl.sum(a00, axis=1), tl.sum(a01, axis=1), tl.sum(a02, axis=1)
+        a11, a12, a22 = tl.sum(a11, axis=1), tl.sum(a12, axis=1), tl.sum(a22, axis=1)
         c0, c1, c2 = a11 * a22 - a12 * a12, a12 * a02 - a01 * a22, a01 * a12 - a11 * a02
         det = a00 * c0 + a01 * c1 + a02 * c2
         over = tl.where(det > 0, 1 / tl.where(det > 0, det, 1.0), 0.0)
@@ -344,7 +363,7 @@ def _settle(
     fields, aheads, goals, all_patches, all_nodes, counts, members, cells, first, incident,
     gradients, volumes, mu, stiffening, patch_volumes, patch_lam, slopes, forces, all_corner, all_corners, all_kept,
     all_second, vectors, inverses, size, elements, patch_count, law, untangling, noise, forcing,
-    W: tl.constexpr, P: tl.constexpr, N: tl.constexpr, STEPS: tl.constexpr, GRADIENTS: tl.constexpr,
+    W: tl.constexpr, P: tl.constexpr, N: tl.constexpr, K: tl.constexpr, STEPS: tl.constexpr, GRADIENTS: tl.constexpr,
 ):  # fmt: skip
     plan = tl.program_id(0).to(tl.int64)
     u, ahead, force = fields + 3 * size * plan, aheads + 3 * size * plan, forces + 3 * size * plan
@@ -374,13 +393,13 @@ def _settle(
             row = begin + tl.arange(0, N)
             there = row < moving
             node = tl.load(nodes + row, mask=there, other=0)
-            x, y, z = _gathered(corner, first, incident, node, there, tl.zeros((N,), tl.float64))
+            x, y, z = _gathered(corner, first, incident, node, there, K)
             norms += x * x + y * y + z * z
             _store_vector(force, node, there, x, y, z)
         share = energy * 0
         if (tl.sqrt(tl.sum(norms, 0)) > goal) & (tangled == 0):
             _invert_blocks(
-                nodes, moving, first, incident, slopes, volumes, stiffening, kept, elements, inverse, size, N
+                nodes, moving, first, incident, slopes, volumes, stiffening, kept, elements, inverse, size, N, K
             )
             sizes = tl.zeros((N,), tl.float32)
             for begin in range(0, moving, N):
@@ -409,7 +428,7 @@ def _settle(
                     row = begin + tl.arange(0, N)
                     there = row < moving
                     node = tl.load(nodes + row, mask=there, other=0)
-                    x, y, z = _gathered(corners, first, incident, node, there, tl.zeros((N,), tl.float32))
+                    x, y, z = _gathered(corners, first, incident, node, there, K)
                     wx, wy, wz = _load_vector(way, node, there)
                     bends += wx * x + wy * y + wz * z
                     _store_vector(image, node, there, x, y, z)
@@ -455,7 +474,6 @@ def _settle(
                 falls += x * mx + y * my + z * mz
             slope = tl.sum(falls, 0)
             barrier = tl.where(least > 0, 0.0, -float("inf"))
-            best = energy
             slack = noise + 1e-13 * tl.abs(energy)
             for begin in range(0, count, P):
                 row = begin + tl.arange(0, P)
@@ -467,7 +485,8 @@ def _settle(
                     x, y, z = _load_vector(u, node, e >= 0)
                     _store_vector(ahead, node, e >= 0, x, y, z)
             tl.debug_barrier()
-            for trial in range(3):
+            trial = 0
+            while trial < 3:
                 part = energy * 0 + tl.where(trial == 0, 1.0, tl.where(trial == 1, 0.4, 0.1))
                 for begin in range(0, moving, N):
                     row = begin + tl.arange(0, N)
@@ -481,10 +500,10 @@ def _settle(
                     ahead, patches, count, members, cells, gradients, volumes, mu, stiffening, patch_volumes, patch_lam,
                     corner, kept, second, elements, extension, False, W, P,
                 )  # fmt: skip
-                allowed = tl.minimum(best, energy + 1e-4 * part * slope + slack)
+                allowed = energy + 1e-4 * part * slope + slack
                 good = (there_energy <= allowed) & (there_least > barrier)
-                best = tl.where(good, there_energy, best)
                 share = tl.where(good, part, share)
+                trial = tl.where(good, 3, trial + 1)
             if share > 0:
                 for begin in range(0, moving, N):
                     row = begin + tl.arange(0, N)
