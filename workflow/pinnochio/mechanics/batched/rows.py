@@ -1,5 +1,7 @@
 """Products of a sparse matrix with the arrays of many plans, every row summed in the order of its entries."""
 
+from functools import cache
+
 import numpy as np
 import torch
 from scipy import sparse
@@ -7,12 +9,14 @@ from torch import Tensor
 
 
 def fused(function):
-    """The function, compiled into few kernels where its first tensor lies on a GPU."""
-    compiled = torch.compile(function, dynamic=True)
+    """The function, compiled into few kernels where its first argument lies on a GPU."""
 
-    def call(*arguments):
-        on_gpu = next(item for item in arguments if isinstance(item, Tensor)).is_cuda
-        return (compiled if on_gpu else function)(*arguments)
+    @cache
+    def compiled():
+        return torch.compile(function, dynamic=True)
+
+    def call(first: Tensor, *others):
+        return (compiled() if first.is_cuda else function)(first, *others)
 
     return call
 
@@ -23,25 +27,24 @@ class Rows:
     def __init__(self, matrix, device, dtype: torch.dtype):
         matrix = sparse.csr_array(matrix)
         matrix.sort_indices()
-        self.shape = matrix.shape
-        self._first = torch.as_tensor(matrix.indptr.astype(np.int32), device=device)
-        self._columns = torch.as_tensor(matrix.indices.astype(np.int32), device=device)
-        self._values = torch.as_tensor(matrix.data, dtype=dtype, device=device)
-        self._longest = int(np.diff(matrix.indptr).max(initial=0))
-        self._matrix = None
-        if self._values.is_cuda:
-            return
-        self._matrix = torch.sparse_csr_tensor(self._first, self._columns, self._values, matrix.shape)
+        self.shape, self._matrix, self._parts = matrix.shape, None, None
+        if torch.device(device).type == "cpu":
+            self._matrix = matrix.astype(np.float64 if dtype == torch.float64 else np.float32)
+        else:
+            values = torch.as_tensor(matrix.data, dtype=dtype, device=device)
+            places = (
+                torch.as_tensor(item, dtype=torch.int32, device=device) for item in (matrix.indptr, matrix.indices)
+            )
+            self._parts = *places, values
 
     def __call__(self, x: Tensor) -> Tensor:
         """The product (r, ...) with x (c, ...)."""
         flat = x.reshape(len(x), -1)
-        if self._matrix is not None:
-            return (self._matrix @ flat).view(self.shape[0], *x.shape[1:])
+        if self._parts is None:
+            return torch.from_numpy(self._matrix @ flat.numpy()).view(self.shape[0], *x.shape[1:])
         from pinnochio.mechanics.batched import rows_gpu
 
-        out = rows_gpu.product(self._first, self._columns, self._values, flat.contiguous())
-        return out.view(self.shape[0], *x.shape[1:])
+        return rows_gpu.product(*self._parts, flat.contiguous()).view(self.shape[0], *x.shape[1:])
 
 
 def gathers(lists, columns: int) -> sparse.csr_array:
