@@ -189,6 +189,19 @@ def test_what_fails_in_a_batch_goes_to_the_solver_of_one_plan(monkeypatch):
     solver.close()
 
 
+def test_plans_that_the_device_has_no_memory_for_are_solved_on_the_cpu(monkeypatch):
+    points, cells, boundary = bent_block()
+    solver = BatchSolver(points, cells, material(len(cells)), boundary, options_with(), "cpu")
+
+    def full(motions):
+        raise torch.OutOfMemoryError("out of memory")
+
+    monkeypatch.setattr(solver, "fields", full)
+    (result,) = solver.solve([boundary])
+    assert result.converged and result.kept
+    solver.close()
+
+
 def test_a_plan_that_strays_is_not_taken(monkeypatch):
     points, cells, boundary = bent_block()
     solver = BatchSolver(points, cells, material(len(cells)), boundary, options_with(), "cpu")
@@ -235,7 +248,7 @@ def test_hard_patches_on_a_gpu_as_on_a_cpu():
     known[3:6, 0] = known[8, 1] = True
     found = []
     for kind, device in ((zone.Zone, "cpu"), (zone_gpu.Zone, "cuda")):
-        part, u = kind(elements, free, 2, device), state(elements)[1].to(device)
+        part, u = kind(elements, free, 2, device), state(elements, 0.03)[1].to(device)
         part.prepare(known.to(device))
         part.settle(u, torch.full((2,), 1e-2, dtype=torch.float64, device=device))
         found.append(u.cpu())

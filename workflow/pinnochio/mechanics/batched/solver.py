@@ -6,6 +6,7 @@ force are in double precision, directions, pairs and factors in single.
 What fails goes to the solver of one plan. The same calls give the same bits.
 """
 
+import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -28,10 +29,12 @@ from pinnochio.mechanics.repeated import RepeatedSolver, beside, mean_gradients
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions
 
+LOG = logging.getLogger(__name__)
+
 SLOTS = 256  # plans that advance together [X]
 MEMORY = 5  # pairs of steps and changes of the force that are kept
-SETTLED = 0.1  # force left in them, over that outside, before a step
-HALVINGS = 12
+SETTLED = 0.1  # force left in the hard patches, over the whole, before a step; 0.3 of it is aimed at [X]
+HALVINGS = 12  # of a step at most
 RUNNING, SOLVED, FAILED, IDLE = range(4)
 
 
@@ -78,11 +81,15 @@ class BatchSolver:
         began = time.perf_counter()
         quick = [not (item.contact or item.loads or item.sliding) and self._options.barrier for item in boundaries]
         numbers = np.flatnonzero(quick)
-        motions = [self.motions(boundaries[number]) for number in numbers]
-        fields, records = self.fields(np.array(motions)) if len(numbers) else (np.zeros((0,)), [])
+        fields, records = [], []
+        if len(numbers):
+            try:
+                fields, records = self.fields(np.array([self.motions(boundaries[number]) for number in numbers]))
+            except torch.OutOfMemoryError as error:
+                LOG.warning("the plans are left to the CPU: %s", error)
         share = (time.perf_counter() - began) / max(len(numbers), 1)
         results: list[SolveResult | None] = [None] * len(boundaries)
-        for number, field, record in zip(numbers, fields, records, strict=True):
+        for number, field, record in zip(numbers, fields, records, strict=False):
             if record[-1]["code"] == SOLVED:
                 results[number] = _result(field, record, share)
         left = [number for number, result in enumerate(results) if result is None]

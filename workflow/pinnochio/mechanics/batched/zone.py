@@ -9,7 +9,7 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from pinnochio.mechanics.batched.law import Mesh
+from pinnochio.mechanics.batched.law import Mesh, State
 from pinnochio.mechanics.batched.rows import Rows, fused
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.local_equilibrium import subset
@@ -52,7 +52,9 @@ class Zone(Patches):
     def prepare(self, known: Tensor) -> None:
         """Take known (p, k) bool as the hard patches of the plans."""
         moves, touched = self.around(known)
-        own, nodes = subset(self._elements, touched.any(1).numpy())
+        chosen = touched.any(1).numpy()
+        own, nodes = subset(self._elements, chosen)
+        self._own = touched[chosen][own.patch]  # elements (m, k) of each plan
         self._fine, self._coarse = Mesh(own, self._device), Mesh(own, self._device, torch.float32)
         self._nodes = torch.as_tensor(nodes, device=self._device)
         self._moves = moves[self._nodes][:, None]
@@ -64,7 +66,7 @@ class Zone(Patches):
             return
         field = u[self._nodes]
         law = torch.full_like(goal, self._extension)
-        least = self._fine.measure(field, law).ratio.amin(0)
+        least = self._least(self._fine.measure(field, law))
         extension = torch.where(least > 0, law, UNTANGLING)
         done = torch.zeros_like(least, dtype=torch.bool)
         for _ in range(STEPS):
@@ -85,17 +87,21 @@ class Zone(Patches):
         wanting = torch.linalg.vector_norm(force, dim=(0, 1)) > goal
         motion = self._direction(field, state, force, extension).double()
         slope = (motion * force).sum((0, 1))
-        barrier = torch.where(state.ratio.amin(0) > 0, 0.0, -torch.inf).double()
+        barrier = torch.where(self._least(state) > 0, 0.0, -torch.inf).double()
         share = torch.zeros_like(state.energy)
         for part in SHARES:
             ahead = self._fine.measure(field + part * motion, extension)
             noise = self._noise + 1e-13 * state.energy.abs()
-            good = (ahead.energy <= state.energy + 1e-4 * part * slope + noise) & (ahead.ratio.amin(0) > barrier)
+            good = (ahead.energy <= state.energy + 1e-4 * part * slope + noise) & (self._least(ahead) > barrier)
             share = torch.where(good & (share == 0), part, share)
         share = torch.where(wanting, share, 0.0)
         stuck = share == 0
         done = stuck & (extension == self._extension)
         return field + share * motion, torch.where(stuck, self._extension, extension), done
+
+    def _least(self, state: State) -> Tensor:
+        """Least J (k,) of each plan's own elements."""
+        return torch.where(self._own, state.ratio, torch.inf).amin(0)
 
     def _direction(self, field, state, force, extension) -> Tensor:
         coarse = field.float()

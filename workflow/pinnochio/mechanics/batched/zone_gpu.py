@@ -514,6 +514,6 @@ def _settle(
                     _store_vector(u, node, there, x + share * mx, y + share * my, z + share * mz)
             tl.debug_barrier()
         stuck = (share == 0) & (tangled == 0)
-        left = tl.where(stuck & (extension == law), 0, left - 1)
+        left = tl.where(stuck & (extension == law), 0, tl.where(tangled, left, left - 1))
         extension = tl.where(stuck, law, extension)
         extension = tl.where(tangled, untangling, extension)
