@@ -110,10 +110,7 @@ class RepeatedSolver:
         self._elements, self._constraints = self._rest.elements, self._rest.constraints
         self._bones = bones_of(self._constraints.sliding, self._rest.frames)
         self._gradients = mean_gradients(self._elements)
-        edges = edges_of(self._elements.cells)[0]
-        ends = np.concatenate([edges, edges[:, ::-1]]).T
-        beside = sparse.csr_array((np.ones(len(ends[0])), ends), (len(self._points), len(self._points)))
-        self._beside = sparse.diags_array(1 / np.maximum(beside.sum(axis=1), 1)) @ beside
+        self._beside = beside(self._elements)
         elements, nodes = self._elements, self._constraints.sliding.nodes
         used = np.zeros(len(self._points), bool)
         used[elements.cells] = True
@@ -392,6 +389,14 @@ def mean_gradients(elements: Elements) -> sparse.csr_array:
     values = weighted[:, None] / share[cells][:, :, None, None]
     shape = 3 * elements.nodes, elements.nodes
     return sparse.csr_array((values.ravel(), (rows.ravel(), columns.ravel())), shape)
+
+
+def beside(elements: Elements) -> sparse.csr_array:
+    """Nodal values (n, ...) -> mean of those at the neighbours of each node, (n, n)."""
+    edges = edges_of(elements.cells)[0]
+    ends = np.concatenate([edges, edges[:, ::-1]]).T
+    near = sparse.csr_array((np.ones(len(ends[0])), ends), (elements.nodes, elements.nodes))
+    return sparse.diags_array(1 / np.maximum(near.sum(axis=1), 1)) @ near
 
 
 @compiled(nogil=True)

@@ -53,7 +53,8 @@ class PlanSolver:
     arm: one of `sliding.ARMS`; apart in mm and unilateral: as in boundary_conditions; loads: forces beside those of the
     elements. With settings.kept_factors by the factors of the stiffness at rest (:mod:`repeated`), and by Newton's
     method what they do not solve; without, and for contact, one after the other by Newton's method.
-    preparation: seconds that the patient took.
+    device: where bonded plans are solved with kept factors, "cuda" in whole batches (:mod:`batched`). preparation:
+    seconds that the patient took.
     """
 
     def __init__(
@@ -64,14 +65,21 @@ class PlanSolver:
         apart: float = 0.0,
         unilateral: bool = False,
         loads: Loads | None = None,
+        device: str = "cpu",
     ):
         self._patient, self._arm, self._apart, self._unilateral, self._loads = patient, arm, apart, unilateral, loads
         self._law, self._options = settings.material(patient.tissue), solver_options(settings)
         self._kept, began = None, time.perf_counter()
         if settings.kept_factors and not (unilateral or arm == "mucosa+lip"):
             rest = self._boundary(Plan("rest", {}))
+            known = patient.points, patient.cells, self._law, rest, self._options
             try:
-                self._kept = RepeatedSolver(patient.points, patient.cells, self._law, rest, self._options)
+                if device == "cpu" or rest.sliding or loads:
+                    self._kept = RepeatedSolver(*known)
+                else:
+                    from pinnochio.mechanics.batched.solver import BatchSolver  # loads torch
+
+                    self._kept = BatchSolver(*known, device)
             except RuntimeError as error:  # the stiffness at rest cannot be factorised
                 logging.warning("no kept factors: %s", error)
         self.preparation = time.perf_counter() - began

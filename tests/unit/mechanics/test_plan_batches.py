@@ -1,0 +1,266 @@
+"""Batches of plans: law, factors and hard patches against the compiled kernels, fields against the solver of one plan.
+
+Torch on a CPU runs what a GPU runs, but for the kernels of Triton.
+"""
+
+import numpy as np
+import pytest
+import torch
+from scipy import sparse
+
+from pinnochio.mechanics import repeated
+from pinnochio.mechanics.assembly import Assembler
+from pinnochio.mechanics.batched import solver as batched
+from pinnochio.mechanics.batched import zone
+from pinnochio.mechanics.batched.dissection import dissect
+from pinnochio.mechanics.batched.fronts import Fronts
+from pinnochio.mechanics.batched.law import Mesh
+from pinnochio.mechanics.batched.rows import Rows
+from pinnochio.mechanics.batched.solver import BatchSolver
+from pinnochio.mechanics.elements import Elements
+from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
+from pinnochio.mechanics.repeated import RepeatedSolver
+from pinnochio.mechanics.simulation import PlanSolver
+from pinnochio.mechanics.sliding import BoundaryConditions
+from pinnochio.plans.plan import Plan, RigidMotion
+from tests.helpers.patients import slab_patient
+from tests.helpers.settings import fem_settings
+from tests.helpers.settings import solver_options as options_with
+from tests.helpers.solids import bent_block, material
+
+
+def adjacency(cells, count) -> sparse.csr_array:
+    pairs = np.repeat(cells, 4, axis=1).ravel(), np.tile(cells, 4).ravel()
+    return sparse.csr_array((np.ones(len(pairs[0])), pairs), (count, count))
+
+
+def plans_of(boundary, shares) -> list[BoundaryConditions]:
+    return [BoundaryConditions(boundary.prescribed_nodes, share * boundary.displacement(1.0)) for share in shares]
+
+
+def state(elements, size=0.2):
+    """Displacements of two plans, one of which turns elements inside out."""
+    rng = np.random.default_rng(0)
+    u = rng.normal(0, 1, (elements.nodes, 3, 2)) * [size, 10 * size]
+    return u, torch.as_tensor(u)
+
+
+def test_separators_leave_no_edge_between_their_sides():
+    points, cells = box((40, 20, 15), (8, 5, 4), jitter=0.15)
+    graph = adjacency(cells, len(points))
+    levels = dissect(points, graph, leaf=20)
+    owned = np.concatenate([level.own[level.own >= 0] for level in levels])
+    assert np.array_equal(np.sort(owned), np.arange(len(points)))
+    assert len(levels) > 3
+    reached: list[set] = []
+    for level in levels:
+        below, reached = reached, []
+        for own, beside, children in zip(level.own, level.beside, level.children, strict=True):
+            inside = set(own[own >= 0]).union(*(below[child] for child in children if child >= 0))
+            around = set(graph[sorted(inside)].indices) if inside else set()
+            assert around - inside == set(beside[beside >= 0])
+            reached.append(inside)
+
+
+@pytest.mark.parametrize("leaf", [10, 1000])
+def test_fronts_solve_what_they_are_factors_of(leaf, monkeypatch):
+    monkeypatch.setattr("pinnochio.mechanics.batched.fronts.dissect", lambda *mesh: dissect(*mesh, leaf=leaf))
+    points, cells = box((40, 20, 15), (7, 4, 3), jitter=0.15)
+    elements = Elements.build(points, cells, material(len(cells)))
+    free = np.flatnonzero(points[:, 0] > 0)
+    matrix = batched._part(batched._stiffness(elements), free, free)
+    fronts = Fronts(points[free], sparse.bsr_array(matrix, blocksize=(3, 3)), "cpu", torch.float64)
+    x = np.random.default_rng(0).normal(size=(len(free), 3, 2))
+    answer = fronts.solve(torch.as_tensor((matrix @ x.reshape(-1, 2)).reshape(x.shape)))
+    np.testing.assert_allclose(answer, x, rtol=0, atol=1e-9)
+
+
+def test_fronts_refuse_what_is_not_positive_definite():
+    points, cells = box((40, 20, 15), (3, 2, 2))
+    free = np.arange(len(points))
+    matrix = batched._stiffness(Elements.build(points, cells, material(len(cells))))
+    shifted = sparse.bsr_array(matrix - 1e-2 * sparse.eye_array(len(free) * 3), blocksize=(3, 3))
+    with pytest.raises(RuntimeError, match="positive definite"):
+        Fronts(points, shifted, "cpu")
+
+
+@pytest.mark.parametrize("extension", [0.05, 0.9])
+def test_law_is_that_of_the_compiled_kernels(extension):
+    points, cells, _ = bent_block()
+    elements = Elements.build(points, cells, material(len(cells))).with_extension(extension)
+    u, fields = state(elements)
+    found = Mesh(elements, "cpu").measure(fields, torch.full((2,), extension, dtype=torch.float64))
+    for plan in range(2):
+        energy, force, ratio = elements.measure(u[:, :, plan])
+        assert float(found.energy[plan]) == pytest.approx(energy, rel=1e-12)
+        np.testing.assert_allclose(found.force[:, :, plan], force, rtol=0, atol=1e-11 * np.abs(force).max())
+        np.testing.assert_allclose(found.ratio[:, plan], ratio[:, 0], rtol=0, atol=1e-12 * np.abs(ratio).max())
+        np.testing.assert_allclose(found.stretch[:, plan], ratio[:, 1], rtol=1e-12)
+    assert found.ratio[:, 1].min() < 0
+
+
+def test_product_is_that_with_the_assembled_tangent():
+    points, cells, _ = bent_block()
+    elements = Elements.build(points, cells, material(len(cells)))
+    u, fields = state(elements)
+    mesh, law = Mesh(elements, "cpu"), torch.full((2,), elements.material.extension, dtype=torch.float64)
+    found = mesh.measure(fields, law)
+    kept, _ = mesh.curvature(fields, found, law)
+    step = np.random.default_rng(1).normal(size=u.shape)
+    product = mesh.product(kept, found.second, torch.as_tensor(step))
+    assembler = Assembler(elements, np.zeros((elements.nodes, 3), bool), np.zeros(0, int))
+    for plan in range(2):
+        upper = assembler.upper(assembler.tangent(u[:, :, plan], np.zeros((0, 3, 3)))[0])
+        exact = (upper + sparse.triu(upper, 1).T) @ step[:, :, plan].ravel()
+        np.testing.assert_allclose(product[:, :, plan].ravel(), exact, rtol=0, atol=1e-10 * np.abs(exact).max())
+
+
+def test_hard_patches_come_to_equilibrium_while_the_rest_stays():
+    points, cells, boundary = bent_block()
+    elements = Elements.build(points, cells, material(len(cells)))
+    free = np.ones(len(points), bool)
+    free[boundary.prescribed_nodes] = False
+    part = zone.Zone(elements, free, 2, "cpu")
+    known = torch.zeros(len(elements.patch_volumes), 2, dtype=torch.bool)
+    known[3:6, 0] = True
+    moves, touched = part.around(known)
+    part.prepare(known)
+    u = state(elements, 0.1)[1]
+    before, goal = u.clone(), torch.full((2,), 1e-2, dtype=torch.float64)
+    for _ in range(10):
+        part.settle(u, goal)
+    assert moves[:, 0].any() and not moves[:, 1].any() and touched[known].all()
+    assert torch.equal(u[~moves[:, 0], :, 0], before[~moves[:, 0], :, 0])
+    assert torch.equal(u[:, :, 1], before[:, :, 1])
+    force = elements.evaluate(u[:, :, 0].numpy())[1]
+    assert np.linalg.norm(force[moves[:, 0]]) <= 1e-2
+
+
+def test_products_of_rows():
+    matrix = sparse.random_array((7, 5), density=0.4, rng=np.random.default_rng(0))
+    x = np.random.default_rng(1).normal(size=(5, 3, 2))
+    found = Rows(matrix, "cpu", torch.float64)(torch.as_tensor(x))
+    np.testing.assert_allclose(found, np.einsum("ij,jab->iab", matrix.toarray(), x), atol=1e-14)
+
+
+def test_batches_as_by_the_solver_of_one_plan():
+    """A block of 1,500 nodes; more plans than slots, so that one begins where another ends."""
+    points, cells, boundary = bent_block(steps=(20, 9, 6))
+    law, options = material(len(cells)), options_with()
+    plans = plans_of(boundary, (0.3, 1.0, 0.0, -0.5))
+    solver, alone = (
+        BatchSolver(points, cells, law, boundary, options, "cpu", 2),
+        RepeatedSolver(points, cells, law, boundary, options),
+    )
+    results, exact = solver.solve(plans), alone.solve(plans)
+    for one, other in zip(results, exact, strict=True):
+        assert one.kept and one.converged and one.residual <= options.tolerance
+        np.testing.assert_allclose(one.displacement, other.displacement, rtol=0, atol=1e-3)
+        assert one.min_jacobian == pytest.approx(other.min_jacobian, abs=1e-3)
+        assert one.iterations <= other.iterations + 5
+    again = solver.solve(plans)
+    for one, other in zip(results, again, strict=True):
+        np.testing.assert_array_equal(one.displacement, other.displacement)
+    solver.close()
+    alone.close()
+
+
+def test_hard_patches_of_batches_as_by_the_solver_of_one_plan(monkeypatch):
+    monkeypatch.setattr(repeated, "HARD_RATIO", 0.95)
+    points, cells = box(BLOCK, (8, 6, 4))
+    boundary, options = block_boundary(points), options_with(tolerance=1e-8)
+    doubled = BoundaryConditions(boundary.prescribed_nodes, 2 * boundary.displacement(1.0))
+    solver = BatchSolver(points, cells, uniform(len(cells)), boundary, options, "cpu")
+    alone = RepeatedSolver(points, cells, uniform(len(cells)), boundary, options)
+    for one, other in zip(solver.solve([boundary, doubled]), alone.solve([boundary, doubled]), strict=True):
+        assert one.kept
+        np.testing.assert_allclose(one.displacement, other.displacement, rtol=0, atol=1e-5)
+    solver.close()
+    alone.close()
+
+
+def test_what_fails_in_a_batch_goes_to_the_solver_of_one_plan(monkeypatch):
+    points, cells, boundary = bent_block()
+    options = options_with()
+    solver = BatchSolver(points, cells, material(len(cells)), boundary, options, "cpu")
+    monkeypatch.setattr(repeated, "ITERATIONS", 4)
+    hard, light = solver.solve(plans_of(boundary, (1.0, 1e-3)))
+    assert light.kept and hard.converged and not hard.kept  # four iterations do not serve the solver of one plan either
+    solver.close()
+
+
+def test_plans_that_the_device_has_no_memory_for_are_solved_on_the_cpu(monkeypatch):
+    points, cells, boundary = bent_block()
+    solver = BatchSolver(points, cells, material(len(cells)), boundary, options_with(), "cpu")
+
+    def full(motions):
+        raise torch.OutOfMemoryError("out of memory")
+
+    monkeypatch.setattr(solver, "fields", full)
+    (result,) = solver.solve([boundary])
+    assert result.converged and result.kept
+    solver.close()
+
+
+def test_a_plan_that_strays_is_not_taken(monkeypatch):
+    points, cells, boundary = bent_block()
+    solver = BatchSolver(points, cells, material(len(cells)), boundary, options_with(), "cpu")
+    monkeypatch.setattr(repeated, "STRAY", 0.0)
+    _, (record,) = solver.fields(np.array([solver.motions(boundary)]))
+    assert record[-1]["code"] == batched.FAILED and "strayed" in record[-1]["reason"]
+    solver.close()
+
+
+def test_a_patient_takes_the_device_for_bonded_plans_alone(monkeypatch):
+    made = []
+
+    class Made(BatchSolver):
+        def __init__(self, *arguments):
+            made.append(arguments[-1])
+            super().__init__(*arguments[:-1], "cpu")
+
+    monkeypatch.setattr(batched, "BatchSolver", Made)
+    model, settings = slab_patient(), fem_settings()
+    plan = Plan("P", {"mandible_distal": RigidMotion.from_degrees([0, 2, 0], [2, 1, 1.0], [12, 6, 0])})
+    fields = []
+    for arm, device in (("bonded", "cuda"), ("bonded", "cpu"), ("mucosa", "cuda")):
+        solver = PlanSolver(model, arm, settings, device=device)
+        (result,) = solver.solve([plan])
+        assert result.kept
+        fields.append(result.displacement)
+        solver.close()
+    assert made == ["cuda"]
+    np.testing.assert_allclose(fields[0], fields[1], rtol=0, atol=1e-3)
+
+
+on_a_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+
+
+@on_a_gpu
+def test_hard_patches_on_a_gpu_as_on_a_cpu():
+    from pinnochio.mechanics.batched import zone_gpu
+
+    points, cells, boundary = bent_block()
+    elements = batched._by_patch(Elements.build(points, cells, material(len(cells))))
+    free = np.ones(len(points), bool)
+    free[boundary.prescribed_nodes] = False
+    known = torch.zeros(len(elements.patch_volumes), 2, dtype=torch.bool)
+    known[3:6, 0] = known[8, 1] = True
+    found = []
+    for kind, device in ((zone.Zone, "cpu"), (zone_gpu.Zone, "cuda")):
+        part, u = kind(elements, free, 2, device), state(elements, 0.03)[1].to(device)
+        part.prepare(known.to(device))
+        part.settle(u, torch.full((2,), 1e-2, dtype=torch.float64, device=device))
+        found.append(u.cpu())
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-5)
+
+
+@on_a_gpu
+def test_batches_on_a_gpu_as_on_a_cpu():
+    points, cells, boundary = bent_block(steps=(12, 6, 4))
+    law, options = material(len(cells)), options_with()
+    solvers = [BatchSolver(points, cells, law, boundary, options, device, 2) for device in ("cpu", "cuda", "cuda")]
+    one, two, three = (solver.solve(plans_of(boundary, (0.3, 1.0, -0.5))) for solver in solvers)
+    for cpu, gpu, again in zip(one, two, three, strict=True):
+        np.testing.assert_allclose(gpu.displacement, cpu.displacement, rtol=0, atol=1e-3)
+        np.testing.assert_array_equal(gpu.displacement, again.displacement)
