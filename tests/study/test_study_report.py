@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 
-from pinnochio.report.page import spoken
+from pinnochio.report.page import rounded
 from tests.helpers.study import VERBOSE, jobs
 
 
@@ -26,7 +26,7 @@ def test_the_report_shows_what_has_been_measured(studied):
     assert sections == ["patients", "models", *parts, "way", "provenance"]
     assert "Demonstration." in page and "too few to tell methods apart" in page
     for name in parts:
-        (body,) = re.findall(r"<tbody>(.*?)</tbody>", spoken((tables / f"{name}.html").read_text()), re.DOTALL)[:1]
+        (body,) = re.findall(r"<tbody>(.*?)</tbody>", rounded((tables / f"{name}.html").read_text()), re.DOTALL)[:1]
         numbers = re.findall(r"<td>[-\d. ±]+</td>", body)
         assert numbers and all(number in page for number in numbers)
     assert re.findall(r'id="patient-(\w+)"', page) == ["V01", "V02"]

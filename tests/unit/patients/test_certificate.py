@@ -64,6 +64,7 @@ def test_a_field_that_ignores_the_plan_is_off_by_the_plan():
     said = certificate(np.zeros_like(PATIENT.points), plan)
     assert said["measures"]["moving_error"] == pytest.approx(3)
     assert "3.000 mm" in [row.value for row in in_words(said)]
+    assert (said["measures"]["motion_mm"], said["measures"]["turn_degrees"]) == pytest.approx((3, 0))
     moved = certificate(np.tile([0.0, -3, 0], (len(PATIENT.points), 1)), plan)["measures"]
     assert moved["moving_error"] == pytest.approx(0, abs=1e-9)
     assert (moved["skin_mean_mm"], moved["skin_max_mm"]) == pytest.approx((3, 3))
@@ -135,6 +136,8 @@ USUAL = {"min_jacobian": [0.3, 0.5, 0.9], "eqres_rel": [0.015, 0.05, 0.14], "sli
         ({"sliding_error": 2.1}, "Boundary mismatch, sliding", NOT_USABLE),
         ({"moving_error": 2.5}, "Boundary mismatch, moving", NOT_USABLE),
         ({"off_bone_mm": 3.1}, "Sliding tissue off its bone", NOT_USABLE),
+        ({"motion_mm": 10.1}, "Motion of the bones", CARE),
+        ({"turn_degrees": 15.1}, "Motion of the bones", CARE),
         ({"edge_percent": 16.0}, "Edge of the scan", CARE),
         ({"off_mesh_p95_mm": 1.1}, "Detail of the skin", CARE),
         ({"inverted": 1}, "Elements turned inside out", NOT_USABLE),
