@@ -46,6 +46,11 @@ class OuterForces:
         self.pairs = np.column_stack([upper.row, upper.col]).astype(np.int64)
         self.blocks = upper.data[:, None, None] * np.eye(3)
 
+    @property
+    def act(self) -> bool:
+        """Whether there are any."""
+        return self.stiffness.nnz > 0 or bool(self.forces.any())
+
     def under(self, forces) -> "OuterForces":
         """The same tension with other dead forces (n, 3) mN, as another plan has them; none for None."""
         other = copy.copy(self)

@@ -111,8 +111,10 @@ class LocalEquilibrium:
 
     def _state(self, u, axes, elements: Elements) -> _State:
         energy, force, least = elements.evaluate(u[self.nodes])
-        loaded, pull = self._outer.evaluate(u[self.nodes], self._fraction)
-        return _State(u, axes, energy + loaded, force + pull, least)
+        if self._outer.act:
+            loaded, pull = self._outer.evaluate(u[self.nodes], self._fraction)
+            energy, force = energy + loaded, force + pull
+        return _State(u, axes, energy, force, least)
 
     def _newton(self, state: _State, elements: Elements, held: HeldNodes, goal: float, least_allowed: float):
         """The state after some steps, and their number."""

@@ -158,7 +158,7 @@ class RepeatedSolver:
             return
         if starts is None:
             starts = self._rest.spread(np.stack([path.constraints.motions() for path in paths]))
-            if any(path.outer.forces.any() for path in paths):
+            if any(path.outer.act for path in paths):
                 starts += self._rest.under(np.stack([path.outer.forces for path in paths]))
         walks = [self._walk(path, start) for path, start in zip(paths, starts, strict=True)]
         with Workers(min(threads, len(paths))) as workers:
@@ -318,8 +318,9 @@ class RepeatedSolver:
         energy, force, state = self._elements.measure(u)
         if state[:, 0].min() < least:
             return None
-        loaded, pull = path.outer.evaluate(u, path.fraction)
-        energy, force = energy + loaded, force + pull
+        if path.outer.act:
+            loaded, pull = path.outer.evaluate(u, path.fraction)
+            energy, force = energy + loaded, force + pull
         part = self._part(path, state)
         if part is None:
             return self._point(u, energy, state[:, 0].min(), axes, force)
