@@ -81,10 +81,11 @@ rule measure_study:
         predictions=expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
             fold=STUDY.first_fold,
-            method=STUDY.as_they_are,
+            method=STUDY.judged_as_they_are,
         ),
         models=lambda wildcards: [
-            STUDY.model_of(wildcards.case, method) for method in STUDY.as_they_are
+            STUDY.model_of(wildcards.case, method)
+            for method in STUDY.judged_as_they_are
         ],
         postop="<results>/cases/{case}/postop.h5",
         judged="<results>/cases/{case}/judged.h5",
@@ -103,7 +104,7 @@ rule measure_study:
         mem_mb=4000,
         runtime=20,
     params:
-        methods=STUDY.as_they_are,
+        methods=STUDY.judged_as_they_are,
         fem=config["fem"],
         code=code_of("measure_study"),
     message:

@@ -11,6 +11,7 @@ from snakemake.logging import logger
 from pinnochio.code import ROOT, code_hash, source_file
 from pinnochio.errors import InputError
 from pinnochio.files import check_writable
+from pinnochio.methods.names import BASELINE
 from pinnochio.methods.registry import graph_networks
 from pinnochio.patients.archive import READ_BY_NETWORKS
 from pinnochio.report.parts import FIGURES, PARTS

@@ -125,7 +125,14 @@ TABLES = {
         },
     ),
     "corrections": (
-        {"metrics": STUDY.corrected_metrics},
+        {
+            "metrics": STUDY.corrected_metrics,
+            "baseline": expand(
+                METRICS,
+                fold=STUDY.held_out,
+                method=[BASELINE] if BASELINE in STUDY.methods else [],
+            ),
+        },
         NAMED
         | {
             "methods": STUDY.asked("corrections"),

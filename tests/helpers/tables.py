@@ -1,5 +1,6 @@
 """Tables as the rules make them: CSV file, document and readable twins."""
 
+import re
 from pathlib import Path
 
 from pinnochio.tables.document import Table
@@ -19,3 +20,8 @@ def make(path: Path, module: str, **arguments) -> None:
     document = path.with_suffix(".json")
     tabulate(f"pinnochio.{module}", arguments, str(path), str(document))
     write_twins(document)
+
+
+def texts(drawing: Path) -> str:
+    """The words of an SVG picture, line after line."""
+    return " ".join(re.findall(r"<!-- (.*?) -->", drawing.read_text(), re.DOTALL)).replace("\n", " ")

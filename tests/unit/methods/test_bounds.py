@@ -74,6 +74,11 @@ def test_bounds_are_predicted_and_never_compared_with():
     assert (plain.module, plain.settings) == (oracle.module, oracle.settings)
 
 
+def test_the_tradeoff_has_the_noise_of_the_scan_beside_the_methods():
+    made = Study(CONFIG, "results")
+    assert made.judged_as_they_are == [*made.as_they_are, "floor_scan"]
+
+
 @pytest.mark.parametrize("bound", BOUNDS)
 def test_a_bound_is_no_reference(bound):
     with pytest.raises(InputError, match=f"reference '{bound}' is a bound"):

@@ -10,7 +10,7 @@ from pinnochio.figures.corrections import draw
 from pinnochio.statistics.significance import holm, wilcoxon
 from pinnochio.tables.corrections import CORRECTIONS, summarise, table
 from tests.helpers.rows import row
-from tests.helpers.tables import write
+from tests.helpers.tables import texts, write
 
 COUNTS = (0, 1, 5)
 
@@ -76,8 +76,22 @@ def test_files_and_picture(rows, tmp_path):
     text = (tmp_path / "corrections.md").read_text()
     assert "made-up cohort, n = 8 patients" in text and "-0.0450 (p = 0.015625)" in text and "1.5000 ± " in text
     assert all((tmp_path / f"corrections.{suffix}").stat().st_size > 500 for suffix in ("tex", "html"))
-    draw(back, [tmp_path / "corrections.png"])
+    draw(back, [tmp_path / "corrections.png", tmp_path / "corrections.svg"])
     assert (tmp_path / "corrections.png").stat().st_size > 20_000
+    assert "plus is nearer than no correction" in texts(tmp_path / "corrections.svg")
+
+
+def test_the_picture_shows_the_paired_difference_to_sliding_finite_elements(rows, tmp_path):
+    baseline = cases("fem_sliding", 0).assign(cd=lambda own: own["cd"] + 0.02)
+    frame = summarise(rows, 0, baseline.iloc[::-1]).set_index(["method", "corrections"])
+    np.testing.assert_allclose(frame["sliding_difference"], [-0.02, -0.065, -0.065] * 2)
+    assert frame.loc[("plus", 5), "sliding_low"] < -0.065 < frame.loc[("plus", 5), "sliding_high"] < 0
+    draw(frame.reset_index(), [tmp_path / "corrections.svg"])
+    said = texts(tmp_path / "corrections.svg")
+    assert "by 0.045 mm at most: plain is nearer than sliding FEM, plus is nearer than sliding FEM" in said
+    frame.loc[("plus", 5), ["sliding_low", "sliding_high"]] = np.nan
+    draw(frame.reset_index(), [tmp_path / "corrections.svg"])
+    assert "nearer" not in texts(tmp_path / "corrections.svg")
 
 
 def test_few_patients_are_said_to_be_few(tmp_path):

@@ -19,7 +19,7 @@ from pinnochio.tables.scaling import SCALING, size_growths, table
 from pinnochio.tables.scaling_exponents import EXPONENTS, exponents
 from pinnochio.tables.scaling_patients import PATIENTS, patient_runs, patients
 from tests.helpers.rows import benchmark
-from tests.helpers.tables import make, write
+from tests.helpers.tables import make, texts, write
 
 NODES = np.array([1500, 3000, 6000, 12500, 25000, 50000])
 
@@ -220,5 +220,9 @@ def test_the_picture_is_drawn_in_every_format(tmp_path):
     files = [tmp_path / "scaling.png", tmp_path / "scaling.svg"]
     draw(sizes(), files)
     assert files[0].stat().st_size > 20_000 and "<svg" in files[1].read_text()[:400]
+    said = texts(files[1])
+    assert "Train net a step: growth unclear, up to 0.5 GB" in said and "solve a plan: $n^{1.5" in said
+    solve, mesh = (0.1 + 2.5007**1.5) / (0.1 + 0.1507**1.5), 3.5007 / 1.1507
+    assert f"From 1,500 to 25,000 nodes “solve” takes {solve:.3g} times as long, “mesh” {mesh:.2g} times" in said
     assert size_growths(sizes())["solve", "nodes", "memory"].points == 5
     assert megabytes(tmp_path) == pytest.approx(sum(file.stat().st_size for file in files) / 1e6)

@@ -5,8 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from pinnochio.overlays import changes
-
-BASE = "as in the study"
+from pinnochio.tables.tradeoff_cases import BASE
 
 
 @dataclass(frozen=True)

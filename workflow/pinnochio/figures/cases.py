@@ -1,13 +1,12 @@
 """Picture of all methods on the same patients: every patient's error, the mean, and its difference to the best."""
 
 import os
-import textwrap
 from collections.abc import Sequence
 
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pinnochio.figures.style import save_figure
+from pinnochio.figures.style import BAND, MEAN, PATIENT, save_figure, say
 from pinnochio.methods.names import written
 from pinnochio.metrics.columns import CASES, scanned
 from pinnochio.statistics.ranking import Ranking, rank
@@ -15,7 +14,6 @@ from pinnochio.statistics.ranking import Ranking, rank
 COLUMNS = CASES
 # Bounds and the floor are lines, not rows.
 NOISE, STILL, BOUNDS = "floor_scan", "no_change", ("floor_scan", "oracle")
-MEAN, PATIENT, BAND = "#1f4e79", "#9aa5b1", "#f1e3c6"
 WIDTH, ROW = 5.2, 0.42  # inches: readable on a phone, where names stand above their rows
 WIDEST = 1.35  # times the error without a prediction, where the axis ends at the latest
 
@@ -60,7 +58,7 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     axes.spines[["top", "right", "left"]].set_visible(False)
     axes.grid(axis="x", color="#e5e5e5", linewidth=0.6)
     axes.set_axisbelow(True)
-    figure.suptitle(textwrap.fill(_message(ranking), 54), x=0.01, ha="left", fontsize=11, weight="bold")
+    say(figure, _message(ranking))
     save_figure(figure, *paths)
 
 

@@ -1,47 +1,74 @@
-"""Picture of the corrections: what the seconds of Newton corrections buy, in equilibrium and in accuracy."""
+"""Picture of the corrections: each number of Newton corrections against sliding finite elements."""
 
 import os
 from collections.abc import Sequence
-from itertools import cycle
 
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pinnochio.figures.style import add_grid, label_log, save_figure
-from pinnochio.methods.names import written
+from pinnochio.figures.style import MEAN, add_grid, save_figure, say
+from pinnochio.methods.names import BASELINE, in_sentence, written
+from pinnochio.statistics.attainable import SMALLEST_N
 from pinnochio.tables.corrections import CORRECTIONS
 
 COLUMNS = CORRECTIONS
-# Told apart by shape and line, not by colour alone.
-STYLES = (("o", "-", "#1f4e79"), ("s", "--", "#b5541c"), ("^", ":", "#3c7d3c"), ("D", "-.", "#7a4b94"))
-PANELS = (
-    ("eqres_rel", "residual of the free nodes over the force of all others", True),
-    ("cd", "Chamfer distance, mm", False),
-)
+ROW = 0.3  # inches
 
 
 def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
-    """Draw the means of corrections.csv over the mean seconds; the numbers beside the marks are the corrections."""
-    figure = Figure(figsize=(10, 4.4), dpi=130, layout="constrained")
-    panels = figure.subplots(1, len(PANELS), sharex=True)
-    for axes, (name, label, logarithmic) in zip(panels, PANELS, strict=True):
-        groups = frame.groupby("method", sort=False)
-        for (method, rows), (mark, line, colour) in zip(groups, cycle(STYLES), strict=False):
-            x, y = rows["seconds_mean"], rows[f"{name}_mean"]
-            axes.plot(x, y, marker=mark, linestyle=line, color=colour, markersize=6, label=written(method))
-            # Corrections beyond the tolerance are none: one mark carries all their numbers.
-            for number, (at, same) in enumerate(rows.groupby(["seconds_mean", f"{name}_mean"], sort=False)):
-                side = (6, 2) if logarithmic else (0, 7 if number % 2 == 0 else -14)
-                text = ", ".join(map(str, same["corrections"]))
-                axes.annotate(
-                    text, at, side, textcoords="offset points", ha="left" if logarithmic else "center", fontsize=9
-                )
-        axes.set_xscale("log")
-        axes.set_yscale("log" if logarithmic else "linear")
-        label_log(axes.xaxis)
-        axes.set_xlabel("seconds of network and corrections")
-        axes.set_ylabel(label)
-        add_grid(axes)
-        axes.margins(0.1, 0.15)
-    panels[0].legend(frameon=False, loc="lower left")
+    """One row per method and number of corrections: the paired difference of CD to BASELINE with its 95% interval.
+
+    Without BASELINE in the study it is the difference to no correction. Beside it seconds and residual.
+    """
+    kind, other = "sliding", in_sentence(BASELINE)
+    if frame["sliding_difference"].isna().all():
+        kind, other = "cd", "no correction"
+    frame = frame.assign(middle=frame[f"{kind}_difference"], low=frame[f"{kind}_low"], high=frame[f"{kind}_high"])
+    groups = list(frame.groupby("method", sort=False))
+    figure = Figure(figsize=(7.5, 1.5 + ROW * (len(frame) + 1.4 * len(groups))), dpi=150, layout="constrained")
+    axes, down, ticks = figure.subplots(), 0.0, {}
+    for method, rows in groups:
+        axes.annotate(written(method), (0.01, down), xycoords=("axes fraction", "data"), va="center", weight="bold")
+        for row in rows.itertuples():
+            down += 1
+            ticks[down] = row.corrections
+            axes.plot([row.low, row.high], [down, down], color=MEAN, linewidth=3, alpha=0.6, solid_capstyle="butt")
+            fill = "white" if pd.isna(row.low) else MEAN  # hollow without an interval
+            axes.plot(row.middle, down, "o", color=MEAN, markerfacecolor=fill, markersize=7)
+            for at, text in ((1.1, f"{row.seconds_mean:.2f} s"), (1.26, f"{row.eqres_rel_mean:.2g}")):
+                axes.annotate(text, (at, down), xycoords=("axes fraction", "data"), va="center", ha="right")
+        down += 1.4
+    for at, text in ((1.1, "seconds"), (1.26, "residual")):
+        axes.annotate(text, (at, -0.9), xycoords=("axes fraction", "data"), va="center", ha="right", fontsize=9)
+    axes.axvline(0, color="#333333", linewidth=1.2)
+    axes.annotate(other, (0, -0.9), va="center", ha="center", fontsize=9, annotation_clip=False)
+    axes.set_ylim(down - 0.6, -0.6)
+    axes.set_yticks(list(ticks), ticks.values())
+    axes.set_ylabel("Newton corrections")
+    hollow = "; hollow: no interval" if (frame["middle"].notna() & frame["low"].isna()).any() else ""
+    axes.set_xlabel(f"distance to the outcome less that of {other}, mm (Chamfer, paired{hollow})")
+    axes.margins(x=0.1)
+    add_grid(axes)
+    say(figure, _message(frame, other))
     save_figure(figure, *paths)
+
+
+def _message(frame: pd.DataFrame, other: str) -> str:
+    """What the picture says."""
+    if frame["n"].max() < SMALLEST_N:
+        return f"A demonstration: {frame['n'].max()} patients tell nothing apart"
+    change = f"Corrections change the mean distance by {frame['cd_difference'].abs().max():.3f} mm at most"
+    drawn, said = frame[frame["middle"].notna()], []
+    if drawn["low"].isna().any():  # no claim without its interval
+        return change
+    for method, rows in drawn.groupby("method", sort=False):
+        nearer, farther = rows["high"] < 0, rows["low"] > 0
+        word = "in part told apart from"
+        if nearer.all():
+            word = "nearer than"
+        elif farther.all():
+            word = "farther than"
+        elif not (nearer | farther).any():
+            word = "not told apart from"
+        said.append(f"{written(method)} is {word} {other}")
+    return f"{change}: {', '.join(said)}"

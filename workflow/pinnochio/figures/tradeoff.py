@@ -1,59 +1,91 @@
-"""Picture of the trade-off: every setting by seconds and error, with the Pareto front."""
+"""Picture of the trade-off: every setting by seconds and error, six methods by name."""
 
 import os
 from collections.abc import Sequence
 
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
-from pinnochio.figures.style import EVERY, add_grid, label_log, save_figure
-from pinnochio.methods.names import spoken
-from pinnochio.tables.tradeoff import FRONTS, TRADEOFF, named
+from pinnochio.figures.style import BAND, MEAN, PATIENT, add_grid, label_apart, name_line, save_figure, say
+from pinnochio.methods.names import BASELINE, FLOOR, in_sentence, written
+from pinnochio.statistics.attainable import SMALLEST_N
+from pinnochio.tables.tradeoff import TRADEOFF, as_studied
 
 COLUMNS = TRADEOFF
-# Families by the beginning of a method's name, distinguished by shape, then by colour.
-FAMILIES = (
-    ("finite elements", ("fem",), "s", "#1f4e79"),
-    ("linear elasticity", ("elastic",), "D", "#5b9bd5"),
-    ("PINNOCHIO plus and its variants", ("pinnochio_plus", "design"), "o", "#b5541c"),
-    ("PINNOCHIO and its variants", ("pinnochio",), "^", "#3c7d3c"),
-    ("others", ("",), "x", "#666666"),
-)
-PANELS = {  # label of the axis and its marks; all of cd lies in little more than half a decade
-    "cd": ("Chamfer distance to the outcome, mm", range(1, 10)),
-    "face_error": ("mean distance of the face from the reference solution, mm", EVERY),
-}
+STILL, NAMED = "no_change", 6
+LINES = {FLOOR: ":", BASELINE: "-", STILL: "--"}
+WANTED = ("fem_sliding", "pinnochio_plus", "pinnochio", "elastic", "fem_rlse", "acmt")  # named first
 FASTEST = 1e-3  # s; what takes less is drawn here
+MARKS = (1e-3, 1e-2, 0.1, 1, 10, 100)  # s
 
 
 def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
-    """Draw rows of TRADEOFF to every path; its ending says the format. Pareto-optimal settings are listed by number."""
-    figure = Figure(figsize=(13, 7.5), dpi=130, layout="constrained")
-    family = frame["method"].map(
-        lambda name: next(i for i, (_, starts, *_) in enumerate(FAMILIES) if name.startswith(starts))
-    )
-    for axes, (error, (label, marks)) in zip(figure.subplots(1, 2), PANELS.items(), strict=True):
-        sound = frame[(frame["failed"] == 0) & (frame[error] > 0)].assign(x=lambda f: f["seconds"].clip(lower=FASTEST))
-        optimal = sound[sound[FRONTS[error]]].sort_values("seconds")
-        axes.step(
-            optimal["x"], optimal[error], where="post", color="black", linewidth=1.0, zorder=1, label="Pareto front"
-        )
-        for number, (name, _, mark, colour) in enumerate(FAMILIES):
-            own = sound[family[sound.index] == number]
-            axes.scatter(own["x"], own[error], marker=mark, s=26, color=colour, alpha=0.75, linewidth=0.9, label=name)
-        names = [f"{number}  {spoken(named(row))}" for number, (_, row) in enumerate(optimal.iterrows(), 1)]
-        for number, (_, row) in enumerate(optimal.iterrows(), 1):
-            below = (-5, -13 if number % 2 else -22)  # where the Pareto front never runs; neighbours apart
-            axes.annotate(str(number), (row["x"], row[error]), below, textcoords="offset points", ha="center")
-        for column in (0, 1):
-            text = "\n".join(names[column::2])
-            axes.text(0.52 * column, -0.13, text, transform=axes.transAxes, va="top", fontsize=8)
-        axes.set(xscale="log", yscale="log")
-        label_log(axes.xaxis, (1,))
-        label_log(axes.yaxis, marks)
-        axes.margins(y=0.08)
-        axes.set_xlabel("seconds per plan, warm")
-        axes.set_ylabel(label)
-        add_grid(axes)
-    figure.axes[0].legend(frameon=False, fontsize=8, loc="upper right")
+    """Draw rows of TRADEOFF to every path; its ending says the format.
+
+    Six methods as in the study have names and, about their mean, the 95% interval of the paired difference to
+    BASELINE; the others and every changed setting are small marks. The band holds what is not told apart from BASELINE.
+    """
+    sound = frame[(frame["failed"] == 0) & frame["cd"].notna()]
+    own = sound[as_studied(sound)].set_index("method")
+    lines = own["cd"].reindex(LINES).dropna()
+    timed = sound[sound["seconds"].notna() & (sound["method"] != STILL)]
+    own = own.loc[own["seconds"].notna() & (own.index != STILL)]
+    order = [*(name for name in WANTED if name in own.index), *(name for name in own.index if name not in WANTED)]
+    shown = own.loc[order[:NAMED]]
+    ends = shown[["sliding_low", "sliding_high"]].sub(shown["sliding_difference"], axis=0).fillna(0)
+    ends = ends.add(shown["cd"], axis=0).assign(seconds=shown["seconds"].clip(lower=FASTEST))
+    bars = {written(name): (x, low, high) for name, low, high, x in ends.itertuples()}
+    figure = Figure(figsize=(7.5, 4.8), dpi=150, layout="constrained")
+    axes = figure.subplots()
+    for bar in bars.values():
+        axes.vlines(*bar, color=MEAN, linewidth=3, alpha=0.6)
+    for rows, style in (
+        (timed, {"marker": ".", "s": 34, "color": PATIENT}),
+        (shown, {"marker": "D", "s": 52, "color": MEAN, "zorder": 3}),
+    ):
+        axes.scatter(rows["seconds"].clip(lower=FASTEST), rows["cd"], **style)
+    tested = sound["n"].max() >= SMALLEST_N and sound["sliding_low"].notna().any()
+    if tested:
+        alike = timed.loc[(timed["sliding_low"] <= 0) & (timed["sliding_high"] >= 0), "cd"]
+        axes.axhspan(alike.min(), alike.max(), color=BAND, zorder=0, label=f"not told apart from {written(BASELINE)}")
+        axes.legend(frameon=False, loc="upper right", fontsize=10)
+    for name, value in lines.items():
+        name_line(axes, value, f"{written(name)} {value:.2f}", LINES[name])
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(FixedLocator(MARKS))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda seconds, _: _spoken(seconds)))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.margins(x=0.08)
+    axes.set_ylim(0, 1.08 * max(timed["cd"].max(), lines.max()))
+    axes.set_xlabel("one plan, warm (grey: other methods, and one setting changed)")
+    axes.set_ylabel("distance of prediction and outcome, mm (Chamfer)")
+    add_grid(axes)
+    say(figure, _message(own, int(sound["n"].max()), tested))
+    label_apart(axes, bars)
     save_figure(figure, *paths)
+
+
+def _message(own: pd.DataFrame, patients: int, tested: bool) -> str:
+    """What the picture says, of the methods as in the study."""
+    if patients < SMALLEST_N or own.empty:
+        return f"A demonstration: {patients} patients do not tell methods apart"
+    best = own.loc[own["cd"].idxmin()]
+
+    def said(row) -> str:
+        return f"{row['cd']:.2f} mm in {_spoken(row['seconds'])}"
+
+    text = f"{written(best.name)} comes nearest over {patients} patients: {said(best)}"
+    if BASELINE not in own.index or best.name == BASELINE:
+        return text
+    text += f"; {in_sentence(BASELINE)} has {said(own.loc[BASELINE])}"
+    if not tested:
+        return f"{text}, not tested"
+    return text + (", not told apart" if best["sliding_high"] >= 0 else ", told apart")
+
+
+def _spoken(seconds: float) -> str:
+    """1 ms, 55 ms, 0.1 s, 12 s."""
+    if seconds < 0.0995:
+        return f"{1e3 * seconds:.0f} ms"
+    return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"

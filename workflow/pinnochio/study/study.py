@@ -427,6 +427,11 @@ class Study:
         return [name for name in self.compared if name not in (*varied, *self.traded_networks)]
 
     @cached_property
+    def judged_as_they_are(self) -> list[str]:
+        """These and the noise of the scan, which is no method: a line of the trade-off's picture."""
+        return [*self.as_they_are, *(name for name in self.bounds if name == FLOOR)]
+
+    @cached_property
     def sizes(self) -> list[int]:
         """Nodes of the meshes of the trade-off."""
         tradeoff = self.config["tradeoff"]

@@ -71,6 +71,12 @@ COMPARISON = (
     Column("test", str, "", "how p came about, or why there is none"),
 )
 _COMPARISON = {column.name: column for column in COMPARISON}
+# The paired difference to BASELINE that the pictures of settings and corrections show.
+AGAINST_BASELINE = (
+    number("sliding_difference", "mm", f"mean of cd minus that of {BASELINE} as in the study, on the same patients"),
+    number("sliding_low", "mm", "lower end of the bootstrap 95% interval of that mean"),
+    number("sliding_high", "mm", "upper end of it"),
+)
 
 
 def summarise(
@@ -132,6 +138,19 @@ def paired(
         return Comparison.none("reference" if reference else "no reference: not tested")
     errors = cases.pivot(index="case", columns="method", values=measure)[[method, reference]].dropna()
     return compare(errors[method], errors[reference], seed)
+
+
+def by_patient(own: pd.DataFrame, reference: pd.DataFrame, seed: int) -> Comparison:
+    """`cd` of rows with one `case` each against that of others, over the patients that both have."""
+    both = pd.concat([rows.set_index("case")["cd"] for rows in (own, reference)], axis=1, keys=("own", "reference"))
+    both = both.dropna()
+    return compare(both["own"], both["reference"], seed)
+
+
+def against_baseline(own: pd.DataFrame, baseline: pd.DataFrame, seed: int) -> dict:
+    """The cells of AGAINST_BASELINE; empty where nothing can be compared."""
+    test = by_patient(own, baseline, seed)
+    return {"sliding_difference": test.mean, "sliding_low": test.low, "sliding_high": test.high}
 
 
 def count(n: pd.Series) -> str:

@@ -10,8 +10,8 @@ from pinnochio.columns import Column, check, number, read_tables
 from pinnochio.errors import InputError
 from pinnochio.metrics.columns import BY_NAME, CASES
 from pinnochio.seeds import derive_seed
-from pinnochio.statistics.significance import compare, holm
-from pinnochio.tables.comparison import count, spread
+from pinnochio.statistics.significance import holm
+from pinnochio.tables.comparison import AGAINST_BASELINE, against_baseline, by_patient, count, spread
 from pinnochio.tables.document import Block, Table, View, views
 
 AVERAGED = ("cd", "pwr1", "volume_error_mean", "eqres_rel", "min_jacobian", "interface_error", "seconds")
@@ -40,14 +40,18 @@ CORRECTIONS = (
     number("p", "", "two-sided Wilcoxon signed-rank test of cd against no correction", ".6g"),
     number("p_holm", "", "p after Holm's correction over the method's corrections", ".6g"),
     Column("test", str, "", "how p came about, or why there is none"),
+    *AGAINST_BASELINE,
 )
 _CORRECTIONS = {column.name: column for column in CORRECTIONS}
 
 
-def summarise(rows: Mapping[tuple[str, int], pd.DataFrame], seed: int = 0) -> pd.DataFrame:
+def summarise(
+    rows: Mapping[tuple[str, int], pd.DataFrame], seed: int = 0, baseline: pd.DataFrame | None = None
+) -> pd.DataFrame:
     """One row of CORRECTIONS per method and number of corrections, in that order, of the CASES rows of its patients.
 
     Every method needs its rows without correction, which the others are compared with, patient by patient.
+    baseline: CASES rows of BASELINE, if the study has it.
     """
     summaries = []
     for (method, corrections), cases in rows.items():
@@ -61,10 +65,10 @@ def summarise(rows: Mapping[tuple[str, int], pd.DataFrame], seed: int = 0) -> pd
         row |= {"inverted": own["inverted"].sum()}
         row |= dict.fromkeys(("pairs", "cd_difference", "cd_low", "cd_high", "p"), np.nan)
         row["test"] = "reference"
+        draws = derive_seed(seed, "bootstrap", f"{method}/{corrections}")
+        row |= against_baseline(own, own[:0] if baseline is None else baseline, draws)
         if corrections:
-            both = own.set_index("case")["cd"], rows[method, 0].set_index("case")["cd"]
-            both = pd.concat(both, axis=1, keys=("own", "reference")).dropna()
-            test = compare(both["own"], both["reference"], derive_seed(seed, "bootstrap", f"{method}/{corrections}"))
+            test = by_patient(own, rows[method, 0], draws)
             row |= {"pairs": test.n, "cd_difference": test.mean, "cd_low": test.low, "cd_high": test.high}
             row |= {"p": test.p, "test": test.statement}
         summaries.append(row)
@@ -74,13 +78,21 @@ def summarise(rows: Mapping[tuple[str, int], pd.DataFrame], seed: int = 0) -> pd
 
 
 def tabulate(
-    metrics: Sequence[str | os.PathLike], methods: Sequence[str], corrections: Sequence[int], cohort: str, seed: int
+    metrics: Sequence[str | os.PathLike],
+    methods: Sequence[str],
+    corrections: Sequence[int],
+    cohort: str,
+    seed: int,
+    baseline: Sequence[str | os.PathLike] = (),
 ) -> Table:
-    """The folds' metrics, method by method and, of each, number by number of corrections, 0 first."""
+    """The folds' metrics, method by method and, of each, number by number of corrections, 0 first.
+
+    baseline: the folds' metrics of BASELINE, if the study has it.
+    """
     keys = [(method, count) for method in methods for count in corrections]
     folds = len(metrics) // len(keys)
     rows = {key: read_tables(metrics[i * folds : (i + 1) * folds], CASES) for i, key in enumerate(keys)}
-    return table(summarise(rows, seed), cohort)
+    return table(summarise(rows, seed, read_tables(baseline, CASES) if baseline else None), cohort)
 
 
 def table(frame: pd.DataFrame, cohort: str) -> Table:

@@ -7,8 +7,11 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_table
+from pinnochio.methods.names import BASELINE
+from pinnochio.seeds import derive_seed
+from pinnochio.tables.comparison import AGAINST_BASELINE, against_baseline
 from pinnochio.tables.document import Block, Table, View, read_blocks, views
-from pinnochio.tables.tradeoff_cases import SETTING, TRADEOFF_CASES
+from pinnochio.tables.tradeoff_cases import BASE, SETTING, TRADEOFF_CASES
 
 TRADEOFF = (
     *SETTING,
@@ -20,6 +23,7 @@ TRADEOFF = (
     number("setup_seconds", "s", "what belongs to the patient beside the mesh: mean"),
     number("cd", "mm", "mean Chamfer distance to the outcome"),
     number("cd_sd", "mm", "its standard deviation"),
+    *AGAINST_BASELINE,
     number("face_error", "mm", "mean distance of the judged face from the reference solution"),
     number("face_error_max", "mm", "largest of it"),
     number("volume_error", "mm", "mean distance from the reference solution over the tissue's volume"),
@@ -38,19 +42,20 @@ LAST = 0.1  # mm
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     """One row of TRADEOFF per setting, in the order of their first appearance, of rows of TRADEOFF_CASES."""
     rows = check(rows, TRADEOFF_CASES)
-    summaries = []
+    summaries, baseline = [], rows[(rows["method"] == BASELINE) & as_studied(rows)]
     for key, own in rows.groupby([column.name for column in SETTING], sort=False):
         row = dict(zip((column.name for column in SETTING), key, strict=True))
         row |= {"n": len(own), "failed": int((~own["converged"]).sum())}
         names = ("nodes", "seconds", "setup_seconds", "cd", "face_error", "volume_error", "eqres_rel")
         row |= {name: own[name].mean() for name in names}
         row |= {"seconds_max": own["seconds"].max(), "cd_sd": own["cd"].std(), "inverted": own["inverted"].sum()}
+        row |= against_baseline(own[own["seconds"].notna()], baseline, derive_seed(0, "bootstrap", "/".join(key)))
         row |= {"face_error_max": own["face_error_max"].max(), "min_jacobian": own["min_jacobian"].min()}
         summaries.append(row)
     frame = pd.DataFrame(summaries)
     frame.loc[frame["min_jacobian"].isna(), "inverted"] = np.nan
     for error, column in FRONTS.items():
-        frame[column] = pareto(frame["seconds"], frame[error].where(frame["failed"] == 0))
+        frame[column] = pareto(frame["seconds"], frame[error].where((frame["failed"] == 0) & frame["seconds"].notna()))
     return check(frame, TRADEOFF)
 
 
@@ -66,7 +71,7 @@ def pareto(seconds, errors) -> np.ndarray:
 
 def answers(frame: pd.DataFrame, cohort: str) -> list[str]:
     """Paragraphs on rows of TRADEOFF: the best under each of LIMITS, the last 0.1 mm, what is dominated."""
-    sound = frame[(frame["failed"] == 0) & frame["cd"].notna()]
+    sound = frame[(frame["failed"] == 0) & frame[["cd", "seconds"]].notna().all(axis=1)]
     best, cost, worse = [], [], []
     for limit in LIMITS:
         fast = sound[sound["seconds"] < limit]
@@ -98,6 +103,11 @@ def answers(frame: pd.DataFrame, cohort: str) -> list[str]:
         f"On neither Pareto front at any setting, so not to be used: {'; '.join(worse) or 'no method'}.",
         f"Not converged on every patient, and so on no Pareto front: {'; '.join(failed) or 'nothing'}.",
     ]
+
+
+def as_studied(rows: pd.DataFrame) -> pd.Series:
+    """Which rows have a method as the study predicts by it."""
+    return rows["value"].str.endswith(BASE)
 
 
 def named(row) -> str:

@@ -7,6 +7,7 @@ from pinnochio.columns import Column, number, read_tables
 from pinnochio.metrics.columns import BY_NAME
 from pinnochio.tables.document import Block, Table, views
 
+BASE = "as in the study"  # ends the value of a setting that changes nothing
 SETTING = (
     Column("method", str, "", "method"),
     Column("parameter", str, "", "varied: nodes, element, increments, tolerance, precision, corrections, network"),
