@@ -120,8 +120,8 @@ def _settings(method: Method, config: Mapping) -> dict:
         lips = config["fem_rlse"]
         solver = {name: lips[name] for name in ("increments", "tolerance")}
         settings |= {"fem": settings["fem"] | solver, "apart": lips["apart"]}
-    if method.reduced:
-        settings["region"] = config["scene"]["amplitude"] if config["scene"]["mode"] == "auto" else 0.0
+    if method.reduced and config["scene"]["mode"] == "auto":
+        settings["region"] = config["scene"]["amplitude"]
     return settings
 
 
