@@ -20,7 +20,7 @@ from scripts.import_segmentation import import_segmentation
 from scripts.label_interfaces import label_case
 from scripts.simulate_fem import simulate_fem
 from scripts.tetrahedralize import mesh_case
-from scripts.virtual_patient import virtual_patient
+from tests.helpers.coarse_head import make_head
 from tests.helpers.settings import CONFIG, SEED
 
 FEM = FemSettings(**CONFIG["fem"])
@@ -44,7 +44,7 @@ def case(request, tmp_path_factory):
     sources = {name: file(folder, f"{name}.json") for name in ("landmarks", "anatomy")}
     sources |= {"segmentation": file(folder, "segmentation.nii.gz"), "plan": file(folder, "input.json")}
     anatomy, muscles = CONFIG["virtual"]["anatomy"], CONFIG["virtual"]["muscles"]
-    virtual_patient(case, number, SEED, anatomy, 2.0, CONFIG["labels"], procedure, muscles, sources)
+    make_head(case, number, SEED, anatomy, 2.0, CONFIG["labels"], procedure, muscles, sources)
     imported = {key: file(folder, name) for key, name in NAMES.items()}
     values, vocabulary = CONFIG["labels"], tuple(CONFIG["segments"])
     import_segmentation(case, sources["segmentation"], values, vocabulary, "header", 2.0, "derived", 6.0, imported)

@@ -148,6 +148,12 @@ def test_what_no_solver_solves_says_so():
     assert result.converged
 
 
+def test_a_time_limit_ends_the_kept_factors_too():
+    points, cells, boundary = bent_block()
+    (result,) = kept(points, cells, material(len(cells)), [boundary], options_with(time_limit=1e-9))
+    assert not result.converged and "time limit" in result.reason
+
+
 def test_other_nodes_are_refused():
     points, cells, boundary = bent_block()
     solver = RepeatedSolver(points, cells, material(len(cells)), boundary, options_with())

@@ -109,6 +109,7 @@ class RepeatedSolver:
         )
         self._elements, self._constraints = self._rest.elements, self._rest.constraints
         self._bones = bones_of(self._constraints.sliding, self._rest.frames)
+        self._end = np.inf  # of the time that a call may take
         self._gradients = mean_gradients(self._elements)
         self._beside = beside(self._elements)
         elements, nodes = self._elements, self._constraints.sliding.nodes
@@ -133,6 +134,7 @@ class RepeatedSolver:
         quick = [not item.contact for item in boundaries]
         paths = [self._path(item) for item, fast in zip(boundaries, quick, strict=True) if fast]
         starts = None if linear is None else [field for field, fast in zip(linear, quick, strict=True) if fast]
+        self._end = began + self._options.time_limit * len(paths)
         self._advance(paths, threads, starts)
         share = (time.perf_counter() - began) / max(len(paths), 1)
         done, results = iter(paths), []
@@ -239,6 +241,8 @@ class RepeatedSolver:
                 path.reason = self._elsewhere(start, normals, point)
             if count == PATIENCE and path.residual > FAR:
                 path.reason = f"{count} iterations left a residual of {path.residual:.1e}"
+            if time.perf_counter() > self._end:
+                path.reason = f"time limit of {self._options.time_limit:g} s reached"
             if path.residual <= tolerance or path.reason:
                 return
             direction = yield from self._direction(point, gradient, pairs)
