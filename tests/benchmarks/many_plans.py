@@ -74,7 +74,7 @@ def measured(patient: PatientModel, plans: list, arm: str, newton: int, batch: i
         arm,
         f"{len(plans)}",
         f"{preparation:.2f}",
-        f"{np.median(exact_seconds):.2f} / {max(exact_seconds):.1f}",
+        f"{np.median(exact_seconds or np.nan):.2f} / {max(exact_seconds, default=np.nan):.1f}",
         f"{np.median(kept_seconds):.3f} / {max(kept_seconds):.2f}",
         f"{together / len(plans):.3f}",
         f"{np.median(iterations):.0f} / {max(iterations)}",
