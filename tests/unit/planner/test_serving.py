@@ -15,6 +15,7 @@ from tests.helpers.clients import ask, hello
 from tests.helpers.settings import ROOT
 
 SERVER = """
+import os
 import sys
 from trame.app import get_server
 from trame.ui.html import DivLayout
@@ -25,7 +26,7 @@ server.state.patient = "P01"
 with DivLayout(server):
     pass
 try:
-    serve(server, 0, False)
+    serve(server, 0, "BROWSER" in os.environ)
 except InputError as error:
     sys.exit(str(error))
 """
@@ -116,6 +117,19 @@ def test_the_framework_cannot_be_told_otherwise(tmp_path, args):
     process = start(tmp_path, TRAME_ARGS=args)
     said, _ = process.communicate(timeout=300)
     assert process.returncode == 1 and "unset TRAME_ARGS" in said and "Local" not in said
+
+
+def test_the_browser_is_opened_at_the_address(tmp_path):
+    process = start(tmp_path, BROWSER="echo opened %s")
+    said = ""
+    while line := process.stdout.readline():
+        said += line
+        if line.startswith("opened"):
+            break
+    os.killpg(process.pid, signal.SIGTERM)
+    process.wait()
+    local = re.search(r"Local: +(http://127\.0\.0\.1:\d+/\?secret=\S+)", said)
+    assert local and f"opened {local[1]}" in said, said
 
 
 def test_only_the_loopback_is_listened_on(address):

@@ -5,13 +5,13 @@ request must name the server itself (Host), come from its own pages (Origin), an
 address that is printed, afterwards in a cookie.
 """
 
+import asyncio
 import os
 import secrets
 import socket
 import webbrowser
 
 from aiohttp import web
-from trame.app import asynchronous
 from trame_server.core import Server
 
 from pinnochio.errors import InputError
@@ -59,7 +59,7 @@ def serve(server: Server, port: int, browser: bool) -> None:
         address = f"http://{LOOPBACK}:{server.port}/?secret={secret}"
         print(f"\nThe planner is open, for this machine alone. Ctrl-C ends it.\n - Local:   {address}\n", flush=True)
         if browser:
-            asynchronous.get_event_loop().call_later(0.1, lambda: webbrowser.open(address))
+            asyncio.get_running_loop().call_later(0.1, lambda: webbrowser.open(address))
 
     server.controller.on_server_bind.add(bind)
     server.controller.on_server_ready.add(ready)
