@@ -2,6 +2,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 SNAKEMAKE := $(BIN)/snakemake --cores 2
+# Where it is set, each of a study's processes compiles all that it imports: seconds of every job.
+unexport PYTHONDONTWRITEBYTECODE
 
 # What is shown, without CONFIG: the default study where it is finished, else the quick one where that is.
 FINISHED := $(if $(wildcard results/provenance.json),,$(if $(wildcard results/quick/provenance.json),config/quick.yaml))

@@ -24,6 +24,8 @@ from pinnochio.study.study import Study
 from pinnochio.study.unasked import refuse_unasked
 from pinnochio.volume_size import millions
 
+# Jobs keep what Python compiles of their modules: else each of them takes seconds to compile all that it imports.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Idle OpenMP threads of a job sleep; spinning they take the cores from the compiled loops.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 # No job takes more cores than it asks for.
