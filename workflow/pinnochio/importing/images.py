@@ -298,7 +298,7 @@ def _plain_meta(path: Path, refuse: Refuse) -> bytes:
         for key, (count, *names) in META_NUMBERS.items():
             if sum(name in said for name in (key, *names)) > 1:
                 raise ValueError(f"{key} twice")
-            numbers = [float(word) for word in one_of(key, *names).split()]
+            numbers = [float(word.replace("_", "?")) for word in one_of(key, *names).split()]  # Python reads 3_0 as 30
             if len(numbers) != count(axes) or not np.isfinite(numbers).all():
                 raise ValueError(f"{key} of {len(numbers)} numbers")
             plain[key] = " ".join(map(repr, numbers))
