@@ -92,7 +92,7 @@ def _deformation(h) -> list[list[Tensor]]:
     return [[h[i][j] + 1 if i == j else h[i][j] for j in range(3)] for i in range(3)]
 
 
-def _cofactor(f) -> list[list[Tensor]]:
+def cofactor(f) -> list[list[Tensor]]:
     after = (1, 2, 0)
     return [
         [
@@ -104,13 +104,18 @@ def _cofactor(f) -> list[list[Tensor]]:
     ]
 
 
+def determinant(f, cof) -> Tensor:
+    """Of f (3, 3), by its cofactors."""
+    return f[0][0] * cof[0][0] + f[0][1] * cof[0][1] + f[0][2] * cof[0][2]
+
+
 def _dot(a, b) -> Tensor:
     return sum(a[i][j] * b[i][j] for i in range(3) for j in range(3))
 
 
 def _excess(h) -> Tensor:
     """I1 - 3, free of cancellation near rest."""
-    return sum(h[i][j] * h[i][j] for i in range(3) for j in range(3)) + 2 * (h[0][0] + h[1][1] + h[2][2])
+    return _dot(h, h) + 2 * (h[0][0] + h[1][1] + h[2][2])
 
 
 def _log(j, extension):
@@ -125,12 +130,23 @@ def _at_corners(p, c: Constants) -> list[Tensor]:
     return [sum(p[i][j] * c.gradients[:, a, j, None] for j in range(3)) for a in range(4) for i in range(3)]
 
 
+def _stresses(u, c, first, extension):
+    """Deformation gradient, its cofactors, I1 - 3, ln J with its derivatives, and what the stress has of each of the
+    first two, times the volume."""
+    h = _gradient(u, c)
+    f, excess = _deformation(h), _excess(h)
+    cof = cofactor(f)
+    log = _log(determinant(f, cof), extension)
+    shear = c.volumes * (c.mu + 2 * c.stiffening * excess)
+    bulk = c.volumes * (first[c.patch] - c.mu * log[1])
+    return f, cof, excess, log, shear, bulk
+
+
 @fused
 def _ratios(u, c):
     h = _gradient(u, c)
     f = _deformation(h)
-    cof = _cofactor(f)
-    return f[0][0] * cof[0][0] + f[0][1] * cof[0][1] + f[0][2] * cof[0][2], _excess(h) + 3
+    return determinant(f, cofactor(f)), _excess(h) + 3
 
 
 @fused
@@ -141,12 +157,7 @@ def _bulk(volume, c, extension):
 
 @fused
 def _forces(u, c, first, extension):
-    h = _gradient(u, c)
-    f, excess = _deformation(h), _excess(h)
-    cof = _cofactor(f)
-    log, d, _ = _log(f[0][0] * cof[0][0] + f[0][1] * cof[0][1] + f[0][2] * cof[0][2], extension)
-    shear = c.volumes * (c.mu + 2 * c.stiffening * excess)
-    bulk = c.volumes * (first[c.patch] - c.mu * d)
+    f, cof, excess, (log, _, _), shear, bulk = _stresses(u, c, first, extension)
     p = [[shear * f[i][j] + bulk * cof[i][j] for j in range(3)] for i in range(3)]
     energy = c.volumes * (0.5 * c.mu * excess + 0.5 * c.stiffening * excess * excess - c.mu * log)
     return torch.stack(_at_corners(p, c), 1), energy
@@ -154,12 +165,7 @@ def _forces(u, c, first, extension):
 
 @fused
 def _curvature(u, c, first, second, extension):
-    h = _gradient(u, c)
-    f, excess = _deformation(h), _excess(h)
-    cof = _cofactor(f)
-    _, d, dd = _log(f[0][0] * cof[0][0] + f[0][1] * cof[0][1] + f[0][2] * cof[0][2], extension)
-    shear = c.volumes * (c.mu + 2 * c.stiffening * excess)
-    bulk = c.volumes * (first[c.patch] - c.mu * d)
+    f, cof, _, (_, _, dd), shear, bulk = _stresses(u, c, first, extension)
     curve = -c.volumes * c.mu * dd
     kept = torch.stack([*f[0], *f[1], *f[2], shear, bulk, curve], 0)
     stiff = torch.clamp(curve + c.volumes * c.volumes * (second / c.patch_volumes)[c.patch], min=0)
@@ -184,13 +190,13 @@ def _kept(kept):
 @fused
 def _change(step, c, kept):
     f, _, _, _ = _kept(kept)
-    return _dot(_cofactor(f), _gradient(step, c))
+    return _dot(cofactor(f), _gradient(step, c))
 
 
 @fused
 def _tangent_forces(step, c, kept, pressure):
     f, shear, bulk, curve = _kept(kept)
-    df, cof, after = _gradient(step, c), _cofactor(f), (1, 2, 0)
+    df, cof, after = _gradient(step, c), cofactor(f), (1, 2, 0)
     along = curve * _dot(cof, df) + c.volumes * pressure[c.patch]
     stretch = 4 * c.stiffening * c.volumes * _dot(f, df)
     p = []

@@ -9,7 +9,7 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from pinnochio.mechanics.batched.law import Mesh, State
+from pinnochio.mechanics.batched.law import Mesh, State, cofactor, determinant
 from pinnochio.mechanics.batched.rows import Rows, fused
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.local_equilibrium import subset
@@ -137,21 +137,24 @@ class Zone(Patches):
 def _inverted(blocks):
     """Inverses of symmetric blocks (n, 9, k)."""
     a = [[blocks[:, 3 * i + j] for j in range(3)] for i in range(3)]
-    c = [[a[(i + 1) % 3][(j + 1) % 3] * a[(i + 2) % 3][(j + 2) % 3]
-          - a[(i + 1) % 3][(j + 2) % 3] * a[(i + 2) % 3][(j + 1) % 3] for j in range(3)] for i in range(3)]  # fmt: skip
-    det = a[0][0] * c[0][0] + a[0][1] * c[0][1] + a[0][2] * c[0][2]
+    c = cofactor(a)
+    det = determinant(a, c)
     det = torch.where(det > 0, det, torch.inf)
     return torch.stack([c[j][i] / det for i in range(3) for j in range(3)], 1)
 
 
 @fused
 def _applied(inverse, x, moves):
-    rows = [sum(inverse[:, 3 * i + j] * x[:, j] for j in range(3)) for i in range(3)]
-    return torch.where(moves, torch.stack(rows, 1), 0)
+    return _times(inverse, x, moves)
 
 
 @fused
 def _advanced(motion, residual, way, image, share, inverse, moves):
     motion, residual = motion + share * way, residual - share * image
-    rows = [sum(inverse[:, 3 * i + j] * residual[:, j] for j in range(3)) for i in range(3)]
-    return motion, residual, torch.where(moves, torch.stack(rows, 1), 0)
+    return motion, residual, _times(inverse, residual, moves)
+
+
+def _times(inverse, x, moves):
+    """Blocks (n, 9, k) times vectors (n, 3, k), zero where nothing moves."""
+    rows = [sum(inverse[:, 3 * i + j] * x[:, j] for j in range(3)) for i in range(3)]
+    return torch.where(moves, torch.stack(rows, 1), 0)

@@ -84,6 +84,22 @@ class Zone(zone.Patches):
 
 
 @triton.jit
+def _listed(numbers, begin, count, N: tl.constexpr):
+    """N numbers of a plan's list from `begin` on, and which of them there are."""
+    row = begin + tl.arange(0, N)
+    there = row < count
+    return tl.load(numbers + row, mask=there, other=0), there
+
+
+@triton.jit
+def _patches(patches, members, begin, count, W: tl.constexpr, P: tl.constexpr):
+    """P patches of a plan from `begin` on, which of them there are, and their elements (P, W), -1 for none."""
+    patch, inside = _listed(patches, begin, count, P)
+    e = tl.load(members + patch[:, None] * W + tl.arange(0, W)[None, :], mask=inside[:, None], other=-1)
+    return patch, inside, e
+
+
+@triton.jit
 def _gradient(x, cells, g, elements, e, here):
     """Gradient of a field x (n, 3) in elements e."""
     node = tl.load(cells + e, mask=here, other=0)
@@ -145,10 +161,7 @@ def _measure(
     energies, least = tl.zeros((P, W), tl.float64), tl.full((P, W), float("inf"), tl.float64)
     bulks = tl.zeros((P,), tl.float64)
     for start in range(0, count, P):
-        row = start + tl.arange(0, P)
-        inside = row < count
-        patch = tl.load(patches + row, mask=inside, other=0)
-        e = tl.load(members + patch[:, None] * W + tl.arange(0, W)[None, :], mask=inside[:, None], other=-1)
+        patch, inside, e = _patches(patches, members, start, count, W, P)
         here = e >= 0
         h00, h01, h02, h10, h11, h12, h20, h21, h22 = _gradient(u, cells, g, elements, e, here)
         excess = h00 * h00 + h01 * h01 + h02 * h02 + h10 * h10 + h11 * h11 + h12 * h12
@@ -219,10 +232,7 @@ def _product(
 ):  # fmt: skip
     """The tangent times a step `way` (n, 3), at the corners."""
     for start in range(0, count, P):
-        row = start + tl.arange(0, P)
-        inside = row < count
-        patch = tl.load(patches + row, mask=inside, other=0)
-        e = tl.load(members + patch[:, None] * W + tl.arange(0, W)[None, :], mask=inside[:, None], other=-1)
+        patch, inside, e = _patches(patches, members, start, count, W, P)
         here = e >= 0
         d00, d01, d02, d10, d11, d12, d20, d21, d22 = _gradient(way, cells, g, elements, e, here)
         f00, f01, f02, f10, f11, f12, f20, f21, f22 = _load_kept(kept, elements, e, here)
@@ -286,6 +296,16 @@ def _store_vector(x, node, there, one, two, three):
 
 
 @triton.jit
+def _move(to, u, motion, share, nodes, count, N: tl.constexpr):
+    """Put a plan's nodes to where a share of their motion takes them from u."""
+    for begin in range(0, count, N):
+        node, there = _listed(nodes, begin, count, N)
+        x, y, z = _load_vector(u, node, there)
+        mx, my, mz = _load_vector(motion, node, there)
+        _store_vector(to, node, there, x + share * mx, y + share * my, z + share * mz)
+
+
+@triton.jit
 def _invert_blocks(
     nodes,
     count,
@@ -303,9 +323,7 @@ def _invert_blocks(
 ):
     """Inverses of the tangent's blocks at the nodes, about, into inverse (6, n)."""
     for begin in range(0, count, N):
-        row = begin + tl.arange(0, N)
-        there = row < count
-        node = tl.load(nodes + row, mask=there, other=0)
+        node, there = _listed(nodes, begin, count, N)
         start = tl.load(first + node, mask=there, other=0)
         length = tl.where(there, tl.load(first + node + 1, mask=there, other=0) - start, 0)
         a00 = tl.zeros((N, K), tl.float32)
@@ -390,9 +408,7 @@ def _settle(
         begins = 0
         norms = tl.zeros((N,), tl.float64)
         for begin in range(0, moving, N):
-            row = begin + tl.arange(0, N)
-            there = row < moving
-            node = tl.load(nodes + row, mask=there, other=0)
+            node, there = _listed(nodes, begin, moving, N)
             x, y, z = _gathered(corner, first, incident, node, there, K)
             norms += x * x + y * y + z * z
             _store_vector(force, node, there, x, y, z)
@@ -403,9 +419,7 @@ def _settle(
             )
             sizes = tl.zeros((N,), tl.float32)
             for begin in range(0, moving, N):
-                row = begin + tl.arange(0, N)
-                there = row < moving
-                node = tl.load(nodes + row, mask=there, other=0)
+                node, there = _listed(nodes, begin, moving, N)
                 x, y, z = _load_vector(force, node, there)
                 x, y, z = -x.to(tl.float32), -y.to(tl.float32), -z.to(tl.float32)
                 zx, zy, zz = _applied(inverse, size, node, there, x, y, z)
@@ -425,9 +439,7 @@ def _settle(
                 )  # fmt: skip
                 bends = tl.zeros((N,), tl.float32)
                 for begin in range(0, moving, N):
-                    row = begin + tl.arange(0, N)
-                    there = row < moving
-                    node = tl.load(nodes + row, mask=there, other=0)
+                    node, there = _listed(nodes, begin, moving, N)
                     x, y, z = _gathered(corners, first, incident, node, there, K)
                     wx, wy, wz = _load_vector(way, node, there)
                     bends += wx * x + wy * y + wz * z
@@ -438,9 +450,7 @@ def _settle(
                 step = tl.where(good, gain / tl.where(good, bend, 1.0), tl.where(begun == 0, 1.0, 0.0))
                 sizes = tl.zeros((N,), tl.float32)
                 for begin in range(0, moving, N):
-                    row = begin + tl.arange(0, N)
-                    there = row < moving
-                    node = tl.load(nodes + row, mask=there, other=0)
+                    node, there = _listed(nodes, begin, moving, N)
                     wx, wy, wz = _load_vector(way, node, there)
                     mx, my, mz = _load_vector(motion, node, there)
                     _store_vector(motion, node, there, mx + step * wx, my + step * wy, mz + step * wz)
@@ -452,9 +462,7 @@ def _settle(
                     sizes += rx * zx + ry * zy + rz * zz
                 new = tl.sum(sizes, 0)
                 for begin in range(0, moving, N):
-                    row = begin + tl.arange(0, N)
-                    there = row < moving
-                    node = tl.load(nodes + row, mask=there, other=0)
+                    node, there = _listed(nodes, begin, moving, N)
                     rx, ry, rz = _load_vector(residual, node, there)
                     wx, wy, wz = _load_vector(way, node, there)
                     zx, zy, zz = _applied(inverse, size, node, there, rx, ry, rz)
@@ -466,9 +474,7 @@ def _settle(
                 more = tl.where(good & (new > enough), more - 1, 0)
             falls = tl.zeros((N,), tl.float64)
             for begin in range(0, moving, N):
-                row = begin + tl.arange(0, N)
-                there = row < moving
-                node = tl.load(nodes + row, mask=there, other=0)
+                node, there = _listed(nodes, begin, moving, N)
                 x, y, z = _load_vector(force, node, there)
                 mx, my, mz = _load_vector(motion, node, there)
                 falls += x * mx + y * my + z * mz
@@ -476,10 +482,7 @@ def _settle(
             barrier = tl.where(least > 0, 0.0, -float("inf"))
             slack = noise + 1e-13 * tl.abs(energy)
             for begin in range(0, count, P):
-                row = begin + tl.arange(0, P)
-                inside = row < count
-                patch = tl.load(patches + row, mask=inside, other=0)
-                e = tl.load(members + patch[:, None] * W + tl.arange(0, W)[None, :], mask=inside[:, None], other=-1)
+                patch, inside, e = _patches(patches, members, begin, count, W, P)
                 for a in tl.static_range(4):
                     node = tl.load(cells + a * elements + e, mask=e >= 0, other=0)
                     x, y, z = _load_vector(u, node, e >= 0)
@@ -488,13 +491,7 @@ def _settle(
             trial = 0
             while trial < 3:
                 part = energy * 0 + tl.where(trial == 0, 1.0, tl.where(trial == 1, 0.4, 0.1))
-                for begin in range(0, moving, N):
-                    row = begin + tl.arange(0, N)
-                    there = row < moving
-                    node = tl.load(nodes + row, mask=there, other=0)
-                    x, y, z = _load_vector(u, node, there)
-                    mx, my, mz = _load_vector(motion, node, there)
-                    _store_vector(ahead, node, there, x + part * mx, y + part * my, z + part * mz)
+                _move(ahead, u, motion, part, nodes, moving, N)
                 tl.debug_barrier()
                 there_energy, there_least = _measure(
                     ahead, patches, count, members, cells, gradients, volumes, mu, stiffening, patch_volumes, patch_lam,
@@ -505,13 +502,7 @@ def _settle(
                 share = tl.where(good, part, share)
                 trial = tl.where(good, 3, trial + 1)
             if share > 0:
-                for begin in range(0, moving, N):
-                    row = begin + tl.arange(0, N)
-                    there = row < moving
-                    node = tl.load(nodes + row, mask=there, other=0)
-                    x, y, z = _load_vector(u, node, there)
-                    mx, my, mz = _load_vector(motion, node, there)
-                    _store_vector(u, node, there, x + share * mx, y + share * my, z + share * mz)
+                _move(u, u, motion, share, nodes, moving, N)
             tl.debug_barrier()
         stuck = (share == 0) & (tangled == 0)
         left = tl.where(stuck & (extension == law), 0, tl.where(tangled, left, left - 1))
