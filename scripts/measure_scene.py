@@ -15,8 +15,8 @@ from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.meshing.interfaces import label_interfaces, opposing_pairs
 from pinnochio.meshing.lattice import tetrahedralize
-from pinnochio.meshing.lips import bite, near_mouth
-from pinnochio.meshing.refinement import LONGEST_OVER_MEAN, refine
+from pinnochio.meshing.lips import bite
+from pinnochio.meshing.refinement import refine_mouth
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import BoneSurface, read_surface
 from pinnochio.plans.plan import Plan
@@ -96,12 +96,11 @@ def patients(files: dict[str, str], config: dict[str, dict]) -> Iterator[tuple[s
     least, band = config["mesh"]["minimum_dihedral"], config["interfaces"]["sliding_band"]
     tetrahedralize(**place, target_nodes=500, minimum_dihedral=least)  # loads compiled code
     mouth = bite(bone, opposing_pairs(bone, *place.values(), bone.segments, band), band)
-    longest = LONGEST_OVER_MEAN * config["fem_rlse"]["lip_edge"]
     for count, kind in [*((count, "study") for count in config["scene"]["nodes"]), (config["mesh"]["nodes"], "lips")]:
         start = time.process_time()
         mesh = tetrahedralize(**place, target_nodes=count, minimum_dihedral=least)
         if kind == "lips":
-            mesh = refine(mesh, lambda points: np.where(near_mouth(points, mouth), longest, np.inf))
+            mesh = refine_mouth(mesh, mouth, config["fem_rlse"]["lip_edge"])
         made = label_interfaces(
             mesh=mesh, **place, segments=bone.segments, bone=bone, skin=skin, **config["interfaces"]
         )

@@ -2,14 +2,12 @@
 
 import logging
 
-import numpy as np
-
 from pinnochio.importing.segmentation import read_labels
 from pinnochio.logs import attach_log
 from pinnochio.meshing.interfaces import opposing_pairs
-from pinnochio.meshing.lips import bite, near_mouth
+from pinnochio.meshing.lips import bite
 from pinnochio.meshing.mesh import TetMesh
-from pinnochio.meshing.refinement import LONGEST_OVER_MEAN, refine
+from pinnochio.meshing.refinement import refine_mouth
 from pinnochio.model.surfaces import BoneSurface
 
 
@@ -27,9 +25,7 @@ def refine_lips(mesh: str, labels: str, bone: str, sliding_band: float, lip_edge
         segments=surface.segments,
         band=sliding_band,
     )
-    mouth = bite(surface, pairs, sliding_band)
-    longest = LONGEST_OVER_MEAN * lip_edge
-    fine = refine(coarse, lambda points: np.where(near_mouth(points, mouth), longest, np.inf))
+    fine = refine_mouth(coarse, bite(surface, pairs, sliding_band), lip_edge)
     for name, one in (("before", coarse), ("after", fine)):
         logging.info("%s: %d nodes, smallest dihedral angle %.1f", name, len(one.points), one.dihedral_angles().min())
     fine.write(lips)

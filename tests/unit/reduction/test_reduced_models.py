@@ -133,6 +133,18 @@ def test_newtons_method_makes_no_linear_map_for_a_plan_of_several_bones(long):
     solver.close()
 
 
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_stiffness_without_factors_leaves_all_to_newtons_method(long, kept, monkeypatch, caplog):
+    def none(*_, **__):
+        raise RuntimeError("no factors")
+
+    monkeypatch.setattr(reduction, "ElasticSolver", none)
+    solver = ReducedSolver(long, "mucosa", replace(FEM, kept_factors=kept), 0.0, LIMIT)
+    results = solver.solve([tiny_plan(), tiny_plan()])
+    solver.close()
+    assert all(result.converged for result in results) and caplog.text.count("no kept factors: no factors") == 1
+
+
 def test_lips_in_contact_are_always_solved(monkeypatch):
     monkeypatch.setattr(reduction, "WORTH", 0.9)
     patient = tiny_patient(shape=(16, 5, 4))

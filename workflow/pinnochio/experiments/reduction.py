@@ -11,7 +11,7 @@ from pinnochio.mechanics.simulation import PlanSolver
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
-from pinnochio.reduction.solver import ReducedSolver
+from pinnochio.reduction.solver import ReducedSolver, solver_of
 from pinnochio.timing import REPEATS
 
 PATIENCE = 2.0  # s of a first solve, above which it is not made again for the time of a further one
@@ -28,8 +28,7 @@ class Way:
 
     def solver(self, patient: PatientModel) -> PlanSolver | ReducedSolver:
         """The solver of a patient."""
-        own = patient, self.arm, self.settings, self.apart
-        return ReducedSolver(*own, self.limit) if self.limit else PlanSolver(*own)
+        return solver_of(patient, self.arm, self.settings, self.apart, self.limit)
 
 
 @dataclass(frozen=True)

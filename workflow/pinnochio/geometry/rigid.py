@@ -48,6 +48,11 @@ class RigidMotion:
         """Components (3,) of the rotation vector, as :meth:`from_degrees` takes them."""
         return Rotation.from_matrix(self.rotation).as_rotvec(degrees=True)
 
+    @property
+    def angle(self) -> float:
+        """How far it turns, degrees."""
+        return float(np.degrees(Rotation.from_matrix(self.rotation).magnitude()))
+
     @classmethod
     def from_degrees(cls, angles, translation, pivot) -> "RigidMotion":
         """From rotation-vector components in degrees about the x (pitch), y (roll) and z (yaw) axes."""

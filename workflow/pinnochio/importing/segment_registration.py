@@ -147,11 +147,7 @@ def check_fits(fits: Sequence[SegmentFit], *, limit: float, share: float, case: 
     And a scan in which every segment is where it was although the plan moves one: the bones before surgery.
     """
     segments = [fit for fit in fits if fit.segment != "cranium"]
-    still = [
-        np.linalg.norm(fit.motion.translation) < UNMOVED[0]
-        and Rotation.from_matrix(fit.motion.rotation).magnitude() < np.radians(UNMOVED[1])
-        for fit in segments
-    ]
+    still = [np.linalg.norm(fit.motion.translation) < UNMOVED[0] and fit.motion.angle < UNMOVED[1] for fit in segments]
     if segments and all(still) and max(fit.from_plan for fit in segments) > PLANNED:
         farthest = max(segments, key=lambda fit: fit.from_plan)
         raise InputError(

@@ -147,6 +147,11 @@ class Assembler:
         """The upper triangle of a matrix over the free unknowns, from its values of the pattern."""
         return sparse.csr_matrix((data, self.indices, self.indptr), shape=(len(self.indptr) - 1,) * 2)
 
+    def symmetric(self, data: np.ndarray) -> sparse.csr_matrix:
+        """The whole of the matrix of :meth:`upper`."""
+        upper = self.upper(data)
+        return (upper + sparse.triu(upper, 1).T).tocsr()
+
 
 def _patches(elements: Elements) -> Patches:
     """The patches of a mesh, their place in a pattern left open."""
@@ -380,7 +385,7 @@ def _turn(dense, at, count, axes):
             dense[row, own + i] = axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
 
 
-@compiled(nogil=True)
+@compiled
 def _tangent(
     u, mesh: ElementArrays, patches: Patches, pattern: Pattern, frames, definite, imposed, pressure, data, product
 ):

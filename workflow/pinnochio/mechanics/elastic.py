@@ -42,8 +42,7 @@ class ElasticSolver:
         whole = Assembler(elements, np.zeros(rest.shape, bool), self.constraints.sliding.nodes, outer.pairs)
         data = whole.tangent(rest, self.frames)[0]
         whole.add(data, outer.pairs, self.constraints.turned(outer.blocks, outer.pairs, self.frames))
-        upper = whole.upper(data)
-        full = (upper + sparse.triu(upper, 1).T).tocsr()
+        full = whole.symmetric(data)
         fixed = self.constraints.constrained[whole.free]
         own = sparse.triu(full[~fixed][:, ~fixed], format="csr")
         own.sort_indices()

@@ -364,25 +364,33 @@ class RepeatedSolver:
         return float(np.linalg.norm(point.force[self._free]) / self._reaction(point))
 
     def _result(self, path: Path, seconds: float) -> SolveResult:
-        point = path.point
-        return SolveResult(
-            displacement=point.u,
-            converged=True,
-            reason="converged",
-            history=[{"kind": "kept", "step": 1.0} | entry for entry in path.history],
-            min_jacobian=point.least,
-            fraction=1.0,
-            residual=path.residual,
-            violation=path.held.violation(point.u),
-            penetration=0.0,
-            gap=0.0,
-            increments=1,
-            iterations=path.iterations,
-            factorizations=0,
-            linear_iterations=path.iterations,
-            seconds=seconds,
-            kept=True,
-        )
+        point, history = path.point, [{"step": 1.0} | entry for entry in path.history]
+        own = point.u, history, point.least, path.residual, path.iterations, seconds
+        return kept_result(*own, violation=path.held.violation(point.u))
+
+
+def kept_result(
+    displacement, history, min_jacobian: float, residual: float, iterations: int, seconds: float, violation: float = 0.0
+) -> SolveResult:
+    """The solution of a plan by kept factors, without contact; all as in SolveResult."""
+    return SolveResult(
+        displacement=displacement,
+        converged=True,
+        reason="converged",
+        history=[{"kind": "kept"} | entry for entry in history],
+        min_jacobian=min_jacobian,
+        fraction=1.0,
+        residual=residual,
+        violation=violation,
+        penetration=0.0,
+        gap=0.0,
+        increments=1,
+        iterations=iterations,
+        factorizations=0,
+        linear_iterations=iterations,
+        seconds=seconds,
+        kept=True,
+    )
 
 
 def mean_gradients(elements: Elements) -> sparse.csr_array:
@@ -404,7 +412,7 @@ def beside(elements: Elements) -> sparse.csr_array:
     return sparse.diags_array(1 / np.maximum(near.sum(axis=1), 1)) @ near
 
 
-@compiled(nogil=True)
+@compiled
 def _keep_volume(mean):
     """Scales gradients (n, 3, 3) to determinant 1."""
     for n in range(len(mean)):

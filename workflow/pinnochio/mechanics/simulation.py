@@ -33,18 +33,15 @@ def solver_options(settings: FemSettings) -> SolverOptions:
     )
 
 
-def simulate(
-    patient: PatientModel,
-    plan: Plan,
-    arm: str,
-    settings: FemSettings,
-    apart: float = 0.0,
-    unilateral: bool = False,
-    loads: Loads | None = None,
-) -> SolveResult:
-    """Displacement of every node under the plan; all as in :class:`PlanSolver`."""
-    with closing(PlanSolver(patient, arm, settings, apart, unilateral, loads)) as solver:
+def simulate(patient: PatientModel, plan: Plan, arm: str, settings: FemSettings, **further) -> SolveResult:
+    """Displacement of every node under one plan; arm, settings and further ones as of :class:`PlanSolver`."""
+    with closing(PlanSolver(patient, arm, settings, **further)) as solver:
         return solver.solve([plan])[0]
+
+
+def by_kept_factors(arm: str, settings: FemSettings, unilateral: bool = False) -> bool:
+    """Whether plans are solved by kept factors, which know no contact."""
+    return settings.kept_factors and not (unilateral or arm == "mucosa+lip")
 
 
 class PlanSolver:
@@ -70,7 +67,7 @@ class PlanSolver:
         self._patient, self._arm, self._apart, self._unilateral, self._loads = patient, arm, apart, unilateral, loads
         self._law, self._options = settings.material(patient.tissue), solver_options(settings)
         self._kept, began = None, time.perf_counter()
-        if settings.kept_factors and not (unilateral or arm == "mucosa+lip"):
+        if by_kept_factors(arm, settings, unilateral):
             rest = self._boundary(Plan("rest", {}))
             known = patient.points, patient.cells, self._law, rest, self._options
             try:

@@ -6,6 +6,7 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.faces import EDGES, edges_of
+from pinnochio.meshing.lips import near_mouth
 from pinnochio.meshing.mesh import TetMesh
 
 PASSES = 200
@@ -43,6 +44,13 @@ def refine(mesh: TetMesh, size: Callable[[np.ndarray], np.ndarray]) -> TetMesh:
         points = np.concatenate([points, middle[split]])
         cells, tissue = _bisected(cells, tissue, of_cell, node)
     raise InputError("-", "mesh", f"edges are too long after {PASSES} passes", "ask for longer edges")
+
+
+def refine_mouth(mesh: TetMesh, mouth: np.ndarray, edge: float) -> TetMesh:
+    """The mesh with edges of `edge` mm in the mean around the middle of the bite, mouth (b, 3) mm; the mesh itself
+    without a bite."""
+    longest = LONGEST_OVER_MEAN * edge
+    return refine(mesh, lambda points: np.where(near_mouth(points, mouth), longest, np.inf))
 
 
 def _terminal(of_cell, longest, wanting, count: int) -> np.ndarray:

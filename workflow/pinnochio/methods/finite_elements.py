@@ -9,7 +9,7 @@ from pinnochio.mechanics.simulation import PlanSolver, simulate
 from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
-from pinnochio.reduction.solver import ReducedSolver
+from pinnochio.reduction.solver import ReducedSolver, solver_of
 
 
 class Predictor:
@@ -50,15 +50,14 @@ class Predictor:
         if self._patient is not patient:
             if self._solver is not None:
                 self._solver.close()
-            own = patient, self._contact, self._fem, self._apart
-            self._solver = ReducedSolver(*own, self._region) if self._region else PlanSolver(*own)
+            self._solver = solver_of(patient, self._contact, self._fem, self._apart, self._region)
             self._patient = patient
         return self._solver
 
     def _warm_up(self, planned: Planned) -> None:
         """Load the compiled code of what may come."""
         newton = replace(self._fem, time_limit=1e-3, kept_factors=False)
-        simulate(planned.patient, planned.plan, self._contact, newton, self._apart)
+        simulate(planned.patient, planned.plan, self._contact, newton, apart=self._apart)
         if self._fem.kept_factors:
             self._solver_of(planned.patient).solve([planned.plan])
             self._patient = None

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.quality import DETAIL, off_mesh
@@ -85,9 +84,8 @@ def measures(
 
 def largest_motions(patient: PatientModel, plan: Plan) -> dict[str, float]:
     """How far the middle of any bone moves, mm, and how far any turns, degrees, at most."""
-    moved, turns = patient.bone_displacement(plan), [plan.motion(name).rotation for name in patient.segments]
-    ways = [np.linalg.norm(moved[patient.bone_segment == index].mean(axis=0)) for index in range(len(turns))]
-    angles = [np.degrees(Rotation.from_matrix(turn).magnitude()) for turn in turns]
+    moved, angles = patient.bone_displacement(plan), [plan.motion(name).angle for name in patient.segments]
+    ways = [np.linalg.norm(moved[patient.bone_segment == index].mean(axis=0)) for index in range(len(angles))]
     return {"motion_mm": max(ways, default=0.0), "turn_degrees": max(angles, default=0.0)}
 
 

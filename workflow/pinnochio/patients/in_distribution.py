@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pinnochio.files import replacing
 from pinnochio.json_text import read_own_json
@@ -180,7 +179,6 @@ def plan_quantities(patient: PatientModel, plan: Plan) -> dict[str, float]:
     for name, (left, back, up) in motion_of_places(patient, plan).items():
         quantities |= {f"sideways_{name}_mm": abs(left), f"forward_{name}_mm": -back, f"up_{name}_mm": up}
     for name, roles in TURNED.items():
-        turned = [plan.motion(own).rotation for own in of_role(patient.segments, *roles)]
-        angles = [math.degrees(Rotation.from_matrix(rotation).magnitude()) for rotation in turned]
+        angles = [plan.motion(own).angle for own in of_role(patient.segments, *roles)]
         quantities[f"rotation_{name}_deg"] = max(angles, default=0.0)
     return {name: float(value) for name, value in quantities.items()}

@@ -10,7 +10,7 @@ import numpy as np
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.repeated import RepeatedSolver
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import solver_options
+from pinnochio.mechanics.simulation import PlanSolver, by_kept_factors, solver_options
 from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.solver import SolveResult, solve
 from pinnochio.model.patient import NOT_LIP, PatientModel
@@ -21,6 +21,14 @@ from pinnochio.reduction.region import moved_cells, restricted
 # Largest share of the cells that is solved alone: more pays little for factors of its own, and with both jaws moving
 # far the linear field errs by tenths of millimetres where the cut would be [X: docs/scene.md].
 WORTH = 0.5
+
+
+def solver_of(
+    patient: PatientModel, arm: str, settings: FemSettings, apart: float, limit: float
+) -> "PlanSolver | ReducedSolver":
+    """The solver of a patient's plans: of what each requires, or without a limit of all."""
+    own = patient, arm, settings, apart
+    return ReducedSolver(*own, limit) if limit else PlanSolver(*own)
 
 
 class ReducedSolver:
@@ -35,9 +43,10 @@ class ReducedSolver:
     def __init__(self, patient: PatientModel, arm: str, settings: FemSettings, apart: float, limit: float):
         began = time.perf_counter()
         self._patient, self._arm, self._settings, self._apart, self._limit = patient, arm, settings, apart, limit
-        self._kept = settings.kept_factors and arm != "mucosa+lip"
+        self._kept = by_kept_factors(arm, settings)
         self._lips = np.flatnonzero(patient.lip != NOT_LIP) if arm == "mucosa+lip" else []
         self._map: ElasticSolver | None = None
+        self._mappable = True  # until the stiffness at rest cannot be factorised
         self._whole: RepeatedSolver | None = None
         if self._kept:
             self._field(self._boundary(Plan("rest", {})))
@@ -68,11 +77,13 @@ class ReducedSolver:
         return replace(result, seconds=time.perf_counter() - began)
 
     def _required(self, plan: Plan, boundary: BoundaryConditions) -> tuple[np.ndarray, np.ndarray | None]:
-        """Cells (m,) bool that are solved and the linear field (n, 3) mm, None where it is not asked for."""
+        """Cells (m,) bool that are solved and the linear field (n, 3) mm, None where it is not asked for or not had."""
         every = np.ones(len(self._patient.cells), bool)
         if not self._kept and self._wide(plan):
             return every, None
         field = self._field(boundary)
+        if field is None:
+            return every, None
         wanted = moved_cells(self._patient.cells, field, self._limit, self._lips)
         return (wanted if 0 < wanted.mean() <= WORTH else every), field
 
@@ -83,14 +94,18 @@ class ReducedSolver:
         moved = np.unique(self._patient.bone_segment[length > self._limit])
         return len({known_role(self._patient.segments[index]) for index in moved}) > 1
 
-    def _field(self, boundary: BoundaryConditions) -> np.ndarray:
-        """The linear field (n, 3) mm, lips free to enter each other."""
+    def _field(self, boundary: BoundaryConditions) -> np.ndarray | None:
+        """The linear field (n, 3) mm, lips free to enter each other; None where the stiffness has no factors."""
         boundary = replace(boundary, contact=[])
-        if self._map is None:
+        if self._map is None and self._mappable:
             fem, patient = self._settings, self._patient
             own = patient.points, patient.cells, fem.material(patient.tissue), boundary
-            self._map = ElasticSolver(*own, fem.volumetric, fem.linear_solver, single=True)
-        return self._map.solve(boundary)
+            try:
+                self._map = ElasticSolver(*own, fem.volumetric, fem.linear_solver, single=True)
+            except RuntimeError as error:
+                logging.warning("no kept factors: %s", error)
+                self._mappable = False
+        return None if self._map is None else self._map.solve(boundary)
 
     def _part(self, boundary: BoundaryConditions, wanted: np.ndarray, field: np.ndarray) -> SolveResult:
         """The cells `wanted` (m,) bool solved, the linear field (n, 3) mm elsewhere."""
@@ -109,7 +124,7 @@ class ReducedSolver:
     def _all(self, boundary: BoundaryConditions, field: np.ndarray | None) -> SolveResult:
         """All cells, by the factors of the linear map where factors are kept; field (n, 3) mm: the linear one."""
         problem = self._patient.points, self._patient.cells, *self._problem(boundary, slice(None))
-        if not self._kept:
+        if not self._kept or field is None:
             return solve(*problem)
         if self._whole is None:
             self._whole = RepeatedSolver(*problem, self._map)

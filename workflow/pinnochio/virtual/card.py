@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.covariates import MEANING
@@ -144,7 +143,7 @@ def plans_table(anatomies: Sequence[Mapping[str, Any]], plans: Sequence[Plan]) -
         for segment in sorted({segment for plan in own for segment in plan.motions}):
             motions = [plan.motions[segment] for plan in own if segment in plan.motions]
             left, back, up = np.array([motion.translation for motion in motions]).T
-            angles = [np.degrees(Rotation.from_matrix(motion.rotation).magnitude()) for motion in motions]
+            angles = [motion.angle for motion in motions]
             rows.append((deformity, segment, len(motions), *map(spread, (-back, up, left, angles))))
     headers = ("deformity", "segment", "n", "forward mm", "up mm", "left mm", "rotation degrees")
     return markdown_table(headers, rows)

@@ -25,7 +25,7 @@ from pinnochio.mechanics.batched.rows import Rows, fused
 from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.repeated import RepeatedSolver, beside, mean_gradients
+from pinnochio.mechanics.repeated import RepeatedSolver, beside, kept_result, mean_gradients
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions
 
@@ -346,26 +346,9 @@ def _entry(told) -> dict:
 
 
 def _result(field, record: list[dict], seconds: float) -> SolveResult:
-    end = record[-1]
-    names = "residual", "energy", "min_jacobian", "step"
-    return SolveResult(
-        displacement=field,
-        converged=True,
-        reason="converged",
-        history=[{"kind": "kept", "fraction": 1.0} | {name: entry[name] for name in names} for entry in record],
-        min_jacobian=end["min_jacobian"],
-        fraction=1.0,
-        residual=end["residual"],
-        violation=0.0,
-        penetration=0.0,
-        gap=0.0,
-        increments=1,
-        iterations=int(end["iterations"]),
-        factorizations=0,
-        linear_iterations=int(end["iterations"]),
-        seconds=seconds,
-        kept=True,
-    )
+    end, names = record[-1], ("residual", "energy", "min_jacobian", "step")
+    history = [{"fraction": 1.0} | {name: entry[name] for name in names} for entry in record]
+    return kept_result(field, history, end["min_jacobian"], end["residual"], int(end["iterations"]), seconds)
 
 
 def _by_patch(elements: Elements) -> Elements:
@@ -385,8 +368,7 @@ def _stiffness(elements: Elements) -> sparse.csr_array:
     """The tangent at rest (3n, 3n), zero at nodes without elements."""
     rest = np.zeros((elements.nodes, 3))
     whole = Assembler(elements, np.zeros(rest.shape, bool), np.zeros(0, int))
-    upper = whole.upper(whole.tangent(rest, np.zeros((0, 3, 3)))[0])
-    full = (upper + sparse.triu(upper, 1).T).tocoo()
+    full = whole.symmetric(whole.tangent(rest, np.zeros((0, 3, 3)))[0]).tocoo()
     place = np.flatnonzero(whole.free)
     return sparse.csr_array((full.data, (place[full.row], place[full.col])), (rest.size, rest.size))
 
