@@ -13,7 +13,7 @@ COMPILED = njit is not None
 
 
 def compiled(function=None, **options):
-    """Compile the function as numba.njit does, and keep the machine code on disk.
+    """Compile the function as numba.njit does, without the interpreter's lock, and keep the machine code on disk.
 
     Numba notices an edit of the function's own file alone; here the kept code is also dropped after an edit of any
     module of the project that this file imports, and kept where a file is merely copied.
@@ -22,6 +22,6 @@ def compiled(function=None, **options):
         return lambda function: compiled(function, **options)
     if not COMPILED:
         return function
-    dispatcher = njit(cache=True, **options)(function)
+    dispatcher = njit(cache=True, nogil=True, **options)(function)
     dispatcher._cache._cache_file._source_stamp = code_hash(inspect.getfile(function))
     return dispatcher

@@ -220,7 +220,7 @@ def patch_bulk(u, mesh: ElementArrays, first, second):
     return bulk_energy(ratio, mesh, first, second)
 
 
-@compiled(nogil=True)
+@compiled
 def _evaluate(u, mesh: ElementArrays, force, state):
     """Adds to force (n, 3); J and I1 of the elements go into state (m, 2), which may be empty."""
     count, patches = len(mesh.cells), len(mesh.patch_volumes)

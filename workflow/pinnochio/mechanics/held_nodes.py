@@ -101,7 +101,7 @@ class HeldNodes:
         return float(_violation(u, self._bones, self._turns, self._shifts))
 
 
-@compiled(nogil=True)
+@compiled
 def _field(x, s, bones: Bones, near, square, weight, plane, gradient):
     """Signed distance of x (3,) mm from the bone of node s; its gradient (3,)."""
     bone = bones.owner[s]
@@ -158,7 +158,7 @@ def _field(x, s, bones: Bones, near, square, weight, plane, gradient):
     return (first + second) / 2
 
 
-@compiled(nogil=True)
+@compiled
 def _inside(u, s, bones: Bones, turn, shift, x):
     """Where node s is in the frame of its bone at rest, into x (3,)."""
     for j in range(3):
@@ -167,7 +167,7 @@ def _inside(u, s, bones: Bones, turn, shift, x):
             x[j] += turn[i, j] * (bones.rest[s, i] + u[bones.nodes[s], i] - shift[i])
 
 
-@compiled(nogil=True)
+@compiled
 def _levels(bones: Bones, level):
     size = len(bones.points)
     near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)
@@ -176,7 +176,7 @@ def _levels(bones: Bones, level):
         level[s] = _field(bones.rest[s], s, bones, near, square, weight, plane, gradient)
 
 
-@compiled(nogil=True)
+@compiled
 def _violation(u, bones: Bones, turns, shifts):
     size, worst = len(bones.points), 0.0
     near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)
@@ -187,7 +187,7 @@ def _violation(u, bones: Bones, turns, shifts):
     return worst
 
 
-@compiled(nogil=True)
+@compiled
 def _put_back(u, bones: Bones, turns, shifts, axes):
     size = len(bones.points)
     near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)
@@ -225,7 +225,7 @@ def _put_back(u, bones: Bones, turns, shifts, axes):
         _turned(carried, normal, axis, axes[s])
 
 
-@compiled(nogil=True)
+@compiled
 def _turned(carried, normal, axis, axes):
     """Axes (3, 3) in rows, turned the shortest way so that the first is the normal; others where it points back."""
     cosine = 0.0
@@ -255,7 +255,7 @@ def _turned(carried, normal, axis, axes):
         axes[r, 2] = v[2] + c2 + (axis[0] * c1 - axis[1] * c0) / (1 + cosine)
 
 
-@compiled(nogil=True)
+@compiled
 def _bend(u, bones: Bones, turns, shifts, axes, force, blocks):
     size, step = len(bones.points), 1e-3
     near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)

@@ -106,7 +106,7 @@ def _spread_over_threads(part, count):
 
 
 _inline = njit(error_model="numpy", forceinline=True)
-_compile = compiled(error_model="numpy", nogil=True)
+_compile = compiled(error_model="numpy")
 
 
 @_inline
