@@ -14,9 +14,8 @@ def face_normals(points, faces) -> tuple[np.ndarray, np.ndarray]:
 def vertex_normals(points, faces) -> np.ndarray:
     """Area-weighted unit normals (p, 3); zero on points without a face."""
     normals, areas = face_normals(points, faces)
-    total = np.zeros((len(points), 3))
-    for corner in range(3):
-        np.add.at(total, faces[:, corner], normals * areas[:, None])
+    around = (normals * areas[:, None]).T
+    total = np.stack([np.bincount(faces.T.ravel(), np.tile(axis, 3), len(points)) for axis in around], axis=1)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return total / np.where(length > 0, length, 1)
 
