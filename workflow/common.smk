@@ -31,6 +31,9 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 # No job takes more cores than it asks for.
 os.environ.setdefault("IGL_NUM_THREADS", "1")
 os.environ.setdefault("ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS", "1")
+# To wake a second thread of OpenBLAS costs 4 ms [X], more than any of the products here; Snakemake gives it as many as
+# the job has.
+shell.prefix("set -euo pipefail; export OPENBLAS_NUM_THREADS=1; ")
 
 HERE = Path(workflow.current_basedir.get_path_or_uri(secret_free=True))
 SCHEMA = (HERE / "schemas/config.schema.yaml").read_text(encoding="utf-8")

@@ -5,6 +5,7 @@ import os
 import sys
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as in the workflow: idle threads leave the cores to others
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # to wake a second one costs more than a patient's products [X]
 
 from pinnochio.errors import InputError  # noqa: E402
 from pinnochio.mechanics.settings import FemSettings  # noqa: E402
@@ -23,7 +24,7 @@ def open_planner(prepared: Prepared, port: int, browser: bool) -> None:
     """Load patient and models, then serve the page on the loopback until the process is ended; InputError if not."""
     check_free(port)
     try:
-        forecaster = Forecaster(prepared, choose_device(0, os.cpu_count()))
+        forecaster = Forecaster(prepared, choose_device(0, os.cpu_count()), threads=os.cpu_count())
     except InputError:
         raise
     except (KeyError, TypeError, ValueError) as error:

@@ -104,7 +104,8 @@ def once(solver: str, nodes: int) -> dict:
     """Result of one solver in a process of its own."""
     with tempfile.NamedTemporaryFile(suffix=".npy") as field:
         command = [sys.executable, __file__, "--one", solver, "--nodes", str(nodes), "--field", field.name]
-        threads = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+        libraries = "OMP", "MKL", "OPENBLAS", "NUMBA"
+        threads = {f"{library}_NUM_THREADS": "1" for library in libraries}
         done = subprocess.run(command, env=os.environ | threads, capture_output=True, text=True)
         if done.returncode:
             raise RuntimeError(done.stderr)

@@ -11,6 +11,7 @@ from pinnochio.json_text import read_own_json
 from pinnochio.mechanics.corrections import Finish
 from pinnochio.mechanics.inversion_repair import Repair
 from pinnochio.mechanics.lift import Lift
+from pinnochio.mechanics.linear import Workers
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.pinnochio.patient import tensors
 from pinnochio.methods.pinnochio.predictor import PatientNetwork, load_network, load_sources
@@ -53,9 +54,10 @@ class Forecast:
 
 
 class Forecaster:
-    """The networks of every fold of an archive on one patient, as `snakemake predict` uses them."""
+    """The networks of every fold of an archive on one patient, as `snakemake predict` uses them; as many fields are
+    corrected side by side as there are `threads`."""
 
-    def __init__(self, prepared: Prepared, device: str):
+    def __init__(self, prepared: Prepared, device: str, threads: int = 1):
         self.patient, self._fem = PatientModel.read(prepared.model), FemSettings(**prepared.fem)
         self._archive, folder = Archive.read(prepared.archive), Path(prepared.archive)
         self.calibration = Calibration.read(folder / calibration_file(prepared.method))
@@ -72,7 +74,9 @@ class Forecaster:
             PatientNetwork(network, shared, self._sources(load_sources(file), known))
             for network, file in zip(networks, files, strict=True)
         ]
-        self._finish = Finish(self.patient, self._fem, prepared.corrections)
+        self._finish = [Finish(self.patient, self._fem, prepared.corrections) for _ in range(threads)]
+        self._correcting = Workers(threads)
+        self._predicting = Workers(threads if device == "cpu" else 1)  # a GPU records one network at a time
         little = RigidMotion(translation=np.array([0.0, -1, 0]))
         self(Plan(prepared.case, {self.patient.segments[0]: little}))  # so that no plan waits for code to be compiled
 
@@ -80,24 +84,24 @@ class Forecaster:
         return learned and PatientSources(learned, self.patient, self._fem, covariates)
 
     def steps(self, plan: Plan) -> Iterator[Forecast | None]:
-        """A first look at a plan, from the networks' raw fields; None after each field that is corrected; the forecast.
+        """A first look at a plan, from the networks' raw fields; None after fields that are corrected; the forecast.
 
         So whoever sees the first look need not wait for the rest, and can leave it when there is another plan.
         FloatingPointError if a network gives no number.
         """
         began = time.perf_counter()
-        fields = [network(plan) for network in self._networks]
+        fields = self._predicting.each(PatientNetwork.__call__, [(network, plan) for network in self._networks])
         raw = [field.displacement for field in fields]
         yield self._forecast(plan, interval(self.patient, raw, self.calibration, self._region), None, began)
         finished = []
-        for field in fields:
-            displacement, repair, _ = self._finish(*field)
-            finished.append((displacement, repair))
+        for first in range(0, len(fields), len(self._finish)):
+            some = zip(self._finish, fields[first:], strict=False)
+            finished += self._correcting.each(Finish.__call__, [(own, *field) for own, field in some])
             yield None
         result, repair = repaired_interval(
-            self.patient, [field for field, _ in finished], self.calibration, self._fem, self._region
+            self.patient, [field for field, *_ in finished], self.calibration, self._fem, self._region
         )
-        repairs = [repair, *(own for _, own in finished)]
+        repairs = [repair, *(own for _, own, _ in finished)]
         yield self._forecast(plan, result, repair.least, began, repairs)
 
     def __call__(self, plan: Plan) -> Forecast:

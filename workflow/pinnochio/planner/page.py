@@ -288,10 +288,10 @@ class Page(TrameApp):
     async def _send(self) -> None:
         """Send the picture as soon as it is encoded; the view itself would look for it after half a second."""
         name = self.state[f"{self._remote.ref_name}Id"]
-        for _ in range(25):
+        for _ in range(100):
             if not (self._images and self._images.last_stale_time.get(name)):
                 return
-            await asyncio.sleep(0.02)
+            await asyncio.sleep(0.005)
             self._images.push_render(name)
 
     def _say(self, text: str, failed: bool = False) -> None:
@@ -339,7 +339,7 @@ class Page(TrameApp):
                 try:
                     while forecast is not False and plan is self.session.drafts[side].plan:
                         if forecast := await loop.run_in_executor(self._worker, next, steps, False):
-                            self._show(side, forecast)
+                            await self._show(side, forecast)
                 except (FloatingPointError, InputError) as error:
                     self._refused[side] = plan
                     with self.state:
@@ -367,14 +367,16 @@ class Page(TrameApp):
             with self.state:
                 self._seeking = self.state.seeking = False
 
-    def _show(self, side: str, forecast: Forecast) -> None:
+    async def _show(self, side: str, forecast: Forecast) -> None:
+        """Show a forecast, and wait until its picture is sent, so that what comes next does not hold it up."""
         self._shown[side] = forecast
         deep, places = self.session.jaws.collisions(forecast.plan)
         self.view.show(side, forecast, places)
+        self._remote.update()  # the picture is encoded while the words are made
         with self.state:
             self.state.about = self.state.about | {side: self._about(forecast, deep)}
             self.state.rows = self.state.rows | {side: self._rows(forecast)}
-        self._draw()
+        await self._send()
 
     def _behind(self, side: str) -> bool:
         """Whether a side shows another plan than stands in the session, or a first look at it."""
@@ -471,7 +473,7 @@ class Page(TrameApp):
                     min_width=0, classes="px-2", click=(self._look, f"['{view}']"),
                 )  # fmt: skip
             v3.VBtn("numbers", id="numbers", size="small", variant="text", click="numbers = !numbers")
-            v3.VProgressLinear(id="busy", v_if=("busy",), indeterminate=True, absolute=True, location="bottom")
+            v3.VProgressLinear(id="busy", v_if=("busy",), model_value=100, absolute=True, location="bottom")
 
     def _build_segment(self) -> None:
         """Which segment moves, how far, and about which point."""
