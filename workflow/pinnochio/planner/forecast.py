@@ -34,7 +34,7 @@ class Forecast:
     interval: displacement of the nodes and half-widths of the skin; skin (s, 3) mm: points of the moved skin; mean,
     most: movement of the judged face, mm; least: smallest volume ratio of an element, None of a first look; repaired,
     damping: most elements that the inversion repair solved again, and its smallest factor on a whole field, 1 for none;
-    off_bone: how far tissue that slides has come from its bone or gone into it, at most, mm;
+    off_bone: how far tissue that slides has come from its bone or gone into it, at most, mm, 0 of a first look;
     beyond: how far patient or plan lies beyond the training, in widths of its range;
     out_of_distribution: what of patient and plan is (segments, muscle, anatomy, plan); seconds: since the beginning.
     """
@@ -125,7 +125,9 @@ class Forecaster:
             least=least,
             repaired=max((own.elements for own in repairs), default=0),
             damping=min((own.damping for own in repairs), default=1.0),
-            off_bone=float(off_bone(self.patient, plan, result.displacement).max(initial=0.0)),
+            off_bone=0.0
+            if least is None
+            else float(off_bone(self.patient, plan, result.displacement).max(initial=0.0)),
             beyond=beyond(compared),
             out_of_distribution=tuple(part for part in PARTS if not compared[part]["within"]),
             seconds=time.perf_counter() - began,
