@@ -260,6 +260,7 @@ def test_the_explained_share_is_nothing_of_finite_elements_and_all_of_the_floor(
     assert without["p_holm"].to_dict() == pytest.approx(by_method["p_holm"][:3].to_dict(), nan_ok=True)
     write(table(frame, "virtual cohort"), tmp_path / "accuracy.csv")
     above, below = (tmp_path / "accuracy.md").read_text().split("Bounds")
+    assert "Noise of the scan:" in below and "true motion" not in below  # of the bounds that are there
     assert "| Noise of the scan |" not in above and "| Noise of the scan |" in below
     assert "**" not in below.split("\n\n")[1]
     assert "Explained" in above and "0.500 [0.500, 0.500]" in above

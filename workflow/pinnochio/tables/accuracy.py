@@ -11,8 +11,8 @@ from pinnochio.methods.names import BASELINE, FLOOR
 from pinnochio.metrics.columns import CASES, scanned
 from pinnochio.statistics.attainable import attainable
 from pinnochio.tables.comparison import (
-    BOUNDS,
     COMPARISON,
+    bounds_caption,
     count,
     share,
     significance,
@@ -73,5 +73,7 @@ def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = (), parag
     )
     blocks = [Block.of(own, view, caption)]
     if len(bounds):
-        blocks.append(Block.of(bounds, [replace(column, sign=0) for column in view], BOUNDS, "Bounds"))
+        blocks.append(
+            Block.of(bounds, [replace(column, sign=0) for column in view], bounds_caption(bounds["method"]), "Bounds")
+        )
     return Table(frame, COMPARISON, [*blocks, *further], paragraphs)

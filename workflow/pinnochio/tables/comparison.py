@@ -1,6 +1,6 @@
 """Methods compared over the patients: means, and tests against a reference, as several tables show them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -13,11 +13,12 @@ from pinnochio.seeds import derive_seed
 from pinnochio.statistics.shares import explained
 from pinnochio.statistics.significance import Comparison, compare, holm
 
-BOUNDS = (
-    f"What no method can know, measured as the methods are and never tested. {written(FLOOR)}: the true skin against "
-    f"its own registered scan: noise, expression and registration. {written('oracle')}: the mechanics of "
-    f"{in_sentence(BASELINE)} with the motion that was carried out. Against the virtual truth itself the floor is zero."
-)
+# What bounds the methods, beside its name.
+BOUNDS = {
+    FLOOR: "the true skin against its own registered scan: noise, expression and registration; zero against the virtual "
+    "truth itself",
+    "oracle": f"the mechanics of {in_sentence(BASELINE)} with the motion that was carried out",
+}
 # What is averaged over patients: column of cases -> also its standard deviation.
 SUMMARISED = {
     "cd": True,
@@ -36,6 +37,12 @@ SUMMARISED = {
     "volume_error_mean": True,
     "skin_error_mean": True,
 }
+
+
+def bounds_caption(methods: Iterable[str]) -> str:
+    """What the bounds among the methods are."""
+    known = (f"{written(name)}: {BOUNDS[name]}." for name in methods if name in BOUNDS)
+    return " ".join(["What no method can know, measured as the methods are and never tested.", *known])
 
 
 def _summaries() -> list[Column]:

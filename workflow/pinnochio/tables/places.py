@@ -10,7 +10,7 @@ from pinnochio.columns import Column, check, number, words
 from pinnochio.metrics.columns import CASES
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.significance import holm
-from pinnochio.tables.comparison import BOUNDS, count, paired, starred
+from pinnochio.tables.comparison import bounds_caption, count, paired, starred
 from pinnochio.tables.document import Block, Table, View, views
 
 
@@ -124,7 +124,7 @@ def table(frame: pd.DataFrame, groups: Sequence[Group], cohort: str) -> Table:
         blocks.append(block(methods, group.places, starred(_spread), -1, group.caption + tested, group.title))
         if len(bounds):
             title = f"{group.title}: bounds" if group.title else "Bounds"
-            blocks.append(block(bounds, group.places, _spread, 0, BOUNDS, title))
+            blocks.append(block(bounds, group.places, _spread, 0, bounds_caption(bounds["method"]), title))
     if signed := [place for group in groups for place in group.places if place.bias]:
         caption = "Mean signed distance in mm: positive where the prediction lies outside the target."
         blocks.append(block(every, signed, lambda row: _signed(row["bias"]), 0, caption, "Signed"))

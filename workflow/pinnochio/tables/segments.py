@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from pinnochio.columns import check, number, read_tables
+from pinnochio.columns import check, number, read_tables, words
 from pinnochio.importing.segment_registration import FITS
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
@@ -71,7 +71,7 @@ def table(frame: pd.DataFrame, cohort: str) -> Table:
     shown = bones.size().rename("n").reset_index()
     judged = frame["error_max"].notna()
     view = [
-        View("Bone", lambda row: row["segment"]),
+        View("Bone", lambda row: words(row["segment"])),
         View("n", lambda row: row["n"]),
         View("Median mm", spread("median")),
         View("p90 mm", spread("p90")),
