@@ -82,6 +82,16 @@ class Mesh:
         return self._at_nodes(forces.view(-1, 3, step.shape[2]))
 
 
+def damped(kept: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
+    """What :meth:`Mesh.product` needs of a tangent that is positive definite, in place of an indefinite one.
+
+    The bulk's bend has eigenvalues within twice its factor times the norm of F, which the shear outweighs then.
+    """
+    most = 0.5 * kept[9] / torch.sqrt((kept[:9] * kept[:9]).sum(0)).clamp(min=1e-6)
+    bounded = torch.minimum(torch.maximum(kept[10], -most), most)
+    return torch.cat([kept[:10], bounded[None], kept[11:]]), second.clamp(min=0)
+
+
 def _gradient(u, c: Constants) -> list[list[Tensor]]:
     corners = [[u[c.cells[:, a], i] for i in range(3)] for a in range(4)]
     slopes = [[c.gradients[:, a, j, None] for j in range(3)] for a in range(4)]

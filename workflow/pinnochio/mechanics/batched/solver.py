@@ -8,7 +8,8 @@ What fails goes to the solver of one plan. The same calls give the same bits.
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from pinnochio.mechanics.assembly import Assembler
 from pinnochio.mechanics.batched import zone
 from pinnochio.mechanics.batched.fronts import Fronts
 from pinnochio.mechanics.batched.law import Mesh
+from pinnochio.mechanics.batched.recorded import Recorded
 from pinnochio.mechanics.batched.rows import Rows, fused
 from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.elements import Elements
@@ -144,78 +146,78 @@ class _Slots:
         self._u, self._trial, self._start = zeros(nodes, 3), zeros(nodes, 3), zeros(nodes, 3)
         self._gradient, self._direction = zeros(free, 3), zeros(free, 3, dtype=torch.float32)
         self._energy, self._least, self._step, self._slope, self._reaction = (zeros() for _ in range(5))
-        self._residual, self._goal = zeros(), zeros()
+        self._residual, self._goal, self._tolerance = zeros(), zeros(), zeros()
         self._steps, self._changes = (zeros(MEMORY, free, 3, dtype=torch.float32) for _ in range(2))
         self._products, self._age = zeros(MEMORY, MEMORY), zeros(MEMORY, dtype=torch.long)
         self._fresh, self._halvings = zeros(dtype=torch.bool), zeros(dtype=torch.long)
         self._iterations, self._code = zeros(dtype=torch.long), zeros(dtype=torch.long) + IDLE
         self._known = zeros(len(elements.patch_volumes), dtype=torch.bool)
-        self._told = zeros(7)
+        self._told = zeros(8)
         self._zone = (zone if device.type == "cpu" else _zone_gpu()).Zone(elements, solver._free, plans, device)
         self._ready = False
         self._prepare = Recorded(lambda: self._zone.prepare(self._known), device)
-        self._tick = Recorded(self._ticked, device)
+        self._place, self._judge = Recorded(self._placed, device), Recorded(self._judged, device)
 
     def run(self, motions: Tensor) -> tuple[np.ndarray, list[list[dict]]]:
         """As :meth:`BatchSolver.fields`."""
-        count = len(motions)
-        fields = torch.empty_like(motions)
-        starts = [
-            self._solver.linear(motions[at : at + self.plans].permute(1, 2, 0).contiguous()).permute(2, 0, 1)
-            for at in range(0, count, self.plans)
-        ]
-        starts = torch.cat(starts)
-        records: list[list[dict]] = [[] for _ in range(count)]
-        owner = np.full(self.plans, -1)
-        waiting = iter(range(count))
-        self._fill(owner, np.arange(self.plans), waiting, starts)
+        fields, linear = torch.empty_like(motions), torch.empty_like(motions)
+        for at in range(0, len(motions), self.plans):
+            part = motions[at : at + self.plans].permute(1, 2, 0).contiguous()
+            linear[at : at + self.plans] = self._solver.linear(part).permute(2, 0, 1)
+        ways = [_Way() for _ in motions]
+        owner, waiting = np.full(self.plans, -1), deque(range(len(motions)))
+        self._fill(owner, np.arange(self.plans), waiting, ways, linear)
         while (owner >= 0).any():
             if not self._ready:
                 self._prepare()
-            self._tick()
+            self._place()
+            self._zone.settle(self._trial, self._goal, self._code == RUNNING)
+            self._judge()
             told = self._told.cpu().numpy()
             codes, self._ready = told[0].astype(int), not told[6].any()
-            for slot in np.flatnonzero(owner >= 0):
-                records[owner[slot]].append(_entry(told[:6, slot]))
+            for slot in np.flatnonzero((owner >= 0) & (told[7] == 0)):
+                ways[owner[slot]].note(told[:6, slot])
             ended = np.flatnonzero((owner >= 0) & (codes != RUNNING))
             if len(ended):
                 strayed = self._strayed()
-                for slot in ended[strayed[ended] & (codes[ended] == SOLVED)]:
-                    records[owner[slot]][-1] |= {"code": FAILED, "reason": "a node strayed from those beside it"}
                 at = torch.as_tensor(ended, device=fields.device)
                 fields[torch.as_tensor(owner[ended], device=fields.device)] = self._u[:, :, at].permute(2, 0, 1)
-                self._fill(owner, ended, waiting, starts)
-        return fields.cpu().numpy(), records
+                for slot in ended[::-1]:
+                    plan = owner[slot]
+                    if ways[plan].goes_on(codes[slot] == SOLVED, strayed[slot], fields[plan]):
+                        waiting.appendleft(plan)
+                self._fill(owner, ended, waiting, ways, linear)
+        return fields.cpu().numpy(), [way.record for way in ways]
 
-    def _fill(self, owner, slots, waiting, starts: Tensor) -> None:
-        """Give the next plans to slots (s,) whose own have ended."""
+    def _fill(self, owner, slots, waiting: deque, ways: list["_Way"], linear: Tensor) -> None:
+        """Give the next plans, or parts of a load, to slots (s,) whose own have ended."""
         owner[slots] = -1
-        new = list(zip(slots, waiting, strict=False))
-        device = starts.device
+        device = linear.device
         self._code[torch.as_tensor(slots, device=device)] = IDLE
-        if not new:
+        slots = slots[: len(waiting)]
+        if not len(slots):
             return
-        owner[[slot for slot, _ in new]] = [plan for _, plan in new]
-        at, plans = (torch.as_tensor(np.array(item), device=device) for item in zip(*new, strict=True))
-        begin = starts[plans].permute(1, 2, 0)
+        owner[slots] = plans = [waiting.popleft() for _ in slots]
+        begin = torch.stack([ways[plan].start(linear[plan]) for plan in plans], dim=2)
+        limits = [self._options.tolerance if ways[plan].whole else self._options.loose for plan in plans]
+        at = torch.as_tensor(slots, device=device)
         for field in (self._u, self._start):
             field[:, :, at] = begin
+        self._tolerance[at] = torch.as_tensor(limits, dtype=torch.float64, device=device)
         self._direction[:, :, at] = 0
         self._age[:, at] = 0
         self._known[:, at] = self._ready = False
         for numbers, value in ((self._fresh, True), (self._halvings, 0), (self._iterations, 0), (self._code, RUNNING)):
             numbers[at] = value
 
-    def _ticked(self) -> None:
-        """One step of every plan, its hard patches in equilibrium, tried and judged."""
-        self._trial.copy_(self._u)
-        self._trial.index_add_(0, self._solver._nodes, self._step * self._direction)
-        self._zone.settle(self._trial, torch.where(self._code == RUNNING, self._goal, torch.inf))
-        self._judged()
+    def _placed(self) -> None:
+        """One step of every plan whose last one was judged."""
+        trial = self._u.index_add(0, self._solver._nodes, self._step * self._direction)
+        self._trial.copy_(torch.where(self._zone.open, self._trial, trial))
 
     def _judged(self) -> None:
         """Take the trial where it is good, else halve the step; find the next direction."""
-        solver, running = self._solver, self._code == RUNNING
+        solver, running = self._solver, (self._code == RUNNING) & ~self._zone.open
         state = solver._mesh.measure(self._trial, self._law)
         hard = (state.ratio < repeated.HARD_RATIO) | (state.stretch > repeated.HARD_STRETCH)
         new = (solver._mesh.of_patches(hard.double()) > 0) & ~self._known & running
@@ -245,18 +247,18 @@ class _Slots:
         self._direction.copy_(torch.where(good, direction, self._direction))
         self._slope.copy_(torch.where(good, slope, self._slope))
         self._step.copy_(torch.where(good, 1.0, torch.where(bad, self._step / 2, self._step)))
-        outside = torch.maximum(SETTLED * size, 0.3 * self._options.tolerance * reaction)
+        outside = torch.maximum(SETTLED * size, 0.3 * self._tolerance * reaction)
         goal = torch.where(again & self._fresh, 0.02 * size, self._goal)
         self._goal.copy_(torch.where(good, 0.3 * outside, goal))
         self._fresh &= ~good
         near = good & (self._residual <= self._options.loose)
         failed = (self._halvings > HALVINGS) | (self._iterations >= repeated.ITERATIONS) | (near & ~(self._least > 0))
         failed |= good & (self._iterations == repeated.PATIENCE) & (self._residual > repeated.FAR)
-        solved = good & (self._residual <= self._options.tolerance) & (self._least > 0)
+        solved = good & (self._residual <= self._tolerance) & (self._least > 0)
         failed |= good & ~solved & ~(self._slope < 0)
         self._code.copy_(torch.where(running & solved, SOLVED, torch.where(running & failed, FAILED, self._code)))
         told = self._code, self._residual, self._energy, self._least, self._iterations, self._step, again
-        self._told.copy_(torch.stack([item.double() for item in told]))
+        self._told.copy_(torch.stack([item.double() for item in (*told, self._zone.open)]))
 
     def _remember(self, good: Tensor, force: Tensor) -> None:
         """Keep the step to the trial and the change of the force in place of the oldest pair."""
@@ -314,45 +316,58 @@ class _Slots:
         return (far > repeated.STRAY * self._solver._elements.edge).cpu().numpy()
 
 
-class Recorded:
-    """Calls of a function without arguments: on a GPU its kernels are recorded at the first call and then replayed."""
-
-    def __init__(self, function: Callable[[], None], device: torch.device):
-        self._function, self._records, self._graph, self._warm = function, device.type == "cuda", None, False
-
-    def __call__(self) -> None:
-        if self._graph is not None:
-            self._graph.replay()
-        elif not self._records or not self._warm:
-            self._function()  # compiles, and sizes the libraries' buffers
-            self._warm = True
-        else:
-            torch.cuda.synchronize()
-            self._graph = torch.cuda.CUDAGraph()
-            with torch.cuda.graph(self._graph):
-                self._function()
-            self._graph.replay()
-
-
 def _zone_gpu():
     from pinnochio.mechanics.batched import zone_gpu
 
     return zone_gpu
 
 
-def _entry(told) -> dict:
-    names = "code", "residual", "energy", "min_jacobian", "iterations", "step"
-    return dict(zip(names, told.tolist(), strict=True))
+class _Way:
+    """How far one plan has come: it begins with the whole load, and what fails goes on in increments, as in
+    :mod:`pinnochio.mechanics.repeated`. record: its steps."""
+
+    def __init__(self):
+        self.record: list[dict] = []
+        self._done, self._share, self._field, self._spent = 0.0, 1.0, None, 0
+
+    @property
+    def whole(self) -> bool:
+        """Whether the load is the whole one."""
+        return self._done + self._share >= 1
+
+    def start(self, linear: Tensor) -> Tensor:
+        """Where the next part of the load begins, (n, 3) mm, linear (n, 3) mm the linear field of the whole."""
+        begin = (min(self._done + self._share, 1.0) - self._done) * linear
+        return begin if self._field is None else self._field + begin
+
+    def note(self, told) -> None:
+        """Keep what a step came to."""
+        names = "code", "residual", "energy", "min_jacobian", "iterations", "step"
+        self.record.append(dict(zip(names, told.tolist(), strict=True)))
+        self.record[-1]["iterations"] += self._spent
+        self.record[-1]["fraction"] = min(self._done + self._share, 1.0)
+
+    def goes_on(self, solved: bool, strayed: bool, field: Tensor) -> bool:
+        """Whether a part of the load is left to do after one that ended with a field (n, 3) mm."""
+        last = self.record[-1]
+        self._spent = last["iterations"]
+        if solved and strayed and self._share > repeated.LEAST_INCREMENT:
+            last |= {"code": FAILED, "reason": "a node strayed from those beside it"}
+        if last["code"] == SOLVED:
+            self._done, self._field = last["fraction"], field.clone()
+            return self._done < 1
+        self._share = min(self._share / 2, repeated.INCREMENT)
+        return self._share >= repeated.LEAST_INCREMENT
 
 
 def _result(field, record: list[dict], seconds: float) -> SolveResult:
     end = record[-1]
-    names = "residual", "energy", "min_jacobian", "step"
+    names = "fraction", "residual", "energy", "min_jacobian", "step"
     return SolveResult(
         displacement=field,
         converged=True,
         reason="converged",
-        history=[{"kind": "kept", "fraction": 1.0} | {name: entry[name] for name in names} for entry in record],
+        history=[{"kind": "kept"} | {name: entry[name] for name in names} for entry in record],
         min_jacobian=end["min_jacobian"],
         fraction=1.0,
         residual=end["residual"],
