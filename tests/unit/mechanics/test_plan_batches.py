@@ -127,7 +127,7 @@ def test_hard_patches_come_to_equilibrium_while_the_rest_stays():
     part.prepare(known)
     u = state(elements, 0.1)[1]
     before, goal = u.clone(), torch.full((2,), 1e-2, dtype=torch.float64)
-    part.settle(u, goal, torch.ones(2, dtype=torch.bool))
+    part.settle(u, goal, torch.full((2,), -torch.inf), torch.ones(2, dtype=torch.bool))
     assert moves[:, 0].any() and not moves[:, 1].any() and touched[known].all()
     assert torch.equal(u[~moves[:, 0], :, 0], before[~moves[:, 0], :, 0])
     assert torch.equal(u[:, :, 1], before[:, :, 1])
@@ -205,11 +205,10 @@ def test_a_plan_that_strays_is_reached_in_the_least_increments(monkeypatch):
     points, cells, boundary = bent_block()
     solver = BatchSolver(points, cells, material(len(cells)), boundary, options_with(), "cpu")
     monkeypatch.setattr(repeated, "STRAY", 0.0)
-    _, (record,) = solver.fields(np.array([solver.motions(boundary)]))
-    assert record[-1]["code"] == batched.SOLVED and record[-1]["fraction"] == 1
-    strayed = [entry["fraction"] for entry in record if "strayed" in entry.get("reason", "")]
-    assert strayed == [1, 0.25, 0.125]
-    assert {entry["fraction"] for entry in record} >= set(np.arange(1, 17) / 16)
+    _, (way,) = solver.fields(np.array([solver.motions(boundary)]))
+    assert way.solved and way.share == repeated.LEAST_INCREMENT
+    ends = [entry["fraction"] for entry in way.history if entry["code"] == batched.SOLVED]
+    assert ends == [1, 0.25, 0.125, *np.arange(1, 17) / 16]
     solver.close()
 
 
@@ -243,7 +242,8 @@ def test_hard_patches_on_a_gpu_as_on_a_cpu():
     from pinnochio.mechanics.batched import zone_gpu
 
     points, cells, boundary = bent_block()
-    elements = batched._by_patch(Elements.build(points, cells, material(len(cells))))
+    elements = Elements.build(points, cells, material(len(cells)))
+    elements = batched._renumbered(elements, np.arange(len(points)))
     free = np.ones(len(points), bool)
     free[boundary.prescribed_nodes] = False
     known = torch.zeros(len(elements.patch_volumes), 2, dtype=torch.bool)
@@ -252,8 +252,8 @@ def test_hard_patches_on_a_gpu_as_on_a_cpu():
     for kind, device in ((zone.Zone, "cpu"), (zone_gpu.Zone, "cuda")):
         part, u = kind(elements, free, 2, device), state(elements, 0.03)[1].to(device)
         part.prepare(known.to(device))
-        goal, running = torch.tensor([1e-2, 1e-2], device=device), torch.ones(2, dtype=torch.bool, device=device)
-        part.settle(u, goal.double(), running)
+        goal = torch.full((2,), 1e-2, dtype=torch.float64, device=device)
+        part.settle(u, goal, -torch.inf * goal, goal > 0)
         assert not part.open.any()
         found.append(u.cpu())
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-5)

@@ -60,7 +60,7 @@ class Mesh:
         ones = sparse.csr_array((np.ones(count), (elements.patch, members)), (patches, count))
         volumes = sparse.csr_array((elements.volumes, (elements.patch, members)), (patches, count))
         corners = (np.ones(4 * count), (elements.cells.ravel(), np.arange(4 * count)))
-        self.of_patches, self._in_patches = Rows(ones, device, dtype), Rows(volumes, device, dtype)
+        self.of_patches, self._in_patches = Rows(ones, device, torch.float32), Rows(volumes, device, dtype)
         self._at_nodes = Rows(sparse.csr_array(corners, (elements.nodes, 4 * count)), device, dtype)
 
     def measure(self, u: Tensor, extension: Tensor) -> State:

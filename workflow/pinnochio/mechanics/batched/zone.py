@@ -62,22 +62,26 @@ class Zone(Patches):
         self._nodes = torch.as_tensor(nodes, device=self._device)
         self._moves = moves[self._nodes][:, None]
 
-    def settle(self, u: Tensor, goal: Tensor, running: Tensor) -> None:
+    def settle(self, u: Tensor, goal: Tensor, lowest: Tensor, running: Tensor) -> None:
         """Move the hard patches of displacements u (n, 3, k) mm until their force is at most goal (k,) mN, or as long
-        as that helps, where plans (k,) bool are running."""
+        as that helps, of plans (k,) bool that run and have no J below lowest (k,)."""
         if not len(self._nodes):
             return
         field, law = u[self._nodes], torch.full_like(goal, self._extension)
-        extension = torch.where(self._least(self._fine.measure(field, law)) > 0, law, UNTANGLING)
-        works, left = running.clone(), torch.full_like(goal, STEPS)
+        least = self._least(self._fine.measure(field, law))
+        extension = torch.where(least > 0, law, UNTANGLING)
+        works, left = running & (least >= lowest), torch.full_like(goal, STEPS)
         while works.any():
             share, motion = self._step(field, extension, torch.where(works & (left > 0), goal, torch.inf))
             field = field + share * motion
             stuck = share == 0
             works &= ~stuck | (extension != law)
             left = torch.where(stuck, STEPS, left - 1)
-            # What was untangled, with ln J extended far, goes on by its own law.
-            extension = torch.where(stuck, law, extension)
+            # What was untangled, with ln J extended far, goes on by its own law; what was not is given up.
+            loose, extension = extension != law, torch.where(stuck, law, extension)
+            if (stuck & loose).any():
+                least = self._least(self._fine.measure(field, law))
+                works &= ~(stuck & loose) | (least > 0) | (lowest == -torch.inf)
         u[self._nodes] = field
 
     def _step(self, field: Tensor, extension: Tensor, goal: Tensor) -> tuple[Tensor, Tensor]:

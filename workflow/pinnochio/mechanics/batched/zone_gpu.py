@@ -15,6 +15,7 @@ from torch import Tensor
 from pinnochio.mechanics.batched import zone
 from pinnochio.mechanics.batched.dissection import padded
 from pinnochio.mechanics.batched.recorded import Recorded
+from pinnochio.mechanics.batched.rows import fused
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.solver import UNTANGLING
 
@@ -56,7 +57,7 @@ class Zone(zone.Patches):
         self._patches, self._nodes = (empty(plans, size + 1, dtype=torch.int32) for size in (patches, nodes))
         self._counts, self._flags = empty(2, plans, dtype=torch.int32), empty(4, plans, dtype=torch.int32)
         self._field, self._force = (empty(plans, nodes, 3, dtype=torch.float64) for _ in range(2))
-        self._goal, self._extension, self._running = (empty(plans, dtype=torch.float64) for _ in range(3))
+        self._goal, self._lowest, self._extension = (empty(plans, dtype=torch.float64) for _ in range(3))
         self._corners = empty(plans, count, 12, dtype=torch.float64)
         self._kept, self._second = empty(plans, 13, count), empty(plans, patches)
         self._vectors = empty(6, plans, nodes, 3)  # motion, preconditioned residual, residual, its image, way, image
@@ -65,7 +66,7 @@ class Zone(zone.Patches):
         self._energies = empty(2, zone.SHARES, plans, self._tiles[0], dtype=torch.float64)
         self._sums = empty(2, plans, self._tiles[1], dtype=torch.float64)
         self._states, self._records = empty(2, plans, dtype=torch.float64), empty(2, 6, plans, dtype=torch.float64)
-        self._told = empty(2, dtype=torch.int64)
+        self._told = empty(3, dtype=torch.int64)
         cores = torch.cuda.get_device_properties(device).multi_processor_count
         self._grid = (8 * cores,)
         self._shape = {"K": max(triton.next_power_of_2(plans), 32), "num_warps": 4}
@@ -88,18 +89,15 @@ class Zone(zone.Patches):
             size = mask.shape[1]
             numbers = torch.arange(size, dtype=torch.int32, device=mask.device).expand_as(mask)
             lists.scatter_(1, torch.where(mask, place - 1, size).long(), numbers)
-        self._vectors[:2].mul_(moves[None, :, :, None])  # the rest stays
+        self._vectors[:2].masked_fill_(~moves[None, :, :, None], 0)  # the rest stays
 
-    def settle(self, u: Tensor, goal: Tensor, running: Tensor) -> None:
-        self._field.copy_(u.permute(2, 0, 1))
-        self._goal.copy_(goal)
-        self._running.copy_(running)
-        few = PATIENCE * float(self._running.sum())
+    def settle(self, u: Tensor, goal: Tensor, lowest: Tensor, running: Tensor) -> None:
+        self._given = u, goal, lowest, running  # always the same ones
         self._start()
         made = CHUNK
         while True:
-            waiting, active = self._told.tolist()
-            if waiting <= few:
+            running, waiting, active = self._told.tolist()
+            if waiting <= PATIENCE * running:
                 break
             if active > waiting // 8 and made < zone.GRADIENTS:
                 self._more()
@@ -111,11 +109,13 @@ class Zone(zone.Patches):
 
     def _started(self) -> None:
         """Begin with the plans that run and are not open, then as :meth:`_stepped`."""
-        flags, new = self._flags, (self._running > 0) & ~self.open
-        flags[OPEN.value] = torch.where(new, self._counts[1] > 0, self.open)
-        for row, value in ((PENDING, 0), (LEFT, zone.STEPS), (FRESH, 1)):
-            flags[row.value] = torch.where(new, value, flags[row.value])
-        self._extension.copy_(torch.where(new, self._law, self._extension))
+        u, goal, lowest, running = self._given
+        self._field.copy_(u.permute(2, 0, 1))
+        self._goal.copy_(goal)
+        self._lowest.copy_(lowest)
+        self._told[0] = running.sum()
+        new = running & ~self.open
+        _begin(self._flags, self._extension, self._counts, new, self._law)
         self._stepped()
 
     def _stepped(self) -> None:
@@ -143,7 +143,7 @@ class Zone(zone.Patches):
             )  # fmt: skip
             _judged[(sizes["plans"],)](
                 self._counts, self._flags, self._energies, self._sums, self._states, self._records, self._extension,
-                self._goal, self._law, UNTANGLING, patch_tiles=self._tiles[0], node_tiles=self._tiles[1],
+                self._goal, self._lowest, self._law, UNTANGLING, patch_tiles=self._tiles[0], node_tiles=self._tiles[1],
                 STEPS=zone.STEPS, N=NODES, **sizes, **self._rows, num_warps=1,
             )  # fmt: skip
         self._improved()
@@ -167,7 +167,14 @@ class Zone(zone.Patches):
                     then, zone.FORCING**2, node_tiles=self._tiles[1], N=NODES, **sizes, **self._shape,
                 )  # fmt: skip
         pending = self._flags[PENDING.value] > 0
-        self._told.copy_(torch.stack([self.open.sum(), (pending & (self._records[0, 0] > 0)).sum()]))
+        self._told[1:] = torch.stack([self.open.sum(), (pending & (self._records[0, 0] > 0)).sum()])
+
+
+@fused
+def _begin(flags, extension, counts, new, law):
+    values = counts[1] > 0, 0, zone.STEPS, 1
+    flags.copy_(torch.stack([torch.where(new, value, row) for value, row in zip(values, flags.unbind(), strict=True)]))
+    extension.copy_(torch.where(new, law, extension))
 
 
 @triton.jit
@@ -534,7 +541,7 @@ def _restarted(vectors, step, node, there, x, y, z, zx, zy, zz):
 
 @triton.jit
 def _judged(
-    counts, flags, energies, sums, states, records, extensions, goals, law, untangling,
+    counts, flags, energies, sums, states, records, extensions, goals, lowest, law, untangling,
     elements, patches_of_mesh, nodes_of_mesh, plans, patch_tiles, node_tiles,
     W: tl.constexpr, P: tl.constexpr, STEPS: tl.constexpr, N: tl.constexpr,
 ):  # fmt: skip
@@ -546,8 +553,11 @@ def _judged(
         least = _total(energies + (plans + plan) * patch_tiles, patches, True)
         size = tl.sqrt(_total(sums + plan * node_tiles, nodes, False))
         loose, left = tl.load(extensions + plan) != law, tl.load(flags + LEFT * plans + plan)
-        tangled = (tl.load(flags + FRESH * plans + plan) > 0) & (least <= 0)
-        wants = (size > tl.load(goals + plan)) & (left > 0) & (tangled == 0)
+        fresh, bound = tl.load(flags + FRESH * plans + plan) > 0, tl.load(lowest + plan)
+        # What is still inside out after it was to be untangled is as little worth as what is wild.
+        wild = tl.where(fresh, least < bound, (loose == 0) & (left == STEPS) & (least <= 0) & (bound > -float("inf")))
+        tangled = fresh & (least <= 0) & (wild == 0)
+        wants = (size > tl.load(goals + plan)) & (left > 0) & (tangled == 0) & (wild == 0)
         tl.store(flags + FRESH * plans + plan, 0)
         tl.store(flags + PENDING * plans + plan, wants.to(tl.int32))
         tl.store(states + plan, energy)
