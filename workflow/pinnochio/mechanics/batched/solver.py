@@ -2,8 +2,8 @@
 
 Bonded plans: L-BFGS on the kept factor of the stiffness at rest, warped; hard patches in equilibrium before every step
 is judged. As many plans as there are slots advance together, and where one ends the next begins. Field, energy and
-force are in double precision, directions, pairs and factors in single.
-What fails goes to the solver of one plan. The same calls give the same bits.
+force are in double precision, directions, pairs and factors in single. What fails or strays goes on in increments of
+the load, and then to the solver of one plan. The same calls give the same bits.
 """
 
 import logging

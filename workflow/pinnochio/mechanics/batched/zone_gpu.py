@@ -178,12 +178,13 @@ def _begin(flags, extension, counts, new, law):
 
 
 @triton.jit
-def _ends(counts, flags, plans, SIZE: tl.constexpr, K: tl.constexpr):
-    """Of the plans' tiles of SIZE, the number of the first one that belongs to later plans."""
+def _ends(counts, flags, record, plans, SIZE: tl.constexpr, K: tl.constexpr):
+    """Of the plans' tiles of SIZE, the number of the first one that belongs to later plans; the others, whose flag or
+    record is 0, have none."""
     plan = tl.arange(0, K)
     there = plan < plans
     tiles = (tl.load(counts + plan, mask=there, other=0) + SIZE - 1) // SIZE
-    works = tl.load(flags + plan, mask=there, other=0) > 0
+    works = (tl.load(flags + plan, mask=there, other=0) > 0) & (tl.load(record + plan, mask=there, other=0) > 0)
     return tl.cumsum(tl.where(works, tiles, 0), 0)
 
 
@@ -304,7 +305,7 @@ def _tried(
     W: tl.constexpr, P: tl.constexpr, K: tl.constexpr, SHARES: tl.constexpr,
 ):  # fmt: skip
     """Energies and least J where shares of the plans' motions lead to."""
-    ends = _ends(counts, flags + PENDING * plans, plans, P, K)
+    ends = _ends(counts, flags + PENDING * plans, flags + PENDING * plans, plans, P, K)
     for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
         plan, begin = _place(ends, tile, P)
         patch, inside = _listed(all_patches + (patches_of_mesh + 1) * plan, begin, tl.load(counts + plan), P)
@@ -380,7 +381,7 @@ def _measured(
     W: tl.constexpr, P: tl.constexpr, K: tl.constexpr,
 ):  # fmt: skip
     """Energies and least J, forces at the elements' corners, and what the tangent needs."""
-    ends = _ends(counts, flags + OPEN * plans, plans, P, K)
+    ends = _ends(counts, flags + OPEN * plans, flags + OPEN * plans, plans, P, K)
     for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
         plan, begin = _place(ends, tile, P)
         patch, inside = _listed(all_patches + (patches_of_mesh + 1) * plan, begin, tl.load(counts + plan), P)
@@ -474,7 +475,7 @@ def _begun(
     elements, patches_of_mesh, nodes_of_mesh, plans, node_tiles, N: tl.constexpr, C: tl.constexpr, K: tl.constexpr,
 ):  # fmt: skip
     """Forces at the nodes, inverses of the tangent's blocks there, about, and where conjugate gradients begin."""
-    ends = _ends(counts + plans, flags + OPEN * plans, plans, N, K)
+    ends = _ends(counts + plans, flags + OPEN * plans, flags + OPEN * plans, plans, N, K)
     for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
         plan, begin = _place(ends, tile, N)
         node, there = _listed(all_nodes + (nodes_of_mesh + 1) * plan, begin, tl.load(counts + plans + plan), N)
@@ -578,49 +579,48 @@ def _product(
     elements, patches_of_mesh, nodes_of_mesh, plans, W: tl.constexpr, P: tl.constexpr, K: tl.constexpr,
 ):  # fmt: skip
     """The tangent times the preconditioned residual, at the corners."""
-    ends = _ends(counts, flags + PENDING * plans, plans, P, K)
+    ends = _ends(counts, flags + PENDING * plans, record, plans, P, K)
     for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
         plan, begin = _place(ends, tile, P)
-        if tl.load(record + plan) > 0:
-            patch, inside = _listed(all_patches + (patches_of_mesh + 1) * plan, begin, tl.load(counts + plan), P)
-            e = tl.load(members + patch[:, None] * W + tl.arange(0, W)[None, :], mask=inside[:, None], other=-1)
-            here = e >= 0
-            damped = tl.load(record + 2 * plans + plan) > 0
-            way = vectors + 3 * nodes_of_mesh * (plans + plan)
-            kept = all_kept + 13 * elements * plan
-            d00, d01, d02, d10, d11, d12, d20, d21, d22 = _gradient(way, cells, coarse, elements, e, here, False)
-            f00, f01, f02, f10, f11, f12, f20, f21, f22 = _tangent(kept, elements, e, here)
-            c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactor(f00, f01, f02, f10, f11, f12, f20, f21, f22)
-            volume = tl.load(coarse + 12 * elements + e, mask=here, other=0.0)
-            s = tl.load(coarse + 14 * elements + e, mask=here, other=0.0)
-            shear = tl.load(kept + 9 * elements + e, mask=here, other=0.0)
-            bulk = tl.load(kept + 10 * elements + e, mask=here, other=0.0)
-            bend = tl.load(kept + 11 * elements + e, mask=here, other=0.0)
-            second = tl.load(seconds + patches_of_mesh * plan + patch, mask=inside, other=0.0)
-            if damped:
-                size = f00 * f00 + f01 * f01 + f02 * f02 + f10 * f10 + f11 * f11 + f12 * f12
-                size += f20 * f20 + f21 * f21 + f22 * f22
-                most = 0.5 * shear / tl.sqrt(tl.maximum(size, 1e-12))
-                bulk = tl.minimum(tl.maximum(bulk, -most), most)
-                second = tl.maximum(second, 0.0)
-            along = c00 * d00 + c01 * d01 + c02 * d02 + c10 * d10 + c11 * d11 + c12 * d12
-            along += c20 * d20 + c21 * d21 + c22 * d22
-            pressure = second * tl.sum(volume * along, axis=1)
-            stretch = f00 * d00 + f01 * d01 + f02 * d02 + f10 * d10 + f11 * d11 + f12 * d12
-            stretch = 4 * s * volume * (stretch + f20 * d20 + f21 * d21 + f22 * d22)
-            along = bend * along + volume * pressure[:, None]
-            _store_corners(
-                all_corners + 24 * elements * plan, coarse, elements, e, here,
-                shear * d00 + stretch * f00 + along * c00 + bulk * (d11 * f22 + f11 * d22 - d12 * f21 - f12 * d21),
-                shear * d01 + stretch * f01 + along * c01 + bulk * (d12 * f20 + f12 * d20 - d10 * f22 - f10 * d22),
-                shear * d02 + stretch * f02 + along * c02 + bulk * (d10 * f21 + f10 * d21 - d11 * f20 - f11 * d20),
-                shear * d10 + stretch * f10 + along * c10 + bulk * (d21 * f02 + f21 * d02 - d22 * f01 - f22 * d01),
-                shear * d11 + stretch * f11 + along * c11 + bulk * (d22 * f00 + f22 * d00 - d20 * f02 - f20 * d02),
-                shear * d12 + stretch * f12 + along * c12 + bulk * (d20 * f01 + f20 * d01 - d21 * f00 - f21 * d00),
-                shear * d20 + stretch * f20 + along * c20 + bulk * (d01 * f12 + f01 * d12 - d02 * f11 - f02 * d11),
-                shear * d21 + stretch * f21 + along * c21 + bulk * (d02 * f10 + f02 * d10 - d00 * f12 - f00 * d12),
-                shear * d22 + stretch * f22 + along * c22 + bulk * (d00 * f11 + f00 * d11 - d01 * f10 - f01 * d10),
-            )  # fmt: skip
+        patch, inside = _listed(all_patches + (patches_of_mesh + 1) * plan, begin, tl.load(counts + plan), P)
+        e = tl.load(members + patch[:, None] * W + tl.arange(0, W)[None, :], mask=inside[:, None], other=-1)
+        here = e >= 0
+        damped = tl.load(record + 2 * plans + plan) > 0
+        way = vectors + 3 * nodes_of_mesh * (plans + plan)
+        kept = all_kept + 13 * elements * plan
+        d00, d01, d02, d10, d11, d12, d20, d21, d22 = _gradient(way, cells, coarse, elements, e, here, False)
+        f00, f01, f02, f10, f11, f12, f20, f21, f22 = _tangent(kept, elements, e, here)
+        c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactor(f00, f01, f02, f10, f11, f12, f20, f21, f22)
+        volume = tl.load(coarse + 12 * elements + e, mask=here, other=0.0)
+        s = tl.load(coarse + 14 * elements + e, mask=here, other=0.0)
+        shear = tl.load(kept + 9 * elements + e, mask=here, other=0.0)
+        bulk = tl.load(kept + 10 * elements + e, mask=here, other=0.0)
+        bend = tl.load(kept + 11 * elements + e, mask=here, other=0.0)
+        second = tl.load(seconds + patches_of_mesh * plan + patch, mask=inside, other=0.0)
+        if damped:
+            size = f00 * f00 + f01 * f01 + f02 * f02 + f10 * f10 + f11 * f11 + f12 * f12
+            size += f20 * f20 + f21 * f21 + f22 * f22
+            most = 0.5 * shear / tl.sqrt(tl.maximum(size, 1e-12))
+            bulk = tl.minimum(tl.maximum(bulk, -most), most)
+            second = tl.maximum(second, 0.0)
+        along = c00 * d00 + c01 * d01 + c02 * d02 + c10 * d10 + c11 * d11 + c12 * d12
+        along += c20 * d20 + c21 * d21 + c22 * d22
+        pressure = second * tl.sum(volume * along, axis=1)
+        stretch = f00 * d00 + f01 * d01 + f02 * d02 + f10 * d10 + f11 * d11 + f12 * d12
+        stretch = 4 * s * volume * (stretch + f20 * d20 + f21 * d21 + f22 * d22)
+        along = bend * along + volume * pressure[:, None]
+        _store_corners(
+            all_corners + 24 * elements * plan, coarse, elements, e, here,
+            shear * d00 + stretch * f00 + along * c00 + bulk * (d11 * f22 + f11 * d22 - d12 * f21 - f12 * d21),
+            shear * d01 + stretch * f01 + along * c01 + bulk * (d12 * f20 + f12 * d20 - d10 * f22 - f10 * d22),
+            shear * d02 + stretch * f02 + along * c02 + bulk * (d10 * f21 + f10 * d21 - d11 * f20 - f11 * d20),
+            shear * d10 + stretch * f10 + along * c10 + bulk * (d21 * f02 + f21 * d02 - d22 * f01 - f22 * d01),
+            shear * d11 + stretch * f11 + along * c11 + bulk * (d22 * f00 + f22 * d00 - d20 * f02 - f20 * d02),
+            shear * d12 + stretch * f12 + along * c12 + bulk * (d20 * f01 + f20 * d01 - d21 * f00 - f21 * d00),
+            shear * d20 + stretch * f20 + along * c20 + bulk * (d01 * f12 + f01 * d12 - d02 * f11 - f02 * d11),
+            shear * d21 + stretch * f21 + along * c21 + bulk * (d02 * f10 + f02 * d10 - d00 * f12 - f00 * d12),
+            shear * d22 + stretch * f22 + along * c22 + bulk * (d00 * f11 + f00 * d11 - d01 * f10 - f01 * d10),
+        )  # fmt: skip
 
 
 @triton.jit
@@ -629,19 +629,18 @@ def _imaged(
     elements, patches_of_mesh, nodes_of_mesh, plans, node_tiles, N: tl.constexpr, C: tl.constexpr, K: tl.constexpr,
 ):  # fmt: skip
     """That product at the nodes, and the products of the preconditioned residual with it and with the residual."""
-    ends = _ends(counts + plans, flags + PENDING * plans, plans, N, K)
+    ends = _ends(counts + plans, flags + PENDING * plans, record, plans, N, K)
     for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
         plan, begin = _place(ends, tile, N)
-        if tl.load(record + plan) > 0:
-            node, there = _listed(all_nodes + (nodes_of_mesh + 1) * plan, begin, tl.load(counts + plans + plan), N)
-            x, y, z = _gathered(all_corners + 24 * elements * plan, first, incident, node, there, False, N, C)
-            at, step = 3 * nodes_of_mesh * plan, 3 * nodes_of_mesh * plans
-            _put(vectors + at + 3 * step, node, there, x, y, z)
-            zx, zy, zz = _vector(vectors + at + step, node, there)
-            rx, ry, rz = _vector(vectors + at + 2 * step, node, there)
-            out = sums + plan * node_tiles + begin // N
-            tl.store(out, tl.sum((rx * zx + ry * zy + rz * zz).to(tl.float64), 0))
-            tl.store(out + plans * node_tiles, tl.sum((x * zx + y * zy + z * zz).to(tl.float64), 0))
+        node, there = _listed(all_nodes + (nodes_of_mesh + 1) * plan, begin, tl.load(counts + plans + plan), N)
+        x, y, z = _gathered(all_corners + 24 * elements * plan, first, incident, node, there, False, N, C)
+        at, step = 3 * nodes_of_mesh * plan, 3 * nodes_of_mesh * plans
+        _put(vectors + at + 3 * step, node, there, x, y, z)
+        zx, zy, zz = _vector(vectors + at + step, node, there)
+        rx, ry, rz = _vector(vectors + at + 2 * step, node, there)
+        out = sums + plan * node_tiles + begin // N
+        tl.store(out, tl.sum((rx * zx + ry * zy + rz * zz).to(tl.float64), 0))
+        tl.store(out + plans * node_tiles, tl.sum((x * zx + y * zy + z * zz).to(tl.float64), 0))
 
 
 @triton.jit
@@ -650,7 +649,7 @@ def _advanced(
     elements, patches_of_mesh, nodes_of_mesh, plans, node_tiles, N: tl.constexpr, K: tl.constexpr,
 ):  # fmt: skip
     """An iteration of conjugate gradients; where the energy bends downwards, it begins anew with the tangent damped."""
-    ends = _ends(counts + plans, flags + PENDING * plans, plans, N, K)
+    ends = _ends(counts + plans, flags + PENDING * plans, flags + PENDING * plans, plans, N, K)
     for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
         plan, begin = _place(ends, tile, N)
         active = tl.load(now + plan) > 0
