@@ -10,6 +10,7 @@ from scipy import sparse
 
 from pinnochio.mechanics import repeated
 from pinnochio.mechanics.assembly import Assembler
+from pinnochio.mechanics.batched import law as batched_law
 from pinnochio.mechanics.batched import solver as batched
 from pinnochio.mechanics.batched import zone
 from pinnochio.mechanics.batched.dissection import dissect
@@ -113,6 +114,24 @@ def test_product_is_that_with_the_assembled_tangent():
         upper = assembler.upper(assembler.tangent(u[:, :, plan], np.zeros((0, 3, 3)))[0])
         exact = (upper + sparse.triu(upper, 1).T) @ step[:, :, plan].ravel()
         np.testing.assert_allclose(product[:, :, plan].ravel(), exact, rtol=0, atol=1e-10 * np.abs(exact).max())
+
+
+def test_a_damped_tangent_bends_nowhere_downwards():
+    points, cells, _ = bent_block()
+    elements = Elements.build(points, cells, material(len(cells)))
+    u, fields = state(elements)
+    mesh, law = Mesh(elements, "cpu"), torch.full((2,), elements.material.extension, dtype=torch.float64)
+    found = mesh.measure(fields, law)
+    kept, _ = mesh.curvature(fields, found, law)
+    assembler = Assembler(elements, np.zeros((elements.nodes, 3), bool), np.zeros(0, int))
+    upper = assembler.upper(assembler.tangent(u[:, :, 1], np.zeros((0, 3, 3)))[0]).toarray()
+    values, ways = np.linalg.eigh(upper + np.triu(upper, 1).T)
+    assert values[0] < 0
+    damped, second = batched_law.damped(kept, found.second)
+    for way in ways.T[::20]:
+        step = torch.as_tensor(way.reshape(-1, 3, 1)).expand(-1, -1, 2)
+        bends = (step * mesh.product(damped, second, step)).sum((0, 1))
+        assert (bends >= -1e-9 * abs(values[-1])).all()
 
 
 def test_hard_patches_come_to_equilibrium_while_the_rest_stays():
