@@ -22,7 +22,7 @@ import torch
 sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
-from pinnochio.mechanics.batched.solver import SOLVED, BatchSolver
+from pinnochio.mechanics.batched.solver import BatchSolver
 from pinnochio.mechanics.repeated import RepeatedSolver
 from pinnochio.mechanics.simulation import solver_options
 from pinnochio.mechanics.sliding import boundary_conditions
@@ -54,10 +54,9 @@ def measured(patient: PatientModel, options: argparse.Namespace) -> list[str]:
     solver, preparation = timed(lambda: BatchSolver(*known, device, options.slots), device)
     motions = np.array([solver.motions(item) for item in boundaries])
     solver.fields(motions[: options.slots])
-    (fields, records), seconds = timed(lambda: solver.fields(motions), device)
+    (fields, ways), seconds = timed(lambda: solver.fields(motions), device)
     same = np.array_equal(fields, solver.fields(motions)[0])
-    solved = np.array([record[-1]["code"] == SOLVED for record in records])
-    iterations = [int(record[-1]["iterations"]) for record in records]
+    solved, iterations = np.array([way.solved for way in ways]), [way.iterations for way in ways]
     print(f"{len(patient.points)}: {1e3 * seconds / len(motions):.3f} ms in a queue", file=sys.stderr, flush=True)
     alone = []
     for number in range(min(options.alone + 2, len(motions))):

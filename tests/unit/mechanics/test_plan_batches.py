@@ -10,6 +10,7 @@ from scipy import sparse
 
 from pinnochio.mechanics import repeated
 from pinnochio.mechanics.assembly import Assembler
+from pinnochio.mechanics.batched import law as batched_law
 from pinnochio.mechanics.batched import solver as batched
 from pinnochio.mechanics.batched import zone
 from pinnochio.mechanics.batched.dissection import dissect
@@ -115,6 +116,24 @@ def test_product_is_that_with_the_assembled_tangent():
         np.testing.assert_allclose(product[:, :, plan].ravel(), exact, rtol=0, atol=1e-10 * np.abs(exact).max())
 
 
+def test_a_damped_tangent_bends_nowhere_downwards():
+    points, cells, _ = bent_block()
+    elements = Elements.build(points, cells, material(len(cells)))
+    u, fields = state(elements)
+    mesh, law = Mesh(elements, "cpu"), torch.full((2,), elements.material.extension, dtype=torch.float64)
+    found = mesh.measure(fields, law)
+    kept, _ = mesh.curvature(fields, found, law)
+    assembler = Assembler(elements, np.zeros((elements.nodes, 3), bool), np.zeros(0, int))
+    upper = assembler.upper(assembler.tangent(u[:, :, 1], np.zeros((0, 3, 3)))[0]).toarray()
+    values, ways = np.linalg.eigh(upper + np.triu(upper, 1).T)
+    assert values[0] < 0
+    damped, second = batched_law.damped(kept, found.second)
+    for way in ways.T[::20]:
+        step = torch.as_tensor(way.reshape(-1, 3, 1)).expand(-1, -1, 2)
+        bends = (step * mesh.product(damped, second, step)).sum((0, 1))
+        assert (bends >= -1e-9 * abs(values[-1])).all()
+
+
 def test_hard_patches_come_to_equilibrium_while_the_rest_stays():
     points, cells, boundary = bent_block()
     elements = Elements.build(points, cells, material(len(cells)))
@@ -127,8 +146,7 @@ def test_hard_patches_come_to_equilibrium_while_the_rest_stays():
     part.prepare(known)
     u = state(elements, 0.1)[1]
     before, goal = u.clone(), torch.full((2,), 1e-2, dtype=torch.float64)
-    for _ in range(10):
-        part.settle(u, goal)
+    part.settle(u, goal, torch.full((2,), -torch.inf), torch.ones(2, dtype=torch.bool))
     assert moves[:, 0].any() and not moves[:, 1].any() and touched[known].all()
     assert torch.equal(u[~moves[:, 0], :, 0], before[~moves[:, 0], :, 0])
     assert torch.equal(u[:, :, 1], before[:, :, 1])
@@ -202,12 +220,14 @@ def test_plans_that_the_device_has_no_memory_for_are_solved_on_the_cpu(monkeypat
     solver.close()
 
 
-def test_a_plan_that_strays_is_not_taken(monkeypatch):
+def test_a_plan_that_strays_is_reached_in_the_least_increments(monkeypatch):
     points, cells, boundary = bent_block()
     solver = BatchSolver(points, cells, material(len(cells)), boundary, options_with(), "cpu")
     monkeypatch.setattr(repeated, "STRAY", 0.0)
-    _, (record,) = solver.fields(np.array([solver.motions(boundary)]))
-    assert record[-1]["code"] == batched.FAILED and "strayed" in record[-1]["reason"]
+    _, (way,) = solver.fields(np.array([solver.motions(boundary)]))
+    assert way.solved and way.share == repeated.LEAST_INCREMENT
+    ends = [entry["fraction"] for entry in way.history if entry["code"] == batched.SOLVED]
+    assert ends == [1, 0.25, 0.125, *np.arange(1, 17) / 16]
     solver.close()
 
 
@@ -241,7 +261,8 @@ def test_hard_patches_on_a_gpu_as_on_a_cpu():
     from pinnochio.mechanics.batched import zone_gpu
 
     points, cells, boundary = bent_block()
-    elements = batched._by_patch(Elements.build(points, cells, material(len(cells))))
+    elements = Elements.build(points, cells, material(len(cells)))
+    elements = batched._renumbered(elements, np.arange(len(points)))
     free = np.ones(len(points), bool)
     free[boundary.prescribed_nodes] = False
     known = torch.zeros(len(elements.patch_volumes), 2, dtype=torch.bool)
@@ -250,7 +271,9 @@ def test_hard_patches_on_a_gpu_as_on_a_cpu():
     for kind, device in ((zone.Zone, "cpu"), (zone_gpu.Zone, "cuda")):
         part, u = kind(elements, free, 2, device), state(elements, 0.03)[1].to(device)
         part.prepare(known.to(device))
-        part.settle(u, torch.full((2,), 1e-2, dtype=torch.float64, device=device))
+        goal = torch.full((2,), 1e-2, dtype=torch.float64, device=device)
+        part.settle(u, goal, -torch.inf * goal, goal > 0)
+        assert not part.open.any()
         found.append(u.cpu())
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-5)
 

@@ -15,8 +15,8 @@ from pinnochio.statistics.significance import Comparison, compare, holm
 
 # What bounds the methods, beside its name.
 BOUNDS = {
-    FLOOR: "the true skin against its own registered scan: noise, expression and registration; zero against the virtual "
-    "truth itself",
+    FLOOR: "the true skin against its own registered scan: noise, expression and registration; zero against the truth "
+    "itself",
     "oracle": f"the mechanics of {in_sentence(BASELINE)} with the motion that was carried out",
 }
 # What is averaged over patients: column of cases -> also its standard deviation.

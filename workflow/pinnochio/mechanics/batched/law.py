@@ -60,7 +60,7 @@ class Mesh:
         ones = sparse.csr_array((np.ones(count), (elements.patch, members)), (patches, count))
         volumes = sparse.csr_array((elements.volumes, (elements.patch, members)), (patches, count))
         corners = (np.ones(4 * count), (elements.cells.ravel(), np.arange(4 * count)))
-        self.of_patches, self._in_patches = Rows(ones, device, dtype), Rows(volumes, device, dtype)
+        self.of_patches, self._in_patches = Rows(ones, device, torch.float32), Rows(volumes, device, dtype)
         self._at_nodes = Rows(sparse.csr_array(corners, (elements.nodes, 4 * count)), device, dtype)
 
     def measure(self, u: Tensor, extension: Tensor) -> State:
@@ -80,6 +80,16 @@ class Mesh:
         change = self._in_patches(_change(step, self.constants, kept))
         forces = _tangent_forces(step, self.constants, kept, change * second / self.constants.patch_volumes)
         return self._at_nodes(forces.view(-1, 3, step.shape[2]))
+
+
+def damped(kept: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
+    """What :meth:`Mesh.product` needs of a tangent that is positive definite, in place of an indefinite one.
+
+    The bulk's bend has eigenvalues within twice its factor times the norm of F, which the shear outweighs then.
+    """
+    most = 0.5 * kept[9] / torch.sqrt((kept[:9] * kept[:9]).sum(0)).clamp(min=1e-6)
+    bounded = torch.minimum(torch.maximum(kept[10], -most), most)
+    return torch.cat([kept[:10], bounded[None], kept[11:]]), second.clamp(min=0)
 
 
 def _gradient(u, c: Constants) -> list[list[Tensor]]:

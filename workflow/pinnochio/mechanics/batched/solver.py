@@ -2,13 +2,14 @@
 
 Bonded plans: L-BFGS on the kept factor of the stiffness at rest, warped; hard patches in equilibrium before every step
 is judged. As many plans as there are slots advance together, and where one ends the next begins. Field, energy and
-force are in double precision, directions, pairs and factors in single.
-What fails goes to the solver of one plan. The same calls give the same bits.
+force are in double precision, directions, pairs and factors in single. What fails or strays goes on in increments of
+the load, and then to the solver of one plan. The same calls give the same bits.
 """
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from pinnochio.mechanics.assembly import Assembler
 from pinnochio.mechanics.batched import zone
 from pinnochio.mechanics.batched.fronts import Fronts
 from pinnochio.mechanics.batched.law import Mesh
+from pinnochio.mechanics.batched.recorded import Recorded
 from pinnochio.mechanics.batched.rows import Rows, fused
 from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.elements import Elements
@@ -36,6 +38,9 @@ MEMORY = 5  # pairs of steps and changes of the force that are kept
 SETTLED = 0.1  # force left in the hard patches, over the whole, before a step; 0.3 of it is aimed at [X]
 HALVINGS = 12  # of a step at most
 RUNNING, SOLVED, FAILED, IDLE = range(4)
+# What is known of a plan: the first ones are told, the last one is whether its hard patches became more.
+NAMES = "code", "residual", "energy", "min_jacobian", "iterations", "step"
+CODE, RESIDUAL, ENERGY, LEAST, ITERATIONS, STEP, SLOPE, GOAL, TOLERANCE, HALVED, FRESH, AGAIN = range(12)
 
 
 class BatchSolver:
@@ -58,21 +63,25 @@ class BatchSolver:
         self._asked = points, cells, material, boundary, options
         self._options, self._device, self._slots = options, torch.device(device), slots
         self._alone: RepeatedSolver | None = None
-        self._elements = elements = _by_patch(Elements.build(points, cells, material, options.volumetric))
-        self._constraints = Constraints(points, elements.cells, boundary)
-        used = np.zeros(elements.nodes, bool)
-        used[elements.cells] = True
+        whole = Elements.build(points, cells, material, options.volumetric)
+        self._constraints = Constraints(points, whole.cells, boundary)
+        used = np.zeros(whole.nodes, bool)
+        used[whole.cells] = True
         held = self._constraints.constrained.all(axis=1)
-        self._free, fixed = used & ~held, np.flatnonzero(used & held)
-        free = np.flatnonzero(self._free)
+        parts = used & ~held, used & held, ~used
+        order = np.concatenate([np.flatnonzero(part) for part in parts])
+        self._free, count = int(parts[0].sum()), int(used.sum())
+        self._elements = elements = _renumbered(whole, order)
+        free, fixed = np.arange(self._free), np.arange(self._free, count)
+        self._fixed = slice(self._free, count)
+        self._place = torch.as_tensor(np.argsort(order), device=self._device)
+        self._order = torch.as_tensor(order, device=self._device)
         stiffness = _stiffness(elements)
         inner = sparse.bsr_array(_part(stiffness, free, free), blocksize=(3, 3))
-        self._fronts = Fronts(np.asarray(points, float)[free], inner, self._device)
+        self._fronts = Fronts(np.asarray(points, float)[order[: self._free]], inner, self._device)
         self._coupling = Rows(_part(stiffness, free, fixed), self._device, torch.float32)
-        self._nodes, self._fixed = (torch.as_tensor(item, device=self._device) for item in (free, fixed))
         self._mesh = Mesh(elements, self._device)
-        rows = (3 * free[:, None] + np.arange(3)).ravel()
-        self._gradients = Rows(mean_gradients(elements)[rows], self._device, torch.float32)
+        self._gradients = Rows(mean_gradients(elements)[: 3 * self._free], self._device, torch.float32)
         self._beside = Rows(beside(elements), self._device, torch.float64)
         self._work: _Slots | None = None
 
@@ -81,17 +90,17 @@ class BatchSolver:
         began = time.perf_counter()
         quick = [not (item.contact or item.loads or item.sliding) and self._options.barrier for item in boundaries]
         numbers = np.flatnonzero(quick)
-        fields, records = [], []
+        fields, ways = [], []
         if len(numbers):
             try:
-                fields, records = self.fields(np.array([self.motions(boundaries[number]) for number in numbers]))
+                fields, ways = self.fields(np.array([self.motions(boundaries[number]) for number in numbers]))
             except torch.OutOfMemoryError as error:
                 LOG.warning("the plans are left to the CPU: %s", error)
         share = (time.perf_counter() - began) / max(len(numbers), 1)
         results: list[SolveResult | None] = [None] * len(boundaries)
-        for number, field, record in zip(numbers, fields, records, strict=False):
-            if record[-1]["code"] == SOLVED:
-                results[number] = _result(field, record, share)
+        for number, field, way in zip(numbers, fields, ways, strict=False):
+            if way.solved:
+                results[number] = _result(field, way, share)
         left = [number for number, result in enumerate(results) if result is None]
         if left:
             if self._alone is None:
@@ -110,19 +119,21 @@ class BatchSolver:
         """Displacement (n, 3) mm that a boundary condition prescribes, zero elsewhere."""
         return self._constraints.under(boundary).motions()
 
-    def fields(self, motions: np.ndarray) -> tuple[np.ndarray, list[list[dict]]]:
-        """Fields (k, n, 3) mm of prescribed motions (k, n, 3) mm, and the record of each plan, whose last entry's code
-        says whether it is SOLVED or FAILED."""
+    def fields(self, motions: np.ndarray) -> tuple[np.ndarray, list["Way"]]:
+        """Fields (k, n, 3) mm of prescribed motions (k, n, 3) mm, and how each plan was solved, if it was."""
         slots = min(self._slots, 1 << (len(motions) - 1).bit_length())
         if self._work is None or self._work.plans != slots:
             self._work = _Slots(self, slots)
-        return self._work.run(torch.as_tensor(motions, device=self._device))
+        fields, ways = self._work.run(torch.as_tensor(motions, device=self._device)[:, self._order])
+        fields, on_gpu = fields[:, self._place], self._device.type == "cuda"
+        return torch.empty(fields.shape, dtype=fields.dtype, pin_memory=on_gpu).copy_(fields).numpy(), ways
 
     def linear(self, motions: Tensor) -> Tensor:
-        """Fields (n, 3, k) mm in equilibrium at rest with motions (n, 3, k) mm of the prescribed nodes, about."""
+        """Fields (n, 3, k) mm in equilibrium at rest with motions (n, 3, k) mm of the prescribed nodes, about; here and
+        below with the free nodes first."""
         load = -self._coupling(motions[self._fixed].float().reshape(-1, motions.shape[2]))
         fields = motions.clone()
-        fields[self._nodes] = self._fronts.solve(load.view(-1, 3, motions.shape[2])).double()
+        fields[: self._free] = self._fronts.solve(load.view(-1, 3, motions.shape[2]))
         return fields
 
 
@@ -132,180 +143,123 @@ class _Slots:
     def __init__(self, solver: BatchSolver, plans: int):
         self._solver, self.plans = solver, plans
         self._options, elements, device = solver._options, solver._elements, solver._device
-        nodes, free = elements.nodes, len(solver._nodes)
+        nodes, free = elements.nodes, solver._free
 
         def zeros(*shape, dtype=torch.float64):
             return torch.zeros(*shape, plans, dtype=dtype, device=device)
 
         self._law = zeros() + elements.material.extension
-        self._noise = 1e-14 * elements.modulus * elements.volumes.sum()
         fixed = int(solver._constraints.constrained.sum())
-        self._floor = max(1e-4 * elements.modulus * elements.edge**2 * np.sqrt(fixed), np.finfo(float).tiny)
+        least = max(1e-4 * elements.modulus * elements.edge**2 * np.sqrt(fixed), np.finfo(float).tiny)
+        self._floor, self._noise = zeros() + least, zeros() + 1e-14 * elements.modulus * elements.volumes.sum()
         self._u, self._trial, self._start = zeros(nodes, 3), zeros(nodes, 3), zeros(nodes, 3)
         self._gradient, self._direction = zeros(free, 3), zeros(free, 3, dtype=torch.float32)
-        self._energy, self._least, self._step, self._slope, self._reaction = (zeros() for _ in range(5))
-        self._residual, self._goal = zeros(), zeros()
-        self._steps, self._changes = (zeros(MEMORY, free, 3, dtype=torch.float32) for _ in range(2))
-        self._products, self._age = zeros(MEMORY, MEMORY), zeros(MEMORY, dtype=torch.long)
-        self._fresh, self._halvings = zeros(dtype=torch.bool), zeros(dtype=torch.long)
-        self._iterations, self._code = zeros(dtype=torch.long), zeros(dtype=torch.long) + IDLE
+        self._now = zeros(AGAIN + 1)
+        self._now[CODE] = IDLE
+        self._running, self._lowest = zeros(dtype=torch.bool), zeros()
+        # Pairs in a ring; the last place takes what is not kept.
+        self._steps, self._changes = (zeros(MEMORY + 1, free, 3, dtype=torch.float32) for _ in range(2))
+        self._products, self._ring = zeros(MEMORY + 1, MEMORY + 1), zeros(2, dtype=torch.long)
         self._known = zeros(len(elements.patch_volumes), dtype=torch.bool)
-        self._told = zeros(7)
-        self._zone = (zone if device.type == "cpu" else _zone_gpu()).Zone(elements, solver._free, plans, device)
+        kind = zone if device.type == "cpu" else _zone_gpu()
+        self._zone = kind.Zone(elements, np.arange(nodes) < free, plans, device)
         self._ready = False
         self._prepare = Recorded(lambda: self._zone.prepare(self._known), device)
-        self._tick = Recorded(self._ticked, device)
+        self._place, self._judge = Recorded(self._placed, device), Recorded(self._judged, device)
 
-    def run(self, motions: Tensor) -> tuple[np.ndarray, list[list[dict]]]:
+    def run(self, motions: Tensor) -> tuple[Tensor, list["Way"]]:
         """As :meth:`BatchSolver.fields`."""
-        count = len(motions)
-        fields = torch.empty_like(motions)
-        starts = [
-            self._solver.linear(motions[at : at + self.plans].permute(1, 2, 0).contiguous()).permute(2, 0, 1)
-            for at in range(0, count, self.plans)
-        ]
-        starts = torch.cat(starts)
-        records: list[list[dict]] = [[] for _ in range(count)]
-        owner = np.full(self.plans, -1)
-        waiting = iter(range(count))
-        self._fill(owner, np.arange(self.plans), waiting, starts)
+        fields, linear = torch.empty_like(motions), torch.empty_like(motions)
+        for at in range(0, len(motions), self.plans):
+            part = motions[at : at + self.plans].permute(1, 2, 0).contiguous()
+            linear[at : at + self.plans] = self._solver.linear(part).permute(2, 0, 1)
+        ways = [Way() for _ in motions]
+        owner, waiting = np.full(self.plans, -1), deque(range(len(motions)))
+        self._fill(owner, np.arange(self.plans), waiting, ways, linear)
         while (owner >= 0).any():
             if not self._ready:
                 self._prepare()
-            self._tick()
-            told = self._told.cpu().numpy()
-            codes, self._ready = told[0].astype(int), not told[6].any()
-            for slot in np.flatnonzero(owner >= 0):
-                records[owner[slot]].append(_entry(told[:6, slot]))
+            self._place()
+            self._zone.settle(self._trial, self._now[GOAL], self._lowest, self._running)
+            self._judge()
+            told = np.array(self._now.cpu())
+            codes, self._ready = told[CODE].astype(int), not told[AGAIN].any()
+            for slot in np.flatnonzero((owner >= 0) & ((told[FRESH] == 0) | (codes != RUNNING))):
+                ways[owner[slot]].note(told[: len(NAMES), slot])
             ended = np.flatnonzero((owner >= 0) & (codes != RUNNING))
             if len(ended):
                 strayed = self._strayed()
-                for slot in ended[strayed[ended] & (codes[ended] == SOLVED)]:
-                    records[owner[slot]][-1] |= {"code": FAILED, "reason": "a node strayed from those beside it"}
                 at = torch.as_tensor(ended, device=fields.device)
                 fields[torch.as_tensor(owner[ended], device=fields.device)] = self._u[:, :, at].permute(2, 0, 1)
-                self._fill(owner, ended, waiting, starts)
-        return fields.cpu().numpy(), records
+                for slot in ended[::-1]:
+                    plan = owner[slot]
+                    if ways[plan].goes_on(strayed[slot], fields[plan]):
+                        waiting.appendleft(plan)
+                self._fill(owner, ended, waiting, ways, linear)
+        return fields, ways
 
-    def _fill(self, owner, slots, waiting, starts: Tensor) -> None:
-        """Give the next plans to slots (s,) whose own have ended."""
+    def _fill(self, owner, slots, waiting: deque, ways: list["Way"], linear: Tensor) -> None:
+        """Give the next plans, or parts of a load, to slots (s,) whose own have ended."""
         owner[slots] = -1
-        new = list(zip(slots, waiting, strict=False))
-        device = starts.device
-        self._code[torch.as_tensor(slots, device=device)] = IDLE
-        if not new:
+        self._now[CODE, torch.as_tensor(slots, device=linear.device)] = IDLE
+        slots = slots[: len(waiting)]
+        if not len(slots):
             return
-        owner[[slot for slot, _ in new]] = [plan for _, plan in new]
-        at, plans = (torch.as_tensor(np.array(item), device=device) for item in zip(*new, strict=True))
-        begin = starts[plans].permute(1, 2, 0)
+        owner[slots] = plans = [waiting.popleft() for _ in slots]
+        going = [ways[plan] for plan in plans]
+        shares, now = [way.fraction - way.done for way in going], np.zeros((len(self._now), len(slots)))
+        now[FRESH] = 1
+        now[TOLERANCE] = [(self._options.loose, self._options.tolerance)[way.fraction == 1] for way in going]
+        at, chosen, shares = (torch.as_tensor(item, device=linear.device) for item in (slots, plans, shares))
+        begin = shares[:, None, None] * linear[chosen]
+        for place, way in enumerate(going):
+            if way.field is not None:
+                begin[place] += way.field
+        self._now[:, at] = torch.as_tensor(now, device=linear.device)
         for field in (self._u, self._start):
-            field[:, :, at] = begin
+            field[:, :, at] = begin.permute(1, 2, 0)
         self._direction[:, :, at] = 0
-        self._age[:, at] = 0
+        self._ring[:, at] = 0
         self._known[:, at] = self._ready = False
-        for numbers, value in ((self._fresh, True), (self._halvings, 0), (self._iterations, 0), (self._code, RUNNING)):
-            numbers[at] = value
 
-    def _ticked(self) -> None:
-        """One step of every plan, its hard patches in equilibrium, tried and judged."""
-        self._trial.copy_(self._u)
-        self._trial.index_add_(0, self._solver._nodes, self._step * self._direction)
-        self._zone.settle(self._trial, torch.where(self._code == RUNNING, self._goal, torch.inf))
-        self._judged()
+    def _placed(self) -> None:
+        """One step of every plan whose last one was judged."""
+        _go(self._trial, self._u, self._direction, self._now, self._zone.open, self._running, self._lowest)
 
     def _judged(self) -> None:
         """Take the trial where it is good, else halve the step; find the next direction."""
-        solver, running = self._solver, self._code == RUNNING
+        solver, now, free = self._solver, self._now, self._solver._free
         state = solver._mesh.measure(self._trial, self._law)
-        hard = (state.ratio < repeated.HARD_RATIO) | (state.stretch > repeated.HARD_STRETCH)
-        new = (solver._mesh.of_patches(hard.double()) > 0) & ~self._known & running
+        force, least = state.force[:free], state.ratio.amin(0)
+        running, wild = self._running & ~self._zone.open, least < self._lowest
+        hard = solver._mesh.of_patches(_hard(state.ratio, state.stretch))
+        new = _unknown(hard, self._known, running & ~wild)
         self._known |= self._zone.wide(new)
         again = new.any(0)
-        force, least = state.force[solver._nodes], state.ratio.amin(0)
         size, reaction = (torch.linalg.vector_norm(item, dim=(0, 1)) for item in (force, state.force[solver._fixed]))
-        reaction = reaction.clamp(min=self._floor)
-        noise = self._noise + 1e-13 * self._energy.abs()
-        falls = state.energy <= self._energy + 1e-4 * self._step * self._slope + noise
-        allowed = torch.where(self._least > 0, 0.0, -torch.inf)
-        good = running & ~again & torch.isfinite(state.energy) & ((falls & (least > allowed)) | self._fresh)
-        bad = running & ~again & ~good
-        self._remember(good & ~self._fresh, force)
-        for old, value in (
-            (self._u, self._trial),
-            (self._gradient, force),
-            (self._energy, state.energy),
-            (self._least, least),
-            (self._reaction, reaction),
-            (self._residual, size / reaction),
-        ):
-            old.copy_(torch.where(good, value, old))
-        self._iterations += good & ~self._fresh
-        self._halvings.copy_(torch.where(good, 0, self._halvings + bad.long()))
-        direction, slope = self._next()
-        self._direction.copy_(torch.where(good, direction, self._direction))
-        self._slope.copy_(torch.where(good, slope, self._slope))
-        self._step.copy_(torch.where(good, 1.0, torch.where(bad, self._step / 2, self._step)))
-        outside = torch.maximum(SETTLED * size, 0.3 * self._options.tolerance * reaction)
-        goal = torch.where(again & self._fresh, 0.02 * size, self._goal)
-        self._goal.copy_(torch.where(good, 0.3 * outside, goal))
-        self._fresh &= ~good
-        near = good & (self._residual <= self._options.loose)
-        failed = (self._halvings > HALVINGS) | (self._iterations >= repeated.ITERATIONS) | (near & ~(self._least > 0))
-        failed |= good & (self._iterations == repeated.PATIENCE) & (self._residual > repeated.FAR)
-        solved = good & (self._residual <= self._options.tolerance) & (self._least > 0)
-        failed |= good & ~solved & ~(self._slope < 0)
-        self._code.copy_(torch.where(running & solved, SOLVED, torch.where(running & failed, FAILED, self._code)))
-        told = self._code, self._residual, self._energy, self._least, self._iterations, self._step, again
-        self._told.copy_(torch.stack([item.double() for item in told]))
+        reaction = torch.maximum(reaction, self._floor)
+        good = _weighed(now, running, again, wild, state.energy, least, size, reaction, self._noise)
+        self._remember(good, force)
+        _take(good, self._u, self._trial, self._gradient, force)
+        q, shares = self._next()
+        slope = _turn(good, self._direction, q, self._steps, shares, self._gradient)
+        _ended(now, running, good, slope, self._options.loose)
 
     def _remember(self, good: Tensor, force: Tensor) -> None:
         """Keep the step to the trial and the change of the force in place of the oldest pair."""
-        solver = self._solver
-        step = (self._trial[solver._nodes] - self._u[solver._nodes]).float()
-        change = (force - self._gradient).float()
-        both, one, two = _products(step, change)
-        good = good & (both > 1e-12 * torch.sqrt(one * two))
-        oldest = self._age.argmin(0)
-        here = (torch.arange(MEMORY, device=oldest.device)[:, None] == oldest) & good
-        wide = here[:, None, None]
-        self._steps.copy_(torch.where(wide, step, self._steps))
-        self._changes.copy_(torch.where(wide, change, self._changes))
-        self._age.copy_(torch.where(here, self._age.amax(0) + 1, self._age))
-        by_step, by_change = _against(self._changes, step), _against(self._steps, change)
-        self._products.copy_(torch.where(here[:, None], by_step, self._products))
-        self._products.copy_(torch.where(here[None, :], by_change[:, None], self._products))
+        step, change = _differences(self._trial, self._u, force, self._gradient)
+        place = _kept_place(self._ring, good, self._now[ITERATIONS], *_products(step, change))
+        for pairs, new in ((self._steps, step), (self._changes, change)):
+            pairs.scatter_(0, place.expand(1, *new.shape), new[None])
+        _put(self._products, place, _against(self._changes, step), _against(self._steps, change))
 
     def _next(self) -> tuple[Tensor, Tensor]:
-        """Minus the product of the inverse Hessian that L-BFGS knows with the gradient, and its slope (k,).
-
-        With pairs by age, s_i' y_j in `upper`: the two loops are two triangular systems.
-        """
+        """Minus the direction but for the steps that it goes along, and their shares (MEMORY + 1, k) by place."""
         solver, gradient = self._solver, self._gradient.float()
-        order = self._age.argsort(0)  # empty places first
-        there = torch.gather(self._age, 0, order) > 0
-        products = self._products.permute(2, 0, 1)
-        rank = order.T
-        products = products.gather(1, rank[:, :, None].expand_as(products))
-        products = products.gather(2, rank[:, None, :].expand_as(products))
-        mask = there.T
-        eye = torch.eye(MEMORY, dtype=products.dtype, device=products.device)
-        upper = torch.where(mask[:, :, None] & mask[:, None, :], products, eye).triu()
-        against = torch.gather(_against(self._steps, gradient), 0, order) * there
-        shares = torch.linalg.solve_triangular(upper, against.T[:, :, None], upper=True)
-        q = gradient - _combined(self._changes, _in_place(shares, order))
-        q = _unwarped(self._warp(), q)
-        q = _warped(self._warps, solver._fronts.solve(q))
-        against = torch.gather(_against(self._changes, q), 0, order) * there
-        right = upper.diagonal(dim1=1, dim2=2)[:, :, None] * shares - against.T[:, :, None]
-        rest = torch.linalg.solve_triangular(upper.mT, right, upper=False) * mask[:, :, None]
-        direction = -(q + _combined(self._steps, _in_place(rest, order)))
-        return direction, (direction * self._gradient).sum((0, 1))
-
-    def _warp(self) -> Tensor:
-        """Mean deformation gradients (f, 3, 3, k) of the free nodes, of determinant 1."""
-        mean = self._solver._gradients(self._u.float()).view(-1, 3, 3, self.plans)
-        self._warps = _kept_volume(mean)
-        return self._warps
+        shares = _back(self._products, self._ring, _against(self._steps, gradient))
+        warp = _kept_volume(solver._gradients(self._u.float()).view(-1, 3, 3, self.plans))
+        q = _warped(warp, solver._fronts.solve(_unwarped(warp, gradient, self._changes, shares)))
+        return q, _forth(self._products, self._ring, _against(self._changes, q), shares)
 
     def _strayed(self) -> np.ndarray:
         """Plans (k,) bool of which a node is far from those beside it: they may have found another equilibrium."""
@@ -314,49 +268,67 @@ class _Slots:
         return (far > repeated.STRAY * self._solver._elements.edge).cpu().numpy()
 
 
-class Recorded:
-    """Calls of a function without arguments: on a GPU its kernels are recorded at the first call and then replayed."""
-
-    def __init__(self, function: Callable[[], None], device: torch.device):
-        self._function, self._records, self._graph, self._warm = function, device.type == "cuda", None, False
-
-    def __call__(self) -> None:
-        if self._graph is not None:
-            self._graph.replay()
-        elif not self._records or not self._warm:
-            self._function()  # compiles, and sizes the libraries' buffers
-            self._warm = True
-        else:
-            torch.cuda.synchronize()
-            self._graph = torch.cuda.CUDAGraph()
-            with torch.cuda.graph(self._graph):
-                self._function()
-            self._graph.replay()
-
-
 def _zone_gpu():
     from pinnochio.mechanics.batched import zone_gpu
 
     return zone_gpu
 
 
-def _entry(told) -> dict:
-    names = "code", "residual", "energy", "min_jacobian", "iterations", "step"
-    return dict(zip(names, told.tolist(), strict=True))
+class Way:
+    """How far one plan has come: it begins with the whole load, and what fails goes on in increments, as in
+    :mod:`pinnochio.mechanics.repeated`. iterations: in all."""
+
+    def __init__(self):
+        self.share, self.field, self.iterations = 1.0, None, 0
+        self.done, self._steps = 0.0, []
+
+    @property
+    def fraction(self) -> float:
+        """Of the load, which it is at."""
+        return min(self.done + self.share, 1.0)
+
+    @property
+    def solved(self) -> bool:
+        """Whether the whole load is reached."""
+        return self.done == 1
+
+    @property
+    def history(self) -> list[dict]:
+        """What each step came to: the numbers of NAMES, and the fraction of the load."""
+        return [dict(zip(NAMES, told.tolist(), strict=True), fraction=fraction) for fraction, told in self._steps]
+
+    def note(self, told: np.ndarray) -> None:
+        """Keep what a step came to, the numbers of NAMES."""
+        self._steps.append((self.fraction, told))
+
+    def goes_on(self, strayed: bool, field: Tensor) -> bool:
+        """Whether a part of the load is left to do after one that ended with a field (n, 3) mm.
+
+        Increments that strayed do not count but the least ones, which lead where they lead.
+        """
+        last = self._steps[-1][1]
+        self.iterations += int(last[ITERATIONS])
+        if last[CODE] == SOLVED and not (strayed and self.share > repeated.LEAST_INCREMENT):
+            self.done = self.fraction
+            self.field = None if self.solved else field.clone()
+            return not self.solved
+        self.share = min(self.share / 2, repeated.INCREMENT)
+        return self.share >= repeated.LEAST_INCREMENT
 
 
-def _result(field, record: list[dict], seconds: float) -> SolveResult:
-    end, names = record[-1], ("residual", "energy", "min_jacobian", "step")
-    history = [{"fraction": 1.0} | {name: entry[name] for name in names} for entry in record]
-    return kept_result(field, history, end["min_jacobian"], end["residual"], int(end["iterations"]), seconds)
+def _result(field, way: Way, seconds: float) -> SolveResult:
+    names = "fraction", "residual", "energy", "min_jacobian", "step"
+    history = [{name: entry[name] for name in names} for entry in way.history]
+    return kept_result(field, history, history[-1]["min_jacobian"], history[-1]["residual"], way.iterations, seconds)
 
 
-def _by_patch(elements: Elements) -> Elements:
-    """The elements in the order of their patches, so that neighbouring lanes read neighbouring ones."""
+def _renumbered(elements: Elements, nodes) -> Elements:
+    """The elements with nodes (n,) in this order, themselves in the order of their patches, so that neighbouring lanes
+    read neighbouring ones."""
     order, law = np.argsort(elements.patch, kind="stable"), elements.material
     return replace(
         elements,
-        cells=elements.cells[order],
+        cells=np.argsort(nodes)[elements.cells[order]].astype(np.int32),
         gradients=elements.gradients[order],
         volumes=elements.volumes[order],
         patch=elements.patch[order],
@@ -379,9 +351,75 @@ def _part(matrix: sparse.csr_array, rows, columns) -> sparse.csr_array:
     return matrix[rows][:, columns]
 
 
-def _in_place(shares: Tensor, order: Tensor) -> Tensor:
-    """Shares (k, MEMORY, 1) by age as (MEMORY, k) by place."""
-    return torch.zeros_like(shares[:, :, 0].T).scatter(0, order, shares[:, :, 0].T)
+@fused
+def _go(trial, u, direction, now, waits, running, lowest):
+    free = len(direction)
+    trial[:free] = torch.where(waits, trial[:free], u[:free] + now[STEP] * direction)
+    trial[free:] = u[free:]
+    running.copy_(now[CODE] == RUNNING)
+    lowest.copy_(torch.where(now[FRESH] > 0, -torch.inf, float(repeated.WILD)))
+
+
+@fused
+def _hard(ratio, stretch):
+    return ((ratio < repeated.HARD_RATIO) | (stretch > repeated.HARD_STRETCH)).float()
+
+
+@fused
+def _unknown(hard, known, running):
+    return (hard > 0) & ~known & running
+
+
+@fused
+def _weighed(now, running, again, wild, energy, least, size, reaction, noise):
+    """Which plans' trials are good, and in now what follows but for the direction."""
+    fresh = now[FRESH] > 0
+    falls = energy <= now[ENERGY] + 1e-4 * now[STEP] * now[SLOPE] + noise + 1e-13 * now[ENERGY].abs()
+    falls = falls & ~wild & (least > torch.where(now[LEAST] > 0, 0.0, -torch.inf))
+    judged = running & ~again
+    good = judged & torch.isfinite(energy) & (falls | fresh)
+    bad = judged & ~good
+    goal = 0.3 * torch.maximum(SETTLED * size, 0.3 * now[TOLERANCE] * reaction)
+    rows = (
+        now[CODE],
+        torch.where(good, size / reaction, now[RESIDUAL]),
+        torch.where(good, energy, now[ENERGY]),
+        torch.where(good, least, now[LEAST]),
+        now[ITERATIONS] + (good & ~fresh),
+        torch.where(good, 1.0, torch.where(bad, now[STEP] / 2, now[STEP])),
+        now[SLOPE],
+        torch.where(good, goal, torch.where(running & again & fresh, 0.02 * size, now[GOAL])),
+        now[TOLERANCE],
+        torch.where(good, 0.0, now[HALVED] + bad),
+        torch.where(good, 0.0, now[FRESH]),
+        again.double(),
+    )
+    now.copy_(torch.stack(rows))
+    return good
+
+
+@fused
+def _ended(now, running, good, slope, loose):
+    """Which plans are solved or have failed, in now."""
+    residual, least, iterations = now[RESIDUAL], now[LEAST], now[ITERATIONS]
+    solved = good & (residual <= now[TOLERANCE]) & (least > 0)
+    failed = (now[HALVED] > HALVINGS) | (iterations >= repeated.ITERATIONS)
+    failed = failed | (good & (residual <= loose) & ~(least > 0)) | (good & ~solved & ~(slope < 0))
+    failed = failed | (good & (iterations == repeated.PATIENCE) & (residual > repeated.FAR))
+    code = torch.where(running & solved, float(SOLVED), torch.where(running & failed, float(FAILED), now[CODE]))
+    slope = torch.where(good, slope, now[SLOPE])
+    now.copy_(torch.cat([code[None], now[1:SLOPE], slope[None], now[SLOPE + 1 :]]))
+
+
+@fused
+def _take(good, u, trial, gradient, force):
+    u.copy_(torch.where(good, trial, u))
+    gradient.copy_(torch.where(good, force, gradient))
+
+
+@fused
+def _differences(trial, u, force, gradient):
+    return (trial[: len(force)] - u[: len(force)]).float(), (force - gradient).float()
 
 
 @fused
@@ -391,13 +429,69 @@ def _products(step, change):
 
 
 @fused
+def _kept_place(ring, good, iterations, both, one, two):
+    """Place (k,) of a new pair, and in ring (2, k) that of the newest one and how many there are."""
+    kept = good & (iterations > 0) & (both > 1e-12 * torch.sqrt(one * two))
+    place = torch.where(kept, (ring[0] + 1) % MEMORY, MEMORY)
+    ring.copy_(torch.stack([torch.where(kept, place, ring[0]), torch.clamp(ring[1] + kept, max=MEMORY)]))
+    return place
+
+
+@fused
+def _put(products, place, by_step, by_change):
+    """The products (i, j, k) of step i with change j, with those of the new pair."""
+    here = torch.arange(MEMORY + 1, device=place.device)[:, None] == place
+    products.copy_(torch.where(here[:, None], by_step, torch.where(here[None], by_change[:, None], products)))
+
+
+@fused
 def _against(pairs, x):
     return (pairs * x).sum((1, 2)).double()
 
 
+def _by_age(products, ring, against):
+    """Places (MEMORY, k) of the pairs, newest first, which of them there are, and products and against so."""
+    rank = torch.arange(MEMORY, device=ring.device)[:, None]
+    order = (ring[0] - rank) % MEMORY
+    both = (order[:, None] * (MEMORY + 1) + order[None]).flatten(0, 1)
+    products = products.flatten(0, 1).gather(0, both).unflatten(0, (MEMORY, MEMORY))
+    there = rank < ring[1]
+    own = torch.where(there, products.diagonal().T, 1.0)
+    return order, there, products, own, against.gather(0, order)
+
+
 @fused
+def _back(products, ring, against):
+    """Shares (MEMORY + 1, k), by place, of the changes that the first loop of L-BFGS takes off the gradient."""
+    order, there, products, own, against = _by_age(products, ring, against)
+    shares = []
+    for i in range(MEMORY):
+        value = against[i] - sum((shares[j] * products[i, j] for j in range(i)), torch.zeros_like(own[0]))
+        shares.append(torch.where(there[i], value / own[i], 0.0))
+    return torch.zeros_like(products[0, 0].expand(MEMORY + 1, -1)).scatter(0, order, torch.stack(shares))
+
+
+@fused
+def _forth(products, ring, against, shares):
+    """Shares, by place, of the steps that the second loop goes along."""
+    order, there, products, own, against = _by_age(products, ring, against)
+    shares, found = shares.gather(0, order), {}
+    for i in reversed(range(MEMORY)):
+        value = against[i] + sum((found[j] * products[j, i] for j in range(i + 1, MEMORY)), torch.zeros_like(own[0]))
+        found[i] = torch.where(there[i], shares[i] - value / own[i], 0.0)
+    found = torch.stack([found[i] for i in range(MEMORY)])
+    return torch.zeros_like(products[0, 0].expand(MEMORY + 1, -1)).scatter(0, order, found)
+
+
 def _combined(pairs, shares):
-    return (pairs * shares.float()[:, None, None]).sum(0)
+    return (pairs[:MEMORY] * shares[:MEMORY].float()[:, None, None]).sum(0)
+
+
+@fused
+def _turn(good, direction, q, steps, shares, gradient):
+    """The new directions where trials are good; their slopes (k,)."""
+    direction.copy_(torch.where(good, -(q + _combined(steps, shares)), direction))
+    return (direction * gradient).sum((0, 1))
 
 
 @fused
@@ -416,8 +510,8 @@ def _kept_volume(mean):
 
 
 @fused
-def _unwarped(warp, q):
-    return (warp * q[:, :, None]).sum(1)
+def _unwarped(warp, gradient, changes, shares):
+    return (warp * (gradient - _combined(changes, shares))[:, :, None]).sum(1)
 
 
 @fused

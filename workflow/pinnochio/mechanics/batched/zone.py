@@ -1,7 +1,9 @@
 """The hard patches of all plans brought to equilibrium together, while the rest of the mesh stays.
 
 As :mod:`pinnochio.mechanics.local_equilibrium`, but Newton's systems are solved by conjugate gradients: many small
-systems that never have to be assembled. Here for a CPU; on a GPU :mod:`pinnochio.mechanics.batched.zone_gpu`.
+systems that never have to be assembled. Where the energy bends downwards, the tangent is damped instead: of every
+element the bulk's part that bends it (the only one without a sign) is bounded so that the whole is positive definite.
+Here for a CPU; on a GPU :mod:`pinnochio.mechanics.batched.zone_gpu`.
 """
 
 import numpy as np
@@ -9,16 +11,16 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from pinnochio.mechanics.batched.law import Mesh, State, cofactor, determinant
+from pinnochio.mechanics.batched.law import Mesh, State, cofactor, damped, determinant
 from pinnochio.mechanics.batched.rows import Rows, fused
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.local_equilibrium import subset
 from pinnochio.mechanics.solver import UNTANGLING
 
-STEPS = 2  # of Newton's method before a step of the whole is judged, at most
-GRADIENTS = 20  # iterations of conjugate gradients in a step of Newton's method [X]
+STEPS = 10  # of Newton's method, at most, before a step of the whole is judged; as many to untangle
+GRADIENTS = 48  # iterations of conjugate gradients in a step of Newton's method, at most [X]
 FORCING = 0.1  # residual of a Newton system that is enough, relative [X]
-SHARES = 1.0, 0.4, 0.1  # of a step, of which the first that lowers the energy is taken
+SHARES = 4  # of a step that are tried, 1, 0.3, 0.09 and so on: the first that lowers the energy is taken
 
 
 class Patches:
@@ -48,6 +50,7 @@ class Zone(Patches):
         self._elements, self._device = elements, device
         self._noise = 1e-14 * elements.modulus * elements.volumes.sum()
         self._extension, self._nodes = elements.material.extension, torch.zeros(0, dtype=torch.long)
+        self.open = torch.zeros(plans, dtype=torch.bool)  # plans whose patches are on their way, of which none is left
 
     def prepare(self, known: Tensor) -> None:
         """Take known (p, k) bool as the hard patches of the plans."""
@@ -59,45 +62,45 @@ class Zone(Patches):
         self._nodes = torch.as_tensor(nodes, device=self._device)
         self._moves = moves[self._nodes][:, None]
 
-    def settle(self, u: Tensor, goal: Tensor) -> None:
-        """Move hard patches of displacements u (n, 3, k) mm until their force is at most goal (k,) mN, or as long as
-        that helps."""
+    def settle(self, u: Tensor, goal: Tensor, lowest: Tensor, running: Tensor) -> None:
+        """Move the hard patches of displacements u (n, 3, k) mm until their force is at most goal (k,) mN, or as long
+        as that helps, of plans (k,) bool that run and have no J below lowest (k,)."""
         if not len(self._nodes):
             return
-        field = u[self._nodes]
-        law = torch.full_like(goal, self._extension)
+        field, law = u[self._nodes], torch.full_like(goal, self._extension)
         least = self._least(self._fine.measure(field, law))
         extension = torch.where(least > 0, law, UNTANGLING)
-        done = torch.zeros_like(least, dtype=torch.bool)
-        for _ in range(STEPS):
-            new, wanted, ended = self._step(field, extension, goal)
-            field = torch.where(done, field, new)
-            extension, done = wanted, done | ended
-            if done.all():
-                break
+        works, left = running & (least >= lowest), torch.full_like(goal, STEPS)
+        while works.any():
+            share, motion = self._step(field, extension, torch.where(works & (left > 0), goal, torch.inf))
+            field = field + share * motion
+            stuck = share == 0
+            works &= ~stuck | (extension != law)
+            left = torch.where(stuck, STEPS, left - 1)
+            # What was untangled, with ln J extended far, goes on by its own law; what was not is given up.
+            loose, extension = extension != law, torch.where(stuck, law, extension)
+            if (stuck & loose).any():
+                least = self._least(self._fine.measure(field, law))
+                works &= ~(stuck & loose) | (least > 0) | (lowest == -torch.inf)
         u[self._nodes] = field
 
-    def _step(self, field: Tensor, extension: Tensor, goal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """The field and the extension after a Newton step, and which plans (k,) had no need of one.
-
-        What was untangled, with ln J extended far, goes on by its own law.
-        """
+    def _step(self, field: Tensor, extension: Tensor, goal: Tensor) -> tuple[Tensor, Tensor]:
+        """Share (k,), 0 where none is wanted or serves, and motion (n, 3, k) mm of a Newton step."""
         state = self._fine.measure(field, extension)
         force = torch.where(self._moves, state.force, 0)
         wanting = torch.linalg.vector_norm(force, dim=(0, 1)) > goal
-        motion = self._direction(field, state, force, extension).double()
+        if not wanting.any():
+            return torch.zeros_like(goal), force
+        motion = self._direction(field, state, torch.where(wanting, force, 0), extension).double()
         slope = (motion * force).sum((0, 1))
         barrier = torch.where(self._least(state) > 0, 0.0, -torch.inf).double()
+        noise = self._noise + 1e-13 * state.energy.abs()
         share = torch.zeros_like(state.energy)
-        for part in SHARES:
+        for part in 0.3 ** np.arange(SHARES):
             ahead = self._fine.measure(field + part * motion, extension)
-            noise = self._noise + 1e-13 * state.energy.abs()
             good = (ahead.energy <= state.energy + 1e-4 * part * slope + noise) & (self._least(ahead) > barrier)
             share = torch.where(good & (share == 0), part, share)
-        share = torch.where(wanting, share, 0.0)
-        stuck = share == 0
-        done = stuck & (extension == self._extension)
-        return field + share * motion, torch.where(stuck, self._extension, extension), done
+        return torch.where(wanting, share, 0.0), motion
 
     def _least(self, state: State) -> Tensor:
         """Least J (k,) of each plan's own elements."""
@@ -112,22 +115,30 @@ class Zone(Patches):
         inverse = _inverted(blocks)
         residual = -force.float()
         z = _applied(inverse, residual, self._moves)
-        motion, way = torch.zeros_like(residual), z
-        size = (residual * z).sum((0, 1))
+        begin = torch.zeros_like(residual), residual, z, (residual * z).sum((0, 1))
+        motion, residual, way, size = begin
         least = FORCING**2 * size
-        active = size > 0
+        active, tame = size > 0, torch.zeros_like(size, dtype=torch.bool)
         for _ in range(GRADIENTS):
             image = torch.where(self._moves, self._coarse.product(kept, second, way), 0)
             bend = (way * image).sum((0, 1))
-            # Where the energy bends downwards, the way so far serves, or the first one.
-            motion = torch.where(active & ~(bend > 0) & (motion == 0).all(1).all(0), way, motion)
-            active = active & (bend > 0)
-            share = torch.where(active, size / bend, 0)
+            bad = active & ~(bend > 0)
+            active = active & (~bad | ~tame)
+            share = torch.where(active & ~bad, size / bend, 0)
             motion, residual, z = _advanced(motion, residual, way, image, share, inverse, self._moves)
             new = (residual * z).sum((0, 1))
             way = torch.where(active, z + new / size * way, way)
             size = torch.where(active, new, size)
-            active = active & (new > least)
+            if bad.any():
+                again = bad & ~tame
+                kept, second = (
+                    torch.where(again, *both) for both in zip(damped(kept, second), (kept, second), strict=True)
+                )
+                motion, residual, way, size = (
+                    torch.where(again, *both) for both in zip(begin, (motion, residual, way, size), strict=True)
+                )
+                tame |= again
+            active = active & (size > least)
             if not active.any():
                 break
         return motion

@@ -1,7 +1,9 @@
-"""The hard patches of every plan brought to equilibrium on a GPU: one Triton program per plan, from start to end.
+"""The hard patches of all plans brought to equilibrium together on a GPU, in programs that share the work evenly.
 
-The steps are those of :mod:`pinnochio.mechanics.batched.zone`. A program goes through the patches of its plan, a patch
-per row and an element per lane, then through their nodes, each of which sums its elements in a fixed order.
+The steps are those of :mod:`pinnochio.mechanics.batched.zone`. The patches, or nodes, of all plans in work are dealt
+out in tiles, each of one plan, to as many programs as the GPU holds. A patch is a row of its tile, an element a lane;
+nodes sum their elements, and plans their tiles, in a fixed order. Conjugate gradients are in the form that sums once an
+iteration (Chronopoulos and Gear 1989); what an iteration leaves of a plan, the next reads from the other record.
 """
 
 import numpy as np
@@ -12,75 +14,186 @@ from torch import Tensor
 
 from pinnochio.mechanics.batched import zone
 from pinnochio.mechanics.batched.dissection import padded
+from pinnochio.mechanics.batched.recorded import Recorded
+from pinnochio.mechanics.batched.rows import fused
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.solver import UNTANGLING
 
-_WARPS = 8  # of a program [X]
-_LARGEST = 16  # elements of a patch: the few larger ones stay as they are
+LANES = 128  # places for elements in a tile [X]
+NODES = 32  # of a tile [X]
+CHUNK = 8  # iterations of conjugate gradients between looks at which plans need more; even [X]
+PATIENCE = 0.25  # share of the plans that the others do not wait for [X]
+# Rows of the flags: a plan is in work; it has a direction; Newton steps left; its field is not measured yet.
+OPEN, PENDING, LEFT, FRESH = (tl.constexpr(number) for number in range(4))
 
 
 class Zone(zone.Patches):
-    """As :class:`pinnochio.mechanics.batched.zone.Zone`."""
+    """As :class:`pinnochio.mechanics.batched.zone.Zone`, but a few plans may stay open, with their fields half-way."""
 
     def __init__(self, elements: Elements, free, plans: int, device):
-        free, sizes = np.array(free), np.bincount(elements.patch)
-        free[elements.cells[sizes[elements.patch] > _LARGEST]] = False
         super().__init__(elements, free, device)
 
         def tensor(values, dtype):
             return torch.as_tensor(np.ascontiguousarray(values), dtype=dtype, device=device)
 
-        law, count, patches = elements.material, len(elements.cells), len(elements.patch_volumes)
+        def empty(*shape, dtype=torch.float32):
+            return torch.zeros(*shape, dtype=dtype, device=device)
+
+        law, count, patches, nodes = elements.material, len(elements.cells), len(elements.patch_volumes), elements.nodes
         order = np.argsort(elements.patch, kind="stable")
         members = padded(np.split(order, np.cumsum(np.bincount(elements.patch))[:-1]))
-        members = np.pad(members, ((0, 0), (0, _LARGEST)), constant_values=-1)[:, :_LARGEST]
+        wide = max(triton.next_power_of_2(members.shape[1]), 16)
+        members = np.pad(members, ((0, 0), (0, wide - members.shape[1])), constant_values=-1)
         incident = np.argsort(elements.cells.ravel(), kind="stable")
-        first = np.concatenate([[0], np.cumsum(np.bincount(elements.cells.ravel(), minlength=elements.nodes))])
-        self._integers = [tensor(item, torch.int32) for item in (members, elements.cells.T, first, incident)]
+        first = np.concatenate([[0], np.cumsum(np.bincount(elements.cells.ravel(), minlength=nodes))])
+        mesh = members, elements.cells.T, first, incident
+        self._members, self._cells, self._first, self._incident = (tensor(item, torch.int32) for item in mesh)
         slopes = elements.gradients.reshape(count, 12).T
-        reals = slopes, elements.volumes, law.mu, law.stiffening, elements.patch_volumes, elements.patch_lam
-        self._reals = [tensor(item, torch.float64) for item in reals]
-        self._slopes = self._reals[0].float()
-        self._extension, self._noise = law.extension, 1e-14 * elements.modulus * elements.volumes.sum()
+        self._fine = tensor(np.vstack([slopes, elements.volumes, law.mu, law.stiffening]), torch.float64)
+        self._coarse = self._fine.float()
+        self._bulk = tensor([elements.patch_volumes, elements.patch_lam], torch.float64)
+        self._sizes = {"elements": count, "patches_of_mesh": patches, "nodes_of_mesh": nodes, "plans": plans}
+        self._law, self._noise = law.extension, 1e-14 * elements.modulus * elements.volumes.sum()
+        self._patches, self._nodes = (empty(plans, size + 1, dtype=torch.int32) for size in (patches, nodes))
+        self._counts, self._flags = empty(2, plans, dtype=torch.int32), empty(4, plans, dtype=torch.int32)
+        self._field, self._force = (empty(plans, nodes, 3, dtype=torch.float64) for _ in range(2))
+        self._goal, self._lowest, self._extension = (empty(plans, dtype=torch.float64) for _ in range(3))
+        self._corners = empty(plans, count, 12, dtype=torch.float64)
+        self._kept, self._second = empty(plans, 13, count), empty(plans, patches)
+        self._vectors = empty(6, plans, nodes, 3)  # motion, preconditioned residual, residual, its image, way, image
+        self._inverse = empty(plans, 6, nodes)
+        self._tiles = triton.cdiv(patches, LANES // wide), triton.cdiv(nodes, NODES)
+        self._energies = empty(2, zone.SHARES, plans, self._tiles[0], dtype=torch.float64)
+        self._sums = empty(2, plans, self._tiles[1], dtype=torch.float64)
+        self._states, self._records = empty(2, plans, dtype=torch.float64), empty(2, 6, plans, dtype=torch.float64)
+        self._told = empty(3, dtype=torch.int64)
+        cores = torch.cuda.get_device_properties(device).multi_processor_count
+        self._grid = (8 * cores,)
+        self._shape = {"K": max(triton.next_power_of_2(plans), 32), "num_warps": 4}
+        self._rows = {"W": wide, "P": LANES // wide}
+        device = torch.device(device)
+        self._start, self._step, self._more = (
+            Recorded(call, device) for call in (self._started, self._stepped, self._improved)
+        )
 
-        def empty(*shape, dtype=torch.float32):
-            return torch.zeros(plans, *shape, dtype=dtype, device=device)
-
-        self._patches, self._nodes = empty(patches + 1, dtype=torch.int32), empty(elements.nodes + 1, dtype=torch.int32)
-        self._counts = empty(2, dtype=torch.int32)
-        self._field = empty(elements.nodes, 3, dtype=torch.float64)
-        self._ahead = empty(elements.nodes, 3, dtype=torch.float64)
-        self._force = empty(elements.nodes, 3, dtype=torch.float64)
-        self._corner = empty(count, 12, dtype=torch.float64)
-        self._corners = empty(count, 12)
-        self._kept, self._second = empty(13, count), empty(patches)
-        self._vectors = empty(4, elements.nodes, 3)  # motion, residual, way, image
-        self._inverse = empty(6, elements.nodes)
+    @property
+    def open(self) -> Tensor:
+        """Plans (k,) bool whose patches are not in equilibrium yet."""
+        return self._flags[OPEN.value] > 0
 
     def prepare(self, known: Tensor) -> None:
-        moves, touched = self.around(known)
+        moves, touched = (item.T.contiguous() for item in self.around(known))
         for number, (lists, mask) in enumerate(((self._patches, touched), (self._nodes, moves))):
-            mask = mask.T.contiguous()
-            place = mask.cumsum(1)
-            self._counts[:, number] = place[:, -1]
+            place = mask.cumsum(1, dtype=torch.int32)
+            self._counts[number] = place[:, -1]
             size = mask.shape[1]
             numbers = torch.arange(size, dtype=torch.int32, device=mask.device).expand_as(mask)
-            lists.scatter_(1, torch.where(mask, place - 1, size), numbers)
-        self._vectors.zero_()
+            lists.scatter_(1, torch.where(mask, place - 1, size).long(), numbers)
+        self._vectors[:2].masked_fill_(~moves[None, :, :, None], 0)  # the rest stays
 
-    def settle(self, u: Tensor, goal: Tensor) -> None:
-        self._field.copy_(u.permute(2, 0, 1))
-        plans, nodes, _ = self._field.shape
-        with torch.cuda.device_of(u):
-            _settle[(plans,)](
-                self._field, self._ahead, goal, self._patches, self._nodes, self._counts, *self._integers, *self._reals,
-                self._slopes, self._force, self._corner, self._corners, self._kept, self._second, self._vectors,
-                self._inverse, nodes, self._kept.shape[2], self._second.shape[1], self._extension, UNTANGLING,
-                self._noise, zone.FORCING**2,
-                W=_LARGEST, P=max(32 * _WARPS // _LARGEST, 1), N=16 * _WARPS, K=8,
-                STEPS=zone.STEPS, GRADIENTS=zone.GRADIENTS, num_warps=_WARPS,
-            )  # fmt: skip
+    def settle(self, u: Tensor, goal: Tensor, lowest: Tensor, running: Tensor) -> None:
+        self._given = u, goal, lowest, running  # always the same ones
+        self._start()
+        made = CHUNK
+        while True:
+            running, waiting, active = self._told.tolist()
+            if waiting <= PATIENCE * running:
+                break
+            if active > waiting // 8 and made < zone.GRADIENTS:
+                self._more()
+                made += CHUNK
+            else:
+                self._step()
+                made = CHUNK
         u.copy_(self._field.permute(1, 2, 0))
+
+    def _started(self) -> None:
+        """Begin with the plans that run and are not open, then as :meth:`_stepped`."""
+        u, goal, lowest, running = self._given
+        self._field.copy_(u.permute(2, 0, 1))
+        self._goal.copy_(goal)
+        self._lowest.copy_(lowest)
+        self._told[0] = running.sum()
+        new = running & ~self.open
+        _begin(self._flags, self._extension, self._counts, new, self._law)
+        self._stepped()
+
+    def _stepped(self) -> None:
+        """Go the directions that were found, measure, and begin to look for the next ones."""
+        patches = self._patches, self._counts, self._flags, self._members, self._cells, self._fine, self._bulk
+        sizes, grid = self._sizes, self._grid
+        with torch.cuda.device_of(self._field):
+            _tried[grid](
+                *patches, self._field, self._vectors, self._extension, self._energies,
+                patch_tiles=self._tiles[0], SHARES=zone.SHARES, **sizes, **self._rows, **self._shape,
+            )  # fmt: skip
+            _moved[(sizes["plans"],)](
+                self._nodes, self._counts, self._flags, self._field, self._vectors, self._force, self._energies,
+                self._states, self._extension, self._law, self._noise, patch_tiles=self._tiles[0],
+                SHARES=zone.SHARES, STEPS=zone.STEPS, N=256, **sizes, **self._rows, num_warps=8,
+            )  # fmt: skip
+            _measured[grid](
+                *patches, self._field, self._extension, self._energies, self._corners, self._kept, self._second,
+                patch_tiles=self._tiles[0], **sizes, **self._rows, **self._shape,
+            )  # fmt: skip
+            _begun[grid](
+                self._nodes, self._counts, self._flags, self._first, self._incident, self._coarse, self._corners,
+                self._kept, self._force, self._vectors, self._inverse, self._sums, node_tiles=self._tiles[1],
+                N=NODES, C=8, **sizes, **self._shape,
+            )  # fmt: skip
+            _judged[(sizes["plans"],)](
+                self._counts, self._flags, self._energies, self._sums, self._states, self._records, self._extension,
+                self._goal, self._lowest, self._law, UNTANGLING, patch_tiles=self._tiles[0], node_tiles=self._tiles[1],
+                STEPS=zone.STEPS, N=NODES, **sizes, **self._rows, num_warps=1,
+            )  # fmt: skip
+        self._improved()
+
+    def _improved(self) -> None:
+        """Some iterations of conjugate gradients."""
+        corners, sizes, grid = self._corners.view(torch.float32), self._sizes, self._grid
+        with torch.cuda.device_of(self._field):
+            for number in range(CHUNK):
+                now, then = self._records[number % 2], self._records[1 - number % 2]
+                _product[grid](
+                    self._patches, self._counts, self._flags, self._members, self._cells, self._coarse, self._vectors,
+                    corners, self._kept, self._second, now, **sizes, **self._rows, **self._shape,
+                )  # fmt: skip
+                _imaged[grid](
+                    self._nodes, self._counts, self._flags, self._first, self._incident, corners, self._vectors,
+                    self._sums, now, node_tiles=self._tiles[1], N=NODES, C=8, **sizes, **self._shape,
+                )  # fmt: skip
+                _advanced[grid](
+                    self._nodes, self._counts, self._flags, self._vectors, self._inverse, self._force, self._sums, now,
+                    then, zone.FORCING**2, node_tiles=self._tiles[1], N=NODES, **sizes, **self._shape,
+                )  # fmt: skip
+        pending = self._flags[PENDING.value] > 0
+        self._told[1:] = torch.stack([self.open.sum(), (pending & (self._records[0, 0] > 0)).sum()])
+
+
+@fused
+def _begin(flags, extension, counts, new, law):
+    values = counts[1] > 0, 0, zone.STEPS, 1
+    flags.copy_(torch.stack([torch.where(new, value, row) for value, row in zip(values, flags.unbind(), strict=True)]))
+    extension.copy_(torch.where(new, law, extension))
+
+
+@triton.jit
+def _ends(counts, flags, record, plans, SIZE: tl.constexpr, K: tl.constexpr):
+    """Of the plans' tiles of SIZE, the number of the first one that belongs to later plans; the others, whose flag or
+    record is 0, have none."""
+    plan = tl.arange(0, K)
+    there = plan < plans
+    tiles = (tl.load(counts + plan, mask=there, other=0) + SIZE - 1) // SIZE
+    works = (tl.load(flags + plan, mask=there, other=0) > 0) & (tl.load(record + plan, mask=there, other=0) > 0)
+    return tl.cumsum(tl.where(works, tiles, 0), 0)
+
+
+@triton.jit
+def _place(ends, tile, SIZE: tl.constexpr):
+    """Plan of a tile, and where the tile begins in its list."""
+    earlier = ends <= tile
+    begin = tl.max(tl.where(earlier, ends, 0), 0)
+    return tl.sum(earlier.to(tl.int32), 0).to(tl.int64), (tile - begin) * SIZE
 
 
 @triton.jit
@@ -92,31 +205,42 @@ def _listed(numbers, begin, count, N: tl.constexpr):
 
 
 @triton.jit
-def _patches(patches, members, begin, count, W: tl.constexpr, P: tl.constexpr):
-    """P patches of a plan from `begin` on, which of them there are, and their elements (P, W), -1 for none."""
-    patch, inside = _listed(patches, begin, count, P)
-    e = tl.load(members + patch[:, None] * W + tl.arange(0, W)[None, :], mask=inside[:, None], other=-1)
-    return patch, inside, e
+def _total(parts, count, LEAST: tl.constexpr):
+    """Sum of some numbers in a fixed order, or the least of them."""
+    lane = tl.arange(0, 64)
+    total = tl.full((64,), float("inf") if LEAST else 0.0, tl.float64)
+    for begin in range(0, count, 64):
+        there = begin + lane < count
+        if LEAST:
+            total = tl.minimum(total, tl.load(parts + begin + lane, mask=there, other=float("inf")))
+        else:
+            total += tl.load(parts + begin + lane, mask=there, other=0.0)
+    return tl.min(total, 0) if LEAST else tl.sum(total, 0)
 
 
 @triton.jit
-def _gradient(x, cells, g, elements, e, here):
+def _vector(x, node, there):
+    one = tl.load(x + 3 * node, mask=there, other=0.0)
+    two = tl.load(x + 3 * node + 1, mask=there, other=0.0)
+    three = tl.load(x + 3 * node + 2, mask=there, other=0.0)
+    return one, two, three
+
+
+@triton.jit
+def _put(x, node, there, one, two, three):
+    tl.store(x + 3 * node, one, mask=there)
+    tl.store(x + 3 * node + 1, two, mask=there)
+    tl.store(x + 3 * node + 2, three, mask=there)
+
+
+@triton.jit
+def _gradient(x, cells, g, elements, e, here, DOUBLE: tl.constexpr):
     """Gradient of a field x (n, 3) in elements e."""
-    node = tl.load(cells + e, mask=here, other=0)
-    x0 = tl.load(x + 3 * node, mask=here, other=0.0)
-    x1 = tl.load(x + 3 * node + 1, mask=here, other=0.0)
-    x2 = tl.load(x + 3 * node + 2, mask=here, other=0.0)
-    g0 = tl.load(g + e, mask=here, other=0.0)
-    g1 = tl.load(g + elements + e, mask=here, other=0.0)
-    g2 = tl.load(g + 2 * elements + e, mask=here, other=0.0)
-    h00, h01, h02 = x0 * g0, x0 * g1, x0 * g2
-    h10, h11, h12 = x1 * g0, x1 * g1, x1 * g2
-    h20, h21, h22 = x2 * g0, x2 * g1, x2 * g2
-    for a in tl.static_range(1, 4):
+    h00 = (e * 0).to(tl.float64 if DOUBLE else tl.float32)
+    h01, h02, h10, h11, h12, h20, h21, h22 = h00, h00, h00, h00, h00, h00, h00, h00
+    for a in tl.static_range(4):
         node = tl.load(cells + a * elements + e, mask=here, other=0)
-        x0 = tl.load(x + 3 * node, mask=here, other=0.0)
-        x1 = tl.load(x + 3 * node + 1, mask=here, other=0.0)
-        x2 = tl.load(x + 3 * node + 2, mask=here, other=0.0)
+        x0, x1, x2 = _vector(x, node, here)
         g0 = tl.load(g + 3 * a * elements + e, mask=here, other=0.0)
         g1 = tl.load(g + (3 * a + 1) * elements + e, mask=here, other=0.0)
         g2 = tl.load(g + (3 * a + 2) * elements + e, mask=here, other=0.0)
@@ -142,6 +266,169 @@ def _log(j, extension):
 
 
 @triton.jit
+def _deformation(h00, h01, h02, h10, h11, h12, h20, h21, h22):
+    """I1 - 3, cofactors and J of the deformation gradient to a displacement gradient."""
+    excess = h00 * h00 + h01 * h01 + h02 * h02 + h10 * h10 + h11 * h11 + h12 * h12
+    excess += h20 * h20 + h21 * h21 + h22 * h22 + 2 * (h00 + h11 + h22)
+    f00, f11, f22 = h00 + 1, h11 + 1, h22 + 1
+    c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactor(f00, h01, h02, h10, f11, h12, h20, h21, f22)
+    return excess, c00, c01, c02, c10, c11, c12, c20, c21, c22, f00 * c00 + h01 * c01 + h02 * c02
+
+
+@triton.jit
+def _constants(fine, bulk, elements, patches, e, here, patch, inside):
+    """Volumes, mu and stiffening of elements, volumes and lambda of patches."""
+    volume = tl.load(fine + 12 * elements + e, mask=here, other=0.0)
+    m = tl.load(fine + 13 * elements + e, mask=here, other=0.0)
+    s = tl.load(fine + 14 * elements + e, mask=here, other=0.0)
+    whole = tl.load(bulk + patch, mask=inside, other=1.0)
+    return volume, m, s, whole, tl.load(bulk + patches + patch, mask=inside, other=0.0)
+
+
+@triton.jit
+def _energy(excess, j, volume, m, s, whole, lam, here, inside, extension):
+    """Energy and least J of a tile, and derivatives of the patches' energy by their ratio, of ln J of the elements."""
+    ratio = tl.where(inside, tl.sum(volume * j, axis=1) / whole, 1.0)
+    log, d, dd = _log(ratio, extension)
+    bulks = tl.sum(0.5 * whole * lam * log * log, 0)
+    first, curve = lam * log * d, lam * (d * d + log * dd) / whole
+    log, d, dd = _log(tl.where(here, j, 1.0), extension)
+    energies = volume * (0.5 * m * excess + 0.5 * s * excess * excess - m * log)
+    least = tl.min(tl.min(tl.where(here, j, float("inf")), 1), 0)
+    return tl.sum(tl.sum(energies, 1), 0) + bulks, least, first, curve, d, dd
+
+
+@triton.jit
+def _tried(
+    all_patches, counts, flags, members, cells, fine, bulk, fields, vectors, extensions, energies,
+    elements, patches_of_mesh, nodes_of_mesh, plans, patch_tiles,
+    W: tl.constexpr, P: tl.constexpr, K: tl.constexpr, SHARES: tl.constexpr,
+):  # fmt: skip
+    """Energies and least J where shares of the plans' motions lead to."""
+    ends = _ends(counts, flags + PENDING * plans, flags + PENDING * plans, plans, P, K)
+    for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
+        plan, begin = _place(ends, tile, P)
+        patch, inside = _listed(all_patches + (patches_of_mesh + 1) * plan, begin, tl.load(counts + plan), P)
+        e = tl.load(members + patch[:, None] * W + tl.arange(0, W)[None, :], mask=inside[:, None], other=-1)
+        here = e >= 0
+        at = 3 * nodes_of_mesh * plan
+        h00, h01, h02, h10, h11, h12, h20, h21, h22 = _gradient(fields + at, cells, fine, elements, e, here, True)
+        m00, m01, m02, m10, m11, m12, m20, m21, m22 = _gradient(vectors + at, cells, fine, elements, e, here, True)
+        volume, m, s, whole, lam = _constants(fine, bulk, elements, patches_of_mesh, e, here, patch, inside)
+        extension = tl.load(extensions + plan)
+        share = extension * 0 + 1
+        for number in range(SHARES):
+            excess, _, _, _, _, _, _, _, _, _, j = _deformation(
+                h00 + share * m00, h01 + share * m01, h02 + share * m02, h10 + share * m10, h11 + share * m11,
+                h12 + share * m12, h20 + share * m20, h21 + share * m21, h22 + share * m22,
+            )  # fmt: skip
+            energy, least, _, _, _, _ = _energy(excess, j, volume, m, s, whole, lam, here, inside, extension)
+            out = energies + (number * plans + plan) * patch_tiles + begin // P
+            tl.store(out, energy)
+            tl.store(out + SHARES * plans * patch_tiles, least)
+            share *= 0.3
+
+
+@triton.jit
+def _moved(
+    all_nodes, counts, flags, fields, vectors, forces, energies, states, extensions, law, noise,
+    elements, patches_of_mesh, nodes_of_mesh, plans, patch_tiles,
+    W: tl.constexpr, P: tl.constexpr, SHARES: tl.constexpr, STEPS: tl.constexpr, N: tl.constexpr,
+):  # fmt: skip
+    """Go the largest share of a plan's motion that lowers its energy."""
+    plan = tl.program_id(0).to(tl.int64)
+    if tl.load(flags + PENDING * plans + plan) > 0:
+        count, tiles = tl.load(counts + plans + plan), tl.cdiv(tl.load(counts + plan), P)
+        nodes, at = all_nodes + (nodes_of_mesh + 1) * plan, 3 * nodes_of_mesh * plan
+        falls = tl.zeros((N,), tl.float64)
+        for begin in range(0, count, N):
+            node, there = _listed(nodes, begin, count, N)
+            x, y, z = _vector(forces + at, node, there)
+            mx, my, mz = _vector(vectors + at, node, there)
+            falls += x * mx + y * my + z * mz
+        slope = tl.sum(falls, 0)
+        energy, least = tl.load(states + plan), tl.load(states + plans + plan)
+        barrier = tl.where(least > 0, 0.0, -float("inf"))
+        slack = noise + 1e-13 * tl.abs(energy)
+        share, taken = energy * 0 + 1, energy * 0
+        for number in range(SHARES):
+            parts = energies + (number * plans + plan) * patch_tiles
+            there_energy = _total(parts, tiles, False)
+            there_least = _total(parts + SHARES * plans * patch_tiles, tiles, True)
+            good = (there_energy <= energy + 1e-4 * share * slope + slack) & (there_least > barrier)
+            taken = tl.where(good & (taken == 0), share, taken)
+            share *= 0.3
+        for begin in range(0, count, N):
+            node, there = _listed(nodes, begin, count, N)
+            x, y, z = _vector(fields + at, node, there)
+            mx, my, mz = _vector(vectors + at, node, there)
+            _put(fields + at, node, there, x + taken * mx, y + taken * my, z + taken * mz)
+        stuck, left = taken == 0, tl.load(flags + LEFT * plans + plan)
+        loose = tl.load(extensions + plan) != law
+        tl.store(flags + PENDING * plans + plan, 0)
+        tl.store(flags + LEFT * plans + plan, tl.where(stuck, STEPS, left - 1))
+        if stuck:
+            if loose:
+                tl.store(extensions + plan, law)
+            else:
+                tl.store(flags + OPEN * plans + plan, 0)
+
+
+@triton.jit
+def _measured(
+    all_patches, counts, flags, members, cells, fine, bulk, fields, extensions, energies, all_corners, all_kept,
+    seconds, elements, patches_of_mesh, nodes_of_mesh, plans, patch_tiles,
+    W: tl.constexpr, P: tl.constexpr, K: tl.constexpr,
+):  # fmt: skip
+    """Energies and least J, forces at the elements' corners, and what the tangent needs."""
+    ends = _ends(counts, flags + OPEN * plans, flags + OPEN * plans, plans, P, K)
+    for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
+        plan, begin = _place(ends, tile, P)
+        patch, inside = _listed(all_patches + (patches_of_mesh + 1) * plan, begin, tl.load(counts + plan), P)
+        e = tl.load(members + patch[:, None] * W + tl.arange(0, W)[None, :], mask=inside[:, None], other=-1)
+        here = e >= 0
+        h00, h01, h02, h10, h11, h12, h20, h21, h22 = _gradient(
+            fields + 3 * nodes_of_mesh * plan, cells, fine, elements, e, here, True
+        )
+        excess, c00, c01, c02, c10, c11, c12, c20, c21, c22, j = _deformation(
+            h00, h01, h02, h10, h11, h12, h20, h21, h22
+        )
+        volume, m, s, whole, lam = _constants(fine, bulk, elements, patches_of_mesh, e, here, patch, inside)
+        energy, least, first, curve, d, dd = _energy(
+            excess, j, volume, m, s, whole, lam, here, inside, tl.load(extensions + plan)
+        )
+        out = energies + plan * patch_tiles + begin // P
+        tl.store(out, energy)
+        tl.store(out + plans * patch_tiles, least)
+        f00, f11, f22 = h00 + 1, h11 + 1, h22 + 1
+        shear = volume * (m + 2 * s * excess)
+        bulk_stress = volume * (first[:, None] - m * d)
+        bend = -volume * m * dd
+        _store_corners(
+            all_corners + 12 * elements * plan, fine, elements, e, here,
+            shear * f00 + bulk_stress * c00, shear * h01 + bulk_stress * c01, shear * h02 + bulk_stress * c02,
+            shear * h10 + bulk_stress * c10, shear * f11 + bulk_stress * c11, shear * h12 + bulk_stress * c12,
+            shear * h20 + bulk_stress * c20, shear * h21 + bulk_stress * c21, shear * f22 + bulk_stress * c22,
+        )  # fmt: skip
+        kept = all_kept + 13 * elements * plan + e
+        tl.store(kept, f00.to(tl.float32), mask=here)
+        tl.store(kept + elements, h01.to(tl.float32), mask=here)
+        tl.store(kept + 2 * elements, h02.to(tl.float32), mask=here)
+        tl.store(kept + 3 * elements, h10.to(tl.float32), mask=here)
+        tl.store(kept + 4 * elements, f11.to(tl.float32), mask=here)
+        tl.store(kept + 5 * elements, h12.to(tl.float32), mask=here)
+        tl.store(kept + 6 * elements, h20.to(tl.float32), mask=here)
+        tl.store(kept + 7 * elements, h21.to(tl.float32), mask=here)
+        tl.store(kept + 8 * elements, f22.to(tl.float32), mask=here)
+        tl.store(kept + 9 * elements, shear.to(tl.float32), mask=here)
+        tl.store(kept + 10 * elements, bulk_stress.to(tl.float32), mask=here)
+        tl.store(kept + 11 * elements, bend.to(tl.float32), mask=here)
+        stiff = tl.maximum(bend + volume * volume * curve[:, None], 0.0)
+        tl.store(kept + 12 * elements, stiff.to(tl.float32), mask=here)
+        tl.store(seconds + patches_of_mesh * plan + patch, curve.to(tl.float32), mask=inside)
+
+
+@triton.jit
 def _store_corners(out, g, elements, e, here, p00, p01, p02, p10, p11, p12, p20, p21, p22):
     for a in tl.static_range(4):
         g0 = tl.load(g + 3 * a * elements + e, mask=here, other=0.0)
@@ -153,66 +440,23 @@ def _store_corners(out, g, elements, e, here, p00, p01, p02, p10, p11, p12, p20,
 
 
 @triton.jit
-def _measure(
-    u, patches, count, members, cells, g, volumes, mu, stiffening, patch_volumes, patch_lam, corner, kept, second,
-    elements, extension, FORCES: tl.constexpr, W: tl.constexpr, P: tl.constexpr,
-):  # fmt: skip
-    """Energy and least J of the plan's patches; with FORCES also forces at the corners and what the tangent needs."""
-    energies, least = tl.zeros((P, W), tl.float64), tl.full((P, W), float("inf"), tl.float64)
-    bulks = tl.zeros((P,), tl.float64)
-    for start in range(0, count, P):
-        patch, inside, e = _patches(patches, members, start, count, W, P)
-        here = e >= 0
-        h00, h01, h02, h10, h11, h12, h20, h21, h22 = _gradient(u, cells, g, elements, e, here)
-        excess = h00 * h00 + h01 * h01 + h02 * h02 + h10 * h10 + h11 * h11 + h12 * h12
-        excess += h20 * h20 + h21 * h21 + h22 * h22 + 2 * (h00 + h11 + h22)
-        f00, f11, f22 = h00 + 1, h11 + 1, h22 + 1
-        c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactor(f00, h01, h02, h10, f11, h12, h20, h21, f22)
-        j = f00 * c00 + h01 * c01 + h02 * c02
-        volume = tl.load(volumes + e, mask=here, other=0.0)
-        m = tl.load(mu + e, mask=here, other=0.0)
-        s = tl.load(stiffening + e, mask=here, other=0.0)
-        whole = tl.load(patch_volumes + patch, mask=inside, other=1.0)
-        lam = tl.load(patch_lam + patch, mask=inside, other=0.0)
-        ratio = tl.sum(volume * j, axis=1) / whole
-        log, d, dd = _log(tl.where(inside, ratio, 1.0), extension)
-        bulks += 0.5 * whole * lam * log * log
-        first = lam * log * d
-        curve = lam * (d * d + log * dd) / whole
-        log, d, dd = _log(tl.where(here, j, 1.0), extension)
-        energies += volume * (0.5 * m * excess + 0.5 * s * excess * excess - m * log)
-        least = tl.minimum(least, tl.where(here, j, float("inf")))
-        if FORCES:
-            shear = volume * (m + 2 * s * excess)
-            bulk = volume * (first[:, None] - m * d)
-            bend = -volume * m * dd
-            _store_corners(
-                corner, g, elements, e, here,
-                shear * f00 + bulk * c00, shear * h01 + bulk * c01, shear * h02 + bulk * c02,
-                shear * h10 + bulk * c10, shear * f11 + bulk * c11, shear * h12 + bulk * c12,
-                shear * h20 + bulk * c20, shear * h21 + bulk * c21, shear * f22 + bulk * c22,
-            )  # fmt: skip
-            tl.store(kept + e, f00.to(tl.float32), mask=here)
-            tl.store(kept + elements + e, h01.to(tl.float32), mask=here)
-            tl.store(kept + 2 * elements + e, h02.to(tl.float32), mask=here)
-            tl.store(kept + 3 * elements + e, h10.to(tl.float32), mask=here)
-            tl.store(kept + 4 * elements + e, f11.to(tl.float32), mask=here)
-            tl.store(kept + 5 * elements + e, h12.to(tl.float32), mask=here)
-            tl.store(kept + 6 * elements + e, h20.to(tl.float32), mask=here)
-            tl.store(kept + 7 * elements + e, h21.to(tl.float32), mask=here)
-            tl.store(kept + 8 * elements + e, f22.to(tl.float32), mask=here)
-            tl.store(kept + 9 * elements + e, shear.to(tl.float32), mask=here)
-            tl.store(kept + 10 * elements + e, bulk.to(tl.float32), mask=here)
-            tl.store(kept + 11 * elements + e, bend.to(tl.float32), mask=here)
-            stiff = tl.maximum(bend + volume * volume * curve[:, None], 0.0)
-            tl.store(kept + 12 * elements + e, stiff.to(tl.float32), mask=here)
-            tl.store(second + patch, curve.to(tl.float32), mask=inside)
-    tl.debug_barrier()
-    return tl.sum(tl.sum(energies, 1), 0) + tl.sum(bulks, 0), tl.min(tl.min(least, 1), 0)
+def _gathered(corners, first, incident, node, there, DOUBLE: tl.constexpr, N: tl.constexpr, C: tl.constexpr):
+    """Sum of the corners' vectors at nodes, C of them at a time."""
+    start = tl.load(first + node, mask=there, other=0)
+    count = tl.where(there, tl.load(first + node + 1, mask=there, other=0) - start, 0)
+    x = tl.zeros((N, C), tl.float64 if DOUBLE else tl.float32)
+    y, z = x, x
+    for k in range(0, tl.max(count, 0), C):
+        place = k + tl.arange(0, C)
+        here = place[None, :] < count[:, None]
+        at = tl.load(incident + start[:, None] + place[None, :], mask=here, other=0)
+        cx, cy, cz = _vector(corners, at, here)
+        x, y, z = x + cx, y + cy, z + cz
+    return tl.sum(x, axis=1), tl.sum(y, axis=1), tl.sum(z, axis=1)
 
 
 @triton.jit
-def _load_kept(kept, elements, e, here):
+def _tangent(kept, elements, e, here):
     f00 = tl.load(kept + e, mask=here, other=0.0)
     f01 = tl.load(kept + elements + e, mask=here, other=0.0)
     f02 = tl.load(kept + 2 * elements + e, mask=here, other=0.0)
@@ -226,121 +470,37 @@ def _load_kept(kept, elements, e, here):
 
 
 @triton.jit
-def _product(
-    way, patches, count, members, cells, g, volumes, stiffening, corners, kept, second, elements,
-    W: tl.constexpr, P: tl.constexpr,
+def _begun(
+    all_nodes, counts, flags, first, incident, coarse, all_corners, all_kept, forces, vectors, inverses, sums,
+    elements, patches_of_mesh, nodes_of_mesh, plans, node_tiles, N: tl.constexpr, C: tl.constexpr, K: tl.constexpr,
 ):  # fmt: skip
-    """The tangent times a step `way` (n, 3), at the corners."""
-    for start in range(0, count, P):
-        patch, inside, e = _patches(patches, members, start, count, W, P)
-        here = e >= 0
-        d00, d01, d02, d10, d11, d12, d20, d21, d22 = _gradient(way, cells, g, elements, e, here)
-        f00, f01, f02, f10, f11, f12, f20, f21, f22 = _load_kept(kept, elements, e, here)
-        c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactor(f00, f01, f02, f10, f11, f12, f20, f21, f22)
-        volume = tl.load(volumes + e, mask=here, other=0.0).to(tl.float32)
-        s = tl.load(stiffening + e, mask=here, other=0.0).to(tl.float32)
-        shear = tl.load(kept + 9 * elements + e, mask=here, other=0.0)
-        bulk = tl.load(kept + 10 * elements + e, mask=here, other=0.0)
-        bend = tl.load(kept + 11 * elements + e, mask=here, other=0.0)
-        along = c00 * d00 + c01 * d01 + c02 * d02 + c10 * d10 + c11 * d11 + c12 * d12
-        along += c20 * d20 + c21 * d21 + c22 * d22
-        pressure = tl.load(second + patch, mask=inside, other=0.0) * tl.sum(volume * along, axis=1)
-        stretch = f00 * d00 + f01 * d01 + f02 * d02 + f10 * d10 + f11 * d11 + f12 * d12
-        stretch = 4 * s * volume * (stretch + f20 * d20 + f21 * d21 + f22 * d22)
-        along = bend * along + volume * pressure[:, None]
-        _store_corners(
-            corners, g, elements, e, here,
-            shear * d00 + stretch * f00 + along * c00 + bulk * (d11 * f22 + f11 * d22 - d12 * f21 - f12 * d21),
-            shear * d01 + stretch * f01 + along * c01 + bulk * (d12 * f20 + f12 * d20 - d10 * f22 - f10 * d22),
-            shear * d02 + stretch * f02 + along * c02 + bulk * (d10 * f21 + f10 * d21 - d11 * f20 - f11 * d20),
-            shear * d10 + stretch * f10 + along * c10 + bulk * (d21 * f02 + f21 * d02 - d22 * f01 - f22 * d01),
-            shear * d11 + stretch * f11 + along * c11 + bulk * (d22 * f00 + f22 * d00 - d20 * f02 - f20 * d02),
-            shear * d12 + stretch * f12 + along * c12 + bulk * (d20 * f01 + f20 * d01 - d21 * f00 - f21 * d00),
-            shear * d20 + stretch * f20 + along * c20 + bulk * (d01 * f12 + f01 * d12 - d02 * f11 - f02 * d11),
-            shear * d21 + stretch * f21 + along * c21 + bulk * (d02 * f10 + f02 * d10 - d00 * f12 - f00 * d12),
-            shear * d22 + stretch * f22 + along * c22 + bulk * (d00 * f11 + f00 * d11 - d01 * f10 - f01 * d10),
-        )  # fmt: skip
-    tl.debug_barrier()
-
-
-@triton.jit
-def _gathered(corners, first, incident, node, there, K: tl.constexpr):
-    """Sum of the corners' vectors at nodes, K of them at a time."""
-    start = tl.load(first + node, mask=there, other=0)
-    count = tl.where(there, tl.load(first + node + 1, mask=there, other=0) - start, 0)
-    x = tl.zeros((node.shape[0], K), corners.dtype.element_ty)
-    y, z = x, x
-    for k in range(0, tl.max(count, 0), K):
-        place = k + tl.arange(0, K)
-        here = place[None, :] < count[:, None]
-        at = tl.load(incident + start[:, None] + place[None, :], mask=here, other=0)
-        x += tl.load(corners + 3 * at, mask=here, other=0.0)
-        y += tl.load(corners + 3 * at + 1, mask=here, other=0.0)
-        z += tl.load(corners + 3 * at + 2, mask=here, other=0.0)
-    return tl.sum(x, axis=1), tl.sum(y, axis=1), tl.sum(z, axis=1)
-
-
-@triton.jit
-def _load_vector(x, node, there):
-    one = tl.load(x + 3 * node, mask=there, other=0.0)
-    two = tl.load(x + 3 * node + 1, mask=there, other=0.0)
-    three = tl.load(x + 3 * node + 2, mask=there, other=0.0)
-    return one, two, three
-
-
-@triton.jit
-def _store_vector(x, node, there, one, two, three):
-    tl.store(x + 3 * node, one, mask=there)
-    tl.store(x + 3 * node + 1, two, mask=there)
-    tl.store(x + 3 * node + 2, three, mask=there)
-
-
-@triton.jit
-def _move(to, u, motion, share, nodes, count, N: tl.constexpr):
-    """Put a plan's nodes to where a share of their motion takes them from u."""
-    for begin in range(0, count, N):
-        node, there = _listed(nodes, begin, count, N)
-        x, y, z = _load_vector(u, node, there)
-        mx, my, mz = _load_vector(motion, node, there)
-        _store_vector(to, node, there, x + share * mx, y + share * my, z + share * mz)
-
-
-@triton.jit
-def _invert_blocks(
-    nodes,
-    count,
-    first,
-    incident,
-    g,
-    volumes,
-    stiffening,
-    kept,
-    elements,
-    inverse,
-    size,
-    N: tl.constexpr,
-    K: tl.constexpr,
-):
-    """Inverses of the tangent's blocks at the nodes, about, into inverse (6, n)."""
-    for begin in range(0, count, N):
-        node, there = _listed(nodes, begin, count, N)
+    """Forces at the nodes, inverses of the tangent's blocks there, about, and where conjugate gradients begin."""
+    ends = _ends(counts + plans, flags + OPEN * plans, flags + OPEN * plans, plans, N, K)
+    for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
+        plan, begin = _place(ends, tile, N)
+        node, there = _listed(all_nodes + (nodes_of_mesh + 1) * plan, begin, tl.load(counts + plans + plan), N)
+        at, step = 3 * nodes_of_mesh * plan, 3 * nodes_of_mesh * plans
+        corners, kept = all_corners + 12 * elements * plan, all_kept + 13 * elements * plan
+        x, y, z = _gathered(corners, first, incident, node, there, True, N, C)
+        _put(forces + at, node, there, x, y, z)
+        tl.store(sums + plan * node_tiles + begin // N, tl.sum(x * x + y * y + z * z, 0))
         start = tl.load(first + node, mask=there, other=0)
         length = tl.where(there, tl.load(first + node + 1, mask=there, other=0) - start, 0)
-        a00 = tl.zeros((N, K), tl.float32)
+        a00 = tl.zeros((N, C), tl.float32)
         a01, a02, a11, a12, a22 = a00, a00, a00, a00, a00
-        for k in range(0, tl.max(length, 0), K):
-            lane = k + tl.arange(0, K)
+        for k in range(0, tl.max(length, 0), C):
+            lane = k + tl.arange(0, C)
             here = lane[None, :] < length[:, None]
-            at = tl.load(incident + start[:, None] + lane[None, :], mask=here, other=0)
-            e = at // 4
-            place = 3 * (at % 4) * elements + e
-            g0 = tl.load(g + place, mask=here, other=0.0)
-            g1 = tl.load(g + place + elements, mask=here, other=0.0)
-            g2 = tl.load(g + place + 2 * elements, mask=here, other=0.0)
-            f00, f01, f02, f10, f11, f12, f20, f21, f22 = _load_kept(kept, elements, e, here)
+            corner = tl.load(incident + start[:, None] + lane[None, :], mask=here, other=0)
+            e = corner // 4
+            place = 3 * (corner % 4) * elements + e
+            g0 = tl.load(coarse + place, mask=here, other=0.0)
+            g1 = tl.load(coarse + place + elements, mask=here, other=0.0)
+            g2 = tl.load(coarse + place + 2 * elements, mask=here, other=0.0)
+            f00, f01, f02, f10, f11, f12, f20, f21, f22 = _tangent(kept, elements, e, here)
             c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactor(f00, f01, f02, f10, f11, f12, f20, f21, f22)
-            volume = tl.load(volumes + e, mask=here, other=0.0).to(tl.float32)
-            stretch = 4 * volume * tl.load(stiffening + e, mask=here, other=0.0).to(tl.float32)
+            volume = tl.load(coarse + 12 * elements + e, mask=here, other=0.0)
+            stretch = 4 * volume * tl.load(coarse + 14 * elements + e, mask=here, other=0.0)
             shear = tl.load(kept + 9 * elements + e, mask=here, other=0.0) * (g0 * g0 + g1 * g1 + g2 * g2)
             stiff = tl.load(kept + 12 * elements + e, mask=here, other=0.0)
             p0, p1, p2 = f00 * g0 + f01 * g1 + f02 * g2, f10 * g0 + f11 * g1 + f12 * g2, f20 * g0 + f21 * g1 + f22 * g2
@@ -356,155 +516,195 @@ def _invert_blocks(
         c0, c1, c2 = a11 * a22 - a12 * a12, a12 * a02 - a01 * a22, a01 * a12 - a11 * a02
         det = a00 * c0 + a01 * c1 + a02 * c2
         over = tl.where(det > 0, 1 / tl.where(det > 0, det, 1.0), 0.0)
-        tl.store(inverse + node, c0 * over, mask=there)
-        tl.store(inverse + size + node, c1 * over, mask=there)
-        tl.store(inverse + 2 * size + node, c2 * over, mask=there)
-        tl.store(inverse + 3 * size + node, (a00 * a22 - a02 * a02) * over, mask=there)
-        tl.store(inverse + 4 * size + node, (a01 * a02 - a00 * a12) * over, mask=there)
-        tl.store(inverse + 5 * size + node, (a00 * a11 - a01 * a01) * over, mask=there)
-    tl.debug_barrier()
+        inverse = inverses + 6 * nodes_of_mesh * plan + node
+        tl.store(inverse, c0 * over, mask=there)
+        tl.store(inverse + nodes_of_mesh, c1 * over, mask=there)
+        tl.store(inverse + 2 * nodes_of_mesh, c2 * over, mask=there)
+        tl.store(inverse + 3 * nodes_of_mesh, (a00 * a22 - a02 * a02) * over, mask=there)
+        tl.store(inverse + 4 * nodes_of_mesh, (a01 * a02 - a00 * a12) * over, mask=there)
+        tl.store(inverse + 5 * nodes_of_mesh, (a00 * a11 - a01 * a01) * over, mask=there)
+        x, y, z = -x.to(tl.float32), -y.to(tl.float32), -z.to(tl.float32)
+        zx = (c0 * x + c1 * y + c2 * z) * over
+        zy = (c1 * x + (a00 * a22 - a02 * a02) * y + (a01 * a02 - a00 * a12) * z) * over
+        zz = (c2 * x + (a01 * a02 - a00 * a12) * y + (a00 * a11 - a01 * a01) * z) * over
+        _restarted(vectors + at, step, node, there, x, y, z, zx, zy, zz)
 
 
 @triton.jit
-def _applied(inverse, size, node, there, x, y, z):
-    a = tl.load(inverse + node, mask=there, other=0.0)
-    b = tl.load(inverse + size + node, mask=there, other=0.0)
-    c = tl.load(inverse + 2 * size + node, mask=there, other=0.0)
-    d = tl.load(inverse + 3 * size + node, mask=there, other=0.0)
-    e = tl.load(inverse + 4 * size + node, mask=there, other=0.0)
-    f = tl.load(inverse + 5 * size + node, mask=there, other=0.0)
-    return a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z
+def _restarted(vectors, step, node, there, x, y, z, zx, zy, zz):
+    """No motion yet, with the residual x, y, z and its preconditioned one."""
+    _put(vectors + step, node, there, zx, zy, zz)
+    _put(vectors + 2 * step, node, there, x, y, z)
+    _put(vectors, node, there, x * 0, x * 0, x * 0)
+    _put(vectors + 4 * step, node, there, x * 0, x * 0, x * 0)
+    _put(vectors + 5 * step, node, there, x * 0, x * 0, x * 0)
 
 
 @triton.jit
-def _settle(
-    fields, aheads, goals, all_patches, all_nodes, counts, members, cells, first, incident,
-    gradients, volumes, mu, stiffening, patch_volumes, patch_lam, slopes, forces, all_corner, all_corners, all_kept,
-    all_second, vectors, inverses, size, elements, patch_count, law, untangling, noise, forcing,
-    W: tl.constexpr, P: tl.constexpr, N: tl.constexpr, K: tl.constexpr, STEPS: tl.constexpr, GRADIENTS: tl.constexpr,
+def _judged(
+    counts, flags, energies, sums, states, records, extensions, goals, lowest, law, untangling,
+    elements, patches_of_mesh, nodes_of_mesh, plans, patch_tiles, node_tiles,
+    W: tl.constexpr, P: tl.constexpr, STEPS: tl.constexpr, N: tl.constexpr,
 ):  # fmt: skip
+    """Which plans want a direction. What is inside out is untangled first, with ln J extended far."""
     plan = tl.program_id(0).to(tl.int64)
-    u, ahead, force = fields + 3 * size * plan, aheads + 3 * size * plan, forces + 3 * size * plan
-    patches, nodes = all_patches + (patch_count + 1) * plan, all_nodes + (size + 1) * plan
-    corner, corners, kept = (
-        all_corner + 12 * elements * plan,
-        all_corners + 12 * elements * plan,
-        all_kept + 13 * elements * plan,
-    )
-    second, inverse = all_second + patch_count * plan, inverses + 6 * size * plan
-    motion = vectors + 12 * size * plan
-    residual, way, image = motion + 3 * size, motion + 6 * size, motion + 9 * size
-    count, moving = tl.load(counts + 2 * plan), tl.load(counts + 2 * plan + 1)
-    goal = tl.load(goals + plan)
-    extension = law
-    left = tl.where(moving > 0, STEPS, 0)
-    begins = 1
-    while left > 0:
-        energy, least = _measure(
-            u, patches, count, members, cells, gradients, volumes, mu, stiffening, patch_volumes, patch_lam, corner,
-            kept, second, elements, extension, True, W, P,
+    if tl.load(flags + OPEN * plans + plan) > 0:
+        patches, nodes = tl.cdiv(tl.load(counts + plan), P), tl.cdiv(tl.load(counts + plans + plan), N)
+        energy = _total(energies + plan * patch_tiles, patches, False)
+        least = _total(energies + (plans + plan) * patch_tiles, patches, True)
+        size = tl.sqrt(_total(sums + plan * node_tiles, nodes, False))
+        loose, left = tl.load(extensions + plan) != law, tl.load(flags + LEFT * plans + plan)
+        fresh, bound = tl.load(flags + FRESH * plans + plan) > 0, tl.load(lowest + plan)
+        # What is still inside out after it was to be untangled is as little worth as what is wild.
+        wild = tl.where(fresh, least < bound, (loose == 0) & (left == STEPS) & (least <= 0) & (bound > -float("inf")))
+        tangled = fresh & (least <= 0) & (wild == 0)
+        wants = (size > tl.load(goals + plan)) & (left > 0) & (tangled == 0) & (wild == 0)
+        tl.store(flags + FRESH * plans + plan, 0)
+        tl.store(flags + PENDING * plans + plan, wants.to(tl.int32))
+        tl.store(states + plan, energy)
+        tl.store(states + plans + plan, least)
+        if wants:
+            tl.store(records + plan, 1.0)  # active
+            tl.store(records + plans + plan, 1.0)  # first iteration
+            tl.store(records + 2 * plans + plan, 0.0)  # damped
+        else:
+            tl.store(flags + LEFT * plans + plan, STEPS)
+            tl.store(flags + OPEN * plans + plan, (tangled | loose).to(tl.int32))
+            tl.store(extensions + plan, tl.where(tangled, untangling, law))
+
+
+@triton.jit
+def _product(
+    all_patches, counts, flags, members, cells, coarse, vectors, all_corners, all_kept, seconds, record,
+    elements, patches_of_mesh, nodes_of_mesh, plans, W: tl.constexpr, P: tl.constexpr, K: tl.constexpr,
+):  # fmt: skip
+    """The tangent times the preconditioned residual, at the corners."""
+    ends = _ends(counts, flags + PENDING * plans, record, plans, P, K)
+    for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
+        plan, begin = _place(ends, tile, P)
+        patch, inside = _listed(all_patches + (patches_of_mesh + 1) * plan, begin, tl.load(counts + plan), P)
+        e = tl.load(members + patch[:, None] * W + tl.arange(0, W)[None, :], mask=inside[:, None], other=-1)
+        here = e >= 0
+        damped = tl.load(record + 2 * plans + plan) > 0
+        way = vectors + 3 * nodes_of_mesh * (plans + plan)
+        kept = all_kept + 13 * elements * plan
+        d00, d01, d02, d10, d11, d12, d20, d21, d22 = _gradient(way, cells, coarse, elements, e, here, False)
+        f00, f01, f02, f10, f11, f12, f20, f21, f22 = _tangent(kept, elements, e, here)
+        c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactor(f00, f01, f02, f10, f11, f12, f20, f21, f22)
+        volume = tl.load(coarse + 12 * elements + e, mask=here, other=0.0)
+        s = tl.load(coarse + 14 * elements + e, mask=here, other=0.0)
+        shear = tl.load(kept + 9 * elements + e, mask=here, other=0.0)
+        bulk = tl.load(kept + 10 * elements + e, mask=here, other=0.0)
+        bend = tl.load(kept + 11 * elements + e, mask=here, other=0.0)
+        second = tl.load(seconds + patches_of_mesh * plan + patch, mask=inside, other=0.0)
+        if damped:
+            size = f00 * f00 + f01 * f01 + f02 * f02 + f10 * f10 + f11 * f11 + f12 * f12
+            size += f20 * f20 + f21 * f21 + f22 * f22
+            most = 0.5 * shear / tl.sqrt(tl.maximum(size, 1e-12))
+            bulk = tl.minimum(tl.maximum(bulk, -most), most)
+            second = tl.maximum(second, 0.0)
+        along = c00 * d00 + c01 * d01 + c02 * d02 + c10 * d10 + c11 * d11 + c12 * d12
+        along += c20 * d20 + c21 * d21 + c22 * d22
+        pressure = second * tl.sum(volume * along, axis=1)
+        stretch = f00 * d00 + f01 * d01 + f02 * d02 + f10 * d10 + f11 * d11 + f12 * d12
+        stretch = 4 * s * volume * (stretch + f20 * d20 + f21 * d21 + f22 * d22)
+        along = bend * along + volume * pressure[:, None]
+        _store_corners(
+            all_corners + 24 * elements * plan, coarse, elements, e, here,
+            shear * d00 + stretch * f00 + along * c00 + bulk * (d11 * f22 + f11 * d22 - d12 * f21 - f12 * d21),
+            shear * d01 + stretch * f01 + along * c01 + bulk * (d12 * f20 + f12 * d20 - d10 * f22 - f10 * d22),
+            shear * d02 + stretch * f02 + along * c02 + bulk * (d10 * f21 + f10 * d21 - d11 * f20 - f11 * d20),
+            shear * d10 + stretch * f10 + along * c10 + bulk * (d21 * f02 + f21 * d02 - d22 * f01 - f22 * d01),
+            shear * d11 + stretch * f11 + along * c11 + bulk * (d22 * f00 + f22 * d00 - d20 * f02 - f20 * d02),
+            shear * d12 + stretch * f12 + along * c12 + bulk * (d20 * f01 + f20 * d01 - d21 * f00 - f21 * d00),
+            shear * d20 + stretch * f20 + along * c20 + bulk * (d01 * f12 + f01 * d12 - d02 * f11 - f02 * d11),
+            shear * d21 + stretch * f21 + along * c21 + bulk * (d02 * f10 + f02 * d10 - d00 * f12 - f00 * d12),
+            shear * d22 + stretch * f22 + along * c22 + bulk * (d00 * f11 + f00 * d11 - d01 * f10 - f01 * d10),
         )  # fmt: skip
-        tangled = (begins == 1) & (least <= 0)
-        begins = 0
-        norms = tl.zeros((N,), tl.float64)
-        for begin in range(0, moving, N):
-            node, there = _listed(nodes, begin, moving, N)
-            x, y, z = _gathered(corner, first, incident, node, there, K)
-            norms += x * x + y * y + z * z
-            _store_vector(force, node, there, x, y, z)
-        share = energy * 0
-        if (tl.sqrt(tl.sum(norms, 0)) > goal) & (tangled == 0):
-            _invert_blocks(
-                nodes, moving, first, incident, slopes, volumes, stiffening, kept, elements, inverse, size, N, K
-            )
-            sizes = tl.zeros((N,), tl.float32)
-            for begin in range(0, moving, N):
-                node, there = _listed(nodes, begin, moving, N)
-                x, y, z = _load_vector(force, node, there)
+
+
+@triton.jit
+def _imaged(
+    all_nodes, counts, flags, first, incident, all_corners, vectors, sums, record,
+    elements, patches_of_mesh, nodes_of_mesh, plans, node_tiles, N: tl.constexpr, C: tl.constexpr, K: tl.constexpr,
+):  # fmt: skip
+    """That product at the nodes, and the products of the preconditioned residual with it and with the residual."""
+    ends = _ends(counts + plans, flags + PENDING * plans, record, plans, N, K)
+    for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
+        plan, begin = _place(ends, tile, N)
+        node, there = _listed(all_nodes + (nodes_of_mesh + 1) * plan, begin, tl.load(counts + plans + plan), N)
+        x, y, z = _gathered(all_corners + 24 * elements * plan, first, incident, node, there, False, N, C)
+        at, step = 3 * nodes_of_mesh * plan, 3 * nodes_of_mesh * plans
+        _put(vectors + at + 3 * step, node, there, x, y, z)
+        zx, zy, zz = _vector(vectors + at + step, node, there)
+        rx, ry, rz = _vector(vectors + at + 2 * step, node, there)
+        out = sums + plan * node_tiles + begin // N
+        tl.store(out, tl.sum((rx * zx + ry * zy + rz * zz).to(tl.float64), 0))
+        tl.store(out + plans * node_tiles, tl.sum((x * zx + y * zy + z * zz).to(tl.float64), 0))
+
+
+@triton.jit
+def _advanced(
+    all_nodes, counts, flags, vectors, inverses, forces, sums, now, then, forcing,
+    elements, patches_of_mesh, nodes_of_mesh, plans, node_tiles, N: tl.constexpr, K: tl.constexpr,
+):  # fmt: skip
+    """An iteration of conjugate gradients; where the energy bends downwards, it begins anew with the tangent damped."""
+    ends = _ends(counts + plans, flags + PENDING * plans, flags + PENDING * plans, plans, N, K)
+    for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
+        plan, begin = _place(ends, tile, N)
+        active = tl.load(now + plan) > 0
+        if active:
+            count = tl.load(counts + plans + plan)
+            node, there = _listed(all_nodes + (nodes_of_mesh + 1) * plan, begin, count, N)
+            gain = _total(sums + plan * node_tiles, tl.cdiv(count, N), False)
+            bend = _total(sums + (plans + plan) * node_tiles, tl.cdiv(count, N), False)
+            fresh, damped = tl.load(now + plans + plan) > 0, tl.load(now + 2 * plans + plan) > 0
+            before, length = tl.load(now + 3 * plans + plan), tl.load(now + 4 * plans + plan)
+            begun = tl.where(fresh, gain, tl.load(now + 5 * plans + plan))
+            turn = tl.where(fresh, 0.0, gain / before)
+            bend = tl.where(fresh, bend, bend - turn * gain / length)
+            enough = ((fresh == 0) & (gain <= forcing * begun)) | (gain <= 0)
+            bad = (enough == 0) & ((bend > 0) == 0)
+            again = bad & (damped == 0)
+            goes = (enough == 0) & (bad == 0)
+            length = tl.where(goes, gain / tl.where(goes, bend, 1.0), 1.0)
+            at, step = 3 * nodes_of_mesh * plan, 3 * nodes_of_mesh * plans
+            inverse = inverses + 6 * nodes_of_mesh * plan + node
+            a = tl.load(inverse, mask=there, other=0.0)
+            b = tl.load(inverse + nodes_of_mesh, mask=there, other=0.0)
+            c = tl.load(inverse + 2 * nodes_of_mesh, mask=there, other=0.0)
+            d = tl.load(inverse + 3 * nodes_of_mesh, mask=there, other=0.0)
+            e = tl.load(inverse + 4 * nodes_of_mesh, mask=there, other=0.0)
+            f = tl.load(inverse + 5 * nodes_of_mesh, mask=there, other=0.0)
+            if goes:
+                along, share = turn.to(tl.float32), length.to(tl.float32)
+                zx, zy, zz = _vector(vectors + at + step, node, there)
+                px, py, pz = _vector(vectors + at + 4 * step, node, there)
+                px, py, pz = zx + along * px, zy + along * py, zz + along * pz
+                _put(vectors + at + 4 * step, node, there, px, py, pz)
+                mx, my, mz = _vector(vectors + at, node, there)
+                _put(vectors + at, node, there, mx + share * px, my + share * py, mz + share * pz)
+                wx, wy, wz = _vector(vectors + at + 3 * step, node, there)
+                sx, sy, sz = _vector(vectors + at + 5 * step, node, there)
+                sx, sy, sz = wx + along * sx, wy + along * sy, wz + along * sz
+                _put(vectors + at + 5 * step, node, there, sx, sy, sz)
+                x, y, z = _vector(vectors + at + 2 * step, node, there)
+                x, y, z = x - share * sx, y - share * sy, z - share * sz
+                _put(vectors + at + 2 * step, node, there, x, y, z)
+                zx, zy, zz = a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z
+                _put(vectors + at + step, node, there, zx, zy, zz)
+            if again:
+                x, y, z = _vector(forces + at, node, there)
                 x, y, z = -x.to(tl.float32), -y.to(tl.float32), -z.to(tl.float32)
-                zx, zy, zz = _applied(inverse, size, node, there, x, y, z)
-                sizes += x * zx + y * zy + z * zz
-                _store_vector(residual, node, there, x, y, z)
-                _store_vector(way, node, there, zx, zy, zz)
-                _store_vector(motion, node, there, x * 0, x * 0, x * 0)
-            tl.debug_barrier()
-            gain = tl.sum(sizes, 0)
-            enough = forcing * gain
-            more = tl.where(gain > 0, GRADIENTS, 0)
-            begun = 0
-            while more > 0:
-                _product(
-                    way, patches, count, members, cells, slopes, volumes, stiffening, corners, kept, second, elements,
-                    W, P,
-                )  # fmt: skip
-                bends = tl.zeros((N,), tl.float32)
-                for begin in range(0, moving, N):
-                    node, there = _listed(nodes, begin, moving, N)
-                    x, y, z = _gathered(corners, first, incident, node, there, K)
-                    wx, wy, wz = _load_vector(way, node, there)
-                    bends += wx * x + wy * y + wz * z
-                    _store_vector(image, node, there, x, y, z)
-                tl.debug_barrier()
-                bend = tl.sum(bends, 0)
-                good = bend > 0
-                step = tl.where(good, gain / tl.where(good, bend, 1.0), tl.where(begun == 0, 1.0, 0.0))
-                sizes = tl.zeros((N,), tl.float32)
-                for begin in range(0, moving, N):
-                    node, there = _listed(nodes, begin, moving, N)
-                    wx, wy, wz = _load_vector(way, node, there)
-                    mx, my, mz = _load_vector(motion, node, there)
-                    _store_vector(motion, node, there, mx + step * wx, my + step * wy, mz + step * wz)
-                    rx, ry, rz = _load_vector(residual, node, there)
-                    x, y, z = _load_vector(image, node, there)
-                    rx, ry, rz = rx - step * x, ry - step * y, rz - step * z
-                    _store_vector(residual, node, there, rx, ry, rz)
-                    zx, zy, zz = _applied(inverse, size, node, there, rx, ry, rz)
-                    sizes += rx * zx + ry * zy + rz * zz
-                new = tl.sum(sizes, 0)
-                for begin in range(0, moving, N):
-                    node, there = _listed(nodes, begin, moving, N)
-                    rx, ry, rz = _load_vector(residual, node, there)
-                    wx, wy, wz = _load_vector(way, node, there)
-                    zx, zy, zz = _applied(inverse, size, node, there, rx, ry, rz)
-                    turn = new / gain
-                    _store_vector(way, node, there, zx + turn * wx, zy + turn * wy, zz + turn * wz)
-                tl.debug_barrier()
-                gain = new
-                begun = 1
-                more = tl.where(good & (new > enough), more - 1, 0)
-            falls = tl.zeros((N,), tl.float64)
-            for begin in range(0, moving, N):
-                node, there = _listed(nodes, begin, moving, N)
-                x, y, z = _load_vector(force, node, there)
-                mx, my, mz = _load_vector(motion, node, there)
-                falls += x * mx + y * my + z * mz
-            slope = tl.sum(falls, 0)
-            barrier = tl.where(least > 0, 0.0, -float("inf"))
-            slack = noise + 1e-13 * tl.abs(energy)
-            for begin in range(0, count, P):
-                patch, inside, e = _patches(patches, members, begin, count, W, P)
-                for a in tl.static_range(4):
-                    node = tl.load(cells + a * elements + e, mask=e >= 0, other=0)
-                    x, y, z = _load_vector(u, node, e >= 0)
-                    _store_vector(ahead, node, e >= 0, x, y, z)
-            tl.debug_barrier()
-            trial = 0
-            while trial < 3:
-                part = energy * 0 + tl.where(trial == 0, 1.0, tl.where(trial == 1, 0.4, 0.1))
-                _move(ahead, u, motion, part, nodes, moving, N)
-                tl.debug_barrier()
-                there_energy, there_least = _measure(
-                    ahead, patches, count, members, cells, gradients, volumes, mu, stiffening, patch_volumes, patch_lam,
-                    corner, kept, second, elements, extension, False, W, P,
-                )  # fmt: skip
-                allowed = energy + 1e-4 * part * slope + slack
-                good = (there_energy <= allowed) & (there_least > barrier)
-                share = tl.where(good, part, share)
-                trial = tl.where(good, 3, trial + 1)
-            if share > 0:
-                _move(u, u, motion, share, nodes, moving, N)
-            tl.debug_barrier()
-        stuck = (share == 0) & (tangled == 0)
-        left = tl.where(stuck & (extension == law), 0, tl.where(tangled, left, left - 1))
-        extension = tl.where(stuck, law, extension)
-        extension = tl.where(tangled, untangling, extension)
+                zx, zy, zz = a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z
+                _restarted(vectors + at, step, node, there, x, y, z, zx, zy, zz)
+            if begin == 0:
+                tl.store(then + plan, (goes | again).to(tl.float64))
+                tl.store(then + plans + plan, again.to(tl.float64))
+                tl.store(then + 2 * plans + plan, (damped | again).to(tl.float64))
+                tl.store(then + 3 * plans + plan, gain)
+                tl.store(then + 4 * plans + plan, length)
+                tl.store(then + 5 * plans + plan, begun)
+        else:
+            if begin == 0:
+                tl.store(then + plan, 0.0)
