@@ -50,15 +50,17 @@ def wavy(count: int) -> tuple[np.ndarray, np.ndarray]:
     return points, plane.regular_faces.astype(np.int32)
 
 
-def test_a_scan_of_many_triangles_is_thinned_and_its_error_is_said(monkeypatch, caplog):
+@pytest.mark.parametrize("noise", [0, 0.1])
+def test_a_scan_of_many_triangles_is_thinned_and_its_error_is_said(noise, monkeypatch, caplog):
     monkeypatch.setattr(scan_checks, "MANY", 60_000)
     points, faces = wavy(400)
+    points = points + np.random.default_rng(1).normal(scale=noise, size=points.shape)
     with caplog.at_level(logging.WARNING):
         fewer, triangles = thinned(points, faces, "P1", "scan.ply")
     said = re.search(r"320000 triangles are thinned to (\d+); .* lie ([\d.]+) mm off at 95 %", caplog.text)
     assert len(triangles) == int(said[1]) < 60_000 and triangles.max() < len(fewer)
     height = 8 * np.sin(fewer[:, 0] / 15) * np.cos(fewer[:, 1] / 20)
-    assert np.percentile(np.abs(height - fewer[:, 2]), 95) < 0.1 and float(said[2]) < 0.1
+    assert np.percentile(np.abs(height - fewer[:, 2]), 95) < 0.1 + noise and float(said[2]) < 0.1
     assert cKDTree(fewer).query(points)[0].max() < 3  # no hole
 
 
