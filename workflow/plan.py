@@ -24,7 +24,7 @@ def open_planner(prepared: Prepared, port: int, browser: bool) -> None:
     """Load patient and models, then serve the page on the loopback until the process is ended; InputError if not."""
     check_free(port)
     try:
-        forecaster = Forecaster(prepared, choose_device(0, os.cpu_count()), threads=os.cpu_count())
+        forecaster = Forecaster(prepared, choose_device(0, 1), threads=os.cpu_count())  # side by side, each on one core
     except InputError:
         raise
     except (KeyError, TypeError, ValueError) as error:

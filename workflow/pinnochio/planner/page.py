@@ -53,6 +53,7 @@ STILL = "Nothing is moved, so nothing changes."
 NARROWEST = 900  # pixels of a window; below it the page says a sentence
 PHONE = "The planner needs a window at least {} pixels wide, such as that of a laptop. Open it there."
 STYLE = f"""
+* {{ transition: none !important; animation: none !important }}
 #phone {{ display: none; padding: 2rem; font-size: 1.1rem }}
 @media (max-width: {NARROWEST - 1}px) {{
   #phone {{ display: block; position: fixed; inset: 0; z-index: 5000; background: white }}
