@@ -32,6 +32,7 @@ from pinnochio.mechanics.elements import VOLUMETRIC, Elements, jacobians
 from pinnochio.mechanics.inversion_repair import repair_inversions
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import solve
+from pinnochio.methods.names import spoken
 from pinnochio.methods.pinnochio.losses import physics_loss
 from pinnochio.methods.pinnochio.predictor import RawField
 from pinnochio.methods.registry import BUILT_IN
@@ -562,7 +563,7 @@ def test_the_committed_sweep_is_whole_and_warns_of_all_that_is_wrong(name):
     assert methods < set(frame["method"])
     said = path.with_suffix(".md").read_text(encoding="utf-8")
     for row in envelope(frame):
-        assert "| " + " | ".join(row.values()) + " |" in said, row
+        assert "| " + " | ".join(map(spoken, row.values())) + " |" in said, row
 
 
 def test_picture_shows_every_outcome(tmp_path):
