@@ -53,6 +53,10 @@ class RigidMotion:
         """How far it turns, degrees."""
         return float(np.degrees(Rotation.from_matrix(self.rotation).magnitude()))
 
+    def angle_from(self, other: "RigidMotion") -> float:
+        """How far it turns beyond another, degrees."""
+        return RigidMotion(self.rotation @ other.rotation.T).angle
+
     @classmethod
     def from_degrees(cls, angles, translation, pivot) -> "RigidMotion":
         """From rotation-vector components in degrees about the x (pitch), y (roll) and z (yaw) axes."""

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from pinnochio.columns import Column
 from pinnochio.errors import InputError
@@ -223,7 +222,6 @@ def _judged(
     """How well a motion explains the scan; of the cranium the frame is told."""
     placed = motion.apply(source.points)
     off = np.abs(target.pairs(placed, source.normals @ motion.rotation.T, CUT)[2])
-    turned = Rotation.from_matrix(motion.rotation @ planned.rotation.T).magnitude()
     return SegmentFit(
         segment=name,
         motion=frame if name == "cranium" else motion,
@@ -232,5 +230,5 @@ def _judged(
         p90=float(np.percentile(off, 90)) if len(off) else np.inf,
         matched=100 * float((off < MATCHED).sum()) / len(source.points),
         from_plan=float(np.linalg.norm(placed - planned.apply(source.points), axis=1).mean()),
-        from_plan_degrees=float(np.degrees(turned)),
+        from_plan_degrees=motion.angle_from(planned),
     )

@@ -76,7 +76,7 @@ class Forecaster:
         ]
         self._finish = [Finish(self.patient, self._fem, prepared.corrections) for _ in range(threads)]
         self._correcting = Workers(threads)
-        self._predicting = Workers(threads if device == "cpu" else 1)  # a GPU records one network at a time
+        self._predicting = self._correcting if device == "cpu" else Workers(1)  # a GPU records one at a time
         little = RigidMotion(translation=np.array([0.0, -1, 0]))
         self(Plan(prepared.case, {self.patient.segments[0]: little}))  # so that no plan waits for code to be compiled
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from pinnochio.columns import Column, check, number, read_tables
+from pinnochio.columns import Column, check, number, read_tables, words
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.inverse.columns import FACES, MARKED, RECOVERED, SEEN, TASK
 from pinnochio.inverse.freedom import LPS, QUANTITIES
@@ -292,7 +292,7 @@ def reached_block(places: pd.DataFrame) -> Block:
     groups = places.groupby("place", sort=False)
     shown = pd.DataFrame({"place": list(groups.groups)})
     view = [
-        View("Landmark", lambda row: row["place"].replace("_", " ")),
+        View("Landmark", lambda row: words(row["place"])),
         View("Moved mm", lambda row: f"{groups.get_group(row['place'])['moved'].median():.2f}"),
         View("Missed mm", lambda row: f"{groups.get_group(row['place'])['error'].median():.2f}"),
         View("Achieved motion mm", lambda row: f"{groups.get_group(row['place'])['forward_error'].median():.2f}"),

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from scipy.spatial.transform import Rotation
 
 from pinnochio.columns import check, number, read_tables, words
 from pinnochio.importing.segment_registration import FITS
@@ -49,8 +48,8 @@ def motion_errors(found: Plan, true: Plan, bone: BoneSurface) -> dict[str, dict[
     for name, motion in found.motions.items():
         points = bone.points[bone.segment == bone.segments.index(name)]
         off = np.linalg.norm(motion.apply(points) - true.motion(name).apply(points), axis=1)
-        turned = Rotation.from_matrix(motion.rotation @ true.motion(name).rotation.T).magnitude()
-        errors[name] = {"error_mean": off.mean(), "error_max": off.max(), "error_degrees": np.degrees(turned)}
+        turned = motion.angle_from(true.motion(name))
+        errors[name] = {"error_mean": off.mean(), "error_max": off.max(), "error_degrees": turned}
     return errors
 
 
