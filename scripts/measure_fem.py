@@ -42,7 +42,9 @@ def measure_fem(
     patients = {size: PatientModel.read(path) for size, path in models.items()}
     motion, target = Plan.read(plan, case), PostopSkin.read(postop).surface
     predict_fem(settings[1], patients[nodes], motion, fem, threads)
-    predict_fem(settings[0], patients[nodes], motion, replace(fem, time_limit=BEFOREHAND), threads)
+    predict_fem(settings[0], patients[nodes], motion, fem, threads)
+    newton = replace(fem, time_limit=BEFOREHAND, kept_factors=False)
+    predict_fem(settings[0], patients[nodes], motion, newton, threads)
     samples, solution, judgements = Judged.read(judged), None, []
     for setting in settings:
         # The reference, first of all, is given the work that it needs.

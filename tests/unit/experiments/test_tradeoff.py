@@ -133,6 +133,13 @@ def test_the_settings_vary_one_parameter_at_a_time():
     assert [s.method for s in own if s.value == "taylor_hood"] == ["fem_bonded"]
     assert all(s.nodes == 1000 for s in own if s.parameter != "nodes")
     assert json.loads(next(s for s in own if s.parameter == "tolerance").recipe)["fem"] == {"tolerance": 0.1}
+    newton = [s for s in own if s.method == "fem_sliding" and s.parameter == "solver"]
+    assert [s.value for s in newton] == [
+        "Newton's method",
+        "Newton's method, 4 increments",
+        "Newton's method, double factors",
+    ]
+    assert not any(s.fem["kept_factors"] for s in newton) and not newton[2].recipe
     variants = {
         "a": {"newton_corrections": 1, "network": {"channels": 64}},
         "b": {"newton_corrections": 1, "network": {"channels": 32}},
@@ -153,9 +160,9 @@ def test_judging_the_reference_itself_finds_no_error():
     """And a face moved by a known vector is as far off as that vector is long."""
     patient = tiny_patient(3)
     plan = Plan("tiny", {name: RigidMotion(translation=np.array([0, -1.0, 0])) for name in patient.segments})
-    fem = settings.fem_settings(poisson=0.45)
+    fem = settings.fem_settings(poisson=0.45, kept_factors=True)
     solved = predict_fem(Setting("fem_bonded", "nodes", "", 0, "bonded"), patient, plan, fem, 1)
-    assert solved.converged and solved.seconds > 0
+    assert solved.converged and solved.seconds > 0 and solved.setup_seconds > 0  # of the patient's factors
     reference = Reference(patient, solved.displacement)
     target = patient.moved_skin(solved.displacement), patient.skin_faces
     judged = choose(patient, plan, *target, 500, 1)

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from pinnochio.mechanics.elements import node_volumes
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.mixed import MIXED, solve_mixed
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import simulate_elastic, solver_options
+from pinnochio.mechanics.simulation import PlanSolver, simulate_elastic, solver_options
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.mechanics.solver import solve
 from pinnochio.methods.pinnochio.patient import PatientTensors
@@ -96,15 +97,19 @@ def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSet
     if not setting.contact:
         displacement, seconds, setup = simulate_elastic(patient, plan, replace(fem, **own))
         return Prediction(displacement, seconds, setup, threads)
-    boundary = boundary_conditions(patient, plan, setting.contact)
+    boundary, setup = boundary_conditions(patient, plan, setting.contact), 0.0
     mesh = patient.points, patient.cells, fem.material(patient.tissue), boundary
     if own.get("volumetric") in MIXED:
         limits = fem.increments, fem.tolerance, fem.max_iterations
         solved, seconds = repeated(lambda: solve_mixed(*mesh, own["volumetric"], *limits), PATIENCE)
-    else:
-        options = replace(solver_options(replace(fem, **own)), reuse=not setting.double)
+    elif setting.double:
+        options = replace(solver_options(replace(fem, **own)), reuse=False)
         solved, seconds = repeated(lambda: solve(*mesh, options), PATIENCE)
-    return Prediction(solved.displacement, seconds, 0.0, threads, converged=solved.converged, reason=solved.reason)
+    else:
+        with closing(PlanSolver(patient, setting.contact, replace(fem, **own))) as solver:
+            solved, seconds = repeated(lambda: solver.solve([plan])[0], PATIENCE)
+            setup = solver.preparation
+    return Prediction(solved.displacement, seconds, setup, threads, converged=solved.converged, reason=solved.reason)
 
 
 def predict_network(

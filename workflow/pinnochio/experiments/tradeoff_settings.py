@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 from pinnochio.overlays import changes
 from pinnochio.tables.tradeoff_cases import BASE
 
+NEWTON = "Newton's method"
+UNKEPT = {"kept_factors": False}  # Newton's method, which knows increments and precision of factors
+
 
 @dataclass(frozen=True)
 class Setting:
@@ -57,11 +60,12 @@ def fem_settings(
         settings += setting(method, "element", "p1", fem={"volumetric": "p1"})
         for name in config["mixed"] if "mixed" in varied[method] else ():
             settings += setting(method, "element", name, fem={"volumetric": name}, repeatable=False)
-        for count in config["increments"]:
-            settings += setting(method, "increments", str(count), fem={"increments": count})
         for tolerance in config["tolerances"]:
             settings += setting(method, "tolerance", f"{tolerance:g}", fem={"tolerance": tolerance})
-        settings += setting(method, "precision", "double factors", double=True, repeatable=False)
+        settings += setting(method, "solver", NEWTON, fem=UNKEPT)
+        for count in config["increments"]:
+            settings += setting(method, "solver", f"{NEWTON}, {count} increments", fem=UNKEPT | {"increments": count})
+        settings += setting(method, "solver", f"{NEWTON}, double factors", fem=UNKEPT, double=True, repeatable=False)
     return settings
 
 

@@ -58,7 +58,7 @@ def _finite_elements(name: str, contact: str, **more) -> Method:
     return Method(name, "finite elements", module, sections=("fem",), options=options, **more)
 
 
-_VARIED = ("nodes", "element", "increments", "tolerance", "precision")
+_VARIED = ("nodes", "element", "solver", "tolerance")
 _REGRESSION = "pinnochio.methods.pca_linear"
 _LEARNED = "pinnochio.methods.fem_learned"
 BUILT_IN = (
@@ -73,7 +73,9 @@ BUILT_IN = (
         varied=("nodes",),
         new_patients=True,
     ),
-    _finite_elements("fem_bonded", "bonded", varied=("nodes", "element", "mixed"), new_patients=True, reduced=True),
+    _finite_elements(
+        "fem_bonded", "bonded", varied=("nodes", "element", "mixed", "solver"), new_patients=True, reduced=True
+    ),
     _finite_elements("fem_sliding", "mucosa", varied=_VARIED, new_patients=True, reduced=True),
     Method("fem_learned", "finite elements", _LEARNED, _LEARNED, ("fem",), trains="at once", covariates=True),
     _finite_elements("fem_rlse_bonded", "bonded", mesh="lips", reduced=True),

@@ -10,7 +10,7 @@ from pinnochio.tables.document import Block, Table, views
 BASE = "as in the study"  # ends the value of a setting that changes nothing
 SETTING = (
     Column("method", str, "", "method"),
-    Column("parameter", str, "", "varied: nodes, element, increments, tolerance, precision, corrections, network"),
+    Column("parameter", str, "", "varied: nodes, element, solver, tolerance, precision, corrections, network"),
     Column("value", str, "", "what it is set to"),
     Column("recipe", str, "", "the setting as JSON, for a prediction to repeat; empty where none can", optional=True),
 )
