@@ -4,6 +4,7 @@ import os
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -93,20 +94,19 @@ def judge(
 
 def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSettings, threads: int) -> Prediction:
     """The plan by finite elements with the setting's parameter; warm, median of repeats unless a solve takes long."""
-    own = setting.fem
+    own, setup = replace(fem, **setting.fem), 0.0
     if not setting.contact:
-        displacement, seconds, setup = simulate_elastic(patient, plan, replace(fem, **own))
-        return Prediction(displacement, seconds, setup, threads)
-    boundary, setup = boundary_conditions(patient, plan, setting.contact), 0.0
-    mesh = patient.points, patient.cells, fem.material(patient.tissue), boundary
-    if own.get("volumetric") in MIXED:
+        return Prediction(*simulate_elastic(patient, plan, own), threads)
+    mesh = patient.points, patient.cells, fem.material(patient.tissue)
+    boundary = partial(boundary_conditions, patient, plan, setting.contact)
+    if own.volumetric in MIXED:
         limits = fem.increments, fem.tolerance, fem.max_iterations
-        solved, seconds = repeated(lambda: solve_mixed(*mesh, own["volumetric"], *limits), PATIENCE)
+        solved, seconds = repeated(lambda: solve_mixed(*mesh, boundary(), own.volumetric, *limits), PATIENCE)
     elif setting.double:
-        options = replace(solver_options(replace(fem, **own)), reuse=False)
-        solved, seconds = repeated(lambda: solve(*mesh, options), PATIENCE)
+        options = replace(solver_options(own), reuse=False)
+        solved, seconds = repeated(lambda: solve(*mesh, boundary(), options), PATIENCE)
     else:
-        with closing(PlanSolver(patient, setting.contact, replace(fem, **own))) as solver:
+        with closing(PlanSolver(patient, setting.contact, own)) as solver:
             solved, seconds = repeated(lambda: solver.solve([plan])[0], PATIENCE)
             setup = solver.preparation
     return Prediction(solved.displacement, seconds, setup, threads, converged=solved.converged, reason=solved.reason)
