@@ -1,6 +1,7 @@
 """The study of the configuration, and what the rules ask beside it."""
 
 import os
+import threading
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -159,3 +160,18 @@ onstart:
         cores=ALL_CORES,
         results=RESULTS,
     )
+
+
+def stop_timers():
+    """Snakemake leaves a timer for each job that started, and would not end before the last has run out."""
+    for thread in threading.enumerate():
+        if isinstance(thread, threading.Timer):
+            thread.cancel()
+
+
+onsuccess:
+    stop_timers()
+
+
+onerror:
+    stop_timers()

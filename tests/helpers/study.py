@@ -18,7 +18,6 @@ from snakemake.cli import main
 from pinnochio.virtual.procedures import Procedure
 from tests.helpers.settings import ROOT
 
-SOON = ("--max-jobs-per-timespan", "2000/2s")  # Snakemake ends one time span after its last job
 VERBOSE = {"VERBOSE": "1"}  # all that Snakemake says
 PARTS = ("Snakefile", "rules", "scripts", "workflow", "config", "profiles", "envs", "examples")
 
@@ -38,7 +37,7 @@ class Project:
     def snakemake(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
         """Run Snakemake with the arguments; its output is in `stdout` (both streams)."""
         return subprocess.run(
-            [sys.executable, "-m", "snakemake", "--cores", str(cores), *SOON, *arguments],
+            [sys.executable, "-m", "snakemake", "--cores", str(cores), *arguments],
             cwd=self.folder,
             env=os.environ | VERBOSE,
             stdout=subprocess.PIPE,
@@ -62,7 +61,7 @@ class Project:
         """Begin to run Snakemake; its output, both streams, goes to `said.txt` of the folder."""
         with open(self.folder / "said.txt", "w", encoding="utf-8") as said:
             return subprocess.Popen(
-                [sys.executable, "-m", "snakemake", *SOON, *arguments],
+                [sys.executable, "-m", "snakemake", *arguments],
                 cwd=self.folder,
                 stdout=said,
                 stderr=subprocess.STDOUT,
