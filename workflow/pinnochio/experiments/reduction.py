@@ -8,7 +8,7 @@ import numpy as np
 
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import PlanSolver
-from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.mechanics.sliding import APART, boundary_conditions
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.reduction.solver import ReducedSolver, solver_of
@@ -23,7 +23,7 @@ class Way:
 
     arm: str
     settings: FemSettings
-    apart: float = 0.0
+    apart: float = APART
     limit: float = 0.0
 
     def solver(self, patient: PatientModel) -> PlanSolver | ReducedSolver:

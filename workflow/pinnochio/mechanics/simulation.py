@@ -12,7 +12,7 @@ from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.loads import Loads
 from pinnochio.mechanics.repeated import RepeatedSolver
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.sliding import APART, BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions, solve
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
@@ -59,7 +59,7 @@ class PlanSolver:
         patient: PatientModel,
         arm: str,
         settings: FemSettings,
-        apart: float = 0.0,
+        apart: float = APART,
         unilateral: bool = False,
         loads: Loads | None = None,
         device: str = "cpu",

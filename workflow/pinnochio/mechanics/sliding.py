@@ -23,6 +23,9 @@ from pinnochio.plans.plan import Plan, RigidMotion
 ARMS = ("bonded", "mucosa", "mucosa+lip")
 # Bone further than this from every tissue node of its segment cannot be slid upon. Above the largest motion, mm [I].
 REACH = 25.0
+# Bonded, jaws that are nearer to each other than this along the tissue leave it free between them, mm: of finer meshes
+# several elements lie there, none of which can follow both. On 5,000 nodes one edge is as long [X].
+APART = 6.0
 
 
 @dataclass(frozen=True)
@@ -148,7 +151,7 @@ def _frames(normals) -> np.ndarray:
 
 
 def boundary_conditions(
-    model: PatientModel, plan: Plan, arm: str, unilateral: bool = False, apart: float = 0.0
+    model: PatientModel, plan: Plan, arm: str, unilateral: bool = False, apart: float = APART
 ) -> BoundaryConditions:
     """Boundary conditions of a plan. Fixed nodes stay, moving nodes follow their segment; sliding nodes follow it in
     the arm "bonded" (free where a mesh edge, or a way along edges shorter than `apart` mm, ties them to the other jaw,

@@ -53,9 +53,8 @@ class Method:
 
 def _finite_elements(name: str, contact: str, **more) -> Method:
     """A method by `methods/finite_elements.py`; contact: which interfaces slide."""
-    options = {"contact": contact, "apart": 0.0}
     module = "pinnochio.methods.finite_elements"
-    return Method(name, "finite elements", module, sections=("fem",), options=options, **more)
+    return Method(name, "finite elements", module, sections=("fem",), options={"contact": contact}, **more)
 
 
 _VARIED = ("nodes", "element", "solver", "tolerance")
