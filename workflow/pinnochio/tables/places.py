@@ -1,13 +1,14 @@
 """Errors by place, a region of the face or a landmark: what the tables of both share."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from pinnochio.columns import Column, check, number, words
-from pinnochio.metrics.columns import CASES
+from pinnochio.columns import Column, check, number, read_table, words
+from pinnochio.metrics.columns import CASES, scanned
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.significance import holm
 from pinnochio.tables.comparison import bounds_caption, count, paired, starred
@@ -54,6 +55,21 @@ class Group:
     places: Sequence[Place]
     caption: str
     title: str = ""
+
+
+def of_places(
+    groups: Sequence[Group],
+    cases: str | os.PathLike,
+    methods: Sequence[str],
+    bounds: Sequence[str],
+    reference: str | None,
+    cohort: str,
+    seed: int,
+) -> Table:
+    """The scanned patients of cases.csv by method, then bound, and place, tested against the reference."""
+    rows = scanned(read_table(cases, CASES))
+    places = [place for group in groups for place in group.places]
+    return table(summarise(rows, places, reference, methods, seed, bounds), groups, cohort)
 
 
 def summarise(
