@@ -16,6 +16,7 @@ env: .venv/installed
 .venv/installed: envs/requirements.lock
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	|| { echo "Python 3.11 or newer is needed: make env PYTHON=/path/to/python3.11"; exit 1; }
+	@test ! -L .venv || { echo ".venv is a link to a folder that would be emptied: remove the link"; exit 1; }
 	$(PYTHON) -m venv --clear .venv
 	# Of 16,000 modules most are never imported; the others are compiled when they first are.
 	$(BIN)/pip install --quiet --no-compile --requirement envs/requirements.lock

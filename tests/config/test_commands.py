@@ -76,3 +76,14 @@ def test_a_documented_command_is_understood(project, command):
             assert not word.startswith("--") or word in said, word
     elif program not in ("mkdir", "cp", "git"):
         assert command == ("source", ".venv/bin/activate") and "-m venv --clear .venv" in run("make", "-nB", "env")
+
+
+def test_an_environment_that_is_elsewhere_is_not_emptied(tmp_path):
+    elsewhere, project = tmp_path / "elsewhere/kept", tmp_path / "project"
+    for folder in (elsewhere, project / "envs"):
+        folder.mkdir(parents=True)
+    (project / ".venv").symlink_to(elsewhere.parent)
+    (project / "envs/requirements.lock").touch()
+    made = ("make", "-f", str(ROOT / "Makefile"), f"PYTHON={sys.executable}", "env")
+    done = subprocess.run(made, cwd=project, capture_output=True, text=True, check=False)
+    assert done.returncode and "remove the link" in done.stdout and elsewhere.exists()
