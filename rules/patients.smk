@@ -225,8 +225,12 @@ rule show_plans:
 rule predict:
     input:
         STUDY.results_of_patients,
+    params:
+        pages=lambda wildcards, input: " ".join(
+            item for item in input if item.endswith(".html")
+        ),
     message:
-        "The new patients are predicted: see {config[pathvars][results]}/patients"
+        "The new patients are predicted; open {params.pages}"
 
 
 # The patient with its models, for a person who tries plans: workflow/plan.py.

@@ -202,10 +202,10 @@ def test_the_interval_is_named_by_its_level_and_its_map_is_off_at_first(page):
 
 def test_collisions_and_motions_beyond_practice_are_marked(page):
     put(page, JAW, "up", 6)
-    assert "Bones run into each other: lefort1 / mandible distal" in page.inner_text("#about_A")
+    assert "Bones run into each other: Le Fort I / mandible distal" in page.inner_text("#about_A")
     put(page, JAW, "up", 0)
     put(page, "lefort1", "advance", 12)
-    assert "Beyond what is practised: lefort1 advance / set back" in page.inner_text("#about_A")
+    assert "Beyond what is practised: Le Fort I advance / set back" in page.inner_text("#about_A")
     assert "far" in page.locator("#label_advance").get_attribute("class")
     assert "far" not in page.locator("#label_up").get_attribute("class")
 

@@ -9,6 +9,7 @@ from pinnochio.figures.patient import BONE, FRONT, NODE_TYPES, SEGMENTS, SIDE, S
 from pinnochio.model.labels import TISSUES, segment_name
 from pinnochio.model.patient import FIXED, MOVING, SLIDING, PatientModel
 from pinnochio.plans.plan import Plan
+from pinnochio.plans.surgery import segment_in_words
 
 COLOURS = {"superficial": "#f2c9a1", "muscle": "#b3423a"}
 INWARD = (-1, -0.12, 0.05)  # view on the cut through the left half
@@ -51,7 +52,7 @@ def _panel(plotter: pv.Plotter, title: str, direction, colours: dict[str, str]) 
     """Title, view and legend of the current panel, which stand clear of the picture."""
     finish(plotter, title, direction)
     plotter.camera.zoom(0.78)
-    entries = [[name.replace("_", " "), _readable(colour)] for name, colour in colours.items()]
+    entries = [[segment_in_words(name), _readable(colour)] for name, colour in colours.items()]
     legend = plotter.add_legend(entries, face="rectangle", bcolor=None, size=(0.36, 0.036 * len(entries)))
     legend.SetPosition(0.63, 0.01)
 

@@ -10,6 +10,7 @@ from pinnochio.inverse.freedom import LPS, QUANTITIES, Freedom
 from pinnochio.inverse.proposal import Search
 from pinnochio.inverse.wish import stacked
 from pinnochio.model.bones import segment_points
+from pinnochio.plans.surgery import segment_in_words
 
 TOLD = 1.0  # mm of bone that change the wish by the tolerance: a combination that needs more is not told apart [I]
 LARGEST = 5.0  # mm of bone by which a combination is shown, at most
@@ -102,5 +103,5 @@ def in_words(motions: dict[str, np.ndarray], least: float = 0.05) -> str:
                 size = abs(value) if quantity in opposite else value
                 own.append(f"{size:.1f} mm {word}" if quantity in opposite else f"{quantity} {size:+.1f}°")
         if own:
-            parts = [*parts, f"{name.replace('_', ' ')}: {', '.join(own)}"]
+            parts = [*parts, f"{segment_in_words(name)}: {', '.join(own)}"]
     return "; ".join(parts) or "no motion"

@@ -21,7 +21,7 @@ from pinnochio.patients.exports import SPACE
 from pinnochio.patients.face import Row, written
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import in_words as motion_in_words
-from pinnochio.plans.surgery import near_bone
+from pinnochio.plans.surgery import near_bone, segment_in_words
 
 VIEWS = {"front": FRONT, "oblique": OBLIQUE, "left side": SIDE}
 
@@ -165,7 +165,7 @@ def motions_in_words(patient: PatientModel, plan: Plan) -> dict[str, str]:
     """What a plan does with each segment, as surgeons say it: about its own pivot or, if that is far, its middle."""
     words = {}
     for name, bone in segment_points(patient).items():
-        words[name.replace("_", " ")] = motion_in_words(near_bone(plan.motion(name), bone.mean(axis=0)), name)
+        words[segment_in_words(name)] = motion_in_words(near_bone(plan.motion(name), bone.mean(axis=0)), name)
     return words
 
 

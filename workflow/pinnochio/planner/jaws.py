@@ -12,6 +12,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import UNCUT, known_role, of_role
 from pinnochio.plans.sampling import LIMITS, JawAnatomy, composed, ramus_following
+from pinnochio.plans.surgery import segment_in_words
 
 OVERJET, OVERBITE = 2.5, 2.0  # mm of a normal bite [R]
 EDGE = 8.0  # mm behind the foremost point of a jaw: its incisors [I]
@@ -169,4 +170,4 @@ def plan_with(plan: Plan, motions: Mapping[str, RigidMotion]) -> Plan:
 
 def named(pairs: Sequence[tuple[str, str]]) -> str:
     """Pairs of segments in words."""
-    return ", ".join(f"{one} / {other}".replace("_", " ") for one, other in pairs)
+    return ", ".join(f"{segment_in_words(one)} / {segment_in_words(other)}" for one, other in pairs)

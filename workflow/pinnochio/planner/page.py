@@ -28,7 +28,7 @@ from pinnochio.planner.session import SIDES, Session
 from pinnochio.planner.view import AXES, COLOURS, GHOST, MAPS, MOST_MOVED, PROFILE, SCAN, VIEWS, View, bone_colour
 from pinnochio.planner.wishing import Fit, Wishing
 from pinnochio.plans.plan import Plan
-from pinnochio.plans.surgery import AMOUNTS, amount
+from pinnochio.plans.surgery import AMOUNTS, amount, segment_in_words
 
 SAME = 1e-6  # mm or degrees that a value of the page may be off without having been changed by the person
 REACH = 20.0  # mm or degrees that a slider goes either way; farther where an opened plan does
@@ -394,7 +394,7 @@ class Page(TrameApp):
         words += FIRST_LOOK if forecast.least is None else f"smallest volume ratio {forecast.least:.2f}"
         marks = [COLLIDE.format(named(list(deep)), max(deep.values()))] if deep else []
         if far := self.session.jaws.beyond(forecast.plan):
-            said = (f"{name} {_word(part, name)}".replace("_", " ") for name, parts in far.items() for part in parts)
+            said = (f"{segment_in_words(name)} {_word(part, name)}" for name, parts in far.items() for part in parts)
             marks.append(PRACTICE.format(", ".join(said)))
         moved = f"face moves {forecast.mean:.2f} mm in the mean, {forecast.most:.2f} mm at most"
         return {
@@ -485,7 +485,7 @@ class Page(TrameApp):
             for index, name in enumerate(self.session.patient.segments):
                 with v3.VChip(value=name, id=f"segment_{name}", filter=True, size="small"):
                     html.Span("⬤", style=f"color: {bone_colour(index)}; margin-right: .4em")
-                    html.Span(name.replace("_", " "))
+                    html.Span(segment_in_words(name))
         for name in AMOUNTS:
             with html.Div(classes="d-flex justify-space-between align-center"):
                 html.Label(

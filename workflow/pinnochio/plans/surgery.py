@@ -66,6 +66,11 @@ def near_bone(motion: RigidMotion, middle: np.ndarray) -> RigidMotion:
     return motion.about(middle) if np.linalg.norm(motion.pivot - middle) > FARTHEST_PIVOT else motion
 
 
+def segment_in_words(name: str) -> str:
+    """A segment as people write it, such as "Le Fort I front" or "mandible distal"."""
+    return name.replace("_", " ").replace("lefort1", "Le Fort I")
+
+
 def in_words(motion: RigidMotion, segment: str) -> str:
     """A motion of a segment in words, such as "advanced 5.0 mm, impacted 2.0 mm, yaw 1.0° (front to the left)"."""
     said = []
