@@ -24,7 +24,7 @@ ARMS = ("bonded", "mucosa", "mucosa+lip")
 # Bone further than this from every tissue node of its segment cannot be slid upon. Above the largest motion, mm [I].
 REACH = 25.0
 # Bonded, jaws that are nearer to each other than this along the tissue leave it free between them, mm: of finer meshes
-# several elements lie there, none of which can follow both. On 5,000 nodes one edge is as long [X].
+# several elements lie there, none of which can follow both. On 5,000 nodes an edge is about as long [X].
 APART = 6.0
 
 
