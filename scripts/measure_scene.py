@@ -13,7 +13,6 @@ from pinnochio.experiments.reduction import Way, face_error, tried
 from pinnochio.importing.segmentation import read_labels
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.sliding import APART
 from pinnochio.meshing.interfaces import label_interfaces, opposing_pairs
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.meshing.lips import bite
@@ -39,7 +38,7 @@ def measure_scene(
 
     On meshes finer than the study's, plans of which all is solved are left out: either way is the same there.
     files: labels, bone, skin and plan as imported; config: sections mesh, interfaces, fem_rlse and scene; methods: the
-    settings of each (fem, contact, perhaps apart), with mesh, "study" or "lips". Seconds are those of the processor.
+    settings of each (fem, contact, apart), with mesh, "study" or "lips". Seconds are those of the processor.
     """
     whole, rows = Plan.read(files["plan"], case), []
     for mesh, target, patient, meshing in patients(files, config):
@@ -49,7 +48,7 @@ def measure_scene(
             if own["mesh"] != mesh:
                 continue
             fem = FemSettings(**own["fem"])
-            full = Way(own["contact"], fem, own.get("apart", APART))
+            full = Way(own["contact"], fem, own["apart"])
             ways = {"full": full, "auto": replace(full, limit=config["scene"]["amplitude"])}
             plans = parts(whole, centre)
             if mesh == "lips" or target > config["mesh"]["nodes"]:

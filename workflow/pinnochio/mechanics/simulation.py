@@ -11,8 +11,8 @@ import numpy as np
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.loads import Loads
 from pinnochio.mechanics.repeated import RepeatedSolver
-from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.sliding import APART, BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.settings import APART, FemSettings
+from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions, solve
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan

@@ -16,6 +16,7 @@ from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.mechanics.contact import ContactSet, facing_sets
 from pinnochio.mechanics.loads import Loads
 from pinnochio.mechanics.point_surface import PointSurface
+from pinnochio.mechanics.settings import APART
 from pinnochio.model.labels import CRANIUM, segment_name
 from pinnochio.model.patient import FIXED, FREE, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
 from pinnochio.plans.plan import Plan, RigidMotion
@@ -23,9 +24,6 @@ from pinnochio.plans.plan import Plan, RigidMotion
 ARMS = ("bonded", "mucosa", "mucosa+lip")
 # Bone further than this from every tissue node of its segment cannot be slid upon. Above the largest motion, mm [I].
 REACH = 25.0
-# Bonded, jaws that are nearer to each other than this along the tissue leave it free between them, mm: of finer meshes
-# several elements lie there, none of which can follow both. On 5,000 nodes an edge is about as long [X].
-APART = 6.0
 
 
 @dataclass(frozen=True)

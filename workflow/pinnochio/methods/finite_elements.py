@@ -6,7 +6,6 @@ from dataclasses import replace
 
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import PlanSolver, simulate
-from pinnochio.mechanics.sliding import APART
 from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
@@ -16,15 +15,14 @@ from pinnochio.reduction.solver import ReducedSolver, solver_of
 class Predictor:
     """As :class:`pinnochio.methods.protocol.Predictor`.
 
-    settings: fem; contact: one of `sliding.ARMS`; apart in mm: as in boundary_conditions, if not that of it;
-    region: amplitude in mm below which a plan leaves tissue to linear elasticity, 0 to solve all. What belongs to the
-    patient is kept for further plans of the same one. The first patient's solve is begun once more beforehand, and
-    solved by kept factors, so that no timing holds the loading of compiled code.
+    settings: fem; contact: one of `sliding.ARMS`; apart in mm: as in boundary_conditions; region: amplitude in mm below
+    which a plan leaves tissue to linear elasticity, 0 to solve all. What belongs to the patient is kept for further
+    plans of the same one. The first patient's solve is begun once more beforehand, and solved by kept factors, so that
+    no timing holds the loading of compiled code.
     """
 
     def __init__(self, settings: Mapping, trained: str | None, device: str, threads: int):
-        self._fem, self._contact = FemSettings(**settings["fem"]), settings["contact"]
-        self._apart = settings.get("apart", APART)
+        self._fem, self._contact, self._apart = FemSettings(**settings["fem"]), settings["contact"], settings["apart"]
         self._region, self._threads, self._warm = settings.get("region", 0.0), threads, False
         self._patient: PatientModel | None = None
         self._solver: PlanSolver | ReducedSolver | None = None

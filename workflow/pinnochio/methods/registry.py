@@ -7,6 +7,7 @@ job of another one.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from pinnochio.mechanics.settings import APART
 from pinnochio.overlays import overlaid
 
 PRETRAINED = "_pretrained"  # ends the name of a surface network that is pretrained on finite-element fields
@@ -53,8 +54,9 @@ class Method:
 
 def _finite_elements(name: str, contact: str, **more) -> Method:
     """A method by `methods/finite_elements.py`; contact: which interfaces slide."""
+    options = {"contact": contact, "apart": APART}
     module = "pinnochio.methods.finite_elements"
-    return Method(name, "finite elements", module, sections=("fem",), options={"contact": contact}, **more)
+    return Method(name, "finite elements", module, sections=("fem",), options=options, **more)
 
 
 _VARIED = ("nodes", "element", "solver", "tolerance")
