@@ -11,6 +11,8 @@ from pinnochio.networks.lifted import Lifted
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.unified import Unified
 
+LANES = 16  # float32 numbers in a register: attention takes three times as long where a head's channels are no multiple
+
 
 def build(settings: NetworkSettings) -> nn.Module:
     """The network of the settings, freshly initialised from torch's random state."""
@@ -23,12 +25,12 @@ def build(settings: NetworkSettings) -> nn.Module:
 def matched(settings: NetworkSettings) -> NetworkSettings:
     """Settings of a unified network with about as many parameters as the decomposed one of the same settings.
 
-    First the channels, whole heads at a time, are as many as leave it smaller; then the width of the decoder comes as
-    near as it can.
+    First the channels, LANES of each head at a time, are as many as leave it smaller; then the width of the decoder
+    comes as near as it can.
     """
     wanted = parameters(replace(settings, decomposition=True, match_parameters=False))
     own = replace(settings, match_parameters=False)
-    own = _widened(own, "channels", settings.heads, wanted)
+    own = _widened(own, "channels", LANES * settings.heads, wanted)
     below = _widened(own, "decoder_width", 2, wanted)
     above = replace(below, decoder_width=below.decoder_width + 2)
     return min(below, above, key=lambda each: abs(parameters(each) - wanted))
