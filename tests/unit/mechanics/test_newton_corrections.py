@@ -168,6 +168,19 @@ def test_plans_do_not_know_of_each_other(bent):
         np.testing.assert_array_equal(together, alone)
 
 
+def test_another_field_of_the_same_plan_takes_the_factors_of_the_one_before(bent):
+    points, cells, law, nodes, motion, _ = bent
+    corrector = Corrector(points, cells, law, nodes)
+    corrector.corrections(rough(bent, 0.02, 0.01, 0), motion, 1)
+    made = corrector._newton.factorizations
+    start = rough(bent, 0.02, 0.01, 5)
+    kept = corrector.corrections(start, motion, 1, alike=True)[-1].displacement
+    assert corrector._newton.factorizations == made
+    corrector.close()
+    own = newton_corrections(points, cells, law, nodes, motion, start, 1)[-1].displacement
+    assert np.abs(kept - own).max() < 5e-2 * np.abs(own - start).max()
+
+
 def test_scipy_gives_what_pardiso_gives(bent):
     points, cells, law, nodes, motion, _ = bent
     fields = []

@@ -78,10 +78,13 @@ class Corrector:
         law = settings.material(patient.tissue)
         return cls(patient.points, patient.cells, law, nodes, settings.volumetric, settings.linear_solver)
 
-    def corrections(self, start, prescribed, steps: int, tolerance: float = 0.0, forces=None) -> list[Correction]:
+    def corrections(
+        self, start, prescribed, steps: int, tolerance: float = 0.0, forces=None, alike: bool = False
+    ) -> list[Correction]:
         """The start (n, 3) mm and what 1, 2, ... `steps` corrections make of it; fewer where one meets the tolerance
         (residual) or none gets any further.
 
+        alike: the field is of the same plan as the one before, whose factors serve it too.
         prescribed (p, 3) mm: where the prescribed nodes belong. Where that turns an element inside out which no free
         node can save, they belong where :func:`~pinnochio.mechanics.inversion_repair.repair_inversions` puts them.
         forces (n, 3) mN: a dead load, if there is one. InputError if a field does not fit the mesh or is not finite.
@@ -93,7 +96,8 @@ class Corrector:
         began = time.perf_counter()
         self._motion = self._attainable(start, prescribed)
         newton.outer = newton.outer.under(forces)
-        newton.forget()  # what one plan leaves behind must not change the next one's result
+        if not alike:
+            newton.forget()  # what one plan leaves behind must not change the next one's result
         # No pressure to begin with: that of a field which is far from equilibrium is spurious.
         pressure, cut_below = np.zeros(len(newton.elements.patch_volumes)), CUT_BELOW
         state, share, made = newton.measured(start, 1.0), 0.0, []
@@ -157,10 +161,11 @@ class Finish:
     def __init__(self, patient: PatientModel, settings: FemSettings, steps: int):
         self._patient, self._settings, self._steps, self._corrector = patient, settings, steps, None
 
-    def __call__(self, displacement, boundary, forces=None) -> tuple[np.ndarray, Repair, int]:
+    def __call__(self, displacement, boundary, forces=None, alike: bool = False) -> tuple[np.ndarray, Repair, int]:
         """Displacement (n, 3) mm, what the inversion repair did, and how many corrections were made.
 
-        displacement, boundary (n, 3) mm, forces (n, 3) mN: the network's.
+        displacement, boundary (n, 3) mm, forces (n, 3) mN: the network's. alike: another network's field of the same
+        plan was finished just before.
         """
         patient, settings = self._patient, self._settings
         law = settings.material(patient.tissue)
@@ -172,7 +177,7 @@ class Finish:
         nodes, prescribed = interface(patient, boundary)
         if self._corrector is None:
             self._corrector = Corrector.of(patient, settings, nodes)
-        made = self._corrector.corrections(displacement, prescribed, self._steps, settings.tolerance, forces)
+        made = self._corrector.corrections(displacement, prescribed, self._steps, settings.tolerance, forces, alike)
         return made[-1].displacement, repair, len(made) - 1
 
     def close(self) -> None:
