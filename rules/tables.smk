@@ -6,7 +6,7 @@ rule evaluate:
         postops=STUDY.of_judged("<results>/cases/{case}/postop.h5"),
         judged=STUDY.of_judged("<results>/cases/{case}/judged.h5"),
         truths=(
-            STUDY.of_held_out("<results>/virtual/{case}/truth.h5")
+            STUDY.of_held_out("<results>/virtual/{case}/true_motion.h5")
             if STUDY.virtual
             else []
         ),

@@ -152,6 +152,28 @@ rule virtual_outcome:
 
 
 # Segmented bones of a scan after surgery; the truth of the motion stays with the outcome.
+rule carry_truth:
+    input:
+        truth="<results>/virtual/{case}/truth.h5",
+        model="<results>/cases/{case}/model.h5",
+    output:
+        motion="<results>/virtual/{case}/true_motion.h5",
+    log:
+        "<logs>/carry_truth/{case}.log",
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=5,
+    params:
+        code=code_of("carry_truth"),
+    message:
+        "Read the true motion of {wildcards.case} at the points of its model"
+    script:
+        "../scripts/carry_truth.py"
+
+
 rule virtual_postop_bones:
     input:
         segmentation="<results>/virtual/{case}/segmentation.nii.gz",

@@ -14,7 +14,7 @@ from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
-from pinnochio.model.truth import read_truth
+from pinnochio.model.truth import TrueMotion
 from pinnochio.plans.plan import Plan
 
 
@@ -49,7 +49,7 @@ def evaluate(
                 seed=seed,
                 target=skin and skin.surface,
                 judged=skin and Judged.read(judged[case]),
-                truth=read_truth(truths[number], case)[:3] if truths else None,
+                truth=TrueMotion.read(truths[number]) if truths else None,
                 labels=labels | ({"registration_residual": skin.residual} if skin else {}),
             )
         )

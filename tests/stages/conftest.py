@@ -17,6 +17,7 @@ from pinnochio.planner.prepared import Prepared
 from pinnochio.statistics.intervals import Calibration
 from pinnochio.training.checkpoint import save_network
 from pinnochio.virtual.head import USUAL
+from scripts.carry_truth import carry_truth
 from scripts.choose_samples import choose_samples
 from scripts.describe_training import describe_training
 from scripts.import_plan import import_plan
@@ -89,6 +90,7 @@ def make_patient(case: str, number: int, folder: Path, procedure=USUAL) -> Patie
     )
     register_postop(case, made["postop"], imported["skin"], imported["bone"], 20.0, 1.5, file("postop.h5"))
     choose_samples(case, file("model.h5"), plan, file("postop.h5"), 3000, SEED, file("judged.h5"))
+    carry_truth(case, file("truth.h5"), file("model.h5"), file("true_motion.h5"))
     simulate_fem(case, file("model.h5"), plan, 2, fem, SEED, file("fem_samples.h5"))
     return Patient(case, folder, fem)
 

@@ -62,11 +62,11 @@ def test_a_field_made_elsewhere_gets_the_same_row(patient, solved, tmp_path):
     mesh = pv.read(patient.mesh)
     assert len(np.unique(mesh.points, axis=0)) < mesh.n_points  # the mouth slit: places do not tell all nodes apart
     postops = {patient.case: patient.postop}
-    own = measure(patient, solved, "fem_bonded", str(tmp_path / "own.csv"), postops, [patient.truth])
+    own = measure(patient, solved, "fem_bonded", str(tmp_path / "own.csv"), postops, [patient.true_motion])
     for number, file in enumerate(export(patient, solved, tmp_path)):
         predictions = str(tmp_path / f"{number}.h5")
         predict_external([patient.case], [file], [patient.mesh], predictions)
-        row = measure(patient, predictions, "mine", str(tmp_path / f"{number}.csv"), postops, [patient.truth])
+        row = measure(patient, predictions, "mine", str(tmp_path / f"{number}.csv"), postops, [patient.true_motion])
         pd.testing.assert_frame_equal(row.drop(columns=OWN), own.drop(columns=OWN))
         assert row.loc[0, "device"] == "external" and row["setup_seconds"].isna().all()
         assert row.loc[0, "seconds"] == 0.25 if number == 0 else row["seconds"].isna().all()

@@ -16,6 +16,7 @@ from pinnochio.virtual.aftermath import CHANGES
 from pinnochio.virtual.ground_truth import alone
 from pinnochio.virtual.loading import sag, weight_change
 from pinnochio.virtual.outcome import Operation, Outcome, admissible, change, changed, moved
+from scripts.carry_truth import carry_truth
 from scripts.choose_samples import choose_samples
 from scripts.evaluate import evaluate
 from scripts.predict import predict
@@ -73,6 +74,8 @@ def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, t
     postop, judged = str(tmp_path / "postop.h5"), str(tmp_path / "judged.h5")
     register_postop(patient.case, nominal["postop"], patient.skin, patient.bone, 20.0, 1.0, postop)
     choose_samples(patient.case, patient.model, patient.plan, postop, 3000, SEED, judged)
+    motion = str(tmp_path / "true_motion.h5")
+    carry_truth(patient.case, nominal["truth"], patient.model, motion)
     rows = {}
     for name, module, settings, truths in (
         ("floor_scan", "floor_scan", {}, [nominal["truth"]]),
@@ -100,7 +103,7 @@ def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, t
             plans=[nominal["executed"]],
             postops={patient.case: postop},
             judged={patient.case: judged},
-            truths=[nominal["truth"]],
+            truths=[motion],
             fem=patient.fem,
             labels={"fold": "1", "method": name, "code": "x"},
             seed=SEED,

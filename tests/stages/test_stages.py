@@ -227,7 +227,7 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
             [patient.plan],
             {patient.case: patient.postop},
             {patient.case: patient.judged},
-            [patient.truth],
+            [patient.true_motion],
             patient.fem,
             labels,
             SEED,

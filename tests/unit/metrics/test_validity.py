@@ -21,7 +21,7 @@ from pinnochio.metrics.validity import (
     equilibrium_of,
     volume_metrics,
 )
-from pinnochio.metrics.volume import mean_and_p95, truth_errors
+from pinnochio.metrics.volume import mean_and_p95
 from pinnochio.model.patient import (
     BONE_MUSCLE,
     CUT_PLANE,
@@ -33,6 +33,7 @@ from pinnochio.model.patient import (
     PatientModel,
 )
 from pinnochio.model.predictions import Prediction
+from pinnochio.model.truth import TrueMotion
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import fem_settings
@@ -200,18 +201,20 @@ def test_a_linear_field_is_interpolated_exactly_and_outside_by_the_closest_point
     np.testing.assert_allclose(interpolated, np.clip(outside, 0, 40) @ gradient.T + shift, atol=1e-8)
 
 
-def test_truth_errors_are_between_fields_on_two_meshes():
-    points, cells = block(4)
+def test_the_truth_is_read_on_another_mesh(patient, tmp_path):
     other, other_cells = block(5)
-    truth = other, other_cells, other * [0.1, 0, 0]
-    u = points * [0.1, 0, 0]
-    assert truth_errors(points, u, *truth).max() < 1e-8
-    errors = truth_errors(points, u + points[:, 2:] * [0, 0.05, 0], *truth)
-    np.testing.assert_allclose(errors, points[:, 2] / 20, atol=1e-8)
-    metrics = mean_and_p95("volume_error", errors, node_volumes(points, cells))
+    finer = replace(patient, skin_points=patient.skin_points[:3] + 1.0)  # a skin has points of its own
+    path = tmp_path / "true_motion.h5"
+    TrueMotion.of(finer, other, other_cells, other * [0.1, 0, 0]).write(path)
+    truth = TrueMotion.read(path)
+    np.testing.assert_allclose(truth.nodes, patient.points * [0.1, 0, 0], atol=1e-8)
+    np.testing.assert_allclose(truth.skin, finer.skin_points * [0.1, 0, 0], atol=1e-8)
+
+
+def test_errors_are_means_over_tissue():
+    points, cells = block(4)
+    metrics = mean_and_p95("volume_error", points[:, 2] / 20, node_volumes(points, cells))
     assert metrics == {"volume_error_mean": pytest.approx(1), "volume_error_p95": pytest.approx(2)}
-    anywhere = points[:3] + 1.0  # a skin is compared where its own points are
-    np.testing.assert_allclose(truth_errors(anywhere, 0 * anywhere, *truth), 0.1 * anywhere[:, 0], atol=1e-8)
 
 
 def test_errors_are_means_over_volume_however_dense_the_nodes_are():
@@ -237,13 +240,14 @@ def test_one_case_gives_one_complete_row(patient):
     judged = choose(patient, plan, *target, 500, 1)
     fem = fem_settings()
     options = {"fem": fem, "seed": 1, "labels": LABELS}
+    truth = TrueMotion.of(patient, patient.points, patient.cells, np.full_like(patient.points, 2.0))
     row = evaluate_case(
         patient,
         plan,
         Prediction(np.zeros_like(patient.points)),
         target=target,
         judged=judged,
-        truth=(patient.points, patient.cells, np.full_like(patient.points, 2.0)),
+        truth=truth,
         **options,
     )
     assert (row["target_samples"], row["skin_samples"]) == (len(judged.target), len(judged.skin))
@@ -259,7 +263,7 @@ def test_one_case_gives_one_complete_row(patient):
         Prediction(None, skin=np.zeros_like(patient.skin_points)),
         target=target,
         judged=judged,
-        truth=(patient.points, patient.cells, np.full_like(patient.points, 2.0)),
+        truth=truth,
         **options,
     )
     assert (skin["cd"], skin["skin_error_mean"]) == (row["cd"], row["skin_error_mean"])

@@ -11,6 +11,7 @@ import torch
 from scipy.spatial import cKDTree
 
 from pinnochio.experiments.tradeoff_settings import Setting
+from pinnochio.geometry.interpolation import interpolate
 from pinnochio.mechanics.elements import node_volumes
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.mixed import MIXED, solve_mixed
@@ -24,7 +25,6 @@ from pinnochio.methods.protocol import Planned
 from pinnochio.metrics.judged import Judged
 from pinnochio.metrics.surface import surface_metrics
 from pinnochio.metrics.validity import equilibrium_of, volume_metrics
-from pinnochio.metrics.volume import truth_errors
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.plans.plan import Plan
@@ -53,7 +53,8 @@ class Reference:
     def volume_error(self, patient: PatientModel, displacement: np.ndarray) -> float:
         """Mean distance in mm of a displacement (n, 3) mm of the patient from the one here, over the tissue."""
         own = self.patient
-        errors = truth_errors(patient.points, displacement, own.points, own.cells, self.displacement)
+        there = interpolate(patient.points, own.points, own.cells, self.displacement)
+        errors = np.linalg.norm(displacement - there, axis=1)
         return float(np.average(errors, weights=node_volumes(patient.points, patient.cells)))
 
 

@@ -14,9 +14,10 @@ from pinnochio.metrics.judged import Judged
 from pinnochio.metrics.regions import landmark_errors, region_errors
 from pinnochio.metrics.surface import surface_metrics
 from pinnochio.metrics.validity import boundary_metrics, equilibrium_of, volume_metrics
-from pinnochio.metrics.volume import mean_and_p95, truth_errors
+from pinnochio.metrics.volume import mean_and_p95
 from pinnochio.model.patient import FREE, NO_INTERFACE, PatientModel
 from pinnochio.model.predictions import Prediction
+from pinnochio.model.truth import TrueMotion
 from pinnochio.plans.plan import Plan
 
 # Columns that a prediction brings along.
@@ -35,14 +36,14 @@ def evaluate_case(
     seed: int,
     target: tuple[np.ndarray, np.ndarray] | None = None,
     judged: Judged | None = None,
-    truth: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    truth: TrueMotion | None = None,
     labels: dict | None = None,
 ) -> dict:
     """One row of cases.csv.
 
-    target: points and faces of the registered post-operative skin, and judged: where it is judged; truth: points,
-    cells, displacement; either may be absent, and its columns are then empty. labels: what the caller knows (fold,
-    method, code, registration_residual). fem: material and elements of the residual.
+    target: points and faces of the registered post-operative skin, and judged: where it is judged; it and the truth may
+    be absent, and their columns are then empty. labels: what the caller knows (fold, method, code,
+    registration_residual). fem: material and elements of the residual.
     A prediction of the skin alone has none of the columns of the volume. One that is not finite gives a row without
     metrics, marked as not converged. Regions and landmarks stay empty where the face cannot be read.
     """
@@ -70,9 +71,9 @@ def evaluate_case(
         row |= region_errors(judged.target_region, -signed_distances(judged.target, moved, patient.skin_faces))
     if truth is not None:
         if u is not None:
-            errors = truth_errors(patient.points, u, *truth)
+            errors = np.linalg.norm(u - truth.nodes, axis=1)
             row |= mean_and_p95("volume_error", errors, node_volumes(patient.points, patient.cells))
-        errors = truth_errors(patient.skin_points, moved - patient.skin_points, *truth)
+        errors = np.linalg.norm(moved - patient.skin_points - truth.skin, axis=1)
         row |= mean_and_p95("skin_error", errors, vertex_areas(patient.skin_points, patient.skin_faces))
         try:
             row |= landmark_errors(patient, errors)

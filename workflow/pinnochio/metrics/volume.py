@@ -1,13 +1,6 @@
-"""Error of a displacement field against a truth that is known on another mesh."""
+"""Error of a displacement field over the tissue and over the skin."""
 
 import numpy as np
-
-from pinnochio.geometry.interpolation import interpolate
-
-
-def truth_errors(points, displacement, truth_points, truth_cells, truth) -> np.ndarray:
-    """|u - truth| (k,) mm of a displacement (k, 3) mm at points (k, 3) mm; the truth is a field as in interpolate."""
-    return np.linalg.norm(displacement - interpolate(points, truth_points, truth_cells, truth), axis=1)
 
 
 def mean_and_p95(name: str, errors: np.ndarray, weights: np.ndarray) -> dict[str, float]:

@@ -1,10 +1,13 @@
 """The truth of a virtual patient: where all of the tissue went, and how the plan was carried out."""
 
 import os
+from dataclasses import dataclass
 
 import numpy as np
 
-from pinnochio.hdf5 import reading
+from pinnochio.geometry.interpolation import interpolate
+from pinnochio.hdf5 import reading, writing
+from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 
 
@@ -16,3 +19,33 @@ def read_truth(path: str | os.PathLike, case: str) -> tuple[np.ndarray, np.ndarr
     with reading(path) as file:
         field = (file[name][()] for name in ("points", "cells", "displacement"))
         return *field, Plan.from_json(file.attrs["executed"], path, case)
+
+
+@dataclass(frozen=True)
+class TrueMotion:
+    """The truth where a model of the patient has points: displacement (n, 3) mm of its nodes, (s, 3) mm of its skin.
+
+    The outcome's own mesh is another one; a point outside of it takes the value at the closest point there.
+    """
+
+    nodes: np.ndarray
+    skin: np.ndarray
+
+    @classmethod
+    def of(cls, patient: PatientModel, points, cells, displacement) -> "TrueMotion":
+        """Of a truth on points (n, 3) mm and cells (m, 4), as :func:`read_truth` gives it."""
+        places = np.concatenate([patient.points, patient.skin_points])
+        there = interpolate(places, points, cells, displacement)
+        return cls(*np.split(there, [len(patient.points)]))
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write as HDF5."""
+        with writing(path) as file:
+            for name, values in vars(self).items():
+                file.create_dataset(name, data=values, track_times=False)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike) -> "TrueMotion":
+        """Read what :meth:`write` wrote."""
+        with reading(path) as file:
+            return cls(file["nodes"][()], file["skin"][()])
