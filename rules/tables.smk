@@ -5,11 +5,7 @@ rule evaluate:
         plans=STUDY.motions_of_held_out,
         postops=STUDY.of_judged("<results>/cases/{case}/postop.h5"),
         judged=STUDY.of_judged("<results>/cases/{case}/judged.h5"),
-        truths=(
-            STUDY.of_held_out("<results>/virtual/{case}/true_motion.h5")
-            if STUDY.virtual
-            else []
-        ),
+        truths=STUDY.truths_of_held_out if STUDY.virtual else [],
     output:
         metrics=ensure(
             "<results>/{arm}/{fold}/{method}{corrected}/metrics.csv", non_empty=True

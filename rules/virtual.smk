@@ -155,11 +155,11 @@ rule virtual_outcome:
 rule carry_truth:
     input:
         truth="<results>/virtual/{case}/truth.h5",
-        model="<results>/cases/{case}/model.h5",
+        model="<results>/cases/{case}{mesh}/model.h5",
     output:
-        motion="<results>/virtual/{case}/true_motion.h5",
+        motion="<results>/cases/{case}{mesh}/true_motion.h5",
     log:
-        "<logs>/carry_truth/{case}.log",
+        "<logs>/carry_truth/{case}{mesh}.log",
     conda:
         "../envs/pinnochio.yaml"
     threads: 1
@@ -169,7 +169,7 @@ rule carry_truth:
     params:
         code=code_of("carry_truth"),
     message:
-        "Read the true motion of {wildcards.case} at the points of its model"
+        "Read the true motion of {wildcards.case}{wildcards.mesh} at the points of its model"
     script:
         "../scripts/carry_truth.py"
 

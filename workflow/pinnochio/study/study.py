@@ -828,6 +828,10 @@ class Study:
         """The models that the method predicts the held-out cases of the fold on."""
         return [self.model_of(case, wildcards.method) for case in self.kept_from(wildcards.fold)]
 
+    def truths_of_held_out(self, wildcards) -> list[str]:
+        """The true motions at the points of these models."""
+        return [f"{model.removesuffix('model.h5')}true_motion.h5" for model in self.models_of_held_out(wildcards)]
+
     def motions_of_held_out(self, wildcards) -> list[str]:
         """The motions that the method predicts the held-out cases of the fold with."""
         return [self.motion_of(case, wildcards.method, wildcards.arm) for case in self.kept_from(wildcards.fold)]
