@@ -38,11 +38,11 @@ unlock: env
 report figures: env
 	$(SNAKEMAKE) $@ $(OF)
 
-# make predict PATIENT=FOLDER: the face that follows each plan of a patient, by models that exist. MODELS: an archive
-# elsewhere.
+# make predict PATIENT=FOLDER: the face that follows each plan of a patient, by models that exist, on the mesh that they
+# were trained on whatever study was run before. MODELS: an archive elsewhere.
 predict: env
 	@test -n "$(PATIENT)" || { echo "Name the patient: make predict PATIENT=FOLDER"; exit 1; }
-	$(SNAKEMAKE) predict $(OF) --config patient=$(PATIENT) $(if $(MODELS),models=$(MODELS))
+	$(SNAKEMAKE) predict $(addprefix --configfile ,$(CONFIG)) --config patient=$(PATIENT) $(if $(MODELS),models=$(MODELS))
 
 # make planner PATIENT=FOLDER: prepares the patient, then opens a page on this machine to try plans on. MODELS: an
 # archive elsewhere; PLANNER: options of workflow/plan.py.

@@ -59,6 +59,17 @@ def run(*words: str) -> str:
     return done.stdout
 
 
+def test_after_the_quick_study_its_report_is_shown_but_patients_are_predicted_as_ever(tmp_path):
+    """The models that come along were trained on the mesh of the default study, not on the quick one's."""
+    for name in ("results/quick/provenance.json", "envs/requirements.lock"):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).touch()
+    planned = ("make", "-n", "-C", str(tmp_path), "-f", str(ROOT / "Makefile"), "PATIENT=P01", "CONFIG=")
+    assert "--configfile config/quick.yaml" in run(*planned, "report")
+    assert "quick" not in run(*planned, "predict")
+    assert "--configfile own.yaml" in run(*planned[:-1], "CONFIG=own.yaml", "predict")
+
+
 @pytest.mark.parametrize("command", WRITTEN, ids=" ".join)
 def test_a_documented_command_is_understood(project, command):
     program, *words = command
