@@ -66,7 +66,7 @@ def test_after_the_quick_study_its_report_is_shown_but_patients_are_predicted_as
         (tmp_path / name).touch()
     planned = ("make", "-n", "-C", str(tmp_path), "-f", str(ROOT / "Makefile"), "PATIENT=P01", "CONFIG=")
     assert "--configfile config/quick.yaml" in run(*planned, "report")
-    assert "quick" not in run(*planned, "predict")
+    assert "--configfile" not in run(*planned, "predict")
     assert "--configfile own.yaml" in run(*planned[:-1], "CONFIG=own.yaml", "predict")
 
 
