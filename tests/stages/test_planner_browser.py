@@ -154,6 +154,12 @@ def test_a_preset_moves_the_jaw_and_the_face(page):
     assert number(page, "advance") == 0 and page.inner_text("#label_up").startswith("impact (+) / lengthen")
 
 
+def test_a_preset_is_undone_while_its_list_has_the_focus(page):
+    choose(page, "preset", "Mandibular advance 5 mm")
+    page.keyboard.press("Control+z")
+    assert "Nothing is moved" in settled(page)
+
+
 def test_locked_jaws_move_together(page):
     page.locator("#locked").click()
     put(page, "lefort1", "up", 2)

@@ -70,19 +70,19 @@ STYLE = f"""
 # Keys of the whole page; those of a field that is being typed in stay its own, but for undo and redo of numbers.
 KEYS = """
 document.addEventListener('keydown', (event) => {
-  const field = document.activeElement, text = field && field.closest('#name, .v-select');
+  const field = document.activeElement, inside = (places) => field && field.closest(places);
   const click = (id) => {
     const button = document.getElementById(id);
     if (button) { event.preventDefault(); button.click(); }
   };
   const key = event.key.toLowerCase();
   if (event.ctrlKey || event.metaKey) {
-    if (text) return;
+    if (inside('#name')) return;
     if (key === 'z') click(event.shiftKey ? 'redo' : 'undo');
     else if (key === 'y') click('redo');
     return;
   }
-  if (event.altKey || text || (field && field.tagName === 'INPUT' && field.type === 'number')) return;
+  if (event.altKey || inside('#name, .v-select, input[type=number]')) return;
   const ids = { a: 'side_A', b: 'side_B', r: 'reset', f: 'look_front', o: 'look_oblique', p: 'look_left' };
   if (ids[key]) click(ids[key]);
   else if (/^[1-9]$/.test(key)) {
