@@ -101,7 +101,7 @@ def test_the_message_of_a_target_says_where_to_look(logger):
     quieten(logger.logger, lambda counts: Progress(counts, {}, 1), lambda: True)
     logger.handle(record(event="run_info", stats={"report": 1}))
     logger.handle(record(event="job_info", jobid=1, rule_name="report", rule_msg="see report.html", output=[]))
-    assert "see report.html" in logger.said()
+    assert logger.said() == "see report.html\n"
 
 
 def test_a_list_of_jobs_is_left_as_it_is(logger):

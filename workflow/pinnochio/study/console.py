@@ -123,6 +123,7 @@ class Console(logging.Handler):
             if not record.output:  # a target: its message says where to look
                 self.clear()
                 self.stream.write(f"{record.rule_msg or record.rule_name}\n")
+                self.said = now  # it is the last line, or nearly so
         elif record.job_id in self.progress.running:
             self.progress.end(record.job_id, now)
         self.show(now)
