@@ -25,7 +25,7 @@ def measured(patient, predictions, metrics):
     labels = {"fold": "1", "method": "some", "code": "x"}
     evaluate(
         [patient.case], predictions, [patient.model], [patient.plan], {patient.case: patient.postop},
-        {patient.case: patient.judged}, [patient.truth], patient.fem, labels, SEED, metrics,
+        {patient.case: patient.judged}, [patient.true_motion], patient.fem, labels, SEED, metrics,
     )  # fmt: skip
     return pd.read_csv(metrics).loc[0]
 

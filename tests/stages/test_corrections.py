@@ -116,7 +116,7 @@ def test_the_table_and_the_picture_come_from_the_fields(patient, corrected, tmp_
             [patient.plan],
             {patient.case: patient.postop},
             {patient.case: patient.judged},
-            [patient.truth],
+            [patient.true_motion],
             patient.fem,
             {"fold": "1", "method": "pinnochio", "code": "0" * 12},
             SEED,

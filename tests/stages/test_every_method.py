@@ -12,6 +12,7 @@ from pinnochio.model.predictions import read_prediction
 from pinnochio.overlays import overlaid
 from pinnochio.study.study import Study
 from pinnochio.tables.comparison import summarise
+from scripts.carry_truth import carry_truth
 from scripts.evaluate import evaluate
 from scripts.finetune import finetune
 from scripts.fit import fit
@@ -136,9 +137,10 @@ class Fold:
         one, metrics = self.held_out, str(self.folder / f"{method}.csv")
         predictions = self.predicted(method, self.train(method))
         labels = {"fold": "1", "method": method, "code": "x"}
-        scans = {one.case: one.postop}, {one.case: one.judged}
+        scans, truth = ({one.case: one.postop}, {one.case: one.judged}), str(self.folder / f"{method}.truth.h5")
+        carry_truth(one.case, one.truth, self.model(method), truth)
         evaluate(
-            [one.case], predictions, [self.model(method)], [self.motion(method)], *scans, [one.truth], one.fem,
+            [one.case], predictions, [self.model(method)], [self.motion(method)], *scans, [truth], one.fem,
             labels, SEED, metrics,
         )  # fmt: skip
         return pd.read_csv(metrics)

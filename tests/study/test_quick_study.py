@@ -120,7 +120,7 @@ def test_rules_that_the_quick_study_leaves_out(studied):
     own.write_text(json.dumps({"methods": [*METHODS, *further], "surface": surface}))
     metrics = [f"results/quick/folds/1/{method}/metrics.csv" for method in further]
     made = jobs(studied.quick("further.yaml", "--", *metrics))
-    expected = {"fit": 1, "pretrain": 1, "finetune": 1, "refine_lips": 2, "label_interfaces": 2}
+    expected = {"fit": 1, "pretrain": 1, "finetune": 1, "refine_lips": 2, "label_interfaces": 2, "carry_truth": 2}
     assert made == expected | {"predict_cases": 4, "evaluate": 4}
     rows = [pd.read_csv(studied.folder / path) for path in metrics]
     assert all(len(own) == PATIENTS / 2 and own["converged"].all() and (own["cd"] > 0).all() for own in rows)
