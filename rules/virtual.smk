@@ -151,7 +151,6 @@ rule virtual_outcome:
         "../scripts/virtual_outcome.py"
 
 
-# Segmented bones of a scan after surgery; the truth of the motion stays with the outcome.
 rule carry_truth:
     input:
         truth="<results>/virtual/{case}/truth.h5",
@@ -174,6 +173,7 @@ rule carry_truth:
         "../scripts/carry_truth.py"
 
 
+# Segmented bones of a scan after surgery; the truth of the motion stays with the outcome.
 rule virtual_postop_bones:
     input:
         segmentation="<results>/virtual/{case}/segmentation.nii.gz",

@@ -773,9 +773,9 @@ class Study:
         """The checked plans of a new patient."""
         return [f"<results>/patients/{wildcards.case}/{plan}/plan.json" for plan in self.patients[wildcards.case].plans]
 
-    def model_of(self, case: str, method: str) -> str:
-        """The model of the study's patient that the method predicts on."""
-        return f"<results>/cases/{case}{'/lips' if self.registry[method].mesh == 'lips' else ''}/model.h5"
+    def model_of(self, case: str, method: str, file: str = "model.h5") -> str:
+        """The model of the study's patient that the method predicts on, or another file of the same mesh."""
+        return f"<results>/cases/{case}{'/lips' if self.registry[method].mesh == 'lips' else ''}/{file}"
 
     # Input functions of training and prediction.
 
@@ -830,7 +830,8 @@ class Study:
 
     def truths_of_held_out(self, wildcards) -> list[str]:
         """The true motions at the points of these models."""
-        return [f"{model.removesuffix('model.h5')}true_motion.h5" for model in self.models_of_held_out(wildcards)]
+        cases = self.kept_from(wildcards.fold)
+        return [self.model_of(case, wildcards.method, "true_motion.h5") for case in cases]
 
     def motions_of_held_out(self, wildcards) -> list[str]:
         """The motions that the method predicts the held-out cases of the fold with."""
