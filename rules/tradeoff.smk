@@ -1,4 +1,4 @@
-# What a second of computing buys, on held-out patients of the first fold; not part of `all`.
+# What a second of computing buys, on held-out patients; not part of `all`.
 
 
 # Timed, so each of these jobs has the machine for itself.
@@ -35,11 +35,7 @@ rule measure_fem:
 
 rule measure_networks:
     input:
-        networks=expand(
-            "<results>/folds/{fold}/{method}/network.pt",
-            fold=STUDY.first_fold,
-            method=STUDY.traded_networks,
-        ),
+        networks=STUDY.networks_of_traded,
         models=[STUDY.sized(nodes, "model.h5") for nodes in STUDY.sizes],
         lifts=[
             STUDY.sized(nodes, f"lift_{kind}.h5") for kind, nodes in STUDY.traded_lifts
@@ -78,11 +74,7 @@ rule measure_networks:
 
 rule measure_study:
     input:
-        predictions=expand(
-            "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=STUDY.first_fold,
-            method=STUDY.judged_as_they_are,
-        ),
+        predictions=STUDY.predictions_of_traded,
         models=lambda wildcards: [
             STUDY.model_of(wildcards.case, method)
             for method in STUDY.judged_as_they_are

@@ -159,22 +159,30 @@ def test_an_external_method_is_asked_for_its_held_out_cases_and_a_missing_file_i
     assert project.dry_run("--config", "cohort=cases.tsv", *mine, "--", "inputs").returncode == 0
 
 
-def test_the_tradeoff_trains_the_first_fold_alone_and_judges_its_patients(project):
+@pytest.mark.parametrize(("patients", "folds"), [(2, "1"), (3, "12")])
+def test_the_tradeoff_judges_the_first_folds_patients_by_the_networks_of_their_own(project, patients, folds):
     write_cohort(project, SCANNED, UNSCANNED)
-    jobs, _ = asked(project, "--", "tradeoff")
+    jobs, _ = asked(project, f"tradeoff={{patients: {patients}}}", "--", "tradeoff")
     networks = [path for path in jobs if path.endswith("network.pt")]
-    assert {path.split("/")[1] for path in networks} == {"1"}
-    for name in ("pinnochio", "pinnochio_plus", "pinnochio_narrow", "design_wide", "acmt"):
-        assert f"folds/1/{name}/network.pt" in networks
+    assert {path.split("/")[1] for path in networks} == set(folds)
     judged = {path.split("/")[1] for path in jobs if path.startswith("tradeoff/")}
-    assert judged == cases_read(jobs["folds/1/no_change/predictions.h5"], "model.h5") & set(SCANNED)
+    assert len(judged) == patients and judged <= set(SCANNED)
+    for fold in folds:
+        for name in ("pinnochio", "pinnochio_plus", "pinnochio_narrow", "design_wide", "acmt"):
+            assert f"folds/{fold}/{name}/network.pt" in networks
+        own = judged & cases_read(jobs[f"folds/{fold}/no_change/predictions.h5"], "model.h5")
+        for case in own:
+            read = jobs[f"tradeoff/{case}/networks.csv"] | jobs[f"tradeoff/{case}/study.csv"]
+            assert {path.split("/")[1] for path in read if path.startswith("folds/")} == {fold}
+        judged -= own
+    assert not judged
     sizes = {size[1] for path in jobs if (size := re.search(r"/nodes_(\d+)/", path))}
     assert sizes == {"1500", "3000", "10000", "20000", "30000"}  # the study's own 5,000 are there
     assert "tables/tradeoff.csv" in jobs and "tables/accuracy.csv" not in jobs
 
 
 def test_a_tradeoff_of_one_patient_is_refused(project):
-    write_cohort(project, SCANNED[:3], UNSCANNED)
+    write_cohort(project, SCANNED[:1], UNSCANNED)
     done = project.dry_run("--config", "cohort=cases.tsv", "folds=3", "--", "tradeoff")
     assert done.returncode != 0 and "the trade-off wants two" in done.stdout
 

@@ -12,6 +12,7 @@ from pinnochio.figures.tradeoff import draw
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.methods.registry import registry
 from pinnochio.metrics.judged import choose
+from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.choices import SAFETY, check_choices, choose_setting
 from pinnochio.tables.tradeoff import answers, pareto, summarise
@@ -94,6 +95,12 @@ def test_a_choice_keeps_the_budget_with_a_margin_on_every_patient():
     assert choose_setting(frame, tolerance_mm=0.35)["method"] == "middle"  # `bad` cannot be repeated
 
 
+def test_no_setting_is_chosen_that_turns_an_element_inside_out():
+    own = rows()
+    own.loc[(own["case"] == "C") & (own["method"] == "middle") & (own["value"] == "1"), "inverted"] = 1
+    assert choose_setting(summarise(own), tolerance_mm=0.21)["value"] == "2"
+
+
 def test_an_impossible_wish_shows_what_is_possible():
     with pytest.raises(InputError, match="budget_seconds 0.001.*ask for 0.017 s or more"):
         choose_setting(summarise(rows()), budget_seconds=1e-3)
@@ -112,6 +119,59 @@ def test_choices_are_tried_on_patients_that_the_front_does_not_know():
     assert budget["cd"] == pytest.approx((0.9 + 0.9 + 1.3) / 3)
     assert budget["cd_near"] == 0
     assert tried.loc["tolerance_mm 0.1", "kept"] == 2  # C's error is twice what A and B let expect
+
+
+def test_the_error_that_is_foretold_has_an_interval_from_nine_patients_on():
+    """Ten patients, whose errors are 0.7 mm times 1 to 1.9."""
+    factors = {f"P{number}": (1, 1 + number / 10) for number in range(10)}
+    few, many = (summarise(rows(dict(list(factors.items())[:count]))) for count in (8, 10))
+    assert few["cd_within"].isna().all()
+    # 90 % of ten patients: the tenth of eleven ranks, the largest error; 1 is 5 / 9 from the mean of the others.
+    assert many.set_index(["method", "value"]).loc[("middle", "1"), "cd_within"] == pytest.approx(0.7 * 0.5)
+    tried = check_choices(rows(factors), [1.0], []).iloc[0]
+    # Without an extreme patient the others' largest error is 0.45 of 0.65 mm, and the extreme one is 0.5 away.
+    assert 0.65 * 0.45 < tried["cd_within"] < 0.65 * 0.55 and tried["cd_inside"] == 0.8
+    assert np.isnan(check_choices(rows(), [1.0], []).iloc[0]["cd_inside"])
+
+
+def test_a_patient_whose_reference_does_not_converge_stays_but_for_its_distances(tmp_path):
+    own = rows()
+    own.loc[own["case"] == "B", ["face_error", "face_error_max", "volume_error"]] = np.nan
+    own.loc[(own["case"] == "B") & (own["method"] == "slow"), "converged"] = False
+    frame = summarise(own).set_index(["method", "value"])
+    assert frame.loc[("fast", "1"), "face_error"] == pytest.approx(0.5 * 1.05) and frame["n"].eq(3).all()
+    assert frame["cd"].notna().all() and frame.loc[("slow", "1"), "failed"] == 1
+    tried = check_choices(own, [1.0], [0.3]).set_index("asked")
+    assert tried["n"].tolist() == [3, 2]
+    write_csv(own, tmp_path / "rows.csv", TRADEOFF_CASES)
+    make(
+        tmp_path / "choices.csv",
+        "tables.choices",
+        cases=tmp_path / "rows.csv",
+        budgets=[1.0],
+        tolerances=[0.3],
+        cohort="",
+    )
+    made = {"cases": tmp_path / "rows.csv", "choices": tmp_path / "choices.json", "cohort": "virtual cohort"}
+    make(tmp_path / "tradeoff.csv", "tables.tradeoff", **made)
+    assert "since the reference did not converge: B." in (tmp_path / "tradeoff.md").read_text()
+
+
+def test_a_reference_that_is_none_is_known_from_its_file(tmp_path):
+    patient = tiny_patient(3)
+    still = np.zeros((len(patient.points), 3))
+    for converged in (True, False):
+        write_predictions(tmp_path / "reference.h5", {"tiny": Prediction(still, converged=converged)})
+        reference = Reference.read(tmp_path / "reference.h5", "tiny", patient)
+        assert (reference is not None) == converged
+    plan = Plan("tiny", {})
+    target = patient.skin_points, patient.skin_faces
+    judged = choose(patient, plan, *target, 500, 1)
+    row = judge(
+        as_in_the_study("x", 0), "tiny", patient, Prediction(still), target, judged, None, settings.fem_settings()
+    )
+    assert row["cd"] < 1e-9 and row["inverted"] == 0
+    assert all(np.isnan(row[name]) for name in ("face_error", "face_error_max", "volume_error"))
 
 
 def test_a_budget_that_nothing_keeps_is_said_so():

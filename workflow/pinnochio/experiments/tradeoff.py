@@ -26,7 +26,7 @@ from pinnochio.metrics.judged import Judged
 from pinnochio.metrics.surface import surface_metrics
 from pinnochio.metrics.validity import equilibrium_of, volume_metrics
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.predictions import Prediction
+from pinnochio.model.predictions import Prediction, read_prediction
 from pinnochio.plans.plan import Plan
 from pinnochio.timing import repeated
 
@@ -40,6 +40,12 @@ class Reference:
 
     patient: PatientModel
     displacement: np.ndarray
+
+    @staticmethod
+    def read(path: str | os.PathLike, case: str, patient: PatientModel) -> "Reference | None":
+        """That in the file, on the patient's mesh; None where the solver did not converge."""
+        prediction = read_prediction(path, case)
+        return Reference(patient, prediction.displacement) if prediction.converged else None
 
     def face_errors(self, patient: PatientModel, moved: np.ndarray) -> np.ndarray:
         """Distance (k,) mm of the judged points of the patient's skin, moved (s, 3) mm, from where they are here."""
@@ -65,13 +71,13 @@ def judge(
     prediction: Prediction,
     target: tuple[np.ndarray, np.ndarray],
     judged: Judged,
-    reference: Reference,
+    reference: Reference | None,
     fem: FemSettings,
 ) -> dict:
     """One row of :data:`~pinnochio.tables.tradeoff_cases.TRADEOFF_CASES`; a field that is not finite has no metrics.
 
     target: points and faces of the registered post-operative skin; judged: where; fem: of the study, whose residual is
-    reported.
+    reported. Without a reference there is no distance from it.
     """
     row = {"case": case, "method": setting.method, "parameter": setting.parameter, "value": setting.value}
     row |= {"recipe": setting.recipe, "nodes": len(patient.points), "converged": prediction.converged}
@@ -83,10 +89,12 @@ def judge(
         return row | {"converged": False}
     skin = judged.carried(patient, moved)
     row["cd"] = surface_metrics(moved, patient.skin_faces, skin, *target, judged.target)["cd"]
-    errors = reference.face_errors(patient, moved)
-    row |= {"face_error": errors.mean(), "face_error_max": errors.max()}
+    if reference is not None:
+        errors = reference.face_errors(patient, moved)
+        row |= {"face_error": errors.mean(), "face_error_max": errors.max()}
     if u is not None:
-        row["volume_error"] = reference.volume_error(patient, u)
+        if reference is not None:
+            row["volume_error"] = reference.volume_error(patient, u)
         volume = volume_metrics(patient.points, patient.cells, patient.tissue, u)
         row |= {name: volume[name] for name in ("min_jacobian", "inverted")}
         row["eqres_rel"] = equilibrium_of(patient, u, fem, prediction.forces)["eqres_rel"]

@@ -404,16 +404,17 @@ class Study:
         revealed = self.locked and Path(self.results, "virtual", OUTCOME_SUMS).is_file()
         return [SUMS, *([OUTCOME_SUMS] if revealed else [])]
 
-    # The trade-off measures held-out patients of the first fold.
-
     @property
     def first_fold(self) -> str:
         return next(iter(self.held_out))
 
+    # The trade-off measures held-out patients, fold after fold, each by the networks of its own.
+
     @cached_property
     def traded(self) -> list[str]:
         """Patients of the trade-off."""
-        return self.judged(self.first_fold)[: self.config["tradeoff"]["patients"]]
+        every = [case for fold in self.held_out for case in self.judged(fold)]
+        return every[: self.config["tradeoff"]["patients"]]
 
     @cached_property
     def traded_networks(self) -> list[str]:
@@ -949,15 +950,24 @@ class Study:
         folder = self.config["external"][wildcards.method]
         return [external_file(folder, case) for case in self.kept_from(wildcards.fold)]
 
+    def networks_of_traded(self, wildcards) -> list[str]:
+        """The networks of the fold that holds the case out."""
+        fold = self.fold_of(wildcards.case)
+        return [f"<results>/folds/{fold}/{method}/network.pt" for method in self.traded_networks]
+
+    def predictions_of_traded(self, wildcards) -> list[str]:
+        """That fold's predictions by the methods that the trade-off changes nothing of."""
+        fold = self.fold_of(wildcards.case)
+        return [f"<results>/folds/{fold}/{method}/predictions.h5" for method in self.judged_as_they_are]
+
     def rows_of_traded(self, wildcards) -> list[str]:
         """The rows of the trade-off; InputError where it has too few patients."""
         if len(self.traded) < 2:
             raise InputError(
                 "-",
                 self.config["cohort"],
-                f"{len(self.traded)} patients of fold {self.first_fold} have a post-operative scan, and the trade-off "
-                "wants two",
-                "lower 'folds', raise tradeoff.patients, or give more scans",
+                f"{len(self.traded)} patients have a post-operative scan, and the trade-off wants two",
+                "give more scans",
             )
         families = ("fem", "networks", "study")
         return [f"<results>/tradeoff/{case}/{family}.csv" for case in self.traded for family in families]

@@ -3,12 +3,13 @@
 import os
 from collections.abc import Sequence
 
+import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_table
 from pinnochio.errors import InputError
 from pinnochio.tables.document import Block, Table, views
-from pinnochio.tables.tradeoff import summarise
+from pinnochio.tables.tradeoff import LEVEL, summarise
 from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
 
 # Of the longest time measured on a patient: another one may take longer [X: docs/tradeoff.md].
@@ -24,6 +25,8 @@ CHOICES = (
     number("cd_expected", "mm", "mean Chamfer distance expected"),
     number("cd", "mm", "mean Chamfer distance measured"),
     number("cd_near", "", "share of predictions whose Chamfer distance expected is within 25 % of it", ".2f"),
+    number("cd_within", "mm", f"mean half-width of the interval about cd_expected that shall hold {LEVEL:.0%} of them"),
+    number("cd_inside", "", "share of predictions that it holds; empty where the others are too few for one", ".2f"),
     number("face_error_expected", "mm", "mean distance from the reference solution expected"),
     number("face_error", "mm", "mean distance from the reference solution measured"),
 )
@@ -32,13 +35,13 @@ CHOICES = (
 def choose_setting(
     frame: pd.DataFrame, budget_seconds: float | None = None, tolerance_mm: float | None = None
 ) -> pd.Series:
-    """The row of TRADEOFF to predict by: of those that can be repeated, kept the budget with a margin on every patient
-    and the tolerance (mean distance of the face from the reference solution) in the mean, the nearest to the outcome,
-    or, without a budget, the fastest.
+    """The row of TRADEOFF to predict by: of those that can be repeated, turn no element inside out and kept the budget
+    with a margin on every patient and the tolerance (mean distance of the face from the reference solution) in the
+    mean, the nearest to the outcome, or, without a budget, the fastest.
 
     InputError, with what can be had, if there is none.
     """
-    sound = frame[(frame["recipe"] != "") & (frame["failed"] == 0)]
+    sound = frame[(frame["recipe"] != "") & (frame["failed"] == 0) & ~(frame["inverted"] > 0)]
     offered = sound
     if budget_seconds is not None:
         offered = offered[SAFETY * offered["seconds_max"] <= budget_seconds]
@@ -59,10 +62,11 @@ def choose_setting(
 def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequence[float]) -> pd.DataFrame:
     """One row of CHOICES per budget and tolerance: each patient's choice from the Pareto front of all the others.
 
-    rows: of TRADEOFF_CASES, of two patients at least.
+    rows: of TRADEOFF_CASES, of two patients at least. A tolerance is tried where there is a reference.
     """
     summaries = {case: summarise(rows[rows["case"] != case]) for case in rows["case"].unique()}
     own = rows.set_index(["case", "method", "parameter", "value"])
+    judged_by = {"budget_seconds": "seconds", "tolerance_mm": "face_error"}
     tried = []
     for name, limits in (("budget_seconds", budgets), ("tolerance_mm", tolerances)):
         for limit in limits:
@@ -72,15 +76,19 @@ def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequ
                     chosen = choose_setting(summary, **{name: limit})
                 except InputError:
                     continue
-                pairs.append((chosen, own.loc[(case, chosen["method"], chosen["parameter"], chosen["value"])]))
+                found = own.loc[(case, chosen["method"], chosen["parameter"], chosen["value"])]
+                if np.isfinite(found[judged_by[name]]):
+                    pairs.append((chosen, found))
             row = {"asked": f"{name} {limit:g}", "n": len(pairs), "kept": 0, "setting": "none"}
             if pairs:
                 expected, measured = (pd.DataFrame(side).reset_index(drop=True) for side in zip(*pairs, strict=True))
-                kept = measured["seconds" if name == "budget_seconds" else "face_error"] <= limit
+                kept = measured[judged_by[name]] <= limit
                 settings = expected["method"] + " " + expected["parameter"] + " " + expected["value"]
                 row |= {"kept": int(kept.sum()), "setting": "; ".join(settings.value_counts().index)}
                 row |= {"seconds_max": measured["seconds"].max()}
-                row |= {"cd_near": ((expected["cd"] - measured["cd"]).abs() <= NEAR * measured["cd"]).mean()}
+                error, within = (expected["cd"] - measured["cd"]).abs(), expected["cd_within"]
+                row |= {"cd_near": (error <= NEAR * measured["cd"]).mean(), "cd_within": within.mean()}
+                row |= {"cd_inside": (error <= within)[within.notna()].mean()}
                 for measure in ("cd", "face_error"):
                     row |= {f"{measure}_expected": expected[measure].mean(), measure: measured[measure].mean()}
             tried.append(row)
@@ -100,6 +108,8 @@ def tabulate(cases: str | os.PathLike, budgets: Sequence[float], tolerances: Seq
         "cd_expected": "CD expected mm",
         "cd": "CD mm",
         "cd_near": "within 25 %",
+        "cd_within": "± mm",
+        "cd_inside": "inside",
         "face_error_expected": "Face expected mm",
         "face_error": "Face mm",
     }
