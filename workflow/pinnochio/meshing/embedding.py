@@ -9,10 +9,12 @@ from pinnochio.geometry.triangles import closest_on_triangles, face_normals, ver
 CANDIDATES = 24  # nearest triangles, by their centroids, among which the carrier is sought
 
 
-def embed(points, faces, mesh_points, mesh_faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def embed(points, faces, mesh_points, mesh_faces, sides=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Triangle of the mesh boundary that carries each point of a surface.
 
     points (s, 3), faces (f, 3) outward: the fine surface; mesh_points (n, 3), mesh_faces (g, 3) outward: the boundary.
+    sides: lip (s,) of each point and (n,) of each node, 0 where unknown. Where a gap parts the nearest triangle, of the
+    other lip, from the nearest one that is not, the latter carries: a coarse mesh opens the slit elsewhere.
     Returns the carrier's nodes (s, 3), barycentric weights (s, 3) of its closest point, and the distance (s,) in mm,
     infinite where every candidate faces the other way (the other lip).
     """
@@ -22,8 +24,17 @@ def embed(points, faces, mesh_points, mesh_faces) -> tuple[np.ndarray, np.ndarra
     closest, weights = closest_on_triangles(points[:, None], corners)
     distance = np.linalg.norm(closest - points[:, None], axis=2)
     distance[np.einsum("skx,sx->sk", normals[near], own) < 0.2] = np.inf
-    best = np.argmin(distance, axis=1)
-    row = np.arange(len(points))
+    best, row = np.argmin(distance, axis=1), np.arange(len(points))
+    if sides is not None:
+        lip = sides[1][mesh_faces]
+        lip = np.where((lip == lip[:, :1]).all(axis=1), lip[:, 0], 0)[near]
+        other = (lip > 0) & (sides[0][:, None] > 0) & (lip != sides[0][:, None])
+        same = np.argmin(np.where(other, np.inf, distance), axis=1)
+        moved = other[row, best] & ~other[row, same] & np.isfinite(distance[row, same])
+        if moved.any():
+            one, another = (mesh_faces[near[row, choice]][moved] for choice in (best, same))
+            moved[moved] = _parted(one, another, mesh_faces)
+        best = np.where(moved, same, best)
     return mesh_faces[near[row, best]], weights[row, best], distance[row, best]
 
 
@@ -33,13 +44,17 @@ def bridging(faces, nodes, mesh_faces) -> np.ndarray:
     faces (f, 3) of the fine surface, nodes (s, 3) its carriers as :func:`embed` gives them, mesh_faces (g, 3). A face
     spans a gap if two of its corners hang on triangles that neither share a node nor have nodes joined by an edge.
     """
+    spans = np.zeros(len(faces), bool)
+    for one, other in ((0, 1), (1, 2), (2, 0)):
+        spans |= _parted(nodes[faces[:, one]], nodes[faces[:, other]], mesh_faces)
+    return spans
+
+
+def _parted(one, other, mesh_faces) -> np.ndarray:
+    """Whether triangles (k, 3) and (k, 3) of mesh_faces (g, 3) share no node and have none joined by an edge."""
     count = mesh_faces.max() + 1
     pairs = mesh_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     steps = coo_matrix((np.ones(len(pairs), np.float32), pairs.T), (count, count)).tocsr()
     near = steps + steps.T + identity(count, np.float32, format="csr")
-    spans = np.zeros(len(faces), bool)
-    for one, other in ((0, 1), (1, 2), (2, 0)):
-        here = np.repeat(nodes[faces[:, one]], 3, axis=1).ravel()
-        there = np.tile(nodes[faces[:, other]], 3).ravel()
-        spans |= ~np.asarray(near[here, there]).reshape(-1, 9).any(axis=1)
-    return spans
+    joined = near[np.repeat(one, 3, axis=1).ravel(), np.tile(other, 3).ravel()]
+    return ~np.asarray(joined).reshape(-1, 9).any(axis=1)

@@ -12,6 +12,7 @@ from pinnochio.errors import InputError
 from pinnochio.geometry.triangles import corner_sums, face_normals
 from pinnochio.meshing.embedding import bridging, embed
 from pinnochio.meshing.fields import is_tissue, signed_distance
+from pinnochio.meshing.lip_sides import sides_of_nodes, sides_of_points
 from pinnochio.meshing.lips import bite, lip_nodes
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.splitting import simplex_points
@@ -39,6 +40,7 @@ def label_interfaces(
     sliding_band: float = 18.0,
     release: float = 5.0,
     opposing: list[tuple[str, str]] | None = None,
+    by_lip: bool = True,
     reach: float = 5.0,
     contact_gap: float = 1.0,
     contact_share: float = 1 / 3,
@@ -50,7 +52,8 @@ def label_interfaces(
     """The patient model of a mesh: node types, interface kinds, normals, skin and judged face.
 
     labels (nx, ny, nz) internal codes [ix, iy, iz], spacing and origin (3,) mm: the map that was meshed. skin: points
-    (s, 3) and faces (f, 3) of a finer outer skin for the mesh to carry; without it the skin is the mesh's own.
+    (s, 3) and faces (f, 3) of a finer outer skin for the mesh to carry; without it the skin is the mesh's own. by_lip:
+    each of its points hangs on its own lip (:mod:`pinnochio.meshing.lip_sides`), wherever the mesh opens the slit.
 
     Beyond. From points on every boundary triangle a ray goes outward, up to `reach`, to the first label that is not
     tissue; air up to `contact_gap` thick in front of bone counts as bone. Faces on the border of the volume are cut
@@ -128,7 +131,16 @@ def label_interfaces(
     kind = np.where(contact, np.where(to_muscle, m.BONE_MUSCLE, m.BONE_SUPERFICIAL), kind).astype(np.int8)
 
     outer = faces[_skin(faces, beyond, ends, areas, labels, spacing, origin, opening)]
-    carried = {} if skin is None or not len(outer) else _carried(skin, points, outer)
+    airy, mouth = (beyond == AIR).mean(axis=1) > 0.5, bite(bone, pairs, sliding_band)
+    lip = lip_nodes(points, faces, airy, node_type != m.FREE, mouth)
+    carried = {}
+    if skin is not None and len(outer):
+        sides = (
+            (sides_of_points(skin[0], labels, spacing, origin, mouth), sides_of_nodes(points, mesh.cells, lip))
+            if by_lip
+            else None
+        )
+        carried = _carried(skin, points, outer, sides)
     skin_points, skin_faces = carried.get("skin_points", points), carried.pop("skin_faces", outer)
     centre = skin_points[skin_faces].mean(axis=1)
     top = nasion_height(bone.points, bone.segment, segments, nasion_above_maxilla)
@@ -136,7 +148,6 @@ def label_interfaces(
     lower = lower if lower.any() else bone.segment >= 0
     back = bone.points[lower, 1].max(initial=-np.inf) - tragus_before_mandible if lower.any() else np.inf
     roi = (centre[:, 2] < top) & (centre[:, 1] < back)
-    airy = (beyond == AIR).mean(axis=1) > 0.5
     cut = faces[(beyond == m.CUT_PLANE).all(axis=1)]
     if len(cut):
         roi &= cKDTree(points[cut].mean(axis=1)).query(centre)[0] > cut_margin
@@ -157,7 +168,7 @@ def label_interfaces(
         bone_faces=bone.faces,
         bone_segment=bone.segment,
         segments=segments,
-        lip=lip_nodes(points, faces, airy, node_type != m.FREE, bite(bone, pairs, sliding_band)),
+        lip=lip,
         **carried,
     )
 
@@ -204,10 +215,11 @@ def _beyond(points, faces, normals, labels, spacing, origin, reach_mm, gap_mm) -
     return code, voxel
 
 
-def _carried(skin, points, outer) -> dict[str, np.ndarray]:
-    """The part of a fine skin (points, faces) that lies on the mesh's outer skin triangles, with its carriers."""
+def _carried(skin, points, outer, sides) -> dict[str, np.ndarray]:
+    """The part of a fine skin (points, faces) that lies on the mesh's outer skin triangles, with its carriers; sides as
+    of :func:`~pinnochio.meshing.embedding.embed`."""
     skin_points, skin_faces = skin
-    nodes, weights, distance = embed(skin_points, skin_faces, points, outer)
+    nodes, weights, distance = embed(skin_points, skin_faces, points, outer, sides)
     edge = np.linalg.norm(points[outer[:, 0]] - points[outer[:, 1]], axis=1).mean()
     faces = skin_faces[(distance[skin_faces] < edge).all(axis=1)]
     faces = faces[~bridging(faces, nodes, outer)]

@@ -142,6 +142,7 @@ def meshed(operation: Operation, effects: Mapping[str, Any]) -> PatientModel:
         operation.segments,
         operation.bone,
         operation.skin,
+        by_lip=effects["nodes"] is None,  # the cohorts were frozen before skin was told apart by lip
         **thresholds,
     )
 

@@ -1,0 +1,86 @@
+"""Skin hangs on its own lip, wherever a mesh opens the slit."""
+
+import numpy as np
+
+from pinnochio.meshing.embedding import bridging, embed
+from pinnochio.meshing.interfaces import opposing_pairs
+from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.meshing.lip_sides import sides_of_nodes, sides_of_points
+from pinnochio.meshing.lips import bite
+from pinnochio.model.labels import AIR
+from pinnochio.model.patient import LOWER_LIP, NOT_LIP, UPPER_LIP
+from pinnochio.model.surfaces import bone_surface
+from tests.helpers.heads import ORIGIN, SEGMENTS, block_face
+
+SLIT = 34.0  # mm above the corner of the block face: the middle of its slit
+
+
+def sheet(low, high, step):
+    """A face in the plane y = 0, outward to the front: points (n, 3) mm and triangles (k, 3) from z low to high."""
+    x, z = np.arange(0, 20.1, step), np.linspace(low, high, int(round((high - low) / step)) + 1)
+    points = np.array([(a, 0, b) for b in z for a in x])
+    first = np.array([row * len(x) + i for row in range(len(z) - 1) for i in range(len(x) - 1)])
+    square = first[:, None] + [0, 1, len(x), len(x) + 1]
+    return points, np.concatenate([square[:, [0, 1, 2]], square[:, [1, 3, 2]]])
+
+
+def test_a_point_of_the_upper_lip_hangs_on_it_though_the_mesh_opens_the_slit_higher_up():
+    upper, lower = sheet(3, 15, 4), sheet(-9, 3, 4)  # the mesh parts at 3 mm, the skin at 0
+    points, faces = np.vstack([upper[0], lower[0]]), np.vstack([upper[1], lower[1] + len(upper[0])])
+    nodes = np.repeat([UPPER_LIP, LOWER_LIP], [len(upper[0]), len(lower[0])])
+    skin, skin_faces = sheet(-5, 5, 1)
+    skin[:, 1] -= 0.1
+    own = np.where(skin[:, 2] > 0, UPPER_LIP, LOWER_LIP)
+    between = (skin[:, 2] > 0) & (skin[:, 2] < 3)
+    carriers, weights, distance = embed(skin, skin_faces, points, faces)
+    assert (nodes[carriers[between]] == LOWER_LIP).all() and between.sum() > 30
+    parted, weights, distance = embed(skin, skin_faces, points, faces, (own, nodes))
+    assert (nodes[parted] == own[:, None]).all()
+    np.testing.assert_allclose(weights.sum(axis=1), 1)
+    np.testing.assert_allclose(distance[between], np.hypot(0.1, 3 - skin[between, 2]))
+    # The skin is opened at its own slit.
+    for carried, low, high in ((carriers, 2, 4), (parted, 0, 1)):
+        rows = skin[skin_faces[bridging(skin_faces, carried, faces)], 2]
+        assert len(rows) > 30 and rows.min() == low and rows.max() == high
+    # What is unknown hangs on what is nearest, and so does all where the two lips are one.
+    for sides in ((own * 0, nodes), (own, nodes * 0)):
+        np.testing.assert_array_equal(embed(skin, skin_faces, points, faces, sides)[0], carriers)
+    whole, whole_faces = sheet(-9, 15, 4)
+    sides = own, np.where(whole[:, 2] > 3, UPPER_LIP, LOWER_LIP)
+    nearest = embed(skin, skin_faces, whole, whole_faces)[0]
+    np.testing.assert_array_equal(embed(skin, skin_faces, whole, whole_faces, sides)[0], nearest)
+
+
+def mouth_of(labels):
+    bone = bone_surface(labels, np.ones(3), ORIGIN, SEGMENTS)
+    return bite(bone, opposing_pairs(bone, labels, np.ones(3), ORIGIN, SEGMENTS, 18.0), 18.0)
+
+
+def test_the_slit_of_the_label_map_parts_the_tissue():
+    labels = block_face()[0]
+    labels[20:36, 8:18, 62:64] = AIR  # a nostril is no slit
+    mouth = mouth_of(labels)
+    points = ORIGIN + np.stack(np.meshgrid([15.0, 28, 40], [8.0, 14], np.arange(22, 47)), axis=-1).reshape(-1, 3)
+    side, height = sides_of_points(points, labels, np.ones(3), ORIGIN, mouth), (points - ORIGIN)[:, 2]
+    assert (side[height > SLIT] == UPPER_LIP).all() and (side[height < SLIT] == LOWER_LIP).all()
+    beside = ORIGIN + [[28.0, 10, 70], [28, 10, 60], [28, 10, 5], [28, 10, 500]]
+    assert (sides_of_points(beside, labels, np.ones(3), ORIGIN, mouth) == NOT_LIP).all()
+    assert (sides_of_points(points, labels, np.ones(3), ORIGIN, mouth[:0]) == NOT_LIP).all()
+    closed = np.where((labels == AIR) & (np.arange(80) == SLIT), labels[:, 10:11, 30:31], labels)
+    assert (sides_of_points(points[height == 40], closed, np.ones(3), ORIGIN, mouth) == NOT_LIP).all()
+
+
+def test_the_slit_of_a_mesh_parts_its_nodes():
+    labels = block_face()[0]
+    mesh = tetrahedralize(labels, np.ones(3), ORIGIN, 1200)
+    place, centre = mesh.points - ORIGIN, (mesh.points - ORIGIN)[mesh.cells].mean(axis=1)
+    # Nodes of the slit are told by their cells: both sides share a place in the end.
+    above = np.zeros(len(place), bool)
+    above[mesh.cells[centre[:, 2] > SLIT]] = True
+    slit = (np.abs(place[:, 2] - SLIT) < 1) & (place[:, 0] > 12) & (place[:, 0] < 44)
+    lip = np.where(slit, np.where(above, UPPER_LIP, LOWER_LIP), NOT_LIP)
+    side = sides_of_nodes(mesh.points, mesh.cells, lip)
+    near = (np.abs(place[:, 2] - SLIT) < 8) & (place[:, 0] > 16) & (place[:, 0] < 40)
+    assert (side[near] == np.where(above, UPPER_LIP, LOWER_LIP)[near]).all() and near.sum() > 60
+    assert (side[np.abs(place[:, 2] - SLIT) > 25] == NOT_LIP).all()
+    assert (sides_of_nodes(mesh.points, mesh.cells, lip * 0) == NOT_LIP).all()

@@ -1,0 +1,79 @@
+"""Which lip skin and mesh belong to: the one that is nearer through the tissue. Every mesh of a patient parts the lips
+alike, wherever its own slit lies."""
+
+import numpy as np
+from scipy import ndimage, sparse
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from pinnochio.geometry.faces import edges_of
+from pinnochio.meshing.fields import is_tissue
+from pinnochio.meshing.lips import near_mouth
+from pinnochio.model.labels import AIR
+from pinnochio.model.patient import LOWER_LIP, NOT_LIP, UPPER_LIP
+
+SIDES = UPPER_LIP, LOWER_LIP
+AROUND = 25.0  # mm about the bite in which the lips are sought
+REACH = 15.0  # mm through the tissue from the slit: farther from it nothing is told apart
+THICK = 5.0  # mm: the widest slit between lips
+SHORTEST = 1e-6  # mm; an edge of no length would be none
+
+
+def sides_of_points(points, labels, spacing, origin, mouth) -> np.ndarray:
+    """Lip (k,) int8 of the tissue nearest to each point: UPPER_LIP, LOWER_LIP, or NOT_LIP where there is none.
+
+    points (k, 3) mm; labels (nx, ny, nz) at spacing, origin (3,) mm; mouth (b, 3) mm, the middle of the bite. Tissue
+    above a void that is THICK mm high at most, near the mouth, is upper lip, tissue below it lower lip.
+    """
+    own = np.full(len(points), NOT_LIP, np.int8)
+    if not len(mouth):
+        return own
+    low, high = ((end - origin) / spacing for end in (mouth.min(axis=0) - AROUND, mouth.max(axis=0) + AROUND))
+    low = np.clip(np.floor(low).astype(int), 0, labels.shape)
+    high = np.clip(np.ceil(high).astype(int) + 1, 0, labels.shape)
+    part = labels[tuple(slice(*ends) for ends in zip(low, high, strict=True))]
+    tissue, side = is_tissue(part), np.zeros(part.shape, np.int8)
+    for code, front in zip(SIDES, _beside_slit(part, tissue, spacing, origin + low * spacing, mouth), strict=True):
+        side[front] = code
+    fronts = [side == code for code in SIDES]
+    for _ in range(int(REACH / spacing.max())):
+        fronts = [ndimage.binary_dilation(front) & tissue & (side == 0) for front in fronts]
+        for code, front in zip(SIDES, fronts, strict=True):
+            side[front & (side == 0)] = code
+    inside = ((points > origin + low * spacing) & (points < origin + high * spacing)).all(axis=1)
+    voxels = np.argwhere(tissue)
+    if len(voxels) and inside.any():
+        nearest = cKDTree(origin + (low + voxels) * spacing).query(points[inside])[1]
+        own[inside] = side[tuple(voxels[nearest].T)]
+    return own
+
+
+def _beside_slit(labels, tissue, spacing, origin, mouth) -> tuple[np.ndarray, np.ndarray]:
+    """Tissue (nx, ny, nz) bool above and below voids between lips."""
+    above, below = np.zeros(labels.shape, bool), np.zeros(labels.shape, bool)
+    x, y, start = np.nonzero(tissue[:, :, :-1] & (labels[:, :, 1:] == AIR))
+    for height in range(1, int(THICK / spacing[2]) + 1):
+        ends = start + 1 + height < labels.shape[2]
+        x, y, start = x[ends], y[ends], start[ends]
+        here = tissue[x, y, start + 1 + height]
+        middle = origin + spacing * np.column_stack([x, y, start + (1 + height) / 2])
+        here[here] = near_mouth(middle[here], mouth)
+        below[x[here], y[here], start[here]] = above[x[here], y[here], start[here] + 1 + height] = True
+        open_ = labels[x, y, start + 1 + height] == AIR
+        x, y, start = x[open_], y[open_], start[open_]
+    return above, below
+
+
+def sides_of_nodes(points, cells, lip) -> np.ndarray:
+    """Lip (n,) int8 of each node of a mesh, points (n, 3) mm and cells (m, 4): of the nearest one of lip (n,) along its
+    edges; NOT_LIP beyond REACH of either."""
+    first, second = edges_of(cells)[0].T
+    length = np.maximum(np.linalg.norm(points[first] - points[second], axis=1), SHORTEST)
+    graph = sparse.csr_array((length, (first, second)), (len(points), len(points)))
+    ways = np.full((len(SIDES), len(points)), np.inf)
+    for way, code in zip(ways, SIDES, strict=True):
+        sources = np.flatnonzero(lip == code)
+        if len(sources):
+            way[:] = dijkstra(graph, directed=False, indices=sources, min_only=True, limit=REACH)
+    upper, lower = ways
+    return np.where(upper < lower, UPPER_LIP, np.where(lower < upper, LOWER_LIP, NOT_LIP)).astype(np.int8)
