@@ -20,6 +20,7 @@ from PIL import Image
 
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
+from tests.helpers.browser import uncaught
 from tests.helpers.clients import hello
 from tests.helpers.settings import ROOT
 
@@ -29,12 +30,6 @@ MISSING += [] if CHROMIUM else ["chromium (apt-get install chromium)"]
 pytestmark = [pytest.mark.full, pytest.mark.skipif(bool(MISSING), reason=f"the planner's test lacks {MISSING}")]
 PATIENCE = 300_000  # ms; the machine may have much else to do
 JAW = "mandible_distal"
-# A promise rejected with what is no Error is reported as "Object".
-TELL = """addEventListener("unhandledrejection", (event) => {
-    if (event.reason instanceof Error) return;
-    event.preventDefault();
-    setTimeout(() => { throw new Error(`rejected: ${JSON.stringify(event.reason)}`); });
-});"""
 
 
 @pytest.fixture(scope="module")
@@ -79,9 +74,7 @@ def browser():
 def page(browser, address):
     page = browser.new_page(viewport={"width": 1280, "height": 720})
     page.set_default_timeout(PATIENCE)
-    page.add_init_script(TELL)
-    page.wrong = []
-    page.on("pageerror", lambda error: page.wrong.append(str(error)))
+    page.wrong = uncaught(page)
     page.goto(address)
     settled(page)
     yield page

@@ -27,6 +27,7 @@ from scripts.render_case import render_case
 from scripts.render_table import render_table
 from scripts.render_volume import render_volume
 from scripts.write_report import write_report
+from tests.helpers.browser import uncaught
 from tests.helpers.rows import row
 from tests.helpers.settings import CONFIG, ROOT
 from tests.helpers.tables import write
@@ -206,10 +207,9 @@ def opened(browser, report):
 
     def open_page(width):
         page = browser.new_page(viewport={"width": width, "height": 844})
-        requests, errors = [], []
+        requests, errors = [], uncaught(page)
         page.on("request", lambda request: requests.append(request.url))
         page.on("console", lambda message: message.type == "error" and errors.append(message.text))
-        page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto(report.as_uri())
         page.wait_for_function("document.querySelector('.plot').data !== undefined")
         pages.append(page)

@@ -20,6 +20,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.planner.forecast import Forecaster
 from pinnochio.planner.prepared import Prepared
 from pinnochio.plans.plan import Plan
+from tests.helpers.browser import uncaught
 from tests.helpers.settings import ROOT
 from tests.helpers.study import Project
 
@@ -75,9 +76,8 @@ def page(address):
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1360, "height": 860})
-        page.asked, page.wrong = [], []
+        page.asked, page.wrong = [], uncaught(page)
         page.on("request", lambda request: page.asked.append(request.url))
-        page.on("pageerror", lambda error: page.wrong.append(str(error)))
         page.goto(address)
         yield page
         browser.close()

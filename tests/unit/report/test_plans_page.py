@@ -17,6 +17,7 @@ from pinnochio.plans.surgery import AMOUNTS, motion_of
 from pinnochio.report.plans import Planned, write_plans
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
+from tests.helpers.browser import uncaught
 from tests.helpers.patients import as_model
 
 CHROMIUM = shutil.which("chromium")
@@ -59,7 +60,6 @@ def test_it_says_what_each_plan_does_and_comes_to(page):
 def test_it_works_offline_and_leaves_the_scrolling_to_the_page(page):
     from playwright.sync_api import sync_playwright
 
-    wrong = []
     with sync_playwright() as play:
         browser = play.chromium.launch(
             executable_path=CHROMIUM, args=["--no-sandbox", "--use-gl=swiftshader", "--enable-unsafe-swiftshader"]
@@ -67,7 +67,7 @@ def test_it_works_offline_and_leaves_the_scrolling_to_the_page(page):
         context = browser.new_context(viewport={"width": 1280, "height": 500}, offline=True)
         shown = context.new_page()
         shown.set_default_timeout(PATIENCE)
-        shown.on("pageerror", lambda error: wrong.append(str(error)))
+        wrong = uncaught(shown)
         shown.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
         shown.goto(page[0].as_uri())
         shown.locator("body[data-drawn=yes]").wait_for(state="attached")
