@@ -126,8 +126,11 @@ class Outcome:
             file.attrs["executed"] = self.executed.to_json()
 
 
-def meshed(operation: Operation, effects: Mapping[str, Any]) -> PatientModel:
-    """The model on which the outcome is computed; with nominal effects and equal settings it is the methods' own."""
+def meshed(operation: Operation, effects: Mapping[str, Any], by_lip: bool | None = None) -> PatientModel:
+    """The model on which the outcome is computed; with nominal effects and equal settings it is the methods' own.
+
+    by_lip as of :func:`label_interfaces`, by default as the cohorts were frozen: before skin was told apart by lip.
+    """
     head, settings = operation.head, operation.settings
     thresholds = dict(settings.interfaces)
     thresholds["sliding_band"] *= effects["sliding_band_factor"]
@@ -142,7 +145,7 @@ def meshed(operation: Operation, effects: Mapping[str, Any]) -> PatientModel:
         operation.segments,
         operation.bone,
         operation.skin,
-        by_lip=effects["nodes"] is None,  # the cohorts were frozen before skin was told apart by lip
+        by_lip=effects["nodes"] is None if by_lip is None else by_lip,
         **thresholds,
     )
 
