@@ -42,6 +42,11 @@ def test_a_point_of_the_upper_lip_hangs_on_it_though_the_mesh_opens_the_slit_hig
     for carried, low, high in ((carriers, 2, 4), (parted, 0, 1)):
         rows = skin[skin_faces[bridging(skin_faces, carried, faces)], 2]
         assert len(rows) > 30 and rows.min() == low and rows.max() == high
+    # Even where its own lip faces the other way, as the sides of a slit do.
+    turned = np.vstack([upper[1][:, ::-1], lower[1] + len(upper[0])])
+    assert (nodes[embed(skin, skin_faces, points, turned)[0][between]] == LOWER_LIP).all()
+    parted, _, distance = embed(skin, skin_faces, points, turned, (own, nodes))
+    assert (nodes[parted[between]] == UPPER_LIP).all() and np.isfinite(distance[between]).all()
     # What is unknown hangs on what is nearest, and so does all where the two lips are one.
     for sides in ((own * 0, nodes), (own, nodes * 0)):
         np.testing.assert_array_equal(embed(skin, skin_faces, points, faces, sides)[0], carriers)

@@ -22,19 +22,21 @@ def embed(points, faces, mesh_points, mesh_faces, sides=None) -> tuple[np.ndarra
     near = cKDTree(mesh_points[mesh_faces].mean(axis=1)).query(points, min(CANDIDATES, len(mesh_faces)))[1]
     corners = mesh_points[mesh_faces[near]]
     closest, weights = closest_on_triangles(points[:, None], corners)
-    distance = np.linalg.norm(closest - points[:, None], axis=2)
-    distance[np.einsum("skx,sx->sk", normals[near], own) < 0.2] = np.inf
+    away = np.linalg.norm(closest - points[:, None], axis=2)
+    distance = np.where(np.einsum("skx,sx->sk", normals[near], own) < 0.2, np.inf, away)
     best, row = np.argmin(distance, axis=1), np.arange(len(points))
     if sides is not None:
-        lip = sides[1][mesh_faces]
+        lip, wanted = sides[1][mesh_faces], sides[0][:, None]
         lip = np.where((lip == lip[:, :1]).all(axis=1), lip[:, 0], 0)[near]
-        other = (lip > 0) & (sides[0][:, None] > 0) & (lip != sides[0][:, None])
-        same = np.argmin(np.where(other, np.inf, distance), axis=1)
-        moved = other[row, best] & ~other[row, same] & np.isfinite(distance[row, same])
+        its_own, other = (lip > 0) & (lip == wanted), (lip > 0) & (wanted > 0) & (lip != wanted)
+        # Of its own lip any triangle will do: at the slit skin and mesh face each their own way.
+        same = np.argmin(np.where(its_own, away, np.inf), axis=1)
+        moved = other[row, best] & its_own[row, same]
         if moved.any():
             one, another = (mesh_faces[near[row, choice]][moved] for choice in (best, same))
             moved[moved] = _parted(one, another, mesh_faces)
         best = np.where(moved, same, best)
+        distance[moved] = away[moved]
     return mesh_faces[near[row, best]], weights[row, best], distance[row, best]
 
 
