@@ -7,7 +7,7 @@ from pinnochio.meshing.interfaces import opposing_pairs
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.meshing.lip_sides import sides_of_nodes, sides_of_points
 from pinnochio.meshing.lips import bite
-from pinnochio.model.labels import AIR
+from pinnochio.model.labels import AIR, SUPERFICIAL
 from pinnochio.model.patient import LOWER_LIP, NOT_LIP, UPPER_LIP
 from pinnochio.model.surfaces import bone_surface
 from tests.helpers.heads import ORIGIN, SEGMENTS, block_face
@@ -47,6 +47,8 @@ def test_a_point_of_the_upper_lip_hangs_on_it_though_the_mesh_opens_the_slit_hig
     assert (nodes[embed(skin, skin_faces, points, turned)[0][between]] == LOWER_LIP).all()
     parted, _, distance = embed(skin, skin_faces, points, turned, (own, nodes))
     assert (nodes[parted[between]] == UPPER_LIP).all() and np.isfinite(distance[between]).all()
+    near = embed(skin, skin_faces, points, faces, (own, nodes), reach=1.5)[0]
+    assert (nodes[near[skin[:, 2] == 2]] == UPPER_LIP).all() and (nodes[near[skin[:, 2] == 1]] == LOWER_LIP).all()
     # What is unknown hangs on what is nearest, and so does all where the two lips are one.
     for sides in ((own * 0, nodes), (own, nodes * 0)):
         np.testing.assert_array_equal(embed(skin, skin_faces, points, faces, sides)[0], carriers)
@@ -63,7 +65,8 @@ def mouth_of(labels):
 
 def test_the_slit_of_the_label_map_parts_the_tissue():
     labels = block_face()[0]
-    labels[20:36, 8:18, 62:64] = AIR  # a nostril is no slit
+    labels[20:36, 8:18, 62:64] = AIR  # neither a nostril nor a fold between lip and chin is a slit
+    labels[12:44, 8:12, 24:27] = AIR
     mouth = mouth_of(labels)
     points = ORIGIN + np.stack(np.meshgrid([15.0, 28, 40], [8.0, 14], np.arange(22, 47)), axis=-1).reshape(-1, 3)
     side, height = sides_of_points(points, labels, np.ones(3), ORIGIN, mouth), (points - ORIGIN)[:, 2]
@@ -71,8 +74,9 @@ def test_the_slit_of_the_label_map_parts_the_tissue():
     beside = ORIGIN + [[28.0, 10, 70], [28, 10, 60], [28, 10, 5], [28, 10, 500]]
     assert (sides_of_points(beside, labels, np.ones(3), ORIGIN, mouth) == NOT_LIP).all()
     assert (sides_of_points(points, labels, np.ones(3), ORIGIN, mouth[:0]) == NOT_LIP).all()
-    closed = np.where((labels == AIR) & (np.arange(80) == SLIT), labels[:, 10:11, 30:31], labels)
-    assert (sides_of_points(points[height == 40], closed, np.ones(3), ORIGIN, mouth) == NOT_LIP).all()
+    labels = block_face()[0]
+    labels[8:48, 8:22, int(SLIT)] = SUPERFICIAL
+    assert (sides_of_points(points, labels, np.ones(3), ORIGIN, mouth) == NOT_LIP).all()
 
 
 def test_the_slit_of_a_mesh_parts_its_nodes():

@@ -9,12 +9,15 @@ from pinnochio.geometry.triangles import closest_on_triangles, face_normals, ver
 CANDIDATES = 24  # nearest triangles, by their centroids, among which the carrier is sought
 
 
-def embed(points, faces, mesh_points, mesh_faces, sides=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def embed(
+    points, faces, mesh_points, mesh_faces, sides=None, reach=np.inf
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Triangle of the mesh boundary that carries each point of a surface.
 
     points (s, 3), faces (f, 3) outward: the fine surface; mesh_points (n, 3), mesh_faces (g, 3) outward: the boundary.
     sides: lip (s,) of each point and (n,) of each node, 0 where unknown. Where a gap parts the nearest triangle, of the
-    other lip, from the nearest one that is not, the latter carries: a coarse mesh opens the slit elsewhere.
+    other lip, from the nearest one of its own within `reach` mm, the latter carries: a coarse mesh opens the slit
+    elsewhere.
     Returns the carrier's nodes (s, 3), barycentric weights (s, 3) of its closest point, and the distance (s,) in mm,
     infinite where every candidate faces the other way (the other lip).
     """
@@ -31,7 +34,7 @@ def embed(points, faces, mesh_points, mesh_faces, sides=None) -> tuple[np.ndarra
         its_own, other = (lip > 0) & (lip == wanted), (lip > 0) & (wanted > 0) & (lip != wanted)
         # Of its own lip any triangle will do: at the slit skin and mesh face each their own way.
         same = np.argmin(np.where(its_own, away, np.inf), axis=1)
-        moved = other[row, best] & its_own[row, same]
+        moved = other[row, best] & its_own[row, same] & (away[row, same] < reach)
         if moved.any():
             one, another = (mesh_faces[near[row, choice]][moved] for choice in (best, same))
             moved[moved] = _parted(one, another, mesh_faces)

@@ -219,8 +219,8 @@ def _carried(skin, points, outer, sides) -> dict[str, np.ndarray]:
     """The part of a fine skin (points, faces) that lies on the mesh's outer skin triangles, with its carriers; sides as
     of :func:`~pinnochio.meshing.embedding.embed`."""
     skin_points, skin_faces = skin
-    nodes, weights, distance = embed(skin_points, skin_faces, points, outer, sides)
     edge = np.linalg.norm(points[outer[:, 0]] - points[outer[:, 1]], axis=1).mean()
+    nodes, weights, distance = embed(skin_points, skin_faces, points, outer, sides, edge)
     faces = skin_faces[(distance[skin_faces] < edge).all(axis=1)]
     faces = faces[~bridging(faces, nodes, outer)]
     used, faces = np.unique(faces, return_inverse=True)

@@ -22,8 +22,7 @@ SHORTEST = 1e-6  # mm; an edge of no length would be none
 def sides_of_points(points, labels, spacing, origin, mouth) -> np.ndarray:
     """Lip (k,) int8 of the tissue nearest to each point: UPPER_LIP, LOWER_LIP, or NOT_LIP where there is none.
 
-    points (k, 3) mm; labels (nx, ny, nz) at spacing, origin (3,) mm; mouth (b, 3) mm, the middle of the bite. Tissue
-    above a void that is THICK mm high at most, near the mouth, is upper lip, tissue below it lower lip.
+    points (k, 3) mm; labels (nx, ny, nz) at spacing, origin (3,) mm; mouth (b, 3) mm, the middle of the bite.
     """
     own = np.full(len(points), NOT_LIP, np.int8)
     if not len(mouth):
@@ -49,19 +48,25 @@ def sides_of_points(points, labels, spacing, origin, mouth) -> np.ndarray:
 
 
 def _beside_slit(labels, tissue, spacing, origin, mouth) -> tuple[np.ndarray, np.ndarray]:
-    """Tissue (nx, ny, nz) bool above and below voids between lips."""
-    above, below = np.zeros(labels.shape, bool), np.zeros(labels.shape, bool)
+    """Tissue (nx, ny, nz) bool right above and right below the slit: the largest void, of all that are THICK high at
+    most and near the mouth; smaller ones are folds of skin."""
+    slit = np.zeros(labels.shape, bool)
     x, y, start = np.nonzero(tissue[:, :, :-1] & (labels[:, :, 1:] == AIR))
     for height in range(1, int(THICK / spacing[2]) + 1):
-        ends = start + 1 + height < labels.shape[2]
-        x, y, start = x[ends], y[ends], start[ends]
-        here = tissue[x, y, start + 1 + height]
-        middle = origin + spacing * np.column_stack([x, y, start + (1 + height) / 2])
-        here[here] = near_mouth(middle[here], mouth)
-        below[x[here], y[here], start[here]] = above[x[here], y[here], start[here] + 1 + height] = True
-        open_ = labels[x, y, start + 1 + height] == AIR
-        x, y, start = x[open_], y[open_], start[open_]
-    return above, below
+        inside = start + 1 + height < labels.shape[2]
+        x, y, start = x[inside], y[inside], start[inside]
+        closed = tissue[x, y, start + 1 + height]
+        for level in range(1, height + 1):
+            slit[x[closed], y[closed], start[closed] + level] = True
+        air = labels[x, y, start + 1 + height] == AIR
+        x, y, start = x[air], y[air], start[air]
+    voxels = np.argwhere(slit)
+    slit[tuple(voxels[~near_mouth(origin + spacing * voxels, mouth)].T)] = False
+    piece, count = ndimage.label(slit, np.ones((3, 3, 3)))
+    slit = piece == (np.bincount(piece.ravel())[1:].argmax() + 1 if count else -1)
+    above, below = np.zeros_like(slit), np.zeros_like(slit)
+    above[:, :, 1:], below[:, :, :-1] = slit[:, :, :-1], slit[:, :, 1:]
+    return above & tissue, below & tissue
 
 
 def sides_of_nodes(points, cells, lip) -> np.ndarray:
