@@ -34,11 +34,9 @@ def sides_of_points(points, labels, spacing, origin, mouth) -> np.ndarray:
     tissue, side = is_tissue(part), np.zeros(part.shape, np.int8)
     for code, front in zip(SIDES, _beside_slit(part, tissue, spacing, origin + low * spacing, mouth), strict=True):
         side[front] = code
-    fronts = [side == code for code in SIDES]
     for _ in range(int(REACH / spacing.max())):
-        fronts = [ndimage.binary_dilation(front) & tissue & (side == 0) for front in fronts]
-        for code, front in zip(SIDES, fronts, strict=True):
-            side[front & (side == 0)] = code
+        for code, grown in [(code, ndimage.binary_dilation(side == code)) for code in SIDES]:
+            side[grown & tissue & (side == 0)] = code
     inside = ((points > origin + low * spacing) & (points < origin + high * spacing)).all(axis=1)
     voxels = np.argwhere(tissue)
     if len(voxels) and inside.any():
@@ -50,16 +48,7 @@ def sides_of_points(points, labels, spacing, origin, mouth) -> np.ndarray:
 def _beside_slit(labels, tissue, spacing, origin, mouth) -> tuple[np.ndarray, np.ndarray]:
     """Tissue (nx, ny, nz) bool right above and right below the slit: the largest void, of all that are THICK high at
     most and near the mouth; smaller ones are folds of skin."""
-    slit = np.zeros(labels.shape, bool)
-    x, y, start = np.nonzero(tissue[:, :, :-1] & (labels[:, :, 1:] == AIR))
-    for height in range(1, int(THICK / spacing[2]) + 1):
-        inside = start + 1 + height < labels.shape[2]
-        x, y, start = x[inside], y[inside], start[inside]
-        closed = tissue[x, y, start + 1 + height]
-        for level in range(1, height + 1):
-            slit[x[closed], y[closed], start[closed] + level] = True
-        air = labels[x, y, start + 1 + height] == AIR
-        x, y, start = x[air], y[air], start[air]
+    slit = ndimage.binary_closing(tissue, np.ones((1, 1, int(THICK / spacing[2]) + 1))) & (labels == AIR)
     voxels = np.argwhere(slit)
     slit[tuple(voxels[~near_mouth(origin + spacing * voxels, mouth)].T)] = False
     piece, count = ndimage.label(slit, np.ones((3, 3, 3)))
