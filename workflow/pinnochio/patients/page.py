@@ -46,8 +46,9 @@ details { margin: 1em 0 } summary { cursor: pointer; font-weight: bold }
 {%- if c.expected %} Chosen from the measured trade-off: {{ spoken(c.expected.setting) }}. To expect, by
 {{ c.expected.patients }} patients: {{ number(c.expected.seconds) }} s per plan (at most
 {{ number(c.expected.seconds_max) }} s), {{ number(c.expected.cd) }} mm from the outcome
-{%- if c.expected.cd_within is defined %} (nine in ten patients: ± {{ number(c.expected.cd_within) }} mm){% endif %},
-{{ number(c.expected.face_error) }} mm from finite elements on a fine mesh.{% endif %}
+{%- if c.expected.cd_within is defined %} (nine in ten patients: ± {{ number(c.expected.cd_within) }} mm){% endif %}
+{%- if c.expected.face_error is defined %}, {{ number(c.expected.face_error) }} mm from finite elements on a fine mesh
+{%- endif %}.{% endif %}
 <b>{{ c.research }}</b></p>
 <div class="box {{ {'usable': 'fine', 'with care': 'care'}[c.verdict.grade] }}">
 <b>{{ c.verdict.grade | capitalize }}.</b>

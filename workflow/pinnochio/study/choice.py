@@ -84,7 +84,7 @@ def _offered(config: Mapping, folder: Path, pareto_front: str | os.PathLike) -> 
     own = _as_in_the_study(config, folder, recipe["method"])
     expected = {name: limit for name, limit in asked.items() if limit}
     expected |= {"setting": f"{row['method']}, {row['parameter']} {row['value']}", "patients": int(row["n"])}
-    errors = ["cd", "cd_within", "face_error"]  # the second is not known from fewer than nine patients
+    errors = ["cd", "cd_within", "face_error"]  # not known: the second of few patients, the last without a reference
     expected |= row[[*times, *errors]].dropna().astype(float).to_dict()
     settings = overlaid(own.settings, {"mesh": {"nodes": recipe["nodes"]}, "fem": recipe["fem"]})
     return replace(own, settings=settings, corrections=recipe["corrections"] or 0, expected=expected)
