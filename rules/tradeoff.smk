@@ -35,7 +35,7 @@ rule measure_fem:
 
 rule measure_networks:
     input:
-        networks=STUDY.networks_of_traded,
+        networks=STUDY.of_own_fold("network.pt", STUDY.traded_networks),
         models=[STUDY.sized(nodes, "model.h5") for nodes in STUDY.sizes],
         lifts=[
             STUDY.sized(nodes, f"lift_{kind}.h5") for kind, nodes in STUDY.traded_lifts
@@ -74,7 +74,7 @@ rule measure_networks:
 
 rule measure_study:
     input:
-        predictions=STUDY.predictions_of_traded,
+        predictions=STUDY.of_own_fold("predictions.h5", STUDY.judged_as_they_are),
         models=lambda wildcards: [
             STUDY.model_of(wildcards.case, method)
             for method in STUDY.judged_as_they_are

@@ -53,7 +53,7 @@ def measure_fem(
         prediction = predict_fem(setting, patient, motion, replace(fem, max_systems=limit), threads)
         if number == 0:
             write_predictions(reference, {case: prediction})
-            solution = Reference.read(reference, case, patient)
+            solution = Reference.of(patient, prediction)
             if solution is None:
                 logging.warning("the reference did not converge: %s", prediction.reason)
         judgements.append(judge(setting, case, patient, prediction, target, samples, solution, fem))

@@ -15,6 +15,7 @@ from pinnochio.methods.protocol import Planned
 from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
+from pinnochio.model.predictions import read_prediction
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
 from pinnochio.training.device import choose_device
@@ -43,7 +44,8 @@ def measure_networks(
     """
     patients = {size: PatientModel.read(path) for size, path in models.items()}
     motion, target = Plan.read(plan, case), PostopSkin.read(postop).surface
-    samples, solution = Judged.read(judged), Reference.read(reference[0], case, patients[reference[1]])
+    samples = Judged.read(judged)
+    solution = Reference.of(patients[reference[1]], read_prediction(reference[0], case))
     judgements = []
     for setting in settings:
         patient, kind = patients[setting.nodes], kinds[setting.method]

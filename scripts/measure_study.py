@@ -28,7 +28,7 @@ def measure_study(
     rows: str,
 ) -> None:
     """Write one row per method; predictions, models: file by method."""
-    solution = Reference.read(reference, case, PatientModel.read(reference_model))
+    solution = Reference.of(PatientModel.read(reference_model), read_prediction(reference, case))
     target, samples, judgements = PostopSkin.read(postop).surface, Judged.read(judged), []
     for method, path in predictions.items():
         patient, prediction = PatientModel.read(models[method]), read_prediction(path, case)

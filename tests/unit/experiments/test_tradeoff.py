@@ -12,7 +12,7 @@ from pinnochio.figures.tradeoff import draw
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.methods.registry import registry
 from pinnochio.metrics.judged import choose
-from pinnochio.model.predictions import Prediction, write_predictions
+from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.choices import SAFETY, check_choices, choose_setting
 from pinnochio.tables.tradeoff import answers, pareto, summarise
@@ -162,7 +162,7 @@ def test_a_reference_that_is_none_is_known_from_its_file(tmp_path):
     still = np.zeros((len(patient.points), 3))
     for converged in (True, False):
         write_predictions(tmp_path / "reference.h5", {"tiny": Prediction(still, converged=converged)})
-        reference = Reference.read(tmp_path / "reference.h5", "tiny", patient)
+        reference = Reference.of(patient, read_prediction(tmp_path / "reference.h5", "tiny"))
         assert (reference is not None) == converged
     plan = Plan("tiny", {})
     target = patient.skin_points, patient.skin_faces

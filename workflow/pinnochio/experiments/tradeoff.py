@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 import torch
-from scipy.spatial import cKDTree
 
 from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.geometry.interpolation import interpolate
@@ -26,11 +25,10 @@ from pinnochio.metrics.judged import Judged
 from pinnochio.metrics.surface import surface_metrics
 from pinnochio.metrics.validity import equilibrium_of, volume_metrics
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.predictions import Prediction, read_prediction
+from pinnochio.model.predictions import Prediction
 from pinnochio.plans.plan import Plan
 from pinnochio.timing import repeated
 
-SAME_PLACE = 1e-6  # mm; points of the skin are copies of those of one surface
 PATIENCE = 5.0  # s; a solve that takes longer is not repeated
 
 
@@ -42,19 +40,17 @@ class Reference:
     displacement: np.ndarray
 
     @staticmethod
-    def read(path: str | os.PathLike, case: str, patient: PatientModel) -> "Reference | None":
-        """That in the file, on the patient's mesh; None where the solver did not converge."""
-        prediction = read_prediction(path, case)
+    def of(patient: PatientModel, prediction: Prediction) -> "Reference | None":
+        """The prediction on the patient's mesh; None where the solver did not converge."""
         return Reference(patient, prediction.displacement) if prediction.converged else None
 
     def face_errors(self, patient: PatientModel, moved: np.ndarray) -> np.ndarray:
         """Distance (k,) mm of the judged points of the patient's skin, moved (s, 3) mm, from where they are here."""
         judged = patient.judged_points
         here = self.patient.moved_skin(self.displacement) - self.patient.skin_points
-        away, own = cKDTree(self.patient.skin_points).query(patient.skin_points[judged])
-        same = away < SAME_PLACE
+        own = self.patient.skin_at(patient.skin_points[judged])
         there = (moved - patient.skin_points)[judged]
-        return np.linalg.norm(there - here[own], axis=1)[same]
+        return np.linalg.norm(there - here[own], axis=1)[own >= 0]
 
     def volume_error(self, patient: PatientModel, displacement: np.ndarray) -> float:
         """Mean distance in mm of a displacement (n, 3) mm of the patient from the one here, over the tissue."""

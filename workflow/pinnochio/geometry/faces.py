@@ -17,6 +17,12 @@ def edges_of(cells) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack(np.divmod(key, count)), of_cell.reshape(-1, 6)
 
 
+def edge_graph(points, edges) -> sparse.csr_array:
+    """Length (n, n) in mm of every edge (e, 2) between points (n, 3), once."""
+    length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+    return sparse.csr_array((length, edges.T), (len(points), len(points)))
+
+
 def pieces(elements, count: int) -> np.ndarray:
     """Connected piece (count,) of each node, connected by triangles or tetrahedra."""
     first = np.repeat(elements[:, 0], elements.shape[1] - 1)

@@ -6,12 +6,11 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import boundary_faces, edges_of
+from pinnochio.geometry.faces import boundary_faces, edge_graph, edges_of
 from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.mechanics.contact import ContactSet, facing_sets
 from pinnochio.mechanics.loads import Loads
@@ -207,8 +206,7 @@ def _bridging(model: PatientModel, apart: float) -> np.ndarray:
     bridging = np.zeros(len(body), bool)
     bridging[edges[(one != two) & (one > -2) & (two > -2)]] = True
     if apart > 0:
-        length = np.linalg.norm(model.points[edges[:, 0]] - model.points[edges[:, 1]], axis=1)
-        graph = sparse.csr_array((length, edges.T), (len(body), len(body)))
+        graph = edge_graph(model.points, edges)
         for own in np.unique(body[body > -2]):
             away = dijkstra(graph, False, np.flatnonzero(body == own), limit=apart, min_only=True)
             bridging |= np.isfinite(away) & (body > -2) & (body != own)

@@ -37,7 +37,7 @@ def embed(
         moved = other[row, best] & its_own[row, same] & (away[row, same] < reach)
         if moved.any():
             one, another = (mesh_faces[near[row, choice]][moved] for choice in (best, same))
-            moved[moved] = _parted(one, another, mesh_faces)
+            moved[moved] = _parted(one, another, _joined(mesh_faces))
         best = np.where(moved, same, best)
         distance[moved] = away[moved]
     return mesh_faces[near[row, best]], weights[row, best], distance[row, best]
@@ -49,17 +49,21 @@ def bridging(faces, nodes, mesh_faces) -> np.ndarray:
     faces (f, 3) of the fine surface, nodes (s, 3) its carriers as :func:`embed` gives them, mesh_faces (g, 3). A face
     spans a gap if two of its corners hang on triangles that neither share a node nor have nodes joined by an edge.
     """
-    spans = np.zeros(len(faces), bool)
+    joined, spans = _joined(mesh_faces), np.zeros(len(faces), bool)
     for one, other in ((0, 1), (1, 2), (2, 0)):
-        spans |= _parted(nodes[faces[:, one]], nodes[faces[:, other]], mesh_faces)
+        spans |= _parted(nodes[faces[:, one]], nodes[faces[:, other]], joined)
     return spans
 
 
-def _parted(one, other, mesh_faces) -> np.ndarray:
-    """Whether triangles (k, 3) and (k, 3) of mesh_faces (g, 3) share no node and have none joined by an edge."""
-    count = mesh_faces.max() + 1
-    pairs = mesh_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+def _joined(faces):
+    """Nodes (n, n) that an edge of faces (g, 3) joins, each with itself too; sparse."""
+    count = faces.max() + 1
+    pairs = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     steps = coo_matrix((np.ones(len(pairs), np.float32), pairs.T), (count, count)).tocsr()
-    near = steps + steps.T + identity(count, np.float32, format="csr")
-    joined = near[np.repeat(one, 3, axis=1).ravel(), np.tile(other, 3).ravel()]
-    return ~np.asarray(joined).reshape(-1, 9).any(axis=1)
+    return steps + steps.T + identity(count, np.float32, format="csr")
+
+
+def _parted(one, other, joined) -> np.ndarray:
+    """Whether triangles (k, 3) and (k, 3) share no node and have none joined by an edge."""
+    near = joined[np.repeat(one, 3, axis=1).ravel(), np.tile(other, 3).ravel()]
+    return ~np.asarray(near).reshape(-1, 9).any(axis=1)

@@ -2,11 +2,11 @@
 alike, wherever its own slit lies."""
 
 import numpy as np
-from scipy import ndimage, sparse
+from scipy import ndimage
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from pinnochio.geometry.faces import edges_of
+from pinnochio.geometry.faces import edge_graph, edges_of
 from pinnochio.meshing.fields import is_tissue
 from pinnochio.meshing.lips import near_mouth
 from pinnochio.model.labels import AIR
@@ -16,7 +16,6 @@ SIDES = UPPER_LIP, LOWER_LIP
 AROUND = 25.0  # mm about the bite in which the lips are sought
 REACH = 15.0  # mm through the tissue from the slit: farther from it nothing is told apart
 THICK = 5.0  # mm: the widest slit between lips
-SHORTEST = 1e-6  # mm; an edge of no length would be none
 
 
 def sides_of_points(points, labels, spacing, origin, mouth) -> np.ndarray:
@@ -61,9 +60,7 @@ def _beside_slit(labels, tissue, spacing, origin, mouth) -> tuple[np.ndarray, np
 def sides_of_nodes(points, cells, lip) -> np.ndarray:
     """Lip (n,) int8 of each node of a mesh, points (n, 3) mm and cells (m, 4): of the nearest one of lip (n,) along its
     edges; NOT_LIP beyond REACH of either."""
-    first, second = edges_of(cells)[0].T
-    length = np.maximum(np.linalg.norm(points[first] - points[second], axis=1), SHORTEST)
-    graph = sparse.csr_array((length, (first, second)), (len(points), len(points)))
+    graph = edge_graph(points, edges_of(cells)[0])
     ways = np.full((len(SIDES), len(points)), np.inf)
     for way, code in zip(ways, SIDES, strict=True):
         sources = np.flatnonzero(lip == code)

@@ -4,6 +4,7 @@ import os
 from dataclasses import dataclass, fields
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from pinnochio.hdf5 import reading, writing
 from pinnochio.plans.plan import Plan
@@ -16,6 +17,7 @@ NO_INTERFACE, BONE_MUSCLE, BONE_SUPERFICIAL, MUSCLE_SUPERFICIAL = 0, 1, 2, 3
 INTERIOR, CUT_PLANE = -1, 254
 # Which lip a node of the mouth slit belongs to.
 NOT_LIP, UPPER_LIP, LOWER_LIP = 0, 1, 2
+SAME_PLACE = 1e-6  # mm; between copies of a point of the skin
 ATTRIBUTES = ("segments", "muscle")  # what the file holds beside its arrays
 
 
@@ -74,6 +76,12 @@ class PatientModel:
     def moved_skin(self, displacement: np.ndarray) -> np.ndarray:
         """Points of the outer skin (s, 3) mm under a displacement (n, 3) mm of the mesh."""
         return self.skin_points + np.einsum("sc,scx->sx", self.skin_weights, displacement[self.skin_nodes])
+
+    def skin_at(self, places) -> np.ndarray:
+        """Index (k,) of the skin point at each place (k, 3) mm, -1 where there is none: the models of a case copy their
+        skin from one surface, and each parts the lips for itself."""
+        away, own = cKDTree(self.skin_points).query(places)
+        return np.where(away < SAME_PLACE, own, -1)
 
     @property
     def judged_points(self) -> np.ndarray:

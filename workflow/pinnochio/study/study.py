@@ -788,6 +788,10 @@ class Study:
         """`pattern` for each held-out case of the fold."""
         return lambda wildcards: filled(pattern, self.kept_from(wildcards.fold))
 
+    def of_own_fold(self, file: str, methods: Iterable[str]) -> Callable:
+        """A file of each method, of the fold that holds the case out."""
+        return lambda wildcards: [f"<results>/folds/{self.fold_of(wildcards.case)}/{name}/{file}" for name in methods]
+
     def of_judged(self, pattern: str) -> Callable:
         """`pattern` for each held-out case of the fold that can be judged."""
         return lambda wildcards: filled(pattern, self.judged(wildcards.fold))
@@ -949,16 +953,6 @@ class Study:
         """The files in which an external method delivers the held-out cases of the fold."""
         folder = self.config["external"][wildcards.method]
         return [external_file(folder, case) for case in self.kept_from(wildcards.fold)]
-
-    def networks_of_traded(self, wildcards) -> list[str]:
-        """The networks of the fold that holds the case out."""
-        fold = self.fold_of(wildcards.case)
-        return [f"<results>/folds/{fold}/{method}/network.pt" for method in self.traded_networks]
-
-    def predictions_of_traded(self, wildcards) -> list[str]:
-        """That fold's predictions by the methods that the trade-off changes nothing of."""
-        fold = self.fold_of(wildcards.case)
-        return [f"<results>/folds/{fold}/{method}/predictions.h5" for method in self.judged_as_they_are]
 
     def rows_of_traded(self, wildcards) -> list[str]:
         """The rows of the trade-off; InputError where it has too few patients."""

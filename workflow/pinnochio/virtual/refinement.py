@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from scipy.spatial import cKDTree
 
 from pinnochio.columns import Column, check, read_tables
 from pinnochio.mechanics.simulation import simulate
@@ -14,7 +13,6 @@ from pinnochio.tables.document import Block, Table, views
 from pinnochio.virtual.ground_truth import NOMINAL, resolve
 from pinnochio.virtual.outcome import Operation, meshed
 
-SAME_PLACE = 1e-6  # mm; points of all skins are copies of those of one surface
 FINER = 3  # nodes of the reference over those of the outcome
 LARGEST_SHARE = 1 / 3  # of the methods' error that the outcome's own may be
 METHODS, OUTCOME = "methods", "outcome"
@@ -43,14 +41,15 @@ def measure(operation: Operation) -> list[dict]:
         OUTCOME: meshed(operation, off | {"nodes": nodes}, by_lip=True),
         "reference": meshed(elsewhere, off | {"nodes": FINER * nodes}, by_lip=True),
     }
-    places = _shared(models[METHODS].skin_points[models[METHODS].judged_points], models.values())
-    fields = {}
+    places = models[METHODS].skin_points[models[METHODS].judged_points]
+    own, fields = {name: model.skin_at(places) for name, model in models.items()}, {}
+    shared = np.min(list(own.values()), axis=0) >= 0
     for name, model in models.items():
         result = simulate(model, operation.plan, "mucosa", fem)
         if not result.converged:
             raise RuntimeError(f"case {operation.case!r}, {len(model.points)} nodes: {result.reason}")
         moved = model.moved_skin(result.displacement) - model.skin_points
-        fields[name] = moved[cKDTree(model.skin_points).query(places)[1]], result.seconds
+        fields[name] = moved[own[name][shared]], result.seconds
     finest, rows = fields["reference"][0], []
     for name in (METHODS, OUTCOME):
         field, seconds = fields[name]
@@ -59,12 +58,6 @@ def measure(operation: Operation) -> list[dict]:
         rows.append({"case": operation.case, "mesh": name, "mean": errors.mean(), "seconds": seconds,
                      "p95": np.percentile(errors, 95)} | counts)  # fmt: skip
     return rows
-
-
-def _shared(places, models) -> np.ndarray:
-    """Those places (k, 3) mm that are points of every model's skin: each mesh parts the lips for itself."""
-    away = [cKDTree(model.skin_points).query(places)[0] for model in models]
-    return places[np.max(away, axis=0) < SAME_PLACE]
 
 
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
