@@ -15,7 +15,7 @@ rule virtual_patient:
         mem_mb=4000,
         runtime=10,
     params:
-        number=lambda wildcards: list(STUDY.cases).index(wildcards.case),
+        number=lambda wildcards: list(STUDY.procedures).index(wildcards.case),
         anatomy=config["virtual"]["anatomy"],
         spacing=config["virtual"]["spacing"],
         labels=STUDY.label_values,

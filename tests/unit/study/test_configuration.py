@@ -125,6 +125,8 @@ def test_seed_depends_on_base_stage_and_key():
         (("network", "heads"), 7, "multiple"),
         (("variants", "pinnochio_unified", "network", "lift"), "elastic", "'pinnochio_unified' cannot be built"),
         (("virtual", "patients"), 3, "fewer virtual patients"),
+        (("virtual", "without"), ["V40", "V41"], r"virtual.without names \['V41'\], and the patients are V01 to V40"),
+        (("virtual", "without"), [f"V{number:02d}" for number in range(5, 41)], "fewer virtual patients"),
         (
             ("invert", "bounds", "mandible", "forward"),
             [1, 8],

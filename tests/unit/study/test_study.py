@@ -29,6 +29,14 @@ def job(**wildcards) -> SimpleNamespace:
     return SimpleNamespace(**wildcards)
 
 
+def test_a_virtual_patient_that_is_not_made_leaves_the_others_as_they_are():
+    whole = Study(DEFAULTS, "results")
+    fewer = Study(DEFAULTS | {"virtual": DEFAULTS["virtual"] | {"without": ["V02", "V39"]}}, "results")
+    assert list(fewer.cases) == [name for name in whole.cases if name not in ("V02", "V39")]
+    assert len(fewer.cases) == 38 and fewer.procedures == whole.procedures
+    assert all(fewer.cases[name] == whole.cases[name] for name in fewer.cases)
+
+
 def test_learned_methods_need_a_scanned_patient_per_fold():
     learned = [name for name in DEFAULTS["methods"] if study().registry[name].trains != "no"]
     assert study(5).untrained == [] and study(4).untrained == study(0).untrained == learned != []

@@ -7,6 +7,7 @@ from pinnochio.errors import InputError
 from pinnochio.methods.registry import BUILT_IN, graph_networks, surface_networks
 from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.networks.settings import NetworkSettings
+from pinnochio.study.cases import virtual_cases
 from pinnochio.virtual.procedures import dealt
 
 
@@ -90,5 +91,10 @@ def check_config(config: Mapping) -> None:
                 f"the procedures of the virtual patients have segments {missing}, and 'segments' lacks them",
                 "add them to 'segments', or set the share of their procedures in 'virtual.procedures' to 0",
             )
-    if config["cohort"] == "virtual" and config["virtual"]["patients"] < config["folds"]:
-        refuse("there are fewer virtual patients than folds", "lower 'folds' or raise virtual.patients")
+    if config["cohort"] == "virtual":
+        names = [case.name for case in virtual_cases(config["virtual"]["patients"], "")]
+        without = config["virtual"]["without"]
+        if unknown := sorted(set(without) - set(names)):
+            refuse(f"virtual.without names {unknown}, and the patients are {names[0]} to {names[-1]}", "take them out")
+        if len(names) - len(without) < config["folds"]:
+            refuse("there are fewer virtual patients than folds", "lower 'folds' or raise virtual.patients")

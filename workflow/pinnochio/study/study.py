@@ -61,10 +61,15 @@ class Study:
         return self.virtual and self.config["virtual"]["role"] == LOCKED
 
     @cached_property
+    def drawn(self) -> list[Case]:
+        """The virtual patients, those that are not made included: the others are drawn by their place among them."""
+        return virtual_cases(self.config["virtual"]["patients"], f"{self.results}/virtual")
+
+    @cached_property
     def cases(self) -> dict[str, Case]:
         """The patients of the cohort by name."""
         if self.virtual:
-            cases = virtual_cases(self.config["virtual"]["patients"], f"{self.results}/virtual")
+            cases = [case for case in self.drawn if case.name not in self.config["virtual"]["without"]]
         else:
             cases = read_cases(self.config["cohort"])
         return {case.name: case for case in cases}
@@ -385,8 +390,9 @@ class Study:
 
     @cached_property
     def procedures(self) -> dict[str, Procedure]:
-        """The operation of each virtual patient."""
-        return dict(zip(self.cases, dealt(self.config["virtual"]["procedures"], len(self.cases)), strict=True))
+        """The operation of each virtual patient, in the order in which they are drawn."""
+        dealt_to = [case.name for case in self.drawn]
+        return dict(zip(dealt_to, dealt(self.config["virtual"]["procedures"], len(dealt_to)), strict=True))
 
     def virtual_files(self, *names: str) -> list[str]:
         """These files of every virtual patient."""
