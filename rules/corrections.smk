@@ -37,7 +37,7 @@ rule correct:
 
 rule corrections:
     input:
-        table_and_twins("corrections"),
+        recorded("corrections"),
         "<results>/figures/corrections.png",
     message:
         "The corrections are measured"

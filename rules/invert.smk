@@ -112,6 +112,6 @@ rule measure_inverse:
 
 rule inverse:
     input:
-        table_and_twins("inverse"),
+        recorded("inverse"),
     message:
         "It is measured how well the motion is found that made a face"

@@ -49,7 +49,7 @@ rule measure_scaling:
 
 rule scaling:
     input:
-        table_and_twins("scaling"),
+        recorded("scaling"),
         "<results>/tables/scaling_patients.csv",
         "<results>/tables/scaling_exponents.csv",
         expand("<results>/figures/scaling.{kind}", kind=["png", "svg"]),

@@ -34,6 +34,6 @@ rule measure_scene:
 
 rule scene:
     input:
-        table_and_twins("scene"),
+        recorded("scene"),
     message:
         "What solving only what a plan requires saves is measured"

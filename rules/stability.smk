@@ -60,5 +60,6 @@ rule check_stability:
 rule stability:
     input:
         "<results>/stability/verdict.txt",
+        recorded("stability"),
     message:
         "The extremes are measured"

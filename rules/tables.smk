@@ -57,6 +57,21 @@ rule provenance:
         "../scripts/provenance.py"
 
 
+# Further tables are made after the study, by another commit perhaps or on another machine.
+use rule provenance as provenance_of_table with:
+    input:
+        "<results>/{folder}/{table}.csv",
+    output:
+        "<results>/{folder}/{table}.provenance.json",
+    log:
+        "<logs>/provenance/{folder}_{table}.log",
+    wildcard_constraints:
+        folder="tables|virtual",
+        table="|".join(TABLES),
+    message:
+        "Record what made {wildcards.folder}/{wildcards.table}"
+
+
 # A picture of one patient: before, outcome and some methods with their errors; asked for by name.
 rule render_case:
     input:
@@ -190,7 +205,7 @@ rule render_table:
 # What more training patients are worth; not part of `all`.
 rule learning:
     input:
-        table_and_twins("learning"),
+        recorded("learning"),
         "<results>/figures/learning.png",
     message:
         "The learning curve is measured"
@@ -199,7 +214,7 @@ rule learning:
 # What each switch of the better network is worth, on the first folds; not part of `all`.
 rule design:
     input:
-        table_and_twins("design"),
+        recorded("design"),
     message:
         "The design study is done"
 

@@ -107,7 +107,7 @@ rule measure_study:
 
 rule tradeoff:
     input:
-        table_and_twins("tradeoff"),
+        recorded("tradeoff"),
         expand("<results>/figures/tradeoff.{kind}", kind=["png", "svg"]),
     message:
         "Seconds against accuracy: see {config[pathvars][results]}/tables/tradeoff.md"

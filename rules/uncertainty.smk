@@ -115,7 +115,7 @@ rule predict_interval:
 
 rule uncertainty:
     input:
-        table_and_twins("coverage") if STUDY.covered else [],
+        recorded("coverage") if STUDY.covered else [],
         expand(
             "<results>/cases/{case}/{method}/interval.{kind}",
             case=STUDY.unscanned,

@@ -325,11 +325,8 @@ rule cohort:
     input:
         rules.data_card.output if STUDY.virtual else [],
         "<results>/virtual/SHA256SUMS" if STUDY.virtual else [],
-        expand(
-            "<results>/virtual/{table}.{kind}",
-            table=["anatomy", *STUDY.card_tables] if STUDY.virtual else [],
-            kind=["csv", *TWINS],
-        ),
+        recorded("anatomy", "virtual") if STUDY.virtual else [],
+        table_and_twins(*STUDY.card_tables, folder="virtual") if STUDY.virtual else [],
     message:
         "The virtual cohort is made"
 
@@ -337,10 +334,7 @@ rule cohort:
 rule reveal:
     input:
         "<results>/virtual/SHA256SUMS.outcomes" if STUDY.locked else [],
-        expand(
-            "<results>/virtual/ratios.{kind}",
-            kind=["csv", *TWINS] if STUDY.locked else [],
-        ),
+        table_and_twins("ratios", folder="virtual") if STUDY.locked else [],
     message:
         "The outcomes of the locked cohort are made"
 
@@ -378,20 +372,20 @@ rule verify:
 # Further tables about the outcome: of calibration patients, of all patients, of the first ones.
 rule reality:
     input:
-        expand("<results>/virtual/reality.{kind}", kind=["csv", *TWINS]),
+        recorded("reality", "virtual"),
     message:
         "The scale of the outcome's changes is found: results/calibration/virtual/reality.md"
 
 
 rule learnable:
     input:
-        expand("<results>/virtual/learnable.{kind}", kind=["csv", *TWINS]),
+        recorded("learnable", "virtual"),
     message:
         "The learnable share of the outcome is measured"
 
 
 rule refinement:
     input:
-        expand("<results>/virtual/refinement.{kind}", kind=["csv", *TWINS]),
+        recorded("refinement", "virtual"),
     message:
         "The discretisation error of the outcome is measured"

@@ -291,9 +291,22 @@ BEFORE["stages"] = [
 ]
 
 
-def table_and_twins(*names):
+def table_and_twins(*names, folder="tables"):
     """The CSV file and the readable twins of tables of the study."""
-    return expand("<results>/tables/{table}.{kind}", table=names, kind=["csv", *TWINS])
+    return expand(
+        "<results>/{folder}/{table}.{kind}",
+        folder=folder,
+        table=names,
+        kind=["csv", *TWINS],
+    )
+
+
+def recorded(name, folder="tables"):
+    """A table that a target of its own makes, its readable twins, and the record of the run that made it."""
+    return [
+        *table_and_twins(name, folder=folder),
+        f"<results>/{folder}/{name}.provenance.json",
+    ]
 
 
 def files_of_table(wildcards):

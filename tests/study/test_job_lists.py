@@ -159,6 +159,13 @@ def test_an_external_method_is_asked_for_its_held_out_cases_and_a_missing_file_i
     assert project.dry_run("--config", "cohort=cases.tsv", *mine, "--", "inputs").returncode == 0
 
 
+def test_a_further_study_records_what_made_its_table(project):
+    write_cohort(project, SCANNED, UNSCANNED)
+    jobs, _ = asked(project, "--", "corrections", "design", "uncertainty")
+    for table in ("corrections", "design", "coverage"):
+        assert jobs[f"tables/{table}.provenance.json"] == {f"tables/{table}.csv"}
+
+
 @pytest.mark.parametrize(("patients", "folds"), [(2, "1"), (3, "12")])
 def test_the_tradeoff_judges_the_first_folds_patients_by_the_networks_of_their_own(project, patients, folds):
     write_cohort(project, SCANNED, UNSCANNED)
