@@ -49,7 +49,7 @@ def evaluate(
                 seed=seed,
                 target=skin and skin.surface,
                 judged=skin and Judged.read(judged[case]),
-                truth=TrueMotion.read(truths[number]) if truths else None,
+                truth=TrueMotion.read(truths[number], patient, case) if truths else None,
                 labels=labels | ({"registration_residual": skin.residual} if skin else {}),
             )
         )

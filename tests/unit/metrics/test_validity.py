@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from pinnochio.columns import check
+from pinnochio.errors import InputError
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.mechanics.elements import jacobians, node_volumes, shape_gradients
 from pinnochio.mechanics.simulation import simulate
@@ -206,9 +207,11 @@ def test_the_truth_is_read_on_another_mesh(patient, tmp_path):
     finer = replace(patient, skin_points=patient.skin_points[:3] + 1.0)  # a skin has points of its own
     path = tmp_path / "true_motion.h5"
     TrueMotion.of(finer, other, other_cells, other * [0.1, 0, 0]).write(path)
-    truth = TrueMotion.read(path)
+    truth = TrueMotion.read(path, finer, "P1")
     np.testing.assert_allclose(truth.nodes, patient.points * [0.1, 0, 0], atol=1e-8)
     np.testing.assert_allclose(truth.skin, finer.skin_points * [0.1, 0, 0], atol=1e-8)
+    with pytest.raises(InputError, match="P1.*true_motion.h5: it is of another mesh: .*Remedy: delete it"):
+        TrueMotion.read(path, patient, "P1")
 
 
 def test_errors_are_means_over_tissue():

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pinnochio.errors import REMEDY, InputError
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.hdf5 import reading, writing
 from pinnochio.model.patient import PatientModel
@@ -45,7 +46,11 @@ class TrueMotion:
                 file.create_dataset(name, data=values, track_times=False)
 
     @classmethod
-    def read(cls, path: str | os.PathLike) -> "TrueMotion":
-        """Read what :meth:`write` wrote."""
+    def read(cls, path: str | os.PathLike, patient: PatientModel, case: str) -> "TrueMotion":
+        """Read what :meth:`write` wrote of this model; InputError where it was another."""
         with reading(path) as file:
-            return cls(file["nodes"][()], file["skin"][()])
+            own = cls(file["nodes"][()], file["skin"][()])
+        there, here = (own.nodes.shape, own.skin.shape), (patient.points.shape, patient.skin_points.shape)
+        if there != here:
+            raise InputError(case, path, f"it is of another mesh: shapes {there} instead of {here}", REMEDY)
+        return own
