@@ -90,4 +90,4 @@ def test_segments_are_judged_where_the_truth_is_known(tmp_path, virtual):
         assert errors.isna().sum() == 2 and "1 of 2 patients" in text
     else:
         assert errors.isna().all() and "true motion" not in text
-    assert "| lefort1 | 2 |" in text and "| mandible distal | 1 |" in text
+    assert "| Le Fort I | 2 |" in text and "| mandible distal | 1 |" in text

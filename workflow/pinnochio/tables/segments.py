@@ -6,10 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from pinnochio.columns import check, number, read_tables, words
+from pinnochio.columns import check, number, read_tables
 from pinnochio.importing.segment_registration import FITS
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
+from pinnochio.plans.surgery import segment_in_words
 from pinnochio.tables.document import Block, Table, View
 
 SEGMENTS = (
@@ -70,7 +71,7 @@ def table(frame: pd.DataFrame, cohort: str) -> Table:
     shown = bones.size().rename("n").reset_index()
     judged = frame["error_max"].notna()
     view = [
-        View("Bone", lambda row: words(row["segment"])),
+        View("Bone", lambda row: segment_in_words(row["segment"])),
         View("n", lambda row: row["n"]),
         View("Median mm", spread("median")),
         View("p90 mm", spread("p90")),
