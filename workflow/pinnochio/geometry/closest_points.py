@@ -1,6 +1,7 @@
 """Exact closest points on triangle surfaces."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import igl
 import numpy as np
@@ -10,12 +11,17 @@ from pinnochio.geometry.triangles import barycentric
 
 @dataclass(frozen=True)
 class Closest:
-    """Closest points (k, 3) mm on a surface, distance (k,) mm, face (k,), border (k,) bool: on an open border."""
+    """Closest points (k, 3) mm on a surface, distance (k,) mm, face (k,); surface: points (p, 3), faces (f, 3)."""
 
     points: np.ndarray
     distance: np.ndarray
     face: np.ndarray
-    border: np.ndarray
+    surface: tuple[np.ndarray, np.ndarray] = field(repr=False)
+
+    @cached_property
+    def border(self) -> np.ndarray:
+        """Whether each closest point (k,) lies on an open border: as many seconds as finding the points."""
+        return _on_border(self.points, self.face, *self.surface)
 
     def weights(self, points, faces) -> np.ndarray:
         """Barycentric coordinates (k, 3) of the closest points in their faces, of the same surface."""
@@ -26,10 +32,10 @@ def closest_points(queries, points, faces) -> Closest:
     """Exact closest point of each query (k, 3) on the triangles points (p, 3), faces (f, 3)."""
     queries, points, faces = _as_igl(queries, points, faces)
     if not len(queries):
-        return Closest(queries, np.zeros(0), np.zeros(0, int), np.zeros(0, bool))
+        return Closest(queries, np.zeros(0), np.zeros(0, int), (points, faces))
     _, face, closest = igl.point_mesh_squared_distance(queries, points, faces)
     distance = np.linalg.norm(queries - closest, axis=1)
-    return Closest(closest, distance, face, _on_border(closest, face, points, faces))
+    return Closest(closest, distance, face, (points, faces))
 
 
 def signed_distances(queries, points, faces) -> np.ndarray:

@@ -67,8 +67,9 @@ def evaluate_case(
         row["interface_error"] = np.linalg.norm(u - prediction.boundary, axis=1)[contact].mean()
     if target is not None:
         row |= {"target_samples": len(judged.target), "skin_samples": len(judged.skin)}
-        row |= surface_metrics(moved, patient.skin_faces, judged.carried(patient, moved), *target, judged.target)
-        row |= region_errors(judged.target_region, -signed_distances(judged.target, moved, patient.skin_faces))
+        skin, inside = judged.carried(patient, moved), signed_distances(judged.target, moved, patient.skin_faces)
+        row |= surface_metrics(moved, patient.skin_faces, skin, *target, judged.target, np.abs(inside))
+        row |= region_errors(judged.target_region, -inside)
     if truth is not None:
         if u is not None:
             errors = np.linalg.norm(u - truth.nodes, axis=1)

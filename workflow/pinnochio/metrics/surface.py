@@ -6,13 +6,16 @@ from scipy.spatial import cKDTree
 from pinnochio.geometry.closest_points import closest_points
 
 
-def surface_metrics(points, faces, skin, target_points, target_faces, samples) -> dict[str, float]:
+def surface_metrics(
+    points, faces, skin, target_points, target_faces, samples, back: np.ndarray | None = None
+) -> dict[str, float]:
     """Metrics of a predicted skin against the registered target, in mm, mm2 (cd_sq) and % of samples (pwr).
 
     points (p, 3), faces (f, 3): the predicted skin, whole; skin (j, 3): where it takes the samples of the judged skin;
     samples (k, 3): those of the target. Both are the same for every method of a case
     (:class:`pinnochio.metrics.judged.Judged`), area-uniform, and all of them count: also those whose closest point lies
-    on an open border, for a prediction that ends too early is wrong there.
+    on an open border, for a prediction that ends too early is wrong there. back (k,): distances of the target's samples
+    from the predicted skin, where they are known already.
 
     cd: half the sum of the two directed mean distances, point to triangle, unsquared; cd_sum: their sum; cd_sq: half
     the sum of the mean squares; cd_vertex: as cd, to the nearest vertex. hd95, hdmax: the larger of the two directed
@@ -20,7 +23,7 @@ def surface_metrics(points, faces, skin, target_points, target_faces, samples) -
     1, 2 mm; _target: of the target's.
     """
     there = closest_points(skin, target_points, target_faces).distance
-    back = closest_points(samples, points, faces).distance
+    back = closest_points(samples, points, faces).distance if back is None else back
     pairs = (
         cKDTree(target_points[np.unique(target_faces)]).query(skin)[0],
         cKDTree(points[np.unique(faces)]).query(samples)[0],
