@@ -7,6 +7,7 @@ the boundaries as far as the shape of every cell allows.
 import logging
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -86,15 +87,15 @@ def tetrahedralize(
     placing = Placing(np.asarray(shift, float), turn, cut)
     best, factor = None, 1.04  # factor: nodes of the finished mesh per node of the raw lattice
     for _ in range(4):
-        divisions, raw = _divisions_for(fields, placing, target_nodes / factor, constant)
-        mesh = _mesh(fields, divisions, placing, minimum_dihedral + DIHEDRAL_MARGIN)
+        lattice = _lattice_of(fields, placing, target_nodes / factor, constant)
+        mesh = _mesh(fields, lattice, minimum_dihedral + DIHEDRAL_MARGIN)
         count = len(mesh.points)
-        LOG.info("lattice of %d x %d x %d cells: %d nodes", *divisions, count)
+        LOG.info("lattice of %d x %d x %d cells: %d nodes", *lattice.divisions, count)
         if best is None or abs(count - target_nodes) < abs(len(best.points) - target_nodes):
             best = mesh
         if abs(count - target_nodes) <= NODE_TOLERANCE * target_nodes:
             break
-        factor = max(count, 1) / raw
+        factor = max(count, 1) / lattice.count
     if len(best.cells) == 0:
         raise InputError("-", "labels", "no lattice cell fits into the tissue", "ask for more nodes")
     return best
@@ -131,17 +132,29 @@ def _cropped(labels, inside, spacing, origin, margin):
     return np.pad(labels[tuple(box)], missing), start
 
 
-def _divisions_for(fields, placing, wanted: float, constant: float) -> tuple[tuple[int, int, int], int]:
-    """Cells per axis whose raw lattice has about `wanted` tissue nodes, and that number."""
+class _Lattice(NamedTuple):
+    """Cells per axis; points (n, 3), cells (m, 4) and free (n, 3) of :func:`_lattice`; label (m,); its tissue nodes."""
+
+    divisions: tuple[int, int, int]
+    points: np.ndarray
+    cells: np.ndarray
+    free: np.ndarray
+    label: np.ndarray
+    count: int
+
+
+def _lattice_of(fields, placing, wanted: float, constant: float) -> _Lattice:
+    """The raw lattice that has about `wanted` tissue nodes."""
     best = None
     for _ in range(4):
         ideal = (fields.high - fields.low) / constant
         choices = product(*({max(1, int(np.floor(n))), int(np.ceil(n))} for n in ideal))
         divisions = min(sorted(choices), key=lambda n: abs(np.log(np.prod(n) / np.prod(ideal))))
-        points, cells, _ = _lattice(fields, divisions, placing)
-        count = max(len(np.unique(cells[_classified(points, cells, fields) > 0])), 1)
-        if best is None or abs(count - wanted) < abs(best[1] - wanted):
-            best = divisions, count
+        points, cells, free = _lattice(fields, divisions, placing)
+        label = _classified(points, cells, fields)
+        count = max(len(np.unique(cells[label > 0])), 1)
+        if best is None or abs(count - wanted) < abs(best.count - wanted):
+            best = _Lattice(divisions, points, cells, free, label, count)
         if abs(count - wanted) <= 0.02 * wanted:
             break
         constant *= (count / wanted) ** (1 / 3)
@@ -227,18 +240,19 @@ def _filled(fields, field, inside, centre, reach, wanted) -> np.ndarray:
     return filled
 
 
-def _mesh(fields, divisions, placing, minimum) -> TetMesh:
-    points, cells, free = _lattice(fields, divisions, placing)
-    size = float(((fields.high - fields.low) / divisions).min())
+def _mesh(fields, lattice: _Lattice, minimum) -> TetMesh:
+    _, points, cells, free, label, _ = lattice
+    size = float(((fields.high - fields.low) / lattice.divisions).min())
     # Fit the lattice, with the void cells that touch tissue, to the boundaries and to the middle of thin voids.
     for fraction in (0.5, 0.0):
-        label = _without_pinches(points, cells, _classified(points, cells, fields), fields)
+        label = _without_pinches(points, cells, label, fields)
         touched = np.isin(cells, np.unique(cells[label > 0])).any(axis=1)
         points, cells, free, label = _compact(points, cells, free, label, touched)
         target = _targets(points, cells, label, free, fields, size, fraction)
         middle, _, _ = _slit(points, free, np.arange(len(points)), fields, NEAR_SLIT * size)
         points = acceptable_move(points, np.where(np.isnan(middle), target, middle), cells, minimum)
-    label = _without_pinches(points, cells, _classified(points, cells, fields), fields)
+        label = _classified(points, cells, fields)
+    label = _without_pinches(points, cells, label, fields)
     points, cells, free, label = _compact(points, cells, free, label, label > 0)
     # Draw the cuts onto the middle of the thin voids, then open them.
     for last in (False, False, True):
