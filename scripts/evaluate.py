@@ -3,9 +3,7 @@
 import logging
 from collections.abc import Mapping, Sequence
 
-import pandas as pd
-
-from pinnochio.columns import write_csv
+from pinnochio.columns import write_rows
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.cases import evaluate_case
@@ -54,7 +52,7 @@ def evaluate(
             )
         )
         logging.info("%s: CD %.3f mm, min J %.3f", case, rows[-1]["cd"], rows[-1]["min_jacobian"])
-    write_csv(pd.DataFrame(rows), metrics, CASES)
+    write_rows(rows, metrics, CASES)
 
 
 if __name__ == "__main__":

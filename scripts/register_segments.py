@@ -2,9 +2,7 @@
 
 import logging
 
-import pandas as pd
-
-from pinnochio.columns import write_csv
+from pinnochio.columns import write_rows
 from pinnochio.importing.postop_bones import read_postop_bones
 from pinnochio.importing.segment_registration import FITS, check_fits, register_bones
 from pinnochio.importing.segmentation import read_labels
@@ -44,7 +42,7 @@ def register_segments(
     for row in rows:
         logging.info("%(segment)s: median %(median).3f mm, p90 %(p90).3f mm, %(matched).0f %% matched", row)
     check_fits((cranium, *found), limit=limit, share=share, case=case, file=postop_bones)
-    write_csv(pd.DataFrame(rows).assign(case=case), fits, FITS)
+    write_rows([{"case": case} | row for row in rows], fits, FITS)
     Plan(case, {fit.segment: fit.motion for fit in found}).write(achieved)
 
 

@@ -1,12 +1,20 @@
-"""The columns of a table: one declaration of each, by which tables are checked, written and read."""
+"""The columns of a table: one declaration of each, by which tables are checked, written and read.
 
+pandas and pandera take two seconds to load, as long as many a stage's own work: only what handles whole tables does.
+"""
+
+import csv
 import io
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 from pinnochio.errors import InputError, damaged
 from pinnochio.files import replacing
@@ -31,7 +39,7 @@ class Column:
 
     def text(self, value) -> str:
         """A value as every file shows it; empty for NaN."""
-        return "" if pd.isna(value) else format(self.kind(value), self.format)
+        return "" if _is_empty(value) else format(self.kind(value), self.format)
 
 
 SHOWN, TESTED = ".4f", ".7f"  # what is tested has digits enough for rounding not to make ties
@@ -47,6 +55,10 @@ def words(name: str) -> str:
     return name.replace("_", " ")
 
 
+def _is_empty(value: Any) -> bool:
+    return value is None or value == "" or bool(isinstance(value, Real) and value != value)
+
+
 DTYPES = {str: str, int: "Int64", float: float, bool: bool}
 WORDS = {str: "text", int: "a whole number", float: "a number", bool: "True or False"}
 # By pandera's name of the reason.
@@ -58,7 +70,7 @@ PROBLEMS = {
 }
 
 
-def check(frame: pd.DataFrame, columns: Sequence[Column], file: object = "table") -> pd.DataFrame:
+def check(frame: "pd.DataFrame", columns: Sequence[Column], file: object = "table") -> "pd.DataFrame":
     """The frame in the order and the kinds of the columns, empty texts as "".
 
     InputError names the file and the column that does not fit, is missing or is not among them.
@@ -69,8 +81,8 @@ def check(frame: pd.DataFrame, columns: Sequence[Column], file: object = "table"
     )
 
 
-def _validated(frame: pd.DataFrame, columns: Sequence[Column], file: object) -> pd.DataFrame:
-    import pandera.pandas as pa  # takes a fifth of a second, which scripts without a table are spared
+def _validated(frame: "pd.DataFrame", columns: Sequence[Column], file: object) -> "pd.DataFrame":
+    import pandera.pandas as pa
 
     kinds = {column.name: column.kind for column in columns}
     if frame.empty:
@@ -103,8 +115,10 @@ def _refusal(file: object, problem: str) -> InputError:
     return InputError("-", file, problem, "make the table again with the code that reads it")
 
 
-def read_csv(path: str | os.PathLike, **options) -> pd.DataFrame:
+def read_csv(path: str | os.PathLike, **options) -> "pd.DataFrame":
     """A CSV file of the study as pandas reads it with these options; InputError where it is damaged."""
+    import pandas as pd
+
     content = read_own_text(path).encode()
     try:
         frame = pd.read_csv(io.BytesIO(content), **options)
@@ -115,7 +129,7 @@ def read_csv(path: str | os.PathLike, **options) -> pd.DataFrame:
     return frame
 
 
-def read_table(path: str | os.PathLike, columns: Sequence[Column]) -> pd.DataFrame:
+def read_table(path: str | os.PathLike, columns: Sequence[Column]) -> "pd.DataFrame":
     """Read and check a CSV table; InputError as of :func:`read_csv` and :func:`check`."""
     texts = {column.name: str for column in columns if column.kind is str}
     empty = {column.name: [""] for column in columns if column.kind is not str}
@@ -123,15 +137,49 @@ def read_table(path: str | os.PathLike, columns: Sequence[Column]) -> pd.DataFra
     return _validated(frame, columns, path)
 
 
-def read_tables(paths: Sequence[str | os.PathLike], columns: Sequence[Column]) -> pd.DataFrame:
+def read_tables(paths: Sequence[str | os.PathLike], columns: Sequence[Column]) -> "pd.DataFrame":
     """The rows of several CSV tables, one table after the other."""
+    import pandas as pd
+
     return pd.concat([read_table(path, columns) for path in paths], ignore_index=True)
 
 
-def write_csv(frame: pd.DataFrame, path: str | os.PathLike, columns: Sequence[Column]) -> pd.DataFrame:
+def write_csv(frame: "pd.DataFrame", path: str | os.PathLike, columns: Sequence[Column]) -> "pd.DataFrame":
     """Check and write a table as CSV, numbers in the columns' formats; returns the checked frame."""
     frame = check(frame, columns, path)
-    text = pd.DataFrame({column.name: frame[column.name].map(column.text) for column in columns})
-    with replacing(path) as temporary:
-        text.to_csv(temporary, index=False, lineterminator="\n")
+    _write(frame.to_dict("records"), path, columns)
     return frame
+
+
+def write_rows(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike, columns: Sequence[Column]) -> None:
+    """The same of the rows that a stage has measured; refused as by :func:`check`."""
+    if not rows:
+        raise _refusal(path, "it has no row")
+    names = {column.name for column in columns}
+    for row in rows:
+        if odd := [name for name in row if name not in names]:
+            raise _refusal(path, f"column {odd[0]!r} {PROBLEMS['COLUMN_NOT_IN_SCHEMA']}")
+        for column in columns:
+            if problem := _problem(row, column):
+                raise _refusal(path, f"column {column.name!r} {problem}")
+    _write(rows, path, columns)
+
+
+def _problem(row: Mapping[str, Any], column: Column) -> str:
+    """What is wrong with a row's value, "" if nothing is."""
+    if column.name not in row:
+        return PROBLEMS["COLUMN_NOT_IN_DATAFRAME"]
+    value = row[column.name]
+    if _is_empty(value):
+        return "" if column.optional else PROBLEMS["SERIES_CONTAINS_NULLS"]
+    truth = isinstance(value, bool | np.bool_)
+    number = isinstance(value, Real) and not truth
+    fits = {str: isinstance(value, str), bool: truth, float: number, int: number and value % 1 == 0}
+    return "" if fits[column.kind] else f"holds something that is not {WORDS[column.kind]}"
+
+
+def _write(rows: Iterable[Mapping[str, Any]], path: str | os.PathLike, columns: Sequence[Column]) -> None:
+    with replacing(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([column.name for column in columns])
+        writer.writerows([column.text(row[column.name]) for column in columns] for row in rows)

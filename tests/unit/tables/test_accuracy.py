@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from pinnochio.columns import check, read_table, write_csv
+from pinnochio.columns import check, read_table, write_csv, write_rows
 from pinnochio.errors import InputError
 from pinnochio.metrics.columns import CASES
 from pinnochio.statistics.significance import bootstrap_interval, compare, holm, wilcoxon
@@ -167,10 +167,19 @@ def test_a_table_that_breaks_its_schema_is_refused_on_write_and_on_read(cases, t
     broken = change(check(cases, CASES))
     with pytest.raises(InputError, match=words):
         write_csv(broken, tmp_path / "cases.csv", CASES)
+    with pytest.raises(InputError, match=words):
+        write_rows(broken.to_dict("records"), tmp_path / "cases.csv", CASES)
     assert not (tmp_path / "cases.csv").exists()
     broken.to_csv(tmp_path / "cases.csv", index=False)
     with pytest.raises(InputError, match=rf"cases\.csv.*{words}.*Remedy"):
         read_table(tmp_path / "cases.csv", CASES)
+
+
+def test_rows_are_written_as_their_frame_is(cases, tmp_path):
+    rows = cases.to_dict("records")
+    write_rows([dict(reversed(row.items())) for row in rows], tmp_path / "rows.csv", CASES)
+    write_csv(cases, tmp_path / "frame.csv", CASES)
+    assert (tmp_path / "rows.csv").read_bytes() == (tmp_path / "frame.csv").read_bytes()
 
 
 def test_a_table_in_another_order_is_put_in_order_on_write_and_refused_on_read(cases, tmp_path):

@@ -1,6 +1,9 @@
 """The columns of cases.csv: everything that is measured of one prediction."""
 
-import pandas as pd
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 from pinnochio.columns import TESTED, Column, number, words
 from pinnochio.metrics.regions import LANDMARKS, REGIONS
@@ -77,6 +80,6 @@ CASES = (
 BY_NAME = {column.name: column for column in CASES}
 
 
-def scanned(cases: pd.DataFrame) -> pd.DataFrame:
+def scanned(cases: "pd.DataFrame") -> "pd.DataFrame":
     """The rows of CASES whose patient has a post-operative scan."""
     return cases[cases["registration_residual"].notna()]
