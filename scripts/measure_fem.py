@@ -4,9 +4,7 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import pandas as pd
-
-from pinnochio.columns import write_csv
+from pinnochio.columns import write_rows
 from pinnochio.experiments.tradeoff import Reference, judge, predict_fem
 from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.logs import attach_log
@@ -58,7 +56,7 @@ def measure_fem(
                 logging.warning("the reference did not converge: %s", prediction.reason)
         judgements.append(judge(setting, case, patient, prediction, target, samples, solution, fem))
         logging.info("%(method)s, %(parameter)s %(value)s: %(seconds).3f s, %(face_error).3f mm", judgements[-1])
-    write_csv(pd.DataFrame(judgements), rows, TRADEOFF_CASES)
+    write_rows(judgements, rows, TRADEOFF_CASES)
 
 
 if __name__ == "__main__":

@@ -4,9 +4,8 @@ import logging
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import pandas as pd
 
-from pinnochio.columns import write_csv
+from pinnochio.columns import write_rows
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.inverse.columns import FACES, MARKED, RECOVERED, SEEN
 from pinnochio.inverse.face import Face
@@ -127,11 +126,11 @@ def measure_inverse(
                     ]
     finally:
         face.close()
-    write_csv(pd.DataFrame(recovered), out["recovered"], RECOVERED)
-    write_csv(pd.DataFrame(faces), out["faces"], FACES)
-    write_csv(pd.DataFrame(features), out["seen"], SEEN)
+    write_rows(recovered, out["recovered"], RECOVERED)
+    write_rows(faces, out["faces"], FACES)
+    write_rows(features, out["seen"], SEEN)
     empty = {"case": case, "place": "-", "moved": np.nan, "error": np.nan, "forward_error": np.nan}
-    write_csv(pd.DataFrame(marked or [empty]), out["marked"], MARKED)
+    write_rows(marked or [empty], out["marked"], MARKED)
 
 
 def solved(face: Face, plan: Plan) -> np.ndarray:

@@ -3,9 +3,7 @@
 import logging
 from collections.abc import Mapping, Sequence
 
-import pandas as pd
-
-from pinnochio.columns import write_csv
+from pinnochio.columns import write_rows
 from pinnochio.experiments.tradeoff import Reference, judge, predict_network
 from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.logs import attach_log
@@ -54,7 +52,7 @@ def measure_networks(
         prediction = predict_network(setting, networks[setting.method], planned, fem, device, threads)
         judgements.append(judge(setting, case, patient, prediction, target, samples, solution, fem))
         logging.info("%(method)s, %(parameter)s %(value)s: %(seconds).3f s, %(face_error).3f mm", judgements[-1])
-    write_csv(pd.DataFrame(judgements), rows, TRADEOFF_CASES)
+    write_rows(judgements, rows, TRADEOFF_CASES)
 
 
 if __name__ == "__main__":

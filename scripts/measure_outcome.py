@@ -3,9 +3,7 @@
 from collections.abc import Mapping
 from importlib import import_module
 
-import pandas as pd
-
-from pinnochio.columns import write_csv
+from pinnochio.columns import write_rows
 from pinnochio.logs import attach_log
 from pinnochio.virtual.outcome import Operation
 
@@ -26,7 +24,7 @@ def measure_outcome(
     operation = Operation.read(
         case=case, inputs=inputs, labels=label_values, segments=segments, outcome=outcome, seed=seed
     )
-    write_csv(pd.DataFrame(measuring.measure(operation, **arguments)), table, measuring.CASE)
+    write_rows(measuring.measure(operation, **arguments), table, measuring.CASE)
 
 
 if __name__ == "__main__":

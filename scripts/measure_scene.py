@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 
-from pinnochio.columns import write_csv
+from pinnochio.columns import write_rows
 from pinnochio.experiments.reduction import Way, face_error, tried
 from pinnochio.importing.segmentation import read_labels
 from pinnochio.logs import attach_log
@@ -85,7 +84,7 @@ def measure_scene(
                         }
                     )
                     logging.info("%s, %s: %s", method, name, rows[-1])
-    write_csv(pd.DataFrame(rows), table, TRIALS)
+    write_rows(rows, table, TRIALS)
 
 
 def patients(files: dict[str, str], config: dict[str, dict]) -> Iterator[tuple[str, int, PatientModel, float]]:

@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping
 
-import pandas as pd
-
-from pinnochio.columns import write_csv
+from pinnochio.columns import write_rows
 from pinnochio.experiments.tradeoff import Reference, judge
 from pinnochio.experiments.tradeoff_settings import as_in_the_study
 from pinnochio.logs import attach_log
@@ -45,7 +43,7 @@ def measure_study(
                 fem=fem,
             )
         )
-    write_csv(pd.DataFrame(judgements), rows, TRADEOFF_CASES)
+    write_rows(judgements, rows, TRADEOFF_CASES)
 
 
 if __name__ == "__main__":

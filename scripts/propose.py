@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
-from pinnochio.columns import write_csv
+from pinnochio.columns import write_rows
 from pinnochio.inverse.alternatives import Answer, answers, contradictions
 from pinnochio.inverse.columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED
 from pinnochio.inverse.combinations import LARGEST, as_motions, differences
@@ -59,14 +58,14 @@ def propose_plans(
         face.close()
     certificates = {name: certify(patient, answer, fem) for name, answer in found.items()}
     rows = [row(case, answer, certificates[name], wished, patient, own, code) for name, answer in found.items()]
-    write_csv(pd.DataFrame(rows), out["proposals"], PROPOSALS)
+    write_rows(rows, out["proposals"], PROPOSALS)
     width = half_widths(wished, patient, calibration)
     reached = [item for answer in found.values() for item in reached_rows(case, answer, wished, patient, own, width)]
-    write_csv(pd.DataFrame(reached), out["reached"], REACHED)
+    write_rows(reached, out["reached"], REACHED)
     moved = [item for answer in found.values() for item in motion_rows(case, answer)]
-    write_csv(pd.DataFrame(moved), out["motions"], MOTIONS)
+    write_rows(moved, out["motions"], MOTIONS)
     told = [item for answer in found.values() for item in combination_rows(case, answer)]
-    write_csv(pd.DataFrame(told), out["combinations"], COMBINATIONS)
+    write_rows(told, out["combinations"], COMBINATIONS)
     for name, answer in found.items():
         answer.proposal.plan.write(Path(out["plans"]) / f"{name}.json")
         write_transforms(answer.proposal.plan.motions, Path(out["transforms"]) / name)

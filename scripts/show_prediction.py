@@ -5,7 +5,7 @@ import numpy as np
 from pinnochio.json_text import read_own_json
 from pinnochio.logs import attach_log
 from pinnochio.model.patient import PatientModel
-from pinnochio.patients.face import face_rows, write_rows
+from pinnochio.patients.face import face_rows, write_face
 from pinnochio.patients.page import write_page
 from pinnochio.patients.result import read_result
 from pinnochio.plans.plan import Plan
@@ -17,7 +17,7 @@ def show_prediction(case: str, model: str, plan: str, result: str, certificate: 
     prediction = read_result(result, case, patient)
     half_width = prediction.half_width if np.isfinite(prediction.half_width).any() else None
     rows = face_rows(patient, prediction.displacement, half_width)
-    write_rows(rows, measures)
+    write_face(rows, measures)
     write_page(
         patient=patient,
         plan=Plan.read(plan, case),

@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping
 
-import pandas as pd
 import torch
 from tqdm import tqdm
 
-from pinnochio.columns import write_csv
+from pinnochio.columns import write_rows
 from pinnochio.experiments.stability import Sweep
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
@@ -41,7 +40,7 @@ def stability(
         seed=seed,
     )
     labels = {"seed": seed, "device": "cpu", "code": code}
-    write_csv(pd.DataFrame([row | labels for row in tqdm(sweep.rows())]), table, STABILITY)
+    write_rows([row | labels for row in tqdm(sweep.rows())], table, STABILITY)
 
 
 if __name__ == "__main__":

@@ -5,10 +5,9 @@ import os
 from dataclasses import asdict, dataclass
 
 import numpy as np
-import pandas as pd
 from scipy.spatial import cKDTree
 
-from pinnochio.columns import Column, number, write_csv
+from pinnochio.columns import Column, number, write_rows
 from pinnochio.errors import InputError
 from pinnochio.model.carried import CarriedLandmarks, carried_landmarks
 from pinnochio.model.measures import LANDMARKS, MEASURES, derivatives, measure
@@ -97,9 +96,9 @@ def face_rows(patient: PatientModel, displacement: np.ndarray, half_width: np.nd
     return rows + [Row(f"{name}_{way.split()[-1]}", title, "mm", way, **unknown) for name, title, way in ways]
 
 
-def write_rows(rows: list[Row], path: str | os.PathLike) -> None:
+def write_face(rows: list[Row], path: str | os.PathLike) -> None:
     """Write the rows as CSV."""
-    write_csv(pd.DataFrame([asdict(row) for row in rows]), path, TABLE)
+    write_rows([asdict(row) for row in rows], path, TABLE)
 
 
 def written(value: float, digits: int, sign: str = "") -> str:

@@ -1,0 +1,81 @@
+"""The trade-off's stages on one patient."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pinnochio.columns import read_table
+from pinnochio.experiments.tradeoff_settings import Setting
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.predictions import Prediction, write_predictions
+from pinnochio.patients.archive import network_file
+from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
+from scripts.measure_fem import measure_fem
+from scripts.measure_networks import measure_networks
+from scripts.measure_study import measure_study
+
+NODES = 700
+FEM = [
+    Setting("fem_sliding", "nodes", "700", NODES, "mucosa"),
+    Setting("elastic", "nodes", "700, as in the study", NODES),
+    Setting("fem_sliding", "solver", "Newton's method", NODES, "mucosa", {"kept_factors": False}),
+]
+NETWORKS = [Setting("pinnochio_plus", "corrections", str(count), NODES, corrections=count) for count in (0, 2)]
+
+
+@pytest.fixture(scope="module")
+def rows(patient, prepared, tmp_path_factory) -> dict[str, Path]:
+    """The file of rows of each family, and the reference's."""
+    folder = tmp_path_factory.mktemp("tradeoff")
+    files = {name: folder / f"{name}.csv" for name in ("fem", "networks", "study")} | {"reference": folder / "r.h5"}
+    known = {"case": patient.case, "postop": patient.postop, "judged": patient.judged, "fem": patient.fem}
+    solving = {"plan": patient.plan, "models": {NODES: patient.model}, "threads": 1}
+    measure_fem(**known, **solving, settings=FEM, nodes=NODES, rows=files["fem"], reference=files["reference"])
+    measure_networks(
+        **known,
+        **solving,
+        settings=NETWORKS,
+        networks={"pinnochio_plus": Path(prepared.archive, network_file("pinnochio_plus", "1"))},
+        kinds={"pinnochio_plus": "elastic"},
+        lifts={("elastic", NODES): prepared.lift},
+        reference=(files["reference"], NODES),
+        device="cpu",
+        rows=files["networks"],
+    )
+    model = PatientModel.read(patient.model)
+    write_predictions(folder / "still.h5", {patient.case: Prediction(np.zeros_like(model.points))})
+    measure_study(
+        **known,
+        predictions={"no_change": folder / "still.h5", "fem_sliding": files["reference"]},
+        models=dict.fromkeys(("no_change", "fem_sliding"), patient.model),
+        reference=files["reference"],
+        reference_model=patient.model,
+        rows=files["study"],
+    )
+    return files
+
+
+def test_every_setting_has_a_row_beside_the_reference(patient, rows):
+    fem, networks, study = (read_table(rows[name], TRADEOFF_CASES) for name in ("fem", "networks", "study"))
+    assert list(fem["method"]) == ["fem_sliding", "elastic", "fem_sliding"] and len(networks) == len(study) == 2
+    assert fem["face_error"].iloc[0] == 0 == study["face_error"].iloc[1] and fem["converged"].all()
+    assert fem["face_error"].iloc[2] < 1e-3 < fem["face_error"].iloc[1]  # the same equations by another solver
+    assert study["cd"].iloc[1] == pytest.approx(fem["cd"].iloc[0], abs=1e-6)
+    # Corrections take a network's field to equilibrium, near to the reference's.
+    assert networks["eqres_rel"].iloc[1] < 0.1 * networks["eqres_rel"].iloc[0]
+    assert [json.loads(text)["corrections"] for text in networks["recipe"]] == [0, 2]
+
+
+def test_a_reference_that_does_not_converge_leaves_its_distances_out(patient, tmp_path):
+    files = {"rows": tmp_path / "fem.csv", "reference": tmp_path / "r.h5"}
+    given_up = replace(patient.fem, max_systems=0, kept_factors=False)
+    known = {"case": patient.case, "postop": patient.postop, "judged": patient.judged, "fem": given_up}
+    measure_fem(
+        **known, plan=patient.plan, models={NODES: patient.model}, threads=1, settings=FEM[:2], nodes=NODES, **files
+    )
+    fem = read_table(files["rows"], TRADEOFF_CASES)
+    assert not fem["converged"].iloc[0] and fem["cd"].notna().all()
+    assert fem[["face_error", "face_error_max", "volume_error"]].isna().all(axis=None)
