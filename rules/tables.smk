@@ -49,6 +49,7 @@ rule provenance:
         mem_mb=500,
         runtime=5,
     params:
+        # The script knows both; here they say when to record anew.
         config=config,
         code=code_of(*STAGES),
     message:
@@ -57,8 +58,9 @@ rule provenance:
         "../scripts/provenance.py"
 
 
-# Further tables are made after the study, by another commit perhaps or on another machine.
-use rule provenance as provenance_of_table with:
+# Further tables are made after the study, by another commit perhaps or on another machine; recorded anew with the table
+# alone, whatever is configured later.
+rule provenance_of_table:
     input:
         "<results>/{folder}/{table}.csv",
     output:
@@ -68,8 +70,16 @@ use rule provenance as provenance_of_table with:
     wildcard_constraints:
         folder="tables|virtual",
         table="|".join(TABLES),
+    conda:
+        "../envs/pinnochio.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
     message:
         "Record what made {wildcards.folder}/{wildcards.table}"
+    script:
+        "../scripts/provenance.py"
 
 
 # A picture of one patient: before, outcome and some methods with their errors; asked for by name.

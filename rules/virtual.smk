@@ -325,8 +325,9 @@ rule cohort:
     input:
         rules.data_card.output if STUDY.virtual else [],
         "<results>/virtual/SHA256SUMS" if STUDY.virtual else [],
-        recorded("anatomy", "virtual") if STUDY.virtual else [],
-        table_and_twins(*STUDY.card_tables, folder="virtual") if STUDY.virtual else [],
+        table_and_twins("anatomy", *STUDY.card_tables, folder="virtual")
+        if STUDY.virtual
+        else [],
     message:
         "The virtual cohort is made"
 
