@@ -76,6 +76,8 @@ rule provenance_of_table:
     resources:
         mem_mb=500,
         runtime=5,
+    params:
+        code=code_of("provenance"),
     message:
         "Record what made {wildcards.folder}/{wildcards.table}"
     script:
