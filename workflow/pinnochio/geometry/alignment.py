@@ -27,7 +27,7 @@ def carried(points, faces, target_points, target_faces, part, start, seed: int) 
     normals = vertex_normals(target_points, target_faces)
     samples = sample_surface(points, faces[part], SAMPLES, seed)
     here = closest_points(samples, points, faces)
-    corners, weights = faces[here.face], here.weights(points, faces)
+    corners, weights = faces[here.face], here.weights
     moved = np.asarray(start, float)
     for count in range(1, len(FIELDS) + 1):
         basis, prior = _fields(samples, points, FIELDS[:count])
@@ -36,9 +36,7 @@ def carried(points, faces, target_points, target_faces, part, start, seed: int) 
             placed = np.einsum("sc,scx->sx", weights, moved[corners])
             near = closest_points(placed, target_points, target_faces)
             own = vertex_normals(moved, faces)[corners]
-            facing = np.einsum(
-                "sc,scx->sx", near.weights(target_points, target_faces), normals[target_faces[near.face]]
-            )
+            facing = np.einsum("sc,scx->sx", near.weights, normals[target_faces[near.face]])
             facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
             paired = ~near.border & (np.einsum("sx,scx,sc->s", facing, own, weights) > FACING)
             if not paired.any():

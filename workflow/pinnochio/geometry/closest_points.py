@@ -20,12 +20,14 @@ class Closest:
 
     @cached_property
     def border(self) -> np.ndarray:
-        """Whether each closest point (k,) lies on an open border: as many seconds as finding the points."""
-        return _on_border(self.points, self.face, *self.surface)
+        """Whether each closest point (k,) lies on an open border; found when it is asked for."""
+        return _on_border(self.weights, self.face, *self.surface)
 
-    def weights(self, points, faces) -> np.ndarray:
-        """Barycentric coordinates (k, 3) of the closest points in their faces, of the same surface."""
-        return barycentric(self.points, np.asarray(points, float)[np.asarray(faces)[self.face]])
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """Barycentric coordinates (k, 3) of the closest points in their faces."""
+        points, faces = self.surface
+        return barycentric(self.points, points[faces[self.face]])
 
 
 def closest_points(queries, points, faces) -> Closest:
@@ -52,14 +54,13 @@ def _as_igl(queries, points, faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return queries, points, np.ascontiguousarray(faces, np.int64)
 
 
-def _on_border(closest, face, points, faces, tolerance: float = 1e-6) -> np.ndarray:
+def _on_border(weights, face, points, faces, tolerance: float = 1e-6) -> np.ndarray:
     edges = np.sort(faces[:, [[1, 2], [2, 0], [0, 1]]], axis=2).astype(np.int64)  # edge i lies opposite corner i
     key = edges[..., 0] * len(points) + edges[..., 1]
     _, inverse, uses = np.unique(key.ravel(), return_inverse=True, return_counts=True)
     open_edge = (uses[inverse] == 1).reshape(-1, 3)
     open_vertex = np.zeros(len(points), bool)
     open_vertex[edges[open_edge]] = True
-    weights = barycentric(closest, points[faces[face]])
     on_edge = (weights < tolerance) & open_edge[face]
     on_vertex = (weights > 1 - tolerance) & open_vertex[faces[face]]
     return (on_edge | on_vertex).any(axis=1)

@@ -96,7 +96,7 @@ def seen(model: PatientModel, marks: Marks, skin: SurfaceWish | np.ndarray) -> n
     else:
         moved = skin
     corners = model.skin_faces[near.face]
-    at_marks = np.einsum("lc,lcx->lx", near.weights(model.skin_points, model.skin_faces), moved[corners])
+    at_marks = np.einsum("lc,lcx->lx", near.weights, moved[corners])
     codes = regions(model)
     parts: Sequence[np.ndarray] = [moved[codes == number] for number in range(len(NAMES))]
     means = [own.mean(axis=0) if len(own) else np.zeros(3) for own in parts]

@@ -153,7 +153,7 @@ class SurfaceWish:
         moved = self.model.moved_skin(field)[judged]
         at = closest_points(moved, self.points, self.faces)
         over = ~at.border
-        weights = at.weights(self.points, self.faces)[over]
+        weights = at.weights[over]
         normals = np.einsum("kc,kcx->kx", weights, self.normals[self.faces[at.face[over]]])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         area = self.areas[judged[over]]

@@ -100,7 +100,7 @@ def choose(patient: PatientModel, plan: Plan, target_points, target_faces, sampl
 def _carried(places, points, faces, moved) -> np.ndarray:
     """Places (k, 3) mm on a surface where they are when its points have moved."""
     here = closest_points(places, points, faces)
-    return np.einsum("kc,kcx->kx", here.weights(points, faces), np.asarray(moved)[faces[here.face]])
+    return np.einsum("kc,kcx->kx", here.weights, np.asarray(moved)[faces[here.face]])
 
 
 def known_regions(patient: PatientModel) -> np.ndarray:
