@@ -75,7 +75,8 @@ def main() -> None:
     parser.add_argument("--partial", action="store_true", help="take the patients that are there")
     asked = parser.parse_args()
     config = read_config(asked.config)
-    names = [case.name for case in virtual_cases(config["virtual"]["patients"], "")]
+    own = config["virtual"]
+    names = [case.name for case in virtual_cases(own["patients"], "", own["without"])]
     done = export(asked.results / "cases", names, config["motion"], asked.out, asked.partial)
     files = [file for name in done for file in (asked.out / name).iterdir()]
     fields = sum(file.name == FIELDS for file in files)

@@ -46,7 +46,8 @@ def trained(out: Path, phase: str) -> bool:
 
 def training_cases(config: dict, fold: str) -> list[str]:
     """The patients that the fold trains on."""
-    names = [case.name for case in virtual_cases(config["virtual"]["patients"], "")]
+    own = config["virtual"]
+    names = [case.name for case in virtual_cases(own["patients"], "", own["without"])]
     held_out = assign_folds(names, [], config["folds"], config["seed"])[fold]
     return [name for name in names if name not in held_out]
 

@@ -1,7 +1,7 @@
 """The cases of the virtual cohort, the folds that hold cases out, and the files of methods made elsewhere."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from pinnochio.errors import InputError
@@ -9,8 +9,9 @@ from pinnochio.importing.cohort import Case
 from pinnochio.seeds import generator
 
 
-def virtual_cases(patients: int, folder: str) -> list[Case]:
-    """The cases of the virtual cohort; their files lie in `folder`/{case}/."""
+def virtual_cases(patients: int, folder: str, without: Collection[str] = ()) -> list[Case]:
+    """The cases of the virtual cohort but those `without`, in the order in which they are drawn; their files lie in
+    `folder`/{case}/."""
     width = max(2, len(str(patients)))
     names = [f"V{number:0{width}d}" for number in range(1, patients + 1)]
     return [
@@ -23,6 +24,7 @@ def virtual_cases(patients: int, folder: str) -> list[Case]:
             covariates_file=f"{folder}/{name}/covariates.json",
         )
         for name in names
+        if name not in without
     ]
 
 

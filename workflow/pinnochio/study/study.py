@@ -61,15 +61,11 @@ class Study:
         return self.virtual and self.config["virtual"]["role"] == LOCKED
 
     @cached_property
-    def drawn(self) -> list[Case]:
-        """The virtual patients, those that are not made included: the others are drawn by their place among them."""
-        return virtual_cases(self.config["virtual"]["patients"], f"{self.results}/virtual")
-
-    @cached_property
     def cases(self) -> dict[str, Case]:
         """The patients of the cohort by name."""
         if self.virtual:
-            cases = [case for case in self.drawn if case.name not in self.config["virtual"]["without"]]
+            own = self.config["virtual"]
+            cases = virtual_cases(own["patients"], f"{self.results}/virtual", own["without"])
         else:
             cases = read_cases(self.config["cohort"])
         return {case.name: case for case in cases}
@@ -390,9 +386,10 @@ class Study:
 
     @cached_property
     def procedures(self) -> dict[str, Procedure]:
-        """The operation of each virtual patient, in the order in which they are drawn."""
-        dealt_to = [case.name for case in self.drawn]
-        return dict(zip(dealt_to, dealt(self.config["virtual"]["procedures"], len(dealt_to)), strict=True))
+        """The operation of each virtual patient as they are drawn, those that are not made included."""
+        own = self.config["virtual"]
+        names = [case.name for case in virtual_cases(own["patients"], "")]
+        return dict(zip(names, dealt(own["procedures"], len(names)), strict=True))
 
     def virtual_files(self, *names: str) -> list[str]:
         """These files of every virtual patient."""
