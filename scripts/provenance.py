@@ -8,7 +8,7 @@ import sys
 from datetime import UTC, datetime
 from importlib.metadata import distributions
 
-from pinnochio.code import ROOT, code_hash
+from pinnochio.code import ROOT, code_hash, stages
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
 
@@ -47,5 +47,4 @@ def processor() -> str:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    stages = sorted(ROOT.glob("scripts/[a-z]*.py"))
-    provenance(config=snakemake.config, code=code_hash(*stages), output=snakemake.output[0])
+    provenance(config=snakemake.config, code=code_hash(*stages()), output=snakemake.output[0])

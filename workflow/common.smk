@@ -9,7 +9,7 @@ from pathlib import Path
 import yaml
 from snakemake.logging import logger
 
-from pinnochio.code import ROOT, code_hash, source_file
+from pinnochio.code import ROOT, code_hash, source_file, stages
 from pinnochio.errors import InputError
 from pinnochio.files import check_writable
 from pinnochio.methods.names import BASELINE
@@ -131,7 +131,7 @@ def code_with_method(script, role="module"):
 PREDICTS = code_of("import_segmentation", "label_interfaces", "predict_ensemble")
 
 # Every stage, for the provenance.
-STAGES = sorted(path.stem for path in ROOT.glob("scripts/[a-z]*.py"))
+STAGES = [path.stem for path in stages()]
 
 
 def seconds_of(counts):

@@ -41,6 +41,11 @@ def closure(*files: str | os.PathLike) -> list[Path]:
     return sorted(reached)
 
 
+def stages() -> list[Path]:
+    """Files of every stage script."""
+    return sorted((ROOT / "scripts").glob("[a-z]*.py"))
+
+
 def source_file(name: str) -> Path:
     """File of a stage script by its name, or of a module of the library by its dotted one."""
     *_, file = _files(name if name.startswith("pinnochio.") else f"scripts.{name}")
