@@ -11,7 +11,7 @@ from pinnochio.mechanics.loads import Loads
 from pinnochio.mechanics.problems import uniform
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.mechanics.solver import solve
-from pinnochio.mechanics.sources import WEIGHT, make_sources
+from pinnochio.mechanics.sources import DAMPING, WEIGHT, make_sources, units
 from pinnochio.model.patient import FREE, SLIDING
 from pinnochio.plans.plan import Plan
 from tests.helpers.patients import tiny_patient
@@ -49,6 +49,16 @@ def test_a_unit_moves_the_skin_outwards_at_its_own_anchor(made):
     moved = np.stack([patient.moved_skin(field) - patient.skin_points for field in sources.fields])[:-1, anchors]
     outward = np.einsum("qax,ax->qa", moved, normals)
     assert np.abs(outward - np.eye(len(anchors))).max() < 0.1
+
+
+@pytest.mark.parametrize("least", [0.0, 0.01, -DAMPING, -0.05, -1.0])
+def test_a_unit_is_no_more_than_one_however_little_an_anchor_answers(least):
+    """Directions that hardly answer, or the wrong way: none is brought up by a large load."""
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(9, 9)))[0]
+    outward = turn @ np.diag([1.0] * 8 + [least]) @ turn.T
+    moved = units(outward) @ outward
+    assert np.linalg.norm(moved, 2) <= 1 + 1e-9
+    np.testing.assert_allclose(moved @ turn[:, 0], turn[:, 0], atol=0.05)
 
 
 def test_sitting_up_turns_the_whole_weight(made):

@@ -22,8 +22,7 @@ REACH = 8.0  # mm, SD of the pressure about an anchor: half the way between anch
 LEAST = 1e-3  # of the pressure's peak: no load beyond
 WEIGHT = 9.81e-3  # mN/mm3, tissue of 1 g/cm3 [R]
 SITTING_UP = np.array([0.0, -1.0, -1.0])  # down when upright less down when lying on the back, LPS
-# Of the mean response at its own anchor: keeps unit amplitudes of neighbours that do nearly the same from growing [I].
-DAMPING = 0.05
+DAMPING = 0.2  # of the mean response at its own anchor: what answers less is not brought up to a unit [I]
 
 
 @dataclass(frozen=True)
@@ -61,10 +60,18 @@ def make_sources(
     solver.close()
 
     outward = np.einsum("qax,ax->qa", _skin(model, fields[:-1], anchors), normals[anchors])
-    unit = np.linalg.inv(outward + DAMPING * np.diag(outward).mean() * np.eye(len(anchors)))
     for each in (forces, fields):
-        each[:-1] = np.tensordot(unit, each[:-1], 1)
+        each[:-1] = np.tensordot(units(outward), each[:-1], 1)
     return Sources(forces, fields)
+
+
+def units(outward: np.ndarray) -> np.ndarray:
+    """Which pressures make one source (a, a), from what each pressure does at each anchor (a, a) mm outwards.
+
+    Least squares to 1 mm at one anchor and none at the others, with a penalty: no anchor moves by more than 1 mm.
+    """
+    penalty = (DAMPING * np.diag(outward).mean()) ** 2
+    return np.linalg.solve(outward @ outward.T + penalty * np.eye(len(outward)), outward).T
 
 
 def _pressure(model: PatientModel, anchor: int, normals: np.ndarray) -> np.ndarray:
