@@ -60,8 +60,9 @@ def make_sources(
     solver.close()
 
     outward = np.einsum("qax,ax->qa", _skin(model, fields[:-1], anchors), normals[anchors])
+    unit = units(outward)
     for each in (forces, fields):
-        each[:-1] = np.tensordot(units(outward), each[:-1], 1)
+        each[:-1] = np.tensordot(unit, each[:-1], 1)
     return Sources(forces, fields)
 
 
