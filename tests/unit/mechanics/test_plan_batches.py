@@ -19,10 +19,11 @@ from pinnochio.mechanics.batched.law import Mesh
 from pinnochio.mechanics.batched.rows import Rows
 from pinnochio.mechanics.batched.solver import BatchSolver
 from pinnochio.mechanics.elements import Elements
+from pinnochio.mechanics.held_nodes import HeldNodes
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
 from pinnochio.mechanics.repeated import RepeatedSolver
 from pinnochio.mechanics.simulation import PlanSolver
-from pinnochio.mechanics.sliding import BoundaryConditions
+from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient
 from tests.helpers.settings import fem_settings
@@ -81,7 +82,8 @@ def test_fronts_solve_what_they_are_factors_of(leaf, monkeypatch):
     points, cells = box((40, 20, 15), (7, 4, 3), jitter=0.15)
     elements = Elements.build(points, cells, material(len(cells)))
     free = np.flatnonzero(points[:, 0] > 0)
-    matrix = batched._part(batched._stiffness(elements), free, free)
+    places = (3 * free[:, None] + np.arange(3)).ravel()
+    matrix = batched._stiffness(elements, [], np.zeros((0, 3, 3)))[places][:, places]
     fronts = Fronts(points[free], sparse.bsr_array(matrix, blocksize=(3, 3)), "cpu", torch.float64)
     x = np.random.default_rng(0).normal(size=(len(free), 3, 2))
     answer = fronts.solve(torch.as_tensor((matrix @ x.reshape(-1, 2)).reshape(x.shape)))
@@ -91,7 +93,7 @@ def test_fronts_solve_what_they_are_factors_of(leaf, monkeypatch):
 def test_fronts_refuse_what_is_not_positive_definite():
     points, cells = box((40, 20, 15), (3, 2, 2))
     free = np.arange(len(points))
-    matrix = batched._stiffness(Elements.build(points, cells, material(len(cells))))
+    matrix = batched._stiffness(Elements.build(points, cells, material(len(cells))), [], np.zeros((0, 3, 3)))
     shifted = sparse.bsr_array(matrix - 1e-2 * sparse.eye_array(len(free) * 3), blocksize=(3, 3))
     with pytest.raises(RuntimeError, match="positive definite"):
         Fronts(points, shifted, "cpu")
@@ -144,12 +146,35 @@ def test_hard_patches_come_to_equilibrium_while_the_rest_stays():
     part.prepare(known)
     u = state(elements, 0.1)[1]
     before, goal = u.clone(), torch.full((2,), 1e-2, dtype=torch.float64)
-    part.settle(u, goal, torch.full((2,), -torch.inf), torch.ones(2, dtype=torch.bool))
+    part.settle(u, torch.zeros_like(u), goal, torch.full((2,), -torch.inf), torch.ones(2, dtype=torch.bool))
     assert moves[:, 0].any() and not moves[:, 1].any() and touched[known].all()
     assert torch.equal(u[~moves[:, 0], :, 0], before[~moves[:, 0], :, 0])
     assert torch.equal(u[:, :, 1], before[:, :, 1])
     force = elements.evaluate(u[:, :, 0].numpy())[1]
     assert np.linalg.norm(force[moves[:, 0]]) <= 1e-2
+
+
+def test_sliding_nodes_of_hard_patches_move_in_their_tangent_planes():
+    points, cells, boundary = bent_block()
+    elements = Elements.build(points, cells, material(len(cells)))
+    free = np.ones(len(points), bool)
+    free[boundary.prescribed_nodes] = False
+    part, known = zone.Zone(elements, free, 2, "cpu"), torch.zeros(len(elements.patch_volumes), 2, dtype=torch.bool)
+    known[3:6] = True
+    moves = part.around(known)[0][:, 0].numpy()
+    part.prepare(known)
+    u, goal = state(elements, 0.03)[1], torch.full((2,), 1e-2, dtype=torch.float64)
+    across, sliding = np.zeros((len(points), 3, 2)), np.flatnonzero(moves)[::3]
+    across[sliding] = np.random.default_rng(1).normal(size=(len(sliding), 3, 2))
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    before = u.clone().numpy()
+    part.settle(u, torch.as_tensor(across), goal, -torch.inf * goal, goal > 0)
+    change = u.numpy() - before
+    assert np.abs(change[sliding, :, 0]).max() > 0.01
+    assert np.abs((change * across).sum(axis=1)).max() < 1e-6
+    force = elements.evaluate(u[:, :, 0].numpy())[1][moves]
+    pressed = (force * across[moves, :, 0]).sum(axis=1)
+    assert np.linalg.norm(force - pressed[:, None] * across[moves, :, 0]) <= 1e-2 < np.linalg.norm(pressed)
 
 
 def test_products_of_rows():
@@ -222,14 +247,15 @@ def test_a_plan_that_strays_is_reached_in_the_least_increments(monkeypatch):
     points, cells, boundary = bent_block()
     solver = BatchSolver(points, cells, material(len(cells)), boundary, options_with(), "cpu")
     monkeypatch.setattr(repeated, "STRAY", 0.0)
-    _, (way,) = solver.fields(np.array([solver.motions(boundary)]))
+    _, (way,) = solver.fields([solver.asked(boundary)])
     assert way.solved and way.share == repeated.LEAST_INCREMENT
     ends = [entry["fraction"] for entry in way.history if entry["code"] == batched.SOLVED]
     assert ends == [1, 0.25, 0.125, *np.arange(1, 17) / 16]
     solver.close()
 
 
-def test_a_patient_takes_the_device_for_bonded_plans_alone(monkeypatch):
+@pytest.mark.parametrize("arm", ["bonded", "mucosa"])
+def test_a_patient_takes_the_device(arm, monkeypatch):
     made = []
 
     class Made(BatchSolver):
@@ -238,17 +264,50 @@ def test_a_patient_takes_the_device_for_bonded_plans_alone(monkeypatch):
             super().__init__(*arguments[:-1], "cpu")
 
     monkeypatch.setattr(batched, "BatchSolver", Made)
-    model, settings = slab_patient(), fem_settings()
+    model, settings, fields = slab_patient(), fem_settings(), []
     plan = Plan("P", {"mandible_distal": RigidMotion.from_degrees([0, 2, 0], [2, 1, 1.0], [12, 6, 0])})
-    fields = []
-    for arm, device in (("bonded", "cuda"), ("bonded", "cpu"), ("mucosa", "cuda")):
+    for device in ("cuda", "cpu"):
         solver = PlanSolver(model, arm, settings, device=device)
         (result,) = solver.solve([plan])
-        assert result.kept
+        assert result.kept and result.violation < 1e-8
         fields.append(result.displacement)
         solver.close()
     assert made == ["cuda"]
     np.testing.assert_allclose(fields[0], fields[1], rtol=0, atol=1e-3)
+
+
+def sliding_plans() -> tuple:
+    """A slab whose nodes slide on one bone, in motions that turn their normals; points, cells, law, boundaries."""
+    model, settings = slab_patient(), fem_settings()
+    turns = [0, 4, 0], [3, -5, 8], [0, 0, 0]
+    motions = [RigidMotion.from_degrees(turn, [2, 1, 1.0], [12, 6, 0]) for turn in turns]
+    plans = [boundary_conditions(model, Plan("P", {"mandible_distal": motion}), "mucosa") for motion in motions]
+    return model.points, model.cells, settings.material(model.tissue), plans
+
+
+def test_sliding_plans_as_by_the_solver_of_one_plan():
+    points, cells, law, plans = sliding_plans()
+    options = options_with(tolerance=1e-8)
+    solver = BatchSolver(points, cells, law, plans[0], options, "cpu", 2)
+    alone = RepeatedSolver(points, cells, law, plans[0], options)
+    linear = solver.linear(torch.as_tensor(solver.asked(plans[1]).motion)[solver._order][:, :, None])
+    exact = alone._rest.spread(solver.asked(plans[1]).motion[None])[0]
+    np.testing.assert_allclose(linear[:, :, 0][solver._place], exact, rtol=0, atol=1e-4)
+    for one, other in zip(solver.solve(plans), alone.solve(plans), strict=True):
+        assert one.kept and one.residual <= options.tolerance and one.violation < 1e-8
+        np.testing.assert_allclose(one.displacement, other.displacement, rtol=0, atol=1e-4)
+    solver.close()
+    alone.close()
+
+
+@pytest.mark.parametrize(("name", "value"), [("RIM", 1.1), ("SLIDE", 0.0)])
+def test_a_plan_whose_nodes_slid_far_is_reached_in_the_least_increments(name, value, monkeypatch):
+    points, cells, law, plans = sliding_plans()
+    solver = BatchSolver(points, cells, law, plans[0], options_with(), "cpu", 1)
+    monkeypatch.setattr(repeated, name, value)
+    _, (way,) = solver.fields([solver.asked(plans[0])])
+    assert way.solved and way.share == repeated.LEAST_INCREMENT
+    solver.close()
 
 
 on_a_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
@@ -270,7 +329,7 @@ def test_hard_patches_on_a_gpu_as_on_a_cpu():
         part, u = kind(elements, free, 2, device), state(elements, 0.03)[1].to(device)
         part.prepare(known.to(device))
         goal = torch.full((2,), 1e-2, dtype=torch.float64, device=device)
-        part.settle(u, goal, -torch.inf * goal, goal > 0)
+        part.settle(u, torch.zeros_like(u), goal, -torch.inf * goal, goal > 0)
         assert not part.open.any()
         found.append(u.cpu())
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-5)
@@ -283,5 +342,35 @@ def test_batches_on_a_gpu_as_on_a_cpu():
     solvers = [BatchSolver(points, cells, law, boundary, options, device, 2) for device in ("cpu", "cuda", "cuda")]
     one, two, three = (solver.solve(plans_of(boundary, (0.3, 1.0, -0.5))) for solver in solvers)
     for cpu, gpu, again in zip(one, two, three, strict=True):
+        np.testing.assert_allclose(gpu.displacement, cpu.displacement, rtol=0, atol=1e-3)
+        np.testing.assert_array_equal(gpu.displacement, again.displacement)
+
+
+@on_a_gpu
+def test_sliding_nodes_on_a_gpu_as_on_a_cpu():
+    from pinnochio.mechanics.batched import slides, slides_gpu
+
+    points, cells, law, plans = sliding_plans()
+    solver = BatchSolver(points, cells, law, plans[0], options_with(), "cpu")
+    bones, found = solver._bones, []
+    start = np.stack([solver.asked(plan).motion for plan in plans], axis=2) + np.array([0.3, 0.2, 0.1])[:, None]
+    for kind, device in ((slides.Slides, "cpu"), (slides_gpu.Slides, "cuda")):
+        held, u = kind(bones, len(plans), device), torch.tensor(start, device=device)
+        held.begin(range(len(plans)), [HeldNodes(bones, solver.asked(plan).sliding) for plan in plans])
+        held.put_back(u, torch.ones(len(plans), dtype=torch.bool, device=device))
+        found.append((u.cpu(), held.axes.cpu()))
+    for cpu, gpu in zip(*found, strict=True):
+        np.testing.assert_allclose(gpu, cpu, rtol=0, atol=1e-8)
+
+
+@on_a_gpu
+def test_sliding_plans_on_a_gpu_as_on_a_cpu():
+    points, cells, law, plans = sliding_plans()
+    one, two, three = (
+        BatchSolver(points, cells, law, plans[0], options_with(), device, 2).solve(plans)
+        for device in ("cpu", "cuda", "cuda")
+    )
+    for cpu, gpu, again in zip(one, two, three, strict=True):
+        assert gpu.kept
         np.testing.assert_allclose(gpu.displacement, cpu.displacement, rtol=0, atol=1e-3)
         np.testing.assert_array_equal(gpu.displacement, again.displacement)

@@ -68,13 +68,16 @@ def bones_of(sliding: SlidingContact, frames: np.ndarray) -> Bones:
 
 
 class HeldNodes:
-    """The nodes on their bones at a fraction of one plan; sliding: the same sets in the plan's motion."""
+    """The nodes on their bones at a fraction of one plan; sliding: the same sets in the plan's motion.
+
+    turns (c, 3, 3), shifts (c, 3) mm: the rigid motion of each bone.
+    """
 
     def __init__(self, bones: Bones, sliding: SlidingContact, fraction: float = 1.0):
         motions = [item.motion(fraction) for item in sliding.sets]
         self._bones = bones
-        self._turns = np.array([motion.rotation for motion in motions]).reshape(-1, 3, 3)
-        self._shifts = np.array([motion.apply(np.zeros((1, 3)))[0] for motion in motions]).reshape(-1, 3)
+        self.turns = np.array([motion.rotation for motion in motions]).reshape(-1, 3, 3)
+        self.shifts = np.array([motion.apply(np.zeros((1, 3)))[0] for motion in motions]).reshape(-1, 3)
 
     def put_back(self, u: np.ndarray) -> np.ndarray:
         """Local axes (s, 3, 3) of the nodes, in rows, the normal first; moves their displacement in u (n, 3) mm along
@@ -84,21 +87,21 @@ class HeldNodes:
         they change no faster than the surface bends.
         """
         axes = np.empty((len(self._bones.nodes), 3, 3))
-        _put_back(u, self._bones, self._turns, self._shifts, axes)
+        _put_back(u, self._bones, self.turns, self.shifts, axes)
         return axes
 
     def bend(self, u, axes, force) -> np.ndarray:
         """What the bend of the surfaces adds to the tangent, (s, 3, 3) mN/mm in local axes, zero along the first; as
         :meth:`pinnochio.mechanics.sliding.SlidingContact.curvature`; force (s, 3) mN on the nodes."""
         blocks = np.zeros((len(self._bones.nodes), 3, 3))
-        _bend(u, self._bones, self._turns, self._shifts, axes, force, blocks)
+        _bend(u, self._bones, self.turns, self.shifts, axes, force, blocks)
         return blocks
 
     def violation(self, u) -> float:
         """Largest change of a node's distance from its bone, mm."""
         if not len(self._bones.nodes):
             return 0.0
-        return float(_violation(u, self._bones, self._turns, self._shifts))
+        return float(_violation(u, self._bones, self.turns, self.shifts))
 
 
 @compiled

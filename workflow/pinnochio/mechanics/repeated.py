@@ -116,10 +116,7 @@ class RepeatedSolver:
         used = np.zeros(len(self._points), bool)
         used[elements.cells] = True
         self._free = used[:, None] & ~self._constraints.constrained
-        self._shell = np.zeros(len(elements.patch_volumes), bool)
-        slides = np.zeros(len(self._points), bool)
-        slides[nodes] = True
-        self._shell[elements.patch[slides[elements.cells].any(axis=1)]] = True
+        self._shell = touching(elements, nodes)
 
     def solve(
         self, boundaries: Sequence[BoundaryConditions], threads: int = 1, linear: Sequence[np.ndarray] | None = None
@@ -410,6 +407,14 @@ def beside(elements: Elements) -> sparse.csr_array:
     ends = np.concatenate([edges, edges[:, ::-1]]).T
     near = sparse.csr_array((np.ones(len(ends[0])), ends), (elements.nodes, elements.nodes))
     return sparse.diags_array(1 / np.maximum(near.sum(axis=1), 1)) @ near
+
+
+def touching(elements: Elements, nodes) -> np.ndarray:
+    """Patches (p,) bool of which an element has one of the nodes."""
+    there, patches = np.zeros(elements.nodes, bool), np.zeros(len(elements.patch_volumes), bool)
+    there[nodes] = True
+    patches[elements.patch[there[elements.cells].any(axis=1)]] = True
+    return patches
 
 
 @compiled

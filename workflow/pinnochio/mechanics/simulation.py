@@ -50,8 +50,8 @@ class PlanSolver:
     arm: one of `sliding.ARMS`; apart in mm and unilateral: as in boundary_conditions; loads: forces beside those of the
     elements. With settings.kept_factors by the factors of the stiffness at rest (:mod:`repeated`), and by Newton's
     method what they do not solve; without, and for contact, one after the other by Newton's method.
-    device: where bonded plans are solved with kept factors, "cuda" in whole batches (:mod:`batched`). preparation:
-    seconds that the patient took.
+    device: where plans without loads are solved with kept factors, "cuda" in whole batches (:mod:`batched`).
+    preparation: seconds that the patient took.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class PlanSolver:
             rest = self._boundary(Plan("rest", {}))
             known = patient.points, patient.cells, self._law, rest, self._options
             try:
-                if device == "cpu" or rest.sliding or loads:
+                if device == "cpu" or loads:
                     self._kept = RepeatedSolver(*known)
                 else:
                     from pinnochio.mechanics.batched.solver import BatchSolver  # loads torch

@@ -9,14 +9,14 @@ from torch import Tensor
 
 
 def fused(function):
-    """The function, compiled into few kernels where its first argument lies on a GPU."""
+    """The function, compiled into few kernels where its first argument lies on a GPU and is not empty."""
 
     @cache
     def compiled():
         return torch.compile(function, dynamic=True)
 
     def call(first: Tensor, *others):
-        return (compiled() if first.is_cuda else function)(first, *others)
+        return (compiled() if first.is_cuda and first.numel() else function)(first, *others)
 
     return call
 

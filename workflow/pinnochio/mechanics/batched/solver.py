@@ -1,9 +1,9 @@
 """Many plans of one patient, whole batches at once: the way of :mod:`pinnochio.mechanics.repeated` on a GPU.
 
-Bonded plans: L-BFGS on the kept factor of the stiffness at rest, warped; hard patches in equilibrium before every step
-is judged. As many plans as there are slots advance together, and where one ends the next begins. Field, energy and
-force are in double precision, directions, pairs and factors in single. What fails or strays goes on in increments of
-the load, and then to the solver of one plan. The same calls give the same bits.
+L-BFGS on the kept factor of the stiffness at rest, warped; hard patches and those that touch sliding nodes in
+equilibrium before every step is judged. As many plans as there are slots advance together, and where one ends the next
+begins. Field, energy and force are in double precision, directions, pairs and factors in single. What fails or strays
+goes on in increments of the load, and then to the solver of one plan. The same calls give the same bits.
 """
 
 import logging
@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -19,16 +20,17 @@ from torch import Tensor
 
 from pinnochio.mechanics import repeated
 from pinnochio.mechanics.assembly import Assembler
-from pinnochio.mechanics.batched import zone
+from pinnochio.mechanics.batched import slides, zone
 from pinnochio.mechanics.batched.fronts import Fronts
 from pinnochio.mechanics.batched.law import Mesh
 from pinnochio.mechanics.batched.recorded import Recorded
 from pinnochio.mechanics.batched.rows import Rows, fused
 from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.elements import Elements
+from pinnochio.mechanics.held_nodes import HeldNodes, bones_of
 from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.repeated import RepeatedSolver, beside, kept_result, mean_gradients
-from pinnochio.mechanics.sliding import BoundaryConditions
+from pinnochio.mechanics.repeated import RepeatedSolver, beside, kept_result, mean_gradients, touching
+from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact
 from pinnochio.mechanics.solver import SolveResult, SolverOptions
 
 LOG = logging.getLogger(__name__)
@@ -43,11 +45,19 @@ NAMES = "code", "residual", "energy", "min_jacobian", "iterations", "step"
 CODE, RESIDUAL, ENERGY, LEAST, ITERATIONS, STEP, SLOPE, GOAL, TOLERANCE, HALVED, FRESH, AGAIN = range(12)
 
 
-class BatchSolver:
-    """The factors of one mesh with one set of prescribed nodes, on a device, for any number of motions.
+class Asked(NamedTuple):
+    """What one plan asks for: the displacement (n, 3) mm of its constrained nodes, sliding ones carried by their bones,
+    zero elsewhere; and the sliding sets in its motion."""
 
-    points (n, 3) mm, cells (m, 4). The first boundary tells the nodes; what slides, bears or is loaded is solved as by
-    :class:`RepeatedSolver`. slots: plans at once.
+    motion: np.ndarray
+    sliding: SlidingContact
+
+
+class BatchSolver:
+    """The factors of one mesh with one set of constrained nodes, on a device, for any number of motions.
+
+    points (n, 3) mm, cells (m, 4). The first boundary tells the nodes and the bones that they slide on; what bears or
+    is loaded is solved as by :class:`RepeatedSolver`. slots: plans at once. RuntimeError if the device cannot hold it.
     """
 
     def __init__(
@@ -72,14 +82,18 @@ class BatchSolver:
         order = np.concatenate([np.flatnonzero(part) for part in parts])
         self._free, count = int(parts[0].sum()), int(used.sum())
         self._elements = elements = _renumbered(whole, order)
-        free, fixed = np.arange(self._free), np.arange(self._free, count)
         self._fixed = slice(self._free, count)
-        self._place = torch.as_tensor(np.argsort(order), device=self._device)
-        self._order = torch.as_tensor(order, device=self._device)
-        stiffness = _stiffness(elements)
-        inner = sparse.bsr_array(_part(stiffness, free, free), blocksize=(3, 3))
+        place = np.argsort(order)
+        self._place, self._order = (torch.as_tensor(item, device=self._device) for item in (place, order))
+        sliding = self._constraints.sliding
+        frames = sliding.frames(np.zeros((whole.nodes, 3)), 0.0)
+        self._bones, constrained = bones_of(sliding, frames), self._constraints.constrained[order]
+        inner, coupling = _parts(_stiffness(elements, place[sliding.nodes], frames), constrained, self._free)
         self._fronts = Fronts(np.asarray(points, float)[order[: self._free]], inner, self._device)
-        self._coupling = Rows(_part(stiffness, free, fixed), self._device, torch.float32)
+        self._coupling = Rows(coupling, self._device, torch.float32)
+        self._constrained = torch.as_tensor(constrained, device=self._device)[:, :, None]
+        self._frames = torch.as_tensor(frames, device=self._device)[..., None]
+        self._sliding = self._place[torch.as_tensor(sliding.nodes, device=self._device)]
         self._mesh = Mesh(elements, self._device)
         self._gradients = Rows(mean_gradients(elements)[: 3 * self._free], self._device, torch.float32)
         self._beside = Rows(beside(elements), self._device, torch.float64)
@@ -88,19 +102,21 @@ class BatchSolver:
     def solve(self, boundaries: Sequence[BoundaryConditions]) -> list[SolveResult]:
         """The solution of each boundary condition, which differs from the first one in its motion alone."""
         began = time.perf_counter()
-        quick = [not (item.contact or item.loads or item.sliding) and self._options.barrier for item in boundaries]
+        quick = [not (item.contact or item.loads) and self._options.barrier for item in boundaries]
         numbers = np.flatnonzero(quick)
-        fields, ways = [], []
+        asked, fields, ways = [], [], []
         if len(numbers):
             try:
-                fields, ways = self.fields(np.array([self.motions(boundaries[number]) for number in numbers]))
+                asked = [self.asked(boundaries[number]) for number in numbers]
+                fields, ways = self.fields(asked)
             except torch.OutOfMemoryError as error:
                 LOG.warning("the plans are left to the CPU: %s", error)
         share = (time.perf_counter() - began) / max(len(numbers), 1)
         results: list[SolveResult | None] = [None] * len(boundaries)
-        for number, field, way in zip(numbers, fields, ways, strict=False):
+        for number, plan, field, way in zip(numbers, asked, fields, ways, strict=False):
             if way.solved:
-                results[number] = _result(field, way, share)
+                violation = HeldNodes(self._bones, plan.sliding).violation(field)
+                results[number] = _result(field, way, share, violation)
         left = [number for number, result in enumerate(results) if result is None]
         if left:
             if self._alone is None:
@@ -115,25 +131,30 @@ class BatchSolver:
         if self._alone is not None:
             self._alone.close()
 
-    def motions(self, boundary: BoundaryConditions) -> np.ndarray:
-        """Displacement (n, 3) mm that a boundary condition prescribes, zero elsewhere."""
-        return self._constraints.under(boundary).motions()
+    def asked(self, boundary: BoundaryConditions) -> Asked:
+        """What a boundary condition asks for."""
+        plan = self._constraints.under(boundary)
+        return Asked(plan.motions(), plan.sliding)
 
-    def fields(self, motions: np.ndarray) -> tuple[np.ndarray, list["Way"]]:
-        """Fields (k, n, 3) mm of prescribed motions (k, n, 3) mm, and how each plan was solved, if it was."""
-        slots = min(self._slots, 1 << (len(motions) - 1).bit_length())
+    def fields(self, asked: Sequence[Asked]) -> tuple[np.ndarray, list["Way"]]:
+        """Fields (k, n, 3) mm of some plans, and how each was solved, if it was."""
+        slots = min(self._slots, 1 << (len(asked) - 1).bit_length())
         if self._work is None or self._work.plans != slots:
             self._work = _Slots(self, slots)
-        fields, ways = self._work.run(torch.as_tensor(motions, device=self._device)[:, self._order])
+        motions = torch.as_tensor(np.array([plan.motion for plan in asked]), device=self._device)
+        fields, ways = self._work.run(motions[:, self._order], [plan.sliding for plan in asked])
         fields, on_gpu = fields[:, self._place], self._device.type == "cuda"
         return torch.empty(fields.shape, dtype=fields.dtype, pin_memory=on_gpu).copy_(fields).numpy(), ways
 
     def linear(self, motions: Tensor) -> Tensor:
-        """Fields (n, 3, k) mm in equilibrium at rest with motions (n, 3, k) mm of the prescribed nodes, about; here and
-        below with the free nodes first."""
-        load = -self._coupling(motions[self._fixed].float().reshape(-1, motions.shape[2]))
-        fields = motions.clone()
-        fields[: self._free] = self._fronts.solve(load.view(-1, 3, motions.shape[2]))
+        """Fields (n, 3, k) mm in equilibrium at rest with motions (n, 3, k) mm of the constrained nodes, about; here
+        and below with the free nodes first."""
+        fields, nodes = motions.clone(), self._sliding
+        fields[nodes] = slides.inward(self._frames, fields[nodes])
+        fields = torch.where(self._constrained, fields, 0)
+        load = -self._coupling(fields.float().reshape(-1, motions.shape[2]))
+        fields[: self._free] += self._fronts.solve(load.view(-1, 3, motions.shape[2]))
+        fields[nodes] = slides.outward(self._frames, fields[nodes])
         return fields
 
 
@@ -153,6 +174,12 @@ class _Slots:
         least = max(1e-4 * elements.modulus * elements.edge**2 * np.sqrt(fixed), np.finfo(float).tiny)
         self._floor, self._noise = zeros() + least, zeros() + 1e-14 * elements.modulus * elements.volumes.sum()
         self._u, self._trial, self._start = zeros(nodes, 3), zeros(nodes, 3), zeros(nodes, 3)
+        kind, slipping = (slides, zone) if device.type == "cpu" else _on_gpu(), solver._sliding.cpu().numpy()
+        self._bones = solver._bones._replace(nodes=slipping)
+        self._slides = kind[0].Slides(self._bones, plans, device)
+        # Of the sliding nodes: axes where the plans are (the slides have those of the trials), normals at their starts.
+        self._axes, self._normals = zeros(len(slipping), 3, 3), zeros(len(slipping), 3)
+        self._across = zeros(nodes, 3)  # normals of the trials, zero at other nodes
         self._gradient, self._direction = zeros(free, 3), zeros(free, 3, dtype=torch.float32)
         self._now = zeros(AGAIN + 1)
         self._now[CODE] = IDLE
@@ -161,26 +188,26 @@ class _Slots:
         self._steps, self._changes = (zeros(MEMORY + 1, free, 3, dtype=torch.float32) for _ in range(2))
         self._products, self._ring = zeros(MEMORY + 1, MEMORY + 1), zeros(2, dtype=torch.long)
         self._known = zeros(len(elements.patch_volumes), dtype=torch.bool)
-        kind = zone if device.type == "cpu" else _zone_gpu()
-        self._zone = kind.Zone(elements, np.arange(nodes) < free, plans, device)
+        self._zone = kind[1].Zone(elements, np.arange(nodes) < free, plans, device)
+        self._shell = torch.as_tensor(touching(elements, slipping), device=device)[:, None]
         self._ready = False
         self._prepare = Recorded(lambda: self._zone.prepare(self._known), device)
         self._place, self._judge = Recorded(self._placed, device), Recorded(self._judged, device)
 
-    def run(self, motions: Tensor) -> tuple[Tensor, list["Way"]]:
+    def run(self, motions: Tensor, sliding: Sequence[SlidingContact]) -> tuple[Tensor, list["Way"]]:
         """As :meth:`BatchSolver.fields`."""
         fields, linear = torch.empty_like(motions), torch.empty_like(motions)
         for at in range(0, len(motions), self.plans):
             part = motions[at : at + self.plans].permute(1, 2, 0).contiguous()
             linear[at : at + self.plans] = self._solver.linear(part).permute(2, 0, 1)
-        ways = [Way() for _ in motions]
+        ways = [Way(own) for own in sliding]
         owner, waiting = np.full(self.plans, -1), deque(range(len(motions)))
         self._fill(owner, np.arange(self.plans), waiting, ways, linear)
         while (owner >= 0).any():
             if not self._ready:
                 self._prepare()
             self._place()
-            self._zone.settle(self._trial, self._now[GOAL], self._lowest, self._running)
+            self._zone.settle(self._trial, self._across, self._now[GOAL], self._lowest, self._running)
             self._judge()
             told = np.array(self._now.cpu())
             codes, self._ready = told[CODE].astype(int), not told[AGAIN].any()
@@ -215,39 +242,58 @@ class _Slots:
         for place, way in enumerate(going):
             if way.field is not None:
                 begin[place] += way.field
+        self._slides.begin(slots, [HeldNodes(self._bones, way.sliding, way.fraction) for way in going])
         self._now[:, at] = torch.as_tensor(now, device=linear.device)
-        for field in (self._u, self._start):
-            field[:, :, at] = begin.permute(1, 2, 0)
+        self._u[:, :, at] = begin.permute(1, 2, 0)
         self._direction[:, :, at] = 0
         self._ring[:, at] = 0
-        self._known[:, at] = self._ready = False
+        self._known[:, at], self._ready = self._shell, False
 
     def _placed(self) -> None:
         """One step of every plan whose last one was judged."""
         _go(self._trial, self._u, self._direction, self._now, self._zone.open, self._running, self._lowest)
+        new = (self._now[FRESH] > 0) & ~self._zone.open
+        self._slides.put_back(self._trial, ~self._zone.open)
+        self._across[self._solver._sliding] = self._slides.axes[:, 0]
+        self._normals.copy_(torch.where(new, self._slides.axes[:, 0], self._normals))
+        self._start.copy_(torch.where(new, self._trial, self._start))
 
     def _judged(self) -> None:
         """Take the trial where it is good, else halve the step; find the next direction."""
-        solver, now, free = self._solver, self._now, self._solver._free
+        solver, now, free, nodes = self._solver, self._now, self._solver._free, self._solver._sliding
+        running = self._running & ~self._zone.open
+        self._slides.put_back(self._trial, running)
         state = solver._mesh.measure(self._trial, self._law)
         force, least = state.force[:free], state.ratio.amin(0)
-        running, wild = self._running & ~self._zone.open, least < self._lowest
+        wild = least < self._lowest
         hard = solver._mesh.of_patches(_hard(state.ratio, state.stretch))
         new = _unknown(hard, self._known, running & ~wild)
         self._known |= self._zone.wide(new)
         again = new.any(0)
-        size, reaction = (torch.linalg.vector_norm(item, dim=(0, 1)) for item in (force, state.force[solver._fixed]))
-        reaction = torch.maximum(reaction, self._floor)
+        reaction, ahead = torch.linalg.vector_norm(state.force[solver._fixed], dim=(0, 1)), self._slides.axes
+        local = slides.inward(ahead, force[nodes])
+        reaction = torch.hypot(reaction, torch.linalg.vector_norm(local[:, 0], dim=0))
+        local[:, 0] = 0
+        force[nodes] = local
+        size, reaction = torch.linalg.vector_norm(force, dim=(0, 1)), torch.maximum(reaction, self._floor)
         good = _weighed(now, running, again, wild, state.energy, least, size, reaction, self._noise)
         self._remember(good, force)
         _take(good, self._u, self._trial, self._gradient, force)
+        self._axes.copy_(torch.where(good, ahead, self._axes))
         q, shares = self._next()
+        before = self._direction[nodes]
         slope = _turn(good, self._direction, q, self._steps, shares, self._gradient)
+        turned = slides.outward(self._axes, self._direction[nodes].double()).float()
+        self._direction[nodes] = torch.where(good, turned, before)
         _ended(now, running, good, slope, self._options.loose)
 
     def _remember(self, good: Tensor, force: Tensor) -> None:
         """Keep the step to the trial and the change of the force in place of the oldest pair."""
         step, change = _differences(self._trial, self._u, force, self._gradient)
+        nodes = self._solver._sliding
+        local = slides.inward(self._slides.axes, step[nodes].double()).float()
+        local[:, 0] = 0
+        step[nodes] = local
         place = _kept_place(self._ring, good, self._now[ITERATIONS], *_products(step, change))
         for pairs, new in ((self._steps, step), (self._changes, change)):
             pairs.scatter_(0, place.expand(1, *new.shape), new[None])
@@ -258,28 +304,34 @@ class _Slots:
         solver, gradient = self._solver, self._gradient.float()
         shares = _back(self._products, self._ring, _against(self._steps, gradient))
         warp = _kept_volume(solver._gradients(self._u.float()).view(-1, 3, 3, self.plans))
+        nodes = solver._sliding
+        warp[nodes] = slides.carried(self._axes, warp[nodes], solver._frames)
         q = _warped(warp, solver._fronts.solve(_unwarped(warp, gradient, self._changes, shares)))
         return q, _forth(self._products, self._ring, _against(self._changes, q), shares)
 
     def _strayed(self) -> np.ndarray:
-        """Plans (k,) bool of which a node is far from those beside it: they may have found another equilibrium."""
-        way = self._u - self._start
+        """Plans (k,) bool that may have found another equilibrium, as by
+        :meth:`pinnochio.mechanics.repeated.RepeatedSolver`."""
+        way, nodes = self._u - self._start, self._solver._sliding
         far = torch.linalg.vector_norm(way - self._solver._beside(way), dim=1).amax(0)
-        return (far > repeated.STRAY * self._solver._elements.edge).cpu().numpy()
+        strayed = far > repeated.STRAY * self._solver._elements.edge
+        strayed |= ((self._normals * self._axes[:, 0]).sum(1) < repeated.RIM).any(0)
+        strayed |= (torch.linalg.vector_norm(way[nodes], dim=1) > repeated.SLIDE).any(0)
+        return strayed.cpu().numpy()
 
 
-def _zone_gpu():
-    from pinnochio.mechanics.batched import zone_gpu
+def _on_gpu():
+    from pinnochio.mechanics.batched import slides_gpu, zone_gpu
 
-    return zone_gpu
+    return slides_gpu, zone_gpu
 
 
 class Way:
     """How far one plan has come: it begins with the whole load, and what fails goes on in increments, as in
-    :mod:`pinnochio.mechanics.repeated`. iterations: in all."""
+    :mod:`pinnochio.mechanics.repeated`. sliding: its sliding sets; iterations: in all."""
 
-    def __init__(self):
-        self.share, self.field, self.iterations = 1.0, None, 0
+    def __init__(self, sliding: SlidingContact):
+        self.sliding, self.share, self.field, self.iterations = sliding, 1.0, None, 0
         self.done, self._steps = 0.0, []
 
     @property
@@ -316,10 +368,11 @@ class Way:
         return self.share >= repeated.LEAST_INCREMENT
 
 
-def _result(field, way: Way, seconds: float) -> SolveResult:
+def _result(field, way: Way, seconds: float, violation: float) -> SolveResult:
     names = "fraction", "residual", "energy", "min_jacobian", "step"
     history = [{name: entry[name] for name in names} for entry in way.history]
-    return kept_result(field, history, history[-1]["min_jacobian"], history[-1]["residual"], way.iterations, seconds)
+    least, residual = history[-1]["min_jacobian"], history[-1]["residual"]
+    return kept_result(field, history, least, residual, way.iterations, seconds, violation)
 
 
 def _renumbered(elements: Elements, nodes) -> Elements:
@@ -336,19 +389,24 @@ def _renumbered(elements: Elements, nodes) -> Elements:
     )
 
 
-def _stiffness(elements: Elements) -> sparse.csr_array:
-    """The tangent at rest (3n, 3n), zero at nodes without elements."""
+def _stiffness(elements: Elements, framed, frames) -> sparse.csr_array:
+    """The tangent at rest (3n, 3n), of nodes (s,) in their own axes (s, 3, 3); zero at nodes without elements."""
     rest = np.zeros((elements.nodes, 3))
-    whole = Assembler(elements, np.zeros(rest.shape, bool), np.zeros(0, int))
-    full = whole.symmetric(whole.tangent(rest, np.zeros((0, 3, 3)))[0]).tocoo()
+    whole = Assembler(elements, np.zeros(rest.shape, bool), framed)
+    full = whole.symmetric(whole.tangent(rest, frames)[0]).tocoo()
     place = np.flatnonzero(whole.free)
     return sparse.csr_array((full.data, (place[full.row], place[full.col])), (rest.size, rest.size))
 
 
-def _part(matrix: sparse.csr_array, rows, columns) -> sparse.csr_array:
-    """The rows and columns (3 per node) of some nodes."""
-    rows, columns = ((3 * np.asarray(nodes)[:, None] + np.arange(3)).ravel() for nodes in (rows, columns))
-    return matrix[rows][:, columns]
+def _parts(stiffness: sparse.csr_array, constrained, free: int) -> tuple[sparse.bsr_array, sparse.csr_array]:
+    """Of the first nodes, `free` of them: the stiffness (3 free, 3 free) between what is not constrained, (n, 3) bool,
+    with its diagonal alone where that is constrained; and what couples it to all that is constrained (3 free, 3n)."""
+    own, fixed = stiffness[: 3 * free], constrained.ravel().astype(float)
+    left = sparse.diags_array(1 - fixed[: 3 * free])
+    inner = left @ own[:, : 3 * free] @ left + sparse.diags_array(own.diagonal() * fixed[: 3 * free])
+    coupling = sparse.csr_array(left @ own @ sparse.diags_array(fixed))
+    coupling.eliminate_zeros()
+    return sparse.bsr_array(inner, blocksize=(3, 3)), coupling
 
 
 @fused

@@ -1,9 +1,11 @@
 """The hard patches of all plans brought to equilibrium together, while the rest of the mesh stays.
 
-As :mod:`pinnochio.mechanics.local_equilibrium`, but Newton's systems are solved by conjugate gradients: many small
-systems that never have to be assembled. Where the energy bends downwards, the tangent is damped instead: of every
-element the bulk's part that bends it (the only one without a sign) is bounded so that the whole is positive definite.
-Here for a CPU; on a GPU :mod:`pinnochio.mechanics.batched.zone_gpu`.
+As :mod:`pinnochio.mechanics.local_equilibrium`, but Newton's systems are solved by conjugate gradients, many small
+systems that never have to be assembled, and sliding nodes move in their tangent planes: they are put back on their
+bones afterwards, and steps of the whole are as few as with the bend of the bones in the tangent [X]. Where the energy
+bends downwards, the tangent is damped instead: of every element the bulk's part that bends it (the only one without a
+sign) is bounded so that the whole is positive definite. Here for a CPU; on a GPU
+:mod:`pinnochio.mechanics.batched.zone_gpu`.
 """
 
 import numpy as np
@@ -62,12 +64,15 @@ class Zone(Patches):
         self._nodes = torch.as_tensor(nodes, device=self._device)
         self._moves = moves[self._nodes][:, None]
 
-    def settle(self, u: Tensor, goal: Tensor, lowest: Tensor, running: Tensor) -> None:
+    def settle(self, u: Tensor, across: Tensor, goal: Tensor, lowest: Tensor, running: Tensor) -> None:
         """Move the hard patches of displacements u (n, 3, k) mm until their force is at most goal (k,) mN, or as long
-        as that helps, of plans (k,) bool that run and have no J below lowest (k,)."""
+        as that helps, of plans (k,) bool that run and have no J below lowest (k,).
+
+        across (n, 3, k): normals of sliding nodes, which move across them alone; zero at all others.
+        """
         if not len(self._nodes):
             return
-        field, law = u[self._nodes], torch.full_like(goal, self._extension)
+        field, law, self._across = u[self._nodes], torch.full_like(goal, self._extension), across[self._nodes]
         least = self._least(self._fine.measure(field, law))
         extension = torch.where(least > 0, law, UNTANGLING)
         works, left = running & (least >= lowest), torch.full_like(goal, STEPS)
@@ -87,7 +92,7 @@ class Zone(Patches):
     def _step(self, field: Tensor, extension: Tensor, goal: Tensor) -> tuple[Tensor, Tensor]:
         """Share (k,), 0 where none is wanted or serves, and motion (n, 3, k) mm of a Newton step."""
         state = self._fine.measure(field, extension)
-        force = torch.where(self._moves, state.force, 0)
+        force = _level(torch.where(self._moves, state.force, 0), self._across)
         wanting = torch.linalg.vector_norm(force, dim=(0, 1)) > goal
         if not wanting.any():
             return torch.zeros_like(goal), force
@@ -112,7 +117,7 @@ class Zone(Patches):
         kept, blocks = self._coarse.curvature(
             coarse, state._replace(first=state.first.float(), second=second), extension.float()
         )
-        inverse = _inverted(blocks)
+        inverse = _inverted(blocks, self._across.float())
         residual = -force.float()
         z = _applied(inverse, residual, self._moves)
         begin = torch.zeros_like(residual), residual, z, (residual * z).sum((0, 1))
@@ -144,14 +149,20 @@ class Zone(Patches):
         return motion
 
 
+def _level(vectors, across):
+    """Vectors (n, 3, k) without their parts along normals (n, 3, k)."""
+    return vectors - across * (across * vectors).sum(1, keepdim=True)
+
+
 @fused
-def _inverted(blocks):
-    """Inverses of symmetric blocks (n, 9, k)."""
+def _inverted(blocks, across):
+    """Inverses of symmetric blocks (n, 9, k) between what lies across normals (n, 3, k)."""
     a = [[blocks[:, 3 * i + j] for j in range(3)] for i in range(3)]
     c = cofactor(a)
     det = determinant(a, c)
     det = torch.where(det > 0, det, torch.inf)
-    return torch.stack([c[j][i] / det for i in range(3) for j in range(3)], 1)
+    inverse = torch.stack([_level(torch.stack([c[j][i] / det for j in range(3)], 1), across) for i in range(3)], 1)
+    return torch.stack([_level(inverse[:, :, j], across) for j in range(3)], 2).flatten(1, 2)
 
 
 @fused

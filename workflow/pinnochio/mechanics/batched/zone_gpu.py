@@ -61,7 +61,7 @@ class Zone(zone.Patches):
         self._corners = empty(plans, count, 12, dtype=torch.float64)
         self._kept, self._second = empty(plans, 13, count), empty(plans, patches)
         self._vectors = empty(6, plans, nodes, 3)  # motion, preconditioned residual, residual, its image, way, image
-        self._inverse = empty(plans, 6, nodes)
+        self._inverse, self._across = empty(plans, 6, nodes), empty(plans, nodes, 3)
         self._tiles = triton.cdiv(patches, LANES // wide), triton.cdiv(nodes, NODES)
         self._energies = empty(2, zone.SHARES, plans, self._tiles[0], dtype=torch.float64)
         self._sums = empty(2, plans, self._tiles[1], dtype=torch.float64)
@@ -91,8 +91,8 @@ class Zone(zone.Patches):
             lists.scatter_(1, torch.where(mask, place - 1, size).long(), numbers)
         self._vectors[:2].masked_fill_(~moves[None, :, :, None], 0)  # the rest stays
 
-    def settle(self, u: Tensor, goal: Tensor, lowest: Tensor, running: Tensor) -> None:
-        self._given = u, goal, lowest, running  # always the same ones
+    def settle(self, u: Tensor, across: Tensor, goal: Tensor, lowest: Tensor, running: Tensor) -> None:
+        self._given = u, across, goal, lowest, running  # always the same ones
         self._start()
         made = CHUNK
         while True:
@@ -109,8 +109,9 @@ class Zone(zone.Patches):
 
     def _started(self) -> None:
         """Begin with the plans that run and are not open, then as :meth:`_stepped`."""
-        u, goal, lowest, running = self._given
+        u, across, goal, lowest, running = self._given
         self._field.copy_(u.permute(2, 0, 1))
+        self._across.copy_(across.permute(2, 0, 1))
         self._goal.copy_(goal)
         self._lowest.copy_(lowest)
         self._told[0] = running.sum()
@@ -138,8 +139,8 @@ class Zone(zone.Patches):
             )  # fmt: skip
             _begun[grid](
                 self._nodes, self._counts, self._flags, self._first, self._incident, self._coarse, self._corners,
-                self._kept, self._force, self._vectors, self._inverse, self._sums, node_tiles=self._tiles[1],
-                N=NODES, C=8, **sizes, **self._shape,
+                self._kept, self._force, self._vectors, self._inverse, self._sums, self._across,
+                node_tiles=self._tiles[1], N=NODES, C=8, **sizes, **self._shape,
             )  # fmt: skip
             _judged[(sizes["plans"],)](
                 self._counts, self._flags, self._energies, self._sums, self._states, self._records, self._extension,
@@ -471,10 +472,11 @@ def _tangent(kept, elements, e, here):
 
 @triton.jit
 def _begun(
-    all_nodes, counts, flags, first, incident, coarse, all_corners, all_kept, forces, vectors, inverses, sums,
+    all_nodes, counts, flags, first, incident, coarse, all_corners, all_kept, forces, vectors, inverses, sums, across,
     elements, patches_of_mesh, nodes_of_mesh, plans, node_tiles, N: tl.constexpr, C: tl.constexpr, K: tl.constexpr,
 ):  # fmt: skip
-    """Forces at the nodes, inverses of the tangent's blocks there, about, and where conjugate gradients begin."""
+    """Forces at the nodes, inverses of the tangent's blocks there, about, and where conjugate gradients begin; of
+    sliding nodes what lies in their tangent planes."""
     ends = _ends(counts + plans, flags + OPEN * plans, flags + OPEN * plans, plans, N, K)
     for tile in range(tl.program_id(0), tl.max(ends, 0), tl.num_programs(0)):
         plan, begin = _place(ends, tile, N)
@@ -482,6 +484,9 @@ def _begun(
         at, step = 3 * nodes_of_mesh * plan, 3 * nodes_of_mesh * plans
         corners, kept = all_corners + 12 * elements * plan, all_kept + 13 * elements * plan
         x, y, z = _gathered(corners, first, incident, node, there, True, N, C)
+        n0, n1, n2 = _vector(across + at, node, there)
+        pressed = x * n0 + y * n1 + z * n2
+        x, y, z = x - pressed * n0, y - pressed * n1, z - pressed * n2
         _put(forces + at, node, there, x, y, z)
         tl.store(sums + plan * node_tiles + begin // N, tl.sum(x * x + y * y + z * z, 0))
         start = tl.load(first + node, mask=there, other=0)
@@ -516,17 +521,25 @@ def _begun(
         c0, c1, c2 = a11 * a22 - a12 * a12, a12 * a02 - a01 * a22, a01 * a12 - a11 * a02
         det = a00 * c0 + a01 * c1 + a02 * c2
         over = tl.where(det > 0, 1 / tl.where(det > 0, det, 1.0), 0.0)
+        i00, i01, i02 = c0 * over, c1 * over, c2 * over
+        i11, i12, i22 = (a00 * a22 - a02 * a02) * over, (a01 * a02 - a00 * a12) * over, (a00 * a11 - a01 * a01) * over
+        v0, v1, v2 = i00 * n0 + i01 * n1 + i02 * n2, i01 * n0 + i11 * n1 + i12 * n2, i02 * n0 + i12 * n1 + i22 * n2
+        q = n0 * v0 + n1 * v1 + n2 * v2
+        i00, i01, i02 = (
+            i00 + (q * n0 - 2 * v0) * n0,
+            i01 + (q * n0 - v0) * n1 - n0 * v1,
+            i02 + (q * n0 - v0) * n2 - n0 * v2,
+        )
+        i11, i12, i22 = i11 + (q * n1 - 2 * v1) * n1, i12 + (q * n1 - v1) * n2 - n1 * v2, i22 + (q * n2 - 2 * v2) * n2
         inverse = inverses + 6 * nodes_of_mesh * plan + node
-        tl.store(inverse, c0 * over, mask=there)
-        tl.store(inverse + nodes_of_mesh, c1 * over, mask=there)
-        tl.store(inverse + 2 * nodes_of_mesh, c2 * over, mask=there)
-        tl.store(inverse + 3 * nodes_of_mesh, (a00 * a22 - a02 * a02) * over, mask=there)
-        tl.store(inverse + 4 * nodes_of_mesh, (a01 * a02 - a00 * a12) * over, mask=there)
-        tl.store(inverse + 5 * nodes_of_mesh, (a00 * a11 - a01 * a01) * over, mask=there)
+        tl.store(inverse, i00, mask=there)
+        tl.store(inverse + nodes_of_mesh, i01, mask=there)
+        tl.store(inverse + 2 * nodes_of_mesh, i02, mask=there)
+        tl.store(inverse + 3 * nodes_of_mesh, i11, mask=there)
+        tl.store(inverse + 4 * nodes_of_mesh, i12, mask=there)
+        tl.store(inverse + 5 * nodes_of_mesh, i22, mask=there)
         x, y, z = -x.to(tl.float32), -y.to(tl.float32), -z.to(tl.float32)
-        zx = (c0 * x + c1 * y + c2 * z) * over
-        zy = (c1 * x + (a00 * a22 - a02 * a02) * y + (a01 * a02 - a00 * a12) * z) * over
-        zz = (c2 * x + (a01 * a02 - a00 * a12) * y + (a00 * a11 - a01 * a01) * z) * over
+        zx, zy, zz = i00 * x + i01 * y + i02 * z, i01 * x + i11 * y + i12 * z, i02 * x + i12 * y + i22 * z
         _restarted(vectors + at, step, node, there, x, y, z, zx, zy, zz)
 
 

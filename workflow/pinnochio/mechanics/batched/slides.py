@@ -1,0 +1,57 @@
+"""The sliding nodes of many plans, put back on their bones and given their local axes.
+
+As :class:`pinnochio.mechanics.held_nodes.HeldNodes`, by whose kernels a CPU does it, plan by plan; on a GPU those of
+:mod:`pinnochio.mechanics.batched.slides_gpu`. Axes of nodes (s,) under k plans are arrays (s, 3, 3, k), in rows.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from pinnochio.mechanics.batched.rows import fused
+from pinnochio.mechanics.held_nodes import Bones, HeldNodes
+
+
+class Slides:
+    """Sliding nodes under some plans, on a CPU. axes (s, 3, 3, k): where :meth:`put_back` left the nodes."""
+
+    def __init__(self, bones: Bones, plans: int, device):
+        self.axes = torch.zeros(len(bones.nodes), 3, 3, plans, dtype=torch.float64, device=device)
+        self._held: list[HeldNodes | None] = [None] * plans
+
+    def begin(self, slots: Sequence[int], held: Sequence[HeldNodes]) -> None:
+        """Other plans, or parts of a load, in some slots."""
+        for slot, own in zip(slots, held, strict=True):
+            self._held[slot] = own
+
+    def put_back(self, u: Tensor, wanted: Tensor) -> None:
+        """Move the sliding nodes of displacements u (n, 3, k) mm along their normals back on their bones, of the plans
+        (k,) bool that are wanted."""
+        for slot, held in enumerate(self._held):
+            if held is not None and wanted[slot]:
+                field = u[:, :, slot].contiguous()
+                self.axes[:, :, :, slot] = torch.as_tensor(held.put_back(field.numpy()))
+                u[:, :, slot] = field
+
+
+@fused
+def inward(axes, vectors):
+    """Vectors (s, 3, k) of the world in axes (s, 3, 3, k)."""
+    return (axes * vectors[:, None]).sum(2)
+
+
+@fused
+def outward(axes, vectors):
+    """Vectors (s, 3, k) in axes (s, 3, 3, k) back in those of the world."""
+    return (axes * vectors[:, :, None]).sum(1)
+
+
+@fused
+def carried(axes, warp, rest):
+    """The warp (s, 3, 3, k) from axes at rest (s, 3, 3, 1) to axes (s, 3, 3, k), zero along both normals."""
+    axes, rest = axes.to(warp.dtype), rest.to(warp.dtype)
+    turned = (axes[:, :, :, None] * warp[:, None]).sum(2)
+    turned = (turned[:, :, None] * rest[:, None]).sum(3)
+    inside = torch.cat([torch.zeros_like(turned[:, :, :1]), turned[:, :, 1:]], 2)
+    return torch.cat([torch.zeros_like(inside[:, :1]), inside[:, 1:]], 1)
