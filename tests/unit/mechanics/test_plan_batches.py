@@ -11,8 +11,8 @@ from scipy import sparse
 from pinnochio.mechanics import repeated
 from pinnochio.mechanics.assembly import Assembler
 from pinnochio.mechanics.batched import law as batched_law
+from pinnochio.mechanics.batched import slides, zone
 from pinnochio.mechanics.batched import solver as batched
-from pinnochio.mechanics.batched import zone
 from pinnochio.mechanics.batched.dissection import dissect
 from pinnochio.mechanics.batched.fronts import Fronts
 from pinnochio.mechanics.batched.law import Mesh
@@ -230,12 +230,13 @@ def test_what_fails_in_a_batch_goes_to_the_solver_of_one_plan(monkeypatch):
     solver.close()
 
 
-def test_plans_that_the_device_has_no_memory_for_are_solved_on_the_cpu(monkeypatch):
+@pytest.mark.parametrize("error", [torch.OutOfMemoryError, slides.TooManyPointsError])
+def test_plans_that_the_device_cannot_hold_are_solved_on_the_cpu(error, monkeypatch):
     points, cells, boundary = bent_block()
     solver = BatchSolver(points, cells, material(len(cells)), boundary, options_with(), "cpu")
 
     def full(motions):
-        raise torch.OutOfMemoryError("out of memory")
+        raise error("too much")
 
     monkeypatch.setattr(solver, "fields", full)
     (result,) = solver.solve([boundary])
@@ -348,7 +349,7 @@ def test_batches_on_a_gpu_as_on_a_cpu():
 
 @on_a_gpu
 def test_sliding_nodes_on_a_gpu_as_on_a_cpu():
-    from pinnochio.mechanics.batched import slides, slides_gpu
+    from pinnochio.mechanics.batched import slides_gpu
 
     points, cells, law, plans = sliding_plans()
     solver = BatchSolver(points, cells, law, plans[0], options_with(), "cpu")

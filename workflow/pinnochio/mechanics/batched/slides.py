@@ -13,6 +13,10 @@ from pinnochio.mechanics.batched.rows import fused
 from pinnochio.mechanics.held_nodes import Bones, HeldNodes
 
 
+class TooManyPointsError(RuntimeError):
+    """A bone has more points than a GPU's programs can hold."""
+
+
 class Slides:
     """Sliding nodes under some plans, on a CPU. axes (s, 3, 3, k): where :meth:`put_back` left the nodes."""
 

@@ -19,7 +19,7 @@ MOST = 4096  # points of a bone that the lanes of a program can hold
 
 
 class Slides(slides.Slides):
-    """As :class:`pinnochio.mechanics.batched.slides.Slides`; RuntimeError if a bone has too many points."""
+    """As :class:`pinnochio.mechanics.batched.slides.Slides`; TooManyPointsError if a bone has more than MOST."""
 
     def __init__(self, bones: Bones, plans: int, device):
         super().__init__(bones, plans, device)
@@ -29,7 +29,7 @@ class Slides(slides.Slides):
 
         most = int(np.diff(bones.first).max(initial=1))
         if most > MOST:
-            raise RuntimeError(f"a bone has {most} points beside sliding tissue; {MOST} are possible on a GPU")
+            raise slides.TooManyPointsError(f"a bone has {most} points beside sliding tissue, more than {MOST}")
         whole = bones.nodes, bones.owner, bones.first, bones.count
         real = bones.rest, bones.level, bones.frames, bones.points, bones.normals, bones.width
         self._bones = *(tensor(item, torch.int32) for item in whole), *(tensor(item, torch.float64) for item in real)

@@ -57,7 +57,7 @@ class BatchSolver:
     """The factors of one mesh with one set of constrained nodes, on a device, for any number of motions.
 
     points (n, 3) mm, cells (m, 4). The first boundary tells the nodes and the bones that they slide on; what bears or
-    is loaded is solved as by :class:`RepeatedSolver`. slots: plans at once. RuntimeError if the device cannot hold it.
+    is loaded is solved as by :class:`RepeatedSolver`. slots: plans at once.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class BatchSolver:
             try:
                 asked = [self.asked(boundaries[number]) for number in numbers]
                 fields, ways = self.fields(asked)
-            except torch.OutOfMemoryError as error:
+            except (torch.OutOfMemoryError, slides.TooManyPointsError) as error:
                 LOG.warning("the plans are left to the CPU: %s", error)
         share = (time.perf_counter() - began) / max(len(numbers), 1)
         results: list[SolveResult | None] = [None] * len(boundaries)
