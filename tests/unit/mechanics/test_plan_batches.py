@@ -134,12 +134,18 @@ def test_a_damped_tangent_bends_nowhere_downwards():
         assert (bends >= -1e-9 * abs(values[-1])).all()
 
 
-def test_hard_patches_come_to_equilibrium_while_the_rest_stays():
+def bent_zone(kind=zone.Zone, device="cpu") -> tuple:
+    """A bent block, and the hard patches of two plans of it."""
     points, cells, boundary = bent_block()
     elements = Elements.build(points, cells, material(len(cells)))
+    elements = batched._renumbered(elements, np.arange(len(points)))
     free = np.ones(len(points), bool)
     free[boundary.prescribed_nodes] = False
-    part = zone.Zone(elements, free, 2, "cpu")
+    return elements, kind(elements, free, 2, device)
+
+
+def test_hard_patches_come_to_equilibrium_while_the_rest_stays():
+    elements, part = bent_zone()
     known = torch.zeros(len(elements.patch_volumes), 2, dtype=torch.bool)
     known[3:6, 0] = True
     moves, touched = part.around(known)
@@ -155,16 +161,13 @@ def test_hard_patches_come_to_equilibrium_while_the_rest_stays():
 
 
 def test_sliding_nodes_of_hard_patches_move_in_their_tangent_planes():
-    points, cells, boundary = bent_block()
-    elements = Elements.build(points, cells, material(len(cells)))
-    free = np.ones(len(points), bool)
-    free[boundary.prescribed_nodes] = False
-    part, known = zone.Zone(elements, free, 2, "cpu"), torch.zeros(len(elements.patch_volumes), 2, dtype=torch.bool)
+    elements, part = bent_zone()
+    known = torch.zeros(len(elements.patch_volumes), 2, dtype=torch.bool)
     known[3:6] = True
     moves = part.around(known)[0][:, 0].numpy()
     part.prepare(known)
     u, goal = state(elements, 0.03)[1], torch.full((2,), 1e-2, dtype=torch.float64)
-    across, sliding = np.zeros((len(points), 3, 2)), np.flatnonzero(moves)[::3]
+    across, sliding = np.zeros((elements.nodes, 3, 2)), np.flatnonzero(moves)[::3]
     across[sliding] = np.random.default_rng(1).normal(size=(len(sliding), 3, 2))
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
     before = u.clone().numpy()
@@ -318,16 +321,12 @@ on_a_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU
 def test_hard_patches_on_a_gpu_as_on_a_cpu():
     from pinnochio.mechanics.batched import zone_gpu
 
-    points, cells, boundary = bent_block()
-    elements = Elements.build(points, cells, material(len(cells)))
-    elements = batched._renumbered(elements, np.arange(len(points)))
-    free = np.ones(len(points), bool)
-    free[boundary.prescribed_nodes] = False
-    known = torch.zeros(len(elements.patch_volumes), 2, dtype=torch.bool)
-    known[3:6, 0] = known[8, 1] = True
     found = []
     for kind, device in ((zone.Zone, "cpu"), (zone_gpu.Zone, "cuda")):
-        part, u = kind(elements, free, 2, device), state(elements, 0.03)[1].to(device)
+        elements, part = bent_zone(kind, device)
+        known = torch.zeros(len(elements.patch_volumes), 2, dtype=torch.bool)
+        known[3:6, 0] = known[8, 1] = True
+        u = state(elements, 0.03)[1].to(device)
         part.prepare(known.to(device))
         goal = torch.full((2,), 1e-2, dtype=torch.float64, device=device)
         part.settle(u, torch.zeros_like(u), goal, -torch.inf * goal, goal > 0)

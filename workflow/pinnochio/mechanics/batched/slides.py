@@ -17,11 +17,28 @@ class TooManyPointsError(RuntimeError):
     """A bone has more points than a GPU's programs can hold."""
 
 
-class Slides:
-    """Sliding nodes under some plans, on a CPU. axes (s, 3, 3, k): where :meth:`put_back` left the nodes."""
+class Axes:
+    """Axes (s, 3, 3, k) of the sliding nodes under some plans."""
 
     def __init__(self, bones: Bones, plans: int, device):
         self.axes = torch.zeros(len(bones.nodes), 3, 3, plans, dtype=torch.float64, device=device)
+        self._nodes = torch.as_tensor(bones.nodes, device=device)
+
+    def turn(self, vectors: Tensor) -> Tensor:
+        """Take those vectors, of all (n, 3, k), that belong to sliding nodes into their axes and their parts along the
+        normals off them; these parts (s, k)."""
+        local = inward(self.axes, vectors[self._nodes].double()).to(vectors.dtype)
+        normal = local[:, 0].clone()
+        local[:, 0] = 0
+        vectors[self._nodes] = local
+        return normal
+
+
+class Slides(Axes):
+    """Sliding nodes under some plans, on a CPU; axes: where :meth:`put_back` left them."""
+
+    def __init__(self, bones: Bones, plans: int, device):
+        super().__init__(bones, plans, device)
         self._held: list[HeldNodes | None] = [None] * plans
 
     def begin(self, slots: Sequence[int], held: Sequence[HeldNodes]) -> None:
@@ -57,5 +74,5 @@ def carried(axes, warp, rest):
     axes, rest = axes.to(warp.dtype), rest.to(warp.dtype)
     turned = (axes[:, :, :, None] * warp[:, None]).sum(2)
     turned = (turned[:, :, None] * rest[:, None]).sum(3)
-    inside = torch.cat([torch.zeros_like(turned[:, :, :1]), turned[:, :, 1:]], 2)
-    return torch.cat([torch.zeros_like(inside[:, :1]), inside[:, 1:]], 1)
+    turned[:, 0] = turned[:, :, 0] = 0
+    return turned

@@ -18,7 +18,7 @@ from pinnochio.mechanics.held_nodes import Bones, HeldNodes
 MOST = 4096  # points of a bone that the lanes of a program can hold
 
 
-class Slides(slides.Slides):
+class Slides(slides.Axes):
     """As :class:`pinnochio.mechanics.batched.slides.Slides`; TooManyPointsError if a bone has more than MOST."""
 
     def __init__(self, bones: Bones, plans: int, device):
@@ -54,6 +54,18 @@ class Slides(slides.Slides):
 @triton.jit
 def _three(x, step):
     return tl.load(x), tl.load(x + step), tl.load(x + 2 * step)
+
+
+@triton.jit
+def _put(x, step, there, one, two, three):
+    tl.store(x, one, mask=there)
+    tl.store(x + step, two, mask=there)
+    tl.store(x + 2 * step, three, mask=there)
+
+
+@triton.jit
+def _cross(a0, a1, a2, b0, b1, b2):
+    return a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
 
 
 @triton.jit
@@ -96,16 +108,15 @@ def _field(x0, x1, x2, points, normals, size, count, width, LANES: tl.constexpr)
 
 
 @triton.jit
-def _rotated(x, t00, t01, t02, t10, t11, t12, t20, t21, t22):
-    x0, x1, x2 = _three(x, 1)
+def _rotated(x0, x1, x2, t00, t01, t02, t10, t11, t12, t20, t21, t22):
     return t00 * x0 + t01 * x1 + t02 * x2, t10 * x0 + t11 * x1 + t12 * x2, t20 * x0 + t21 * x1 + t22 * x2
 
 
 @triton.jit
 def _turned(v0, v1, v2, r0, r1, r2, cosine):
     """A vector turned by the axis r, of the length of the angle's sine."""
-    c0, c1, c2 = r1 * v2 - r2 * v1, r2 * v0 - r0 * v2, r0 * v1 - r1 * v0
-    d0, d1, d2 = r1 * c2 - r2 * c1, r2 * c0 - r0 * c2, r0 * c1 - r1 * c0
+    c0, c1, c2 = _cross(r0, r1, r2, v0, v1, v2)
+    d0, d1, d2 = _cross(r0, r1, r2, c0, c1, c2)
     return v0 + c0 + d0 / (1 + cosine), v1 + c1 + d1 / (1 + cosine), v2 + c2 + d2 / (1 + cosine)
 
 
@@ -141,18 +152,20 @@ def _put_back(
         value, g0, g1, g2 = _field(x0, x1, x2, points, normals, size, count, width, LANES)
         gap, made = level - value, made + 1
     moved = here & (made > 0)
-    tl.store(place, shift0 - rest0 + t00 * x0 + t01 * x1 + t02 * x2, mask=moved)
-    tl.store(place + plans, shift1 - rest1 + t10 * x0 + t11 * x1 + t12 * x2, mask=moved)
-    tl.store(place + 2 * plans, shift2 - rest2 + t20 * x0 + t21 * x1 + t22 * x2, mask=moved)
+    x0, x1, x2 = _rotated(x0, x1, x2, t00, t01, t02, t10, t11, t12, t20, t21, t22)
+    _put(place, plans, moved, shift0 - rest0 + x0, shift1 - rest1 + x1, shift2 - rest2 + x2)
     length = tl.maximum(tl.sqrt(g0 * g0 + g1 * g1 + g2 * g2), 1e-12)
     g0, g1, g2 = g0 / length, g1 / length, g2 / length
-    n0, n1, n2 = t00 * g0 + t01 * g1 + t02 * g2, t10 * g0 + t11 * g1 + t12 * g2, t20 * g0 + t21 * g1 + t22 * g2
-    a0, a1, a2 = _rotated(frames + 9 * s, t00, t01, t02, t10, t11, t12, t20, t21, t22)
-    b0, b1, b2 = _rotated(frames + 9 * s + 3, t00, t01, t02, t10, t11, t12, t20, t21, t22)
-    c0, c1, c2 = _rotated(frames + 9 * s + 6, t00, t01, t02, t10, t11, t12, t20, t21, t22)
+    n0, n1, n2 = _rotated(g0, g1, g2, t00, t01, t02, t10, t11, t12, t20, t21, t22)
+    a0, a1, a2 = _three(frames + 9 * s, 1)
+    b0, b1, b2 = _three(frames + 9 * s + 3, 1)
+    c0, c1, c2 = _three(frames + 9 * s + 6, 1)
+    a0, a1, a2 = _rotated(a0, a1, a2, t00, t01, t02, t10, t11, t12, t20, t21, t22)
+    b0, b1, b2 = _rotated(b0, b1, b2, t00, t01, t02, t10, t11, t12, t20, t21, t22)
+    c0, c1, c2 = _rotated(c0, c1, c2, t00, t01, t02, t10, t11, t12, t20, t21, t22)
     cosine = a0 * n0 + a1 * n1 + a2 * n2
     if cosine > -0.9:
-        r0, r1, r2 = a1 * n2 - a2 * n1, a2 * n0 - a0 * n2, a0 * n1 - a1 * n0
+        r0, r1, r2 = _cross(a0, a1, a2, n0, n1, n2)
         b0, b1, b2 = _turned(b0, b1, b2, r0, r1, r2, cosine)
         c0, c1, c2 = _turned(c0, c1, c2, r0, r1, r2, cosine)
     else:
@@ -160,17 +173,11 @@ def _put_back(
         w0 = ((tl.abs(n0) <= tl.abs(n1)) & (tl.abs(n0) <= tl.abs(n2))).to(tl.float64)
         w1 = (1 - w0) * (tl.abs(n1) <= tl.abs(n2)).to(tl.float64)
         w2 = 1 - w0 - w1
-        b0, b1, b2 = n1 * w2 - n2 * w1, n2 * w0 - n0 * w2, n0 * w1 - n1 * w0
+        b0, b1, b2 = _cross(n0, n1, n2, w0, w1, w2)
         across = tl.sqrt(b0 * b0 + b1 * b1 + b2 * b2)
         b0, b1, b2 = b0 / across, b1 / across, b2 / across
-        c0, c1, c2 = n1 * b2 - n2 * b1, n2 * b0 - n0 * b2, n0 * b1 - n1 * b0
+        c0, c1, c2 = _cross(n0, n1, n2, b0, b1, b2)
     row = axes + 9 * s * plans + plan
-    tl.store(row, n0, mask=here)
-    tl.store(row + plans, n1, mask=here)
-    tl.store(row + 2 * plans, n2, mask=here)
-    tl.store(row + 3 * plans, b0, mask=here)
-    tl.store(row + 4 * plans, b1, mask=here)
-    tl.store(row + 5 * plans, b2, mask=here)
-    tl.store(row + 6 * plans, c0, mask=here)
-    tl.store(row + 7 * plans, c1, mask=here)
-    tl.store(row + 8 * plans, c2, mask=here)
+    _put(row, plans, here, n0, n1, n2)
+    _put(row + 3 * plans, plans, here, b0, b1, b2)
+    _put(row + 6 * plans, plans, here, c0, c1, c2)

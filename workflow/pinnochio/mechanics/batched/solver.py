@@ -83,17 +83,16 @@ class BatchSolver:
         self._free, count = int(parts[0].sum()), int(used.sum())
         self._elements = elements = _renumbered(whole, order)
         self._fixed = slice(self._free, count)
-        place = np.argsort(order)
+        place, sliding = np.argsort(order), self._constraints.sliding
         self._place, self._order = (torch.as_tensor(item, device=self._device) for item in (place, order))
-        sliding = self._constraints.sliding
-        frames = sliding.frames(np.zeros((whole.nodes, 3)), 0.0)
+        frames, slipping = sliding.frames(np.zeros((whole.nodes, 3)), 0.0), place[sliding.nodes]
         self._bones, constrained = bones_of(sliding, frames), self._constraints.constrained[order]
-        inner, coupling = _parts(_stiffness(elements, place[sliding.nodes], frames), constrained, self._free)
+        inner, coupling = _parts(_stiffness(elements, slipping, frames), constrained, self._free)
         self._fronts = Fronts(np.asarray(points, float)[order[: self._free]], inner, self._device)
         self._coupling = Rows(coupling, self._device, torch.float32)
         self._constrained = torch.as_tensor(constrained, device=self._device)[:, :, None]
         self._frames = torch.as_tensor(frames, device=self._device)[..., None]
-        self._sliding = self._place[torch.as_tensor(sliding.nodes, device=self._device)]
+        self._sliding = torch.as_tensor(slipping, device=self._device)
         self._mesh = Mesh(elements, self._device)
         self._gradients = Rows(mean_gradients(elements)[: 3 * self._free], self._device, torch.float32)
         self._beside = Rows(beside(elements), self._device, torch.float64)
@@ -174,9 +173,10 @@ class _Slots:
         least = max(1e-4 * elements.modulus * elements.edge**2 * np.sqrt(fixed), np.finfo(float).tiny)
         self._floor, self._noise = zeros() + least, zeros() + 1e-14 * elements.modulus * elements.volumes.sum()
         self._u, self._trial, self._start = zeros(nodes, 3), zeros(nodes, 3), zeros(nodes, 3)
-        kind, slipping = (slides, zone) if device.type == "cpu" else _on_gpu(), solver._sliding.cpu().numpy()
+        slides_here, zone_here = (slides, zone) if device.type == "cpu" else _on_gpu()
+        slipping = solver._sliding.cpu().numpy()
         self._bones = solver._bones._replace(nodes=slipping)
-        self._slides = kind[0].Slides(self._bones, plans, device)
+        self._slides = slides_here.Slides(self._bones, plans, device)
         # Of the sliding nodes: axes where the plans are (the slides have those of the trials), normals at their starts.
         self._axes, self._normals = zeros(len(slipping), 3, 3), zeros(len(slipping), 3)
         self._across = zeros(nodes, 3)  # normals of the trials, zero at other nodes
@@ -188,7 +188,7 @@ class _Slots:
         self._steps, self._changes = (zeros(MEMORY + 1, free, 3, dtype=torch.float32) for _ in range(2))
         self._products, self._ring = zeros(MEMORY + 1, MEMORY + 1), zeros(2, dtype=torch.long)
         self._known = zeros(len(elements.patch_volumes), dtype=torch.bool)
-        self._zone = kind[1].Zone(elements, np.arange(nodes) < free, plans, device)
+        self._zone = zone_here.Zone(elements, np.arange(nodes) < free, plans, device)
         self._shell = torch.as_tensor(touching(elements, slipping), device=device)[:, None]
         self._ready = False
         self._prepare = Recorded(lambda: self._zone.prepare(self._known), device)
@@ -245,6 +245,11 @@ class _Slots:
         self._slides.begin(slots, [HeldNodes(self._bones, way.sliding, way.fraction) for way in going])
         self._now[:, at] = torch.as_tensor(now, device=linear.device)
         self._u[:, :, at] = begin.permute(1, 2, 0)
+        new = torch.zeros_like(self._running)
+        new[at] = True
+        self._slides.put_back(self._u, new)
+        self._start[:, :, at] = self._u[:, :, at]
+        self._normals[:, :, at] = self._slides.axes[:, 0][:, :, at]
         self._direction[:, :, at] = 0
         self._ring[:, at] = 0
         self._known[:, at], self._ready = self._shell, False
@@ -252,11 +257,8 @@ class _Slots:
     def _placed(self) -> None:
         """One step of every plan whose last one was judged."""
         _go(self._trial, self._u, self._direction, self._now, self._zone.open, self._running, self._lowest)
-        new = (self._now[FRESH] > 0) & ~self._zone.open
         self._slides.put_back(self._trial, ~self._zone.open)
         self._across[self._solver._sliding] = self._slides.axes[:, 0]
-        self._normals.copy_(torch.where(new, self._slides.axes[:, 0], self._normals))
-        self._start.copy_(torch.where(new, self._trial, self._start))
 
     def _judged(self) -> None:
         """Take the trial where it is good, else halve the step; find the next direction."""
@@ -270,16 +272,13 @@ class _Slots:
         new = _unknown(hard, self._known, running & ~wild)
         self._known |= self._zone.wide(new)
         again = new.any(0)
-        reaction, ahead = torch.linalg.vector_norm(state.force[solver._fixed], dim=(0, 1)), self._slides.axes
-        local = slides.inward(ahead, force[nodes])
-        reaction = torch.hypot(reaction, torch.linalg.vector_norm(local[:, 0], dim=0))
-        local[:, 0] = 0
-        force[nodes] = local
+        reaction = torch.linalg.vector_norm(state.force[solver._fixed], dim=(0, 1))
+        reaction = torch.hypot(reaction, torch.linalg.vector_norm(self._slides.turn(force), dim=0))
         size, reaction = torch.linalg.vector_norm(force, dim=(0, 1)), torch.maximum(reaction, self._floor)
         good = _weighed(now, running, again, wild, state.energy, least, size, reaction, self._noise)
         self._remember(good, force)
         _take(good, self._u, self._trial, self._gradient, force)
-        self._axes.copy_(torch.where(good, ahead, self._axes))
+        self._axes.copy_(torch.where(good, self._slides.axes, self._axes))
         q, shares = self._next()
         before = self._direction[nodes]
         slope = _turn(good, self._direction, q, self._steps, shares, self._gradient)
@@ -290,10 +289,7 @@ class _Slots:
     def _remember(self, good: Tensor, force: Tensor) -> None:
         """Keep the step to the trial and the change of the force in place of the oldest pair."""
         step, change = _differences(self._trial, self._u, force, self._gradient)
-        nodes = self._solver._sliding
-        local = slides.inward(self._slides.axes, step[nodes].double()).float()
-        local[:, 0] = 0
-        step[nodes] = local
+        self._slides.turn(step)
         place = _kept_place(self._ring, good, self._now[ITERATIONS], *_products(step, change))
         for pairs, new in ((self._steps, step), (self._changes, change)):
             pairs.scatter_(0, place.expand(1, *new.shape), new[None])
