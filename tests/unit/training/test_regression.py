@@ -74,3 +74,21 @@ def test_what_is_not_known_counts_as_usual(rows):
 def test_of_one_owner_nothing_is_learned(rows):
     found = regress(rows, ALIKE, rows[:, :2] + 1.0, np.zeros(64, int))
     assert found.form == "zero" and found.error == 1
+
+
+def test_the_form_is_chosen_by_what_errors_cost(rows):
+    """Values of which a large one is chance and a small one linear: what counts says what is taken."""
+    rng = np.random.default_rng(5)
+    values = np.column_stack([10 * np.repeat(rng.normal(size=32), 2), 0.1 * (rows[:, 0] - 10)])
+    assert regress(rows, ALIKE, values, OWNERS).form == "zero"
+    found = regress(rows, ALIKE, values, OWNERS, lambda errors: np.square(errors[:, 1]))
+    assert found.form != "zero" and found.error < 0.2
+    assert regress(rows, ALIKE, values, OWNERS, lambda errors: np.square(errors[:, 0])).form == "zero"
+
+
+@pytest.mark.parametrize(("mean", "form"), [(0.25, "zero"), (0.6, "mean")])
+def test_a_gain_within_its_standard_error_is_not_taken(rows, mean, form):
+    """Of 32 values that spread by one, a mean of 0.25 lowers the cost by 4 %: less than is told apart."""
+    own = np.random.default_rng(6).normal(size=32)
+    values = np.repeat(mean + (own - own.mean()) / own.std(), 2)[:, None]
+    assert regress(rows, ALIKE, values, OWNERS).form == form

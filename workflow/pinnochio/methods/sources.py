@@ -122,11 +122,17 @@ def fit(
         rows += features(plan)
         owner += [number, number]
     weight = sum(each.on_weight for each in deviations) / sum(each.of_weight for each in deviations)
-    values = []
+    values, squares = [], []
     for each in deviations:
-        own = each.amplitudes(weight)
-        values += [own, np.concatenate(np.split(own, 2)[::-1])]
-    regression = regress(np.array(rows), features.group, np.array(values), np.array(owner))
+        own, square = each.amplitudes(weight), each.square[:-1, :-1]
+        values += [own, np.roll(own, len(anchors))]
+        squares += [square, np.roll(square, (len(anchors), len(anchors)), axis=(0, 1))]
+
+    def on_skin(errors: np.ndarray) -> np.ndarray:
+        # Several amplitudes together may hardly move the skin: errors count by how far they move it, mm^2.
+        return np.einsum("ra,rab,rb->r", errors, np.array(squares), errors)
+
+    regression = regress(np.array(rows), features.group, np.array(values), np.array(owner), on_skin)
     logging.info(
         "weight %.2f of a turn; amplitudes: %s, error %.2f of none's", weight, regression.form, regression.error
     )

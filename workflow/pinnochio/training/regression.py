@@ -1,6 +1,6 @@
 """Regression of many values at once from few patients, whose form and penalty leaving patients out chooses."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +9,6 @@ from scipy.spatial.distance import cdist
 PENALTIES = 10.0 ** np.arange(-2, 4.0)  # of a kernel whose mean diagonal is one
 WIDTHS = (1.0, 2.0)  # of the Gaussian kernel, by the root mean square distance of two rows [I]
 FORMS = ("zero", "mean", "linear", "kernel", "both")  # the simplest first
-TIE = 0.01  # of the mean square of the values: a form that is not better by so much gives way to a simpler one [I]
 PARTS = 8  # into which the owners are dealt, each predicted from the others
 
 
@@ -18,7 +17,7 @@ class Regression:
     """Values (v,) of a row (f,): constant (v,) and, for each of its kernels, coefficients (r, v) of the rows (r, f).
 
     rows: standardised by mean (f,) and scale (f,), what is not known as the mean. widths (k,): of the kernels, 0
-    for the linear one. error: mean squared error of values left out over their mean square.
+    for the linear one. error: mean cost of predicting values left out over that of predicting none.
     """
 
     mean: np.ndarray
@@ -47,41 +46,54 @@ class Regression:
         return self.constant + (np.mean(parts, axis=0) if parts else 0)
 
 
-def regress(rows: np.ndarray, group: np.ndarray, values: np.ndarray, owner: np.ndarray) -> Regression:
+def mean_square(errors: np.ndarray) -> np.ndarray:
+    """Of each row of errors (r, v)."""
+    return np.square(errors).mean(axis=1)
+
+
+def regress(
+    rows: np.ndarray,
+    group: np.ndarray,
+    values: np.ndarray,
+    owner: np.ndarray,
+    cost: Callable[[np.ndarray], np.ndarray] = mean_square,
+) -> Regression:
     """The form and the penalty that predict each owner's rows best from those of others.
 
     rows (r, f), NaN where something is not known; group (f,): features of one group count together as much as those of
-    another; values (r, v); owner (r,): rows of one owner stay together. The mean of both kernels' predictions is the
-    form "both". Deterministic: owners are dealt to parts in their order.
+    another; values (r, v); owner (r,): rows of one owner stay together; cost: of errors (r, v) of the values, one
+    number for each row (r,). The mean of both kernels' predictions is the form "both". The simplest form is taken that
+    costs owners more than the best one does by no more than one standard error of that difference (after Breiman et
+    al., Classification and Regression Trees, 1984 [R]). Deterministic: owners are dealt to parts in their order.
     """
     known = np.isfinite(rows).any(axis=0)
     mean, scale = (np.where(known, each(np.where(known, rows, 0), axis=0), 0.0) for each in (np.nanmean, np.nanstd))
     scale = np.where(scale < 1e-9, 1.0, scale) * np.sqrt(np.bincount(group)[group] * len(np.unique(group)) / len(group))
     rows = standardised(rows, mean, scale)
-    owners = np.unique(owner)
-    part = np.searchsorted(owners, owner) % min(PARTS, len(owners))
+    owners, number = np.unique(owner, return_inverse=True)
+    part = number % min(PARTS, len(owners))
 
     def left_out(width: float | None, penalty: float) -> np.ndarray:
         predicted = np.empty_like(values, float)
-        for number in np.unique(part):
-            out = part == number
+        for each in np.unique(part):
+            out = part == each
             predicted[out] = _predict(rows[~out], values[~out], rows[out], width, penalty) if not out.all() else 0
         return predicted
 
+    def costs(predicted: np.ndarray) -> np.ndarray:
+        return np.bincount(number, cost(predicted - values)) / np.bincount(number)
+
     def best(widths: Sequence[float]) -> tuple[float, float, np.ndarray]:
         tried = [(width, penalty, left_out(width, penalty)) for width in widths for penalty in PENALTIES]
-        return min(tried, key=lambda each: np.square(each[2] - values).mean())
+        return min(tried, key=lambda each: costs(each[2]).mean())
 
     chosen = {"linear": best([0.0]), "kernel": best(WIDTHS)}
     found = {"zero": np.zeros(values.shape), "mean": left_out(None, 1.0)} | {
         form: each[2] for form, each in chosen.items()
     }
     found["both"] = 0.5 * (found["linear"] + found["kernel"])
-    errors = {form: float(np.square(found[form] - values).mean()) for form in FORMS}
-    form = FORMS[0]  # of one owner alone nothing can be told
-    for other in FORMS[1:] if len(owners) > 1 else ():
-        if errors[other] < errors[form] - TIE * errors["zero"]:
-            form = other
+    by_form = {form: costs(found[form]) for form in FORMS}
+    form = _simplest(by_form)
     kernels = {"zero": [], "mean": [], "both": list(chosen.values())}.get(form, [chosen.get(form)])
     constant = values.mean(axis=0) * (form != "zero")
     return Regression(
@@ -93,8 +105,17 @@ def regress(rows: np.ndarray, group: np.ndarray, values: np.ndarray, owner: np.n
         coefficients=np.array(
             [_solve(rows, values - constant, width, penalty) for width, penalty, _ in kernels]
         ).reshape(-1, *values.shape),
-        error=errors[form] / errors["zero"],
+        error=by_form[form].mean() / by_form["zero"].mean(),
     )
+
+
+def _simplest(costs: Mapping[str, np.ndarray]) -> str:
+    """The simplest form that is not told apart from the best; costs: (o,) of every owner, by form."""
+    best = min(FORMS, key=lambda form: costs[form].mean())
+    for form in FORMS:
+        more = costs[form] - costs[best]
+        if form == best or more.mean() <= more.std(ddof=1) / np.sqrt(len(more)):
+            return form
 
 
 def standardised(rows: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
