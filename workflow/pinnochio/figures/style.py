@@ -44,7 +44,10 @@ def name_line(axes: Axes, value: float, text: str, style: str) -> None:
 
 
 def label_apart(axes: Axes, bars: Mapping[str, tuple[float, float, float]]) -> None:
-    """Texts above or below their bars (x, low, high), within the axes, none on another one or on an end of a bar."""
+    """Texts above or below their bars (x, low, high), within the axes, none on another one or on an end of a bar.
+
+    A thin line leads from each text to its bar.
+    """
     axes.figure.draw_without_rendering()
     marks = axes.transData.transform(np.reshape([(x, y) for x, *ends in bars.values() for y in ends], (-1, 2)))
     taken = []
@@ -60,6 +63,8 @@ def label_apart(axes: Axes, bars: Mapping[str, tuple[float, float, float]]) -> N
             inside = axes.bbox.x0 < box.x0 and box.x1 < axes.bbox.x1
             if inside and not box.count_contains(marks) and not box.count_overlaps(taken):
                 break
+        line = {"arrowstyle": "-", "linewidth": 0.8, "color": MEAN, "shrinkB": 0}
+        axes.annotate("", label.xy, place, textcoords="offset points", arrowprops=line, in_layout=False, zorder=2)
         taken.append(box)
 
 
