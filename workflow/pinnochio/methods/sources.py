@@ -127,10 +127,11 @@ def fit(
         own, square = each.amplitudes(weight), each.square[:-1, :-1]
         values += [own, np.roll(own, len(anchors))]
         squares += [square, np.roll(square, (len(anchors), len(anchors)), axis=(0, 1))]
+    squares = np.array(squares)
 
     def on_skin(errors: np.ndarray) -> np.ndarray:
         # Several amplitudes together may hardly move the skin: errors count by how far they move it, mm^2.
-        return np.einsum("ra,rab,rb->r", errors, np.array(squares), errors)
+        return np.einsum("ra,rab,rb->r", errors, squares, errors)
 
     regression = regress(np.array(rows), features.group, np.array(values), np.array(owner), on_skin)
     logging.info(
