@@ -37,7 +37,7 @@ def measure_scene(
 
     On meshes finer than the study's, plans of which all is solved are left out: either way is the same there.
     files: labels, bone, skin and plan as imported; config: sections mesh, interfaces, fem_rlse and scene; methods: the
-    settings of each (fem, contact, apart), with mesh, "study" or "lips". Seconds are those of the processor.
+    settings of each (fem, contact), with mesh, "study" or "lips". Seconds are those of the processor.
     """
     whole, rows = Plan.read(files["plan"], case), []
     for mesh, target, patient, meshing in patients(files, config):
@@ -47,7 +47,7 @@ def measure_scene(
             if own["mesh"] != mesh:
                 continue
             fem = FemSettings(**own["fem"])
-            full = Way(own["contact"], fem, own["apart"])
+            full = Way(own["contact"], fem)
             ways = {"full": full, "auto": replace(full, limit=config["scene"]["amplitude"])}
             plans = parts(whole, centre)
             if mesh == "lips" or target > config["mesh"]["nodes"]:

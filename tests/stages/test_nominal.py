@@ -79,7 +79,7 @@ def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, t
     rows = {}
     for name, module, settings, truths in (
         ("floor_scan", "floor_scan", {}, [nominal["truth"]]),
-        ("oracle", "finite_elements", {"fem": CONFIG["fem"], "contact": "mucosa", "apart": 0.0}, []),
+        ("oracle", "finite_elements", {"fem": CONFIG["fem"], "contact": "mucosa"}, []),
     ):
         predictions, metrics = str(tmp_path / f"{name}.h5"), str(tmp_path / f"{name}.csv")
         predict(

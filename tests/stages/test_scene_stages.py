@@ -31,7 +31,7 @@ def lefort(patient, tmp_path_factory):
 @pytest.fixture(scope="module")
 def settings(patient):
     """What a method of sliding finite elements reads."""
-    return {"fem": asdict(patient.fem), "contact": "mucosa", "apart": 0.0}
+    return {"fem": asdict(patient.fem), "contact": "mucosa"}
 
 
 def test_a_lefort_plan_is_predicted_on_what_it_requires_alike(patient, lefort, settings, caplog):

@@ -4,7 +4,6 @@ import pytest
 import yaml
 
 from pinnochio.code import source_file
-from pinnochio.mechanics.settings import APART
 from pinnochio.methods.registry import (
     BUILT_IN,
     GRAPH_NETWORK,
@@ -31,8 +30,8 @@ def test_finite_elements_with_lips_have_their_own_mesh_contact_and_solver():
     lips = {"fem_rlse", "fem_rlse_bonded", "fem_rlse_mucosa"}
     assert {name for name, own in methods.items() if own.mesh == "lips"} == lips
     plain, own = methods["fem_sliding"].settings, methods["fem_rlse"].settings
-    assert plain == {"fem": DEFAULTS["fem"], "contact": "mucosa", "apart": APART}
-    assert own["contact"] == "mucosa+lip" and own["apart"] == DEFAULTS["fem_rlse"]["apart"]
+    assert plain == {"fem": DEFAULTS["fem"], "contact": "mucosa"}
+    assert own["contact"] == "mucosa+lip"
     solver = {name: DEFAULTS["fem_rlse"][name] for name in ("increments", "tolerance")}
     assert own["fem"] == DEFAULTS["fem"] | solver
 

@@ -94,7 +94,7 @@ def test_a_reduced_plan_is_that_of_the_whole_patient_to_second_order(long, arm, 
     monkeypatch.setattr(reduction, "WORTH", 0.9)
     for scale in (0.5, 0.25):
         plan = tiny_plan(*(scale * np.array([1.0, -3.0, 1.5, 2.0])))
-        solvers = PlanSolver(long, arm, fem), ReducedSolver(long, arm, fem, 0.0, scale * LIMIT)
+        solvers = PlanSolver(long, arm, fem), ReducedSolver(long, arm, fem, scale * LIMIT)
         (whole,), (part,) = (solver.solve([plan]) for solver in solvers)
         share = solvers[1].required(plan).mean()
         for solver in solvers:
@@ -109,7 +109,7 @@ def test_all_is_solved_where_less_does_not_pay_or_does_not_converge(long, monkey
     alone = PlanSolver(long, "mucosa", FEM)
     (whole,) = alone.solve([plan])
     alone.close()
-    solver = ReducedSolver(long, "mucosa", FEM, 0.0, 1e-6)
+    solver = ReducedSolver(long, "mucosa", FEM, 1e-6)
     with caplog.at_level(logging.INFO):
         (same,) = solver.solve([plan])
     assert "100 % of the cells are solved" in caplog.text
@@ -126,7 +126,7 @@ def test_newtons_method_makes_no_linear_map_for_a_plan_of_several_bones(long):
     segment = np.where(np.arange(len(long.bone_points)) % 2, long.bone_segment, 1).astype(np.int8)
     patient = replace(long, bone_segment=segment, segments=("lefort1", "chin"))
     own = tiny_plan().motions["left"]
-    solver = ReducedSolver(patient, "mucosa", replace(FEM, kept_factors=False), 0.0, LIMIT)
+    solver = ReducedSolver(patient, "mucosa", replace(FEM, kept_factors=False), LIMIT)
     assert solver.required(Plan("-", {"lefort1": own, "chin": own})).all() and solver._map is None
     solver.required(Plan("-", {"lefort1": own}))
     assert solver._map is not None
@@ -139,7 +139,7 @@ def test_a_stiffness_without_factors_leaves_all_to_newtons_method(long, kept, mo
         raise RuntimeError("no factors")
 
     monkeypatch.setattr(reduction, "ElasticSolver", none)
-    solver = ReducedSolver(long, "mucosa", replace(FEM, kept_factors=kept), 0.0, LIMIT)
+    solver = ReducedSolver(long, "mucosa", replace(FEM, kept_factors=kept), LIMIT)
     results = solver.solve([tiny_plan(), tiny_plan()])
     solver.close()
     assert all(result.converged for result in results) and caplog.text.count("no kept factors: no factors") == 1
@@ -150,7 +150,7 @@ def test_lips_in_contact_are_always_solved(monkeypatch):
     patient = tiny_patient(shape=(16, 5, 4))
     lip = np.zeros(len(patient.points), np.int8)
     lip[np.argmax(patient.points[:, 0])] = m.UPPER_LIP
-    solver = ReducedSolver(replace(patient, lip=lip), "mucosa+lip", FEM, 0.0, LIMIT)
+    solver = ReducedSolver(replace(patient, lip=lip), "mucosa+lip", FEM, LIMIT)
     wanted = solver.required(tiny_plan())
     solver.close()
     around = (patient.cells == np.flatnonzero(lip)[0]).any(axis=1)

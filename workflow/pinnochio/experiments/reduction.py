@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinnochio.mechanics.settings import APART, FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import PlanSolver
 from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.model.patient import PatientModel
@@ -19,16 +19,15 @@ PATIENCE = 2.0  # s of a first solve, above which it is not made again for the t
 
 @dataclass(frozen=True)
 class Way:
-    """How a patient is solved: arm, apart and settings as of `PlanSolver`; limit in mm: as of `ReducedSolver`, or 0."""
+    """How a patient is solved: arm and settings as of `PlanSolver`; limit in mm: as of `ReducedSolver`, or 0."""
 
     arm: str
     settings: FemSettings
-    apart: float = APART
     limit: float = 0.0
 
     def solver(self, patient: PatientModel) -> PlanSolver | ReducedSolver:
         """The solver of a patient."""
-        return solver_of(patient, self.arm, self.settings, self.apart, self.limit)
+        return solver_of(patient, self.arm, self.settings, self.limit)
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def tried(patient: PatientModel, plan: Plan, way: Way) -> Trial:
     if way.limit:
         share = float(solver.required(plan).mean())
         deciding = _seconds(lambda: solver.required(plan)) - _seconds(
-            lambda: boundary_conditions(patient, plan, way.arm, apart=way.apart)
+            lambda: boundary_conditions(patient, plan, way.arm)
         )
     solver.close()
     skin = patient.moved_skin(result.displacement) - patient.skin_points

@@ -8,10 +8,6 @@ import numpy as np
 from pinnochio.mechanics.materials import Material, neo_hookean
 from pinnochio.model.labels import TISSUES
 
-# Bonded, jaws that are nearer to each other than this along the tissue leave it free between them, mm: of finer meshes
-# several elements lie there, none of which can follow both. On 5,000 nodes an edge is about as long [X].
-APART = 6.0
-
 
 @dataclass(frozen=True)
 class FemSettings:

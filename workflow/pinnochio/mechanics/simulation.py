@@ -11,7 +11,7 @@ import numpy as np
 from pinnochio.mechanics.elastic import ElasticSolver
 from pinnochio.mechanics.loads import Loads
 from pinnochio.mechanics.repeated import RepeatedSolver
-from pinnochio.mechanics.settings import APART, FemSettings
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions, solve
 from pinnochio.model.patient import PatientModel
@@ -47,7 +47,7 @@ def by_kept_factors(arm: str, settings: FemSettings, unilateral: bool = False) -
 class PlanSolver:
     """Plans of one patient, for whom what is the same under every plan is made once.
 
-    arm: one of `sliding.ARMS`; apart in mm and unilateral: as in boundary_conditions; loads: forces beside those of the
+    arm: one of `sliding.ARMS`; unilateral: as in boundary_conditions; loads: forces beside those of the
     elements. With settings.kept_factors by the factors of the stiffness at rest (:mod:`repeated`), and by Newton's
     method what they do not solve; without, and for contact, one after the other by Newton's method.
     device: where plans without loads are solved with kept factors, "cuda" in whole batches (:mod:`batched`).
@@ -59,12 +59,11 @@ class PlanSolver:
         patient: PatientModel,
         arm: str,
         settings: FemSettings,
-        apart: float = APART,
         unilateral: bool = False,
         loads: Loads | None = None,
         device: str = "cpu",
     ):
-        self._patient, self._arm, self._apart, self._unilateral, self._loads = patient, arm, apart, unilateral, loads
+        self._patient, self._arm, self._unilateral, self._loads = patient, arm, unilateral, loads
         self._law, self._options = settings.material(patient.tissue), solver_options(settings)
         self._kept, began = None, time.perf_counter()
         if by_kept_factors(arm, settings, unilateral):
@@ -98,7 +97,7 @@ class PlanSolver:
             self._kept.close()
 
     def _boundary(self, plan: Plan) -> BoundaryConditions:
-        boundary = boundary_conditions(self._patient, plan, self._arm, self._unilateral, self._apart)
+        boundary = boundary_conditions(self._patient, plan, self._arm, self._unilateral)
         return replace(boundary, loads=self._loads)
 
 

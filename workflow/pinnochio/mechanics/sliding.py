@@ -15,7 +15,6 @@ from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.mechanics.contact import ContactSet, facing_sets
 from pinnochio.mechanics.loads import Loads
 from pinnochio.mechanics.point_surface import PointSurface
-from pinnochio.mechanics.settings import APART
 from pinnochio.model.labels import CRANIUM, segment_name
 from pinnochio.model.patient import FIXED, FREE, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
 from pinnochio.plans.plan import Plan, RigidMotion
@@ -23,6 +22,9 @@ from pinnochio.plans.plan import Plan, RigidMotion
 ARMS = ("bonded", "mucosa", "mucosa+lip")
 # Bone further than this from every tissue node of its segment cannot be slid upon. Above the largest motion, mm [I].
 REACH = 25.0
+# Bonded, jaws that are nearer to each other than this along the tissue leave it free between them, mm: it could not
+# follow both when one moves by as much beside the other. With 6 or 8 single patients' elements turn inside out [X].
+APART = 10.0
 
 
 @dataclass(frozen=True)
@@ -147,11 +149,9 @@ def _frames(normals) -> np.ndarray:
     return np.stack([normals, tangent, np.cross(normals, tangent)], axis=1)
 
 
-def boundary_conditions(
-    model: PatientModel, plan: Plan, arm: str, unilateral: bool = False, apart: float = APART
-) -> BoundaryConditions:
+def boundary_conditions(model: PatientModel, plan: Plan, arm: str, unilateral: bool = False) -> BoundaryConditions:
     """Boundary conditions of a plan. Fixed nodes stay, moving nodes follow their segment; sliding nodes follow it in
-    the arm "bonded" (free where a mesh edge, or a way along edges shorter than `apart` mm, ties them to the other jaw,
+    the arm "bonded" (free where a mesh edge, or a way along edges shorter than APART, ties them to the other jaw,
     because the tissue between could not follow both) and slide along the moved bone, their distance to it kept, in the
     arm "mucosa" [S: KIM16/17]; unilateral, they may leave it.
     In the arm "mucosa+lip" the lips, too, touch without entering each other; without lips it is "mucosa"."""
@@ -162,7 +162,7 @@ def boundary_conditions(
         raise InputError(plan.case, "plan", f"the patient has no segment {unknown}", f"name one of {model.segments}")
     constrained = np.isin(model.node_type, (FIXED, MOVING))
     if arm == "bonded":
-        constrained |= (model.node_type == SLIDING) & ~_bridging(model, apart)
+        constrained |= (model.node_type == SLIDING) & ~_bridging(model)
     nodes = np.flatnonzero(constrained)
     rest, segment = model.points[nodes], np.where(model.node_type == FIXED, -1, model.node_segment)[nodes]
     motions = {index: plan.motion(segment_name(index, model.segments)) for index in np.unique(segment) if index >= 0}
@@ -196,20 +196,19 @@ def boundary_conditions(
     return BoundaryConditions(nodes, prescribed, sliding, contact)
 
 
-def _bridging(model: PatientModel, apart: float) -> np.ndarray:
+def _bridging(model: PatientModel) -> np.ndarray:
     """Nodes (n,) bool at an end of a mesh edge from one bone to another, or of a way along mesh edges shorter than
-    `apart` mm: bonded, the tissue between could not follow both."""
+    APART: bonded, the tissue between could not follow both."""
     body = np.where(np.isin(model.node_type, (MOVING, SLIDING)), model.node_segment, -2)
     body = np.where((model.node_type == FIXED) & (model.node_beyond == CRANIUM), -1, body)
     edges, _ = edges_of(model.cells)
     one, two = body[edges].T
     bridging = np.zeros(len(body), bool)
     bridging[edges[(one != two) & (one > -2) & (two > -2)]] = True
-    if apart > 0:
-        graph = edge_graph(model.points, edges)
-        for own in np.unique(body[body > -2]):
-            away = dijkstra(graph, False, np.flatnonzero(body == own), limit=apart, min_only=True)
-            bridging |= np.isfinite(away) & (body > -2) & (body != own)
+    graph = edge_graph(model.points, edges)
+    for own in np.unique(body[body > -2]):
+        away = dijkstra(graph, False, np.flatnonzero(body == own), limit=APART, min_only=True)
+        bridging |= np.isfinite(away) & (body > -2) & (body != own)
     return bridging
 
 

@@ -15,14 +15,14 @@ from pinnochio.reduction.solver import ReducedSolver, solver_of
 class Predictor:
     """As :class:`pinnochio.methods.protocol.Predictor`.
 
-    settings: fem; contact: one of `sliding.ARMS`; apart in mm: as in boundary_conditions; region: amplitude in mm below
-    which a plan leaves tissue to linear elasticity, 0 to solve all. What belongs to the patient is kept for further
+    settings: fem; contact: one of `sliding.ARMS`; region: amplitude in mm below which a plan leaves tissue to
+    linear elasticity, 0 to solve all. What belongs to the patient is kept for further
     plans of the same one. The first patient's solve is begun once more beforehand, and solved by kept factors, so that
     no timing holds the loading of compiled code.
     """
 
     def __init__(self, settings: Mapping, trained: str | None, device: str, threads: int):
-        self._fem, self._contact, self._apart = FemSettings(**settings["fem"]), settings["contact"], settings["apart"]
+        self._fem, self._contact = FemSettings(**settings["fem"]), settings["contact"]
         self._region, self._threads, self._warm = settings.get("region", 0.0), threads, False
         self._patient: PatientModel | None = None
         self._solver: PlanSolver | ReducedSolver | None = None
@@ -50,14 +50,14 @@ class Predictor:
         if self._patient is not patient:
             if self._solver is not None:
                 self._solver.close()
-            self._solver = solver_of(patient, self._contact, self._fem, self._apart, self._region)
+            self._solver = solver_of(patient, self._contact, self._fem, self._region)
             self._patient = patient
         return self._solver
 
     def _warm_up(self, planned: Planned) -> None:
         """Load the compiled code of what may come."""
         newton = replace(self._fem, time_limit=1e-3, kept_factors=False)
-        simulate(planned.patient, planned.plan, self._contact, newton, apart=self._apart)
+        simulate(planned.patient, planned.plan, self._contact, newton)
         if self._fem.kept_factors:
             self._solver_of(planned.patient).solve([planned.plan])
             self._patient = None

@@ -7,7 +7,6 @@ job of another one.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from pinnochio.mechanics.settings import APART
 from pinnochio.overlays import overlaid
 
 PRETRAINED = "_pretrained"  # ends the name of a surface network that is pretrained on finite-element fields
@@ -54,9 +53,8 @@ class Method:
 
 def _finite_elements(name: str, contact: str, **more) -> Method:
     """A method by `methods/finite_elements.py`; contact: which interfaces slide."""
-    options = {"contact": contact, "apart": APART}
     module = "pinnochio.methods.finite_elements"
-    return Method(name, "finite elements", module, sections=("fem",), options=options, **more)
+    return Method(name, "finite elements", module, sections=("fem",), options={"contact": contact}, **more)
 
 
 _VARIED = ("nodes", "element", "solver", "tolerance")
@@ -122,7 +120,7 @@ def _settings(method: Method, config: Mapping) -> dict:
     if method.mesh == "lips":
         lips = config["fem_rlse"]
         solver = {name: lips[name] for name in ("increments", "tolerance")}
-        settings |= {"fem": settings["fem"] | solver, "apart": lips["apart"]}
+        settings["fem"] = settings["fem"] | solver
     if method.reduced and config["scene"]["mode"] == "auto":
         settings["region"] = config["scene"]["amplitude"]
     return settings

@@ -23,12 +23,9 @@ from pinnochio.reduction.region import moved_cells, restricted
 WORTH = 0.5
 
 
-def solver_of(
-    patient: PatientModel, arm: str, settings: FemSettings, apart: float, limit: float
-) -> "PlanSolver | ReducedSolver":
+def solver_of(patient: PatientModel, arm: str, settings: FemSettings, limit: float) -> "PlanSolver | ReducedSolver":
     """The solver of a patient's plans: of what each requires, or without a limit of all."""
-    own = patient, arm, settings, apart
-    return ReducedSolver(*own, limit) if limit else PlanSolver(*own)
+    return ReducedSolver(patient, arm, settings, limit) if limit else PlanSolver(patient, arm, settings)
 
 
 class ReducedSolver:
@@ -40,9 +37,9 @@ class ReducedSolver:
     keeps no factors, makes it for the first plan that may require less than all.
     """
 
-    def __init__(self, patient: PatientModel, arm: str, settings: FemSettings, apart: float, limit: float):
+    def __init__(self, patient: PatientModel, arm: str, settings: FemSettings, limit: float):
         began = time.perf_counter()
-        self._patient, self._arm, self._settings, self._apart, self._limit = patient, arm, settings, apart, limit
+        self._patient, self._arm, self._settings, self._limit = patient, arm, settings, limit
         self._kept = by_kept_factors(arm, settings)
         self._lips = np.flatnonzero(patient.lip != NOT_LIP) if arm == "mucosa+lip" else []
         self._map: ElasticSolver | None = None
@@ -135,4 +132,4 @@ class ReducedSolver:
         return law, boundary, solver_options(self._settings)
 
     def _boundary(self, plan: Plan) -> BoundaryConditions:
-        return boundary_conditions(self._patient, plan, self._arm, apart=self._apart)
+        return boundary_conditions(self._patient, plan, self._arm)
