@@ -8,7 +8,7 @@ import pytest
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.faces import boundary_faces
-from pinnochio.mechanics import repeated
+from pinnochio.mechanics import local_equilibrium, repeated
 from pinnochio.mechanics.assembly import CUT, Assembler
 from pinnochio.mechanics.elements import Elements, node_volumes
 from pinnochio.mechanics.held_nodes import HeldNodes, bones_of
@@ -259,7 +259,8 @@ def test_local_equilibrium_moves_its_own_nodes_alone_and_rights_inverted_element
     constraints, inner = solver._constraints, int(np.argmin(np.linalg.norm(points - 6, axis=1)))
     patches = np.zeros(len(elements.patch_volumes), bool)
     patches[elements.patch[(cells == inner).any(axis=1)]] = True
-    part = LocalEquilibrium(elements, constraints, patches, OuterForces(points, None), "auto", True)
+    held = constraints.constrained, constraints.sliding.nodes
+    part = LocalEquilibrium(elements, *held, patches, OuterForces(points, None), "auto", True)
     u = np.zeros(points.shape)
     u[inner] = [5.0, 0, 0]
     energy, force, least = elements.evaluate(u)
@@ -275,6 +276,35 @@ def test_local_equilibrium_moves_its_own_nodes_alone_and_rights_inverted_element
     force[part.nodes] += done.force
     np.testing.assert_allclose(force, there, rtol=0, atol=1e-9 * np.abs(elements.evaluate(u)[1]).max())
     part.close()
+    solver.close()
+
+
+@pytest.mark.parametrize("arm", ["bonded", "mucosa"])
+def test_few_nodes_out_of_equilibrium_come_to_rest_by_themselves(arm, monkeypatch):
+    """To the field of steps of the whole part; parts about the nodes alone are factorised again and again."""
+    patient, settings, plan = tiny_patient(shape=(14, 9, 8)), fem_settings(), tiny_plan()
+    boundary, law = boundary_conditions(patient, plan, arm), settings.material(patient.tissue)
+    solver = RepeatedSolver(patient.points, patient.cells, law, boundary, options_with(tolerance=1e-9))
+    constraints, elements = solver._constraints.under(boundary), solver._elements
+    (exact,) = solver.solve([boundary])
+    inner = int(np.argmin(np.linalg.norm(patient.points - patient.points.mean(axis=0), axis=1)))
+    disturbed = exact.displacement.copy()
+    disturbed[inner] += [0.0, 0.0, 6.0]
+    sizes, factorize = [], LocalEquilibrium._factorize
+    monkeypatch.setattr(
+        LocalEquilibrium, "_factorize", lambda self, *own: sizes.append(self.inside.sum()) or factorize(self, *own)
+    )
+    for few in (0.0, 0.1):
+        monkeypatch.setattr(local_equilibrium, "FEW", few)
+        every = np.ones(len(elements.patch_volumes), bool)
+        own = constraints.constrained, constraints.sliding.nodes, every, OuterForces(patient.points, None)
+        part, u = LocalEquilibrium(elements, *own, "auto", True), disturbed.copy()
+        held = HeldNodes(solver._bones, constraints.sliding)
+        sizes.clear()
+        done = part.settled(u, held, held.put_back(u), 1e-3, 1.0)
+        np.testing.assert_allclose(done.displacement, exact.displacement, rtol=0, atol=1e-4)
+        assert (min(sizes) < max(sizes) / 2) == (few > 0)
+        part.close()
     solver.close()
 
 

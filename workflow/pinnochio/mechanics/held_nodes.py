@@ -4,6 +4,7 @@ The field is that of :class:`pinnochio.mechanics.point_surface.PointSurface`: as
 nearest. They are sought among those that are nearest to the node at rest.
 """
 
+import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -78,6 +79,13 @@ class HeldNodes:
         self._bones = bones
         self.turns = np.array([motion.rotation for motion in motions]).reshape(-1, 3, 3)
         self.shifts = np.array([motion.apply(np.zeros((1, 3)))[0] for motion in motions]).reshape(-1, 3)
+
+    def part(self, which, nodes) -> "HeldNodes":
+        """Some of the nodes alone, by their places (k,) here, as nodes (k,) of a part of the mesh."""
+        other, bones = copy.copy(self), self._bones
+        own = {name: getattr(bones, name)[which] for name in ("rest", "owner", "level", "frames", "near", "away")}
+        other._bones = bones._replace(nodes=nodes, **own)
+        return other
 
     def put_back(self, u: np.ndarray) -> np.ndarray:
         """Local axes (s, 3, 3) of the nodes, in rows, the normal first; moves their displacement in u (n, 3) mm along

@@ -32,7 +32,7 @@ from pinnochio.mechanics.elements import Elements, lumped
 from pinnochio.mechanics.held_nodes import HeldNodes, bones_of
 from pinnochio.mechanics.linear import Workers
 from pinnochio.mechanics.loads import OuterForces
-from pinnochio.mechanics.local_equilibrium import LocalEquilibrium
+from pinnochio.mechanics.local_equilibrium import LocalEquilibrium, touching
 from pinnochio.mechanics.materials import Material
 from pinnochio.mechanics.sliding import BoundaryConditions
 from pinnochio.mechanics.solver import SolveResult, SolverOptions, solve
@@ -345,7 +345,8 @@ class RepeatedSolver:
             wide[self._elements.patch[nodes[self._elements.cells].any(axis=1)]] = True
             self._forget(path)
             kind, barrier = self._options.linear_solver, self._options.barrier
-            path.part = LocalEquilibrium(self._elements, path.constraints, wide, path.outer, kind, barrier)
+            held = self._constraints.constrained, self._constraints.sliding.nodes
+            path.part = LocalEquilibrium(self._elements, *held, wide, path.outer, kind, barrier)
         return path.part
 
     def _point(self, u, energy: float, least: float, axes, force) -> Point:
@@ -407,14 +408,6 @@ def beside(elements: Elements) -> sparse.csr_array:
     ends = np.concatenate([edges, edges[:, ::-1]]).T
     near = sparse.csr_array((np.ones(len(ends[0])), ends), (elements.nodes, elements.nodes))
     return sparse.diags_array(1 / np.maximum(near.sum(axis=1), 1)) @ near
-
-
-def touching(elements: Elements, nodes) -> np.ndarray:
-    """Patches (p,) bool of which an element has one of the nodes."""
-    there, patches = np.zeros(elements.nodes, bool), np.zeros(len(elements.patch_volumes), bool)
-    there[nodes] = True
-    patches[elements.patch[there[elements.cells].any(axis=1)]] = True
-    return patches
 
 
 @compiled

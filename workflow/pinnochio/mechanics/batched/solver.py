@@ -28,8 +28,9 @@ from pinnochio.mechanics.batched.rows import Rows, fused
 from pinnochio.mechanics.constraints import Constraints
 from pinnochio.mechanics.elements import Elements
 from pinnochio.mechanics.held_nodes import HeldNodes, bones_of
+from pinnochio.mechanics.local_equilibrium import touching
 from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.repeated import RepeatedSolver, beside, kept_result, mean_gradients, touching
+from pinnochio.mechanics.repeated import RepeatedSolver, beside, kept_result, mean_gradients
 from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact
 from pinnochio.mechanics.solver import SolveResult, SolverOptions
 
