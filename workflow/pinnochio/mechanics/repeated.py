@@ -284,8 +284,8 @@ class RepeatedSolver:
 
     def _warp(self, point: Point) -> np.ndarray:
         """Mean deformation gradient (n, 3, 3) at the nodes, of determinant 1, from axes at rest to those of now."""
-        warp = np.eye(3) + (self._gradients @ point.u).reshape(-1, 3, 3).transpose(0, 2, 1)
-        _keep_volume(warp)
+        warp, mean = np.empty((len(point.u), 3, 3)), self._gradients
+        _mean_deformation(mean.indptr, mean.indices, mean.data, point.u, warp)
         nodes = self._constraints.sliding.nodes
         warp[nodes] = point.axes @ warp[nodes] @ self._rest.frames.transpose(0, 2, 1)
         warp[nodes, 0, :] = warp[nodes, :, 0] = 0
@@ -411,10 +411,18 @@ def beside(elements: Elements) -> sparse.csr_array:
 
 
 @compiled
-def _keep_volume(mean):
-    """Scales gradients (n, 3, 3) to determinant 1."""
+def _mean_deformation(indptr, indices, data, u, mean):
+    """Mean deformation gradients (n, 3, 3) of determinant 1 under u (n, 3) mm; indptr, indices, data: of
+    :func:`mean_gradients`."""
     for n in range(len(mean)):
         g = mean[n]
+        for j in range(3):
+            x, y, z = 0.0, 0.0, 0.0
+            for k in range(indptr[3 * n + j], indptr[3 * n + j + 1]):
+                at = indices[k]
+                x, y, z = x + data[k] * u[at, 0], y + data[k] * u[at, 1], z + data[k] * u[at, 2]
+            g[0, j], g[1, j], g[2, j] = x, y, z
+            g[j, j] += 1.0
         ratio = (
             g[0, 0] * (g[1, 1] * g[2, 2] - g[1, 2] * g[2, 1])
             + g[0, 1] * (g[1, 2] * g[2, 0] - g[1, 0] * g[2, 2])
