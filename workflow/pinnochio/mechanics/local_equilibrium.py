@@ -18,8 +18,8 @@ from pinnochio.mechanics.solver import UNTANGLING
 SLIDE = 0.5  # way of a sliding node in mean edges that a step is shortened to [I]
 STEPS = 10  # iterations at most in one call [I]
 SLOW = 0.5  # factors that leave more of the force than this are made anew [X]
-# Where a step has left all but this share of the force that is enough to so few of the nodes, the patches about these
-# come to equilibrium by themselves first: one element that turns costs a tenth of the part's steps, not all [X].
+# Where the force is that of so small a share of the nodes, all others having less than QUIET of what is enough, the
+# patches about these come to equilibrium by themselves first: an element that turns does not cost steps of all [X].
 QUIET, FEW = 0.5, 0.1
 SMALL = 0.25  # share of the patches from which on factors of their own do not pay [I]
 
