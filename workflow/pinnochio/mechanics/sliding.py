@@ -22,9 +22,9 @@ from pinnochio.plans.plan import Plan, RigidMotion
 ARMS = ("bonded", "mucosa", "mucosa+lip")
 # Bone further than this from every tissue node of its segment cannot be slid upon. Above the largest motion, mm [I].
 REACH = 25.0
-# Bonded, jaws that are nearer to each other than this along the tissue leave it free between them, mm: it could not
-# follow both when one moves by as much beside the other. With 6 or 8 single patients' elements turn inside out [X].
-APART = 10.0
+# Bonded, jaws that are nearer to each other than this along the tissue leave it free between them, mm: as far as a jaw
+# is ever moved [R], tissue could not follow both. With 6, 8 or 10 single patients' elements turn inside out [X].
+APART = 14.0
 
 
 @dataclass(frozen=True)
