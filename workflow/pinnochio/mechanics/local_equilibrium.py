@@ -25,7 +25,7 @@ SMALL = 0.25  # share of the patches from which on factors of their own do not p
 
 
 def touching(elements: Elements, nodes) -> np.ndarray:
-    """Patches (p,) bool of which an element has one of the nodes."""
+    """Patches (p,) bool of which an element has one of the nodes, (k,) or (n,) bool."""
     there, patches = np.zeros(elements.nodes, bool), np.zeros(len(elements.patch_volumes), bool)
     there[nodes] = True
     patches[elements.patch[there[elements.cells].any(axis=1)]] = True
@@ -90,8 +90,7 @@ class LocalEquilibrium:
         moving = np.zeros(elements.nodes, bool)
         moving[elements.cells[patches[elements.patch]]] = True
         self.inside = ~constrained & moving[:, None]
-        self.touched = np.zeros(len(patches), bool)
-        self.touched[elements.patch[self.inside.any(axis=1)[elements.cells].any(axis=1)]] = True
+        self.touched = touching(elements, self.inside.any(axis=1))
         self._elements, self.nodes = subset(elements, self.touched)
         self.slides = np.flatnonzero(self.inside[sliding].any(axis=1))
         self._framed = np.searchsorted(self.nodes, sliding[self.slides])

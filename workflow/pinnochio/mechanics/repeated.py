@@ -341,8 +341,7 @@ class RepeatedSolver:
         if (hard & ~known).any() or (path.part is None and known.any()):
             nodes = np.zeros(len(self._points), bool)
             nodes[self._elements.cells[hard[self._elements.patch]]] = True
-            wide = known.copy()
-            wide[self._elements.patch[nodes[self._elements.cells].any(axis=1)]] = True
+            wide = known | touching(self._elements, nodes)
             self._forget(path)
             kind, barrier = self._options.linear_solver, self._options.barrier
             held = self._constraints.constrained, self._constraints.sliding.nodes
