@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from pinnochio.errors import InputError
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.corrections import Corrector, interface
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.solvers.newton_corrections import Corrector, interface
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import read_prediction, write_predictions
 

@@ -8,7 +8,7 @@ import numpy as np
 from pinnochio.figures.patient import field_picture
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
-from pinnochio.mechanics.elements import jacobians
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.model.patient import PatientModel

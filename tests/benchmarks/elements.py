@@ -16,11 +16,11 @@ from scipy.interpolate import RectBivariateSpline
 sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
-from pinnochio.mechanics.elements import VOLUMETRIC
-from pinnochio.mechanics.mixed import MIXED, solve_mixed
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.elements.mixed import MIXED, solve_mixed
+from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
 from pinnochio.mechanics.problems import BLOCK, BLOCK_STEPS, block_boundary, box, uniform
-from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.newton import solve
 from tests.helpers.settings import solver_options
 
 OPTIONS = {"increments": 2, "tolerance": 1e-6, "max_iterations": 30, "max_systems": 300, "linear_solver": "auto"}

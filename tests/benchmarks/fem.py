@@ -31,11 +31,11 @@ SOLVERS = ("felupe + pypardiso", "direct p1", "direct patch", "free p1", "free p
 
 def ours(points, cells, kind: str, volumetric: str) -> dict:
     """Time, counts and floor of this project's solver."""
-    from pinnochio.mechanics.assembly import Assembler
-    from pinnochio.mechanics.elements import Elements
-    from pinnochio.mechanics.linear import linear_solver
+    from pinnochio.mechanics.elements.assembly import Assembler
+    from pinnochio.mechanics.elements.tetrahedra import Elements
     from pinnochio.mechanics.problems import block_boundary, box, uniform
-    from pinnochio.mechanics.solver import solve
+    from pinnochio.mechanics.solvers.linear_algebra import linear_solver
+    from pinnochio.mechanics.solvers.newton import solve
 
     limits = {"max_iterations": 30, "max_systems": 300, "linear_solver": "auto"}
     fixed = {"increments": INCREMENTS, "growth": 1.0, "loose": TOLERANCE, "reuse": False}
@@ -69,7 +69,7 @@ def peer(points, cells) -> dict:
     import felupe
     import pypardiso
 
-    from pinnochio.mechanics.materials import lame
+    from pinnochio.mechanics.elements.materials import lame
     from pinnochio.mechanics.problems import block_boundary
 
     mu, lam = lame(5.0, 0.49)

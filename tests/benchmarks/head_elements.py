@@ -17,11 +17,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
-from pinnochio.mechanics.elements import VOLUMETRIC
-from pinnochio.mechanics.mixed import FACES, solve_mixed
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.elements.mixed import FACES, solve_mixed
+from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
 from pinnochio.mechanics.simulation import simulate, solver_options
-from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.meshing.mesh import volumes
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.plans.plan import Plan

@@ -22,10 +22,10 @@ import torch
 sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
-from pinnochio.mechanics.batched.solver import BatchSolver
-from pinnochio.mechanics.repeated import RepeatedSolver
+from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.simulation import solver_options
-from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.mechanics.solvers.batched.plan_batches import BatchSolver
+from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.sampling import sample_plan
 from tests.helpers.settings import fem_settings

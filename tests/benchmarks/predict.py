@@ -25,12 +25,12 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from configuration import read_config
 
-from pinnochio.mechanics.corrections import Finish
-from pinnochio.mechanics.elastic import ElasticSolver
+from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.lift import Lift, make_lift
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
-from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
+from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods.pinnochio.patient import tensors
 from pinnochio.methods.pinnochio.predictor import PatientNetwork, load_network
 from pinnochio.methods.registry import graph_networks

@@ -7,7 +7,7 @@ import yaml
 
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import solver_options as options_of
-from pinnochio.mechanics.solver import SolverOptions
+from pinnochio.mechanics.solvers.newton import SolverOptions
 from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.overlays import overlaid

@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from pinnochio.mechanics.elements import VOLUMETRIC, Elements
-from pinnochio.mechanics.materials import Material, lame
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.elements.materials import Material, lame
+from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, Elements
 from pinnochio.mechanics.problems import box, uniform
-from pinnochio.mechanics.sliding import (
-    BoundaryConditions,
-)
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
 from tests.helpers.settings import solver_options
 

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.mechanics.elements import Elements, jacobians
+from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.surfaces import read_surface

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elements import jacobians
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.methods.ratio import RatioRule

@@ -14,9 +14,9 @@ from PIL import Image
 
 from pinnochio.errors import InputError
 from pinnochio.importing.segmentation import read_labels
-from pinnochio.mechanics.contact import UnilateralContact
-from pinnochio.mechanics.elements import jacobians
-from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.mechanics.boundary.conditions import boundary_conditions
+from pinnochio.mechanics.boundary.contact import UnilateralContact
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.methods.pinnochio.predictor import load_network
 from pinnochio.model.patient import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel

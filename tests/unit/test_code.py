@@ -50,7 +50,7 @@ def test_the_closure_holds_all_that_an_import_of_the_script_loads(loaded, script
 
 def test_an_edit_changes_the_hashes_of_the_scripts_that_reach_it_and_of_no_other(monkeypatch):
     before = {script: code_hash(script) for script in SCRIPTS}
-    module = source_file("pinnochio.mechanics.materials")
+    module = source_file("pinnochio.mechanics.elements.materials")
     read = type(module).read_bytes
     monkeypatch.setattr(type(module), "read_bytes", lambda path: read(path) + b"#" * (path == module))
     changed = {script for script in SCRIPTS if code_hash(script) != before[script]}

@@ -25,13 +25,13 @@ from pinnochio.experiments.stability_judge import (
     moved_most,
 )
 from pinnochio.figures.stability import draw
-from pinnochio.mechanics.contact import ContactSet
-from pinnochio.mechanics.corrections import Corrector
-from pinnochio.mechanics.elastic import ElasticSolver
-from pinnochio.mechanics.elements import VOLUMETRIC, Elements, jacobians
-from pinnochio.mechanics.inversion_repair import repair_inversions
-from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.contact import ContactSet
+from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, Elements, jacobians
+from pinnochio.mechanics.solvers.inversion_repair import repair_inversions
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
+from pinnochio.mechanics.solvers.newton import solve
+from pinnochio.mechanics.solvers.newton_corrections import Corrector
 from pinnochio.methods.names import spoken
 from pinnochio.methods.pinnochio.losses import physics_loss
 from pinnochio.methods.pinnochio.predictor import RawField

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from pinnochio.errors import InputError
 from pinnochio.importing.muscle_layer import derive_muscle, muscle_layer
-from pinnochio.mechanics.elements import jacobians
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize

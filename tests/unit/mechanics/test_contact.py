@@ -10,17 +10,14 @@ from scipy.spatial.transform import Rotation
 from pinnochio.errors import InputError
 from pinnochio.geometry.faces import boundary_faces
 from pinnochio.geometry.triangles import vertex_areas
-from pinnochio.mechanics.contact import (
-    ContactSet,
-    UnilateralContact,
-    facing_sets,
-    penalty,
-)
-from pinnochio.mechanics.elements import Elements
-from pinnochio.mechanics.materials import lame
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.boundary.contact import ContactSet, UnilateralContact, penalty
+from pinnochio.mechanics.boundary.lips import facing_sets
+from pinnochio.mechanics.boundary.sliding import SlidingSet
+from pinnochio.mechanics.elements.materials import lame
+from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.problems import box, uniform
-from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet, boundary_conditions
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import LOWER_LIP, SLIDING, UPPER_LIP
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient

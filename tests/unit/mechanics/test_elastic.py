@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elastic import ElasticSolver
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.boundary.sliding import SlidingSet
 from pinnochio.mechanics.problems import box, uniform
-from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet, boundary_conditions
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient
 from tests.helpers.settings import solver_options

@@ -7,11 +7,11 @@ from scipy import sparse
 from scipy.spatial.transform import Rotation
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.assembly import Assembler, diagonal_blocks
-from pinnochio.mechanics.elements import Elements, jacobians, mean_edge
-from pinnochio.mechanics.materials import Material, lame
+from pinnochio.mechanics.elements.assembly import Assembler, diagonal_blocks
+from pinnochio.mechanics.elements.materials import Material, lame
+from pinnochio.mechanics.elements.residual import Operator
+from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians, mean_edge
 from pinnochio.mechanics.problems import box
-from pinnochio.mechanics.residual import Operator
 from tests.helpers.solids import both, material
 
 

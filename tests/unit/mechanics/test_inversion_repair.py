@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elements import jacobians
-from pinnochio.mechanics.inversion_repair import FLOOR, damped, repair_inversions, volume_ratios
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.problems import box, uniform
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.inversion_repair import FLOOR, damped, repair_inversions, volume_ratios
+from pinnochio.mechanics.solvers.newton import solve
 from tests.helpers.settings import solver_options
 from tests.helpers.solids import bent_block
 
@@ -144,7 +144,8 @@ def test_a_repair_that_makes_it_worse_is_not_taken(bent, monkeypatch):
     points, cells, law, field, constrained = bent
     broken = through(points, cells, field, constrained_corners(cells, constrained, 0)[7])
     monkeypatch.setattr(
-        "pinnochio.mechanics.inversion_repair._relaxed", lambda *arguments: RNG(0).normal(size=arguments[4].shape)
+        "pinnochio.mechanics.solvers.inversion_repair._relaxed",
+        lambda *args: RNG(0).normal(size=args[4].shape),
     )
     kept, repair = repair_inversions(points, cells, law, broken, constrained)
     assert repair.elements == 0 and repair.damping < 1

@@ -7,17 +7,10 @@ import pytest
 
 from pinnochio.geometry.faces import boundary_faces
 from pinnochio.geometry.scattered import farthest
-from pinnochio.mechanics.elastic import ElasticSolver
-from pinnochio.mechanics.lift import (
-    HarmonicSolver,
-    Lift,
-    blend_weights,
-    control_weights,
-    make_lift,
-    motion_amplitudes,
-)
-from pinnochio.mechanics.materials import neo_hookean
-from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.elements.materials import neo_hookean
+from pinnochio.mechanics.lift import HarmonicSolver, Lift, blend_weights, control_weights, make_lift, motion_amplitudes
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 from pinnochio.model.patient import FIXED, FREE, MOVING, NO_INTERFACE, SLIDING
 from tests.helpers.patients import tiny_patient, tiny_plan

@@ -5,11 +5,11 @@ import pytest
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.faces import boundary_faces
-from pinnochio.mechanics.elements import Elements, lumped
-from pinnochio.mechanics.loads import Loads, OuterForces, surface_stiffness
-from pinnochio.mechanics.materials import neo_hookean
-from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.loads import Loads, OuterForces, surface_stiffness
+from pinnochio.mechanics.elements.materials import neo_hookean
+from pinnochio.mechanics.elements.tetrahedra import Elements, lumped
+from pinnochio.mechanics.solvers.newton import solve
 from tests.helpers.heads import kuhn_cube
 from tests.helpers.settings import solver_options
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from pinnochio.mechanics.linear import linear_solver
-from pinnochio.mechanics.materials import Material, lame
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.elements.materials import Material, lame
 from pinnochio.mechanics.problems import box
-from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.linear_algebra import linear_solver
+from pinnochio.mechanics.solvers.newton import solve
 from tests.helpers.settings import solver_options
 
 SIZE, EDGE = (60.0, 60.0, 12.0), 3.0

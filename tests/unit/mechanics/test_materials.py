@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elements import extended_log
-from pinnochio.mechanics.materials import EXTENSION, Material, lame, neo_hookean
+from pinnochio.mechanics.elements.materials import EXTENSION, Material, lame, neo_hookean
+from pinnochio.mechanics.elements.tetrahedra import extended_log
 
 
 def test_lame_gives_back_the_bulk_modulus():

@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 from scipy.special import lambertw
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.materials import Material, lame
-from pinnochio.mechanics.mixed import EDGES, MIXED, MixedElements, solve_mixed
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.elements.materials import Material, lame
+from pinnochio.mechanics.elements.mixed import EDGES, MIXED, MixedElements, solve_mixed
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
-from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
 from tests.helpers.settings import solver_options
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.assembly import Assembler
-from pinnochio.mechanics.corrections import Corrector, Finish, expected_pressure, interface
-from pinnochio.mechanics.elements import Elements, jacobians, patch_bulk
-from pinnochio.mechanics.inversion_repair import FLOOR
+from pinnochio.mechanics.elements.assembly import Assembler
+from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians, patch_bulk
 from pinnochio.mechanics.problems import uniform
 from pinnochio.mechanics.simulation import simulate
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.inversion_repair import FLOOR
+from pinnochio.mechanics.solvers.newton import solve
+from pinnochio.mechanics.solvers.newton_corrections import Corrector, Finish, expected_pressure, interface
 from pinnochio.model.patient import FIXED, FREE, NO_INTERFACE
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import fem_settings, solver_options

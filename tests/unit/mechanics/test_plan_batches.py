@@ -8,22 +8,20 @@ import pytest
 import torch
 from scipy import sparse
 
-from pinnochio.mechanics import repeated
-from pinnochio.mechanics.assembly import Assembler
-from pinnochio.mechanics.batched import law as batched_law
-from pinnochio.mechanics.batched import slides, zone
-from pinnochio.mechanics.batched import solver as batched
-from pinnochio.mechanics.batched.dissection import dissect
-from pinnochio.mechanics.batched.fronts import Fronts
-from pinnochio.mechanics.batched.law import Mesh
-from pinnochio.mechanics.batched.rows import Rows
-from pinnochio.mechanics.batched.solver import BatchSolver
-from pinnochio.mechanics.elements import Elements
-from pinnochio.mechanics.held_nodes import HeldNodes
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.boundary.sliding import HeldNodes
+from pinnochio.mechanics.elements.assembly import Assembler
+from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
-from pinnochio.mechanics.repeated import RepeatedSolver
 from pinnochio.mechanics.simulation import PlanSolver
-from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.solvers import kept_factors
+from pinnochio.mechanics.solvers.batched import batch_energy, batch_sliding, hard_patches, plan_batches
+from pinnochio.mechanics.solvers.batched.batch_energy import Mesh
+from pinnochio.mechanics.solvers.batched.dissection import dissect
+from pinnochio.mechanics.solvers.batched.fronts import Fronts
+from pinnochio.mechanics.solvers.batched.plan_batches import BatchSolver
+from pinnochio.mechanics.solvers.batched.sparse_rows import Rows
+from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient
 from tests.helpers.settings import fem_settings
@@ -78,12 +76,12 @@ def test_separators_leave_no_edge_between_their_sides():
 
 @pytest.mark.parametrize("leaf", [10, 1000])
 def test_fronts_solve_what_they_are_factors_of(leaf, monkeypatch):
-    monkeypatch.setattr("pinnochio.mechanics.batched.fronts.dissect", lambda *mesh: dissect(*mesh, leaf=leaf))
+    monkeypatch.setattr("pinnochio.mechanics.solvers.batched.fronts.dissect", lambda *mesh: dissect(*mesh, leaf=leaf))
     points, cells = box((40, 20, 15), (7, 4, 3), jitter=0.15)
     elements = Elements.build(points, cells, material(len(cells)))
     free = np.flatnonzero(points[:, 0] > 0)
     places = (3 * free[:, None] + np.arange(3)).ravel()
-    matrix = batched._stiffness(elements, [], np.zeros((0, 3, 3)))[places][:, places]
+    matrix = plan_batches._stiffness(elements, [], np.zeros((0, 3, 3)))[places][:, places]
     fronts = Fronts(points[free], sparse.bsr_array(matrix, blocksize=(3, 3)), "cpu", torch.float64)
     x = np.random.default_rng(0).normal(size=(len(free), 3, 2))
     answer = fronts.solve(torch.as_tensor((matrix @ x.reshape(-1, 2)).reshape(x.shape)))
@@ -93,7 +91,7 @@ def test_fronts_solve_what_they_are_factors_of(leaf, monkeypatch):
 def test_fronts_refuse_what_is_not_positive_definite():
     points, cells = box((40, 20, 15), (3, 2, 2))
     free = np.arange(len(points))
-    matrix = batched._stiffness(Elements.build(points, cells, material(len(cells))), [], np.zeros((0, 3, 3)))
+    matrix = plan_batches._stiffness(Elements.build(points, cells, material(len(cells))), [], np.zeros((0, 3, 3)))
     shifted = sparse.bsr_array(matrix - 1e-2 * sparse.eye_array(len(free) * 3), blocksize=(3, 3))
     with pytest.raises(RuntimeError, match="positive definite"):
         Fronts(points, shifted, "cpu")
@@ -127,18 +125,18 @@ def test_a_damped_tangent_bends_nowhere_downwards():
     _, mesh, kept, second, tangents = bent_tangents()
     values, ways = np.linalg.eigh(tangents[1].toarray())
     assert values[0] < 0
-    damped, second = batched_law.damped(kept, second)
+    damped, second = batch_energy.damped(kept, second)
     for way in ways.T[::20]:
         step = torch.as_tensor(way.reshape(-1, 3, 1)).expand(-1, -1, 2)
         bends = (step * mesh.product(damped, second, step)).sum((0, 1))
         assert (bends >= -1e-9 * abs(values[-1])).all()
 
 
-def bent_zone(kind=zone.Zone, device="cpu") -> tuple:
+def bent_zone(kind=hard_patches.Zone, device="cpu") -> tuple:
     """A bent block, and the hard patches of two plans of it."""
     points, cells, boundary = bent_block()
     elements = Elements.build(points, cells, material(len(cells)))
-    elements = batched._renumbered(elements, np.arange(len(points)))
+    elements = plan_batches._renumbered(elements, np.arange(len(points)))
     free = np.ones(len(points), bool)
     free[boundary.prescribed_nodes] = False
     return elements, kind(elements, free, 2, device)
@@ -210,7 +208,7 @@ def test_batches_as_by_the_solver_of_one_plan():
 
 
 def test_hard_patches_of_batches_as_by_the_solver_of_one_plan(monkeypatch):
-    monkeypatch.setattr(repeated, "HARD_RATIO", 0.95)
+    monkeypatch.setattr(kept_factors, "HARD_RATIO", 0.95)
     points, cells = box(BLOCK, (8, 6, 4))
     boundary, options = block_boundary(points), options_with(tolerance=1e-8)
     doubled = BoundaryConditions(boundary.prescribed_nodes, 2 * boundary.displacement(1.0))
@@ -227,13 +225,13 @@ def test_what_fails_in_a_batch_goes_to_the_solver_of_one_plan(monkeypatch):
     points, cells, boundary = bent_block()
     options = options_with()
     solver = BatchSolver(points, cells, material(len(cells)), boundary, options, "cpu")
-    monkeypatch.setattr(repeated, "ITERATIONS", 4)
+    monkeypatch.setattr(kept_factors, "ITERATIONS", 4)
     hard, light = solver.solve(plans_of(boundary, (1.0, 1e-3)))
     assert light.kept and hard.converged and not hard.kept  # four iterations do not serve the solver of one plan either
     solver.close()
 
 
-@pytest.mark.parametrize("error", [torch.OutOfMemoryError, slides.TooManyPointsError])
+@pytest.mark.parametrize("error", [torch.OutOfMemoryError, batch_sliding.TooManyPointsError])
 def test_plans_that_the_device_cannot_hold_are_solved_on_the_cpu(error, monkeypatch):
     points, cells, boundary = bent_block()
     solver = BatchSolver(points, cells, material(len(cells)), boundary, options_with(), "cpu")
@@ -250,10 +248,10 @@ def test_plans_that_the_device_cannot_hold_are_solved_on_the_cpu(error, monkeypa
 def test_a_plan_that_strays_is_reached_in_the_least_increments(monkeypatch):
     points, cells, boundary = bent_block()
     solver = BatchSolver(points, cells, material(len(cells)), boundary, options_with(), "cpu")
-    monkeypatch.setattr(repeated, "STRAY", 0.0)
+    monkeypatch.setattr(kept_factors, "STRAY", 0.0)
     _, (way,) = solver.fields([solver.asked(boundary)])
-    assert way.solved and way.share == repeated.LEAST_INCREMENT
-    ends = [entry["fraction"] for entry in way.history if entry["code"] == batched.SOLVED]
+    assert way.solved and way.share == kept_factors.LEAST_INCREMENT
+    ends = [entry["fraction"] for entry in way.history if entry["code"] == plan_batches.SOLVED]
     assert ends == [1, 0.25, 0.125, *np.arange(1, 17) / 16]
     solver.close()
 
@@ -267,7 +265,7 @@ def test_a_patient_takes_the_device(arm, monkeypatch):
             made.append(arguments[-1])
             super().__init__(*arguments[:-1], "cpu")
 
-    monkeypatch.setattr(batched, "BatchSolver", Made)
+    monkeypatch.setattr(plan_batches, "BatchSolver", Made)
     model, settings, fields = slab_patient(), fem_settings(), []
     plan = Plan("P", {"mandible_distal": RigidMotion.from_degrees([0, 2, 0], [2, 1, 1.0], [12, 6, 0])})
     for device in ("cuda", "cpu"):
@@ -308,9 +306,9 @@ def test_sliding_plans_as_by_the_solver_of_one_plan():
 def test_a_plan_whose_nodes_slid_far_is_reached_in_the_least_increments(name, value, monkeypatch):
     points, cells, law, plans = sliding_plans()
     solver = BatchSolver(points, cells, law, plans[0], options_with(), "cpu", 1)
-    monkeypatch.setattr(repeated, name, value)
+    monkeypatch.setattr(kept_factors, name, value)
     _, (way,) = solver.fields([solver.asked(plans[0])])
-    assert way.solved and way.share == repeated.LEAST_INCREMENT
+    assert way.solved and way.share == kept_factors.LEAST_INCREMENT
     solver.close()
 
 
@@ -319,10 +317,10 @@ on_a_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU
 
 @on_a_gpu
 def test_hard_patches_on_a_gpu_as_on_a_cpu():
-    from pinnochio.mechanics.batched import zone_gpu
+    from pinnochio.mechanics.solvers.batched import hard_patches_gpu
 
     found = []
-    for kind, device in ((zone.Zone, "cpu"), (zone_gpu.Zone, "cuda")):
+    for kind, device in ((hard_patches.Zone, "cpu"), (hard_patches_gpu.Zone, "cuda")):
         elements, part = bent_zone(kind, device)
         known = torch.zeros(len(elements.patch_volumes), 2, dtype=torch.bool)
         known[3:6, 0] = known[8, 1] = True
@@ -348,13 +346,13 @@ def test_batches_on_a_gpu_as_on_a_cpu():
 
 @on_a_gpu
 def test_sliding_nodes_on_a_gpu_as_on_a_cpu():
-    from pinnochio.mechanics.batched import slides_gpu
+    from pinnochio.mechanics.solvers.batched import batch_sliding_gpu
 
     points, cells, law, plans = sliding_plans()
     solver = BatchSolver(points, cells, law, plans[0], options_with(), "cpu")
     bones, found = solver._bones, []
     start = np.stack([solver.asked(plan).motion for plan in plans], axis=2) + np.array([0.3, 0.2, 0.1])[:, None]
-    for kind, device in ((slides.Slides, "cpu"), (slides_gpu.Slides, "cuda")):
+    for kind, device in ((batch_sliding.Slides, "cpu"), (batch_sliding_gpu.Slides, "cuda")):
         held, u = kind(bones, len(plans), device), torch.tensor(start, device=device)
         held.begin(range(len(plans)), [HeldNodes(bones, solver.asked(plan).sliding) for plan in plans])
         held.put_back(u, torch.ones(len(plans), dtype=torch.bool, device=device))

@@ -8,18 +8,18 @@ import pytest
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.faces import boundary_faces
-from pinnochio.mechanics import local_equilibrium, repeated
-from pinnochio.mechanics.assembly import CUT, Assembler
-from pinnochio.mechanics.elements import Elements, node_volumes
-from pinnochio.mechanics.held_nodes import HeldNodes, bones_of
-from pinnochio.mechanics.loads import Loads, OuterForces
-from pinnochio.mechanics.local_equilibrium import LocalEquilibrium, subset
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.boundary.loads import Loads, OuterForces
+from pinnochio.mechanics.boundary.sliding import HeldNodes, SlidingContact, SlidingSet, bones_of
+from pinnochio.mechanics.elements.assembly import CUT, Assembler
+from pinnochio.mechanics.elements.tetrahedra import Elements, node_volumes
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
-from pinnochio.mechanics.repeated import RepeatedSolver
 from pinnochio.mechanics.simulation import PlanSolver, simulate
 from pinnochio.mechanics.simulation import solver_options as options_of
-from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact, SlidingSet, boundary_conditions
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers import kept_factors, local_equilibrium
+from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
+from pinnochio.mechanics.solvers.local_equilibrium import LocalEquilibrium, subset
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import FREE
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient, tiny_patient, tiny_plan
@@ -53,7 +53,7 @@ def test_bent_block_as_by_newton(volumetric, stiffening):
 @pytest.mark.parametrize("shear", [False, True])
 def test_hard_patches_as_by_newton(shear, monkeypatch):
     """Called hard much earlier, patches are at the edges of the supports of the block problem."""
-    monkeypatch.setattr(repeated, "HARD_RATIO", 0.95)
+    monkeypatch.setattr(kept_factors, "HARD_RATIO", 0.95)
     points, cells = box(BLOCK, (12, 9, 5))
     boundary, options = block_boundary(points, shear), options_with(tolerance=1e-8)
     doubled = BoundaryConditions(boundary.prescribed_nodes, lambda t: 2 * boundary.displacement(t))
@@ -62,7 +62,7 @@ def test_hard_patches_as_by_newton(shear, monkeypatch):
         exact = solve(points, cells, law, asked, options)
         assert result.kept
         np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
-    assert exact.min_jacobian < repeated.HARD_RATIO
+    assert exact.min_jacobian < kept_factors.HARD_RATIO
 
 
 def test_a_turned_block_takes_few_iterations():
@@ -116,7 +116,7 @@ def test_what_does_not_converge_goes_to_newton_and_stops_no_other(monkeypatch):
     points, cells, boundary = bent_block()
     law, options = material(len(cells)), options_with()
     easy = BoundaryConditions(boundary.prescribed_nodes, 1e-3 * boundary.displacement(1.0))
-    monkeypatch.setattr(repeated, "ITERATIONS", 4)
+    monkeypatch.setattr(kept_factors, "ITERATIONS", 4)
     hard, light = kept(points, cells, law, [boundary, easy], options)
     assert light.kept and light.converged
     assert not hard.kept and hard.converged
@@ -176,7 +176,7 @@ def test_lips_in_contact_are_newtons():
 @pytest.mark.parametrize("yielding", [0.0, 0.3])
 def test_weight_tension_and_tissue_that_yields_as_by_newton(yielding, monkeypatch):
     """Hard patches are many here, so that the forces beside those of the elements meet them."""
-    monkeypatch.setattr(repeated, "HARD_RATIO", 0.97)
+    monkeypatch.setattr(kept_factors, "HARD_RATIO", 0.97)
     model, plan = tiny_patient(), tiny_plan()
     settings = fem_settings(tolerance=1e-8, yielding=yielding)
     faces, _ = boundary_faces(model.cells)
@@ -386,7 +386,7 @@ def test_the_least_increments_decide_what_larger_ones_doubt(monkeypatch):
     points, cells, boundary = bent_block()
     monkeypatch.setattr(RepeatedSolver, "_elsewhere", lambda *_: "elsewhere")
     (result,) = kept(points, cells, material(len(cells)), [boundary], options_with())
-    assert result.kept and min(entry["fraction"] for entry in result.history) == repeated.LEAST_INCREMENT
+    assert result.kept and min(entry["fraction"] for entry in result.history) == kept_factors.LEAST_INCREMENT
 
 
 def test_a_node_far_from_those_beside_it_is_doubted():

@@ -6,18 +6,14 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics import sliding
-from pinnochio.mechanics.elements import Elements
-from pinnochio.mechanics.materials import lame
+from pinnochio.mechanics.boundary import conditions
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.boundary.point_surface import PointSurface
+from pinnochio.mechanics.boundary.sliding import SlidingContact, SlidingSet
+from pinnochio.mechanics.elements.materials import lame
+from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.problems import box, uniform
-from pinnochio.mechanics.sliding import (
-    BoundaryConditions,
-    PointSurface,
-    SlidingContact,
-    SlidingSet,
-    boundary_conditions,
-)
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import FIXED, FREE, MOVING, SLIDING
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient
@@ -130,7 +126,7 @@ def test_sliding_nodes_keep_their_distance_to_a_moved_sphere(volumetric):
 
 
 def test_arms_of_a_plan(monkeypatch):
-    monkeypatch.setattr(sliding, "APART", 0.0)
+    monkeypatch.setattr(conditions, "APART", 0.0)
     model = slab_patient()
     motion = RigidMotion.from_degrees([0, 4, 0], [3.0, -1, -1], [12, 6, 0])
     plan = Plan("P01", {"mandible_distal": motion})
@@ -170,7 +166,7 @@ def test_arms_of_a_plan(monkeypatch):
 def test_bonded_nodes_near_the_other_jaw_are_free(apart, free, monkeypatch):
     model = slab_patient()
     others = boundary_conditions(model, Plan("P01", {}), "mucosa").prescribed_nodes
-    monkeypatch.setattr(sliding, "APART", apart)
+    monkeypatch.setattr(conditions, "APART", apart)
     boundary = boundary_conditions(model, Plan("P01", {}), "bonded")
     let = np.setdiff1d(np.flatnonzero(model.node_type == SLIDING), boundary.prescribed_nodes)
     assert set(model.points[let, 0]) == set(free) and (model.points[let, 1] < 4).all()

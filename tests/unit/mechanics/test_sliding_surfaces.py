@@ -5,11 +5,12 @@ import pytest
 from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
-from pinnochio.mechanics.elements import Elements
-from pinnochio.mechanics.materials import Material, lame
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.sliding import SlidingSet
+from pinnochio.mechanics.elements.materials import Material, lame
+from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.problems import box
-from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
 from tests.helpers.settings import solver_options
 from tests.helpers.solids import both, extruded, plane, solved

@@ -15,14 +15,14 @@ from scipy.spatial.transform import Rotation
 
 import pinnochio
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elements import Elements, jacobians
-from pinnochio.mechanics.linear import linear_solver
-from pinnochio.mechanics.materials import lame
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.elements.materials import lame
+from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import solver_options as options_of
-from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.linear_algebra import linear_solver
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
 from tests.helpers.settings import ROOT, fem_settings, solver_options
 from tests.helpers.solids import bent_block, both, material
@@ -290,10 +290,10 @@ import hashlib, sys
 sys.path[:0] = sys.argv[1:]
 import numpy as np
 from scipy.spatial import Delaunay
-from pinnochio.mechanics.materials import neo_hookean
+from pinnochio.mechanics.elements.materials import neo_hookean
 from pinnochio.mechanics.problems import box
-from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.solvers.newton import SolverOptions, solve
 points = np.random.default_rng(0).uniform(0, 20, (250, 3))
 cells = Delaunay(points).simplices
 volume = np.linalg.det(points[cells[:, 1:]] - points[cells[:, :1]])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from pinnochio.geometry.triangles import vertex_normals
-from pinnochio.mechanics.elements import node_volumes
-from pinnochio.mechanics.loads import Loads
+from pinnochio.mechanics.boundary.conditions import boundary_conditions
+from pinnochio.mechanics.boundary.loads import Loads
+from pinnochio.mechanics.elements.tetrahedra import node_volumes
+from pinnochio.mechanics.load_sources import DAMPING, WEIGHT, make_sources, units
 from pinnochio.mechanics.problems import uniform
-from pinnochio.mechanics.sliding import boundary_conditions
-from pinnochio.mechanics.solver import solve
-from pinnochio.mechanics.sources import DAMPING, WEIGHT, make_sources, units
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import FREE, SLIDING
 from pinnochio.plans.plan import Plan
 from tests.helpers.patients import tiny_patient

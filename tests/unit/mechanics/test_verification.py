@@ -9,12 +9,13 @@ from scipy.integrate import solve_bvp
 from scipy.spatial import ConvexHull, Delaunay
 from scipy.spatial.transform import Rotation
 
-from pinnochio.mechanics.elements import VOLUMETRIC, Elements
-from pinnochio.mechanics.materials import lame
-from pinnochio.mechanics.mixed import MixedElements, solve_mixed
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.sliding import SlidingSet
+from pinnochio.mechanics.elements.materials import lame
+from pinnochio.mechanics.elements.mixed import MixedElements, solve_mixed
+from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, Elements
 from pinnochio.mechanics.problems import box, uniform
-from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
 from tests.helpers.settings import solver_options
 from tests.helpers.solids import both, extruded, plane, solved

@@ -8,7 +8,7 @@ import torch
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from pinnochio.mechanics.materials import Material, neo_hookean
+from pinnochio.mechanics.elements.materials import Material, neo_hookean
 from pinnochio.methods.pinnochio import losses
 from pinnochio.methods.pinnochio.losses import (
     FaceSamples,

@@ -9,7 +9,7 @@ import pytest
 from pinnochio.columns import check
 from pinnochio.errors import InputError
 from pinnochio.geometry.interpolation import interpolate
-from pinnochio.mechanics.elements import jacobians, node_volumes, shape_gradients
+from pinnochio.mechanics.elements.tetrahedra import jacobians, node_volumes, shape_gradients
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.metrics.cases import evaluate_case
 from pinnochio.metrics.columns import CASES

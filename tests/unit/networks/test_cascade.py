@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from pinnochio.mechanics.elements.materials import neo_hookean
 from pinnochio.mechanics.lift import make_lift
-from pinnochio.mechanics.materials import neo_hookean
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 from pinnochio.model.patient import FIXED, MOVING, NO_INTERFACE, SLIDING

@@ -9,7 +9,7 @@ from vtkmodules.vtkIOGeometry import vtkSTLReader
 from vtkmodules.vtkIOPLY import vtkPLYReader
 
 from pinnochio.geometry.closed_surfaces import read_closed_surface
-from pinnochio.mechanics.elements import jacobians
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.patients.exports import write_mesh, write_skin, write_surface
 from pinnochio.plans.plan import Plan
 from tests.helpers.patients import tiny_patient

@@ -8,15 +8,15 @@ import pandas as pd
 import pytest
 
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.mechanics.contact import ContactSet
-from pinnochio.mechanics.elastic import ElasticSolver
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.boundary.contact import ContactSet
 from pinnochio.mechanics.simulation import PlanSolver
-from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
+from pinnochio.mechanics.solvers.reduced import moved_cells, restricted
 from pinnochio.model import patient as m
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.scenarios import parts
 from pinnochio.reduction import solver as reduction
-from pinnochio.reduction.region import moved_cells, restricted
 from pinnochio.reduction.solver import ReducedSolver
 from pinnochio.tables.reductions import TRIALS, summarise
 from tests.helpers.patients import tiny_patient, tiny_plan

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from pinnochio.mechanics.patches import make_patches
+from pinnochio.mechanics.elements.patches import make_patches
 from pinnochio.methods.pinnochio.predictor import load_network
 from tests.helpers.patients import tiny_patient
 from tests.helpers.settings import ROOT
@@ -53,9 +53,9 @@ class Without:
 sys.meta_path[:] = [Without(finder) for finder in sys.meta_path]
 
 from pinnochio.compiled import COMPILED
-from pinnochio.mechanics.elements import Elements
+from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.lift import Lift
-from pinnochio.mechanics.patches import make_patches
+from pinnochio.mechanics.elements.patches import make_patches
 from pinnochio.methods.pinnochio.learner import Learner
 from pinnochio.training.cases import CaseFiles
 from pinnochio.training.device import choose_device

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pinnochio.mechanics.elements import node_volumes
+from pinnochio.mechanics.elements.tetrahedra import node_volumes
 from pinnochio.model.patient import PatientModel
 from pinnochio.virtual.covariates import Covariates
 from pinnochio.virtual.loading import AT_MOUTH, IN_CHEEK, SKIN, WEIGHT, loads, sag, skin_tension, weight_change

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import PlanSolver
-from pinnochio.mechanics.sliding import boundary_conditions
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.reduction.solver import ReducedSolver, solver_of

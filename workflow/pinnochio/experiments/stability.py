@@ -20,16 +20,16 @@ from pinnochio.experiments.stability_judge import (
     judge_solution,
 )
 from pinnochio.experiments.stability_problems import PRECISIONS, Problem
-from pinnochio.mechanics.corrections import Corrector
-from pinnochio.mechanics.elastic import ElasticSolver
-from pinnochio.mechanics.elements import VOLUMETRIC
-from pinnochio.mechanics.inversion_repair import repair_inversions
+from pinnochio.mechanics.elements.residual import Operator
+from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
 from pinnochio.mechanics.lift import Lift, make_lift, motion_amplitudes
-from pinnochio.mechanics.repeated import RepeatedSolver
-from pinnochio.mechanics.residual import Operator
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import solver_options
-from pinnochio.mechanics.solver import SolverOptions, solve
+from pinnochio.mechanics.solvers.inversion_repair import repair_inversions
+from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
+from pinnochio.mechanics.solvers.newton import SolverOptions, solve
+from pinnochio.mechanics.solvers.newton_corrections import Corrector
 from pinnochio.methods.pinnochio.losses import physics_loss
 from pinnochio.methods.pinnochio.patient import LOSS_EXTENSION, PatientTensors
 from pinnochio.methods.pinnochio.predictor import PatientNetwork

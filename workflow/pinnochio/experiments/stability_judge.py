@@ -15,13 +15,14 @@ from scipy.sparse.csgraph import connected_components
 
 from pinnochio.experiments.stability_problems import Problem
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.mechanics.corrections import Correction
-from pinnochio.mechanics.elements import Elements
-from pinnochio.mechanics.inversion_repair import Repair
-from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.mixed import solve_mixed
-from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact
-from pinnochio.mechanics.solver import SolveResult, SolverOptions
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.sliding import SlidingContact
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.mixed import solve_mixed
+from pinnochio.mechanics.elements.tetrahedra import Elements
+from pinnochio.mechanics.solvers.inversion_repair import Repair
+from pinnochio.mechanics.solvers.newton import SolveResult, SolverOptions
+from pinnochio.mechanics.solvers.newton_corrections import Correction
 from pinnochio.metrics.validity import OFF_BONE, off_bone
 from pinnochio.tables.stability import CLEAN, CONVERGED, WRONG
 

@@ -7,11 +7,11 @@ import numpy as np
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.geometry.triangles import vertex_normals
-from pinnochio.mechanics.elements import jacobians, mean_edge
-from pinnochio.mechanics.materials import Material, lame
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.elements.materials import Material, lame
+from pinnochio.mechanics.elements.tetrahedra import jacobians, mean_edge
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
 from pinnochio.meshing.mesh import dihedral_cosines
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.plans.plan import Plan

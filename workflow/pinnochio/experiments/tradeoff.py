@@ -11,13 +11,13 @@ import torch
 
 from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.geometry.interpolation import interpolate
-from pinnochio.mechanics.elements import node_volumes
+from pinnochio.mechanics.boundary.conditions import boundary_conditions
+from pinnochio.mechanics.elements.mixed import MIXED, solve_mixed
+from pinnochio.mechanics.elements.tetrahedra import node_volumes
 from pinnochio.mechanics.lift import Lift
-from pinnochio.mechanics.mixed import MIXED, solve_mixed
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import PlanSolver, simulate_elastic, solver_options
-from pinnochio.mechanics.sliding import boundary_conditions
-from pinnochio.mechanics.solver import solve
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.methods.pinnochio.predictor import Predictor
 from pinnochio.methods.protocol import Planned

@@ -7,7 +7,7 @@ import numpy as np
 import pyvista as pv
 
 from pinnochio.files import replacing
-from pinnochio.mechanics.elements import jacobians
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.methods.names import written
 from pinnochio.model.patient import FIXED, MOVING, SLIDING, PatientModel
 from pinnochio.plans.plan import Plan

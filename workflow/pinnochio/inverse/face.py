@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from pinnochio.mechanics.elastic import ElasticSolver
+from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.lift import segment_motions
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import PlanSolver
-from pinnochio.mechanics.sliding import boundary_conditions
-from pinnochio.mechanics.solver import SolveResult
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
+from pinnochio.mechanics.solvers.newton import SolveResult
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 

@@ -10,11 +10,11 @@ from scipy.spatial import cKDTree
 
 from pinnochio.geometry.scattered import farthest
 from pinnochio.hdf5 import reading, writing
-from pinnochio.mechanics.elastic import ElasticSolver
-from pinnochio.mechanics.elements import VOLUMETRIC, shape_gradients
-from pinnochio.mechanics.linear import linear_solver
-from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, shape_gradients
+from pinnochio.mechanics.solvers.linear_algebra import linear_solver
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.model.patient import FREE, MOVING, NO_INTERFACE, SLIDING, PatientModel
 from pinnochio.plans.plan import Plan
 

@@ -5,8 +5,8 @@ from itertools import permutations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pinnochio.mechanics.materials import Material, lame
-from pinnochio.mechanics.sliding import BoundaryConditions
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.elements.materials import Material, lame
 
 BLOCK = (80.0, 60.0, 30.0)  # mm
 # Cubes along the three edges of the block for about so many thousand nodes.

@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinnochio.mechanics.materials import Material, neo_hookean
+from pinnochio.mechanics.elements.materials import Material, neo_hookean
 from pinnochio.model.labels import TISSUES
 
 
 @dataclass(frozen=True)
 class FemSettings:
     """The section `fem` of the configuration; youngs_modulus in kPa by tissue name, time_limit in s;
-    increments to linear_solver: as in :class:`pinnochio.mechanics.solver.SolverOptions`.
+    increments to linear_solver: as in :class:`pinnochio.mechanics.solvers.newton.SolverOptions`.
 
     The simulated outcome alone has stiffening, second term of the material in kPa, and yielding: the volume ratio below
     which squeezed tissue hardly resists any more, 0 for tissue that bears any pressure. kept_factors: solve plans

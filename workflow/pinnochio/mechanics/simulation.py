@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinnochio.mechanics.elastic import ElasticSolver
-from pinnochio.mechanics.loads import Loads
-from pinnochio.mechanics.repeated import RepeatedSolver
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
+from pinnochio.mechanics.boundary.loads import Loads
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
-from pinnochio.mechanics.solver import SolveResult, SolverOptions, solve
+from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
+from pinnochio.mechanics.solvers.newton import SolveResult, SolverOptions, solve
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.timing import timed
@@ -73,7 +73,7 @@ class PlanSolver:
                 if device == "cpu" or loads:
                     self._kept = RepeatedSolver(*known)
                 else:
-                    from pinnochio.mechanics.batched.solver import BatchSolver  # loads torch
+                    from pinnochio.mechanics.solvers.batched.plan_batches import BatchSolver  # loads torch
 
                     self._kept = BatchSolver(*known, device)
             except RuntimeError as error:  # the stiffness at rest cannot be factorised

@@ -1,9 +1,9 @@
 """What bone motion does not explain of operated faces, learned as amplitudes of sources that mechanics carries.
 
 Of each training patient the deviation of the post-operative skin from a base, a field in equilibrium with the bone, is
-expressed by sources (:mod:`pinnochio.mechanics.sources`): pressures about corresponding anchors of the face and the
-weight of the tissue as the patient sits up. The amplitudes are regressed on what is known before the scan: motion of
-the skeleton's places, soft tissue over the landmarks, covariates. Both halves of a face are alike, so every patient
+expressed by sources (:mod:`pinnochio.mechanics.load_sources`): pressures about corresponding anchors of the face and
+the weight of the tissue as the patient sits up. The amplitudes are regressed on what is known before the scan: motion
+of the skeleton's places, soft tissue over the landmarks, covariates. Both halves of a face are alike, so every patient
 counts mirrored as well.
 """
 
@@ -19,8 +19,8 @@ from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.scattered import farthest
 from pinnochio.geometry.triangles import vertex_areas, vertex_normals
 from pinnochio.hdf5 import reading, writing
+from pinnochio.mechanics.load_sources import Sources, make_sources
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.sources import Sources, make_sources
 from pinnochio.model.bones import PLACES, motion_of_places
 from pinnochio.model.correspondence import ACROSS, SIDES, corresponding, marks, mirrored_marks, sides_changed
 from pinnochio.model.patient import PatientModel

@@ -7,7 +7,7 @@ import numpy as np
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.geometry.triangles import vertex_areas
-from pinnochio.mechanics.elements import node_volumes
+from pinnochio.mechanics.elements.tetrahedra import node_volumes
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.columns import CASES
 from pinnochio.metrics.judged import Judged

@@ -4,10 +4,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.mechanics.assembly import diagonal_blocks
-from pinnochio.mechanics.elements import Elements, jacobians, shape_gradients
+from pinnochio.mechanics.boundary.conditions import boundary_conditions
+from pinnochio.mechanics.boundary.sliding import SlidingContact
+from pinnochio.mechanics.elements.assembly import diagonal_blocks
+from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians, shape_gradients
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.sliding import SlidingContact, boundary_conditions
 from pinnochio.model.labels import TISSUES, segment_name
 from pinnochio.model.patient import CUT_PLANE, FREE, MOVING, SLIDING, PatientModel
 from pinnochio.plans.plan import Plan
@@ -78,7 +79,7 @@ def boundary_metrics(patient: PatientModel, plan: Plan, displacement) -> dict[st
     """Mean error in mm of the moving nodes against the rigid plan, of the sliding nodes against the moved bone.
 
     A sliding node should keep its signed distance to the bone that faces it, by the very surface that the solver
-    slides it on (:class:`pinnochio.mechanics.sliding.SlidingContact`); the error is the change of that distance, gap
+    slides it on (`boundary.sliding.SlidingContact`); the error is the change of that distance, gap
     and penetration alike. NaN where the patient has no such node.
     """
     cue, _ = patient.reference_cue(plan)

@@ -14,7 +14,7 @@ from vtkmodules.vtkIOGeometry import vtkSTLWriter
 from vtkmodules.vtkIOPLY import vtkPLYWriter
 
 from pinnochio.files import replacing
-from pinnochio.mechanics.elements import jacobians
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.model.patient import PatientModel
 
 SPACE = "SPACE=LPS"

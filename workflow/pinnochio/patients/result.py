@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from pinnochio.hdf5 import reading
-from pinnochio.mechanics.inversion_repair import Repair
+from pinnochio.mechanics.solvers.inversion_repair import Repair
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction
 from pinnochio.model.regions import NOT_JUDGED

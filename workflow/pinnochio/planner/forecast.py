@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from pinnochio.json_text import read_own_json
-from pinnochio.mechanics.corrections import Finish
-from pinnochio.mechanics.inversion_repair import Repair
 from pinnochio.mechanics.lift import Lift
-from pinnochio.mechanics.linear import Workers
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.solvers.inversion_repair import Repair
+from pinnochio.mechanics.solvers.linear_algebra import Workers
+from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods.pinnochio.patient import tensors
 from pinnochio.methods.pinnochio.predictor import PatientNetwork, load_network, load_sources
 from pinnochio.methods.sources import PatientSources, SourceModel

@@ -7,16 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinnochio.mechanics.elastic import ElasticSolver
-from pinnochio.mechanics.repeated import RepeatedSolver
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import PlanSolver, by_kept_factors, solver_options
-from pinnochio.mechanics.sliding import BoundaryConditions, boundary_conditions
-from pinnochio.mechanics.solver import SolveResult, solve
+from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
+from pinnochio.mechanics.solvers.newton import SolveResult, solve
+from pinnochio.mechanics.solvers.reduced import moved_cells, restricted
 from pinnochio.model.patient import NOT_LIP, PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import known_role
-from pinnochio.reduction.region import moved_cells, restricted
 
 # Largest share of the cells that is solved alone: more pays little for factors of its own, and with both jaws moving
 # far the linear field errs by tenths of millimetres where the cut would be [X: docs/scene.md].

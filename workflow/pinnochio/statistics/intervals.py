@@ -13,8 +13,8 @@ from pinnochio.files import replacing
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.hdf5 import reading, writing
 from pinnochio.json_text import read_own_json
-from pinnochio.mechanics.inversion_repair import Repair, repair_inversions
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.solvers.inversion_repair import Repair, repair_inversions
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.regions import NAMES, regions
 

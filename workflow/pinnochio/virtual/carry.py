@@ -10,9 +10,10 @@ from scipy.sparse import coo_array
 
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.mechanics.elastic import ElasticSolver
-from pinnochio.mechanics.materials import neo_hookean
-from pinnochio.mechanics.sliding import BoundaryConditions, SlidingSet
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.sliding import SlidingSet
+from pinnochio.mechanics.elements.materials import neo_hookean
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL
 from pinnochio.virtual.cavities import WALL, behind_lips, oral

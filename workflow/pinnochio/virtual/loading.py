@@ -6,8 +6,8 @@ import numpy as np
 
 from pinnochio.geometry.faces import boundary_faces
 from pinnochio.geometry.triangles import closest_on_triangles
-from pinnochio.mechanics.elements import node_volumes
-from pinnochio.mechanics.loads import Loads
+from pinnochio.mechanics.boundary.loads import Loads
+from pinnochio.mechanics.elements.tetrahedra import node_volumes
 from pinnochio.model.patient import PatientModel
 from pinnochio.virtual.covariates import AGE, Covariates
 

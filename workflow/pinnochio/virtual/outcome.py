@@ -15,9 +15,9 @@ from pinnochio.files import replacing
 from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.importing.segmentation import Segmentation, read_segmentation
 from pinnochio.json_text import read_own_json
-from pinnochio.mechanics.elements import jacobians
-from pinnochio.mechanics.inversion_repair import repair_inversions
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.simulation import PlanSolver
+from pinnochio.mechanics.solvers.inversion_repair import repair_inversions
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.model.patient import FREE, PatientModel

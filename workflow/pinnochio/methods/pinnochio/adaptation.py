@@ -6,8 +6,8 @@ import torch
 from torch import Tensor, nn
 
 from pinnochio.json_text import read_own_json
-from pinnochio.mechanics.corrections import Finish
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods import sources
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.methods.pinnochio.predictor import PatientNetwork

@@ -7,7 +7,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from pinnochio.mechanics.residual import Operator
+from pinnochio.mechanics.elements.residual import Operator
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.networks.signals import InterfaceAndVolume
 

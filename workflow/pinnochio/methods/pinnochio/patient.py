@@ -8,10 +8,10 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from pinnochio.geometry.scattered import farthest
-from pinnochio.mechanics.elements import lumped
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.residual import Operator
+from pinnochio.mechanics.elements.tetrahedra import lumped
 from pinnochio.mechanics.lift import Lift, motion_amplitudes, node_shares
-from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.residual import Operator
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.labels import MUSCLE
 from pinnochio.model.patient import (

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from pinnochio.mechanics.corrections import Finish
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods.pinnochio.patient import PatientTensors, tensors
 from pinnochio.methods.protocol import Planned
 from pinnochio.methods.sources import PatientSources, SourceModel

@@ -32,8 +32,9 @@ from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.geometry.triangles import closest_on_triangles, face_normals, vertex_areas
-from pinnochio.mechanics.point_surface import PointSurface
+from pinnochio.geometry.triangles import closest_on_triangles, face_normals
+from pinnochio.mechanics.boundary.point_surface import PointSurface
+from pinnochio.mechanics.boundary.sliding import SlidingSet
 
 # Triangles within it at rest can be touched, mm; what lips slide along each other stays below [I].
 REACH = 12.0
@@ -43,8 +44,6 @@ STEP = 1e-4  # mm, of the central differences
 NO_WEIGHT = 45.0  # squared distance over h^2, beyond the nearest triangle's, from which a weight is below 1e-19
 NEGLIGIBLE = 1e-7  # derivative of f by a node that the tangent leaves out
 ROUND = 3.0  # R in mm [I]
-MARGIN = 6.0  # mm around a lip that still belongs to its surface: where the other lip slides to [I]
-ACROSS = 0.5  # least cosine between a triangle's normal and the direction from its lip to the other
 STIFFNESS = 200.0  # kappa over mu / edge: in heads of 1,500 to 5,000 nodes 1 kPa enters 0.02-0.04 mm [X]
 
 
@@ -300,28 +299,7 @@ def _check(item: ContactSet, count: int) -> None:
         raise InputError("-", "contact", "a contact node is a corner of its own surface", "take it out of one")
 
 
-def facing_sets(points, faces, one, two, constrained=None) -> list[ContactSet]:
-    """Contact of the nodes `one` (s,) with the nodes `two` (t,), each against the other's surface.
-
-    points (n, 3) mm; faces (f, 3): boundary triangles; constrained (n,) bool. A surface is every face that looks
-    across to the other nodes, has one of its own nodes or lies around them, nearer than MARGIN to one and further from
-    the other's, holds no node of the other and is not constrained at all three corners. A node has the area of the
-    faces around it that look across; without one it is left out. Empty if there is no surface.
-    """
-    if not len(one) or not len(two):
-        return []
-    middle, (normals, areas) = points[faces].mean(axis=1), face_normals(points, faces)
-    mine, others = (np.isin(faces, nodes).all(axis=1) for nodes in (one, two))
-    across = areas[mine] @ normals[mine] - areas[others] @ normals[others]
-    across /= max(np.linalg.norm(across), 1e-12)
-    loose = np.ones(len(faces), bool) if constrained is None else ~constrained[faces].all(axis=1)
-    looking = np.abs(normals @ across) > ACROSS
-    away = [cKDTree(points[nodes]).query(middle)[0] for nodes in (one, two)]
-    sets = []
-    for own, other, there, here, ahead in ((one, two, *away, -across), (two, one, *away[::-1], across)):
-        surface = np.isin(faces, other).any(axis=1) | ((here < MARGIN) & (here < there))
-        surface &= loose & (normals @ ahead > ACROSS) & ~np.isin(faces, own).any(axis=1)
-        part = vertex_areas(points, faces[looking])[own]
-        if surface.any() and part.any():
-            sets.append(ContactSet(own[part > 0], part[part > 0], faces[surface], share=0.5))
-    return sets
+def unilateral_set(slid: SlidingSet, areas) -> ContactSet:
+    """The nodes of a sliding set, which may also leave the bone; areas (n,) mm2 of all nodes of the mesh."""
+    bone = {"points": slid.points, "normals": slid.normals, "motion": slid.motion}
+    return ContactSet(slid.nodes, areas[slid.nodes], **bone, touching=True)

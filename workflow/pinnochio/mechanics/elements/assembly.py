@@ -6,7 +6,14 @@ import numpy as np
 from scipy import sparse
 
 from pinnochio.compiled import compiled
-from pinnochio.mechanics.elements import EPSILON, ElementArrays, Elements, deformation, extended_log, patch_bulk
+from pinnochio.mechanics.elements.tetrahedra import (
+    EPSILON,
+    ElementArrays,
+    Elements,
+    deformation,
+    extended_log,
+    patch_bulk,
+)
 
 NONE = np.zeros(0)
 # For `definite`: as 1, every element's Hessian without its negative eigenvalues, by those of F, at a third of the cost

@@ -6,8 +6,8 @@ The bulk term alone is averaged over patches of elements,
     J_p = sum_{e in p} V_e J_e / V_p,    V_p = sum V_e,    lam_p = sum V_e lam_e / V_p.
 
 Two volumetric options: "p1", every element its own patch, the plain linear tetrahedron; "patch", patches of
-neighbours in one tissue (:mod:`pinnochio.mechanics.patches`), which do not lock: fewer constraints than unknowns
-[S: F-bar patches, de Souza Neto 2005]. -mu ln J stays with the element: it holds up every element's own J where
+neighbours in one tissue (:mod:`pinnochio.mechanics.elements.patches`), which do not lock: fewer constraints than
+unknowns [S: F-bar patches, de Souza Neto 2005]. -mu ln J stays with the element: it holds up each element's J where
 averaging would let one collapse beside another, and it cancels mu/2 (I1 - 3) at rest element by element, so that the
 rest state is free of stress where tissues meet. A uniform J gives the same energy in both, so the patch test holds and
 the linearisation is isotropic elasticity. The force is the exact gradient of W.
@@ -21,8 +21,8 @@ import numpy as np
 from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
 from pinnochio.geometry.faces import edges_of
-from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.patches import make_patches
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.patches import make_patches
 
 VOLUMETRIC = ("patch", "p1")
 # Levi-Civita symbol.

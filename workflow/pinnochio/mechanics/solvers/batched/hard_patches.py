@@ -1,11 +1,11 @@
 """The hard patches of all plans brought to equilibrium together, while the rest of the mesh stays.
 
-As :mod:`pinnochio.mechanics.local_equilibrium`, but Newton's systems are solved by conjugate gradients, many small
-systems that never have to be assembled, and sliding nodes move in their tangent planes: they are put back on their
-bones afterwards, and steps of the whole are as few as with the bend of the bones in the tangent [X]. Where the energy
-bends downwards, the tangent is damped instead: of every element the bulk's part that bends it (the only one without a
-sign) is bounded so that the whole is positive definite. Here for a CPU; on a GPU
-:mod:`pinnochio.mechanics.batched.zone_gpu`.
+As :mod:`pinnochio.mechanics.solvers.local_equilibrium`, but Newton's systems are solved by conjugate gradients, many
+small systems that never have to be assembled, and sliding nodes move in their tangent planes: they are put back on
+their bones afterwards, and steps of the whole are as few as with the bend of the bones in the tangent [X]. Where the
+energy bends downwards, the tangent is damped instead: of every element the bulk's part that bends it (the only one
+without a sign) is bounded so that the whole is positive definite. Here for a CPU; on a GPU
+:mod:`pinnochio.mechanics.solvers.batched.hard_patches_gpu`.
 """
 
 import numpy as np
@@ -13,11 +13,11 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from pinnochio.mechanics.batched.law import Mesh, State, cofactor, damped, determinant
-from pinnochio.mechanics.batched.rows import Rows, fused
-from pinnochio.mechanics.elements import Elements
-from pinnochio.mechanics.local_equilibrium import subset
-from pinnochio.mechanics.solver import UNTANGLING
+from pinnochio.mechanics.elements.tetrahedra import Elements
+from pinnochio.mechanics.solvers.batched.batch_energy import Mesh, State, cofactor, damped, determinant
+from pinnochio.mechanics.solvers.batched.sparse_rows import Rows, fused
+from pinnochio.mechanics.solvers.local_equilibrium import subset
+from pinnochio.mechanics.solvers.newton import UNTANGLING
 
 STEPS = 10  # of Newton's method, at most, before a step of the whole is judged; as many to untangle
 GRADIENTS = 48  # iterations of conjugate gradients in a step of Newton's method, at most [X]

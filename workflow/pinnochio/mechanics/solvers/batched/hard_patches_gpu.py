@@ -1,6 +1,6 @@
 """The hard patches of all plans brought to equilibrium together on a GPU, in programs that share the work evenly.
 
-The steps are those of :mod:`pinnochio.mechanics.batched.zone`. The patches, or nodes, of all plans in work are dealt
+The steps are those of `hard_patches`. The patches, or nodes, of all plans in work are dealt
 out in tiles, each of one plan, to as many programs as the GPU holds. A patch is a row of its tile, an element a lane;
 nodes sum their elements, and plans their tiles, in a fixed order. Conjugate gradients are in the form that sums once an
 iteration (Chronopoulos and Gear 1989); what an iteration leaves of a plan, the next reads from the other record.
@@ -12,12 +12,12 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from pinnochio.mechanics.batched import zone
-from pinnochio.mechanics.batched.dissection import padded
-from pinnochio.mechanics.batched.recorded import Recorded
-from pinnochio.mechanics.batched.rows import fused
-from pinnochio.mechanics.elements import Elements
-from pinnochio.mechanics.solver import UNTANGLING
+from pinnochio.mechanics.elements.tetrahedra import Elements
+from pinnochio.mechanics.solvers.batched import hard_patches
+from pinnochio.mechanics.solvers.batched.cuda_graphs import Recorded
+from pinnochio.mechanics.solvers.batched.dissection import padded
+from pinnochio.mechanics.solvers.batched.sparse_rows import fused
+from pinnochio.mechanics.solvers.newton import UNTANGLING
 
 LANES = 128  # places for elements in a tile [X]
 NODES = 32  # of a tile [X]
@@ -27,8 +27,8 @@ PATIENCE = 0.25  # share of the plans that the others do not wait for [X]
 OPEN, PENDING, LEFT, FRESH = (tl.constexpr(number) for number in range(4))
 
 
-class Zone(zone.Patches):
-    """As :class:`pinnochio.mechanics.batched.zone.Zone`, but a few plans may stay open, with their fields half-way."""
+class Zone(hard_patches.Patches):
+    """As `hard_patches.Zone`, but a few plans may stay open, with their fields half-way."""
 
     def __init__(self, elements: Elements, free, plans: int, device):
         super().__init__(elements, free, device)
@@ -63,7 +63,7 @@ class Zone(zone.Patches):
         self._vectors = empty(6, plans, nodes, 3)  # motion, preconditioned residual, residual, its image, way, image
         self._inverse, self._across = empty(plans, 6, nodes), empty(plans, nodes, 3)
         self._tiles = triton.cdiv(patches, LANES // wide), triton.cdiv(nodes, NODES)
-        self._energies = empty(2, zone.SHARES, plans, self._tiles[0], dtype=torch.float64)
+        self._energies = empty(2, hard_patches.SHARES, plans, self._tiles[0], dtype=torch.float64)
         self._sums = empty(2, plans, self._tiles[1], dtype=torch.float64)
         self._states, self._records = empty(2, plans, dtype=torch.float64), empty(2, 6, plans, dtype=torch.float64)
         self._told = empty(3, dtype=torch.int64)
@@ -99,7 +99,7 @@ class Zone(zone.Patches):
             running, waiting, active = self._told.tolist()
             if waiting <= PATIENCE * running:
                 break
-            if active > waiting // 8 and made < zone.GRADIENTS:
+            if active > waiting // 8 and made < hard_patches.GRADIENTS:
                 self._more()
                 made += CHUNK
             else:
@@ -126,12 +126,12 @@ class Zone(zone.Patches):
         with torch.cuda.device_of(self._field):
             _tried[grid](
                 *patches, self._field, self._vectors, self._extension, self._energies,
-                patch_tiles=self._tiles[0], SHARES=zone.SHARES, **sizes, **self._rows, **self._shape,
+                patch_tiles=self._tiles[0], SHARES=hard_patches.SHARES, **sizes, **self._rows, **self._shape,
             )  # fmt: skip
             _moved[(sizes["plans"],)](
                 self._nodes, self._counts, self._flags, self._field, self._vectors, self._force, self._energies,
                 self._states, self._extension, self._law, self._noise, patch_tiles=self._tiles[0],
-                SHARES=zone.SHARES, STEPS=zone.STEPS, N=256, **sizes, **self._rows, num_warps=8,
+                SHARES=hard_patches.SHARES, STEPS=hard_patches.STEPS, N=256, **sizes, **self._rows, num_warps=8,
             )  # fmt: skip
             _measured[grid](
                 *patches, self._field, self._extension, self._energies, self._corners, self._kept, self._second,
@@ -145,7 +145,7 @@ class Zone(zone.Patches):
             _judged[(sizes["plans"],)](
                 self._counts, self._flags, self._energies, self._sums, self._states, self._records, self._extension,
                 self._goal, self._lowest, self._law, UNTANGLING, patch_tiles=self._tiles[0], node_tiles=self._tiles[1],
-                STEPS=zone.STEPS, N=NODES, **sizes, **self._rows, num_warps=1,
+                STEPS=hard_patches.STEPS, N=NODES, **sizes, **self._rows, num_warps=1,
             )  # fmt: skip
         self._improved()
 
@@ -165,7 +165,7 @@ class Zone(zone.Patches):
                 )  # fmt: skip
                 _advanced[grid](
                     self._nodes, self._counts, self._flags, self._vectors, self._inverse, self._force, self._sums, now,
-                    then, zone.FORCING**2, node_tiles=self._tiles[1], N=NODES, **sizes, **self._shape,
+                    then, hard_patches.FORCING**2, node_tiles=self._tiles[1], N=NODES, **sizes, **self._shape,
                 )  # fmt: skip
         pending = self._flags[PENDING.value] > 0
         self._told[1:] = torch.stack([self.open.sum(), (pending & (self._records[0, 0] > 0)).sum()])
@@ -173,7 +173,7 @@ class Zone(zone.Patches):
 
 @fused
 def _begin(flags, extension, counts, new, law):
-    values = counts[1] > 0, 0, zone.STEPS, 1
+    values = counts[1] > 0, 0, hard_patches.STEPS, 1
     flags.copy_(torch.stack([torch.where(new, value, row) for value, row in zip(values, flags.unbind(), strict=True)]))
     extension.copy_(torch.where(new, law, extension))
 

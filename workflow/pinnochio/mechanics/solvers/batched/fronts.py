@@ -11,8 +11,8 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from pinnochio.mechanics.batched.dissection import Level, dissect
-from pinnochio.mechanics.batched.rows import Rows, gathers
+from pinnochio.mechanics.solvers.batched.dissection import Level, dissect
+from pinnochio.mechanics.solvers.batched.sparse_rows import Rows, gathers
 
 
 class Fronts:

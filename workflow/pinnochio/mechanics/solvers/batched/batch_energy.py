@@ -1,4 +1,4 @@
-"""The energy of :mod:`pinnochio.mechanics.elements` for many plans, in torch: force, and products with the tangent.
+"""The energy of :mod:`pinnochio.mechanics.elements.tetrahedra` for many plans, in torch, its force and its tangent.
 
 Arrays: displacements (n, 3, k) mm of k plans, numbers of the elements (m, k), of the patches (p, k). Tensors of 3 by 3
 are lists of their components, from which a compiler makes few kernels. `extension` (k,): that of ln J, of each plan.
@@ -11,8 +11,8 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from pinnochio.mechanics.batched.rows import Rows, fused
-from pinnochio.mechanics.elements import Elements
+from pinnochio.mechanics.elements.tetrahedra import Elements
+from pinnochio.mechanics.solvers.batched.sparse_rows import Rows, fused
 
 
 class Constants(NamedTuple):
@@ -129,7 +129,7 @@ def _excess(h) -> Tensor:
 
 
 def _log(j, extension):
-    """As :func:`pinnochio.mechanics.elements.extended_log`."""
+    """As :func:`pinnochio.mechanics.elements.tetrahedra.extended_log`."""
     inside = torch.maximum(j, extension)
     d = (j - inside) / inside
     return torch.log(inside) + d - 0.5 * d * d, (1 - d) / inside, -1 / (inside * inside)

@@ -1,6 +1,6 @@
 """Sliding nodes put back on their bones on a GPU: a program per node and plan, a lane per point of the bone.
 
-The field is that of :mod:`pinnochio.mechanics.held_nodes`. Its nearest points are those within a distance that is
+The field is that of :mod:`pinnochio.mechanics.boundary.sliding`. Its nearest points are those within a distance that is
 bisected until so many lie within it.
 """
 
@@ -12,14 +12,14 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from pinnochio.mechanics.batched import slides
-from pinnochio.mechanics.held_nodes import Bones, HeldNodes
+from pinnochio.mechanics.boundary.sliding import Bones, HeldNodes
+from pinnochio.mechanics.solvers.batched import batch_sliding
 
 MOST = 4096  # points of a bone that the lanes of a program can hold
 
 
-class Slides(slides.Axes):
-    """As :class:`pinnochio.mechanics.batched.slides.Slides`; TooManyPointsError if a bone has more than MOST."""
+class Slides(batch_sliding.Axes):
+    """As `batch_sliding.Slides`; TooManyPointsError if a bone has more than MOST."""
 
     def __init__(self, bones: Bones, plans: int, device):
         super().__init__(bones, plans, device)
@@ -29,7 +29,7 @@ class Slides(slides.Axes):
 
         most = int(np.diff(bones.first).max(initial=1))
         if most > MOST:
-            raise slides.TooManyPointsError(f"a bone has {most} points beside sliding tissue, more than {MOST}")
+            raise batch_sliding.TooManyPointsError(f"a bone has {most} points beside sliding tissue, more than {MOST}")
         whole = bones.nodes, bones.owner, bones.first, bones.count
         real = bones.rest, bones.level, bones.frames, bones.points, bones.normals, bones.width
         self._bones = *(tensor(item, torch.int32) for item in whole), *(tensor(item, torch.float64) for item in real)

@@ -6,7 +6,8 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.faces import pieces
-from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.sliding import SlidingContact
 
 
 class Constraints:

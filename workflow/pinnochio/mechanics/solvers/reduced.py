@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinnochio.mechanics.sliding import BoundaryConditions
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 
 
 def moved_cells(cells, field, limit: float, kept=()) -> np.ndarray:

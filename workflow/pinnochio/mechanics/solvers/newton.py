@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.assembly import Assembler
-from pinnochio.mechanics.constraints import Constraints
-from pinnochio.mechanics.contact import UnilateralContact, penalty
-from pinnochio.mechanics.elements import Elements, jacobians
-from pinnochio.mechanics.linear import conjugate_gradients, linear_solver, symmetric_product
-from pinnochio.mechanics.loads import OuterForces
-from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.sliding import BoundaryConditions
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.constraints import Constraints
+from pinnochio.mechanics.boundary.contact import UnilateralContact, penalty
+from pinnochio.mechanics.boundary.loads import OuterForces
+from pinnochio.mechanics.elements.assembly import Assembler
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians
+from pinnochio.mechanics.solvers.linear_algebra import conjugate_gradients, linear_solver, symmetric_product
 
 # Volume ratio below which ln J is extended while a start is untangled: the energy is all but quadratic in J then. With
 # 0.3 a patch mesh whose elements were half inverted reached another equilibrium in 1 of 12 tries, with 0.9 in none [X].

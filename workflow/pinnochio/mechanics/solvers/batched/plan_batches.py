@@ -1,4 +1,4 @@
-"""Many plans of one patient, whole batches at once: the way of :mod:`pinnochio.mechanics.repeated` on a GPU.
+"""Many plans of one patient, whole batches at once: the kept factors on a GPU.
 
 L-BFGS on the kept factor of the stiffness at rest, warped; hard patches and those that touch sliding nodes in
 equilibrium before every step is judged. As many plans as there are slots advance together, and where one ends the next
@@ -18,21 +18,21 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from pinnochio.mechanics import repeated
-from pinnochio.mechanics.assembly import Assembler
-from pinnochio.mechanics.batched import slides, zone
-from pinnochio.mechanics.batched.fronts import Fronts
-from pinnochio.mechanics.batched.law import Mesh
-from pinnochio.mechanics.batched.recorded import Recorded
-from pinnochio.mechanics.batched.rows import Rows, fused
-from pinnochio.mechanics.constraints import Constraints
-from pinnochio.mechanics.elements import Elements
-from pinnochio.mechanics.held_nodes import HeldNodes, bones_of
-from pinnochio.mechanics.local_equilibrium import touching
-from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.repeated import RepeatedSolver, beside, kept_result, mean_gradients
-from pinnochio.mechanics.sliding import BoundaryConditions, SlidingContact
-from pinnochio.mechanics.solver import SolveResult, SolverOptions
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.constraints import Constraints
+from pinnochio.mechanics.boundary.sliding import HeldNodes, SlidingContact, bones_of
+from pinnochio.mechanics.elements.assembly import Assembler
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.tetrahedra import Elements
+from pinnochio.mechanics.solvers import kept_factors
+from pinnochio.mechanics.solvers.batched import batch_sliding, hard_patches
+from pinnochio.mechanics.solvers.batched.batch_energy import Mesh
+from pinnochio.mechanics.solvers.batched.cuda_graphs import Recorded
+from pinnochio.mechanics.solvers.batched.fronts import Fronts
+from pinnochio.mechanics.solvers.batched.sparse_rows import Rows, fused
+from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver, beside, kept_result, mean_gradients
+from pinnochio.mechanics.solvers.local_equilibrium import touching
+from pinnochio.mechanics.solvers.newton import SolveResult, SolverOptions
 
 LOG = logging.getLogger(__name__)
 
@@ -109,7 +109,7 @@ class BatchSolver:
             try:
                 asked = [self.asked(boundaries[number]) for number in numbers]
                 fields, ways = self.fields(asked)
-            except (torch.OutOfMemoryError, slides.TooManyPointsError) as error:
+            except (torch.OutOfMemoryError, batch_sliding.TooManyPointsError) as error:
                 LOG.warning("the plans are left to the CPU: %s", error)
         share = (time.perf_counter() - began) / max(len(numbers), 1)
         results: list[SolveResult | None] = [None] * len(boundaries)
@@ -150,11 +150,11 @@ class BatchSolver:
         """Fields (n, 3, k) mm in equilibrium at rest with motions (n, 3, k) mm of the constrained nodes, about; here
         and below with the free nodes first."""
         fields, nodes = motions.clone(), self._sliding
-        fields[nodes] = slides.inward(self._frames, fields[nodes])
+        fields[nodes] = batch_sliding.inward(self._frames, fields[nodes])
         fields = torch.where(self._constrained, fields, 0)
         load = -self._coupling(fields.float().reshape(-1, motions.shape[2]))
         fields[: self._free] += self._fronts.solve(load.view(-1, 3, motions.shape[2]))
-        fields[nodes] = slides.outward(self._frames, fields[nodes])
+        fields[nodes] = batch_sliding.outward(self._frames, fields[nodes])
         return fields
 
 
@@ -174,10 +174,10 @@ class _Slots:
         least = max(1e-4 * elements.modulus * elements.edge**2 * np.sqrt(fixed), np.finfo(float).tiny)
         self._floor, self._noise = zeros() + least, zeros() + 1e-14 * elements.modulus * elements.volumes.sum()
         self._u, self._trial, self._start = zeros(nodes, 3), zeros(nodes, 3), zeros(nodes, 3)
-        slides_here, zone_here = (slides, zone) if device.type == "cpu" else _on_gpu()
+        sliding_here, patches_here = (batch_sliding, hard_patches) if device.type == "cpu" else _on_gpu()
         slipping = solver._sliding.cpu().numpy()
         self._bones = solver._bones._replace(nodes=slipping)
-        self._slides = slides_here.Slides(self._bones, plans, device)
+        self._slides = sliding_here.Slides(self._bones, plans, device)
         # Of the sliding nodes: axes where the plans are (the slides have those of the trials), normals at their starts.
         self._axes, self._normals = zeros(len(slipping), 3, 3), zeros(len(slipping), 3)
         self._across = zeros(nodes, 3)  # normals of the trials, zero at other nodes
@@ -189,7 +189,7 @@ class _Slots:
         self._steps, self._changes = (zeros(MEMORY + 1, free, 3, dtype=torch.float32) for _ in range(2))
         self._products, self._ring = zeros(MEMORY + 1, MEMORY + 1), zeros(2, dtype=torch.long)
         self._known = zeros(len(elements.patch_volumes), dtype=torch.bool)
-        self._zone = zone_here.Zone(elements, np.arange(nodes) < free, plans, device)
+        self._zone = patches_here.Zone(elements, np.arange(nodes) < free, plans, device)
         self._shell = torch.as_tensor(touching(elements, slipping), device=device)[:, None]
         self._ready = False
         self._prepare = Recorded(lambda: self._zone.prepare(self._known), device)
@@ -283,7 +283,7 @@ class _Slots:
         q, shares = self._next()
         before = self._direction[nodes]
         slope = _turn(good, self._direction, q, self._steps, shares, self._gradient)
-        turned = slides.outward(self._axes, self._direction[nodes].double()).float()
+        turned = batch_sliding.outward(self._axes, self._direction[nodes].double()).float()
         self._direction[nodes] = torch.where(good, turned, before)
         _ended(now, running, good, slope, self._options.loose)
 
@@ -302,30 +302,30 @@ class _Slots:
         shares = _back(self._products, self._ring, _against(self._steps, gradient))
         warp = _kept_volume(solver._gradients(self._u.float()).view(-1, 3, 3, self.plans))
         nodes = solver._sliding
-        warp[nodes] = slides.carried(self._axes, warp[nodes], solver._frames)
+        warp[nodes] = batch_sliding.carried(self._axes, warp[nodes], solver._frames)
         q = _warped(warp, solver._fronts.solve(_unwarped(warp, gradient, self._changes, shares)))
         return q, _forth(self._products, self._ring, _against(self._changes, q), shares)
 
     def _strayed(self) -> np.ndarray:
         """Plans (k,) bool that may have found another equilibrium, as by
-        :meth:`pinnochio.mechanics.repeated.RepeatedSolver`."""
+        :meth:`pinnochio.mechanics.solvers.kept_factors.RepeatedSolver`."""
         way, nodes = self._u - self._start, self._solver._sliding
         far = torch.linalg.vector_norm(way - self._solver._beside(way), dim=1).amax(0)
-        strayed = far > repeated.STRAY * self._solver._elements.edge
-        strayed |= ((self._normals * self._axes[:, 0]).sum(1) < repeated.RIM).any(0)
-        strayed |= (torch.linalg.vector_norm(way[nodes], dim=1) > repeated.SLIDE).any(0)
+        strayed = far > kept_factors.STRAY * self._solver._elements.edge
+        strayed |= ((self._normals * self._axes[:, 0]).sum(1) < kept_factors.RIM).any(0)
+        strayed |= (torch.linalg.vector_norm(way[nodes], dim=1) > kept_factors.SLIDE).any(0)
         return strayed.cpu().numpy()
 
 
 def _on_gpu():
-    from pinnochio.mechanics.batched import slides_gpu, zone_gpu
+    from pinnochio.mechanics.solvers.batched import batch_sliding_gpu, hard_patches_gpu
 
-    return slides_gpu, zone_gpu
+    return batch_sliding_gpu, hard_patches_gpu
 
 
 class Way:
     """How far one plan has come: it begins with the whole load, and what fails goes on in increments, as in
-    :mod:`pinnochio.mechanics.repeated`. sliding: its sliding sets; iterations: in all."""
+    :mod:`pinnochio.mechanics.solvers.kept_factors`. sliding: its sliding sets; iterations: in all."""
 
     def __init__(self, sliding: SlidingContact):
         self.sliding, self.share, self.field, self.iterations = sliding, 1.0, None, 0
@@ -357,12 +357,12 @@ class Way:
         """
         last = self._steps[-1][1]
         self.iterations += int(last[ITERATIONS])
-        if last[CODE] == SOLVED and not (strayed and self.share > repeated.LEAST_INCREMENT):
+        if last[CODE] == SOLVED and not (strayed and self.share > kept_factors.LEAST_INCREMENT):
             self.done = self.fraction
             self.field = None if self.solved else field.clone()
             return not self.solved
-        self.share = min(self.share / 2, repeated.INCREMENT)
-        return self.share >= repeated.LEAST_INCREMENT
+        self.share = min(self.share / 2, kept_factors.INCREMENT)
+        return self.share >= kept_factors.LEAST_INCREMENT
 
 
 def _result(field, way: Way, seconds: float, violation: float) -> SolveResult:
@@ -412,12 +412,12 @@ def _go(trial, u, direction, now, waits, running, lowest):
     trial[:free] = torch.where(waits, trial[:free], u[:free] + now[STEP] * direction)
     trial[free:] = u[free:]
     running.copy_(now[CODE] == RUNNING)
-    lowest.copy_(torch.where(now[FRESH] > 0, -torch.inf, float(repeated.WILD)))
+    lowest.copy_(torch.where(now[FRESH] > 0, -torch.inf, float(kept_factors.WILD)))
 
 
 @fused
 def _hard(ratio, stretch):
-    return ((ratio < repeated.HARD_RATIO) | (stretch > repeated.HARD_STRETCH)).float()
+    return ((ratio < kept_factors.HARD_RATIO) | (stretch > kept_factors.HARD_STRETCH)).float()
 
 
 @fused
@@ -458,9 +458,9 @@ def _ended(now, running, good, slope, loose):
     """Which plans are solved or have failed, in now."""
     residual, least, iterations = now[RESIDUAL], now[LEAST], now[ITERATIONS]
     solved = good & (residual <= now[TOLERANCE]) & (least > 0)
-    failed = (now[HALVED] > HALVINGS) | (iterations >= repeated.ITERATIONS)
+    failed = (now[HALVED] > HALVINGS) | (iterations >= kept_factors.ITERATIONS)
     failed = failed | (good & (residual <= loose) & ~(least > 0)) | (good & ~solved & ~(slope < 0))
-    failed = failed | (good & (iterations == repeated.PATIENCE) & (residual > repeated.FAR))
+    failed = failed | (good & (iterations == kept_factors.PATIENCE) & (residual > kept_factors.FAR))
     code = torch.where(running & solved, float(SOLVED), torch.where(running & failed, float(FAILED), now[CODE]))
     slope = torch.where(good, slope, now[SLOPE])
     now.copy_(torch.cat([code[None], now[1:SLOPE], slope[None], now[SLOPE + 1 :]]))

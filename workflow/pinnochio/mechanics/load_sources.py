@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinnochio.geometry.triangles import vertex_areas, vertex_normals
-from pinnochio.mechanics.elastic import ElasticSolver
-from pinnochio.mechanics.elements import VOLUMETRIC, node_volumes
-from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.sliding import boundary_conditions
+from pinnochio.mechanics.boundary.conditions import boundary_conditions
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, node_volumes
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 

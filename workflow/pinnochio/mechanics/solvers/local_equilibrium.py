@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinnochio.mechanics.assembly import CUT, Assembler
-from pinnochio.mechanics.constraints import turned
-from pinnochio.mechanics.elements import Elements
-from pinnochio.mechanics.held_nodes import HeldNodes
-from pinnochio.mechanics.linear import linear_solver
-from pinnochio.mechanics.loads import OuterForces
-from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.solver import UNTANGLING
+from pinnochio.mechanics.boundary.constraints import turned
+from pinnochio.mechanics.boundary.loads import OuterForces
+from pinnochio.mechanics.boundary.sliding import HeldNodes
+from pinnochio.mechanics.elements.assembly import CUT, Assembler
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.tetrahedra import Elements
+from pinnochio.mechanics.solvers.linear_algebra import linear_solver
+from pinnochio.mechanics.solvers.newton import UNTANGLING
 
 SLIDE = 0.5  # way of a sliding node in mean edges that a step is shortened to [I]
 STEPS = 10  # iterations at most in one call [I]
@@ -79,7 +79,7 @@ class _State(NamedTuple):
 class LocalEquilibrium:
     """Some patches of a mesh, whose nodes alone move.
 
-    constrained (n, 3) bool and sliding (s,): as of :class:`pinnochio.mechanics.constraints.Constraints`; patches (p,)
+    constrained (n, 3) bool and sliding (s,): as of `boundary.constraints.Constraints`; patches (p,)
     bool: those to bring to equilibrium. inside (n, 3) bool: the unknowns that move; slides: which of the sliding nodes.
     Every patch beside them belongs to the energy: touched (p,) bool; nodes (k,): theirs.
     outer: forces beside those of the elements. barrier: elements stay, or become, the right way out.

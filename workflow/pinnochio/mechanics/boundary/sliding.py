@@ -1,19 +1,157 @@
-"""Sliding nodes of one mesh under many plans: put back on their bones and given their local axes, compiled.
+"""Sliding: nodes that keep their distance to a bone that moves, and are free along it.
 
-The field is that of :class:`pinnochio.mechanics.point_surface.PointSurface`: as many of the bone's points count, the
-nearest. They are sought among those that are nearest to the node at rest.
+Newton's method and the linear solvers take it from :class:`SlidingContact`, in numpy. Kept factors put the nodes of
+many plans back on their bones by :class:`HeldNodes`, compiled: the same field, as many of the bone's points count, the
+nearest, sought among those that are nearest to the node at rest. Both agree to rounding alone, and the locked cohort is
+frozen to the last digit of Newton's fields, so both stay.
 """
 
 import copy
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.compiled import compiled
-from pinnochio.mechanics.sliding import SlidingContact
+from pinnochio.errors import InputError
+from pinnochio.mechanics.boundary.point_surface import PointSurface
+from pinnochio.model.labels import segment_name
+from pinnochio.model.patient import MOVING, SLIDING, PatientModel
+from pinnochio.plans.plan import Plan, RigidMotion
 
+# Bone further than this from every tissue node of its segment cannot be slid upon. Above the largest motion, mm [I].
+REACH = 25.0
 NEAREST = 256  # points of the bone that are listed for a node; where they do not reach all points are looked through
+
+
+@dataclass(frozen=True)
+class SlidingSet:
+    """Nodes (s,) that keep their signed distance to a rigidly moving surface and are free along it.
+
+    points, normals (b, 3): the surface at rest, normals outward; motion(fraction) is where it has moved to.
+    """
+
+    nodes: np.ndarray
+    points: np.ndarray
+    normals: np.ndarray
+    motion: Callable[[float], RigidMotion]
+
+
+def sliding_sets(model: PatientModel, plan: Plan) -> list[SlidingSet]:
+    """The sliding nodes of a patient, by the bone that carries them, in the motion of a plan."""
+    sets, slides = [], model.node_type == SLIDING
+    for index in np.unique(model.node_segment[slides]):
+        motion = RigidMotion() if index < 0 else plan.motion(model.segments[index])
+        nodes = np.flatnonzero(slides & (model.node_segment == index))
+        sets.append(SlidingSet(nodes, *facing_bone(model, index), motion.fraction))
+    return sets
+
+
+def facing_bone(model: PatientModel, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Bone of a segment that faces its tissue: without the far side of thin plates, whose normals would cancel."""
+    tissue = np.flatnonzero((model.node_segment == index) & np.isin(model.node_type, (MOVING, SLIDING)))
+    own = model.bone_segment == index
+    points, normals = model.bone_points[own], model.bone_normals[own]
+    if len(points) < 4:
+        name = segment_name(index, model.segments)
+        raise InputError("-", "model", f"sliding nodes on segment {name!r}, which has no surface", "rebuild the model")
+    away, nearest = cKDTree(model.points[tissue]).query(points)
+    outward = model.node_normal[tissue[nearest]]
+    keep = (away < REACH) & (np.einsum("bi,bi->b", normals, outward) < 0.3)
+    keep &= np.linalg.norm(normals, axis=1) > 0.5
+    return points[keep], normals[keep]
+
+
+class SlidingContact:
+    """The sliding sets of one mesh: holds their nodes on the level sets of their surfaces where they started."""
+
+    def __init__(self, points, sets):
+        self.points = np.asarray(points, float)
+        self.sets = [item for item in sets if len(item.nodes)]
+        self.nodes = np.concatenate([np.zeros(0, int)] + [np.asarray(item.nodes, int) for item in self.sets])
+        self.surfaces = [PointSurface(item.points, item.normals) for item in self.sets]
+        self._levels = [
+            surface.distance(self.points[item.nodes])[0] for surface, item in zip(self.surfaces, self.sets, strict=True)
+        ]
+
+    def under(self, sets) -> "SlidingContact":
+        """The same nodes on the same surfaces in another motion."""
+        other = copy.copy(self)
+        other.sets = [replace(item, motion=cache(item.motion)) for item in sets if len(item.nodes)]
+        return other
+
+    def carry(self, displacement, start: float, end: float) -> np.ndarray:
+        """Displacement (n, 3) with the sliding nodes carried by their surfaces from fraction `start` to `end`."""
+        moved = np.array(displacement, float)
+        for item in self.sets:
+            rest, here = self.points[item.nodes], item.motion(start).inverse(self._place(item, moved))
+            moved[item.nodes] = item.motion(end).apply(here) - rest
+        return moved
+
+    def project(self, displacement, fraction: float) -> np.ndarray:
+        """Displacement (n, 3) with the sliding nodes put back on their level sets at `fraction`."""
+        moved = np.array(displacement, float)
+        for item, surface, level in zip(self.sets, self.surfaces, self._levels, strict=True):
+            motion = item.motion(fraction)
+            here = surface.project(motion.inverse(self._place(item, moved)), level)
+            moved[item.nodes] = motion.apply(here) - self.points[item.nodes]
+        return moved
+
+    def frames(self, displacement, fraction: float) -> np.ndarray:
+        """Local axes (s, 3, 3) of the sliding nodes, in rows: normal of the moved surface and two tangents."""
+        normals = [np.zeros((0, 3))]
+        for item, surface in zip(self.sets, self.surfaces, strict=True):
+            motion = item.motion(fraction)
+            _, gradient = surface.distance(motion.inverse(self._place(item, displacement)))
+            normals.append(gradient @ motion.rotation.T)
+        return _frames(np.vstack(normals))
+
+    def curvature(self, displacement, fraction: float, frames, force) -> np.ndarray:
+        """What the bend of the surfaces adds to the tangent, (s, 3, 3) in mN/mm in local axes, zero along the first.
+
+        The Hessian of the energy on a level set of g is K - (force . grad g / |grad g|^2) d2g along it; force (n, 3) in
+        mN is the gradient of the energy. d2g is taken by central differences of the gradient.
+        """
+        step, blocks, done = 1e-3, [np.zeros((0, 3, 3))], 0
+        for item, surface in zip(self.sets, self.surfaces, strict=True):
+            motion, axes = item.motion(fraction), frames[done : done + len(item.nodes)]
+            done += len(item.nodes)
+            here = motion.inverse(self._place(item, displacement))
+            pull, local = force[item.nodes] @ motion.rotation, axes @ motion.rotation
+            gradient = surface.distance(here)[1]
+            reaction = (pull * gradient).sum(axis=1) / np.maximum((gradient**2).sum(axis=1), 1e-12)
+            columns = []
+            for tangent in (local[:, 1], local[:, 2]):
+                change = surface.distance(here + step * tangent)[1] - surface.distance(here - step * tangent)[1]
+                columns.append(np.einsum("sij,sj->si", local[:, 1:], change / (2 * step)))
+            bend = np.zeros((len(item.nodes), 3, 3))
+            bend[:, 1:, 1:] = np.stack(columns, axis=2)
+            blocks.append(-reaction[:, None, None] * (bend + bend.transpose(0, 2, 1)) / 2)
+        return np.concatenate(blocks)
+
+    def violation(self, displacement, fraction: float = 1.0) -> np.ndarray:
+        """Signed gap (s,) in mm that opened (positive) or closed (penetration, negative) at the sliding nodes."""
+        gaps = [np.zeros(0)]
+        for item, surface, level in zip(self.sets, self.surfaces, self._levels, strict=True):
+            here = item.motion(fraction).inverse(self._place(item, displacement))
+            gaps.append(surface.distance(here)[0] - level)
+        return np.concatenate(gaps)
+
+    def _place(self, item: SlidingSet, displacement) -> np.ndarray:
+        return self.points[item.nodes] + displacement[item.nodes]
+
+
+def _frames(normals) -> np.ndarray:
+    """Right-handed orthonormal axes (s, 3, 3), the first along each normal (s, 3)."""
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.where(length > 1e-12, normals / np.maximum(length, 1e-12), [1.0, 0, 0])
+    other = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    tangent = np.cross(normals, other)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    return np.stack([normals, tangent, np.cross(normals, tangent)], axis=1)
 
 
 class Bones(NamedTuple):
@@ -100,7 +238,7 @@ class HeldNodes:
 
     def bend(self, u, axes, force) -> np.ndarray:
         """What the bend of the surfaces adds to the tangent, (s, 3, 3) mN/mm in local axes, zero along the first; as
-        :meth:`pinnochio.mechanics.sliding.SlidingContact.curvature`; force (s, 3) mN on the nodes."""
+        :meth:`pinnochio.mechanics.boundary.sliding.SlidingContact.curvature`; force (s, 3) mN on the nodes."""
         blocks = np.zeros((len(self._bones.nodes), 3, 3))
         _bend(u, self._bones, self.turns, self.shifts, axes, force, blocks)
         return blocks

@@ -4,13 +4,13 @@ import numpy as np
 from scipy import sparse
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.assembly import Assembler
-from pinnochio.mechanics.constraints import Constraints
-from pinnochio.mechanics.elements import VOLUMETRIC, Elements
-from pinnochio.mechanics.linear import linear_solver
-from pinnochio.mechanics.loads import OuterForces
-from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.sliding import BoundaryConditions
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.constraints import Constraints
+from pinnochio.mechanics.boundary.loads import OuterForces
+from pinnochio.mechanics.elements.assembly import Assembler
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, Elements
+from pinnochio.mechanics.solvers.linear_algebra import linear_solver
 
 
 class ElasticSolver:

@@ -26,16 +26,16 @@ from scipy import sparse
 
 from pinnochio.compiled import compiled
 from pinnochio.geometry.faces import edges_of
-from pinnochio.mechanics.constraints import Constraints
-from pinnochio.mechanics.elastic import ElasticSolver
-from pinnochio.mechanics.elements import Elements, lumped
-from pinnochio.mechanics.held_nodes import HeldNodes, bones_of
-from pinnochio.mechanics.linear import Workers
-from pinnochio.mechanics.loads import OuterForces
-from pinnochio.mechanics.local_equilibrium import LocalEquilibrium, touching
-from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import SolveResult, SolverOptions, solve
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.constraints import Constraints
+from pinnochio.mechanics.boundary.loads import OuterForces
+from pinnochio.mechanics.boundary.sliding import HeldNodes, bones_of
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.tetrahedra import Elements, lumped
+from pinnochio.mechanics.solvers.linear_algebra import Workers
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
+from pinnochio.mechanics.solvers.local_equilibrium import LocalEquilibrium, touching
+from pinnochio.mechanics.solvers.newton import SolveResult, SolverOptions, solve
 
 MEMORY = 10  # pairs of steps and changes of the force that are kept
 # An element is hard below this volume ratio, or above this I1 = tr F'F, 3 at rest.

@@ -1,7 +1,7 @@
 """The sliding nodes of many plans, put back on their bones and given their local axes.
 
-As :class:`pinnochio.mechanics.held_nodes.HeldNodes`, by whose kernels a CPU does it, plan by plan; on a GPU those of
-:mod:`pinnochio.mechanics.batched.slides_gpu`. Axes of nodes (s,) under k plans are arrays (s, 3, 3, k), in rows.
+As :class:`pinnochio.mechanics.boundary.sliding.HeldNodes`, by whose kernels a CPU does it, plan by plan; on a GPU
+those of `batch_sliding_gpu`. Axes of nodes (s,) under k plans are arrays (s, 3, 3, k), in rows.
 """
 
 from collections.abc import Sequence
@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from pinnochio.mechanics.batched.rows import fused
-from pinnochio.mechanics.held_nodes import Bones, HeldNodes
+from pinnochio.mechanics.boundary.sliding import Bones, HeldNodes
+from pinnochio.mechanics.solvers.batched.sparse_rows import fused
 
 
 class TooManyPointsError(RuntimeError):

@@ -7,12 +7,12 @@ import numpy as np
 
 from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elements import VOLUMETRIC, ElementArrays, Elements, deformation, patch_bulk
-from pinnochio.mechanics.inversion_repair import Repair, repair_inversions
-from pinnochio.mechanics.materials import Material
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, ElementArrays, Elements, deformation, patch_bulk
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.sliding import BoundaryConditions
-from pinnochio.mechanics.solver import Newton, SolverOptions, State, Stop
+from pinnochio.mechanics.solvers.inversion_repair import Repair, repair_inversions
+from pinnochio.mechanics.solvers.newton import Newton, SolverOptions, State, Stop
 from pinnochio.model.patient import FIXED, FREE, NO_INTERFACE, PatientModel
 
 # Shares of a Newton step that are tried in turn.
@@ -86,7 +86,7 @@ class Corrector:
 
         alike: the field is of the same plan as the one before, whose factors serve it too.
         prescribed (p, 3) mm: where the prescribed nodes belong. Where that turns an element inside out which no free
-        node can save, they belong where :func:`~pinnochio.mechanics.inversion_repair.repair_inversions` puts them.
+        node can save, they belong where `repair_inversions` puts them.
         forces (n, 3) mN: a dead load, if there is one. InputError if a field does not fit the mesh or is not finite.
         """
         newton, start = self._newton, np.array(start, float)

@@ -42,9 +42,9 @@ class Rows:
         flat = x.reshape(len(x), -1)
         if self._parts is None:
             return torch.from_numpy(self._matrix @ flat.numpy()).view(self.shape[0], *x.shape[1:])
-        from pinnochio.mechanics.batched import rows_gpu
+        from pinnochio.mechanics.solvers.batched import sparse_rows_gpu
 
-        return rows_gpu.product(*self._parts, flat.contiguous()).view(self.shape[0], *x.shape[1:])
+        return sparse_rows_gpu.product(*self._parts, flat.contiguous()).view(self.shape[0], *x.shape[1:])
 
 
 def gathers(lists, columns: int) -> sparse.csr_array:

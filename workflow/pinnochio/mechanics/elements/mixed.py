@@ -33,10 +33,10 @@ from scipy import sparse
 from scipy.special import lambertw
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elements import EPSILON, check_mesh, lumped, mean_edge, shape_gradients
-from pinnochio.mechanics.linear import linear_solver
-from pinnochio.mechanics.materials import Material
-from pinnochio.mechanics.sliding import BoundaryConditions
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.tetrahedra import EPSILON, check_mesh, lumped, mean_edge, shape_gradients
+from pinnochio.mechanics.solvers.linear_algebra import linear_solver
 
 MIXED = ("taylor_hood", "stabilised", "averaged")
 # Ends of the six edges, in the order of VTK's quadratic tetrahedron.

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from pinnochio.mechanics.elements import VOLUMETRIC, Elements
-from pinnochio.mechanics.materials import Material
+from pinnochio.mechanics.elements.materials import Material
+from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, Elements
 
 
 @dataclass(frozen=True)

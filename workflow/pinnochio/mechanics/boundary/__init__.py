@@ -1,0 +1,1 @@
+"""What acts on the tissue from outside: bone that holds or moves it, sliding, contact, loads."""
