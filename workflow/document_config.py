@@ -5,16 +5,22 @@ reasons beside the keys of config/config.yaml.
 """
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from importlib import import_module
+from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from pinnochio.code import ROOT
+from pinnochio.columns import Column
 from pinnochio.study.schema import allowed, resolved
 
 LINE = 110  # characters of a reason in the configuration
+LONG = 40  # characters of a default that the page shows
+SHORT = 3  # rows of a section that has no heading of its own
 
 # What is often changed: what for, the overlay, what is made again, and how long that takes on two cores.
 RECIPES = (
@@ -52,51 +58,96 @@ TABLES = {
 
 
 def document(schema: dict, defaults: dict) -> str:
-    """Markdown page: recipes, then one section per block with one row per key: default, bounds, meaning."""
+    """Markdown page: recipes, then one table per section with one row per key: default, allowed values, meaning."""
     lines = [
         "# Configuration",
         "",
         "Generated from `workflow/schemas/config.schema.yaml` and `config/config.yaml` by `make docs`; do not edit.",
         "",
         schema["description"],
+        "`[0, 1]` allows both ends, `(0, 1)` neither. Long defaults stand in `config.yaml`. "
         'An overlay (`--configfile config/quick.yaml`), `--config seed=2` or `--config fem="{poisson: 0.45}"` replaces '
         "single values.",
         "",
         "## Recipes",
         "",
-        "Write the lines to a file, say `own.yaml`, and name it with `--configfile own.yaml`. Add "
-        "`pathvars: {results: results/own}` to keep the study that is there. With `-n` Snakemake lists the jobs first. "
-        "Times are reckoned from the default study at commit `0eb5985` (98 min on two cores), not measured.",
+        "Write the lines to a file, say `mine.yaml`, and name it with `--configfile mine.yaml`. "
+        "`pathvars: {results: results/mine}` keeps the study that is there. With `-n` Snakemake only lists the jobs. "
+        "Times are estimates for two cores.",
         "",
         "| to change | lines | made again | time |",
         "|---|---|---|---|",
         *(f"| {what} | `{overlay}` | {again} | {time} |" for what, overlay, again, time in RECIPES),
     ]
-    single, blocks = [], []
+    short, sections = [], []
     for key, entry in schema["properties"].items():
-        entry = resolved(entry, schema)
-        own = list(rows({"properties": {key: entry}}, defaults, schema, ""))
-        (single if len(own) == 1 else blocks).append((key, own))
-    lines += _section("Single keys", [row for _, own in single for row in own])
-    for key, own in blocks:
-        lines += _section(f"`{key}`", own)
-    return "\n".join(lines) + "\n"
-
-
-def _section(title: str, own: list[str]) -> list[str]:
-    return ["", f"## {title}", "", "| key | default | allowed | meaning |", "|---|---|---|---|", *own]
-
-
-def rows(node: dict, defaults: dict, schema: dict, prefix: str) -> Iterator[str]:
-    """Table rows of an object's properties, depth first."""
-    for key, entry in node["properties"].items():
-        meaning, entry = _meaning(entry, schema)
-        value = (defaults or {}).get(key)
-        if "properties" in entry:
-            yield f"| **`{prefix}{key}`** | | | {meaning} |"
-            yield from rows(entry, value, schema, f"{prefix}{key}.")
+        table = list(rows({"properties": {key: entry}}, defaults, schema, defaults))
+        if len(table) <= SHORT:
+            short += table
         else:
-            yield f"| `{prefix}{key}` | `{value}` | {allowed(entry)} | {meaning} |"
+            sections += _section(f"`{key}`", table)
+    return "\n".join([*lines, *_section("Short sections", short), *sections]) + "\n"
+
+
+def _section(title: str, table: list[str]) -> list[str]:
+    return ["", f"## {title}", "", "| key | default | allowed | meaning |", "|---|---|---|---|", *table]
+
+
+def rows(
+    node: dict, values: dict, schema: dict, defaults: dict, prefix: str = "", known: dict | None = None
+) -> Iterator[str]:
+    """Table rows of an object's properties, depth first; with `known`, the values of the section that explains the
+    same keys, those alone that differ."""
+    for key, entry in node["properties"].items():
+        place, value = f"{prefix}{key}", (values or {}).get(key)
+        home = _home(entry, schema, place)
+        meaning, entry = _meaning(entry, schema)
+        same = (known or {}).get(key)
+        if "properties" in entry:
+            if known is None:
+                twin = f" Keys and defaults as in `{home}` but for the rows below." if home else ""
+                yield f"| **`{place}`** | | | {meaning.rstrip('.')}.{twin} |"
+            other = defaults[home] if home else same if known is not None else None
+            yield from rows(entry, value, schema, defaults, f"{place}.", other)
+        elif known is None or (same is None and value is not None):
+            yield f"| `{place}` | {_shown(value)} | {within(entry)} | {meaning.rstrip('.')} |"
+        elif value not in (None, same):
+            yield f"| `{place}` | {_shown(value)} | | |"
+
+
+def _home(entry: dict, schema: dict, place: str) -> str:
+    """The section where the keys of an entry are explained, empty for that section itself."""
+    reference = entry.get("$ref", "")
+    homes = [key for key, section in schema["properties"].items() if reference and section.get("$ref") == reference]
+    return homes[0] if homes and homes[0] != place and "properties" in resolved(entry, schema) else ""
+
+
+def _shown(value: Any) -> str:
+    """A default as the page shows it, empty where it is long."""
+    if value is None or value in ("", [], {}):
+        return "-"
+    text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+    return f"`{text}`" if len(text) <= LONG else ""
+
+
+def within(entry: dict) -> str:
+    """The values that an entry allows, bounds as an interval."""
+    if "oneOf" in entry:
+        return " or ".join(within(part) for part in entry["oneOf"] if "$ref" not in part)
+    kind = entry.get("type")
+    if kind == "boolean":
+        return "true, false"
+    if kind == "array" and "enum" not in entry["items"]:
+        return f"list of {within(entry['items'])}"
+    if kind not in ("integer", "number"):
+        return allowed(entry)
+    low = f"[{entry['minimum']}" if "minimum" in entry else f"({entry['exclusiveMinimum']}"
+    name = "integer " if kind == "integer" else ""
+    if "maximum" in entry:
+        return f"{name}{low}, {entry['maximum']}]"
+    if "exclusiveMaximum" in entry:
+        return f"{name}{low}, {entry['exclusiveMaximum']})"
+    return f"{name}{'>=' if low[0] == '[' else '>'} {low[1:]}"
 
 
 def _meaning(entry: dict, schema: dict) -> tuple[str, dict]:
@@ -116,20 +167,57 @@ def config_page(root: Path = ROOT) -> str:
 
 
 def columns_page() -> str:
-    """Markdown page of the columns of every table that a study makes."""
+    """Markdown page of the columns of every table that a study makes; what is alike stands once."""
     lines = [
         "# Columns of the tables",
         "",
         "Generated from the declarations that the tables are checked by, by `make docs`; do not edit. The twins of a "
-        "table (`.md`, `.tex`, `.html`) show some of them. An empty cell: not measured, or it has no meaning there. "
-        "How distances are measured: [metrics.md](metrics.md).",
+        "table (`.md`, `.tex`, `.html`) show some of them. An empty cell: not measured, or without meaning there. "
+        "`*` stands for each of the names in brackets. How distances are measured: [metrics.md](metrics.md).",
     ]
+    explained, sizes = {}, {}
     for name, (module, declared, about) in TABLES.items():
+        columns = getattr(import_module(module), declared)
+        homes = {column.name: explained.get(_said_of(column), name) for column in columns}
         lines += ["", f"## {name}", "", f"{about[0].upper()}{about[1:]}."]
-        lines += ["", "| column | unit | meaning |", "|---|---|---|"]
-        for column in getattr(import_module(module), declared):
-            lines.append(f"| `{column.name}` | {column.unit} | {column.description.replace('|', '/')} |")
+        for home in dict.fromkeys(homes.values()):
+            shared = [column for column, other in homes.items() if other == home != name]
+            whole = len(shared) == sizes.get(home)
+            if shared:
+                lines[-1] += f" As in {home.split(',')[0]}: {'all its columns' if whole else ', '.join(shared)}."
+        table = [column for column in columns if homes[column.name] == name]
+        lines += ["", "| column | unit | meaning |", "|---|---|---|", *_column_rows(table)]
+        explained, sizes[name] = {_said_of(column): name for column in columns} | explained, len(columns)
     return "\n".join(lines) + "\n"
+
+
+def _said_of(column: Column) -> tuple[str, str, str]:
+    return column.name, column.unit, column.description
+
+
+def _column_rows(columns: Sequence[Column]) -> Iterator[str]:
+    """One row for each group of columns that mean the same, or the same of several things."""
+    readings = {column.name: [("", column.unit, column.description, ""), *_patterns(column)] for column in columns}
+    often = Counter(reading[:3] for each in readings.values() for reading in each)
+    groups: dict[tuple, list[str]] = {}
+    for column in columns:
+        alike = [each for each in readings[column.name] if often[each[:3]] > 1] or readings[column.name][:1]
+        *reading, stem = max(alike, key=lambda each: (often[each[:3]], len(each[3])))
+        groups.setdefault(tuple(reading), []).append(stem or column.name)
+    for (name, unit, description), members in groups.items():
+        shown = f"`{name}` ({', '.join(members)})" if name else f"`{', '.join(members)}`"
+        yield f"| {shown} | {unit} | {description.replace('|', '/')} |"
+
+
+def _patterns(column: Column) -> Iterator[tuple[str, str, str, str]]:
+    """Name, unit and description with `*` for a part of the name that the description repeats, and that part."""
+    parts = column.name.split("_")
+    for start, end in combinations(range(len(parts) + 1), 2):
+        stem = "_".join(parts[start:end])
+        said = re.compile(rf"\b({stem}|{stem.replace('_', ' ')})\b")
+        if end - start < len(parts) and said.search(column.description):
+            name = "_".join([*parts[:start], "*", *parts[end:]])
+            yield name, column.unit, said.sub("*", column.description), stem
 
 
 def reason(meaning: str) -> str:

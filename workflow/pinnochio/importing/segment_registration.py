@@ -37,12 +37,12 @@ FEWEST = 60  # points of a segment that can be registered
 
 FITS = (
     Column("case", str, "", "patient"),
-    Column("segment", str, "", "bone; the cranium brings the scan into the patient's frame"),
-    Column("points", int, "", "visible points of its surface before surgery that are registered"),
-    Column("median", float, "mm", "median distance of the points from the scanned bone", ".3f"),
-    Column("p90", float, "mm", "90th percentile of it", ".3f"),
-    Column("matched", float, "%", "points with scanned bone within 1 mm that faces the same way", ".1f"),
-    Column("from_plan", float, "mm", "mean distance of the surface from where the plan takes it", ".3f"),
+    Column("segment", str, "", "bone; the cranium registers the whole scan"),
+    Column("points", int, "", "registered points of its visible surface"),
+    Column("median", float, "mm", "median distance from the scanned bone", ".3f"),
+    Column("p90", float, "mm", "90th percentile of the distance", ".3f"),
+    Column("matched", float, "%", "points with scanned bone of the same orientation within 1 mm", ".1f"),
+    Column("from_plan", float, "mm", "mean distance of the surface from the plan", ".3f"),
     Column("from_plan_degrees", float, "deg", "angle between the registered and the planned motion", ".3f"),
 )
 

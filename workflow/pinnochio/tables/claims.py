@@ -42,7 +42,7 @@ CLAIMS = (
     number("pairs", "", "patients that both methods have", ".0f"),
     number("p", "", "two-sided Wilcoxon signed-rank test of the pairs", ".6g"),
     number("p_holm", "", "p after Holm's correction over the methods that this measure compares", ".6g"),
-    Column("test", str, "", "how p came about, or why there is none"),
+    Column("test", str, "", "how p was made, or why there is none"),
     Column("verdict", str, "", f"{REPRODUCED}: same sign and Holm's p < {LEVEL}; {OPPOSITE}; else {OPEN}; {ABSENT}"),
 )
 

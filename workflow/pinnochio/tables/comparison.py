@@ -57,32 +57,30 @@ def _summaries() -> list[Column]:
 
 COMPARISON = (
     Column("method", str, "", "method"),
-    Column("reference", bool, "", "whether the others are tested against this method"),
-    Column("bound", bool, "", "whether it knows the truth and bounds the methods; never tested"),
+    Column("reference", bool, "", "whether the others are tested against it"),
+    Column("bound", bool, "", "whether it knows the outcome and bounds the methods; never tested"),
     Column("n", int, "", "patients with a metric"),
-    Column("failed", int, "", "patients without one, or whose solver did not converge"),
+    Column("failed", int, "", "patients without a metric or without convergence"),
     *_summaries(),
     number("inverted", "", "inverted elements over all patients", ".0f"),
-    number(
-        "explained", "", f"(cd of {BASELINE} - cd) / (cd of {BASELINE} - cd of {FLOOR}), of means over patients", ".3f"
-    ),
-    number("explained_low", "", "lower end of its bootstrap 95% interval", ".3f"),
-    number("explained_high", "", "upper end of it", ".3f"),
+    number("explained", "", f"(cd of {BASELINE} - cd) / (cd of {BASELINE} - cd of {FLOOR}), of means", ".3f"),
+    number("explained_low", "", "end of the bootstrap 95% interval of explained", ".3f"),
+    number("explained_high", "", "end of the bootstrap 95% interval of explained", ".3f"),
     number("pairs", "", "patients that the test compares", ".0f"),
     number("cd_median_difference", "mm", "median of cd minus the reference's"),
     number("cd_mean_difference", "mm", "mean of cd minus the reference's"),
-    number("cd_low", "mm", "lower end of the bootstrap 95% interval of that mean"),
-    number("cd_high", "mm", "upper end of it"),
+    number("cd_low", "mm", "end of the bootstrap 95% interval of the mean difference"),
+    number("cd_high", "mm", "end of the bootstrap 95% interval of the mean difference"),
     number("p", "", "two-sided Wilcoxon signed-rank test of cd", ".6g"),
     number("p_holm", "", "p after Holm's correction over the methods", ".6g"),
-    Column("test", str, "", "how p came about, or why there is none"),
+    Column("test", str, "", "how p was made, or why there is none"),
 )
 _COMPARISON = {column.name: column for column in COMPARISON}
 # The paired difference to BASELINE that the pictures of settings and corrections show.
 AGAINST_BASELINE = (
-    number("sliding_difference", "mm", f"mean of cd minus that of {BASELINE} as in the study, on the same patients"),
-    number("sliding_low", "mm", "lower end of the bootstrap 95% interval of that mean"),
-    number("sliding_high", "mm", "upper end of it"),
+    number("sliding_difference", "mm", f"mean of cd minus that of {BASELINE} on the same patients"),
+    number("sliding_low", "mm", "end of the bootstrap 95% interval of sliding_difference"),
+    number("sliding_high", "mm", "end of the bootstrap 95% interval of sliding_difference"),
 )
 
 

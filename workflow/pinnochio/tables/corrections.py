@@ -22,8 +22,8 @@ def _column(name: str, of: str, description: str) -> Column:
 
 
 CORRECTIONS = (
-    Column("method", str, "", "learned method whose predictions are corrected"),
-    Column("corrections", int, "", "Newton corrections; 0 is the method's own prediction"),
+    Column("method", str, "", "corrected learned method"),
+    Column("corrections", int, "", "Newton corrections; 0: none"),
     Column("n", int, "", "patients"),
     *(
         _column(f"{name}_{part}", name, f"{word} of {name}")
@@ -35,11 +35,11 @@ CORRECTIONS = (
     _column("inverted", "inverted", "inverted elements over all patients"),
     _column("pairs", "inverted", "patients that the test compares"),
     _column("cd_difference", "cd", "mean of cd minus that without correction"),
-    _column("cd_low", "cd", "lower end of the bootstrap 95% interval of that mean"),
-    _column("cd_high", "cd", "upper end of it"),
+    _column("cd_low", "cd", "end of the bootstrap 95% interval of cd_difference"),
+    _column("cd_high", "cd", "end of the bootstrap 95% interval of cd_difference"),
     number("p", "", "two-sided Wilcoxon signed-rank test of cd against no correction", ".6g"),
     number("p_holm", "", "p after Holm's correction over the method's corrections", ".6g"),
-    Column("test", str, "", "how p came about, or why there is none"),
+    Column("test", str, "", "how p was made, or why there is none"),
     *AGAINST_BASELINE,
 )
 _CORRECTIONS = {column.name: column for column in CORRECTIONS}

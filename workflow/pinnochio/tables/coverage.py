@@ -10,18 +10,18 @@ from pinnochio.tables.document import Block, Table, View, views
 
 COVERAGE = (
     Column("method", str, "", "method that predicted"),
-    Column("region", str, "", "region of the judged face; face: all of them, each by its own half-width"),
-    Column("level", float, "%", "share that the half-width shall cover", ".1f"),
+    Column("region", str, "", "region of the judged face; face: all, each by its half-width"),
+    Column("level", float, "%", "share that the half-width should cover", ".1f"),
     Column("n", int, "", "patients with points in the region, each held out once"),
-    number("points", "", "mean number of such points of a patient", ".0f"),
-    number("error_mean", "mm", "mean distance of a held-out point from the outcome, patients weighing equally", ".3f"),
-    number("coverage_mean", "%", "points within the half-width of the other folds, mean over patients", ".2f"),
-    number("coverage_sd", "%", "standard deviation over patients", ".2f"),
-    number("coverage_low", "%", "lower end of the bootstrap 95% interval of that mean over patients", ".2f"),
-    number("coverage_high", "%", "upper end of it", ".2f"),
-    number("half_width", "mm", "half-width calibrated on all patients, for a new one", ".3f"),
-    number("half_width_low", "mm", "smallest of the half-widths calibrated without one fold", ".3f"),
-    number("half_width_high", "mm", "largest of them", ".3f"),
+    number("points", "", "mean points of a patient in the region", ".0f"),
+    number("error_mean", "mm", "mean distance of held-out points from the outcome, patients weighed equally", ".3f"),
+    number("coverage_mean", "%", "points within the half-width of the other folds", ".2f"),
+    number("coverage_sd", "%", "standard deviation of coverage over patients", ".2f"),
+    number("coverage_low", "%", "end of the bootstrap 95% interval of coverage", ".2f"),
+    number("coverage_high", "%", "end of the bootstrap 95% interval of coverage", ".2f"),
+    number("half_width", "mm", "half-width calibrated on all patients", ".3f"),
+    number("half_width_low", "mm", "smallest half-width calibrated without one fold", ".3f"),
+    number("half_width_high", "mm", "largest half-width calibrated without one fold", ".3f"),
 )
 
 

@@ -21,22 +21,32 @@ def _of_error(name: str) -> list[Column]:
     source = BY_NAME[name]
     return [
         number(f"{name}_mean", source.unit, f"mean of {name}", source.summary),
-        number(f"{name}_low", source.unit, "lower end of its bootstrap 95% interval over patients", source.summary),
-        number(f"{name}_high", source.unit, "upper end of it", source.summary),
+        number(f"{name}_low", source.unit, f"end of the bootstrap 95% interval of {name}_mean", source.summary),
+        number(f"{name}_high", source.unit, f"end of the bootstrap 95% interval of {name}_mean", source.summary),
         number(f"{name}_difference", source.unit, f"mean of {name} minus that of {BASELINE}", source.summary),
-        number(f"{name}_difference_low", source.unit, "lower end of its bootstrap 95% interval", source.summary),
-        number(f"{name}_difference_high", source.unit, "upper end of it", source.summary),
+        number(
+            f"{name}_difference_low",
+            source.unit,
+            f"end of the bootstrap 95% interval of {name}_difference",
+            source.summary,
+        ),
+        number(
+            f"{name}_difference_high",
+            source.unit,
+            f"end of the bootstrap 95% interval of {name}_difference",
+            source.summary,
+        ),
     ]
 
 
 LEARNING = (
     Column("method", str, "", "method"),
-    Column("patients", int, "", "patients that it has learned from; 0: it learns from none"),
-    Column("n", int, "", "held-out patients with a metric, the same in every row"),
+    Column("patients", int, "", "training patients"),
+    Column("n", int, "", "held-out patients with a metric, the same in all rows"),
     *(column for name in ERRORS for column in _of_error(name)),
     number("explained", "", f"(cd of {BASELINE} - cd) / (cd of {BASELINE} - cd of {FLOOR}), of means", ".3f"),
-    number("explained_low", "", "lower end of its bootstrap 95% interval", ".3f"),
-    number("explained_high", "", "upper end of it", ".3f"),
+    number("explained_low", "", "end of the bootstrap 95% interval of explained", ".3f"),
+    number("explained_high", "", "end of the bootstrap 95% interval of explained", ".3f"),
 )
 _LEARNING = {column.name: column for column in LEARNING}
 

@@ -21,20 +21,20 @@ def _number(name: str, description: str, form: str = ".4f", unit: str = "mm") ->
 
 PLACES = (
     Column("method", str, "", "method"),
-    Column("place", str, "", "region, landmark, or what of the whole field"),
-    Column("reference", bool, "", "whether the others are tested against this method"),
-    Column("bound", bool, "", "whether it knows the truth and bounds the methods; never tested"),
+    Column("place", str, "", "region, landmark, or part of the whole field"),
+    Column("reference", bool, "", "whether the others are tested against it"),
+    Column("bound", bool, "", "whether it knows the outcome and bounds the methods; never tested"),
     Column("n", int, "", "patients with an error there"),
-    _number("mean", "mean error over the patients"),
-    _number("sd", "standard deviation of it"),
-    _number("bias", "mean signed error of a region: positive where the prediction lies outside the target"),
+    _number("mean", "mean error"),
+    _number("sd", "standard deviation of the error"),
+    _number("bias", "mean signed error of a region, positive where the prediction lies outside"),
     _number("pairs", "patients that the test compares", ".0f", ""),
     _number("difference", "mean error minus the reference's"),
-    _number("low", "lower end of the bootstrap 95% interval of that mean"),
-    _number("high", "upper end of it"),
+    _number("low", "end of the bootstrap 95% interval of difference"),
+    _number("high", "end of the bootstrap 95% interval of difference"),
     _number("p", "two-sided Wilcoxon signed-rank test of the error", ".6g", ""),
-    _number("p_holm", "p after Holm's correction over the methods, at this place", ".6g", ""),
-    Column("test", str, "", "how p came about, or why there is none"),
+    _number("p_holm", "p after Holm's correction over the methods at this place", ".6g", ""),
+    Column("test", str, "", "how p was made, or why there is none"),
 )
 _PLACES = {column.name: column for column in PLACES}
 

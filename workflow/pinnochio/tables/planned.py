@@ -16,23 +16,23 @@ from pinnochio.tables.document import Block, Table, View, views
 COMPARED = ("cd", "hd95", "pwr1", "pwr2")
 PLANNED = (
     Column("method", str, "", "method"),
-    Column("n", int, "", "patients that it predicts with either motion"),
+    Column("n", int, "", "patients predicted with both motions"),
     *(
         number(
             f"{name}_{arm}_{part}",
             BY_NAME[name].unit,
-            f"{word} of {name}, predicted with the {arm} motion",
+            f"{word} of {name}, {arm} motion",
             BY_NAME[name].summary,
         )
         for name in COMPARED
         for arm in ("achieved", "planned")
         for part, word in (("mean", "mean"), ("sd", "standard deviation"))
     ),
-    number("cost", "mm", "mean of the paired differences of cd, planned minus achieved"),
-    number("cost_low", "mm", "lower end of its 95% bootstrap interval over patients"),
-    number("cost_high", "mm", "upper end of it"),
-    number("p", "", "two-sided Wilcoxon signed-rank test of the paired differences", ".3g"),
-    number("p_holm", "", "the same, Holm-corrected over the methods", ".3g"),
+    number("cost", "mm", "mean of cd planned minus achieved"),
+    number("cost_low", "mm", "end of the bootstrap 95% interval of cost"),
+    number("cost_high", "mm", "end of the bootstrap 95% interval of cost"),
+    number("p", "", "two-sided Wilcoxon signed-rank test of cd planned against achieved", ".3g"),
+    number("p_holm", "", "p after Holm's correction over the methods", ".3g"),
     Column("test", str, "", "how p was made, or why there is none"),
 )
 

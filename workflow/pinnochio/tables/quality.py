@@ -22,9 +22,7 @@ def quality_columns(segments: Sequence[str]) -> tuple[Column, ...]:
     kinds = {bone: ("moving" if bone in segments else "fixed", "sliding", "released") for bone in bones}
     return (
         Column("case", str, "", "patient"),
-        Column(
-            "muscle", str, "", "where the muscle layer comes from: labelled, derived (by rule) or single (no layer)"
-        ),
+        Column("muscle", str, "", "muscle layer: labelled, derived by rule, or single (none)"),
         Column("repaired_voxels", int, "", "voxels that the import repaired"),
         Column("nodes", int, "", "nodes of the mesh"),
         Column("elements", int, "", "tetrahedra"),

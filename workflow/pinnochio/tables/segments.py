@@ -15,8 +15,8 @@ from pinnochio.tables.document import Block, Table, View
 
 SEGMENTS = (
     *FITS,
-    number("error_mean", "mm", "mean error of the segment's surface against the virtual truth", ".3f"),
-    number("error_max", "mm", "largest error of the segment's surface against the virtual truth", ".3f"),
+    number("error_mean", "mm", "mean error of the surface against the simulated outcome", ".3f"),
+    number("error_max", "mm", "largest error of the surface against the simulated outcome", ".3f"),
     number("error_degrees", "deg", "angle between the registered and the true motion", ".3f"),
 )
 GOOD_MM, GOOD_DEGREES = 0.3, 0.5  # what a registration should reach

@@ -18,12 +18,12 @@ _number = partial(number, form=".1f")
 
 
 STAGES = (
-    Column("rule", str, "", f"rule whose jobs these are; {TOTAL}: the study"),
+    Column("rule", str, "", f"rule; {TOTAL}: the study"),
     Column("jobs", int, "", "jobs with a benchmark file"),
-    _number("seconds", "s", "time of all jobs together; those that ran side by side count twice"),
+    _number("seconds", "s", "time of all jobs added up, also of parallel ones"),
     _number("mean", "s", "mean time of a job"),
     _number("longest", "s", "time of the longest job"),
-    _number("cpu_seconds", "s", "processor time of all jobs together"),
+    _number("cpu_seconds", "s", "processor time of all jobs"),
     _number("memory", "MB", "largest resident memory of a job", form=".0f"),
 )
 

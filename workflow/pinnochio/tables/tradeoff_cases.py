@@ -12,7 +12,7 @@ SETTING = (
     Column("method", str, "", "method"),
     Column("parameter", str, "", "varied: nodes, element, solver, tolerance, precision, corrections, network"),
     Column("value", str, "", "what it is set to"),
-    Column("recipe", str, "", "the setting as JSON, for a prediction to repeat; empty where none can", optional=True),
+    Column("recipe", str, "", "setting as JSON for a prediction; empty where none can use it", optional=True),
 )
 TRADEOFF_CASES = (
     Column("case", str, "", "patient"),
@@ -20,7 +20,7 @@ TRADEOFF_CASES = (
     Column("nodes", int, "", "nodes of the mesh"),
     *(BY_NAME[name] for name in ("seconds", "setup_seconds", "threads", "converged", "cd")),
     number("face_error", "mm", "mean distance of the judged face from the reference solution"),
-    number("face_error_max", "mm", "largest of it"),
+    number("face_error_max", "mm", "largest of the judged face"),
     number("volume_error", "mm", "mean distance from the reference solution over the tissue's volume"),
     *(BY_NAME[name] for name in ("eqres_rel", "min_jacobian", "inverted")),
 )

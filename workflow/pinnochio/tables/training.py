@@ -23,23 +23,23 @@ _number = partial(number, form=".0f")
 
 TRAINING = (
     Column("method", str, "", "learned method"),
-    Column("parameters", int, "", "trained numbers of its network"),
-    Column("folds", int, "", "folds, each with a network of its own"),
+    Column("parameters", int, "", "parameters of its network"),
+    Column("folds", int, "", "folds, each with its network"),
     *(
         column
         for phase in PHASES
         for column in (
             _number(f"{phase}_steps", "", f"optimisation steps of {phase}, at most"),
-            _number(f"{phase}_samples", "", f"patients under a plan that {phase} sees: steps by batch"),
+            _number(f"{phase}_samples", "", f"samples in {phase}: steps by batch"),
             _number(f"{phase}_validation", "", f"patients held back in {phase} to choose the weights"),
-            _number(f"{phase}_patience", "", "looks without improvement after which it stops; 0: never"),
-            _number(f"{phase}_seconds", "s", f"mean time of {phase} per fold, from its last start", form=".1f"),
-            _number(f"{phase}_done", "", f"steps of {phase} that were done, least of the folds"),
-            _number(
-                f"{phase}_fall", "%", "how far the least error still fell at the end, median of the folds", form=".2f"
+            _number(f"{phase}_patience", "", f"validations without improvement that end {phase}; 0: never"),
+            _number(f"{phase}_seconds", "s", f"mean time of {phase} per fold since its last start", form=".1f"),
+            _number(f"{phase}_done", "", f"steps of {phase} done, least of the folds"),
+            _number(f"{phase}_fall", "%", f"last fall of the least error in {phase}, median of the folds", form=".2f"),
+            _number(f"{phase}_flat", "", f"folds with a flat curve in {phase}"),
+            Column(
+                f"{phase}_curve", str, "", f"patients of the curve of {phase}: held back or trained on", optional=True
             ),
-            _number(f"{phase}_flat", "", "folds in which it fell by no more than the rule allows"),
-            Column(f"{phase}_curve", str, "", "whose error: held back, or trained on where nobody is", optional=True),
         )
     ),
 )
