@@ -58,7 +58,7 @@ TABLES = {
 
 
 def document(schema: dict, defaults: dict) -> str:
-    """Markdown page: recipes, then one table per section with one row per key: default, allowed values, meaning."""
+    """Markdown page: recipes, then one table per section with one row per key: default and allowed values, meaning."""
     lines = [
         "# Configuration",
         "",
@@ -90,7 +90,7 @@ def document(schema: dict, defaults: dict) -> str:
 
 
 def _section(title: str, table: list[str]) -> list[str]:
-    return ["", f"## {title}", "", "| key | default | allowed | meaning |", "|---|---|---|---|", *table]
+    return ["", f"## {title}", "", "| key | default and what is allowed | meaning |", "|---|---|---|", *table]
 
 
 def rows(
@@ -106,13 +106,14 @@ def rows(
         if "properties" in entry:
             if known is None:
                 twin = f" Keys and defaults as in `{home}` but for the rows below." if home else ""
-                yield f"| **`{place}`** | | | {meaning.rstrip('.')}.{twin} |"
+                yield f"| **`{place}`** | | {meaning.rstrip('.')}.{twin} |"
             other = defaults[home] if home else same if known is not None else None
             yield from rows(entry, value, schema, defaults, f"{place}.", other)
         elif known is None or (same is None and value is not None):
-            yield f"| `{place}` | {_shown(value)} | {within(entry)} | {meaning.rstrip('.')} |"
+            cell = ": ".join(filter(None, (_shown(value), within(entry))))
+            yield f"| `{place}` | {cell} | {meaning.rstrip('.')} |"
         elif value not in (None, same):
-            yield f"| `{place}` | {_shown(value)} | | |"
+            yield f"| `{place}` | {_shown(value)} | |"
 
 
 def _home(entry: dict, schema: dict, place: str) -> str:
@@ -125,7 +126,7 @@ def _home(entry: dict, schema: dict, place: str) -> str:
 def _shown(value: Any) -> str:
     """A default as the page shows it, empty where it is long."""
     if value is None or value in ("", [], {}):
-        return "-"
+        return "none"
     text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
     return f"`{text}`" if len(text) <= LONG else ""
 
@@ -133,12 +134,14 @@ def _shown(value: Any) -> str:
 def within(entry: dict) -> str:
     """The values that an entry allows, bounds as an interval."""
     if "oneOf" in entry:
-        return " or ".join(within(part) for part in entry["oneOf"] if "$ref" not in part)
+        return " or ".join(within(part) or part["type"] for part in entry["oneOf"] if not {"$ref", "const"} & part.keys())
     kind = entry.get("type")
     if kind == "boolean":
         return "true, false"
     if kind == "array" and "enum" not in entry["items"]:
-        return f"list of {within(entry['items'])}"
+        return f"list of {within(entry['items'])}".removesuffix(" of ")
+    if kind in ("string", "object"):
+        return allowed(entry) if "enum" in entry else ""
     if kind not in ("integer", "number"):
         return allowed(entry)
     low = f"[{entry['minimum']}" if "minimum" in entry else f"({entry['exclusiveMinimum']}"
