@@ -134,7 +134,9 @@ def _shown(value: Any) -> str:
 def within(entry: dict) -> str:
     """The values that an entry allows, bounds as an interval."""
     if "oneOf" in entry:
-        return " or ".join(within(part) or part["type"] for part in entry["oneOf"] if not {"$ref", "const"} & part.keys())
+        return " or ".join(
+            within(part) or part["type"] for part in entry["oneOf"] if not {"$ref", "const"} & part.keys()
+        )
     kind = entry.get("type")
     if kind == "boolean":
         return "true, false"
