@@ -3,14 +3,13 @@
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
-from functools import reduce
 from pathlib import Path
 
 import yaml
 
 from pinnochio.code import ROOT, code_hash, source_file
 from pinnochio.errors import InputError
-from pinnochio.overlays import overlaid
+from pinnochio.overlays import read_merged
 from pinnochio.study.configuration import check_config
 from pinnochio.study.schema import checked
 from pinnochio.study.study import Study
@@ -20,9 +19,8 @@ from pinnochio.training.settings import PHASES
 
 def read_config(paths: Sequence[str]) -> dict:
     """The first configuration with the values of the others over its own; InputError where it is none."""
-    merged = reduce(overlaid, (yaml.safe_load(Path(path).read_text(encoding="utf-8")) for path in paths))
     schema = (ROOT / "workflow/schemas/config.schema.yaml").read_text(encoding="utf-8")
-    config = checked(merged, yaml.safe_load(schema))
+    config = checked(read_merged(paths), yaml.safe_load(schema))
     check_config(config)
     return config
 

@@ -23,8 +23,6 @@ import torch
 sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
-from configuration import read_config
-
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.lift import Lift, make_lift
 from pinnochio.mechanics.settings import FemSettings
@@ -37,6 +35,7 @@ from pinnochio.methods.registry import graph_networks
 from pinnochio.model.patient import PatientModel
 from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
+from pinnochio.overlays import read_merged
 from pinnochio.plans.plan import Plan
 from tests.helpers.settings import network_settings
 
@@ -54,7 +53,7 @@ def main() -> None:
     parser.add_argument("--untrained", action="store_true")
     asked = parser.parse_args()
     torch.set_num_threads(asked.threads)
-    config = read_config(asked.config)
+    config = read_merged(asked.config)
     fem, settings = FemSettings(**config["fem"]), graph_networks(config)
     model = PatientModel.read(asked.case / "model.h5")
     plan = Plan.from_json((asked.case / "plan.json").read_text(encoding="utf-8"), asked.case / "plan.json")

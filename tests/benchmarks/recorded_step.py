@@ -18,9 +18,6 @@ import numpy as np
 import torch
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
-sys.path.insert(0, str(Path(__file__).parent))
-
-from configuration import read_config
 
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.pinnochio.learner import Learner, Sample
@@ -28,6 +25,7 @@ from pinnochio.methods.pinnochio.losses import SurfaceLoss, volume_loss
 from pinnochio.methods.pinnochio.patient import tensors
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
+from pinnochio.overlays import read_merged
 from pinnochio.plans.plan import Plan
 from pinnochio.training.device import choose_device
 from pinnochio.training.loop import Step
@@ -129,7 +127,7 @@ def main() -> None:
     asked = parser.parse_args()
     device = choose_device(asked.device == "cuda", 1)
     torch.use_deterministic_algorithms(True, warn_only=device != "cpu")
-    config, errors = read_config(asked.config), []
+    config, errors = read_merged(asked.config), []
     settings = {name: config[name] for name in ("network", "fem", "pretraining", "finetuning")}
     learners = {phase: Learner(settings, phase, device) for phase in ("pretrain", "finetune")}
     for case in asked.case:

@@ -25,8 +25,6 @@ import torch
 sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
-from configuration import read_config
-
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.pinnochio.losses import boundary_loss, physics_loss, volume_loss
 from pinnochio.methods.pinnochio.patient import tensors
@@ -34,6 +32,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.networks import boundary
 from pinnochio.networks.attention import Attention
 from pinnochio.networks.building import build
+from pinnochio.overlays import read_merged
 from pinnochio.plans.plan import Plan
 from tests.helpers.settings import network_settings
 
@@ -183,7 +182,7 @@ def main() -> None:
     parser.add_argument("--once", action="store_true", help="one step for a profiler")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
-    config = read_config(options.config)
+    config = read_merged(options.config)
     problem = Problem(options.case, config, options.device)
     if options.once:
         return show_one_step(problem)
