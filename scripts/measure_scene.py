@@ -48,7 +48,7 @@ def measure_scene(
                 continue
             fem = FemSettings(**own["fem"])
             full = Way(own["contact"], fem)
-            ways = {"full": full, "auto": replace(full, limit=config["scene"]["amplitude"])}
+            ways = {"full": full, "auto": replace(full, amplitude=config["scene"]["amplitude"])}
             plans = parts(whole, centre)
             if mesh == "lips" or target > config["mesh"]["nodes"]:
                 solver = ways["auto"].solver(patient)

@@ -5,7 +5,7 @@ import logging
 from pinnochio.hdf5 import writing
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import PlanSolver
+from pinnochio.mechanics.simulation import Simulator
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.sampling import sample_plan
@@ -29,17 +29,16 @@ def simulate_fem(
         "points": patient.bone_points,
         "segment": patient.bone_segment,
     }
-    solver = PlanSolver(patient=patient, arm="mucosa", settings=settings)
-    while len(fields) < plans and attempts < 2 * plans:
-        count = min(plans - len(fields), 2 * plans - attempts)
-        tried = [sample_plan(**sampled) if attempts + i else Plan.read(plan, case) for i in range(count)]
-        for current, result in zip(tried, solver.solve(tried), strict=True):
-            way = "kept factors" if result.kept else "Newton's method"
-            logging.info("plan %d by %s: %s, %.1f s", attempts, way, result.reason, result.seconds)
-            attempts += 1
-            if result.converged:
-                fields.append((current, result))
-    solver.close()
+    with Simulator(patient, settings) as simulator:
+        while len(fields) < plans and attempts < 2 * plans:
+            count = min(plans - len(fields), 2 * plans - attempts)
+            tried = [sample_plan(**sampled) if attempts + i else Plan.read(plan, case) for i in range(count)]
+            for current, result in zip(tried, simulator.solve(tried), strict=True):
+                way = "kept factors" if result.kept else "Newton's method"
+                logging.info("plan %d by %s: %s, %.1f s", attempts, way, result.reason, result.seconds)
+                attempts += 1
+                if result.converged:
+                    fields.append((current, result))
     if len(fields) < plans:
         raise RuntimeError(f"case {case!r}: only {len(fields)} of {2 * plans} plans converged; see the log")
     with writing(fem_samples) as file:

@@ -23,7 +23,7 @@ def solve_plan(
     Raises RuntimeError with the solver's reason if it does not converge.
     """
     patient, motions = PatientModel.read(model), Plan.read(plan, case)
-    result = simulate(patient=patient, plan=motions, arm=arm, settings=settings)
+    (result,) = simulate(patient, [motions], settings, arm=arm)
     if not result.converged:
         raise RuntimeError(f"case {case!r}: the solver stopped: {result.reason}")
     ratios = jacobians(patient.points, patient.cells, result.displacement)

@@ -21,7 +21,7 @@ from pinnochio.mechanics.elements.mixed import MIXED, solve_mixed
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
 from pinnochio.mechanics.problems import BLOCK, BLOCK_STEPS, block_boundary, box, uniform
 from pinnochio.mechanics.solvers.newton import solve
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import fem_settings
 
 OPTIONS = {"increments": 2, "tolerance": 1e-6, "max_iterations": 30, "max_systems": 300, "linear_solver": "auto"}
 
@@ -81,7 +81,7 @@ def main() -> None:
             if name in MIXED:
                 result = solve_mixed(points, cells, law, boundary, name, increments=1, tolerance=1e-6)
             else:
-                result = solve(points, cells, law, boundary, solver_options(volumetric=name, **OPTIONS))
+                result = solve(points, cells, law, boundary, fem_settings(volumetric=name, **OPTIONS))
             off = np.linalg.norm(result.displacement[top] - wanted, axis=1)
             good = result.converged and truth.converged
             errors[name].append(f"{off.mean():.3f} / {off.max():.3f}" if good else "failed")

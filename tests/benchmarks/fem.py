@@ -23,7 +23,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import fem_settings
 
 TOLERANCE, INCREMENTS = 1e-8, 5
 SOLVERS = ("felupe + pypardiso", "direct p1", "direct patch", "free p1", "free patch")
@@ -39,9 +39,9 @@ def ours(points, cells, kind: str, volumetric: str) -> dict:
 
     limits = {"max_iterations": 30, "max_systems": 300, "linear_solver": "auto"}
     fixed = {"increments": INCREMENTS, "growth": 1.0, "loose": TOLERANCE, "reuse": False}
-    options = solver_options(volumetric=volumetric, tolerance=TOLERANCE, **fixed, **limits)
+    options = fem_settings(volumetric=volumetric, tolerance=TOLERANCE, **fixed, **limits)
     if kind == "free":
-        options = solver_options(volumetric=volumetric, increments=2, tolerance=TOLERANCE, **limits)
+        options = fem_settings(volumetric=volumetric, increments=2, tolerance=TOLERANCE, **limits)
     small, few = box((80, 60, 30), (4, 3, 2))
     solve(small, few, uniform(len(few)), block_boundary(small), options)
     law, boundary = uniform(len(cells)), block_boundary(points)

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.elements.mixed import FACES, solve_mixed
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
-from pinnochio.mechanics.simulation import simulate, solver_options
+from pinnochio.mechanics.simulation import simulate
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.meshing.mesh import volumes
 from pinnochio.model.patient import FREE, PatientModel
@@ -75,16 +75,13 @@ def main() -> None:
     options = parser.parse_args()
     patient, settings = PatientModel.read(options.model), fem_settings(kept_factors=False)
     plan = Plan.read(options.plan, "head", foreign=True)
-    given = simulate(patient, plan, "mucosa", settings).displacement
+    given = simulate(patient, [plan], settings)[0].displacement
     held, count = np.flatnonzero(patient.node_type != FREE), len(patient.points)
     mesh, tissue, fields = (patient.points, patient.cells, held, given[held]), patient.tissue, {}
     for level in range(options.levels + 1):
         points, cells, nodes, moved = mesh
         boundary, law = BoundaryConditions(nodes, moved), settings.material(tissue)
-        results = {
-            name: solve(points, cells, law, boundary, replace(solver_options(settings), volumetric=name))
-            for name in VOLUMETRIC
-        }
+        results = {name: solve(points, cells, law, boundary, replace(settings, volumetric=name)) for name in VOLUMETRIC}
         if level < max(options.levels, 1) and (level == 0 or options.quadratic):
             results["Taylor-Hood"] = solve_mixed(points, cells, law, boundary, "taylor_hood", 4, 1e-6, 12)
         for name, result in results.items():

@@ -24,7 +24,6 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
-from pinnochio.mechanics.simulation import solver_options
 from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import PatientModel
@@ -44,7 +43,7 @@ def timed(call):
 def measured(patient: PatientModel, plans: list, arm: str, newton: int, batch: int) -> list[str]:
     settings = fem_settings()
     boundaries = [boundary_conditions(patient, plan, arm) for plan in plans]
-    law, options = settings.material(patient.tissue), solver_options(settings)
+    law, options = settings.material(patient.tissue), settings
     solver, preparation = timed(lambda: RepeatedSolver(patient.points, patient.cells, law, boundaries[0], options))
     solver.solve(boundaries[:1])  # loads compiled code
     exact, kept, exact_seconds, kept_seconds = [], [], [], []

@@ -23,7 +23,6 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
-from pinnochio.mechanics.simulation import solver_options
 from pinnochio.mechanics.solvers.batched.plan_batches import BatchSolver
 from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
 from pinnochio.model.patient import PatientModel
@@ -61,7 +60,7 @@ def sampled(patient: PatientModel, count: int, seed: int, arm: str) -> list:
 def measured(patient: PatientModel, options: argparse.Namespace) -> list[str]:
     settings, device = fem_settings(), options.device
     boundaries = sampled(patient, options.plans, options.seed, options.arm)
-    known = patient.points, patient.cells, settings.material(patient.tissue), boundaries[0], solver_options(settings)
+    known = patient.points, patient.cells, settings.material(patient.tissue), boundaries[0], settings
     solver, preparation = timed(lambda: BatchSolver(*known, device, options.slots), device)
     asked = [solver.asked(item) for item in boundaries]
     solver.fields(asked[: options.slots])
@@ -92,7 +91,7 @@ def measured(patient: PatientModel, options: argparse.Namespace) -> list[str]:
 
 def write(patient: PatientModel, options: argparse.Namespace) -> None:
     settings, boundaries = fem_settings(), sampled(patient, options.write, options.seed, options.arm)
-    known = patient.points, patient.cells, settings.material(patient.tissue), boundaries[0], solver_options(settings)
+    known = patient.points, patient.cells, settings.material(patient.tissue), boundaries[0], settings
     solver = RepeatedSolver(*known)
     options.fields.mkdir(exist_ok=True)
     results = solver.solve(boundaries)

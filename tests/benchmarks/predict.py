@@ -63,7 +63,7 @@ def main() -> None:
         began = time.perf_counter()
         elastic = ElasticSolver(model.points, model.cells, fem.material(model.tissue), boundary, fem.volumetric)
         setup["elastic"] = time.perf_counter() - began
-        ways["fem_sliding"] = lambda: simulate(model, plan, "mucosa", fem)
+        ways["fem_sliding"] = lambda: simulate(model, [plan], fem)
         ways["elastic"] = lambda: elastic.solve(boundary_conditions(model, plan, "mucosa"))
     for method in asked.methods:
         own = network_settings(**settings[method]["network"])

@@ -1,13 +1,10 @@
 """Where the project lies, and the settings that the tests take from its configuration."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import yaml
 
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import solver_options as options_of
-from pinnochio.mechanics.solvers.newton import SolverOptions
 from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.overlays import overlaid
@@ -26,11 +23,6 @@ OUTCOME = overlaid(CONFIG["virtual"]["outcome"], {"effects": {"nodes": 1000}, "m
 def fem_settings(**changes) -> FemSettings:
     """The settings of finite elements, with changes."""
     return FemSettings(**CONFIG["fem"] | changes)
-
-
-def solver_options(**changes) -> SolverOptions:
-    """The solver's options, with changes."""
-    return replace(options_of(fem_settings()), **changes)
 
 
 def network_settings(**changes) -> NetworkSettings:

@@ -9,7 +9,7 @@ from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, Elements
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import fem_settings
 
 both = pytest.mark.parametrize("volumetric", VOLUMETRIC)
 
@@ -56,7 +56,7 @@ def solved(points, cells, boundary, poisson=0.49, volumetric=VOLUMETRIC[0], tole
     """Result of a converged solution and its internal force (n, 3) in mN; E is 5 kPa throughout."""
     law = uniform(len(cells), poisson)
     # A coarse least increment, so that a wrong tangent fails in seconds.
-    options = solver_options(volumetric=volumetric, tolerance=tolerance, min_increment=1 / 16, **options)
+    options = fem_settings(volumetric=volumetric, tolerance=tolerance, min_increment=1 / 16, **options)
     result = solve(points, cells, law, boundary, options)
     assert result.converged, result.reason
     return result, Elements.build(points, cells, law, volumetric).evaluate(result.displacement)[1]

@@ -45,7 +45,7 @@ def nominal(patient, tmp_path_factory):
 def field(patient):
     model = PatientModel.read(patient.model)
     plan = Plan.read(patient.plan, patient.case)
-    return model, plan, simulate(model, plan, "mucosa", patient.fem).displacement
+    return model, plan, simulate(model, [plan], patient.fem)[0].displacement
 
 
 def test_sliding_finite_elements_reproduce_the_truth(patient, nominal, field):

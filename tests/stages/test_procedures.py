@@ -80,7 +80,7 @@ def test_its_plan_and_sampled_ones_are_solved(case):
     name = next(name for name, (_, own) in KINDS.items() if own == procedure)
     plan = Plan.read(folder / "plan.json", name)
     for arm in ("bonded", "mucosa"):
-        result = simulate(model, plan, arm, FEM)
+        (result,) = simulate(model, [plan], FEM, arm=arm)
         assert result.converged and jacobians(model.points, model.cells, result.displacement).min() > 0
     simulate_fem(name, file(folder, "model.h5"), file(folder, "plan.json"), 2, FEM, SEED, file(folder, "samples.h5"))
     with h5py.File(folder / "samples.h5") as samples:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pinnochio.columns import read_table
+from pinnochio.mechanics.solvers.reduced import WORTH
 from pinnochio.methods.finite_elements import Predictor
 from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
-from pinnochio.reduction.solver import WORTH
 from pinnochio.tables.reductions import SCENES, TRIALS
 from scripts.measure_scene import measure_scene
 from tests.helpers.settings import CONFIG, MESH, SEED

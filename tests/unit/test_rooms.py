@@ -17,7 +17,6 @@ ORDER = (
     {"meshing"},
     {"networks"},
     {"training"},
-    {"reduction"},
     {"methods"},
     {"metrics"},
     {"statistics"},
@@ -66,6 +65,13 @@ def test_networks_know_geometry_alone():
 def test_metrics_and_statistics_know_no_method():
     for path in [*(LIBRARY / "metrics").rglob("*.py"), *(LIBRARY / "statistics").rglob("*.py")]:
         assert "methods" not in rooms_imported(path), path
+
+
+def test_the_door_of_mechanics_is_imported_from_its_module():
+    """What the package gives on demand, the hash of the code that a stage uses does not see."""
+    lazy = {f"pinnochio.mechanics.{name}" for name in ("simulate", "Simulator")}
+    for path in [*MODULES, *(ROOT / "scripts").rglob("*.py")]:
+        assert not lazy & imported(path), path
 
 
 def test_the_library_knows_neither_snakemake_nor_the_scripts():

@@ -52,7 +52,7 @@ from pinnochio.tables.stability import (
 from scripts.check_stability import check_stability
 from scripts.stability import stability
 from tests.helpers.patients import tiny_patient
-from tests.helpers.settings import ROOT, fem_settings, network_settings, solver_options
+from tests.helpers.settings import ROOT, fem_settings, network_settings
 
 STEPS = (6, 4, 4)
 FEM = fem_settings(time_limit=60)
@@ -68,7 +68,7 @@ def training_loss(operator, free):
 
 
 def solved(problem, element):
-    return solve(problem.points, problem.cells, problem.material, problem.boundary, solver_options(volumetric=element))
+    return solve(problem.points, problem.cells, problem.material, problem.boundary, fem_settings(volumetric=element))
 
 
 def elastic(problem, element):
@@ -210,7 +210,7 @@ def test_ten_node_elements_confirm_a_field_and_refuse_a_false_one(block):
     soft[block.free] = 0
     assert against_quadratic(block, soft)[0] > 0.15 * moved
     lie = replace(result, displacement=soft)
-    assert "ten-node elements" in judge_solution(block, "patch", lie, 1.0, solver_options(), quadratic=True).reason
+    assert "ten-node elements" in judge_solution(block, "patch", lie, 1.0, fem_settings(), quadratic=True).reason
 
 
 def test_tissue_that_has_left_its_bone_is_seen_and_marked(sliding):
@@ -221,12 +221,12 @@ def test_tissue_that_has_left_its_bone_is_seen_and_marked(sliding):
     assert off_bone(PATIENT, far, carried).max() < 1e-9  # with its bone
     # The bone has gone from under the nodes: they keep to the plane that goes on beyond its rim.
     assert off_bone(PATIENT, far, np.zeros_like(carried)).max() > 20
-    verdict = judge_solution(replace(problem, plan=far), VOLUMETRIC[0], result, 1.0, solver_options())
+    verdict = judge_solution(replace(problem, plan=far), VOLUMETRIC[0], result, 1.0, fem_settings())
     assert verdict.outcome == WRONG and verdict.marked and "left its bone" in verdict.reason
     moved = result.displacement.copy()
     moved[problem.free[0]] += 1e-3
     verdict = judge_solution(
-        replace(problem, plan=far), VOLUMETRIC[0], replace(result, displacement=moved), 1.0, solver_options()
+        replace(problem, plan=far), VOLUMETRIC[0], replace(result, displacement=moved), 1.0, fem_settings()
     )
     assert verdict.outcome == WRONG and not verdict.marked  # of the other fault nothing warns
 
@@ -246,7 +246,7 @@ def test_lips_within_each_other_are_seen_and_marked(block, monkeypatch):
         assert entered(problem, np.array([[0, 0, 0]] * 3 + [[0, 0, -down]])) == pytest.approx(depth, abs=1e-9)
     assert entered(block, np.zeros_like(block.points)) == 0.0
     monkeypatch.setattr(stability_judge, "entered", lambda *_: 0.8)
-    verdict = judge_solution(block, "patch", solved(block, "patch"), 1.0, solver_options())
+    verdict = judge_solution(block, "patch", solved(block, "patch"), 1.0, fem_settings())
     assert verdict.outcome == WRONG and verdict.marked and "lips enter each other by 0.80 mm" in verdict.reason
 
 
@@ -291,7 +291,7 @@ def test_a_repair_is_judged_by_what_it_leaves_and_says(block):
 
 def test_solution_is_confirmed_and_lies_are_not(block, solution):
     element, result = solution
-    options = solver_options(volumetric=element)
+    options = fem_settings(volumetric=element)
 
     def verdict(**claims):
         return judge_solution(block, element, replace(result, **claims), 1.0, options)
@@ -315,12 +315,12 @@ def test_solution_is_confirmed_and_lies_are_not(block, solution):
 def test_the_other_elements_equilibrium_is_no_equilibrium(block, solution):
     element, result = solution
     other = next(name for name in VOLUMETRIC if name != element)
-    assert judge_solution(block, other, result, 1.0, solver_options()).outcome == WRONG
+    assert judge_solution(block, other, result, 1.0, fem_settings()).outcome == WRONG
 
 
 def test_a_known_field_must_be_met_where_it_is_the_only_one(block, solution):
     element, result = solution
-    options, known = solver_options(volumetric=element), result.displacement + 2e-3
+    options, known = fem_settings(volumetric=element), result.displacement + 2e-3
     assert judge_solution(block, element, result, 1.0, options, result.displacement + 1e-4).outcome == CONVERGED
     assert judge_solution(block, element, result, 1.0, options, known).outcome == WRONG
     several = judge_solution(block, element, result, 1.0, options, known, unique=False)
@@ -329,7 +329,7 @@ def test_a_known_field_must_be_met_where_it_is_the_only_one(block, solution):
 
 def test_stopping_is_clean_with_a_reason_in_time(block, solution):
     element, result = solution
-    options = solver_options(volumetric=element, time_limit=60)
+    options = fem_settings(volumetric=element, time_limit=60)
 
     def outcome(reason, seconds):
         return judge_solution(block, element, replace(result, converged=False, reason=reason), seconds, options).outcome
@@ -341,7 +341,7 @@ def test_stopping_is_clean_with_a_reason_in_time(block, solution):
 
 def test_sliding_nodes_are_kept_on_their_surface_and_free_along_it(sliding):
     problem, result = sliding
-    element, options = VOLUMETRIC[0], solver_options()
+    element, options = VOLUMETRIC[0], fem_settings()
     assert judge_solution(problem, element, result, 1.0, options).outcome == CONVERGED
     node = problem.boundary.sliding[0].nodes[0]
     for way, what in (([0, 0, 1e-4], "sliding nodes"), ([0.05, 0, 0], "residual")):
@@ -431,7 +431,7 @@ def test_no_start_leads_to_a_solution_with_elements_inside_out():
     """The extended law has an equilibrium there; it was called converged."""
     patient = tiny_patient(shape=(13, 9, 7), edge=2.5)
     problem = problems.movement(patient, problems.moved(patient, "left", "forward", 2.0), FEM, "float64")
-    start, options = elastic(problem, "patch"), solver_options(restart=False)
+    start, options = elastic(problem, "patch"), fem_settings(restart=False)
     result = solve(problem.points, problem.cells, problem.material, problem.boundary, options, start)
     assert result.min_jacobian < 0 and result.residual < 1e-6
     assert not result.converged and "inside out" in result.reason

@@ -121,7 +121,7 @@ def test_a_single_layer_runs_through_interfaces_and_finite_elements(heads):
     assert set(np.unique(patient.interface_kind)) == {NO_INTERFACE, BONE_SUPERFICIAL}
     assert all((patient.node_type == kind).sum() > 10 for kind in (FREE, MOVING, SLIDING))
     plan = Plan("V", {"mandible_distal": RigidMotion(translation=np.array([0.0, 2.0, 0.0]))})
-    result = simulate(patient, plan, "mucosa", FEM)
+    (result,) = simulate(patient, [plan], FEM)
     assert result.converged and jacobians(patient.points, patient.cells, result.displacement).min() > 0
     assert result.displacement[:, 1].max() > 1.9
     metrics = volume_metrics(patient.points, patient.cells, patient.tissue, result.displacement)

@@ -21,7 +21,7 @@ from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import LOWER_LIP, SLIDING, UPPER_LIP
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import fem_settings
 from tests.helpers.solids import plane, sphere
 
 KAPPA = 40.0
@@ -204,7 +204,7 @@ def resting(size, steps, through=0.0):
 def test_a_lifted_block_leaves_the_plane_without_stress():
     points, cells, bone, top = resting((12, 9, 9), (4, 3, 3))
     boundary = BoundaryConditions(top, np.tile([0.5, -1, 2.0], (len(top), 1)), contact=[bone])
-    result = solve(points, cells, uniform(len(cells)), boundary, solver_options(tolerance=1e-10))
+    result = solve(points, cells, uniform(len(cells)), boundary, fem_settings(tolerance=1e-10))
     assert result.converged
     np.testing.assert_allclose(result.displacement, np.tile([0.5, -1, 2.0], (len(points), 1)), atol=1e-7)
     np.testing.assert_allclose(UnilateralContact(points, [bone], KAPPA).gaps(result.displacement), 2.0, atol=1e-7)
@@ -234,7 +234,7 @@ def test_a_pressed_block_is_in_uniaxial_stress_up_to_the_penetration():
         np.setdiff1d(top, prescribed), *plane(up, height * up), RigidMotion(np.eye(3), -travel * up).fraction
     )
     boundary = BoundaryConditions(prescribed, exact[prescribed], [plate], [bone])
-    result = solve(points, cells, law, boundary, solver_options(tolerance=1e-10))
+    result = solve(points, cells, law, boundary, fem_settings(tolerance=1e-10))
     assert result.converged
     np.testing.assert_allclose(result.displacement, exact, atol=1e-6)
     gaps = UnilateralContact(points, [bone], kappa).gaps(result.displacement)
@@ -254,7 +254,7 @@ def test_pressed_and_shifted_blocks_transmit_pressure_but_no_shear():
     for shift in (0.0, 2.0):
         move = np.where(np.isin(prescribed, top)[:, None], [shift, 0, -1.2], 0.0)
         result = solve(
-            points, cells, law, BoundaryConditions(prescribed, move, contact=sets), solver_options(tolerance=1e-6)
+            points, cells, law, BoundaryConditions(prescribed, move, contact=sets), fem_settings(tolerance=1e-6)
         )
         assert result.converged
         u = result.displacement
@@ -313,7 +313,7 @@ def test_arms_with_lips_and_unilateral_bone():
     np.testing.assert_allclose(off.gaps(0 * model.points)[model.node_segment[nodes] == 1], 1.0, atol=1e-9)
     fields = []
     for boundary in (free, boundary_conditions(model, plan, "mucosa")):
-        result = solve(model.points, model.cells, uniform(len(model.cells)), boundary, solver_options())
+        result = solve(model.points, model.cells, uniform(len(model.cells)), boundary, fem_settings())
         assert result.converged
         fields.append(contact.gaps(result.displacement))
     assert fields[0].min() > -0.05 and fields[0].max() > 0.3

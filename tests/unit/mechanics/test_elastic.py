@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 
+from pinnochio import mechanics
 from pinnochio.errors import InputError
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.boundary.sliding import SlidingSet
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import Plan, RigidMotion
-from tests.helpers.patients import slab_patient
-from tests.helpers.settings import solver_options
+from tests.helpers.patients import slab_patient, tiny_plan
+from tests.helpers.settings import fem_settings
 from tests.helpers.solids import both, plane
 
 
@@ -26,7 +28,7 @@ def test_small_motions_give_what_newton_gives(volumetric, arm):
         plan = Plan("P01", {"mandible_distal": RigidMotion.from_degrees([0, 1e-3, 0], shift, [12, 6, 0])})
         boundary = boundary_conditions(model, plan, arm)
         linear = solver.solve(boundary)
-        exact = solve(model.points, model.cells, law, boundary, solver_options(volumetric=volumetric, tolerance=1e-10))
+        exact = solve(model.points, model.cells, law, boundary, fem_settings(volumetric=volumetric, tolerance=1e-10))
         assert exact.converged
         size = np.abs(exact.displacement).max()
         np.testing.assert_allclose(linear, exact.displacement, rtol=0, atol=2e-4 * size)
@@ -52,4 +54,16 @@ def test_large_motions_are_proportional():
     other = BoundaryConditions(bottom[1:], np.zeros((len(bottom) - 1, 3)))
     with pytest.raises(InputError, match="other nodes"):
         solver.solve(other)
+    solver.close()
+
+
+def test_the_door_gives_the_linear_field():
+    model, plan, settings = slab_patient(), tiny_plan(), fem_settings()
+    plan = Plan("P", {"mandible_distal": plan.motions["left"]})
+    boundary = boundary_conditions(model, plan, "mucosa")
+    solver = ElasticSolver(model.points, model.cells, settings.material(model.tissue), boundary)
+    (result,) = mechanics.simulate(model, [plan], settings, linear=True)
+    np.testing.assert_array_equal(result.displacement, solver.solve(boundary))
+    ratios = jacobians(model.points, model.cells, result.displacement)
+    assert result.converged and result.min_jacobian == pytest.approx(ratios.min())
     solver.close()

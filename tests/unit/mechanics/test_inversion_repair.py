@@ -8,7 +8,7 @@ from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.solvers.inversion_repair import FLOOR, damped, repair_inversions, volume_ratios
 from pinnochio.mechanics.solvers.newton import solve
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import fem_settings
 from tests.helpers.solids import bent_block
 
 RNG = np.random.default_rng
@@ -21,7 +21,7 @@ def bent():
     law = uniform(len(cells))
     constrained = np.zeros(len(points), bool)
     constrained[boundary.prescribed_nodes] = True
-    result = solve(points, cells, law, boundary, solver_options(tolerance=1e-8))
+    result = solve(points, cells, law, boundary, fem_settings(tolerance=1e-8))
     assert result.converged and result.min_jacobian > 0.3
     return points, cells, law, result.displacement, constrained
 

@@ -11,7 +11,7 @@ from pinnochio.mechanics.elements.materials import neo_hookean
 from pinnochio.mechanics.elements.tetrahedra import Elements, lumped
 from pinnochio.mechanics.solvers.newton import solve
 from tests.helpers.heads import kuhn_cube
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import fem_settings
 
 
 @pytest.fixture(scope="module")
@@ -28,9 +28,7 @@ def solved(block, loads, **options):
     material = neo_hookean(np.ones(len(cells), int), {1: 4.0}, 0.45)
     bottom = np.flatnonzero(points[:, 2] == 0)
     boundary = BoundaryConditions(bottom, np.zeros((len(bottom), 3)), loads=loads)
-    return solve(
-        points, cells, material, boundary, solver_options(volumetric="p1", tolerance=1e-9, **options)
-    ), material
+    return solve(points, cells, material, boundary, fem_settings(volumetric="p1", tolerance=1e-9, **options)), material
 
 
 def weight(block, down):

@@ -11,7 +11,7 @@ from pinnochio.mechanics.elements.materials import Material, lame
 from pinnochio.mechanics.problems import box
 from pinnochio.mechanics.solvers.linear_algebra import linear_solver
 from pinnochio.mechanics.solvers.newton import solve
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import fem_settings
 
 SIZE, EDGE = (60.0, 60.0, 12.0), 3.0
 MU, LAM = lame(6.0, 0.49)
@@ -94,7 +94,7 @@ def test_averaged_volume_does_not_lock_and_the_plain_element_does(slab, directio
             cells,
             law,
             BoundaryConditions(nodes, AMOUNT * moved),
-            solver_options(volumetric=volumetric, increments=1, tolerance=1e-8),
+            fem_settings(volumetric=volumetric, increments=1, tolerance=1e-8),
         )
         assert result.converged
         off = (result.displacement / AMOUNT - references[direction])[skin]
@@ -121,7 +121,7 @@ def test_averaging_converges_to_the_quadratic_field(slab):
         count = len(cells)
         law = Material(np.full(count, MU), np.full(count, LAM), np.zeros(count))
         nodes, moved = load(fine, NORMAL)
-        result = solve(fine, cells, law, BoundaryConditions(nodes, AMOUNT * moved), solver_options(increments=1))
+        result = solve(fine, cells, law, BoundaryConditions(nodes, AMOUNT * moved), fem_settings(increments=1))
         stride = int(edge / EDGE)
         skin = result.displacement[fine[:, 2] == SIZE[2]] / AMOUNT
         off = skin - lattice[::stride, ::stride].reshape(-1, 3)

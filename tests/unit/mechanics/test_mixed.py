@@ -16,7 +16,7 @@ from pinnochio.mechanics.elements.mixed import EDGES, MIXED, MixedElements, solv
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import fem_settings
 
 every = pytest.mark.parametrize("element", MIXED)
 
@@ -256,7 +256,7 @@ def test_taylor_hood_converges_to_a_closed_form_where_plain_elements_lock():
         skin = skin_of(points, (8, 8, 8))
         boundary, law = BoundaryConditions(skin, exact[skin]), uniform(len(cells), 0.4999)
         result = solve_mixed(points, cells, law, boundary, increments=1)
-        plain = solve(points, cells, law, boundary, solver_options(volumetric="p1", increments=1, tolerance=1e-9))
+        plain = solve(points, cells, law, boundary, fem_settings(volumetric="p1", increments=1, tolerance=1e-9))
         assert result.converged and plain.converged
         for name, field in (("taylor_hood", result.displacement), ("p1", plain.displacement)):
             errors[name, steps] = np.abs(field - exact).max() / np.abs(exact).max()
@@ -283,7 +283,7 @@ def top_error(coarse, fine, elements) -> dict:
         if name in MIXED:
             result = solve_mixed(points, few, law, boundary, name)
         else:
-            result = solve(points, few, law, boundary, solver_options(volumetric=name))
+            result = solve(points, few, law, boundary, fem_settings(volumetric=name))
         assert result.converged, result.reason
         error[name] = np.linalg.norm(result.displacement[top] - lattice, axis=1).mean()
     return error

@@ -13,7 +13,7 @@ from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.mechanics.solvers.newton_corrections import Corrector, Finish, expected_pressure, interface
 from pinnochio.model.patient import FIXED, FREE, NO_INTERFACE
 from tests.helpers.patients import tiny_patient, tiny_plan
-from tests.helpers.settings import fem_settings, solver_options
+from tests.helpers.settings import fem_settings
 from tests.helpers.solids import bent_block
 
 RNG = np.random.default_rng
@@ -24,7 +24,7 @@ def bent():
     """Mesh, law, prescribed nodes and motion, and equilibrium of a bent block."""
     points, cells, boundary = bent_block((12, 6, 5))
     law = uniform(len(cells))
-    solution = solve(points, cells, law, boundary, solver_options(tolerance=1e-10))
+    solution = solve(points, cells, law, boundary, fem_settings(tolerance=1e-10))
     assert solution.converged
     return points, cells, law, boundary.prescribed_nodes, boundary.displacement(1.0), solution.displacement
 
@@ -50,7 +50,7 @@ def newton_corrections(points, cells, law, nodes, motion, start, steps, volumetr
 def test_many_corrections_are_finite_elements_on_the_interface(bent, volumetric, seed):
     points, cells, law, nodes, motion, _ = bent
     boundary = bent_block((12, 6, 5))[2]
-    wanted = solve(points, cells, law, boundary, solver_options(volumetric=volumetric, tolerance=1e-11)).displacement
+    wanted = solve(points, cells, law, boundary, fem_settings(volumetric=volumetric, tolerance=1e-11)).displacement
     start = rough(bent, 0.1, 0.1, seed)
     states = newton_corrections(points, cells, law, nodes, motion, start, 15, volumetric)
     assert states[-1].residual < 1e-9 and states[-1].gap == 0
@@ -220,7 +220,7 @@ def test_what_does_not_fit_is_refused(bent):
 def patient():
     """A tiny patient, its law and the equilibrium under its plan with sliding nodes."""
     model, fem = tiny_patient(), fem_settings()
-    return model, fem, simulate(model, tiny_plan(), "mucosa", fem).displacement
+    return model, fem, simulate(model, [tiny_plan()], fem)[0].displacement
 
 
 def test_interface_nodes_are_prescribed_and_cut_planes_rest(patient):

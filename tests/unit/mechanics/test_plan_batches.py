@@ -8,12 +8,13 @@ import pytest
 import torch
 from scipy import sparse
 
+from pinnochio.errors import InputError
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.boundary.sliding import HeldNodes
 from pinnochio.mechanics.elements.assembly import Assembler
 from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
-from pinnochio.mechanics.simulation import PlanSolver
+from pinnochio.mechanics.simulation import Simulator, simulate
 from pinnochio.mechanics.solvers import kept_factors
 from pinnochio.mechanics.solvers.batched import batch_energy, batch_sliding, hard_patches, plan_batches
 from pinnochio.mechanics.solvers.batched.batch_energy import Mesh
@@ -25,7 +26,6 @@ from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient
 from tests.helpers.settings import fem_settings
-from tests.helpers.settings import solver_options as options_with
 from tests.helpers.solids import bent_block, material
 
 
@@ -188,7 +188,7 @@ def test_products_of_rows():
 def test_batches_as_by_the_solver_of_one_plan():
     """A block of 1,500 nodes; more plans than slots, so that one begins where another ends."""
     points, cells, boundary = bent_block(steps=(20, 9, 6))
-    law, options = material(len(cells)), options_with()
+    law, options = material(len(cells)), fem_settings()
     plans = plans_of(boundary, (0.3, 1.0, 0.0, -0.5))
     solver, alone = (
         BatchSolver(points, cells, law, boundary, options, "cpu", 2),
@@ -210,7 +210,7 @@ def test_batches_as_by_the_solver_of_one_plan():
 def test_hard_patches_of_batches_as_by_the_solver_of_one_plan(monkeypatch):
     monkeypatch.setattr(kept_factors, "HARD_RATIO", 0.95)
     points, cells = box(BLOCK, (8, 6, 4))
-    boundary, options = block_boundary(points), options_with(tolerance=1e-8)
+    boundary, options = block_boundary(points), fem_settings(tolerance=1e-8)
     doubled = BoundaryConditions(boundary.prescribed_nodes, 2 * boundary.displacement(1.0))
     solver = BatchSolver(points, cells, uniform(len(cells)), boundary, options, "cpu")
     alone = RepeatedSolver(points, cells, uniform(len(cells)), boundary, options)
@@ -223,7 +223,7 @@ def test_hard_patches_of_batches_as_by_the_solver_of_one_plan(monkeypatch):
 
 def test_what_fails_in_a_batch_goes_to_the_solver_of_one_plan(monkeypatch):
     points, cells, boundary = bent_block()
-    options = options_with()
+    options = fem_settings()
     solver = BatchSolver(points, cells, material(len(cells)), boundary, options, "cpu")
     monkeypatch.setattr(kept_factors, "ITERATIONS", 4)
     hard, light = solver.solve(plans_of(boundary, (1.0, 1e-3)))
@@ -234,7 +234,7 @@ def test_what_fails_in_a_batch_goes_to_the_solver_of_one_plan(monkeypatch):
 @pytest.mark.parametrize("error", [torch.OutOfMemoryError, batch_sliding.TooManyPointsError])
 def test_plans_that_the_device_cannot_hold_are_solved_on_the_cpu(error, monkeypatch):
     points, cells, boundary = bent_block()
-    solver = BatchSolver(points, cells, material(len(cells)), boundary, options_with(), "cpu")
+    solver = BatchSolver(points, cells, material(len(cells)), boundary, fem_settings(), "cpu")
 
     def full(motions):
         raise error("too much")
@@ -247,7 +247,7 @@ def test_plans_that_the_device_cannot_hold_are_solved_on_the_cpu(error, monkeypa
 
 def test_a_plan_that_strays_is_reached_in_the_least_increments(monkeypatch):
     points, cells, boundary = bent_block()
-    solver = BatchSolver(points, cells, material(len(cells)), boundary, options_with(), "cpu")
+    solver = BatchSolver(points, cells, material(len(cells)), boundary, fem_settings(), "cpu")
     monkeypatch.setattr(kept_factors, "STRAY", 0.0)
     _, (way,) = solver.fields([solver.asked(boundary)])
     assert way.solved and way.share == kept_factors.LEAST_INCREMENT
@@ -266,16 +266,22 @@ def test_a_patient_takes_the_device(arm, monkeypatch):
             super().__init__(*arguments[:-1], "cpu")
 
     monkeypatch.setattr(plan_batches, "BatchSolver", Made)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     model, settings, fields = slab_patient(), fem_settings(), []
     plan = Plan("P", {"mandible_distal": RigidMotion.from_degrees([0, 2, 0], [2, 1, 1.0], [12, 6, 0])})
     for device in ("cuda", "cpu"):
-        solver = PlanSolver(model, arm, settings, device=device)
-        (result,) = solver.solve([plan])
+        (result,) = simulate(model, [plan], settings, arm=arm, device=device)
         assert result.kept and result.violation < 1e-8
         fields.append(result.displacement)
-        solver.close()
     assert made == ["cuda"]
     np.testing.assert_allclose(fields[0], fields[1], rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("device", ["cuda", "meta"])
+def test_a_device_that_torch_does_not_have_is_refused(device, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(InputError, match=f"no device '{device}'"):
+        Simulator(slab_patient(), fem_settings(), device=device)
 
 
 def sliding_plans() -> tuple:
@@ -289,7 +295,7 @@ def sliding_plans() -> tuple:
 
 def test_sliding_plans_as_by_the_solver_of_one_plan():
     points, cells, law, plans = sliding_plans()
-    options = options_with(tolerance=1e-8)
+    options = fem_settings(tolerance=1e-8)
     solver = BatchSolver(points, cells, law, plans[0], options, "cpu", 2)
     alone = RepeatedSolver(points, cells, law, plans[0], options)
     linear = solver.linear(torch.as_tensor(solver.asked(plans[1]).motion)[solver._order][:, :, None])
@@ -305,7 +311,7 @@ def test_sliding_plans_as_by_the_solver_of_one_plan():
 @pytest.mark.parametrize(("name", "value"), [("RIM", 1.1), ("SLIDE", 0.0)])
 def test_a_plan_whose_nodes_slid_far_is_reached_in_the_least_increments(name, value, monkeypatch):
     points, cells, law, plans = sliding_plans()
-    solver = BatchSolver(points, cells, law, plans[0], options_with(), "cpu", 1)
+    solver = BatchSolver(points, cells, law, plans[0], fem_settings(), "cpu", 1)
     monkeypatch.setattr(kept_factors, name, value)
     _, (way,) = solver.fields([solver.asked(plans[0])])
     assert way.solved and way.share == kept_factors.LEAST_INCREMENT
@@ -336,7 +342,7 @@ def test_hard_patches_on_a_gpu_as_on_a_cpu():
 @on_a_gpu
 def test_batches_on_a_gpu_as_on_a_cpu():
     points, cells, boundary = bent_block(steps=(12, 6, 4))
-    law, options = material(len(cells)), options_with()
+    law, options = material(len(cells)), fem_settings()
     solvers = [BatchSolver(points, cells, law, boundary, options, device, 2) for device in ("cpu", "cuda", "cuda")]
     one, two, three = (solver.solve(plans_of(boundary, (0.3, 1.0, -0.5))) for solver in solvers)
     for cpu, gpu, again in zip(one, two, three, strict=True):
@@ -349,7 +355,7 @@ def test_sliding_nodes_on_a_gpu_as_on_a_cpu():
     from pinnochio.mechanics.solvers.batched import batch_sliding_gpu
 
     points, cells, law, plans = sliding_plans()
-    solver = BatchSolver(points, cells, law, plans[0], options_with(), "cpu")
+    solver = BatchSolver(points, cells, law, plans[0], fem_settings(), "cpu")
     bones, found = solver._bones, []
     start = np.stack([solver.asked(plan).motion for plan in plans], axis=2) + np.array([0.3, 0.2, 0.1])[:, None]
     for kind, device in ((batch_sliding.Slides, "cpu"), (batch_sliding_gpu.Slides, "cuda")):
@@ -365,7 +371,7 @@ def test_sliding_nodes_on_a_gpu_as_on_a_cpu():
 def test_sliding_plans_on_a_gpu_as_on_a_cpu():
     points, cells, law, plans = sliding_plans()
     one, two, three = (
-        BatchSolver(points, cells, law, plans[0], options_with(), device, 2).solve(plans)
+        BatchSolver(points, cells, law, plans[0], fem_settings(), device, 2).solve(plans)
         for device in ("cpu", "cuda", "cuda")
     )
     for cpu, gpu, again in zip(one, two, three, strict=True):

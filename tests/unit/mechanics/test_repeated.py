@@ -1,6 +1,5 @@
 """Many plans by kept factors: Newton's field on blocks, bones and a head, batches, and the way back to Newton."""
 
-from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +13,7 @@ from pinnochio.mechanics.boundary.sliding import HeldNodes, SlidingContact, Slid
 from pinnochio.mechanics.elements.assembly import CUT, Assembler
 from pinnochio.mechanics.elements.tetrahedra import Elements, node_volumes
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
-from pinnochio.mechanics.simulation import PlanSolver, simulate
-from pinnochio.mechanics.simulation import solver_options as options_of
+from pinnochio.mechanics.simulation import Simulator, simulate
 from pinnochio.mechanics.solvers import kept_factors, local_equilibrium
 from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
 from pinnochio.mechanics.solvers.local_equilibrium import LocalEquilibrium, subset
@@ -24,7 +22,6 @@ from pinnochio.model.patient import FREE
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient, tiny_patient, tiny_plan
 from tests.helpers.settings import fem_settings
-from tests.helpers.settings import solver_options as options_with
 from tests.helpers.solids import bent_block, both, material, sphere
 
 
@@ -41,7 +38,7 @@ def kept(points, cells, law, boundaries, options):
 @pytest.mark.parametrize("stiffening", [0.0, 1.5])
 def test_bent_block_as_by_newton(volumetric, stiffening):
     points, cells, boundary = bent_block()
-    law, options = material(len(cells), stiffening), options_with(volumetric=volumetric, tolerance=1e-8)
+    law, options = material(len(cells), stiffening), fem_settings(volumetric=volumetric, tolerance=1e-8)
     (result,) = kept(points, cells, law, [boundary], options)
     exact = solve(points, cells, law, boundary, options)
     assert result.kept and result.converged and not exact.kept
@@ -55,7 +52,7 @@ def test_hard_patches_as_by_newton(shear, monkeypatch):
     """Called hard much earlier, patches are at the edges of the supports of the block problem."""
     monkeypatch.setattr(kept_factors, "HARD_RATIO", 0.95)
     points, cells = box(BLOCK, (12, 9, 5))
-    boundary, options = block_boundary(points, shear), options_with(tolerance=1e-8)
+    boundary, options = block_boundary(points, shear), fem_settings(tolerance=1e-8)
     doubled = BoundaryConditions(boundary.prescribed_nodes, lambda t: 2 * boundary.displacement(t))
     law = uniform(len(cells))
     for result, asked in zip(kept(points, cells, law, [boundary, doubled], options), (boundary, doubled), strict=True):
@@ -74,7 +71,7 @@ def test_a_turned_block_takes_few_iterations():
     def result(degrees):
         turn = RigidMotion.from_degrees([0, degrees, 0], [0, 0, 0], [6, 4, 4])
         moved = turn.apply(points[ends] @ stretch) - points[ends]
-        return kept(points, cells, uniform(len(cells)), [BoundaryConditions(ends, moved)], options_with())[0]
+        return kept(points, cells, uniform(len(cells)), [BoundaryConditions(ends, moved)], fem_settings())[0]
 
     straight, turned = result(0), result(40)
     assert straight.kept and turned.kept
@@ -90,10 +87,10 @@ def test_plans_of_a_patient_as_by_newton_alone_and_together(arm):
         Plan("P", {"mandible_distal": RigidMotion.from_degrees([0, turn, 0], shift, [12, 6, 0])})
         for turn, shift in ((2, [2, 1, 1.0]), (-3, [-1, 0, 2.0]), (0, [0, 0, 0]))
     ]
-    solver = PlanSolver(model, arm, settings)
+    solver = Simulator(model, settings, arm)
     together = solver.solve(plans)
     for plan, result in zip(plans, together, strict=True):
-        exact, (alone,) = simulate(model, plan, arm, newton), solver.solve([plan])
+        (exact,), (alone,) = simulate(model, [plan], newton, arm=arm), solver.solve([plan])
         assert result.kept and alone.kept and exact.converged
         np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
         np.testing.assert_allclose(alone.displacement, exact.displacement, rtol=0, atol=1e-5)
@@ -104,9 +101,9 @@ def test_plans_of_a_patient_as_by_newton_alone_and_together(arm):
 
 def test_a_small_head_as_by_newton():
     model, settings = tiny_patient(), fem_settings(tolerance=1e-8)
-    newton, solver = replace(settings, kept_factors=False), PlanSolver(model, "mucosa", settings)
+    newton, solver = replace(settings, kept_factors=False), Simulator(model, settings)
     for plan in (tiny_plan(), tiny_plan(3, 2, -1, -4)):
-        (result,), exact = solver.solve([plan]), simulate(model, plan, "mucosa", newton)
+        (result,), (exact,) = solver.solve([plan]), simulate(model, [plan], newton)
         assert result.kept
         np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
     solver.close()
@@ -114,7 +111,7 @@ def test_a_small_head_as_by_newton():
 
 def test_what_does_not_converge_goes_to_newton_and_stops_no_other(monkeypatch):
     points, cells, boundary = bent_block()
-    law, options = material(len(cells)), options_with()
+    law, options = material(len(cells)), fem_settings()
     easy = BoundaryConditions(boundary.prescribed_nodes, 1e-3 * boundary.displacement(1.0))
     monkeypatch.setattr(kept_factors, "ITERATIONS", 4)
     hard, light = kept(points, cells, law, [boundary, easy], options)
@@ -135,14 +132,14 @@ def test_an_error_in_one_plan_stops_no_other(monkeypatch):
         return search(self, path, *rest)
 
     monkeypatch.setattr(RepeatedSolver, "_searched", failing)
-    hard, light = kept(points, cells, material(len(cells)), [boundary, easy], options_with())
+    hard, light = kept(points, cells, material(len(cells)), [boundary, easy], fem_settings())
     assert light.kept and not hard.kept and hard.converged
 
 
 def test_what_no_solver_solves_says_so():
     points, cells, boundary = bent_block()
     far = BoundaryConditions(boundary.prescribed_nodes, lambda t: 20 * boundary.displacement(t))
-    options = options_with(max_iterations=3, min_increment=0.5)
+    options = fem_settings(max_iterations=3, min_increment=0.5)
     impossible, result = kept(points, cells, material(len(cells)), [far, boundary], options)
     assert not impossible.converged and impossible.reason != "converged"
     assert result.converged
@@ -150,13 +147,13 @@ def test_what_no_solver_solves_says_so():
 
 def test_a_time_limit_ends_the_kept_factors_too():
     points, cells, boundary = bent_block()
-    (result,) = kept(points, cells, material(len(cells)), [boundary], options_with(time_limit=1e-9))
+    (result,) = kept(points, cells, material(len(cells)), [boundary], fem_settings(time_limit=1e-9))
     assert not result.converged and "time limit" in result.reason
 
 
 def test_other_nodes_are_refused():
     points, cells, boundary = bent_block()
-    solver = RepeatedSolver(points, cells, material(len(cells)), boundary, options_with())
+    solver = RepeatedSolver(points, cells, material(len(cells)), boundary, fem_settings())
     with pytest.raises(InputError, match="other nodes"):
         solver.solve(
             [BoundaryConditions(boundary.prescribed_nodes[1:], np.zeros((len(boundary.prescribed_nodes) - 1, 3)))]
@@ -167,7 +164,7 @@ def test_other_nodes_are_refused():
 def test_lips_in_contact_are_newtons():
     model, plan, settings = tiny_patient(), tiny_plan(), fem_settings()
     result, exact = (
-        simulate(model, plan, "mucosa+lip", replace(settings, kept_factors=kept)) for kept in (True, False)
+        simulate(model, [plan], replace(settings, kept_factors=kept), arm="mucosa+lip")[0] for kept in (True, False)
     )
     assert not result.kept
     np.testing.assert_array_equal(result.displacement, exact.displacement)
@@ -184,9 +181,9 @@ def test_weight_tension_and_tissue_that_yields_as_by_newton(yielding, monkeypatc
     skin = faces[np.isin(faces, model.skin_nodes).all(axis=1)]
     loads = Loads(weight, skin, np.full(len(skin), 20.0))
     kept, exact = (
-        simulate(model, plan, "mucosa", replace(settings, kept_factors=kept), loads=loads) for kept in (True, False)
+        simulate(model, [plan], replace(settings, kept_factors=kept), loads=loads)[0] for kept in (True, False)
     )
-    bare = simulate(model, plan, "mucosa", settings)
+    (bare,) = simulate(model, [plan], settings)
     assert kept.kept and exact.converged and not exact.kept
     np.testing.assert_allclose(kept.displacement, exact.displacement, rtol=0, atol=1e-5)
     assert np.abs(kept.displacement - bare.displacement).max() > 0.1
@@ -195,24 +192,23 @@ def test_weight_tension_and_tissue_that_yields_as_by_newton(yielding, monkeypatc
 def test_dead_forces_are_each_plans_own():
     model, plan, settings = tiny_patient(), tiny_plan(), fem_settings(tolerance=1e-8)
     forces = np.where(model.node_type[:, None] == FREE, [0, 0, -1.0], 0)
-    with closing(PlanSolver(model, "mucosa", settings)) as solver:
-        first, second = solver.solve([plan, plan], [0 * forces, forces])
+    first, second = simulate(model, [plan, plan], settings, [0 * forces, forces])
     newton = replace(settings, kept_factors=False)
     assert first.kept and second.kept
     for result, load in ((first, None), (second, Loads(forces))):
-        exact = simulate(model, plan, "mucosa", newton, loads=load)
+        (exact,) = simulate(model, [plan], newton, loads=load)
         np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
 
 
 def test_without_the_setting_newton_solves():
     model, plan, settings = tiny_patient(), tiny_plan(), fem_settings(kept_factors=False)
-    (result,) = PlanSolver(model, "bonded", settings).solve([plan])
+    (result,) = simulate(model, [plan], settings, arm="bonded")
     exact = solve(
         model.points,
         model.cells,
         settings.material(model.tissue),
         boundary_conditions(model, plan, "bonded"),
-        options_of(settings),
+        settings,
     )
     np.testing.assert_array_equal(result.displacement, exact.displacement)
 
@@ -254,7 +250,7 @@ def test_local_equilibrium_moves_its_own_nodes_alone_and_rights_inverted_element
     skin = np.flatnonzero(((points == 0) | (points == 12)).any(axis=1))
     elements = Elements.build(points, cells, uniform(len(cells)))
     solver = RepeatedSolver(
-        points, cells, uniform(len(cells)), BoundaryConditions(skin, np.zeros((len(skin), 3))), options_with()
+        points, cells, uniform(len(cells)), BoundaryConditions(skin, np.zeros((len(skin), 3))), fem_settings()
     )
     constraints, inner = solver._constraints, int(np.argmin(np.linalg.norm(points - 6, axis=1)))
     patches = np.zeros(len(elements.patch_volumes), bool)
@@ -284,7 +280,7 @@ def test_few_nodes_out_of_equilibrium_come_to_rest_by_themselves(arm, monkeypatc
     """To the field of steps of the whole part; parts about the nodes alone are factorised again and again."""
     patient, settings, plan = tiny_patient(shape=(14, 9, 8)), fem_settings(), tiny_plan()
     boundary, law = boundary_conditions(patient, plan, arm), settings.material(patient.tissue)
-    solver = RepeatedSolver(patient.points, patient.cells, law, boundary, options_with(tolerance=1e-9))
+    solver = RepeatedSolver(patient.points, patient.cells, law, boundary, fem_settings(tolerance=1e-9))
     constraints, elements = solver._constraints.under(boundary), solver._elements
     (exact,) = solver.solve([boundary])
     inner = int(np.argmin(np.linalg.norm(patient.points - patient.points.mean(axis=0), axis=1)))
@@ -362,7 +358,7 @@ def test_plans_by_two_threads_are_those_of_one():
     boundaries = [
         BoundaryConditions(boundary.prescribed_nodes, share * boundary.displacement(1.0)) for share in (0.2, 0.5, 1.0)
     ]
-    solver = RepeatedSolver(points, cells, material(len(cells)), boundary, options_with())
+    solver = RepeatedSolver(points, cells, material(len(cells)), boundary, fem_settings())
     for one, two in zip(solver.solve(boundaries), solver.solve(boundaries, threads=2), strict=True):
         assert one.kept and two.kept
         np.testing.assert_array_equal(one.displacement, two.displacement)
@@ -372,7 +368,7 @@ def test_plans_by_two_threads_are_those_of_one():
 def test_what_fails_at_once_is_reached_in_increments(monkeypatch):
     """A plan that may have ended elsewhere takes the way over smaller loads, by the kept factors still."""
     points, cells, boundary = bent_block()
-    law, options = material(len(cells)), options_with(tolerance=1e-8)
+    law, options = material(len(cells)), fem_settings(tolerance=1e-8)
     doubts = iter(["elsewhere"])
     monkeypatch.setattr(RepeatedSolver, "_elsewhere", lambda *_: next(doubts, ""))
     (result,) = kept(points, cells, law, [boundary], options)
@@ -385,13 +381,13 @@ def test_what_fails_at_once_is_reached_in_increments(monkeypatch):
 def test_the_least_increments_decide_what_larger_ones_doubt(monkeypatch):
     points, cells, boundary = bent_block()
     monkeypatch.setattr(RepeatedSolver, "_elsewhere", lambda *_: "elsewhere")
-    (result,) = kept(points, cells, material(len(cells)), [boundary], options_with())
+    (result,) = kept(points, cells, material(len(cells)), [boundary], fem_settings())
     assert result.kept and min(entry["fraction"] for entry in result.history) == kept_factors.LEAST_INCREMENT
 
 
 def test_a_node_far_from_those_beside_it_is_doubted():
     points, cells, boundary = bent_block()
-    solver = RepeatedSolver(points, cells, material(len(cells)), boundary, options_with())
+    solver = RepeatedSolver(points, cells, material(len(cells)), boundary, fem_settings())
     start, edge = np.zeros(points.shape), solver._elements.edge
     alone, all_of_them = start.copy(), start + 3 * edge
     alone[-1, 0] = edge

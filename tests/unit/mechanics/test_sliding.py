@@ -17,7 +17,7 @@ from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import FIXED, FREE, MOVING, SLIDING
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import fem_settings
 from tests.helpers.solids import both, plane, sphere
 
 
@@ -76,7 +76,7 @@ def test_block_pressed_between_sliding_planes(volumetric):
     pressing = SlidingSet(top, *plane(normal, 12 * normal), motion.fraction)
     boundary = BoundaryConditions(prescribed, exact[prescribed], [fixed, pressing])
     law = uniform(len(cells))
-    result = solve(points, cells, law, boundary, solver_options(volumetric=volumetric, tolerance=1e-10))
+    result = solve(points, cells, law, boundary, fem_settings(volumetric=volumetric, tolerance=1e-10))
     assert result.converged
     np.testing.assert_allclose(result.displacement, exact, rtol=0, atol=1e-7)
     assert result.violation < 1e-8
@@ -102,7 +102,7 @@ def test_sliding_nodes_keep_their_distance_to_a_moved_sphere(volumetric):
     contact = SlidingSet(np.flatnonzero(inner), *sphere(20.0, 4000), motion.fraction)
     prescribed = np.flatnonzero(rim)
     law = uniform(len(cells))
-    options = solver_options(volumetric=volumetric, tolerance=1e-8)
+    options = fem_settings(volumetric=volumetric, tolerance=1e-8)
     slid = solve(points, cells, law, BoundaryConditions(prescribed, np.zeros((len(prescribed), 3)), [contact]), options)
     assert slid.converged
     assert slid.violation < 0.01
@@ -137,7 +137,7 @@ def test_arms_of_a_plan(monkeypatch):
     fields = {}
     for arm in ("bonded", "mucosa"):
         boundary = boundary_conditions(model, plan, arm)
-        result = solve(model.points, model.cells, law, boundary, solver_options())
+        result = solve(model.points, model.cells, law, boundary, fem_settings())
         assert result.converged
         fields[arm] = result.displacement
         prescribed = np.zeros(len(model.points), bool)
@@ -188,9 +188,7 @@ def test_bad_arms_plans_and_surfaces_are_refused():
     ends = np.array([0, 1, 2])
     contact = SlidingSet(ends, *plane([0, 0, 1], np.zeros(3)), RigidMotion().fraction)
     with pytest.raises(InputError, match="twice"):
-        solve(
-            points, cells, uniform(len(cells)), BoundaryConditions(ends, np.zeros((3, 3)), [contact]), solver_options()
-        )
+        solve(points, cells, uniform(len(cells)), BoundaryConditions(ends, np.zeros((3, 3)), [contact]), fem_settings())
 
 
 def plate(thickness=2.0, spacing=2.0):

@@ -12,7 +12,7 @@ from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.problems import box
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import fem_settings
 from tests.helpers.solids import both, extruded, plane, solved
 
 TILT = Rotation.from_rotvec([0.5, -0.8, 0.3]).as_matrix()
@@ -43,7 +43,7 @@ def test_wedge_driven_under_a_block(volumetric, along):
         [SlidingSet(bottom, *plane(normal, np.zeros(3), half=60.0, step=3.0), drive.fraction)],
     )
     result = solve(
-        points, cells, law, boundary, solver_options(volumetric=volumetric, tolerance=1e-10, min_increment=1 / 16)
+        points, cells, law, boundary, fem_settings(volumetric=volumetric, tolerance=1e-10, min_increment=1 / 16)
     )
     assert result.converged
     rise = along * np.sin(np.deg2rad(30))

@@ -20,11 +20,10 @@ from pinnochio.mechanics.elements.materials import lame
 from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import solver_options as options_of
 from pinnochio.mechanics.solvers.linear_algebra import linear_solver
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
-from tests.helpers.settings import ROOT, fem_settings, solver_options
+from tests.helpers.settings import ROOT, fem_settings
 from tests.helpers.solids import bent_block, both, material
 
 
@@ -39,7 +38,7 @@ def test_patch(volumetric, stretch):
         cells,
         uniform(len(cells), stiffening=1.0),
         BoundaryConditions(skin, points[skin] @ h.T),
-        solver_options(volumetric=volumetric, tolerance=1e-12),
+        fem_settings(volumetric=volumetric, tolerance=1e-12),
     )
     assert result.converged
     assert len(skin) < len(points)
@@ -52,7 +51,7 @@ def test_rigid_motion_is_followed_without_strain(volumetric):
     motion = RigidMotion(Rotation.from_rotvec([0.2, 0.5, -0.4]).as_matrix(), np.array([5.0, -3, 8]))
     end = np.flatnonzero(points[:, 0] == 0)
     boundary = BoundaryConditions(end, lambda t: motion.fraction(t).displacement(points[end]))
-    result = solve(points, cells, material(len(cells)), boundary, solver_options(volumetric=volumetric))
+    result = solve(points, cells, material(len(cells)), boundary, fem_settings(volumetric=volumetric))
     assert result.converged
     np.testing.assert_allclose(result.displacement, motion.displacement(points), rtol=0, atol=1e-5)
     assert result.min_jacobian == pytest.approx(1, abs=1e-5)
@@ -63,7 +62,7 @@ def test_same_field_as_felupe():
     points, cells, boundary = bent_block()
     mu, lam = lame(5.0, 0.49)
     ours = solve(
-        points, cells, uniform(len(cells)), boundary, solver_options(volumetric="p1", tolerance=1e-11)
+        points, cells, uniform(len(cells)), boundary, fem_settings(volumetric="p1", tolerance=1e-11)
     ).displacement
     mesh = felupe.Mesh(points, cells, "tetra")
     field = felupe.FieldContainer([felupe.Field(felupe.RegionTetra(mesh), dim=3)])
@@ -100,7 +99,7 @@ def test_increments_do_not_change_the_solution_and_equilibrium_holds(volumetric)
     fields = []
     for increments in (1, 5):
         result = solve(
-            points, cells, law, boundary, solver_options(volumetric=volumetric, increments=increments, tolerance=1e-9)
+            points, cells, law, boundary, fem_settings(volumetric=volumetric, increments=increments, tolerance=1e-9)
         )
         assert result.converged
         fields.append(result.displacement)
@@ -122,7 +121,7 @@ def test_scipy_gives_what_pardiso_gives(volumetric):
             cells,
             material(len(cells)),
             boundary,
-            solver_options(volumetric=volumetric, tolerance=1e-10, linear_solver=kind),
+            fem_settings(volumetric=volumetric, tolerance=1e-10, linear_solver=kind),
         ).displacement
         for kind in ("pardiso", "scipy")
     ]
@@ -152,7 +151,7 @@ def test_inverted_start_recovers(volumetric, noise, share):
     """The start itself is untangled: beginning again from rest is forbidden."""
     points, cells, boundary = bent_block()
     law = material(len(cells))
-    options = solver_options(volumetric=volumetric, tolerance=1e-9, max_iterations=60)
+    options = fem_settings(volumetric=volumetric, tolerance=1e-9, max_iterations=60)
     expected = solve(points, cells, law, boundary, options).displacement
     start = expected + np.random.default_rng(4).normal(0, noise, points.shape)
     assert (jacobians(points, cells, start) < 0).mean() > share
@@ -165,14 +164,14 @@ def test_inverted_start_recovers(volumetric, noise, share):
 def test_a_good_start_saves_work_and_a_useless_one_is_dropped():
     points, cells, boundary = bent_block()
     law = material(len(cells))
-    cold = solve(points, cells, law, boundary, solver_options())
+    cold = solve(points, cells, law, boundary, fem_settings())
     noise = np.random.default_rng(4).normal(0, 0.02, points.shape)
-    warm = solve(points, cells, law, boundary, solver_options(), start=cold.displacement + noise)
+    warm = solve(points, cells, law, boundary, fem_settings(), start=cold.displacement + noise)
     assert warm.converged
     assert warm.linear_iterations < cold.linear_iterations
     np.testing.assert_allclose(warm.displacement, cold.displacement, rtol=0, atol=1e-4)
     wild = np.random.default_rng(4).normal(0, 400, points.shape)
-    far = solve(points, cells, law, boundary, solver_options(max_iterations=6), start=wild)
+    far = solve(points, cells, law, boundary, fem_settings(max_iterations=6), start=wild)
     assert far.converged
     np.testing.assert_allclose(far.displacement, cold.displacement, rtol=0, atol=1e-4)
 
@@ -180,12 +179,12 @@ def test_a_good_start_saves_work_and_a_useless_one_is_dropped():
 def test_few_corrections_of_a_start_are_returned_with_their_residual():
     points, cells, boundary = bent_block()
     law = material(len(cells))
-    end = solve(points, cells, law, boundary, solver_options(tolerance=1e-9)).displacement
+    end = solve(points, cells, law, boundary, fem_settings(tolerance=1e-9)).displacement
     start = end + np.random.default_rng(4).normal(0, 0.4, points.shape)
     start[boundary.prescribed_nodes] = boundary.displacement(1.0)
     errors = []
     for count in (0, 1, 2):
-        options = solver_options(max_iterations=count, restart=False, tolerance=1e-12)
+        options = fem_settings(max_iterations=count, restart=False, tolerance=1e-12)
         result = solve(points, cells, law, boundary, options, start=start)
         assert not result.converged
         assert "residual" in result.reason
@@ -198,7 +197,7 @@ def test_failure_is_reported_with_the_last_equilibrium():
     ends = np.flatnonzero((points[:, 0] == 0) | (points[:, 0] == 40))
     crush = np.where(points[ends, :1] == 40, [-60.0, 0, 0], 0.0)  # one end pushed out through the other
     law = uniform(len(cells))
-    result = solve(points, cells, law, BoundaryConditions(ends, crush), solver_options(time_limit=10))
+    result = solve(points, cells, law, BoundaryConditions(ends, crush), fem_settings(time_limit=10))
     assert not result.converged
     assert "increment" in result.reason or "time" in result.reason
     assert 0 < result.fraction < 40 / 60
@@ -209,13 +208,13 @@ def test_failure_is_reported_with_the_last_equilibrium():
 
 def test_limits_of_time_and_of_work_stop_the_solver():
     points, cells, boundary = bent_block()
-    result = solve(points, cells, uniform(len(cells)), boundary, solver_options(time_limit=0.0))
+    result = solve(points, cells, uniform(len(cells)), boundary, fem_settings(time_limit=0.0))
     assert not result.converged
     assert "time limit" in result.reason
-    enough = solve(points, cells, uniform(len(cells)), boundary, solver_options(tolerance=1e-9))
-    result = solve(points, cells, uniform(len(cells)), boundary, solver_options(tolerance=1e-9, max_systems=3))
+    enough = solve(points, cells, uniform(len(cells)), boundary, fem_settings(tolerance=1e-9))
+    result = solve(points, cells, uniform(len(cells)), boundary, fem_settings(tolerance=1e-9, max_systems=3))
     assert enough.converged and not result.converged and result.reason.startswith("3 linear systems")
-    options = solver_options(max_iterations=1, min_increment=0.3, tolerance=1e-14)
+    options = fem_settings(max_iterations=1, min_increment=0.3, tolerance=1e-14)
     result = solve(points, cells, uniform(len(cells)), boundary, options)
     assert not result.converged
     assert "1 Newton iterations" in result.reason
@@ -223,13 +222,13 @@ def test_limits_of_time_and_of_work_stop_the_solver():
 
 def test_a_time_limit_of_the_settings_stops_the_solver_and_is_said():
     points, cells, boundary = bent_block()
-    result = solve(points, cells, uniform(len(cells)), boundary, options_of(fem_settings(time_limit=1e-9)))
+    result = solve(points, cells, uniform(len(cells)), boundary, fem_settings(time_limit=1e-9))
     assert not result.converged and result.fraction == 0
     assert result.reason == "time limit of 1e-09 s reached"
 
 
 def test_no_solve_is_limited_in_time_by_default():
-    assert FemSettings.time_limit == fem_settings().time_limit == options_of(fem_settings()).time_limit == np.inf
+    assert FemSettings.time_limit == fem_settings().time_limit == np.inf
 
 
 @pytest.mark.parametrize("name", ["config", "quick", "paper"])
@@ -250,7 +249,7 @@ def test_a_loose_mesh_is_refused(fixed):
     points, cells = box((9, 6, 6), (3, 2, 2))
     boundary = BoundaryConditions(np.array(fixed), np.zeros((len(fixed), 3)))
     with pytest.raises(InputError, match="free to move"):
-        solve(points, cells, uniform(len(cells)), boundary, solver_options())
+        solve(points, cells, uniform(len(cells)), boundary, fem_settings())
 
 
 def test_a_second_piece_that_nothing_holds_is_refused():
@@ -258,14 +257,14 @@ def test_a_second_piece_that_nothing_holds_is_refused():
     both_points = np.vstack([points, points + [100, 0, 0]])
     both_cells = np.vstack([cells, cells + len(points)])
     with pytest.raises(InputError, match=f"piece of {len(points)}"):
-        solve(both_points, both_cells, uniform(len(both_cells)), boundary, solver_options())
+        solve(both_points, both_cells, uniform(len(both_cells)), boundary, fem_settings())
 
 
 def test_points_outside_every_cell_stay():
     points, cells, boundary = bent_block()
     more = np.vstack([points, [[99.0, 99, 99]]])
-    alone = solve(points, cells, uniform(len(cells)), boundary, solver_options())
-    result = solve(more, cells, uniform(len(cells)), boundary, solver_options())
+    alone = solve(points, cells, uniform(len(cells)), boundary, fem_settings())
+    result = solve(more, cells, uniform(len(cells)), boundary, fem_settings())
     np.testing.assert_allclose(result.displacement[:-1], alone.displacement, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(result.displacement[-1], 0)
 
@@ -282,7 +281,7 @@ def test_points_outside_every_cell_stay():
 def test_bad_boundary_conditions_are_refused(boundary):
     points, cells, _ = bent_block()
     with pytest.raises(InputError):
-        solve(points, cells, uniform(len(cells)), boundary, solver_options())
+        solve(points, cells, uniform(len(cells)), boundary, fem_settings())
 
 
 PRINT_FIELD = """
@@ -293,7 +292,8 @@ from scipy.spatial import Delaunay
 from pinnochio.mechanics.elements.materials import neo_hookean
 from pinnochio.mechanics.problems import box
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
-from pinnochio.mechanics.solvers.newton import SolverOptions, solve
+from pinnochio.mechanics.settings import SolverSettings
+from pinnochio.mechanics.solvers.newton import solve
 points = np.random.default_rng(0).uniform(0, 20, (250, 3))
 cells = Delaunay(points).simplices
 volume = np.linalg.det(points[cells[:, 1:]] - points[cells[:, :1]])
@@ -301,9 +301,10 @@ cells = np.where(volume[:, None] > 0, cells, cells[:, [1, 0, 2, 3]])[np.abs(volu
 ends = np.flatnonzero((points[:, 0] < 4) | (points[:, 0] > 16))
 moved = np.where(points[ends, :1] > 16, [0.5, 0, 1.0], 0.0)
 law = neo_hookean(np.ones(len(cells)), {1: 5.0}, 0.49)
-options = SolverOptions("patch", increments=2, tolerance=1e-6, max_iterations=30, max_systems=300, linear_solver="auto")
+limits = {"increments": 2, "tolerance": 1e-6, "max_iterations": 30, "max_systems": 300}
+settings = SolverSettings(volumetric="patch", linear_solver="auto", **limits)
 for _ in range(2):
-    result = solve(points, cells, law, BoundaryConditions(ends, moved), options)
+    result = solve(points, cells, law, BoundaryConditions(ends, moved), settings)
     assert result.converged, result.reason
     print(hashlib.sha256(result.displacement.tobytes()).hexdigest())
 """

@@ -15,7 +15,7 @@ from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import FREE, SLIDING
 from pinnochio.plans.plan import Plan
 from tests.helpers.patients import tiny_patient
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import fem_settings
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def test_a_small_load_does_what_newton_says(made):
     amplitudes = 1e-4 * np.random.default_rng(0).normal(size=len(sources.forces))
     boundary = boundary_conditions(patient, Plan("P", {}), "mucosa")
     loads = Loads(sources.load(amplitudes))
-    exact = solve(patient.points, patient.cells, law, replace(boundary, loads=loads), solver_options(tolerance=1e-10))
+    exact = solve(patient.points, patient.cells, law, replace(boundary, loads=loads), fem_settings(tolerance=1e-10))
     assert exact.converged
     size = np.abs(exact.displacement).max()
     np.testing.assert_allclose(sources.field(amplitudes), exact.displacement, rtol=0, atol=1e-3 * size)

@@ -17,7 +17,7 @@ from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, Elements
 from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
-from tests.helpers.settings import solver_options
+from tests.helpers.settings import fem_settings
 from tests.helpers.solids import both, extruded, plane, solved
 
 DEFAULT = VOLUMETRIC[0]
@@ -195,7 +195,7 @@ def test_square_column_twisted_far(volumetric):
     energies, step, start = [], np.deg2rad(0.5), None
     for angle in np.deg2rad(120) + step * np.array([-1, 1, 0]):
         boundary = BoundaryConditions(ends, lambda t, a=angle: twist(points[ends], t * a / 40))
-        options = solver_options(volumetric=volumetric, increments=4, tolerance=1e-8)
+        options = fem_settings(volumetric=volumetric, increments=4, tolerance=1e-8)
         result = solve(points, cells, law, boundary, options, start=start)
         assert result.converged, result.reason
         assert result.min_jacobian > 0.2

@@ -8,10 +8,9 @@ import numpy as np
 
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import PlanSolver
+from pinnochio.mechanics.simulation import Simulator
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
-from pinnochio.reduction.solver import ReducedSolver, solver_of
 from pinnochio.timing import REPEATS
 
 PATIENCE = 2.0  # s of a first solve, above which it is not made again for the time of a further one
@@ -19,15 +18,15 @@ PATIENCE = 2.0  # s of a first solve, above which it is not made again for the t
 
 @dataclass(frozen=True)
 class Way:
-    """How a patient is solved: arm and settings as of `PlanSolver`; limit in mm: as of `ReducedSolver`, or 0."""
+    """How a patient is solved: as of `Simulator`."""
 
     arm: str
     settings: FemSettings
-    limit: float = 0.0
+    amplitude: float = 0.0
 
-    def solver(self, patient: PatientModel) -> PlanSolver | ReducedSolver:
+    def solver(self, patient: PatientModel) -> Simulator:
         """The solver of a patient."""
-        return solver_of(patient, self.arm, self.settings, self.limit)
+        return Simulator(patient, self.settings, self.arm, amplitude=self.amplitude)
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def tried(patient: PatientModel, plan: Plan, way: Way) -> Trial:
         solver.solve([plan])
         further = time.process_time() - ended
     share, deciding = 1.0, 0.0
-    if way.limit:
+    if way.amplitude:
         share = float(solver.required(plan).mean())
         deciding = _seconds(lambda: solver.required(plan)) - _seconds(
             lambda: boundary_conditions(patient, plan, way.arm)

@@ -24,11 +24,10 @@ from pinnochio.mechanics.elements.residual import Operator
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
 from pinnochio.mechanics.lift import Lift, make_lift, motion_amplitudes
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import solver_options
 from pinnochio.mechanics.solvers.inversion_repair import repair_inversions
 from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
-from pinnochio.mechanics.solvers.newton import SolverOptions, solve
+from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.mechanics.solvers.newton_corrections import Corrector
 from pinnochio.methods.pinnochio.losses import physics_loss
 from pinnochio.methods.pinnochio.patient import LOSS_EXTENSION, PatientTensors
@@ -95,9 +94,9 @@ class Sweep:
                 | {"seconds": seconds, "case": self.case}
             )
 
-    def options(self, element: str) -> SolverOptions:
+    def options(self, element: str) -> FemSettings:
         """The solver's, with an element."""
-        return replace(solver_options(self.fem), volumetric=element)
+        return replace(self.fem, volumetric=element)
 
     def rng(self, *names) -> np.random.Generator:
         """Random numbers of a setting: the same for all methods, elements and precisions."""

@@ -20,8 +20,9 @@ from pinnochio.mechanics.boundary.sliding import SlidingContact
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.mixed import solve_mixed
 from pinnochio.mechanics.elements.tetrahedra import Elements
+from pinnochio.mechanics.settings import SolverSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair
-from pinnochio.mechanics.solvers.newton import SolveResult, SolverOptions
+from pinnochio.mechanics.solvers.newton import SolveResult
 from pinnochio.mechanics.solvers.newton_corrections import Correction
 from pinnochio.metrics.validity import OFF_BONE, off_bone
 from pinnochio.tables.stability import CLEAN, CONVERGED, WRONG
@@ -183,7 +184,7 @@ def judge_solution(
     element: str,
     result: SolveResult,
     seconds: float,
-    options: SolverOptions,
+    options: SolverSettings,
     known: np.ndarray | None = None,
     unique: bool = True,
     quadratic: bool = False,

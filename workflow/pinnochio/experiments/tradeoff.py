@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Mapping
-from contextlib import closing
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import partial
 
@@ -16,8 +15,8 @@ from pinnochio.mechanics.elements.mixed import MIXED, solve_mixed
 from pinnochio.mechanics.elements.tetrahedra import node_volumes
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import PlanSolver, simulate_elastic, solver_options
-from pinnochio.mechanics.solvers.newton import solve
+from pinnochio.mechanics.simulation import Simulator
+from pinnochio.methods.elastic import linear_field
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.methods.pinnochio.predictor import Predictor
 from pinnochio.methods.protocol import Planned
@@ -101,19 +100,18 @@ def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSet
     """The plan by finite elements with the setting's parameter; warm, median of repeats unless a solve takes long."""
     own, setup = replace(fem, **setting.fem), 0.0
     if not setting.contact:
-        return Prediction(*simulate_elastic(patient, plan, own), threads)
-    mesh = patient.points, patient.cells, fem.material(patient.tissue)
-    boundary = partial(boundary_conditions, patient, plan, setting.contact)
+        return Prediction(*linear_field(patient, plan, own), threads)
     if own.volumetric in MIXED:
+        mesh = patient.points, patient.cells, fem.material(patient.tissue)
+        boundary = partial(boundary_conditions, patient, plan, setting.contact)
         limits = fem.increments, fem.tolerance, fem.max_iterations
         solved, seconds = repeated(lambda: solve_mixed(*mesh, boundary(), own.volumetric, *limits), PATIENCE)
-    elif setting.double:
-        options = replace(solver_options(own), reuse=False)
-        solved, seconds = repeated(lambda: solve(*mesh, boundary(), options), PATIENCE)
     else:
-        with closing(PlanSolver(patient, setting.contact, own)) as solver:
-            solved, seconds = repeated(lambda: solver.solve([plan])[0], PATIENCE)
-            setup = solver.preparation
+        if setting.double:
+            own = replace(own, reuse=False, kept_factors=False)
+        with Simulator(patient, own, setting.contact) as simulator:
+            solved, seconds = repeated(lambda: simulator.solve([plan])[0], PATIENCE)
+            setup = simulator.preparation
     return Prediction(solved.displacement, seconds, setup, threads, converged=solved.converged, reason=solved.reason)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.lift import segment_motions
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import PlanSolver
+from pinnochio.mechanics.simulation import Simulator
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.newton import SolveResult
 from pinnochio.model.patient import PatientModel
@@ -27,7 +27,7 @@ class Face:
         fields = elastic.spread(segment_motions(model, model.points.mean(axis=0), blend=False))
         elastic.close()
         self.response = fields.reshape(len(fields), -1)
-        self._solver = PlanSolver(model, "mucosa", fem)
+        self._simulator = Simulator(model, fem)
 
     def elastic(self, amplitudes: np.ndarray) -> np.ndarray:
         """Displacement (n, 3) mm to first order under amplitudes (12 K,) of the bones' motions."""
@@ -35,8 +35,8 @@ class Face:
 
     def solve(self, plan: Plan) -> SolveResult:
         """Finite elements of the plan."""
-        return self._solver.solve([plan])[0]
+        return self._simulator.solve([plan])[0]
 
     def close(self) -> None:
         """Release the factors."""
-        self._solver.close()
+        self._simulator.close()

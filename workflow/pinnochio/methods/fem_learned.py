@@ -2,12 +2,12 @@
 
 import logging
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 
 import numpy as np
 
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.mechanics.simulation import PlanSolver
+from pinnochio.mechanics.simulation import Simulator, simulate
 from pinnochio.methods import sources
 from pinnochio.methods.protocol import Planned
 from pinnochio.methods.sources import PatientSources, SourceModel
@@ -15,8 +15,6 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.plans.plan import Plan
 from pinnochio.timing import timed
-
-SLIDING = "mucosa"
 
 
 def fit(
@@ -30,9 +28,7 @@ def fit(
     """The sources of some training patients over the finite-element field of each one's own motion."""
     bases = []
     for model, plan in zip(models, plans, strict=True):
-        solver = PlanSolver(model, SLIDING, fem)
-        (solved,) = solver.solve([plan])
-        solver.close()
+        (solved,) = simulate(model, [plan], fem)
         logging.info("%s: %s", plan.case, solved.reason)
         bases.append(solved.displacement)
     return sources.fit(models, bases, plans, skins, covariates, fem)
@@ -51,11 +47,11 @@ class Predictor:
 
             def prepare():
                 own = PatientSources(self._learned, patient, self._fem, planned.covariates)
-                solver = stack.enter_context(closing(PlanSolver(patient, SLIDING, self._fem)))
+                simulator = stack.enter_context(Simulator(patient, self._fem))
 
                 def predict():
                     forces = own.sources.load(own.amplitudes(plan))
-                    return forces, solver.solve([plan], [forces])[0]
+                    return forces, simulator.solve([plan], [forces])[0]
 
                 return predict
 

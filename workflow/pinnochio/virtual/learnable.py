@@ -76,7 +76,7 @@ def measure(operation: Operation, truth: str) -> list[dict]:
     nominal finite elements with the true motion."""
     *reached, executed = read_truth(truth, operation.case)
     patient = meshed(operation, resolve(NOMINAL))
-    oracle = simulate(patient, executed, "mucosa", operation.settings.fem).displacement
+    oracle = simulate(patient, [executed], operation.settings.fem)[0].displacement
     skin, faces = patient.skin_points, patient.skin_faces
     predicted = patient.moved_skin(oracle)
     reached = skin + interpolate(skin, *reached)

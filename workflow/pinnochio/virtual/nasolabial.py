@@ -56,7 +56,7 @@ def measure(operation: Operation) -> list[dict]:
     row = {"case": operation.case, "before": nasolabial(patient, operation.landmarks, np.zeros_like(patient.points))}
     if not plan.motions:
         return [row | {"after": np.nan}]
-    moved = simulate(patient, plan, "mucosa", operation.settings.fem).displacement
+    moved = simulate(patient, [plan], operation.settings.fem)[0].displacement
     return [row | {"after": nasolabial(patient, operation.landmarks, moved)}]
 
 

@@ -3,7 +3,6 @@
 import logging
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,7 +15,7 @@ from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.importing.segmentation import Segmentation, read_segmentation
 from pinnochio.json_text import read_own_json
 from pinnochio.mechanics.elements.tetrahedra import jacobians
-from pinnochio.mechanics.simulation import PlanSolver
+from pinnochio.mechanics.simulation import Simulator
 from pinnochio.mechanics.solvers.inversion_repair import repair_inversions
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.lattice import tetrahedralize
@@ -175,12 +174,12 @@ def moved(operation: Operation, effects: Mapping[str, Any], patient: PatientMode
         operation.draws("pre_stress"),
     )
     draws = operation.draws("execution_error")
-    with closing(PlanSolver(patient, "mucosa", own, unilateral=bool(effects["contact"]), loads=outer)) as solver:
+    with Simulator(patient, own, unilateral=bool(effects["contact"]), loads=outer) as simulator:
         for _ in range(ATTEMPTS):
             executed = operation.plan
             if effects["execution_error"]:
                 executed = execution_error(operation.plan, draws, effects["execution_error"])
-            (result,) = solver.solve([executed])
+            (result,) = simulator.solve([executed])
             LOG.info("%s; moduli %s kPa; %.1f s", result.reason, moduli, result.seconds)
             if result.converged and result.min_jacobian > 0:
                 return Outcome(patient, result.displacement, executed)

@@ -81,7 +81,7 @@ def measure(operation: Operation, effects: dict[str, Any] | str, samples: int) -
         fine = fine or meshed(operation, own)
         base = moved(operation, own, fine)
         field = change(operation, own, base)
-        sliding = simulate(coarse, base.executed, "mucosa", fem).displacement
+        sliding = simulate(coarse, [base.executed], fem)[0].displacement
         predicted = coarse.moved_skin(sliding)
         for scale in SCALES:
             seen = photograph(operation, changed(base, scale * field), own, scale)

@@ -45,7 +45,7 @@ def measure(operation: Operation) -> list[dict]:
     own, fields = {name: model.skin_at(places) for name, model in models.items()}, {}
     shared = np.min(list(own.values()), axis=0) >= 0
     for name, model in models.items():
-        result = simulate(model, operation.plan, "mucosa", fem)
+        (result,) = simulate(model, [operation.plan], fem)
         if not result.converged:
             raise RuntimeError(f"case {operation.case!r}, {len(model.points)} nodes: {result.reason}")
         moved = model.moved_skin(result.displacement) - model.skin_points

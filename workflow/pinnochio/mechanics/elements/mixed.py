@@ -35,7 +35,14 @@ from scipy.special import lambertw
 from pinnochio.errors import InputError
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.elements.materials import Material
-from pinnochio.mechanics.elements.tetrahedra import EPSILON, check_mesh, lumped, mean_edge, shape_gradients
+from pinnochio.mechanics.elements.tetrahedra import (
+    EPSILON,
+    check_mesh,
+    least_reaction,
+    lumped,
+    mean_edge,
+    shape_gradients,
+)
 from pinnochio.mechanics.solvers.linear_algebra import linear_solver
 
 MIXED = ("taylor_hood", "stabilised", "averaged")
@@ -310,8 +317,8 @@ class _Problem:
 
     def state(self, u, q, fraction: float) -> _State:
         _, gradient, least = self.elements.evaluate(u, q)
-        unit = 1e-4 * self.elements.modulus * self.elements.edge**2 * np.sqrt(len(self._constrained))
-        reaction = max(np.linalg.norm(gradient[self._constrained]), unit)  # as in the solver of displacement elements
+        floor = least_reaction(self.elements, len(self._constrained))
+        reaction = max(np.linalg.norm(gradient[self._constrained]), floor)
         force = np.linalg.norm(gradient[self._free[self._free < self._start]])
         gap = np.linalg.norm(gradient[self._start :]) / np.linalg.norm(self.elements.node_volumes)
         return _State(u, q, fraction, gradient, least, float(force / reaction + gap))

@@ -25,6 +25,7 @@ from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.patches import make_patches
 
 VOLUMETRIC = ("patch", "p1")
+RELATIVE_ROUND_OFF = 1e-13  # of an energy that is far from that at rest
 # Levi-Civita symbol.
 EPSILON = np.zeros((3, 3, 3))
 EPSILON[0, 1, 2] = EPSILON[1, 2, 0] = EPSILON[2, 0, 1] = 1
@@ -91,6 +92,15 @@ class Elements:
         own, law = vars(self), vars(self.material)
         return ElementArrays(**{name: own[name] if name in own else law[name] for name in ElementArrays._fields})
 
+    @property
+    def round_off(self) -> float:
+        """Round-off, mN mm, of the energy, a sum over all elements, near rest."""
+        return 1e-14 * self.modulus * self.volumes.sum()
+
+    def noise(self, energy: float) -> float:
+        """Round-off, mN mm, of an energy in mN mm: below it the energy cannot tell two states apart."""
+        return self.round_off + RELATIVE_ROUND_OFF * abs(energy)
+
     def with_extension(self, extension: float) -> "Elements":
         """The same mesh with ln J replaced by its Taylor polynomial below another J."""
         return replace(self, material=replace(self.material, extension=extension))
@@ -110,6 +120,12 @@ class Elements:
         force, state = np.zeros((self.nodes, 3)), np.empty((count, 2))
         energy, least = _evaluate(np.ascontiguousarray(displacement, float), self.arrays, force, state)
         return energy, force, least, state
+
+
+def least_reaction(mesh, unknowns: int) -> float:
+    """Force, mN, on so many constrained unknowns at a strain of 1e-4: what a residual is measured by where the load
+    needs no force, as in a rigid motion. mesh: with its mean shear modulus in kPa and its mean edge in mm."""
+    return max(1e-4 * mesh.modulus * mesh.edge**2 * np.sqrt(unknowns), np.finfo(float).tiny)
 
 
 def check_mesh(points, cells) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,8 @@ from pinnochio.errors import InputError
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.elements.materials import EXTENSION, Material
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
-from pinnochio.mechanics.solvers.newton import TANGLED, SolverOptions, solve
+from pinnochio.mechanics.settings import SolverSettings
+from pinnochio.mechanics.solvers.newton import TANGLED, solve
 
 # Least J that needs no repair: below it ln J is extended, so that the strain energy is no longer the study's own law.
 # Fields in equilibrium stay above it: the least of 80 finite-element predictions at 5,000 nodes is 0.08 [X].
@@ -19,7 +20,7 @@ FLOOR = EXTENSION
 TRIES = ((1, False), (2, False), (2, True), (4, True), (8, True))
 # A residual that is enough for J; the repaired part stands in a field that is no equilibrium itself.
 # No time limit: the result must not depend on the machine.
-OPTIONS = SolverOptions(
+OPTIONS = SolverSettings(
     volumetric="patch",
     increments=2,
     tolerance=1e-3,

@@ -31,11 +31,12 @@ from pinnochio.mechanics.boundary.constraints import Constraints
 from pinnochio.mechanics.boundary.loads import OuterForces
 from pinnochio.mechanics.boundary.sliding import HeldNodes, bones_of
 from pinnochio.mechanics.elements.materials import Material
-from pinnochio.mechanics.elements.tetrahedra import Elements, lumped
+from pinnochio.mechanics.elements.tetrahedra import Elements, least_reaction, lumped
+from pinnochio.mechanics.settings import SolverSettings
 from pinnochio.mechanics.solvers.linear_algebra import Workers
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.local_equilibrium import LocalEquilibrium, touching
-from pinnochio.mechanics.solvers.newton import SolveResult, SolverOptions, solve
+from pinnochio.mechanics.solvers.newton import SolveResult, solve
 
 MEMORY = 10  # pairs of steps and changes of the force that are kept
 # An element is hard below this volume ratio, or above this I1 = tr F'F, 3 at rest.
@@ -100,12 +101,12 @@ class RepeatedSolver:
         cells,
         material: Material,
         boundary: BoundaryConditions,
-        options: SolverOptions,
+        settings: SolverSettings,
         rest: ElasticSolver | None = None,
     ):
-        self._points, self._cells, self._material, self._options = np.asarray(points, float), cells, material, options
+        self._points, self._cells, self._material, self._settings = np.asarray(points, float), cells, material, settings
         self._rest = rest or ElasticSolver(
-            points, cells, material, boundary, options.volumetric, options.linear_solver, True
+            points, cells, material, boundary, settings.volumetric, settings.linear_solver, True
         )
         self._elements, self._constraints = self._rest.elements, self._rest.constraints
         self._bones = bones_of(self._constraints.sliding, self._rest.frames)
@@ -131,7 +132,7 @@ class RepeatedSolver:
         quick = [not item.contact for item in boundaries]
         paths = [self._path(item) for item, fast in zip(boundaries, quick, strict=True) if fast]
         starts = None if linear is None else [field for field, fast in zip(linear, quick, strict=True) if fast]
-        self._end = began + self._options.time_limit * len(paths)
+        self._end = began + self._settings.time_limit * len(paths)
         self._advance(paths, threads, starts)
         share = (time.perf_counter() - began) / max(len(paths), 1)
         done, results = iter(paths), []
@@ -140,7 +141,7 @@ class RepeatedSolver:
             if path is not None and not path.reason:
                 results.append(self._result(path, share))
                 continue
-            result = solve(self._points, self._cells, self._material, boundary, self._options)
+            result = solve(self._points, self._cells, self._material, boundary, self._settings)
             results.append(replace(result, seconds=result.seconds + (share if fast else 0)))
         return results
 
@@ -217,7 +218,7 @@ class RepeatedSolver:
         wary: refuse what may be another equilibrium; in the least increments it is the one that they lead to.
         """
         pairs: list[tuple] = []
-        tolerance = self._options.tolerance if path.fraction == 1 else self._options.loose
+        tolerance = self._settings.tolerance if path.fraction == 1 else self._settings.loose
         normals = path.held.put_back(start)[:, 0]
         point = self._settled(path, start.copy())
         for count in range(ITERATIONS):
@@ -231,15 +232,15 @@ class RepeatedSolver:
                     "min_jacobian": point.least,
                 }
             )
-            near = path.residual <= self._options.loose
-            if near and self._options.barrier and not point.least > 0:
+            near = path.residual <= self._settings.loose
+            if near and self._settings.barrier and not point.least > 0:
                 path.reason = "elements are inside out"
             elif near and wary:
                 path.reason = self._elsewhere(start, normals, point)
             if count == PATIENCE and path.residual > FAR:
                 path.reason = f"{count} iterations left a residual of {path.residual:.1e}"
             if time.perf_counter() > self._end:
-                path.reason = f"time limit of {self._options.time_limit:g} s reached"
+                path.reason = f"time limit of {self._settings.time_limit:g} s reached"
             if path.residual <= tolerance or path.reason:
                 return
             direction = yield from self._direction(point, gradient, pairs)
@@ -302,8 +303,8 @@ class RepeatedSolver:
         motion[nodes] = np.einsum("sij,si->sj", point.axes, motion[nodes])
         if not slope < 0:
             return None
-        noise = 1e-14 * self._elements.modulus * self._elements.volumes.sum() + 1e-13 * abs(point.energy)
-        allowed = 0.0 if point.least > 0 and self._options.barrier else -np.inf
+        noise = self._elements.noise(point.energy)
+        allowed = 0.0 if point.least > 0 and self._settings.barrier else -np.inf
         for halvings in range(20):
             step = 0.5**halvings
             new = self._settled(path, point.u + step * motion, WILD)
@@ -327,7 +328,7 @@ class RepeatedSolver:
             return self._point(u, energy, state[:, 0].min(), axes, force)
         outside = self._free & ~part.inside
         point = self._point(u, energy, 0.0, axes, force)
-        goal = max(LOOSE * np.linalg.norm(point.force[outside]), 0.3 * self._options.tolerance * self._reaction(point))
+        goal = max(LOOSE * np.linalg.norm(point.force[outside]), 0.3 * self._settings.tolerance * self._reaction(point))
         done = part.settled(u, path.held, axes, goal, path.fraction)
         force[part.nodes] += done.force
         least = min(state[~part.touched[self._elements.patch], 0].min(initial=np.inf), done.least)
@@ -343,7 +344,7 @@ class RepeatedSolver:
             nodes[self._elements.cells[hard[self._elements.patch]]] = True
             wide = known | touching(self._elements, nodes)
             self._forget(path)
-            kind, barrier = self._options.linear_solver, self._options.barrier
+            kind, barrier = self._settings.linear_solver, self._settings.barrier
             held = self._constraints.constrained, self._constraints.sliding.nodes
             path.part = LocalEquilibrium(self._elements, *held, wide, path.outer, kind, barrier)
         return path.part
@@ -353,9 +354,7 @@ class RepeatedSolver:
         return Point(u, energy, least, axes, local, float(np.linalg.norm(local[self._constraints.constrained])))
 
     def _reaction(self, point: Point) -> float:
-        elements = self._elements
-        least = 1e-4 * elements.modulus * elements.edge**2 * np.sqrt(self._constraints.constrained.sum())
-        return max(point.reaction, least, np.finfo(float).tiny)
+        return max(point.reaction, least_reaction(self._elements, self._constraints.constrained.sum()))
 
     def _residual(self, point: Point) -> float:
         return float(np.linalg.norm(point.force[self._free]) / self._reaction(point))

@@ -183,7 +183,7 @@ class LocalEquilibrium:
         slope = -float(np.vdot(motion, state.force))
         slide = np.linalg.norm(motion[self._framed], axis=1).max(initial=0.0)
         share = min(1.0, SLIDE * elements.edge / max(slide, 1e-30))
-        noise = 1e-14 * elements.modulus * elements.volumes.sum() + 1e-13 * abs(state.energy)
+        noise = elements.noise(state.energy)
         while share > 1e-4:
             u = state.u.copy()
             u[self.nodes] += share * motion

@@ -13,7 +13,8 @@ from pinnochio.mechanics.boundary.contact import UnilateralContact, penalty
 from pinnochio.mechanics.boundary.loads import OuterForces
 from pinnochio.mechanics.elements.assembly import Assembler
 from pinnochio.mechanics.elements.materials import Material
-from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians
+from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians, least_reaction
+from pinnochio.mechanics.settings import SolverSettings
 from pinnochio.mechanics.solvers.linear_algebra import conjugate_gradients, linear_solver, symmetric_product
 
 # Volume ratio below which ln J is extended while a start is untangled: the energy is all but quadratic in J then. With
@@ -22,36 +23,6 @@ UNTANGLING = 0.9
 # A start with a larger share of inverted elements says nothing of where to go: plain elements settle in a crumpled
 # equilibrium from there [X].
 TANGLED = 0.25
-
-
-@dataclass(frozen=True)
-class SolverOptions:
-    """increments: the first load increment is 1/increments; it shrinks on failure and grows by `growth` on success.
-
-    tolerance: residual on the free nodes over the reaction on the constrained ones, at the end of the load;
-    loose: the same at intermediate loads, which only have to be good starts.
-    max_iterations: Newton iterations per increment; max_systems: linear systems in all, which ends a solve on every
-    machine at the same place. time_limit in s. min_increment: share of the load.
-    restart: begin again from rest if the start leads nowhere, or at once if more than a quarter of its elements are
-    inverted; else its last iterate is the result.
-    barrier: no step turns an element inside out; without it elements that the material lets yield may be so at the end.
-    reuse: solve by conjugate gradients on factors in single precision, of an earlier tangent where that costs less than
-    new factors; else every system is factorised in double precision.
-    """
-
-    volumetric: str
-    increments: int
-    tolerance: float
-    max_iterations: int
-    max_systems: int
-    linear_solver: str
-    time_limit: float = np.inf
-    growth: float = 2.0
-    loose: float = 1e-2
-    min_increment: float = 1 / 256
-    restart: bool = True
-    barrier: bool = True
-    reuse: bool = True
 
 
 @dataclass(frozen=True)
@@ -79,6 +50,13 @@ class SolveResult:
     linear_iterations: int
     seconds: float
     kept: bool = False
+
+    @classmethod
+    def linear(cls, displacement: np.ndarray, least: float, seconds: float) -> "SolveResult":
+        """A field (n, 3) mm of linear elasticity, whose residual is not measured."""
+        counts = dict.fromkeys(("increments", "iterations", "factorizations", "linear_iterations"), 0)
+        lengths = dict.fromkeys(("violation", "penetration", "gap", "residual"), np.nan)
+        return cls(displacement, True, "linear", [], least, 1.0, seconds=seconds, **lengths, **counts)
 
 
 class Stop(Exception):
@@ -111,7 +89,7 @@ def solve(
     cells,
     material: Material,
     boundary: BoundaryConditions,
-    options: SolverOptions,
+    settings: SolverSettings,
     start: np.ndarray | None = None,
 ) -> SolveResult:
     """Displacement (n, 3) in mm at which the internal forces of the mesh vanish on every free unknown.
@@ -119,10 +97,10 @@ def solve(
     points (n, 3) mm, cells (m, 4). start (n, 3): a guess at full load, tried first; it may hold inverted elements.
     InputError for input that makes no sense; a problem that is merely hard does not raise, its result says why.
     """
-    sound = options.increments >= 1 and options.growth >= 1 and options.tolerance > 0 and 0 < options.min_increment <= 1
-    if not sound:
-        raise InputError("-", "options", f"{options} makes no sense", "increments, growth >= 1, tolerance > 0")
-    newton = Newton(points, cells, material, boundary, options)
+    sound = settings.increments >= 1 and settings.growth >= 1 and settings.tolerance > 0
+    if not (sound and 0 < settings.min_increment <= 1):
+        raise InputError("-", "options", f"{settings} makes no sense", "increments, growth >= 1, tolerance > 0")
+    newton = Newton(points, cells, material, boundary, settings)
     try:
         return newton.run(start)
     finally:
@@ -132,10 +110,10 @@ def solve(
 class Newton:
     """Newton's method on one mesh under one boundary condition: states, steps, and the way to the whole load."""
 
-    def __init__(self, points, cells, material, boundary: BoundaryConditions, options: SolverOptions):
+    def __init__(self, points, cells, material, boundary: BoundaryConditions, settings: SolverSettings):
         self.began = time.perf_counter()
-        self.options = options
-        self.elements = Elements.build(points, cells, material, options.volumetric)
+        self.settings = settings
+        self.elements = Elements.build(points, cells, material, settings.volumetric)
         self.points = np.asarray(points, float)
         self.constraints = Constraints(self.points, self.elements.cells, boundary)
         self.sliding = self.constraints.sliding
@@ -146,7 +124,7 @@ class Newton:
         couplings = np.concatenate([self.contact.pairs, self.outer.pairs])
         self.assembler = Assembler(self.elements, constrained, self.sliding.nodes, couplings)
         self.systems = {}
-        self.single, self.factorized, self.indefinite, self.spent = options.reuse, False, False, 0
+        self.single, self.factorized, self.indefinite, self.spent = settings.reuse, False, False, 0
         self.history: list[dict] = []
         self.increments = self.iterations = self.solved = self.factorizations = self.linear_iterations = 0
 
@@ -168,9 +146,7 @@ class Newton:
         constrained = self.constraints.constrained
         # Contact carries load too, where the nodes that it presses have no other condition.
         reaction = np.sqrt((local[constrained] ** 2).sum() + (push**2).sum())
-        # The reaction at a strain of 1e-4: the measure where the load asks for no force, as in a rigid motion.
-        least_reaction = 1e-4 * self.elements.modulus * self.elements.edge**2 * np.sqrt(constrained.sum())
-        residual = float(np.linalg.norm(free_force) / max(reaction, least_reaction, np.finfo(float).tiny))
+        residual = float(np.linalg.norm(free_force) / max(reaction, least_reaction(self.elements, constrained.sum())))
         return State(u, fraction, energy, force, least, frames, free_force, residual)
 
     def record(self, state: State, kind: str, step: float = 1.0) -> None:
@@ -201,9 +177,9 @@ class Newton:
         coming = self.assembler.gather(self.constraints.local(further * self.outer.forces, state.frames))
         for bound in (cut_below, 1.0):
             definite = bound == 1
-            if time.perf_counter() - self.began > self.options.time_limit:
-                raise Stop(f"time limit of {self.options.time_limit:g} s reached")
-            if self.solved == self.options.max_systems:
+            if time.perf_counter() - self.began > self.settings.time_limit:
+                raise Stop(f"time limit of {self.settings.time_limit:g} s reached")
+            if self.solved == self.settings.max_systems:
                 raise Stop(f"{self.solved} linear systems did not lead to equilibrium")
             self.solved += 1
             data, product = self.assembler.tangent(
@@ -245,7 +221,7 @@ class Newton:
             return self.linear.solve(force)
         # Indefinite, not merely too ill-conditioned for single precision: no reason to leave that, nor to ask again as
         # long as it fails.
-        self.single, self.indefinite = self.options.reuse, True
+        self.single, self.indefinite = self.settings.reuse, True
         return None
 
     def factorize(self, data) -> bool:
@@ -258,13 +234,13 @@ class Newton:
         """The linear solver of the precision in use; its pattern is analysed once."""
         if self.single not in self.systems:
             self.systems[self.single] = linear_solver(
-                self.assembler.indptr, self.assembler.indices, 0, self.options.linear_solver, self.single
+                self.assembler.indptr, self.assembler.indices, 0, self.settings.linear_solver, self.single
             )
         return self.systems[self.single]
 
     def forget(self) -> None:
         """Take nothing over from the steps before: no factors, nothing that they showed of the tangent, no count."""
-        self.single, self.factorized, self.indefinite, self.solved = self.options.reuse, False, False, 0
+        self.single, self.factorized, self.indefinite, self.solved = self.settings.reuse, False, False, 0
 
     def close(self) -> None:
         """Release the factors."""
@@ -301,19 +277,17 @@ class Newton:
 
     def falls(self, state: State, new: State, expected: float) -> bool:
         """Whether the energy falls from one state to the next by some share of what is expected to first order."""
-        # Round-off of a sum over all elements; below it the energy cannot tell two states apart.
-        noise = 1e-14 * self.elements.modulus * self.elements.volumes.sum() + 1e-13 * abs(state.energy)
-        return new.energy <= state.energy + 1e-4 * expected + noise
+        return new.energy <= state.energy + 1e-4 * expected + self.elements.noise(state.energy)
 
     def least_allowed(self, state: State) -> float:
         """Least J that a step from `state` may reach: an inverted state is free to find its way out."""
-        return 0.0 if self.options.barrier and state.least > 0 else -np.inf
+        return 0.0 if self.settings.barrier and state.least > 0 else -np.inf
 
     def equilibrium(self, state: State, tolerance: float) -> tuple[State, str]:
         """Newton iterations at a fixed load: the last state, and "" or why it is not in equilibrium."""
         count = 0
         while state.residual > tolerance:
-            if count == self.options.max_iterations:
+            if count == self.settings.max_iterations:
                 return state, f"{count} Newton iterations left a residual of {state.residual:.1e}"
             new, count = self.descend(state), count + 1
             if new is None:
@@ -328,13 +302,13 @@ class Newton:
             start = np.array(start, float)
             if start.shape != self.points.shape or not np.isfinite(start).all():
                 raise InputError("-", "start", f"shape {start.shape} or a value is not finite", "give (n, 3) in mm")
-        if start is not None and not (self.options.restart and self.tangled(start)):
+        if start is not None and not (self.settings.restart and self.tangled(start)):
             state, reason = self.improve(start)
-            if self.options.barrier and not reason and not state.least > 0:
+            if self.settings.barrier and not reason and not state.least > 0:
                 # The extended law has equilibria with elements inside out.
                 reason = f"the start leads to an equilibrium with elements inside out, J down to {state.least:.2g}"
             result = self.result(state, reason)
-            if result.converged or not self.options.restart:
+            if result.converged or not self.settings.restart:
                 return result
         return self.result(*self.advance(self.measured(np.zeros_like(self.points), 0.0)))
 
@@ -345,13 +319,13 @@ class Newton:
         """Equilibrium at full load from a guess (n, 3), the guess if the way there was stopped; and "" or why."""
         guess = self.measured(start, 1.0)
         try:
-            if guess.least > 0 or not self.options.barrier:
+            if guess.least > 0 or not self.settings.barrier:
                 better = self.state(start + self.predict(guess, 1.0).motion, 1.0)
                 self.iterations += 1
             else:
                 better = self.untangled(self.state(start, 1.0))
             self.record(better, "start")
-            return self.equilibrium(better, self.options.tolerance)
+            return self.equilibrium(better, self.settings.tolerance)
         except Stop as stop:
             return guess, str(stop)
 
@@ -360,7 +334,7 @@ class Newton:
         elements = self.elements
         self.elements = elements.with_extension(UNTANGLING)
         try:
-            state, _ = self.equilibrium(self.measured(state.u, state.fraction), self.options.loose)
+            state, _ = self.equilibrium(self.measured(state.u, state.fraction), self.settings.loose)
         finally:
             self.elements = elements
         return self.measured(state.u, state.fraction)
@@ -368,12 +342,12 @@ class Newton:
     def advance(self, state: State) -> tuple[State, str]:
         """Equilibrium at full load from the rest state, in increments that shrink on failure and grow on ease; the last
         equilibrium if the way there was stopped; and "" or why."""
-        share = 1 / self.options.increments
+        share = 1 / self.settings.increments
         try:
             while state.fraction < 1:
                 share = min(share, 1 - state.fraction)
                 state, scale = self.increment(state, share)
-                share *= scale * (self.options.growth if scale == 1 else 1)
+                share *= scale * (self.settings.growth if scale == 1 else 1)
                 self.increments += 1
         except Stop as stop:
             return state, str(stop)
@@ -381,7 +355,7 @@ class Newton:
 
     def increment(self, state: State, share: float) -> tuple[State, float]:
         """Equilibrium after a share of the load, and by how much that had to be scaled down. Raises Stop."""
-        options, scale = self.options, 1.0
+        settings, scale = self.settings, 1.0
         motion = self.predict(state, state.fraction + share).motion
         while True:
             end = 1.0 if scale * share == 1 - state.fraction else state.fraction + scale * share
@@ -389,12 +363,12 @@ class Newton:
             reason = "an element turned inside out"
             if new.least > self.least_allowed(state):
                 self.record(new, "increment", scale)
-                new, reason = self.equilibrium(new, options.tolerance if end == 1 else options.loose)
+                new, reason = self.equilibrium(new, settings.tolerance if end == 1 else settings.loose)
             if not reason:
                 return new, scale
             scale /= 2
-            if scale * share < options.min_increment:
-                raise Stop(f"load increment below {options.min_increment:g}: {reason}")
+            if scale * share < settings.min_increment:
+                raise Stop(f"load increment below {settings.min_increment:g}: {reason}")
 
     def result(self, state: State, reason: str) -> SolveResult:
         violation = np.abs(self.sliding.violation(state.u, state.fraction))

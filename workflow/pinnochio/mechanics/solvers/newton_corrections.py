@@ -10,9 +10,9 @@ from pinnochio.errors import InputError
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, ElementArrays, Elements, deformation, patch_bulk
-from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.settings import FemSettings, SolverSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair, repair_inversions
-from pinnochio.mechanics.solvers.newton import Newton, SolverOptions, State, Stop
+from pinnochio.mechanics.solvers.newton import Newton, State, Stop
 from pinnochio.model.patient import FIXED, FREE, NO_INTERFACE, PatientModel
 
 # Shares of a Newton step that are tried in turn.
@@ -61,7 +61,7 @@ class Corrector:
         self._nodes = np.asarray(prescribed, int)
         self._motion = np.zeros((len(self._nodes), 3))  # of these nodes, mm, under the plan at hand
         self._cells, self._material = np.asarray(cells), material
-        options = SolverOptions(
+        options = SolverSettings(
             volumetric=volumetric,
             increments=1,
             tolerance=1e-6,
@@ -150,7 +150,7 @@ class Corrector:
         moved[self._nodes], interface[self._nodes] = prescribed, True
         newton = self._newton
         repaired, _ = repair_inversions(
-            newton.points, self._cells, self._material, moved, interface, newton.options.volumetric
+            newton.points, self._cells, self._material, moved, interface, newton.settings.volumetric
         )
         return repaired[self._nodes]
 

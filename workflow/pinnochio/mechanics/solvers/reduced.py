@@ -5,6 +5,26 @@ from dataclasses import replace
 import numpy as np
 
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.model.patient import PatientModel
+from pinnochio.plans.plan import Plan
+from pinnochio.plans.roles import known_role
+
+# Largest share of the cells that is solved alone: more pays little for factors of its own, and with both jaws moving
+# far the linear field errs by tenths of millimetres where the cut would be [X: docs/scene.md].
+WORTH = 0.5
+
+
+def pays(required: np.ndarray) -> bool:
+    """Whether to solve the cells (m,) bool alone."""
+    return 0 < required.mean() <= WORTH
+
+
+def moves_widely(patient: PatientModel, plan: Plan, limit: float) -> bool:
+    """Whether bones of several roles move by more than `limit` mm, as the parts of a lower jaw do, or both jaws: most
+    cells then move, too many to make a linear map for [X]."""
+    length = np.linalg.norm(patient.bone_displacement(plan), axis=1)
+    moved = np.unique(patient.bone_segment[length > limit])
+    return len({known_role(patient.segments[index]) for index in moved}) > 1
 
 
 def moved_cells(cells, field, limit: float, kept=()) -> np.ndarray:

@@ -13,7 +13,7 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from pinnochio.mechanics.elements.tetrahedra import Elements
+from pinnochio.mechanics.elements.tetrahedra import RELATIVE_ROUND_OFF, Elements
 from pinnochio.mechanics.solvers.batched.batch_energy import Mesh, State, cofactor, damped, determinant
 from pinnochio.mechanics.solvers.batched.sparse_rows import Rows, fused
 from pinnochio.mechanics.solvers.local_equilibrium import subset
@@ -50,7 +50,7 @@ class Zone(Patches):
     def __init__(self, elements: Elements, free, plans: int, device):
         super().__init__(elements, free, device)
         self._elements, self._device = elements, device
-        self._noise = 1e-14 * elements.modulus * elements.volumes.sum()
+        self._noise = elements.round_off
         self._extension, self._nodes = elements.material.extension, torch.zeros(0, dtype=torch.long)
         self.open = torch.zeros(plans, dtype=torch.bool)  # plans whose patches are on their way, of which none is left
 
@@ -99,7 +99,7 @@ class Zone(Patches):
         motion = self._direction(field, state, torch.where(wanting, force, 0), extension).double()
         slope = (motion * force).sum((0, 1))
         barrier = torch.where(self._least(state) > 0, 0.0, -torch.inf).double()
-        noise = self._noise + 1e-13 * state.energy.abs()
+        noise = self._noise + RELATIVE_ROUND_OFF * state.energy.abs()
         share = torch.zeros_like(state.energy)
         for part in 0.3 ** np.arange(SHARES):
             ahead = self._fine.measure(field + part * motion, extension)

@@ -12,7 +12,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from pinnochio.mechanics.elements.tetrahedra import Elements
+from pinnochio.mechanics.elements.tetrahedra import RELATIVE_ROUND_OFF, Elements
 from pinnochio.mechanics.solvers.batched import hard_patches
 from pinnochio.mechanics.solvers.batched.cuda_graphs import Recorded
 from pinnochio.mechanics.solvers.batched.dissection import padded
@@ -23,6 +23,7 @@ LANES = 128  # places for elements in a tile [X]
 NODES = 32  # of a tile [X]
 CHUNK = 8  # iterations of conjugate gradients between looks at which plans need more; even [X]
 PATIENCE = 0.25  # share of the plans that the others do not wait for [X]
+RELATIVE = tl.constexpr(RELATIVE_ROUND_OFF)
 # Rows of the flags: a plan is in work; it has a direction; Newton steps left; its field is not measured yet.
 OPEN, PENDING, LEFT, FRESH = (tl.constexpr(number) for number in range(4))
 
@@ -53,7 +54,7 @@ class Zone(hard_patches.Patches):
         self._coarse = self._fine.float()
         self._bulk = tensor([elements.patch_volumes, elements.patch_lam], torch.float64)
         self._sizes = {"elements": count, "patches_of_mesh": patches, "nodes_of_mesh": nodes, "plans": plans}
-        self._law, self._noise = law.extension, 1e-14 * elements.modulus * elements.volumes.sum()
+        self._law, self._noise = law.extension, elements.round_off
         self._patches, self._nodes = (empty(plans, size + 1, dtype=torch.int32) for size in (patches, nodes))
         self._counts, self._flags = empty(2, plans, dtype=torch.int32), empty(4, plans, dtype=torch.int32)
         self._field, self._force = (empty(plans, nodes, 3, dtype=torch.float64) for _ in range(2))
@@ -350,7 +351,7 @@ def _moved(
         slope = tl.sum(falls, 0)
         energy, least = tl.load(states + plan), tl.load(states + plans + plan)
         barrier = tl.where(least > 0, 0.0, -float("inf"))
-        slack = noise + 1e-13 * tl.abs(energy)
+        slack = noise + RELATIVE * tl.abs(energy)
         share, taken = energy * 0 + 1, energy * 0
         for number in range(SHARES):
             parts = energies + (number * plans + plan) * patch_tiles

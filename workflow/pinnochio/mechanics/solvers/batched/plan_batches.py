@@ -23,7 +23,8 @@ from pinnochio.mechanics.boundary.constraints import Constraints
 from pinnochio.mechanics.boundary.sliding import HeldNodes, SlidingContact, bones_of
 from pinnochio.mechanics.elements.assembly import Assembler
 from pinnochio.mechanics.elements.materials import Material
-from pinnochio.mechanics.elements.tetrahedra import Elements
+from pinnochio.mechanics.elements.tetrahedra import RELATIVE_ROUND_OFF, Elements, least_reaction
+from pinnochio.mechanics.settings import SolverSettings
 from pinnochio.mechanics.solvers import kept_factors
 from pinnochio.mechanics.solvers.batched import batch_sliding, hard_patches
 from pinnochio.mechanics.solvers.batched.batch_energy import Mesh
@@ -32,7 +33,7 @@ from pinnochio.mechanics.solvers.batched.fronts import Fronts
 from pinnochio.mechanics.solvers.batched.sparse_rows import Rows, fused
 from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver, beside, kept_result, mean_gradients
 from pinnochio.mechanics.solvers.local_equilibrium import touching
-from pinnochio.mechanics.solvers.newton import SolveResult, SolverOptions
+from pinnochio.mechanics.solvers.newton import SolveResult
 
 LOG = logging.getLogger(__name__)
 
@@ -67,14 +68,14 @@ class BatchSolver:
         cells,
         material: Material,
         boundary: BoundaryConditions,
-        options: SolverOptions,
+        settings: SolverSettings,
         device: str,
         slots: int = SLOTS,
     ):
-        self._asked = points, cells, material, boundary, options
-        self._options, self._device, self._slots = options, torch.device(device), slots
+        self._asked = points, cells, material, boundary, settings
+        self._settings, self._device, self._slots = settings, torch.device(device), slots
         self._alone: RepeatedSolver | None = None
-        whole = Elements.build(points, cells, material, options.volumetric)
+        whole = Elements.build(points, cells, material, settings.volumetric)
         self._constraints = Constraints(points, whole.cells, boundary)
         used = np.zeros(whole.nodes, bool)
         used[whole.cells] = True
@@ -102,7 +103,7 @@ class BatchSolver:
     def solve(self, boundaries: Sequence[BoundaryConditions]) -> list[SolveResult]:
         """The solution of each boundary condition, which differs from the first one in its motion alone."""
         began = time.perf_counter()
-        quick = [not (item.contact or item.loads) and self._options.barrier for item in boundaries]
+        quick = [not (item.contact or item.loads) and self._settings.barrier for item in boundaries]
         numbers = np.flatnonzero(quick)
         asked, fields, ways = [], [], []
         if len(numbers):
@@ -163,7 +164,7 @@ class _Slots:
 
     def __init__(self, solver: BatchSolver, plans: int):
         self._solver, self.plans = solver, plans
-        self._options, elements, device = solver._options, solver._elements, solver._device
+        self._settings, elements, device = solver._settings, solver._elements, solver._device
         nodes, free = elements.nodes, solver._free
 
         def zeros(*shape, dtype=torch.float64):
@@ -171,8 +172,7 @@ class _Slots:
 
         self._law = zeros() + elements.material.extension
         fixed = int(solver._constraints.constrained.sum())
-        least = max(1e-4 * elements.modulus * elements.edge**2 * np.sqrt(fixed), np.finfo(float).tiny)
-        self._floor, self._noise = zeros() + least, zeros() + 1e-14 * elements.modulus * elements.volumes.sum()
+        self._floor, self._noise = zeros() + least_reaction(elements, fixed), zeros() + elements.round_off
         self._u, self._trial, self._start = zeros(nodes, 3), zeros(nodes, 3), zeros(nodes, 3)
         sliding_here, patches_here = (batch_sliding, hard_patches) if device.type == "cpu" else _on_gpu()
         slipping = solver._sliding.cpu().numpy()
@@ -237,7 +237,7 @@ class _Slots:
         going = [ways[plan] for plan in plans]
         shares, now = [way.fraction - way.done for way in going], np.zeros((len(self._now), len(slots)))
         now[FRESH] = 1
-        now[TOLERANCE] = [(self._options.loose, self._options.tolerance)[way.fraction == 1] for way in going]
+        now[TOLERANCE] = [(self._settings.loose, self._settings.tolerance)[way.fraction == 1] for way in going]
         at, chosen, shares = (torch.as_tensor(item, device=linear.device) for item in (slots, plans, shares))
         begin = shares[:, None, None] * linear[chosen]
         for place, way in enumerate(going):
@@ -285,7 +285,7 @@ class _Slots:
         slope = _turn(good, self._direction, q, self._steps, shares, self._gradient)
         turned = batch_sliding.outward(self._axes, self._direction[nodes].double()).float()
         self._direction[nodes] = torch.where(good, turned, before)
-        _ended(now, running, good, slope, self._options.loose)
+        _ended(now, running, good, slope, self._settings.loose)
 
     def _remember(self, good: Tensor, force: Tensor) -> None:
         """Keep the step to the trial and the change of the force in place of the oldest pair."""
@@ -429,7 +429,7 @@ def _unknown(hard, known, running):
 def _weighed(now, running, again, wild, energy, least, size, reaction, noise):
     """Which plans' trials are good, and in now what follows but for the direction."""
     fresh = now[FRESH] > 0
-    falls = energy <= now[ENERGY] + 1e-4 * now[STEP] * now[SLOPE] + noise + 1e-13 * now[ENERGY].abs()
+    falls = energy <= now[ENERGY] + 1e-4 * now[STEP] * now[SLOPE] + noise + RELATIVE_ROUND_OFF * now[ENERGY].abs()
     falls = falls & ~wild & (least > torch.where(now[LEAST] > 0, 0.0, -torch.inf))
     judged = running & ~again
     good = judged & torch.isfinite(energy) & (falls | fresh)

@@ -1,24 +1,22 @@
-"""Scenes: the cells that a plan requires, what holds the others, the field of the whole patient; parts of a plan."""
+"""A part of the cells solved: those that a plan requires, what holds the others, the field of the whole patient."""
 
 import logging
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.errors import InputError
+from pinnochio.mechanics import simulation
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.boundary.contact import ContactSet
-from pinnochio.mechanics.simulation import PlanSolver
+from pinnochio.mechanics.boundary.loads import Loads
+from pinnochio.mechanics.simulation import Simulator, simulate
+from pinnochio.mechanics.solvers import reduced
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.reduced import moved_cells, restricted
 from pinnochio.model import patient as m
 from pinnochio.plans.plan import Plan
-from pinnochio.plans.scenarios import parts
-from pinnochio.reduction import solver as reduction
-from pinnochio.reduction.solver import ReducedSolver
-from pinnochio.tables.reductions import TRIALS, summarise
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import fem_settings
 
@@ -91,14 +89,13 @@ def test_contact_surfaces_beyond_the_cut_are_carried():
 def test_a_reduced_plan_is_that_of_the_whole_patient_to_second_order(long, arm, kept, monkeypatch):
     """Plain elements: patches are those of the cells that are solved, which is a difference of first order."""
     fem, errors = replace(FEM, kept_factors=kept, volumetric="p1"), []
-    monkeypatch.setattr(reduction, "WORTH", 0.9)
+    monkeypatch.setattr(reduced, "WORTH", 0.9)
     for scale in (0.5, 0.25):
         plan = tiny_plan(*(scale * np.array([1.0, -3.0, 1.5, 2.0])))
-        solvers = PlanSolver(long, arm, fem), ReducedSolver(long, arm, fem, scale * LIMIT)
-        (whole,), (part,) = (solver.solve([plan]) for solver in solvers)
-        share = solvers[1].required(plan).mean()
-        for solver in solvers:
-            solver.close()
+        (whole,) = simulate(long, [plan], fem, arm=arm)
+        with Simulator(long, fem, arm, amplitude=scale * LIMIT) as simulator:
+            (part,) = simulator.solve([plan])
+            share = simulator.required(plan).mean()
         assert part.converged and part.kept == kept and 0.1 < share < 0.9
         errors.append(np.linalg.norm(part.displacement - whole.displacement, axis=1).max())
     assert errors[0] < 0.15 and errors[1] < 0.35 * errors[0]
@@ -106,15 +103,13 @@ def test_a_reduced_plan_is_that_of_the_whole_patient_to_second_order(long, arm, 
 
 def test_all_is_solved_where_less_does_not_pay_or_does_not_converge(long, monkeypatch, caplog):
     plan = tiny_plan()
-    alone = PlanSolver(long, "mucosa", FEM)
-    (whole,) = alone.solve([plan])
-    alone.close()
-    solver = ReducedSolver(long, "mucosa", FEM, 1e-6)
+    (whole,) = simulate(long, [plan], FEM)
+    solver = Simulator(long, FEM, amplitude=1e-6)
     with caplog.at_level(logging.INFO):
         (same,) = solver.solve([plan])
     assert "100 % of the cells are solved" in caplog.text
     np.testing.assert_allclose(same.displacement, whole.displacement, atol=1e-5)
-    monkeypatch.setattr(reduction, "WORTH", 1.0)
+    monkeypatch.setattr(reduced, "WORTH", 1.0)
     monkeypatch.setattr(solver, "_part", lambda *_: replace(whole, converged=False))
     np.testing.assert_array_equal(solver.solve([plan])[0].displacement, same.displacement)
     (still,) = solver.solve([Plan("-", {})])
@@ -126,10 +121,10 @@ def test_newtons_method_makes_no_linear_map_for_a_plan_of_several_bones(long):
     segment = np.where(np.arange(len(long.bone_points)) % 2, long.bone_segment, 1).astype(np.int8)
     patient = replace(long, bone_segment=segment, segments=("lefort1", "chin"))
     own = tiny_plan().motions["left"]
-    solver = ReducedSolver(patient, "mucosa", replace(FEM, kept_factors=False), LIMIT)
-    assert solver.required(Plan("-", {"lefort1": own, "chin": own})).all() and solver._map is None
+    solver = Simulator(patient, replace(FEM, kept_factors=False), amplitude=LIMIT)
+    assert solver.required(Plan("-", {"lefort1": own, "chin": own})).all() and solver._elastic is None
     solver.required(Plan("-", {"lefort1": own}))
-    assert solver._map is not None
+    assert solver._elastic is not None
     solver.close()
 
 
@@ -138,55 +133,29 @@ def test_a_stiffness_without_factors_leaves_all_to_newtons_method(long, kept, mo
     def none(*_, **__):
         raise RuntimeError("no factors")
 
-    monkeypatch.setattr(reduction, "ElasticSolver", none)
-    solver = ReducedSolver(long, "mucosa", replace(FEM, kept_factors=kept), LIMIT)
+    monkeypatch.setattr(simulation, "ElasticSolver", none)
+    solver = Simulator(long, replace(FEM, kept_factors=kept), amplitude=LIMIT)
     results = solver.solve([tiny_plan(), tiny_plan()])
     solver.close()
     assert all(result.converged for result in results) and caplog.text.count("no kept factors: no factors") == 1
 
 
 def test_lips_in_contact_are_always_solved(monkeypatch):
-    monkeypatch.setattr(reduction, "WORTH", 0.9)
+    monkeypatch.setattr(reduced, "WORTH", 0.9)
     patient = tiny_patient(shape=(16, 5, 4))
     lip = np.zeros(len(patient.points), np.int8)
     lip[np.argmax(patient.points[:, 0])] = m.UPPER_LIP
-    solver = ReducedSolver(replace(patient, lip=lip), "mucosa+lip", FEM, LIMIT)
+    solver = Simulator(replace(patient, lip=lip), FEM, "mucosa+lip", amplitude=LIMIT)
     wanted = solver.required(tiny_plan())
     solver.close()
     around = (patient.cells == np.flatnonzero(lip)[0]).any(axis=1)
     assert wanted[around].all() and not wanted.all()
 
 
-def test_parts_of_a_plan_compose_to_it():
-    jaw = RigidMotion.from_degrees([3, 1, -2], [1, -6, 2], [0, -60, -60])
-    centre = np.array([0.0, -90, -80])
-    advance = RigidMotion(translation=np.array([0.0, -4, 0]))
-    whole = advance.apply(jaw.apply(centre[None]))[0] - centre
-    chin = RigidMotion(advance.rotation @ jaw.rotation, whole, centre)
-    upper = RigidMotion(translation=np.array([0.0, -3, 0]))
-    plan = Plan("-", {"lefort1": upper, "mandible_distal": jaw, "chin": chin})
-    by_name = parts(plan, centre)
-    assert list(by_name) == ["lefort1", "mandible", "genioplasty", "bimaxillary"]
-    assert set(by_name["mandible"].motions) == {"mandible_distal", "chin"} and by_name["bimaxillary"] == plan
-    points = np.random.default_rng(1).normal(centre, 10, (5, 3))
-    own = by_name["genioplasty"].motions["chin"]
-    np.testing.assert_allclose(own.apply(jaw.apply(points)), chin.apply(points), atol=1e-9)
-    same = Plan("-", {"mandible_distal": jaw, "chin": jaw})
-    np.testing.assert_array_equal(parts(same, centre)["genioplasty"].motions["chin"].translation, [0, -5, 0])
-    assert list(parts(Plan("-", {"lefort1": upper}))) == ["lefort1"]
-
-
-def test_summary_compares_with_the_whole_patient_and_says_what_pays():
-    row = {column.name: 1 if column.kind in (int, float) else "x" for column in TRIALS} | {"converged": True}
-    full = row | {"model": "full", "error_mean": 0, "error_max": 0, "first_seconds": 3, "further_seconds": 2}
-    auto = row | {"model": "auto", "share": 0.4, "error_mean": 0.1, "error_max": 0.4}
-    other = auto | {"case": "B", "error_mean": 0.3, "error_max": 0.2, "converged": False}
-    slow = {"plan": "y", "further_seconds": 3}
-    rows = [full, auto, full | {"case": "B"}, other, full | slow | {"further_seconds": 2}, auto | slow]
-    summary = summarise(pd.DataFrame([*rows, full | {"plan": "z"}, auto | {"plan": "z", "share": 1.0}]))
-    assert summary["n"].tolist() == [2, 1, 1] and summary["failed"].tolist() == [1, 0, 0]
-    assert summary["reduced"].tolist() == [2, 1, 0]
-    assert summary.loc[0, ["error_mean", "error_mean_max", "error_max"]].tolist() == pytest.approx([0.2, 0.3, 0.4])
-    ratios = summary.loc[0, ["further_ratio", "first_ratio", "whole_ratio"]].tolist()
-    assert ratios == pytest.approx([2, 3, 4 / 2])
-    assert summary["pays"].tolist() == ["one plan, many plans", "one plan", "not made"]
+def test_what_does_not_go_with_a_part_of_the_cells_is_refused(long):
+    forces = np.zeros(long.points.shape)
+    for wrong in ({"unilateral": True}, {"loads": Loads(forces)}, {"linear": True}, {"device": "cuda"}):
+        with pytest.raises(InputError, match="a part of the cells"):
+            Simulator(long, FEM, amplitude=LIMIT, **wrong)
+    with Simulator(long, FEM, amplitude=LIMIT) as simulator, pytest.raises(InputError, match="leave out the forces"):
+        simulator.solve([tiny_plan()], [forces])

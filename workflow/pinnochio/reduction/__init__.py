@@ -1,1 +1,0 @@
-"""Plans solved on what they require of a patient."""
