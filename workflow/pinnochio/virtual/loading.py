@@ -1,4 +1,7 @@
-"""Forces on a virtual face that no method models: the weight that turns when the patient sits up, the tense skin."""
+"""Forces on a virtual face: the weight that turns when the patient sits up, and the tense skin.
+
+The learned methods know the form of the first but for the nose (mechanics/sources.py); the second no method models.
+"""
 
 from collections.abc import Mapping
 
