@@ -1,7 +1,7 @@
 """Makes what is said of configuration and tables from what they are declared by: `make docs`.
 
-config/README.md from the schema and the default configuration, docs/columns.md from the columns of the tables, and the
-reasons beside the keys of config/config.yaml.
+config/README.md from the schema and the default configuration, docs/reference/columns.md from the columns of the
+tables, and the reasons beside the keys of config/config.yaml.
 """
 
 import re
@@ -259,7 +259,7 @@ def _said(path: list[str], schema: dict) -> str:
 
 if __name__ == "__main__":
     (ROOT / "config/README.md").write_text(config_page(), encoding="utf-8")
-    (ROOT / "docs/columns.md").write_text(columns_page(), encoding="utf-8")
+    (ROOT / "docs/reference/columns.md").write_text(columns_page(), encoding="utf-8")
     config, schema = ROOT / "config/config.yaml", ROOT / "workflow/schemas/config.schema.yaml"
     text = commented(config.read_text(encoding="utf-8"), yaml.safe_load(schema.read_text(encoding="utf-8")))
     config.write_text(text, encoding="utf-8")

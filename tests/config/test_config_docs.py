@@ -26,7 +26,7 @@ def test_page_is_what_the_schema_says():
 
 
 def test_page_of_the_columns_is_what_the_tables_are_checked_by():
-    assert (ROOT / "docs/columns.md").read_text() == columns_page(), "run `make docs`"
+    assert (ROOT / "docs/reference/columns.md").read_text() == columns_page(), "run `make docs`"
 
 
 def test_every_key_of_the_configuration_has_its_reason():

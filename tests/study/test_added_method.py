@@ -1,4 +1,4 @@
-"""A method that is added as docs/new_method.md says: it predicts a patient, and reruns nothing of another method."""
+"""A method added as docs/how-to/new_method.md says: it predicts a patient and reruns nothing of another method."""
 
 import re
 
@@ -21,7 +21,7 @@ PLACES = {  # what the page adds to a file stands after this line there, and at 
 def add_method(project) -> dict:
     """Do all steps of the page; the files as they were, None for those that were not there."""
     before = {}
-    for name, text in named_blocks(ROOT / "docs/new_method.md").items():
+    for name, text in named_blocks(ROOT / "docs/how-to/new_method.md").items():
         path = project.folder / name
         if path.name == "wide.yaml":  # of another way, by configuration alone
             continue

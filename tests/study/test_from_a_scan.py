@@ -1,4 +1,4 @@
-"""The way of docs/importing.md, typed as the page says: segmentation of a free tool, scan, two plans, two faces."""
+"""docs/how-to/importing.md, typed as the page says: segmentation of a free tool, scan, two plans, two faces."""
 
 import json
 import os
@@ -21,7 +21,7 @@ from tests.helpers.study import Project
 SEGMENTATION = DATA / "dentalsegmentator/PostDentalSurgery_Segmentation.nii.gz"
 STILL = {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "translation": [0, 0, 0], "pivot": [0, 0, 0]}
 PLANS = {"advance": ([0, -4, 0], [0, -5, 0]), "setback": ([0, -3, 1], [0, 5, 0])}
-PREDICT, FIT = bash_blocks(ROOT / "docs/importing.md")
+PREDICT, FIT = bash_blocks(ROOT / "docs/how-to/importing.md")
 
 
 @pytest.fixture

@@ -66,7 +66,7 @@ def choose(patient: PatientModel, plan: Plan, target_points, target_faces, sampl
 
     Closest points of the skin where it was would do without the alignment; but where a jaw has moved by 10 mm the lip
     is then taken for the other lip. Landmarks read on the scan itself need bone, which no scan shows. Measured against
-    the truth: docs/metrics.md.
+    the truth: docs/reference/metrics.md.
 
     InputError where the surfaces share no region.
     """

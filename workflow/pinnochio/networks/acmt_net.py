@@ -1,7 +1,7 @@
 """ACMT-Net and FSC-Net: point networks that read the face, the bone and how the bone moves.
 
-After the published code (Fang et al. 2022, 2024; github RPIDIAL/Facial_Simulation) [S]; docs/baselines.md says where
-that is silent and what was chosen.
+After the published code (Fang et al. 2022, 2024; github RPIDIAL/Facial_Simulation) [S];
+docs/explanation/baselines.md says where that is silent and what was chosen.
 """
 
 import torch

@@ -1,6 +1,6 @@
 """DGCFP: dual graph convolutions on the face mesh, attention over the bone and a deformer in two stages.
 
-After the published code (github MyHogsmeade/DGCFP) [S]; docs/baselines.md says where that is silent and
+After the published code (github MyHogsmeade/DGCFP) [S]; docs/explanation/baselines.md says where that is silent and
 what was chosen.
 """
 

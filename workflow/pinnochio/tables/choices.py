@@ -12,7 +12,7 @@ from pinnochio.tables.document import Block, Table, views
 from pinnochio.tables.tradeoff import LEVEL, summarise
 from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
 
-# Of the longest time measured on a patient: another one may take longer [X: docs/tradeoff.md].
+# Of the longest time measured on a patient: another one may take longer [X: docs/lab/tradeoff.md].
 SAFETY = 1.5
 NEAR = 0.25  # of the measured error
 
