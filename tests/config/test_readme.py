@@ -10,32 +10,91 @@ import pytest
 from tests.helpers.documents import PAGES
 from tests.helpers.settings import ROOT
 
-README_ROWS = {
+REFERENCE = ROOT / "results/reference"
+SHORT = [ROOT / "README.md", ROOT / "docs/results/README.md"]
+SHORT_ROWS = {
     "no change": "no_change",
     "linear elasticity": "elastic",
     "sliding finite elements": "fem_sliding",
     "PINNOCHIO, as published": "pinnochio",
     "PINNOCHIO plus": "pinnochio_plus",
 }
+CHECKED = [ROOT / "README.md", *sorted((ROOT / "docs/results").glob("*.md"))]
+DECIMAL = re.compile(r"(?<![\w.])\d+\.\d+(?:e-?\d+)?")
 
 
-@pytest.mark.parametrize("name", ["accuracy", "locked/better"])
-def test_results_hold_the_reference_table(name):
-    text = (ROOT / f"results/reference/{name}.md").read_text(encoding="utf-8")
-    table = "\n\n".join(text.strip().split("\n\n")[:2])  # ours and its caption; the paper's values follow them
-    assert table in (ROOT / "docs/results/README.md").read_text(encoding="utf-8")
+def checks(page: Path) -> list[str]:
+    """What a page says of its numbers, in a comment at its end.
+
+    A line is `1.25 locked/accuracy method=pinnochio_plus cd_mean`: number, table, rows, column, and if they are several
+    rows what is made of them (`mean`, `median`, `min`, `max`, `positive`, or `below=METHOD`: on how many patients the
+    value lies below that method's). `%` behind a number: the table has a share. `set`: a setting, in no table.
+    """
+    block = re.search(r"<!-- numbers\n(.*?)-->", page.read_text(encoding="utf-8"), re.S)
+    return block[1].splitlines() if block else []
 
 
-def test_readme_holds_five_rows_of_the_reference():
+def looked_up(table: str, *words: str) -> float:
+    """The number that a line of :func:`checks` names."""
+    rows = pd.read_csv(REFERENCE / f"{table}.csv")
+    keys = [word.split("=") for word in words if "=" in word and not word.startswith("below=")]
+    column, *how = [word for word in words if word.startswith("below=") or "=" not in word]
+    everyone = rows
+    for key, value in keys:
+        rows = rows[rows[key].astype(str) == value]
+    if not how:
+        assert len(rows) == 1, words
+        return rows[column].item()
+    if how[0].startswith("below="):
+        other = everyone[everyone["method"] == how[0].removeprefix("below=")].set_index("case")[column]
+        return (rows.set_index("case")[column] < other).sum()
+    return (rows[column] > 0).sum() if how[0] == "positive" else getattr(rows[column], how[0])()
+
+
+@pytest.mark.parametrize("page", CHECKED, ids=lambda page: str(page.relative_to(ROOT)))
+def test_numbers_are_those_of_the_tables(page):
+    """Each decimal of the text is in the page's list, and each line of the list agrees with its table to the last
+    digit that is shown. Tables of a page are held by the tests below."""
+    text = re.sub(
+        r"<!--.*?-->|```.*?```|`[^`]*`|\]\([^)]*\)|^\|.*?$", "", page.read_text(encoding="utf-8"), flags=re.S | re.M
+    )
+    listed = set()
+    for line in checks(page):
+        number, *words = line.split()
+        listed.add(number.strip("-%"))
+        if words == ["set"]:
+            continue
+        mantissa, _, exponent = number.rstrip("%").partition("e")
+        digit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+        value = looked_up(*words) * (100 if number.endswith("%") else 1)
+        assert float(number.rstrip("%")) == pytest.approx(value, rel=0, abs=0.5001 * digit), line
+    assert not set(DECIMAL.findall(text)) - listed
+
+
+@pytest.mark.parametrize("name, page", [("better", "development"), ("locked/better", "locked")])
+def test_results_hold_the_reference_table(name, page):
+    """Every method in the order of the table: CD, share within 2 mm, seconds, explained share, Holm's p."""
+    text = (ROOT / f"docs/results/{page}.md").read_text(encoding="utf-8")
+    rows = pd.read_csv(REFERENCE / f"{name}.csv").query("not bound")
+    lines = [
+        f"| `{row.method}` | {row.cd_mean:.3f} ± {row.cd_sd:.3f} | {row.pwr2_mean:.1f} | {row.seconds_mean:.3f} "
+        f"| {100 * row.explained:.1f} | {'' if pd.isna(row.p_holm) else f'{row.p_holm:.2g}'} |"
+        for row in rows.itertuples()
+    ]
+    assert "\n".join(lines) in text
+
+
+@pytest.mark.parametrize("page", SHORT, ids=["README", "results"])
+def test_short_tables_hold_five_rows_of_the_reference(page):
     """Those of the locked cohort, rounded, with the day that they are of; seconds are those of the table or rounded."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    accuracy = pd.read_csv(ROOT / "results/reference/locked/accuracy.csv").set_index("method")
+    text = page.read_text(encoding="utf-8")
+    accuracy = pd.read_csv(REFERENCE / "locked/accuracy.csv").set_index("method")
     shown = {row[0]: row for row in (line.strip("| ").split(" | ") for line in text.splitlines()) if len(row) == 4}
-    for name, method in README_ROWS.items():
-        own, row = accuracy.loc[method], [cell.strip("*") for cell in shown[name]]
-        assert row[1:3] == [f"{own['cd_mean']:.2f} ± {own['cd_sd']:.2f}", f"{own['pwr2_mean']:.1f}"]
-        assert float(row[3]) == pytest.approx(own["seconds_mean"], rel=0.1, abs=0.001)
-    assert json.loads((ROOT / "results/reference/locked/provenance.json").read_text())["written"][:10] in text
+    for name, method in SHORT_ROWS.items():
+        measured, row = accuracy.loc[method], [cell.strip("*") for cell in shown[name]]
+        assert row[1:3] == [f"{measured['cd_mean']:.2f} ± {measured['cd_sd']:.2f}", f"{measured['pwr2_mean']:.1f}"]
+        assert float(row[3]) == pytest.approx(measured["seconds_mean"], rel=0.1, abs=0.001)
+    assert json.loads((REFERENCE / "locked/provenance.json").read_text())["written"][:10] in text
 
 
 def test_readme_is_short():
