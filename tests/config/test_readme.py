@@ -19,6 +19,7 @@ SHORT_ROWS = {
     "PINNOCHIO, as published": "pinnochio",
     "PINNOCHIO plus": "pinnochio_plus",
 }
+CODE = ("scripts", "slicer", "tests", "workflow")
 CHECKED = [ROOT / "README.md", *sorted((ROOT / "docs/results").glob("*.md"))]
 DECIMAL = re.compile(r"(?<![\w.])\d+\.\d+(?:e-?\d+)?")
 
@@ -120,6 +121,15 @@ def test_links_lead_somewhere(page):
         target = page.parent / file if file else page
         assert target.exists(), file
         assert not anchor or anchor in anchors(target), anchor
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_modules_that_a_page_names_exist(page):
+    """By their path, or the end of it."""
+    modules = [f"/{path.relative_to(ROOT)}" for folder in CODE for path in (ROOT / folder).rglob("*.py")]
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.S)
+    for name in re.findall(r"`([\w./-]+/\w+\.py)`", text):
+        assert "lab" in page.parts or any(path.endswith(f"/{name}") for path in modules), name
 
 
 @pytest.mark.parametrize("index", [ROOT / "docs/README.md", ROOT / "docs/lab/README.md"], ids=["docs", "lab"])

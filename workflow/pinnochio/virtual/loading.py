@@ -1,6 +1,7 @@
 """Forces on a virtual face: the weight that turns when the patient sits up, and the tense skin.
 
-The learned methods know the form of the first but for the nose (mechanics/sources.py); the second no method models.
+The learned methods know the form of the first but for the nose (mechanics/load_sources.py). No method models the
+second.
 """
 
 from collections.abc import Mapping
