@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import pandas as pd
@@ -19,8 +20,9 @@ SHORT_ROWS = {
     "PINNOCHIO, as published": "pinnochio",
     "PINNOCHIO plus": "pinnochio_plus",
 }
+STUDIES = sorted((ROOT / "workflow/studies").glob("*/README.md"))
 CODE = ("scripts", "slicer", "tests", "workflow")
-CHECKED = [ROOT / "README.md", *sorted((ROOT / "docs/results").glob("*.md"))]
+CHECKED = [ROOT / "README.md", *sorted((ROOT / "docs/results").glob("*.md")), *STUDIES]
 DECIMAL = re.compile(r"(?<![\w.])\d+\.\d+(?:e-?\d+)?")
 
 
@@ -61,7 +63,7 @@ def test_numbers_are_those_of_the_tables(page):
     )
     listed = set()
     for line in checks(page):
-        number, *words = line.split()
+        number, *words = shlex.split(line)
         listed.add(number.strip("-%"))
         if words == ["set"]:
             continue

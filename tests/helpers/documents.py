@@ -9,6 +9,7 @@ from tests.helpers.settings import ROOT
 PAGES = [
     *(ROOT / f"{folder}README.md" for folder in ("", "config/", "models/", "results/")),
     *sorted((ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "workflow/studies").glob("*/README.md")),
 ]
 FENCE = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.M | re.S)
 # What the pages leave to the reader to fill in.
