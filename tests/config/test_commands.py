@@ -41,7 +41,7 @@ def project(tmp_path_factory) -> Project:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.touch()
     (project.folder / "cases.tsv").write_text("\n".join(rows) + "\n")
-    (project.folder / "own.yaml").write_text("{}\n")
+    (project.folder / "mine.yaml").write_text("{}\n")
     for path, text in named_blocks(ROOT / "docs/how-to/new_method.md").items():
         if path.endswith(".yaml") and "/" not in path:  # a user's own; the others are the project's
             (project.folder / path).write_text(text)
