@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from pinnochio.files import replacing
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
@@ -54,7 +54,7 @@ def certify(
         content["in_distribution"] = in_distribution(
             patient=patient,
             plan=planned,
-            quality=read_own_json(quality),
+            quality=read_stored_json(quality),
             ranges=Ranges.read(Path(folder) / RANGES),
         )
         content["interval"] = interval_measures(prediction, calibration, widening(content["in_distribution"]))

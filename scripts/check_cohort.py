@@ -6,7 +6,7 @@ import pandas as pd
 
 from pinnochio.files import replacing
 from pinnochio.importing.repair import repaired_voxels
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 
 
@@ -14,7 +14,7 @@ def check_cohort(cases: Sequence[str], reports: Sequence[str], table: str) -> No
     """Write one row per case: voxel spacing (mm), muscle layer, repaired voxels, volume of each structure (cm3)."""
     rows = []
     for case, path in zip(cases, reports, strict=True):
-        report = read_own_json(path)
+        report = read_stored_json(path)
         volumes = {f"{name}_cm3": volume for name, volume in report["volume_cm3"].items()}
         row = {"case": case, "spacing_mm": "x".join(f"{s:g}" for s in report["spacing_mm"]), "muscle": report["muscle"]}
         rows.append(row | {"repaired_voxels": repaired_voxels(report["repairs"])} | volumes)

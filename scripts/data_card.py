@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pinnochio.files import replacing
-from pinnochio.json_text import read_own_json, read_own_text
+from pinnochio.json_text import read_stored_json, read_stored_text
 from pinnochio.logs import attach_log
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.card import data_card
@@ -22,9 +22,9 @@ def describe_cohort(
     :func:`pinnochio.virtual.card.data_card`.
     """
     folder = Path(card).parent
-    anatomies = [read_own_json(folder / case / "anatomy.json") for case in cases]
+    anatomies = [read_stored_json(folder / case / "anatomy.json") for case in cases]
     plans = [Plan.read(folder / case / "plan.json", case) for case in cases]
-    shown = {name: read_own_text(path) for name, path in tables.items()}
+    shown = {name: read_stored_text(path) for name, path in tables.items()}
     with replacing(card) as temporary:
         temporary.write_text(data_card(anatomies, plans, tables=shown, **settings), encoding="utf-8")
 

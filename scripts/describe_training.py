@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities
@@ -16,7 +16,7 @@ def describe_training(
     anatomies, movements, muscle, segments = [], [], set(), set()
     for case, model, plan, quality in zip(cases, models, plans, qualities, strict=True):
         patient = PatientModel.read(model)
-        anatomies.append(anatomy_quantities(patient, read_own_json(quality)))
+        anatomies.append(anatomy_quantities(patient, read_stored_json(quality)))
         movements.append(plan_quantities(patient, Plan.read(plan, case)))
         muscle.add(patient.muscle)
         segments.update(patient.segments)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
@@ -29,7 +29,7 @@ def fit(
     """
     more = {name: FemSettings(**own) for name, own in settings.items()}
     if covariates:
-        more["covariates"] = [read_own_json(path) for path in covariates]
+        more["covariates"] = [read_stored_json(path) for path in covariates]
     import_module(module).fit(
         models=[PatientModel.read(path) for path in models],
         fem_samples=[read_fem_samples(path, case) for path, case in zip(fem_samples, cases, strict=True)],

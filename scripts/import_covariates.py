@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from pinnochio.files import replacing
 from pinnochio.importing.cohort import COVARIATES
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 
 
@@ -14,7 +14,7 @@ def import_covariates(known: Mapping | None, source: str | None, covariates: str
 
     known: what the case table says; None: the JSON file `source` of a virtual patient says it.
     """
-    known = read_own_json(source) if known is None else known
+    known = read_stored_json(source) if known is None else known
     with replacing(covariates) as temporary:
         temporary.write_text(json.dumps({name: known.get(name) for name in COVARIATES}, indent=1) + "\n", "utf-8")
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from pinnochio.importing.segmentation import read_labels
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.mesh import TetMesh
@@ -40,7 +40,7 @@ def label_case(
     )
     kinds = np.bincount(patient.node_type, minlength=4)
     logging.info("%d nodes: %d fixed, %d moving, %d sliding", kinds.sum(), *kinds[[FIXED, MOVING, SLIDING]])
-    replace(patient, muscle=read_own_json(report)["muscle"]).write(model)
+    replace(patient, muscle=read_stored_json(report)["muscle"]).write(model)
 
 
 if __name__ == "__main__":

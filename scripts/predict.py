@@ -4,7 +4,7 @@ import logging
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import Lift
 from pinnochio.methods.protocol import Planned
@@ -45,7 +45,7 @@ def predict(
             plan=Plan.read(plan, case),
             lift=Lift.read(lift) if lift else None,
             truth=truth,
-            covariates=read_own_json(known) if known else {},
+            covariates=read_stored_json(known) if known else {},
         )
         made[case] = own = predictor(planned)
         logging.info("%s: %.4f s, and %.3f s for the patient", case, own.seconds, own.setup_seconds)

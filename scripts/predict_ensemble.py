@@ -4,7 +4,7 @@ import logging
 from collections.abc import Mapping
 from importlib import import_module
 
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import Lift
 from pinnochio.methods.protocol import Planned
@@ -37,7 +37,7 @@ def predict_ensemble(
         patient=PatientModel.read(model),
         plan=Plan.read(plan, case),
         lift=Lift.read(lift) if lift else None,
-        covariates=read_own_json(covariates) if covariates else {},
+        covariates=read_stored_json(covariates) if covariates else {},
     )
     method, made = import_module(module), {}
     for fold, network in networks.items():

@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from pinnochio.figures.interval import interval_picture
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
@@ -38,7 +38,7 @@ def predict_interval(
         patient=patient, displacements=read_ensemble(ensemble), calibration=calibrated, fem=fem
     )
     compared = in_distribution(
-        patient=patient, plan=Plan.read(plan, case), quality=read_own_json(quality), ranges=Ranges.read(ranges)
+        patient=patient, plan=Plan.read(plan, case), quality=read_stored_json(quality), ranges=Ranges.read(ranges)
     )
     interval = replace(widened(interval, widening(compared)), forces=read_load(ensemble))
     logging.info("%s: mean half-width %.3f mm; %s", case, np.nanmean(interval.half_width), repair)

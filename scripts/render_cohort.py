@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from pinnochio.importing.segmentation import read_segmentation
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.virtual.portraits import Sitter, gallery
 
@@ -24,7 +24,7 @@ def render_cohort(
     """Draw all cases in one picture (PNG), and the first two large in another."""
     sitters = []
     for case, segmentation, anatomy in zip(cases, segmentations, anatomies, strict=True):
-        about = read_own_json(anatomy)
+        about = read_stored_json(anatomy)
         caption = f"{case}: {about['sex']}, {NAMES[about['deformity']]}"
         head = read_segmentation(path=segmentation, case=case, label_values=label_values, segments=segments)
         sitters.append(Sitter(caption, head, head.segments))

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from pinnochio.importing.segmentation import read_segmentation
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.model.truth import read_truth
 from pinnochio.virtual.portraits import Sitter, contact_sheet
@@ -21,7 +21,7 @@ def render_faces(
     """Draw all cases in one picture (PNG), two to a row."""
     sitters, fields = [], []
     for case, segmentation, anatomy, truth in zip(cases, segmentations, anatomies, truths, strict=True):
-        about = read_own_json(anatomy)
+        about = read_stored_json(anatomy)
         head = read_segmentation(path=segmentation, case=case, label_values=label_values, segments=segments)
         sitters.append(Sitter(f"{case} {about['sex']} {about['deformity'].replace('_', ' ')}", head, head.segments))
         fields.append(read_truth(truth, case)[:3])

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pinnochio.columns import read_table
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.face import TABLE
@@ -17,7 +17,7 @@ def show_plans(case: str, method: str, model: str, files: Mapping[str, Mapping[s
     """Write the page. files: by the plan's name its `plan`, `result`, `certificate` and `measures`."""
     patient, plans, level = PatientModel.read(model), [], None
     for name, own in files.items():
-        certificate = read_own_json(own["certificate"])
+        certificate = read_stored_json(own["certificate"])
         level = certificate["interval"]["level"] if certificate["interval"] else None
         plans.append(
             Planned(

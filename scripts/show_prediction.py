@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.face import face_rows, write_face
@@ -23,7 +23,7 @@ def show_prediction(case: str, model: str, plan: str, result: str, certificate: 
         plan=Plan.read(plan, case),
         displacement=prediction.displacement,
         half_width=prediction.half_width,
-        certificate=read_own_json(certificate),
+        certificate=read_stored_json(certificate),
         rows=rows,
         path=page,
     )

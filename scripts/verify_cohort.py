@@ -10,7 +10,7 @@ import pandas as pd
 
 from pinnochio.errors import REMEDY, InputError
 from pinnochio.files import replacing
-from pinnochio.json_text import read_own_text
+from pinnochio.json_text import read_stored_text
 from pinnochio.logs import attach_log
 
 
@@ -44,7 +44,7 @@ def verify_cohort(made: Sequence[str], frozen: str, table: str) -> None:
 
 def read_sums(path: str | os.PathLike) -> dict[str, str]:
     """Checksum by file, of what sha256sum writes; lines that begin with # are comments."""
-    lines = [line for line in read_own_text(path).splitlines() if line and not line.startswith("#")]
+    lines = [line for line in read_stored_text(path).splitlines() if line and not line.startswith("#")]
     if wrong := [line for line in lines if not re.fullmatch("[0-9a-f]{64}  .+", line)]:
         raise InputError("-", path, f"{wrong[0][:80]!r} is no line of sha256sum", REMEDY)
     return {name: value for value, name in (line.split("  ", 1) for line in lines)}

@@ -21,7 +21,7 @@ from pinnochio.importing.cohort import read_cases
 from pinnochio.importing.images import read_own_image
 from pinnochio.importing.markups import read_markups
 from pinnochio.importing.segmentation import read_postop, read_segmentation, write_segmentation
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.lift import Lift
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.metrics.columns import CASES
@@ -835,7 +835,7 @@ def intermediates(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         "plan.json": (tiny_plan().write, lambda path: motions(Plan.read(path, "tiny"))),
         "truth.h5": (Outcome(patient, patient.points, tiny_plan()).write, read_outcome),
         "covariates.json": (covariates.write, lambda path: asdict(Covariates.read(path))),
-        "report.json": (partial(save_json, imported), lambda path: quality(patient, read_own_json(path))),
+        "report.json": (partial(save_json, imported), lambda path: quality(patient, read_stored_json(path))),
         "quality.json": (
             partial(save_json, quality(patient, imported)),
             lambda path: tabulate([path], patient.segments, "").frame.to_dict("records"),

@@ -6,7 +6,7 @@ import pytest
 
 from pinnochio.columns import Column, number, read_table
 from pinnochio.errors import InputError
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.statistics.intervals import Calibration
 from pinnochio.tables.document import read_blocks
 from pinnochio.training.convergence import convergence
@@ -56,7 +56,7 @@ def test_a_table_that_is_not_there_is_refused_and_a_whole_one_is_read(tmp_path):
 )
 def test_damaged_json_is_refused(content, said, tmp_path):
     (tmp_path / "a.json").write_text(content)
-    refused(read_own_json, tmp_path / "a.json", said)
+    refused(read_stored_json, tmp_path / "a.json", said)
 
 
 def test_a_key_that_is_missing_is_named_at_any_depth(tmp_path):

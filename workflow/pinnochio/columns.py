@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 from pinnochio.errors import InputError, damaged
 from pinnochio.files import replacing
-from pinnochio.json_text import read_own_text
+from pinnochio.json_text import read_stored_text
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def read_csv(path: str | os.PathLike, **options) -> "pd.DataFrame":
     """A CSV file of the study as pandas reads it with these options; InputError where it is damaged."""
     import pandas as pd
 
-    content = read_own_text(path).encode()
+    content = read_stored_text(path).encode()
     try:
         frame = pd.read_csv(io.BytesIO(content), **options)
         if len(frame) and not isinstance(frame.index, pd.RangeIndex):  # pandas takes the first cells for an index

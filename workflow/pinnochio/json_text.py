@@ -30,8 +30,8 @@ def read_text(path: str | os.PathLike, refuse: Refuse) -> str:
         refuse(f"it is no text in UTF-8 (byte {error.start})", "save it as UTF-8")
 
 
-class Own(dict):
-    """An object in a JSON file of the study's own; to ask for a key that it lacks is an InputError."""
+class StoredObject(dict):
+    """An object in a JSON file that a stage wrote; to ask for a key that it lacks is an InputError."""
 
     file: object = "-"
 
@@ -43,32 +43,32 @@ class Own(dict):
         return kind(**{item.name: self[item.name] for item in fields(kind)})
 
 
-def read_own_json(path: str | os.PathLike) -> Own:
-    """The object in a JSON file of the study's own; InputError where it is damaged."""
-    return parse_own_json(read_text(path, _refuse_own(path)), path)
+def read_stored_json(path: str | os.PathLike) -> StoredObject:
+    """The object in a JSON file that a stage wrote; InputError where it is damaged."""
+    return parse_stored_json(read_text(path, _refuse_stored(path)), path)
 
 
-def parse_own_json(text: str, file: object) -> Own:
-    """The object that a text in a file of the study's own holds; InputError where it is damaged."""
-    refuse = _refuse_own(file)
+def parse_stored_json(text: str, file: object) -> StoredObject:
+    """The object that a text in a file that a stage wrote holds; InputError where it is damaged."""
+    refuse = _refuse_stored(file)
 
     def make(pairs):
-        own = Own(pairs)
-        own.file = file
-        return own
+        made = StoredObject(pairs)
+        made.file = file
+        return made
 
     read = parse_json(text, refuse, finite=False, make=make)
-    return read if isinstance(read, Own) else refuse("it holds no object", REMEDY)
+    return read if isinstance(read, StoredObject) else refuse("it holds no object", REMEDY)
 
 
-def read_own_text(path: str | os.PathLike) -> str:
-    """The lines of a text of the study's own, CSV too; InputError where the last one does not end."""
-    refuse = _refuse_own(path)
+def read_stored_text(path: str | os.PathLike) -> str:
+    """The lines of a text that a stage wrote, CSV too; InputError where the last one does not end."""
+    refuse = _refuse_stored(path)
     text = read_text(path, refuse)
     return text if text.endswith("\n") else refuse("it is cut off" if text else "it is empty", REMEDY)
 
 
-def _refuse_own(file: object) -> Refuse:
+def _refuse_stored(file: object) -> Refuse:
     def refuse(problem: str, remedy: str):
         raise InputError("-", file, problem, REMEDY)
 
@@ -119,4 +119,4 @@ def numbers(value, *shape: int) -> bool:
     """Whether it is nested lists of numbers of this shape; true and false are none."""
     if not shape:
         return isinstance(value, int | float) and not isinstance(value, bool)
-    return isinstance(value, list) and len(value) == shape[0] and all(numbers(own, *shape[1:]) for own in value)
+    return isinstance(value, list) and len(value) == shape[0] and all(numbers(item, *shape[1:]) for item in value)

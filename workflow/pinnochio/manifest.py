@@ -8,10 +8,10 @@ from pathlib import Path
 
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 
 MANIFEST = "archive.json"
-OWN = "sha256"  # of the manifest, without itself
+CHECKSUM = "sha256"  # of the manifest, without itself
 
 
 def write_manifest(folder: str | os.PathLike, content: Mapping) -> None:
@@ -20,23 +20,23 @@ def write_manifest(folder: str | os.PathLike, content: Mapping) -> None:
     content = dict(content) | {
         "files": {path.relative_to(folder).as_posix(): digest(path.read_bytes()) for path in files}
     }
-    content[OWN] = _own(content)
+    content[CHECKSUM] = _checksum(content)
     with replacing(Path(folder) / MANIFEST) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def read_manifest(folder: str | os.PathLike, absent: tuple[str, str], again: str, whole: bool = True) -> dict:
-    """The content of a folder's manifest, with `files` and the manifest's own SHA-256 under OWN.
+    """The content of a folder's manifest, with `files` and the SHA-256 of the manifest under CHECKSUM.
 
     InputError where there is none (absent: problem and remedy) or it is not as it was written, and, if whole, where
     that is so of a file; again: the remedy.
     """
     if not (Path(folder) / MANIFEST).is_file():
         raise InputError("-", folder, *absent)
-    content = read_own_json(Path(folder) / MANIFEST)
-    if OWN not in content:
+    content = read_stored_json(Path(folder) / MANIFEST)
+    if CHECKSUM not in content:
         raise InputError("-", folder, f"{MANIFEST} holds no checksums", again)
-    if content[OWN] != _own({name: value for name, value in content.items() if name != OWN}):
+    if content[CHECKSUM] != _checksum({name: value for name, value in content.items() if name != CHECKSUM}):
         raise InputError("-", Path(folder) / MANIFEST, "it is not as it was packed", again)
     for name in content.get("files", {}) if whole else ():
         check_file(folder, content, name, again)
@@ -57,5 +57,5 @@ def digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def _own(content: Mapping) -> str:
+def _checksum(content: Mapping) -> str:
     return digest(json.dumps(content, sort_keys=True).encode())

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 from pinnochio.errors import InputError
-from pinnochio.manifest import MANIFEST, OWN, read_manifest, write_manifest
+from pinnochio.manifest import CHECKSUM, MANIFEST, read_manifest, write_manifest
 
 RANGES = "ranges.json"
 # Sections of the configuration that say what the networks read; a patient is made with those of the archive.
@@ -49,7 +49,7 @@ class Archive:
         content = read_manifest(
             folder, absent, "copy the archive again from where it was packed, or pack it again (snakemake archive)"
         )
-        own = {name: value for name, value in content.items() if name not in ("files", OWN)}
+        own = {name: value for name, value in content.items() if name not in ("files", CHECKSUM)}
         try:
             return cls(**own)
         except TypeError as error:

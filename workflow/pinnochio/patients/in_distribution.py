@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from pinnochio.files import replacing
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.model.bones import motion_of_places
 from pinnochio.model.labels import TISSUES
 from pinnochio.model.patient import PatientModel
@@ -107,7 +107,7 @@ class Ranges:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Ranges":
         """Read what :meth:`write` wrote."""
-        ranges = read_own_json(path)
+        ranges = read_stored_json(path)
         return cls(ranges["anatomy"].of(Norm), ranges["plan"].of(Norm), ranges["muscle"], ranges["segments"])
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair
@@ -63,14 +63,14 @@ class Forecaster:
         self._archive, folder = Archive.read(prepared.archive), Path(prepared.archive)
         self.calibration = Calibration.read(folder / calibration_file(prepared.method))
         self._ranges = Ranges.read(folder / RANGES)
-        self._quality = read_own_json(prepared.quality)
+        self._quality = read_stored_json(prepared.quality)
         self._region = regions(self.patient)
         self._judged = self.patient.judged_points
         files = [folder / network_file(prepared.method, fold) for fold in self._archive.folds]
         networks, settings = zip(*(load_network(file, device) for file in files), strict=True)
         lift = Lift.read(prepared.lift) if prepared.lift else None
         shared = tensors(self.patient, self._fem, settings[0], device, lift)  # the folds' networks have one form
-        known = read_own_json(prepared.covariates)
+        known = read_stored_json(prepared.covariates)
         self._networks = [
             PatientNetwork(network, shared, self._sources(load_sources(file), known))
             for network, file in zip(networks, files, strict=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Prepared:
         remedy = "prepare the patient: make planner PATIENT=FOLDER"
         if not Path(path).is_file():
             raise InputError("-", path, "no patient is prepared for the planner", remedy)
-        content = read_own_json(path)
+        content = read_stored_json(path)
         if content.keys() != {item.name for item in fields(cls)}:
             raise InputError("-", path, "it is not what this version prepares", remedy)
         prepared = cls(**content)

@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError, damaged
 from pinnochio.files import replacing
-from pinnochio.json_text import read_own_json, read_own_text
+from pinnochio.json_text import read_stored_json, read_stored_text
 from pinnochio.methods.names import written
 from pinnochio.metrics.columns import CASES, scanned
 from pinnochio.report.answer import sentences
@@ -47,7 +47,7 @@ def write_page(
     compare; chart: the picture under them; these are absent where no patient has a scan. qualities: by case the
     picture of its model.
     """
-    record = read_own_json(provenance)
+    record = read_stored_json(provenance)
     settings, study = record["config"], _cohort(record["config"])
     ranking = rank(scanned(read_table(cases, CASES)), methods, settings["seed"]) if cases else None
     parts = [
@@ -65,7 +65,7 @@ def write_page(
     shown = {
         case: {
             "pictures": {name: _photograph(files[name]) for name in ("picture", "volume") if name in files},
-            "view": read_own_json(files["view"]),
+            "view": read_stored_json(files["view"]),
         }
         for case, files in patients.items()
     }
@@ -98,7 +98,7 @@ def _cohort(config: Mapping) -> str:
 
 def read_body(path: str | os.PathLike) -> str:
     """What stands between the body tags of a table's HTML twin."""
-    body = re.search(r"<body>(.*)</body>", read_own_text(path), re.DOTALL)
+    body = re.search(r"<body>(.*)</body>", read_stored_text(path), re.DOTALL)
     if not body:
         raise InputError("-", path, "it is not the HTML twin of a table", "make the table again")
     return body[1]

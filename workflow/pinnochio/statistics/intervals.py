@@ -12,7 +12,7 @@ from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.hdf5 import reading, writing
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair, repair_inversions
 from pinnochio.model.patient import FREE, PatientModel
@@ -41,7 +41,7 @@ class Calibration:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Calibration":
         """Read what :meth:`write` wrote."""
-        return read_own_json(path).of(cls)
+        return read_stored_json(path).of(cls)
 
 
 @dataclass(frozen=True)

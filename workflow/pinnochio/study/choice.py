@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pinnochio.errors import InputError
-from pinnochio.json_text import parse_own_json
+from pinnochio.json_text import parse_stored_json
 from pinnochio.manifest import MANIFEST
 from pinnochio.methods.registry import BUILT_IN
 from pinnochio.overlays import overlaid
@@ -72,7 +72,7 @@ def _offered(config: Mapping, folder: Path, pareto_front: str | os.PathLike) -> 
         )
     frame = read_table(pareto_front, TRADEOFF)
     archive = Archive.read(folder) if (folder / MANIFEST).is_file() else None
-    method = frame["recipe"].map(lambda text: parse_own_json(text, pareto_front)["method"] if text else "")
+    method = frame["recipe"].map(lambda text: parse_stored_json(text, pareto_front)["method"] if text else "")
     learned = method.isin(list(archive.methods) if archive else [])
     frame["recipe"] = frame["recipe"].where(learned | method.isin(WITHOUT_MODELS), "")
     # The networks of all folds predict a new patient; the Pareto front was measured with one.
@@ -80,7 +80,7 @@ def _offered(config: Mapping, folder: Path, pareto_front: str | os.PathLike) -> 
     frame.loc[learned, times] *= len(archive.folds) if archive else 1
     asked = {name: config["predict"][name] or None for name in ("budget_seconds", "tolerance_mm")}
     row = choose_setting(frame, **asked)
-    recipe = parse_own_json(row["recipe"], pareto_front)
+    recipe = parse_stored_json(row["recipe"], pareto_front)
     own = _as_in_the_study(config, folder, recipe["method"])
     expected = {name: limit for name, limit in asked.items() if limit}
     expected |= {"setting": f"{row['method']}, {row['parameter']} {row['value']}", "patients": int(row["n"])}

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pinnochio.errors import InputError
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.overlays import differences
 
 # They say where files lie and who is predicted or shown, not how results are made.
@@ -28,7 +28,7 @@ def forgotten(provenance: str | os.PathLike, working_directory: str | os.PathLik
 
 def changed_since(provenance: str | os.PathLike, config: Mapping[str, Any]) -> list[str]:
     """The keys, nested ones joined by dots, that differ from the configuration in a `provenance.json`."""
-    recorded = read_own_json(provenance).get("config")
+    recorded = read_stored_json(provenance).get("config")
     if not isinstance(recorded, dict):
         raise InputError("-", provenance, "it holds no configuration", "delete it, or the results folder that it is in")
     one, other = ({key: each[key] for key in each if key not in PLACES} for each in (recorded, config))

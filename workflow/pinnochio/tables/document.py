@@ -10,7 +10,7 @@ import pandas as pd
 
 from pinnochio.columns import Column, write_csv
 from pinnochio.files import replacing
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 
 
 @dataclass(frozen=True)
@@ -93,4 +93,4 @@ class Table:
 
 def read_blocks(document: str | os.PathLike) -> list[Block]:
     """The blocks of a document, for another table's twins to show below its own."""
-    return [block.of(Block) for block in read_own_json(document)["blocks"]]
+    return [block.of(Block) for block in read_stored_json(document)["blocks"]]

@@ -7,7 +7,7 @@ from pathlib import Path
 import jinja2
 
 from pinnochio.files import replacing
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.methods.names import spoken
 
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem;color:#222;background:#fff}
@@ -120,7 +120,7 @@ FORMATS = {".md": _markdown, ".tex": _latex, ".html": _html}
 
 def write_twins(document: str | os.PathLike) -> None:
     """Write Markdown, LaTeX and HTML beside the document of a :class:`~pinnochio.tables.document.Table`."""
-    own = read_own_json(document)
+    own = read_stored_json(document)
     shown = {
         "blocks": [_spoken(block) for block in own["blocks"]],
         "paragraphs": [spoken(text) for text in own["paragraphs"]],

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, check, number
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.model.labels import internal_codes
 from pinnochio.tables.document import Block, Table, views
 
@@ -45,7 +45,7 @@ def quality_columns(segments: Sequence[str]) -> tuple[Column, ...]:
 
 def tabulate(reports: Sequence[str | os.PathLike], segments: Sequence[str], cohort: str) -> Table:
     """One row per report of :func:`pinnochio.metrics.quality.quality`, sorted by case."""
-    return table([read_own_json(path) for path in reports], segments, cohort)
+    return table([read_stored_json(path) for path in reports], segments, cohort)
 
 
 def table(reports: Sequence[Mapping], segments: Sequence[str], cohort: str) -> Table:

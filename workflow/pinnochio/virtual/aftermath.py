@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.geometry.triangles import vertex_normals
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.model.labels import AIR
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import displacement_at
@@ -36,7 +36,7 @@ SIDES = {"left": 1.0, "right": -1.0}
 
 def read_landmarks(path: str | os.PathLike) -> dict[str, np.ndarray]:
     """Landmarks (3,) mm by name."""
-    return {name: np.array(place) for name, place in read_own_json(path).items()}
+    return {name: np.array(place) for name, place in read_stored_json(path).items()}
 
 
 def looseness(points: np.ndarray, bone_points: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pinnochio.files import replacing
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.virtual.ground_truth import CLINIC, REALITIES
 from pinnochio.virtual.parameters import draw
 from pinnochio.virtual.published_thickness import PUBLISHED
@@ -60,7 +60,7 @@ class Covariates:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Covariates":
         """Read what :meth:`write` wrote."""
-        return read_own_json(path).of(cls)
+        return read_stored_json(path).of(cls)
 
 
 def thickness_scores(thickness: Mapping[str, float | None]) -> dict[str, float]:

@@ -11,7 +11,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from pinnochio.columns import Column, check, number, words
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import carriers, displacement_at
 from pinnochio.tables.document import Block, Table, View
@@ -164,7 +164,7 @@ def summarise(patients: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
 
 def tabulate(anatomies: Sequence[str | os.PathLike], cohort: str) -> Table:
     """The table of the patients' anatomy files (JSON)."""
-    frame = summarise([read_own_json(path) for path in anatomies])
+    frame = summarise([read_stored_json(path) for path in anatomies])
     view = [View(f"{words(c.name)} {c.unit}".strip(), lambda row, c=c: c.text(row[c.name])) for c in ANATOMY]
     caption = f"The patients before surgery, their plans, and the bite that the plans lead to; {cohort}."
     return Table(frame, ANATOMY, [Block.of(frame, view, caption)])

@@ -13,7 +13,7 @@ import numpy as np
 from pinnochio.files import replacing
 from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.importing.segmentation import Segmentation, read_segmentation
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.simulation import Simulator
 from pinnochio.mechanics.solvers.inversion_repair import repair_inversions
@@ -91,7 +91,7 @@ class Operation:
             settings=OutcomeSettings.of(outcome),
             seed=seed,
             covariates=Covariates.read(inputs["covariates"]),
-            anatomy=read_own_json(inputs["anatomy"]),
+            anatomy=read_stored_json(inputs["anatomy"]),
         )
 
     def registered(self, seen: Scan) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ import pandas as pd
 from scipy import ndimage
 
 from pinnochio.columns import Column, check, words
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.model.labels import AIR, CRANIUM
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.virtual.head import Head
@@ -68,7 +68,7 @@ def summarise(patients: Sequence[Mapping[str, float]]) -> pd.DataFrame:
 
 def tabulate(anatomies: Sequence[str | os.PathLike], cohort: str) -> Table:
     """The table of the patients' anatomy files (JSON)."""
-    patients = [read_own_json(path)["thickness"] for path in anatomies]
+    patients = [read_stored_json(path)["thickness"] for path in anatomies]
     return table(summarise(patients), cohort)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from pinnochio.json_text import read_own_json
+from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods import sources
@@ -35,7 +35,7 @@ def learned_sources(
         bases=bases,
         plans=plans,
         skins=[PostopSkin.read(files.postop).surface for files in cases],
-        covariates=[read_own_json(files.covariates) for files in cases],
+        covariates=[read_stored_json(files.covariates) for files in cases],
         fem=fem,
     )
     return {name: torch.as_tensor(value) for name, value in learned.state().items()}
