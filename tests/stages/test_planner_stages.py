@@ -10,7 +10,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.patients.archive import RANGES, calibration_file, network_file
 from pinnochio.patients.face import Face
 from pinnochio.planner.forecast import Forecaster
-from pinnochio.planner.view import View
+from pinnochio.planner.view import FaceView
 from pinnochio.planner.wishing import Wishing
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Interval
@@ -90,7 +90,7 @@ def test_a_plan_unlike_the_training_is_said(prepared, forecaster):
 
 def test_the_picture_follows_the_plan(prepared, forecaster):
     scan = forecaster.patient.skin_points + [0, -3.0, 0], forecaster.patient.skin_faces
-    view, still = View(forecaster.patient, 2.0, 0.0, scan), forecaster(Plan(prepared.case, {}))
+    view, still = FaceView(forecaster.patient, 2.0, 0.0, scan), forecaster(Plan(prepared.case, {}))
     nowhere = np.zeros((0, 3))
     for side in "AB":
         view.show(side, still, nowhere)

@@ -148,10 +148,10 @@ def test_chamfer_equals_brute_force(patient):
     corners = (patient.points + u)[loss.faces].double()
     cloud = torch.einsum("sc,fcx->fsx", loss.weights.double(), corners).flatten(0, 1).numpy()
     rng = np.random.default_rng(7)
-    here, there = loss.own.draw(rng, 500), loss.other.draw(rng, 500)
+    here, there = loss.face.draw(rng, 500), loss.other.draw(rng, 500)
     apart = np.sqrt(((cloud[:, None] - loss.target.double().numpy()) ** 2).sum(2) + 1e-6)
     forward = [row.min() for row in apart[here] if row.min() < 5 and not loss.other.border[row.argmin()]]
-    back = [row.min() for row in apart.T[there] if row.min() < 5 and not loss.own.border[row.argmin()]]
+    back = [row.min() for row in apart.T[there] if row.min() < 5 and not loss.face.border[row.argmin()]]
     assert 0 < len(forward) < 500 and 0 < len(back) < 500
     expected = (np.mean(forward) + np.mean(back)) / 2
     assert loss(u, np.random.default_rng(7)).item() == pytest.approx(expected, rel=1e-5)

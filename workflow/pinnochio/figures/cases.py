@@ -29,8 +29,8 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     figure = Figure(figsize=(WIDTH, 1.6 + ROW * len(means)), dpi=150, layout="constrained")
     axes = figure.subplots()
     for row, name in enumerate(means.index):
-        own = ranking.errors[name].clip(upper=end)
-        axes.plot(own, [row] * len(own), "|", color=PATIENT, markersize=11, markeredgewidth=1)
+        values = ranking.errors[name].clip(upper=end)
+        axes.plot(values, [row] * len(values), "|", color=PATIENT, markersize=11, markeredgewidth=1)
         if name in ranking.against:
             test, _ = ranking.against[name]
             ends = [min(means[ranking.best] + side, end) for side in (test.low, test.high)]

@@ -59,9 +59,9 @@ def _lines(report: Mapping) -> list[str]:
     lines = [f"frame, {name}: {text}" for name, text in report.get("frame", {}).items()]
     lines += [f"soft tissue: {report['soft_tissue']}"] if "soft_tissue" in report else []
     lines += [f"cut {name}: {why}" for name, why in report.get("cuts", {}).items()]
-    repairs = sorted((own for own in report["repairs"] if own["what"] != KEPT), key=lambda own: -own["voxels"])
-    lines += ["", f"repairs: {sum(own['voxels'] for own in repairs)} voxels"]
-    lines += [f"  {own['structure']}: {own['what']}, {own['voxels']}" for own in repairs[:ROWS]]
+    repairs = sorted((row for row in report["repairs"] if row["what"] != KEPT), key=lambda row: -row["voxels"])
+    lines += ["", f"repairs: {sum(repair['voxels'] for repair in repairs)} voxels"]
+    lines += [f"  {repair['structure']}: {repair['what']}, {repair['voxels']}" for repair in repairs[:ROWS]]
     return [piece for line in lines for piece in (_wrapped(line))]
 
 

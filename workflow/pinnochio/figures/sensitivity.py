@@ -30,10 +30,10 @@ def sensitivity_figure(frame: pd.DataFrame, path: str | os.PathLike) -> None:
     owners = [segment for segment, _ in moves]
     columns = {name: [i for i, owner in enumerate(owners) if owner == name] for name in dict.fromkeys(owners)}
     top = axes.secondary_xaxis("top")
-    top.set_xticks([np.mean(own) for own in columns.values()], map(words, columns), fontsize=9)
+    top.set_xticks([np.mean(numbers) for numbers in columns.values()], map(words, columns), fontsize=9)
     top.tick_params(length=0)
-    for own in list(columns.values())[1:]:
-        axes.axvline(own[0] - 0.5, color="white", linewidth=3)
+    for numbers in list(columns.values())[1:]:
+        axes.axvline(numbers[0] - 0.5, color="white", linewidth=3)
     bar = figure.colorbar(image, ax=axes, extend="max")
     bar.set_label("mm of the face per mm or degree of the bone")
     figure.suptitle(f"{case}: which move matters where, to first order", fontsize=10)

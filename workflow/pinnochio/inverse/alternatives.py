@@ -37,20 +37,20 @@ def answers(
     occlusion: Plan | None = None,
 ) -> dict[str, Answer]:
     """One answer per operation that the patient's segments allow, in their order; InputError where none does."""
-    found = {}
-    for operation, own in freedoms(face.model, operations, bounds, occlusion).items():
-        proposal, search = propose(face, wish, own, operation, case, settings)
+    made = {}
+    for operation, free in freedoms(face.model, operations, bounds, occlusion).items():
+        proposal, search = propose(face, wish, free, operation, case, settings)
         logging.info("%s: %.3f mm after %d corrections", operation, proposal.misfit, proposal.corrections)
-        known = combinations(search, own, wish, proposal.x, settings.tolerance)
-        found[operation] = Answer(proposal, own, known)
-    if not found:
+        combined = combinations(search, free, wish, proposal.x, settings.tolerance)
+        made[operation] = Answer(proposal, free, combined)
+    if not made:
         raise InputError(
             case,
             "configuration",
             f"none of {', '.join(operations)} can be done with the segments {', '.join(face.model.segments)}",
             f"name another of {', '.join(OPERATIONS)} in invert.operations, or leave more of invert.bounds open",
         )
-    return found
+    return made
 
 
 def contradictions(face: Face, wish: Wish, free: Freedom, settings: InverseSettings) -> list[tuple[str, str, float]]:
@@ -63,8 +63,8 @@ def contradictions(face: Face, wish: Wish, free: Freedom, settings: InverseSetti
     def off(chosen: Wish) -> float:
         search = Search(face, chosen, free, exact)
         field = search.field(search.elastic(start))
-        return max(own.error(field) for own in chosen)
+        return max(item.error(field) for item in chosen)
 
-    reachable = [own for own in wish if off([own]) <= settings.met] if len(wish) <= MOST_PAIRED else []
-    found = [(one.name, other.name, off([one, other])) for one, other in pairs(reachable, 2)]
-    return [own for own in found if own[2] > settings.met]
+    reachable = [item for item in wish if off([item]) <= settings.met] if len(wish) <= MOST_PAIRED else []
+    compromises = [(one.name, other.name, off([one, other])) for one, other in pairs(reachable, 2)]
+    return [item for item in compromises if item[2] > settings.met]

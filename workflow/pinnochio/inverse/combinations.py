@@ -12,7 +12,7 @@ from pinnochio.inverse.wish import stacked
 from pinnochio.model.bones import segment_points
 from pinnochio.plans.surgery import segment_in_words
 
-TOLD = 1.0  # mm of bone that change the wish by the tolerance: a combination that needs more is not told apart [I]
+MOST_BONE = 1.0  # mm of bone that change the wish by the tolerance: a combination that needs more is not told apart [I]
 LARGEST = 5.0  # mm of bone by which a combination is shown, at most
 
 
@@ -32,12 +32,12 @@ class Combinations:
     @property
     def hidden(self) -> np.ndarray:
         """Which of them (p,) bool the wish cannot tell."""
-        return self.bone > TOLD
+        return self.bone > MOST_BONE
 
-    def told(self, difference: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    def visible(self, difference: np.ndarray, lever: np.ndarray) -> np.ndarray:
         """The part of a difference (p,) of parameters that the wish can tell; lever as in Freedom."""
-        own = self.directions * lever  # orthonormal
-        return (own[~self.hidden].T @ (own[~self.hidden] @ (lever * difference))) / lever
+        orthonormal = self.directions * lever
+        return (orthonormal[~self.hidden].T @ (orthonormal[~self.hidden] @ (lever * difference))) / lever
 
 
 def combinations(search: Search, freedom: Freedom, wish, x: np.ndarray, tolerance: float) -> Combinations:
@@ -48,7 +48,7 @@ def combinations(search: Search, freedom: Freedom, wish, x: np.ndarray, toleranc
     _, rows = stacked(wish, search.field(x))
     slope = (rows @ search.derivative(x)) / freedom.lever
     values, vectors = np.linalg.eigh(slope.T @ slope)
-    hidden = np.sqrt(np.maximum(values, 0)) * TOLD < tolerance
+    hidden = np.sqrt(np.maximum(values, 0)) * MOST_BONE < tolerance
     vectors[:, hidden] = varimax(vectors[:, hidden])
     felt = np.linalg.norm(slope @ vectors, axis=0)
     order = np.argsort(felt, kind="stable")
@@ -79,7 +79,7 @@ def as_motions(freedom: Freedom, x: np.ndarray, change: np.ndarray) -> dict[str,
 
 def differences(freedom: Freedom, before: dict[str, RigidMotion], after: dict[str, RigidMotion]) -> dict:
     """QUANTITIES (6,) of the way from one motion of each segment to another, mm at the middle of its bone, degrees."""
-    found = {}
+    changes = {}
     for name, bone in segment_points(freedom.model).items():
         if name in before or name in after:
             one, other = before.get(name, RigidMotion()), after.get(name, RigidMotion())
@@ -87,8 +87,8 @@ def differences(freedom: Freedom, before: dict[str, RigidMotion], after: dict[st
             turn = RigidMotion(other.rotation @ one.rotation.T).degrees
             values = np.concatenate([LPS * (other.apply(middle) - one.apply(middle))[0], turn])
             if np.abs(values).max() > 1e-9:
-                found[name] = values
-    return found
+                changes[name] = values
+    return changes
 
 
 def in_words(motions: dict[str, np.ndarray], least: float = 0.05) -> str:
@@ -96,12 +96,12 @@ def in_words(motions: dict[str, np.ndarray], least: float = 0.05) -> str:
     opposite = {"left": "right", "forward": "back", "up": "down"}
     parts: Sequence[str] = []
     for name, values in motions.items():
-        own = []
+        words = []
         for quantity, value in zip(QUANTITIES, values, strict=True):
             if abs(value) >= least:
                 word = opposite[quantity] if value < 0 and quantity in opposite else quantity
                 size = abs(value) if quantity in opposite else value
-                own.append(f"{size:.1f} mm {word}" if quantity in opposite else f"{quantity} {size:+.1f}°")
-        if own:
-            parts = [*parts, f"{segment_in_words(name)}: {', '.join(own)}"]
+                words.append(f"{size:.1f} mm {word}" if quantity in opposite else f"{quantity} {size:+.1f}°")
+        if words:
+            parts = [*parts, f"{segment_in_words(name)}: {', '.join(words)}"]
     return "; ".join(parts) or "no motion"

@@ -44,7 +44,7 @@ def operation_in_words(operation: str) -> str:
 
 
 @dataclass(frozen=True)
-class Block:
+class BoneBlock:
     """Bones that move as one: relation, the motion of each before that of the block.
 
     The block turns about `pivot` (3,) mm and, if it stands `on` another block, before the motion of that one.
@@ -74,7 +74,7 @@ class Freedom:
     """
 
     model: PatientModel
-    blocks: Sequence[Block]
+    blocks: Sequence[BoneBlock]
     centre: np.ndarray = field(init=False)
 
     def __post_init__(self):
@@ -83,54 +83,54 @@ class Freedom:
     @property
     def names(self) -> list[tuple[str, str]]:
         """Block and quantity of every parameter."""
-        return [(own.name, QUANTITIES[i]) for own in self.blocks for i in np.flatnonzero(own.free)]
+        return [(block.name, QUANTITIES[i]) for block in self.blocks for i in np.flatnonzero(block.free)]
 
     @cached_property
     def low(self) -> np.ndarray:
-        return np.concatenate([np.zeros(0), *(own.low[own.free] for own in self.blocks)])
+        return np.concatenate([np.zeros(0), *(block.low[block.free] for block in self.blocks)])
 
     @cached_property
     def high(self) -> np.ndarray:
-        return np.concatenate([np.zeros(0), *(own.high[own.free] for own in self.blocks)])
+        return np.concatenate([np.zeros(0), *(block.high[block.free] for block in self.blocks)])
 
     @cached_property
     def lever(self) -> np.ndarray:
         parts = [np.zeros(0)]
-        for own in self.blocks:
-            bones = [name for name in own.relations] + [
-                name for other in self.blocks if other.on == own.name for name in other.relations
+        for block in self.blocks:
+            bones = [name for name in block.relations] + [
+                name for other in self.blocks if other.on == block.name for name in other.relations
             ]
             index = [self.model.segments.index(name) for name in bones]
-            arm = self.model.bone_points[np.isin(self.model.bone_segment, index)] - own.pivot
+            arm = self.model.bone_points[np.isin(self.model.bone_segment, index)] - block.pivot
             turns = [np.sqrt((np.cross(axis, arm) ** 2).sum(axis=1).mean()) for axis in np.eye(3)]
-            parts.append(np.array([1.0, 1, 1, *np.radians(turns)])[own.free])
+            parts.append(np.array([1.0, 1, 1, *np.radians(turns)])[block.free])
         return np.concatenate(parts)
 
     def plan(self, case: str, x: np.ndarray) -> Plan:
         """The plan of the parameters x (p,): every segment that a block carries, about a point of its own bone."""
         blocks, motions, done = {}, {}, 0
-        for own in self.blocks:
-            count = int(own.free.sum())
+        for block in self.blocks:
+            count = int(block.free.sum())
             values = np.zeros(6)
-            values[own.free] = x[done : done + count]
+            values[block.free] = x[done : done + count]
             done += count
-            move = RigidMotion.from_degrees(values[3:], LPS * values[:3], own.pivot)
-            blocks[own.name] = move = composed(blocks[own.on], move, own.pivot) if own.on else move
-            for name, before in own.relations.items():
+            move = RigidMotion.from_degrees(values[3:], LPS * values[:3], block.pivot)
+            blocks[block.name] = move = composed(blocks[block.on], move, block.pivot) if block.on else move
+            for name, before in block.relations.items():
                 motions[name] = composed(move, before, self._middle[name])
         return Plan(case, motions)
 
     def nearest(self, plan: Plan) -> np.ndarray:
         """Parameters (p,) of the plan where it is admitted, else with what is not admitted left out, block by block."""
         values, blocks = [np.zeros(0)], {}
-        for own in self.blocks:
-            name, before = next(iter(own.relations.items()))
-            whole = composed(plan.motion(name), before.back, own.pivot)
-            move = composed(blocks[own.on].back, whole, own.pivot) if own.on else whole
-            kept = np.clip(np.concatenate([LPS * move.translation, move.degrees]), own.low, own.high)
-            values.append(kept[own.free])
-            move = RigidMotion.from_degrees(kept[3:], LPS * kept[:3], own.pivot)
-            blocks[own.name] = composed(blocks[own.on], move, own.pivot) if own.on else move
+        for block in self.blocks:
+            name, before = next(iter(block.relations.items()))
+            whole = composed(plan.motion(name), before.back, block.pivot)
+            move = composed(blocks[block.on].back, whole, block.pivot) if block.on else whole
+            kept = np.clip(np.concatenate([LPS * move.translation, move.degrees]), block.low, block.high)
+            values.append(kept[block.free])
+            move = RigidMotion.from_degrees(kept[3:], LPS * kept[:3], block.pivot)
+            blocks[block.name] = composed(blocks[block.on], move, block.pivot) if block.on else move
         return np.concatenate(values)
 
     def amplitudes(self, x: np.ndarray) -> np.ndarray:
@@ -148,15 +148,15 @@ class Freedom:
 
     @cached_property
     def _middle(self) -> dict[str, np.ndarray]:
-        return {name: own.mean(axis=0) for name, own in segment_points(self.model).items()}
+        return {name: points.mean(axis=0) for name, points in segment_points(self.model).items()}
 
 
 def freedoms(
     model: PatientModel, operations: Iterable[str], bounds: Mapping, occlusion: Plan | None = None
 ) -> dict[str, Freedom]:
     """As :func:`freedom`, in their order, of the operations that move anything of this patient."""
-    found = {operation: freedom(model, operation, bounds, occlusion) for operation in operations}
-    return {operation: own for operation, own in found.items() if own is not None and len(own.low)}
+    admitted = {operation: freedom(model, operation, bounds, occlusion) for operation in operations}
+    return {operation: free for operation, free in admitted.items() if free is not None and len(free.low)}
 
 
 def freedom(model: PatientModel, operation: str, bounds: Mapping, occlusion: Plan | None = None) -> Freedom | None:
@@ -178,12 +178,12 @@ def freedom(model: PatientModel, operation: str, bounds: Mapping, occlusion: Pla
     if ("maxilla" in jaws and not pieces) or ("mandible" in jaws and not distal) or ("chin" in jaws and not chin):
         return None
     anatomy = JawAnatomy.from_points(model.bone_points, model.bone_segment, segments)
-    blocks: list[Block] = []
+    blocks: list[BoneBlock] = []
 
     def add(name: str, kind: str, pivot, relations: Mapping[str, RigidMotion], on: str = "", still: bool = False):
-        own = {} if still else bounds[kind]
-        low, high = np.array([own.get(quantity, (0, 0)) for quantity in QUANTITIES], float).T
-        blocks.append(Block(name, kind, pivot, relations, low, high, on))
+        limits = {} if still else bounds[kind]
+        low, high = np.array([limits.get(quantity, (0, 0)) for quantity in QUANTITIES], float).T
+        blocks.append(BoneBlock(name, kind, pivot, relations, low, high, on))
 
     rest = RigidMotion()
     upper_pivot = np.mean([anatomy.centre[name] for name in pieces], axis=0) if pieces else None
@@ -221,7 +221,7 @@ def freedom(model: PatientModel, operation: str, bounds: Mapping, occlusion: Pla
         for name in rami:
             add(name, PROXIMAL, anatomy.hinge[name], {name: rest})
     if "chin" in jaws:
-        jaw = next((own.relations[lower[0]] for own in blocks if own.name == carrier), rest) if lower else rest
+        jaw = next((block.relations[lower[0]] for block in blocks if block.name == carrier), rest) if lower else rest
         add(chin[0], CHIN, anatomy.centre[chin[0]], dict.fromkeys(chin, rest), carrier)
         if not np.allclose(jaw.rotation, np.eye(3)) or jaw.translation.any():
             # The chin stands on the teeth of its jaw, which the occlusion has moved before the block moves.

@@ -47,7 +47,7 @@ def motion_rows(answer: Answer, reference: Plan) -> list[dict]:
     """
     own = answer.freedom
     x = own.nearest(reference)
-    told = own.plan("-", x + answer.combinations.told(answer.proposal.x - x, own.lever))
+    told = own.plan("-", x + answer.combinations.visible(answer.proposal.x - x, own.lever))
     admitted, rows = own.plan("-", x), []
     for name, bone in segment_points(own.model).items():
         error, degrees = apart(answer.proposal.plan.motion(name), reference.motion(name), bone)

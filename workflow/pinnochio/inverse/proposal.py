@@ -146,10 +146,10 @@ class Search:
 
     def _step(self, x: np.ndarray, residual: np.ndarray, slope: np.ndarray, price: float) -> np.ndarray:
         """The step (p,) to the least cost within the bounds, were all linear."""
-        own, weights = self._freedom, price * self._freedom.lever
+        free, weights = self._freedom, price * self._freedom.lever
         matrix, wanted = np.vstack([slope, np.diag(weights)]), -np.concatenate([residual, weights * x])
         # lsq_linear wants some room between the bounds.
-        bounds = np.minimum(own.low - x, -1e-9), np.maximum(own.high - x, 1e-9)
+        bounds = np.minimum(free.low - x, -1e-9), np.maximum(free.high - x, 1e-9)
         return lsq_linear(matrix, wanted, bounds, tol=1e-12).x
 
     def corrected(self, x: np.ndarray, field: np.ndarray) -> None:
@@ -190,7 +190,7 @@ def propose(
             break
     field = search.field(x)
     if solved:
-        x, field = min(solved, key=lambda own: search.cost(*own))
+        x, field = min(solved, key=lambda pair: search.cost(*pair))
     model = face.model
     gap = (model.moved_skin(field) - model.moved_skin(face.elastic(freedom.amplitudes(x))))[model.judged_points]
     at = (x - freedom.low < AT_BOUND) | (freedom.high - x < AT_BOUND)
@@ -202,7 +202,7 @@ def propose(
         solved=bool(solved),
         gap=float(np.sqrt((gap**2).sum(axis=1).mean())),
         misfit=misfit(wish, field),
-        at_bounds=[name for name, own in zip(freedom.names, at, strict=True) if own],
+        at_bounds=[name for name, bounded in zip(freedom.names, at, strict=True) if bounded],
         corrections=made,
         seconds_elastic=elastic,
         seconds=time.perf_counter() - began,

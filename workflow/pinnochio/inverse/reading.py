@@ -75,7 +75,7 @@ def read_wish(
             wishes += _measures(path, model, marks, weights["measure"], case)
     if not wishes:
         raise InputError(case, "wish", "nothing is wished", f"add wish{ENDING}, wish.ply or wish.csv")
-    names = [own.name for own in wishes]
+    names = [item.name for item in wishes]
     if twice := [name for name in names if names.count(name) > 1]:
         raise InputError(case, ", ".join(map(str, files)), f"{twice[0]!r} is wished twice", "keep one of them")
     return wishes
@@ -107,13 +107,15 @@ def _places(path, model: PatientModel, marks: Marks, weight: float, case: str) -
         if name in targets:
             refuse(f"{name!r} is wished to two places", "keep one point of it")
         targets[name] = target
-    own = marks.chosen(list(targets))
-    away = closest_points(own.rest, model.skin_points, model.skin_faces).distance
+    wished = marks.chosen(list(targets))
+    away = closest_points(wished.rest, model.skin_points, model.skin_faces).distance
     if away.max() > OFF_FACE:
-        refuse(f"{own.names[away.argmax()]!r} is marked {away.max():.1f} mm off the face as it is now", "mark its skin")
+        refuse(
+            f"{wished.names[away.argmax()]!r} is marked {away.max():.1f} mm off the face as it is now", "mark its skin"
+        )
     places = np.array(list(targets.values()))
-    _check_near(lambda turn: np.linalg.norm(turn * places - own.rest, axis=1), own.names, refuse)
-    return [PlaceWish(name, own.chosen([name]), target, weight) for name, target in targets.items()]
+    _check_near(lambda turn: np.linalg.norm(turn * places - wished.rest, axis=1), wished.names, refuse)
+    return [PlaceWish(name, wished.chosen([name]), target, weight) for name, target in targets.items()]
 
 
 def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str) -> list[MeasureWish]:
@@ -133,7 +135,9 @@ def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str)
         refuse(f"its columns are {columns or 'none'}", f"give columns {', '.join(COLUMNS)}, each once, and a row")
     if long := [row for row in rows if None in row]:
         refuse(f"the row of {long[0]['measure']!r} has more cells than the first line", "give it one cell per column")
-    known = {name.lower(): name for name in MEASURES} | {own.title.lower(): name for name, own in MEASURES.items()}
+    known = {name.lower(): name for name in MEASURES} | {
+        measure.title.lower(): name for name, measure in MEASURES.items()
+    }
     wishes = []
     for row in rows:
         row = {key: (value or "").strip() for key, value in row.items()}
@@ -172,18 +176,18 @@ def measure_wish(
 ) -> MeasureWish:
     """The wish that a measure be `value`, or be off by `change` from what it is; refused where the face has no such
     measure, or it lies beyond what an operation changes."""
-    own = MEASURES[name]
+    measure = MEASURES[name]
     now = np.nan
-    if all(point in marks.names for point in own.points):
-        wish = MeasureWish(name, marks.chosen(own.points), own, 0.0, weight)
+    if all(point in marks.names for point in measure.points):
+        wish = MeasureWish(name, marks.chosen(measure.points), measure, 0.0, weight)
         now = wish.value(np.zeros_like(model.points))
     if not np.isfinite(now):
         refuse(f"{name!r} cannot be measured on this face", "wish something else")
     wish = replace(wish, target=now + change if value is None else value)
-    if not abs(wish.target - now) <= FARTHEST_MEASURE[own.unit]:
+    if not abs(wish.target - now) <= FARTHEST_MEASURE[measure.unit]:
         refuse(
-            f"{name!r} is {now:.1f} {own.unit} now and wished to be {wish.target:.1f}",
-            f"wish a change of {FARTHEST_MEASURE[own.unit]:g} {own.unit} or less",
+            f"{name!r} is {now:.1f} {measure.unit} now and wished to be {wish.target:.1f}",
+            f"wish a change of {FARTHEST_MEASURE[measure.unit]:g} {measure.unit} or less",
         )
     return wish
 

@@ -36,10 +36,10 @@ def sensitivity(face: Face, case: str, code: str, spots: Sequence[tuple[str, str
             unit[number] = 1
             plan = Plan(case, {segment: RigidMotion.from_degrees(unit[3:], LPS * unit[:3], pivot)})
             moved = face.elastic(motion_amplitudes(plan, model.segments, model.points.mean(axis=0)))
-            told = None
+            checked = None
             if (segment, quantity) in spots and (result := face.solve(plan)).converged:
-                told = told_of(model, places, codes, result.displacement)
-            for place, (mean, size) in told_of(model, places, codes, moved).items():
+                checked = mean_motions(model, places, codes, result.displacement)
+            for place, (mean, size) in mean_motions(model, places, codes, moved).items():
                 rows.append(
                     {
                         "case": case,
@@ -48,26 +48,26 @@ def sensitivity(face: Face, case: str, code: str, spots: Sequence[tuple[str, str
                         "place": place,
                         **dict(zip(QUANTITIES[:3], LPS * mean, strict=True)),
                         "moved": size,
-                        "checked": np.nan if told is None else told[place][1],
+                        "checked": np.nan if checked is None else checked[place][1],
                         "code": code,
                     }
                 )
     return check(pd.DataFrame(rows), SENSITIVITY)
 
 
-def told_of(
+def mean_motions(
     model: PatientModel, places: Marks, codes: np.ndarray, field: np.ndarray
 ) -> dict[str, tuple[np.ndarray, float]]:
     """Mean motion (3,) mm LPS and mean distance, mm, of every landmark and every region under a field (n, 3) mm.
 
     codes (s,): region of every skin point.
     """
-    told = {}
+    motions = {}
     for name, motion in zip(places.names, places.moved(field) - places.rest, strict=True):
-        told[name] = motion, float(np.linalg.norm(motion))
+        motions[name] = motion, float(np.linalg.norm(motion))
     skin = model.moved_skin(field) - model.skin_points
     for number, name in enumerate(NAMES):
-        own = skin[codes == number]
-        if len(own):
-            told[f"region {name}"] = own.mean(axis=0), float(np.linalg.norm(own, axis=1).mean())
-    return told
+        region = skin[codes == number]
+        if len(region):
+            motions[f"region {name}"] = region.mean(axis=0), float(np.linalg.norm(region, axis=1).mean())
+    return motions

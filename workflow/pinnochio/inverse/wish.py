@@ -29,14 +29,14 @@ class Marks:
     def of(cls, model: PatientModel, more: Mapping[str, np.ndarray] | None = None) -> "Marks":
         """The landmarks of the face that are known, and `more` points (3,) mm of its skin by name, which go before."""
         marks = face_landmarks(model)
-        own = carried_landmarks(model, marks)
-        known = np.isfinite(own.positions).all(axis=1) & ~np.isin(LANDMARKS, list(more or {}))
+        carried = carried_landmarks(model, marks)
+        known = np.isfinite(carried.positions).all(axis=1) & ~np.isin(LANDMARKS, list(more or {}))
         beside = {"stomion": marks.stomion, "cheilion_right": marks.cheilion[0], "cheilion_left": marks.cheilion[1]}
         beside |= more or {}
         return cls(
             (*np.array(LANDMARKS)[known].tolist(), *beside),
-            np.vstack([own.positions[known], *beside.values()]),
-            sparse.vstack([own.carriers[known], *(carriers(model, place) for place in beside.values())], "csr"),
+            np.vstack([carried.positions[known], *beside.values()]),
+            sparse.vstack([carried.carriers[known], *(carriers(model, place) for place in beside.values())], "csr"),
         )
 
     def chosen(self, names: Sequence[str]) -> "Marks":
@@ -143,9 +143,9 @@ class SurfaceWish:
     def distances(self, field: np.ndarray) -> np.ndarray:
         """Signed distance (s,) mm of the face from the wish, positive in front of it; NaN where nothing is wished."""
         over, off, _, _ = self._off(field)
-        own = np.full(len(self.model.skin_points), np.nan)
-        own[over] = off
-        return own
+        distances = np.full(len(self.model.skin_points), np.nan)
+        distances[over] = off
+        return distances
 
     def _off(self, field):
         """Skin points (k,) over the surface, distance (k,), normal (k, 3) and share (k,) of the area of each."""
@@ -164,12 +164,12 @@ class SurfaceWish:
 def regions_of(wish: "Wish", model: PatientModel) -> dict[str, str]:
     """The region of the face (of regions.NAMES) in which each wished landmark lies, where it is judged."""
     codes, tree = regions(model), cKDTree(model.skin_points)
-    found = {}
-    for own in wish:
-        if isinstance(own, PlaceWish):
-            code = codes[tree.query(own.mark.rest[0])[1]]
-            found |= {own.name: NAMES[code]} if code != NOT_JUDGED else {}
-    return found
+    names = {}
+    for item in wish:
+        if isinstance(item, PlaceWish):
+            code = codes[tree.query(item.mark.rest[0])[1]]
+            names |= {item.name: NAMES[code]} if code != NOT_JUDGED else {}
+    return names
 
 
 Wish = Sequence[PlaceWish | SurfaceWish | MeasureWish]
@@ -178,13 +178,13 @@ Wish = Sequence[PlaceWish | SurfaceWish | MeasureWish]
 def stacked(wish: Wish, field: np.ndarray) -> tuple[np.ndarray, sparse.csr_array]:
     """Residuals (m,) of all wishes and their derivative (m, 3 n); their squares add up to the weighted mean of the
     wishes' squared errors."""
-    total = sum(own.weight for own in wish)
-    parts = [(np.sqrt(own.weight / total), *own.rows(field)) for own in wish]
+    total = sum(item.weight for item in wish)
+    parts = [(np.sqrt(item.weight / total), *item.rows(field)) for item in wish]
     residual = np.concatenate([scale * off for scale, off, _ in parts])
     return residual, sparse.vstack([scale * rows for scale, _, rows in parts], "csr")
 
 
 def misfit(wish: Wish, field: np.ndarray) -> float:
     """Weighted root mean square of the wishes' errors under a displacement (n, 3) mm of the mesh, mm."""
-    total = sum(own.weight for own in wish)
-    return float(np.sqrt(sum(own.weight * own.error(field) ** 2 for own in wish) / total))
+    total = sum(item.weight for item in wish)
+    return float(np.sqrt(sum(item.weight * item.error(field) ** 2 for item in wish) / total))

@@ -46,11 +46,11 @@ class Predictor:
         with ExitStack() as stack:
 
             def prepare():
-                own = PatientSources(self._learned, patient, self._fem, planned.covariates)
+                learned = PatientSources(self._learned, patient, self._fem, planned.covariates)
                 simulator = stack.enter_context(Simulator(patient, self._fem))
 
                 def predict():
-                    forces = own.sources.load(own.amplitudes(plan))
+                    forces = learned.sources.load(learned.amplitudes(plan))
                     return forces, simulator.solve([plan], [forces])[0]
 
                 return predict

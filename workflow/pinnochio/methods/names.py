@@ -57,7 +57,7 @@ def spoken(text: str) -> str:
     """A cell or a text in which methods bear the names that people write."""
     if text in WRITTEN:
         return WRITTEN[text]
-    return _WITHIN.sub(lambda found: _spoken(*found.groups()), text)
+    return _WITHIN.sub(lambda match: _spoken(*match.groups()), text)
 
 
 def _spoken(before: str | None, method: str) -> str:

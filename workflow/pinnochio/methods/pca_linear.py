@@ -77,8 +77,8 @@ class LinearPredictor:
 
     def __call__(self, plan: Plan) -> np.ndarray:
         """Displacement (s, 3) mm of the skin points."""
-        own = np.append(features(self._model, plan, self._shape) / self._linear.scale, 1)
-        moved = (own @ (self._linear.pretrained + self._linear.adapted)).reshape(-1, 3)
+        regressors = np.append(features(self._model, plan, self._shape) / self._linear.scale, 1)
+        moved = (regressors @ (self._linear.pretrained + self._linear.adapted)).reshape(-1, 3)
         return spread(moved, self._near, self._weights)
 
 
@@ -97,25 +97,25 @@ def fit(
     template = first.skin_points[face][farthest(first.skin_points[face], TEMPLATE)]
     landmarks = marks(first)
     places = [corresponding(template, landmarks, model) for model in models]
-    shapes = np.array([centred(model.skin_points[own]) for model, own in zip(models, places, strict=True)])
+    shapes = np.array([centred(model.skin_points[place]) for model, place in zip(models, places, strict=True)])
     mean = shapes.mean(axis=0)
     components = np.linalg.svd(shapes - mean, full_matrices=False)[2][: min(COMPONENTS, len(models) - 1)]
     scores = (shapes - mean) @ components.T
 
     rows, values, owner = [], [], []
-    for number, (model, own) in enumerate(zip(models, places, strict=True)):
+    for number, (model, place) in enumerate(zip(models, places, strict=True)):
         for plan, field in fem_samples[number]:
             rows.append(features(model, plan, scores[number]))
-            values.append((model.moved_skin(field) - model.skin_points)[own].ravel())
+            values.append((model.moved_skin(field) - model.skin_points)[place].ravel())
             owner.append(number)
     scale = np.std(rows, axis=0)
     scale[scale < 1e-9] = 1.0
     coefficients = ridge(np.array(rows) / scale, np.array(values), np.array(owner))
 
     rows, rest = [], []
-    for number, (model, own) in enumerate(zip(models, places, strict=True)):
+    for number, (model, place) in enumerate(zip(models, places, strict=True)):
         rows.append(features(model, plans[number], scores[number]) / scale)
-        moved = model.skin_points[own] + (np.append(rows[-1], 1) @ coefficients).reshape(-1, 3)
+        moved = model.skin_points[place] + (np.append(rows[-1], 1) @ coefficients).reshape(-1, 3)
         at = closest_points(moved, *skins[number])
         rest.append(np.where(at.border[:, None], np.nan, at.points - moved).ravel())
     rest = np.array(rest)

@@ -50,7 +50,7 @@ class RatioRule:
         shares[cheek, 0], shares[cheek, 1] = CHEEK * upper * fading, CHEEK * ~upper
         judged = np.flatnonzero(codes != NOT_JUDGED)
         near = cKDTree(skin[judged]).query_ball_point(skin, BLEND)
-        blended = [shares[judged[own]].mean(axis=0) if len(own) else np.zeros(len(JAWS)) for own in near]
+        blended = [shares[judged[points]].mean(axis=0) if len(points) else np.zeros(len(JAWS)) for points in near]
         self._skin, self._shares = skin, np.array(blended)
 
     def __call__(self, plan: Plan) -> np.ndarray:

@@ -108,8 +108,10 @@ def registry(config: Mapping) -> dict[str, Method]:
     """Every method that the configuration knows by its name, with its settings."""
     methods = {method.name: replace(method, settings=_settings(method, config)) for method in BUILT_IN}
     for name, settings in graph_networks(config).items():
-        own = settings | {"fem": config["fem"]}
-        methods[name] = replace(GRAPH_NETWORK, name=name, settings=own, covariates=own["finetuning"]["sources"])
+        sections = settings | {"fem": config["fem"]}
+        methods[name] = replace(
+            GRAPH_NETWORK, name=name, settings=sections, covariates=sections["finetuning"]["sources"]
+        )
     for name, settings in surface_networks(config).items():
         methods[name] = replace(SURFACE_NETWORK, name=name, settings=settings)
     return methods | {name: replace(EXTERNAL, name=name) for name in config["external"]}
@@ -132,8 +134,8 @@ def graph_networks(config: Mapping) -> dict[str, dict]:
     Those of `variants` are overlays of the configuration's own sections, those of `design.switches`, named
     design_{switch}, overlays of the variant `design.base`.
     """
-    own = {name: config[name] for name in GRAPH_NETWORK.sections if name != "fem"}
-    networks = {name: overlaid(own, overlay) for name, overlay in config["variants"].items()}
+    sections = {name: config[name] for name in GRAPH_NETWORK.sections if name != "fem"}
+    networks = {name: overlaid(sections, overlay) for name, overlay in config["variants"].items()}
     design = config["design"]
     if base := networks.get(design["base"]):
         networks |= {f"design_{name}": overlaid(base, overlay) for name, overlay in design["switches"].items()}
@@ -143,9 +145,9 @@ def graph_networks(config: Mapping) -> dict[str, dict]:
 def surface_networks(config: Mapping) -> dict[str, dict]:
     """Settings of every surface network by its name: network, finetuning, and pretraining where the name says so."""
     networks = {}
-    for name, own in config["surface"]["networks"].items():
-        switches = {key: value for key, value in own.items() if key not in ("pretraining", "finetuning")}
+    for name, section in config["surface"]["networks"].items():
+        switches = {key: value for key, value in section.items() if key not in ("pretraining", "finetuning")}
         network = {key: config["surface"][key] for key in ("points", "neighbours", "repeats")} | switches
-        networks[name] = {"network": network, "finetuning": own["finetuning"]}
-        networks[name + PRETRAINED] = networks[name] | {"pretraining": own["pretraining"]}
+        networks[name] = {"network": network, "finetuning": section["finetuning"]}
+        networks[name + PRETRAINED] = networks[name] | {"pretraining": section["pretraining"]}
     return networks

@@ -71,15 +71,15 @@ class SourceModel:
 
     def state(self) -> dict[str, np.ndarray]:
         """Everything as arrays, by name."""
-        own = {name: np.asarray(getattr(self, name)) for name in ("anchors", "landmarks", "weight")}
-        return own | {_OF_REGRESSION + name: np.asarray(value) for name, value in vars(self.regression).items()}
+        state = {name: np.asarray(getattr(self, name)) for name in ("anchors", "landmarks", "weight")}
+        return state | {_OF_REGRESSION + name: np.asarray(value) for name, value in vars(self.regression).items()}
 
     @classmethod
     def restored(cls, state: Mapping[str, np.ndarray]) -> "SourceModel":
         """From what :meth:`state` gave."""
-        own = {name: value for name, value in state.items() if not name.startswith(_OF_REGRESSION)}
-        regression = {name.removeprefix(_OF_REGRESSION): state[name] for name in state if name not in own}
-        return cls(**own | {"weight": float(own["weight"])}, regression=Regression(**regression))
+        values = {name: value for name, value in state.items() if not name.startswith(_OF_REGRESSION)}
+        regression = {name.removeprefix(_OF_REGRESSION): state[name] for name in state if name not in values}
+        return cls(**values | {"weight": float(values["weight"])}, regression=Regression(**regression))
 
 
 class PatientSources:
@@ -124,8 +124,8 @@ def fit(
     weight = sum(each.on_weight for each in deviations) / sum(each.of_weight for each in deviations)
     values, squares = [], []
     for each in deviations:
-        own, square = each.amplitudes(weight), each.square[:-1, :-1]
-        values += [own, np.roll(own, len(anchors))]
+        solved, square = each.amplitudes(weight), each.square[:-1, :-1]
+        values += [solved, np.roll(solved, len(anchors))]
         squares += [square, np.roll(square, (len(anchors), len(anchors)), axis=(0, 1))]
     squares = np.array(squares)
 
@@ -162,7 +162,7 @@ class Features:
         depth, _ = cKDTree(model.bone_points).query(landmarks)
         known = [landmarks[3, 2] - landmarks[5, 2], *(_value(covariates, name) for name in CODES)]
         self._model = model
-        self._still = [np.append(own, known) for own in (depth, sides_changed(depth))]
+        self._still = [np.append(depths, known) for depths in (depth, sides_changed(depth))]
         self.group = np.repeat((MOTION, TISSUE, COVARIATES), (4 * len(PLACES), len(landmarks) + 1, len(CODES)))
 
     def __call__(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:

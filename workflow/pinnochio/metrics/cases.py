@@ -59,9 +59,9 @@ def evaluate_case(
         row |= equilibrium_of(patient, u, fem, prediction.forces)
         row |= boundary_metrics(patient, plan, u)
     if prediction.raw is not None:
-        own = volume_metrics(patient.points, patient.cells, patient.tissue, prediction.raw)
-        own |= equilibrium_of(patient, prediction.raw, fem)
-        row |= {f"raw_{name}": own[name] for name in RAW}
+        raw = volume_metrics(patient.points, patient.cells, patient.tissue, prediction.raw)
+        raw |= equilibrium_of(patient, prediction.raw, fem)
+        row |= {f"raw_{name}": raw[name] for name in RAW}
     if prediction.boundary is not None:
         contact = (patient.node_type != FREE) & (patient.interface_kind != NO_INTERFACE)
         row["interface_error"] = np.linalg.norm(u - prediction.boundary, axis=1)[contact].mean()

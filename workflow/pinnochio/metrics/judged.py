@@ -82,7 +82,7 @@ def choose(patient: PatientModel, plan: Plan, target_points, target_faces, sampl
 
     skin = sample_surface(points, faces[roi], samples, seed)
     shown = ~closest_points(_carried(skin, points, faces, placed), target_points, target_faces).border
-    own = closest_points(skin[shown], points, faces)
+    rest = closest_points(skin[shown], points, faces)
     ratio = face_normals(target_points, target_faces)[1].sum() / face_normals(points, faces[roi])[1].sum()
     many = int(np.ceil(samples * np.clip(ratio, 1, 5)))
     queries = sample_surface(target_points, target_faces, many, seed + 1)
@@ -93,7 +93,10 @@ def choose(patient: PatientModel, plan: Plan, target_points, target_faces, sampl
             plan.case, "postop", "the scan covers nothing of the judged face", "check scan and registration"
         )
     return Judged(
-        queries[kept], _nearest(codes, closest, placed, faces)[kept], skin[shown], _nearest(codes, own, points, faces)
+        queries[kept],
+        _nearest(codes, closest, placed, faces)[kept],
+        skin[shown],
+        _nearest(codes, rest, points, faces),
     )
 
 

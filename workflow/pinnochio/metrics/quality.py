@@ -56,9 +56,9 @@ def thickness(patient: PatientModel) -> dict[str, dict[str, float] | None]:
     facing &= (skin.distance > BARE) & ~skin.border
     measured = {}
     for name, index in _bones(patient):
-        own = skin.distance[(patient.bone_segment == index) & facing]
-        low, high = np.percentile(own, [5, 95]) if len(own) else (np.nan, np.nan)
-        values = {"mean": own.mean(), "p5": low, "p95": high} if len(own) else None
+        distances = skin.distance[(patient.bone_segment == index) & facing]
+        low, high = np.percentile(distances, [5, 95]) if len(distances) else (np.nan, np.nan)
+        values = {"mean": distances.mean(), "p5": low, "p95": high} if len(distances) else None
         measured[name] = values and {key: round(float(value), 3) for key, value in values.items()}
     return measured
 
@@ -87,12 +87,14 @@ def off_mesh(patient: PatientModel) -> dict[str, float | dict[str, float]]:
     carrier = np.einsum("sc,scx->sx", patient.skin_weights, patient.points[patient.skin_nodes])
     distance, codes = np.linalg.norm(carrier - patient.skin_points, axis=1), known_regions(patient)
     face = distance[patient.judged_points]
-    own = {name: np.percentile(distance[codes == code], 95) for code, name in enumerate(NAMES) if (codes == code).any()}
-    beyond = sorted((name for name in own if own[name] > DETAIL), key=own.get, reverse=True)
+    largest = {
+        name: np.percentile(distance[codes == code], 95) for code, name in enumerate(NAMES) if (codes == code).any()
+    }
+    beyond = sorted((name for name in largest if largest[name] > DETAIL), key=largest.get, reverse=True)
     return {
         "off_mesh_mean_mm": face.mean(),
         "off_mesh_p95_mm": np.percentile(face, 95),
-        "off_mesh_regions_mm": {name: own[name] for name in beyond},
+        "off_mesh_regions_mm": {name: largest[name] for name in beyond},
     }
 
 

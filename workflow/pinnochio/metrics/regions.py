@@ -28,9 +28,9 @@ def region_errors(region, outside) -> dict[str, float]:
     """
     errors = {}
     for name in REGIONS:
-        own = outside[region == NAMES.index(name)]
-        errors[f"region_{name}"] = float(np.abs(own).mean()) if len(own) else np.nan
-        errors[f"bias_{name}"] = float(own.mean()) if len(own) else np.nan
+        part = outside[region == NAMES.index(name)]
+        errors[f"region_{name}"] = float(np.abs(part).mean()) if len(part) else np.nan
+        errors[f"bias_{name}"] = float(part.mean()) if len(part) else np.nan
     return errors
 
 

@@ -28,8 +28,8 @@ def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
         "inverted": int((ratio <= 0).sum()),
     }
     for name, code in TISSUES.items():
-        own = tissue == code
-        change = 100 * (np.average(ratio[own], weights=rest[own]) - 1) if own.any() else np.nan
+        part = tissue == code
+        change = 100 * (np.average(ratio[part], weights=rest[part]) - 1) if part.any() else np.nan
         metrics[f"volume_change_{name}"] = float(change)
     return metrics
 

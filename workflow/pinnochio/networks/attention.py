@@ -64,8 +64,8 @@ class Attention(nn.Module):
 
     def general(self, x: Tensor, edges: Tensor, attributes: Tensor) -> Tensor:
         """The same by torch_geometric's kernels."""
-        kernels, own = _kernels(self.width, self.heads), dict(self.named_parameters())
-        return x + nn.functional.gelu(torch.func.functional_call(kernels, own, (x, edges, attributes)))
+        kernels, weights = _kernels(self.width, self.heads), dict(self.named_parameters())
+        return x + nn.functional.gelu(torch.func.functional_call(kernels, weights, (x, edges, attributes)))
 
 
 @cache

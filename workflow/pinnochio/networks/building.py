@@ -29,9 +29,9 @@ def matched(settings: NetworkSettings) -> NetworkSettings:
     comes as near as it can.
     """
     wanted = parameters(replace(settings, decomposition=True, match_parameters=False))
-    own = replace(settings, match_parameters=False)
-    own = _widened(own, "channels", LANES * settings.heads, wanted)
-    below = _widened(own, "decoder_width", 2, wanted)
+    unified = replace(settings, match_parameters=False)
+    unified = _widened(unified, "channels", LANES * settings.heads, wanted)
+    below = _widened(unified, "decoder_width", 2, wanted)
     above = replace(below, decoder_width=below.decoder_width + 2)
     return min(below, above, key=lambda each: abs(parameters(each) - wanted))
 

@@ -30,13 +30,13 @@ class PointLevel:
     @classmethod
     def join(cls, levels: Sequence["PointLevel"]) -> "PointLevel":
         """The levels of several clouds as one that has no edge between them."""
-        own, finer = offsets([level.points for level in levels]), offsets([level.near for level in levels])
-        rows = zip(levels, own, finer, strict=True)
+        coarse, finer = offsets([level.points for level in levels]), offsets([level.near for level in levels])
+        rows = zip(levels, coarse, finer, strict=True)
         edges = [level.edges + torch.tensor([[f], [o]], device=level.edges.device) for level, o, f in rows]
         return cls(
             torch.cat([level.points for level in levels]),
             torch.cat(edges, 1),
-            torch.cat([level.near + o for level, o in zip(levels, own, strict=True)]),
+            torch.cat([level.near + o for level, o in zip(levels, coarse, strict=True)]),
             torch.cat([level.weights for level in levels]),
         )
 
@@ -86,11 +86,11 @@ class GraphLevel:
     @classmethod
     def join(cls, levels: Sequence["GraphLevel"], coarser: Sequence[int]) -> "GraphLevel":
         """The levels of several meshes as one; coarser: points of each one's next level."""
-        own, next_level = offsets([level.points for level in levels]), np.cumsum([0, *coarser[:-1]])
+        first, next_level = offsets([level.points for level in levels]), np.cumsum([0, *coarser[:-1]])
         return cls(
             torch.cat([level.points for level in levels]),
-            torch.cat([level.mesh + o for level, o in zip(levels, own, strict=True)], 1),
-            torch.cat([level.ball + o for level, o in zip(levels, own, strict=True)], 1),
+            torch.cat([level.mesh + o for level, o in zip(levels, first, strict=True)], 1),
+            torch.cat([level.ball + o for level, o in zip(levels, first, strict=True)], 1),
             torch.cat([level.trace + int(o) for level, o in zip(levels, next_level, strict=True)]),
         )
 
@@ -128,8 +128,8 @@ class FaceGraph:
             if finest is None:
                 normals = means(normals, trace, len(used))
                 normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-                own = trace[faces]
-                corners = np.sort(own, axis=1)
+                clusters = trace[faces]
+                corners = np.sort(clusters, axis=1)
                 whole = (corners[:, 0] < corners[:, 1]) & (corners[:, 1] < corners[:, 2])
                 finest = real(normals), torch.as_tensor(np.unique(corners[whole], axis=0))
             else:
@@ -148,8 +148,8 @@ class FaceGraph:
         """Several faces as one that has no edge between them."""
         sizes = [[len(level.points) for level in graph.levels] + [0] for graph in graphs]
         levels = [
-            GraphLevel.join(own, [size[number + 1] for size in sizes])
-            for number, own in enumerate(zip(*(graph.levels for graph in graphs), strict=True))
+            GraphLevel.join(level, [size[number + 1] for size in sizes])
+            for number, level in enumerate(zip(*(graph.levels for graph in graphs), strict=True))
         ]
         first = offsets([graph.levels[0].points for graph in graphs])
         triangles = torch.cat([graph.triangles + o for graph, o in zip(graphs, first, strict=True)])
@@ -173,9 +173,9 @@ class SurfaceInputs:
     @classmethod
     def join(cls, patients: Sequence["SurfaceInputs"]) -> "SurfaceInputs":
         """Several patients as one that has no edge between them."""
-        batch = [torch.full_like(own.batch, number) for number, own in enumerate(patients)]
-        face, bone = ([getattr(own, name) for own in patients] for name in ("face", "bone"))
-        moved = torch.cat([own.movement for own in patients])
+        batch = [torch.full_like(patient.batch, number) for number, patient in enumerate(patients)]
+        face, bone = ([getattr(patient, name) for patient in patients] for name in ("face", "bone"))
+        moved = torch.cat([patient.movement for patient in patients])
         return cls(face[0].join(face), bone[0].join(bone), moved, len(patients), torch.cat(batch))
 
 
@@ -198,15 +198,15 @@ def per_patient(stages: Sequence[Stage], count: int) -> list[list[Stage]]:
     """The stages of each of `count` joined patients, in numbers of its own."""
     parts = []
     for number in range(count):
-        own_stages, before = [], None
+        split, before = [], None
         for stage in stages:
-            own = stage.batch == number
-            place = torch.cumsum(own, 0) - 1  # the rows of one patient need not follow each other
-            edges = None if stage.edges is None else place[stage.edges[:, own[stage.edges[0]]]]
-            corners = None if stage.corners is None else before[stage.corners[own[-len(stage.corners) :]]]
-            own_stages.append(Stage(stage.rest[own], stage.displacement[own], stage.batch[own], edges, corners))
+            rows = stage.batch == number
+            place = torch.cumsum(rows, 0) - 1  # the rows of one patient need not follow each other
+            edges = None if stage.edges is None else place[stage.edges[:, rows[stage.edges[0]]]]
+            corners = None if stage.corners is None else before[stage.corners[rows[-len(stage.corners) :]]]
+            split.append(Stage(stage.rest[rows], stage.displacement[rows], stage.batch[rows], edges, corners))
             before = place
-        parts.append(own_stages)
+        parts.append(split)
     return parts
 
 
@@ -237,8 +237,8 @@ def _changed(value, change: Callable[[str, Tensor], Tensor], name: str = ""):
 def ball_edges(points, centres, radius: float, most: int, rng: np.random.Generator) -> np.ndarray:
     """Edges (2, e) from points (n, 3) to centres (m, 3) nearer than `radius`, at most so many into each, by lot."""
     inside = cKDTree(points).query_ball_point(centres, radius, return_sorted=True)
-    inside = [np.asarray(own) if len(own) <= most else rng.choice(own, most, replace=False) for own in inside]
-    return np.stack([np.concatenate(inside), np.repeat(np.arange(len(centres)), [len(own) for own in inside])])
+    inside = [np.asarray(near) if len(near) <= most else rng.choice(near, most, replace=False) for near in inside]
+    return np.stack([np.concatenate(inside), np.repeat(np.arange(len(centres)), [len(near) for near in inside])])
 
 
 def means(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:

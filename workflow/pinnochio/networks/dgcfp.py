@@ -131,7 +131,7 @@ class Dgcfp(nn.Module):
     def _attend(self, face: Tensor, bone: Tensor, moved: Tensor) -> Tensor:
         """What each face point (n, 64) takes of the movement code (b, 64): the two halves of the features ask apart."""
         halves = zip(face.split(32, 1), bone.split(32, 1), strict=True)
-        return torch.cat([(own @ other.T / 8).softmax(1) @ moved for own, other in halves], 1)
+        return torch.cat([(of_face @ other.T / 8).softmax(1) @ moved for of_face, other in halves], 1)
 
 
 def thinned(level: GraphLevel) -> GraphLevel:

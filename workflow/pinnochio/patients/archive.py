@@ -49,9 +49,9 @@ class Archive:
         content = read_manifest(
             folder, absent, "copy the archive again from where it was packed, or pack it again (snakemake archive)"
         )
-        own = {name: value for name, value in content.items() if name not in ("files", CHECKSUM)}
+        values = {name: value for name, value in content.items() if name not in ("files", CHECKSUM)}
         try:
-            return cls(**own)
+            return cls(**values)
         except TypeError as error:
             problem = f"{MANIFEST} is not that of models for new patients ({error})"
             raise InputError("-", folder, problem, absent[1]) from error

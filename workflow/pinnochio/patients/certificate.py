@@ -132,9 +132,9 @@ def in_distribution(patient: PatientModel, plan: Plan, quality: Mapping, ranges:
 def plain(value):
     """The value as JSON holds it: plain numbers, None for what is not finite."""
     if isinstance(value, Mapping):
-        return {key: plain(own) for key, own in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(own) for own in value]
+        return [plain(item) for item in value]
     if isinstance(value, float | np.floating):
         return round(float(value), 9) if np.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value
@@ -159,9 +159,9 @@ def in_words(certificate: Mapping) -> list[Row]:
 def verdict(certificate: Mapping) -> Verdict:
     """What all rows of a certificate come to, and those that speak against using the prediction."""
     rows = in_words(certificate)
-    for grade, chosen in ((NOT_USABLE, [own for own in rows if own.bad]), (CARE, [o for o in rows if o.good is False])):
+    for grade, chosen in ((NOT_USABLE, [row for row in rows if row.bad]), (CARE, [o for o in rows if o.good is False])):
         if chosen:
-            return Verdict(grade, tuple(f"{own.what}: {own.value}" for own in chosen))
+            return Verdict(grade, tuple(f"{row.what}: {row.value}" for row in chosen))
     return Verdict(USABLE, ())
 
 
@@ -319,9 +319,9 @@ def _distribution_rows(compared: Mapping, cohort: str) -> list[Row]:
         meaning = f"{len(outside)} of {len(quantities)} quantities lie outside the range of the {part['patients']} "
         meaning += f"patients of the {cohort}."
         if outside:
-            own = quantities[outside[0]]
-            meaning += f" Farthest: {outside[0]} is {own['value']:.1f}, there {own['low']:.1f} to {own['high']:.1f}"
-            meaning += f", so {own['excess']:.2f} widths of that range beyond it. Up to {part['threshold']:.2f} is "
+            far = quantities[outside[0]]
+            meaning += f" Farthest: {outside[0]} is {far['value']:.1f}, there {far['low']:.1f} to {far['high']:.1f}"
+            meaning += f", so {far['excess']:.2f} widths of that range beyond it. Up to {part['threshold']:.2f} is "
             meaning += f"usual: some {100 * part['false_alarm']:.0f} of 100 such patients have more."
         if part["incomparable"]:
             meaning += f" {len(part['incomparable'])} have no counterpart in the training, or could not be measured."

@@ -71,8 +71,8 @@ class Face:
         spread = np.sqrt(((gradient * widths) ** 2).sum(axis=1))
         after = measure(moved)
         rows = [
-            Row(name, own.title, own.unit, own.positive, before, now, now - before, width)
-            for (name, own), before, now, width in zip(MEASURES.items(), self._before, after, spread, strict=True)
+            Row(name, one.title, one.unit, one.positive, before, now, now - before, width)
+            for (name, one), before, now, width in zip(MEASURES.items(), self._before, after, spread, strict=True)
         ]
         shift = moved - self.landmarks.positions
         for name, title in SHOWN.items():
@@ -91,7 +91,7 @@ def face_rows(patient: PatientModel, displacement: np.ndarray, half_width: np.nd
     except InputError as error:
         logging.warning("no measures: %s", error)
     unknown = dict.fromkeys(("before", "after", "change", "half_width"), np.nan)
-    rows = [Row(name, own.title, own.unit, own.positive, **unknown) for name, own in MEASURES.items()]
+    rows = [Row(name, one.title, one.unit, one.positive, **unknown) for name, one in MEASURES.items()]
     ways = [(name, title, way) for name, title in SHOWN.items() for way in WAYS]
     return rows + [Row(f"{name}_{way.split()[-1]}", title, "mm", way, **unknown) for name, title, way in ways]
 

@@ -50,12 +50,12 @@ class Norm:
 
         from_rest: the ranges begin at zero where they do not hold it, because half a movement is usual too.
         """
-        names = [name for name in patients[0] if all(np.isfinite(own.get(name, np.nan)) for own in patients)]
-        values = np.array([[own[name] for name in names] for own in patients])
+        names = [name for name in patients[0] if all(np.isfinite(patient.get(name, np.nan)) for patient in patients)]
+        values = np.array([[patient[name] for name in names] for patient in patients])
         count = len(values)
         scores = sorted(
-            _excess(own, *_range(np.delete(values, place, axis=0), from_rest)).max(initial=0.0)
-            for place, own in enumerate(values)
+            _excess(patient, *_range(np.delete(values, place, axis=0), from_rest)).max(initial=0.0)
+            for place, patient in enumerate(values)
         )
         rank = min(count, math.ceil(LEVEL * (count + 1)))
         low, high = (dict(zip(names, end.tolist(), strict=True)) for end in _range(values, from_rest))
@@ -157,10 +157,10 @@ def anatomy_quantities(patient: PatientModel, quality: Mapping) -> dict[str, flo
         for bone, areas in quality["contact_cm2"].items()
     }
     skull = ["cranium", *of_role(patient.segments, "maxilla")]
-    for name, bones in (("skull", skull), ("lower_jaw", [own for own in patient.segments if own not in skull])):
+    for name, bones in (("skull", skull), ("lower_jaw", [bone for bone in patient.segments if bone not in skull])):
         area = {bone: touched[bone] for bone in bones if thickness[bone]}
         total = sum(area.values())
-        mean = sum(thickness[bone]["mean"] * own for bone, own in area.items()) / total if total else np.nan
+        mean = sum(thickness[bone]["mean"] * weight for bone, weight in area.items()) / total if total else np.nan
         quantities |= {
             f"volume_{name}_cm3": float(sum(volume[bone] for bone in bones)) if bones else np.nan,
             f"thickness_{name}_mm": float(mean),
@@ -179,6 +179,6 @@ def plan_quantities(patient: PatientModel, plan: Plan) -> dict[str, float]:
     for name, (left, back, up) in motion_of_places(patient, plan).items():
         quantities |= {f"sideways_{name}_mm": abs(left), f"forward_{name}_mm": -back, f"up_{name}_mm": up}
     for name, roles in TURNED.items():
-        angles = [plan.motion(own).angle for own in of_role(patient.segments, *roles)]
+        angles = [plan.motion(ramus).angle for ramus in of_role(patient.segments, *roles)]
         quantities[f"rotation_{name}_deg"] = max(angles, default=0.0)
     return {name: float(value) for name, value in quantities.items()}

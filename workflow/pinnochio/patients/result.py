@@ -45,9 +45,9 @@ def of_ensemble(path: str | os.PathLike, repair: Repair) -> Solution:
     """The solution of the models' predictions in a file, whose mean field was repaired."""
     with reading(path) as file:
         models = [dict(group.attrs) for group in file.values()]
-    repaired, damping = ([own.get(name, np.nan) for own in models] for name in ("repaired", "damping"))
+    repaired, damping = ([model.get(name, np.nan) for model in models] for name in ("repaired", "damping"))
     return Solution(
-        converged=all(bool(own.get("converged", True)) for own in models),
+        converged=all(bool(model.get("converged", True)) for model in models),
         repaired=int(np.nanmax([repair.elements, *repaired])),
         damping=float(np.nanmin([repair.damping, *damping])),
     )

@@ -86,7 +86,7 @@ numbers of this page</li></ul>
 
 
 @dataclass(frozen=True)
-class Told:
+class WishTables:
     """What the tables say: rows of PROPOSALS, REACHED and COMBINATIONS, contradicting pairs, certificates, settings."""
 
     rows: Sequence[Mapping]
@@ -98,53 +98,63 @@ class Told:
 
 
 def write_wish_page(
-    patient: PatientModel, case: str, wish: Wish, answers: Mapping[str, Answer], told: Told, path: str | os.PathLike
+    patient: PatientModel,
+    case: str,
+    wish: Wish,
+    answers: Mapping[str, Answer],
+    tables: WishTables,
+    path: str | os.PathLike,
 ) -> None:
     """Write the page."""
     names = {name: operation_in_words(name) for name in answers}
-    moves = {name: in_words(differences(own.freedom, {}, own.proposal.plan.motions)) for name, own in answers.items()}
+    moves = {
+        name: in_words(differences(answer.freedom, {}, answer.proposal.plan.motions))
+        for name, answer in answers.items()
+    }
     wishes = []
     for item in wish:
-        own = [row for row in told.reached if row["wish"] == item.name]
+        reached = [row for row in tables.reached if row["wish"] == item.name]
         wishes.append(
             (
                 item.name.replace("_", " "),
                 item.unit,
-                own[0]["asked"],
-                own[0]["half_width"],
-                [(r["error"], r["met"]) for r in own],
+                reached[0]["asked"],
+                reached[0]["half_width"],
+                [(r["error"], r["met"]) for r in reached],
             )
         )
     grades = {
         name: "did not converge" if said is None else ", ".join((verdict(said).grade, *verdict(said).reasons))
-        for name, said in told.certificates.items()
+        for name, said in tables.certificates.items()
     }
-    untold = {}
+    null_space = {}
     for name, answer in answers.items():
-        own = answer.combinations
-        untold[names[name]] = [
+        known = answer.combinations
+        null_space[names[name]] = [
             f"± {min(bone, LARGEST):.1f} mm: "
             + in_words(as_motions(answer.freedom, answer.proposal.x, min(bone, LARGEST) * direction), 0.2)
-            for direction, bone in zip(own.directions[own.hidden][:SHOWN], own.bone[own.hidden][:SHOWN], strict=True)
+            for direction, bone in zip(
+                known.directions[known.hidden][:SHOWN], known.bone[known.hidden][:SHOWN], strict=True
+            )
         ]
     surface = any(isinstance(item, SurfaceWish) for item in wish)
     page = jinja2.Environment(autoescape=True).from_string(TEMPLATE)
     text = page.render(
         case=case,
         research=RESEARCH,
-        met=f"{told.settings.met:g}",
-        tolerance=f"{told.settings.tolerance:g}",
+        met=f"{tables.settings.met:g}",
+        tolerance=f"{tables.settings.tolerance:g}",
         largest=f"{LARGEST:g}",
-        against=told.against,
-        rows=told.rows,
+        against=tables.against,
+        rows=tables.rows,
         names=names,
         moves=moves,
         wishes=wishes,
         grades=grades,
-        untold=untold,
+        null_space=null_space,
         pictures=[
-            (f"{names[name]}: what is left of the wish", base64.b64encode(_picture(patient, wish, own)).decode())
-            for name, own in answers.items()
+            (f"{names[name]}: what is left of the wish", base64.b64encode(_picture(patient, wish, answer)).decode())
+            for name, answer in answers.items()
         ],
         colours="Colours: signed distance of the face from the wished surface, red in front of it, blue behind."
         if surface
@@ -159,8 +169,8 @@ def _picture(patient: PatientModel, wish: Wish, answer: Answer) -> bytes:
     plotter = pv.Plotter(off_screen=True, shape=(1, 3), window_size=(1260, 430), border=False)
     proposal = answer.proposal
     skin = skin_of(patient, proposal.displacement)
-    surface = next((own for own in wish if isinstance(own, SurfaceWish)), None)
-    places = [own for own in wish if isinstance(own, PlaceWish)]
+    surface = next((item for item in wish if isinstance(item, SurfaceWish)), None)
+    places = [item for item in wish if isinstance(item, PlaceWish)]
     plotter.subplot(0, 0)
     add_bone(plotter, patient, proposal.plan)
     finish(plotter, "bones", FRONT)
@@ -183,10 +193,10 @@ def _picture(patient: PatientModel, wish: Wish, answer: Answer) -> bytes:
                 scalar_bar_args=bar,
                 copy_mesh=True,
             )
-        for own in places:
-            here = own.mark.moved(proposal.displacement)[0]
-            plotter.add_mesh(pv.Line(here, own.target), color="#a40000", line_width=3)
+        for item in places:
+            here = item.mark.moved(proposal.displacement)[0]
+            plotter.add_mesh(pv.Line(here, item.target), color="#a40000", line_width=3)
             plotter.add_points(here[None], color="#1f3fbf", point_size=9, render_points_as_spheres=True)
-            plotter.add_points(own.target[None], color="#a40000", point_size=9, render_points_as_spheres=True)
+            plotter.add_points(item.target[None], color="#a40000", point_size=9, render_points_as_spheres=True)
         finish(plotter, title, direction)
     return _png(plotter)

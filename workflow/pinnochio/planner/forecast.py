@@ -97,12 +97,12 @@ class Forecaster:
         finished = []
         for first in range(0, len(fields), len(self._finish)):
             some = zip(self._finish, fields[first:], strict=False)
-            finished += self._correcting.each(Finish.__call__, [(own, *field, first > 0) for own, field in some])
+            finished += self._correcting.each(Finish.__call__, [(each, *field, first > 0) for each, field in some])
             yield None
         result, repair = repaired_interval(
             self.patient, [field for field, *_ in finished], self.calibration, self._fem, self._region
         )
-        repairs = [repair, *(own for _, own, _ in finished)]
+        repairs = [repair, *(each for _, each, _ in finished)]
         yield self._forecast(plan, result, repair.least, began, repairs)
 
     def __call__(self, plan: Plan) -> Forecast:
@@ -124,8 +124,8 @@ class Forecaster:
             mean=float(moved.mean()),
             most=float(moved.max()),
             least=least,
-            repaired=max((own.elements for own in repairs), default=0),
-            damping=min((own.damping for own in repairs), default=1.0),
+            repaired=max((repair.elements for repair in repairs), default=0),
+            damping=min((repair.damping for repair in repairs), default=1.0),
             off_bone=0.0
             if least is None
             else float(off_bone(self.patient, plan, result.displacement).max(initial=0.0)),

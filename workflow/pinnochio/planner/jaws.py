@@ -29,21 +29,21 @@ class Jaws:
         known = [index for index, name in enumerate(self.segments) if known_role(name)]
         index = np.full(len(self.segments) + 1, -1)
         index[known] = np.arange(len(known))
-        names = tuple(self.segments[own] for own in known)
+        names = tuple(self.segments[bone] for bone in known)
         self.anatomy = JawAnatomy.from_points(patient.bone_points, index[patient.bone_segment], names)
-        self.middle = {name: own.mean(axis=0) for name, own in segment_points(patient).items()}
+        self.middle = {name: bone.mean(axis=0) for name, bone in segment_points(patient).items()}
         self.pivots = self.middle | self.anatomy.hinge  # what a segment turns about unless something else is said
         self.upper, self.lower = (of_role(self.segments, *roles) for roles in ((MAXILLA,), LOWER))
         self.chin, self.rami = of_role(self.segments, "chin"), of_role(self.segments, "proximal")
         self._edges = self._incisors()
         self._trees, self._touching = {}, {}
         for index, name in enumerate(self.segments):
-            own = patient.bone_segment == index
-            if own.any():
+            bone = patient.bone_segment == index
+            if bone.any():
                 self._trees[name] = (
-                    patient.bone_points[own],
-                    patient.bone_normals[own],
-                    cKDTree(patient.bone_points[own]),
+                    patient.bone_points[bone],
+                    patient.bone_normals[bone],
+                    cKDTree(patient.bone_points[bone]),
                 )
         for pair in self._pairs():
             self._touching[pair] = self._depth(*pair, RigidMotion())
@@ -63,13 +63,13 @@ class Jaws:
             return {}
         body, moved = self.lower[0], {}
         for name in self.rami:
-            old, new = (ramus_following(self.anatomy, name, own.motion(body)) for own in (before, plan))
+            old, new = (ramus_following(self.anatomy, name, each.motion(body)) for each in (before, plan))
             moved[name] = self.step(old, new, before.motion(name))
         return moved
 
-    def step(self, before: RigidMotion, after: RigidMotion, own: RigidMotion) -> RigidMotion:
+    def step(self, before: RigidMotion, after: RigidMotion, local: RigidMotion) -> RigidMotion:
         """A motion `own` after the step that takes another segment from `before` to `after`."""
-        return composed(after, composed(before.back, own, own.pivot), own.pivot)
+        return composed(after, composed(before.back, local, local.pivot), local.pivot)
 
     def final(self, plan: Plan, relation: RigidMotion | None) -> RigidMotion | None:
         """Motion of the mandible into its final occlusion with the maxilla of a plan; None without both jaws.
@@ -91,8 +91,8 @@ class Jaws:
         if not self.lower or Plan("", {name: plan.motion(name) for name in (*self.upper, *self.lower)}).still:
             return None
         jaw = plan.motion(self.upper[0]) if self.upper else RigidMotion()
-        own = plan.motion(self.lower[0])
-        return composed(jaw.back, own, own.pivot)
+        mandible = plan.motion(self.lower[0])
+        return composed(jaw.back, mandible, mandible.pivot)
 
     def collisions(self, plan: Plan) -> tuple[dict[tuple[str, str], float], np.ndarray]:
         """How deep (mm) moved bones run into each other beyond what they did before surgery, by pairs of segments, and
@@ -105,9 +105,9 @@ class Jaws:
             motion = composed(plan.motion(other).back, plan.motion(one), plan.motion(one).pivot)
             depth = self._depth(one, other, motion)
             beyond = depth - np.maximum(self._touching[one, other], 0)
-            if (own := beyond > DEEPER).any():
-                deep[one, other] = float(depth[own].max())
-                where.append(plan.motion(one).apply(self._trees[one][0][own]))
+            if (inside := beyond > DEEPER).any():
+                deep[one, other] = float(depth[inside].max())
+                where.append(plan.motion(one).apply(self._trees[one][0][inside]))
         return deep, np.vstack(where)
 
     def beyond(self, plan: Plan) -> dict[str, list[str]]:
@@ -120,13 +120,13 @@ class Jaws:
             shift, turn = LIMITS[limits]
             motion = plan.motion(name)
             # The limits hold at the segment's own middle, wherever it turns about.
-            own = motion.about(self.middle[name])
-            left, back, up = own.translation
+            local = motion.about(self.middle[name])
+            left, back, up = local.translation
             parts = {"left": (left, *shift[0]), "advance": (-back, *shift[1]), "up": (up, *shift[2])}
             parts |= {key: (value, -most, most) for key, value, most in
-                      zip(("pitch", "roll", "yaw"), own.degrees, turn, strict=True)}  # fmt: skip
-            if found := [key for key, (value, low, high) in parts.items() if not low - 1e-6 <= value <= high + 1e-6]:
-                far[name] = found
+                      zip(("pitch", "roll", "yaw"), local.degrees, turn, strict=True)}  # fmt: skip
+            if outside := [key for key, (value, low, high) in parts.items() if not low - 1e-6 <= value <= high + 1e-6]:
+                far[name] = outside
         return far
 
     def _pairs(self) -> list[tuple[str, str]]:
@@ -152,8 +152,8 @@ class Jaws:
         if not lower.any() or not upper.any():
             return None
         edges = []
-        for own, lowest in ((upper, True), (lower, False)):
-            points = patient.bone_points[own]
+        for jaw, lowest in ((upper, True), (lower, False)):
+            points = patient.bone_points[jaw]
             middle = 0.5 * (points[:, 0].min() + points[:, 0].max())
             front = points[np.abs(points[:, 0] - middle) < 2 * EDGE]
             heights = front[:, 2]

@@ -25,7 +25,18 @@ from pinnochio.planner.forecast import Forecast, Forecaster
 from pinnochio.planner.jaws import named
 from pinnochio.planner.serving import serve
 from pinnochio.planner.session import SIDES, Session
-from pinnochio.planner.view import AXES, COLOURS, GHOST, MAPS, MOST_MOVED, PROFILE, SCAN, VIEWS, View, bone_colour
+from pinnochio.planner.view import (
+    AXES,
+    COLOURS,
+    GHOST,
+    MAPS,
+    MOST_MOVED,
+    PROFILE,
+    SCAN,
+    VIEWS,
+    FaceView,
+    bone_colour,
+)
 from pinnochio.planner.wishing import Fit, Wishing
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS, amount, segment_in_words
@@ -124,7 +135,7 @@ class Page(TrameApp):
         self.calibration = forecaster.calibration
         self.face = Face(forecaster.patient)
         middle = float(self.face.landmarks.positions[0, 0])
-        self.view = View(forecaster.patient, scale(self.calibration), middle, scan)
+        self.view = FaceView(forecaster.patient, scale(self.calibration), middle, scan)
         self._worker, self._following = ThreadPoolExecutor(1), False
         self._seeker, self._seeking = ThreadPoolExecutor(1), False  # its finite elements take seconds
         self._shown: dict[str, Forecast] = {}
@@ -240,7 +251,7 @@ class Page(TrameApp):
     @answered
     def _wish(self, name: str, text: str) -> None:
         """A measure is wished to be so, or, without a number, no longer."""
-        wishes = {own: value for own, value in self.state.wishes.items() if own != name}
+        wishes = {measure: value for measure, value in self.state.wishes.items() if measure != name}
         if str(text).strip():
             wishes[name] = self.wishing.wish(str(name), _number(text)).target
         self.state.wishes = wishes
@@ -300,8 +311,8 @@ class Page(TrameApp):
 
     def _differs(self, name: str, value: float) -> bool:
         """Whether the page has another value than the session."""
-        own = self.state[name]
-        return isinstance(own, bool) or not isinstance(own, int | float) or not abs(own - value) <= SAME
+        shown = self.state[name]
+        return isinstance(shown, bool) or not isinstance(shown, int | float) or not abs(shown - value) <= SAME
 
     def _read_session(self) -> None:
         """Show the edited plan's numbers."""
@@ -360,7 +371,7 @@ class Page(TrameApp):
                     self.session.take(fit.plan)
                     plan = self.session.draft.plan
                     self._follow()
-                    self._say(_found(fit))
+                    self._say(_fitted(fit))
         except (ValueError, KeyError, TypeError, FloatingPointError) as error:
             with self.state:
                 self._say(f"Not done: {error}", failed=True)
@@ -416,8 +427,8 @@ class Page(TrameApp):
                 unit = "°" if row.unit == "degree" else "mm"
                 measures.append({"name": row.name, "title": f"{row.title}, {unit}"} | numbers)
             else:
-                own = moved.setdefault(row.title, {"title": row.title, "half": written(row.half_width, 1)})
-                own[row.positive.split()[-1]] = written(row.change, 1, "+")
+                row_of = moved.setdefault(row.title, {"title": row.title, "half": written(row.half_width, 1)})
+                row_of[row.positive.split()[-1]] = written(row.change, 1, "+")
         return {"measures": measures, "landmarks": list(moved.values())}
 
     # What the page looks like.
@@ -546,10 +557,10 @@ class Page(TrameApp):
                 html.Td("{{ row.title }}")
                 html.Td("{{ row.before }}")
                 for side in SIDES:
-                    own = f"(rows.{side}.measures[place] || {{}})"
-                    html.Td(f"{{{{ {own}.after }}}}", v_if=(f"both || side == '{side}'",))
-                    html.Td(f"{{{{ {own}.change }}}}", v_if=(f"both || side == '{side}'",))
-                    html.Td(f"{{{{ {own}.half }}}}", v_if=(f"!both && side == '{side}'",))
+                    cell = f"(rows.{side}.measures[place] || {{}})"
+                    html.Td(f"{{{{ {cell}.after }}}}", v_if=(f"both || side == '{side}'",))
+                    html.Td(f"{{{{ {cell}.change }}}}", v_if=(f"both || side == '{side}'",))
+                    html.Td(f"{{{{ {cell}.half }}}}", v_if=(f"!both && side == '{side}'",))
                 with html.Td(v_if=("!both",)):
                     html.Input(
                         value=("wishes[row.name]",), type="number", step=0.5, style=WISHED, title="wished value",
@@ -619,7 +630,7 @@ class Page(TrameApp):
                 html.B(f"{way} →", style=f"color: {colour}")
 
 
-def _found(fit: Fit) -> str:
+def _fitted(fit: Fit) -> str:
     """What was found for a wish, in words."""
     by = "Finite elements" if fit.verified else "Proposal by the elastic map, which finite elements now verify"
     off = [f"{MEASURES[name].title} by {error:.1f}" for name, error in fit.missed.items() if not error <= fit.met]
@@ -635,14 +646,14 @@ def _number(text: object) -> float:
 
 def _label(name: str, segment: str) -> str:
     """What a slider moves, and which way its positive end is."""
-    own = amount(name, segment)
-    title, less = (f"{name}: ", own.less.split()[-1]) if own.unit == "°" else ("", own.less)
-    return f"{title}{own.more} (+) / {less} (−), {own.unit}"
+    part = amount(name, segment)
+    title, less = (f"{name}: ", part.less.split()[-1]) if part.unit == "°" else ("", part.less)
+    return f"{title}{part.more} (+) / {less} (−), {part.unit}"
 
 
 def _word(name: str, segment: str) -> str:
-    own = amount(name, segment)
-    return name if own.unit == "°" else f"{own.more} / {own.less}"
+    part = amount(name, segment)
+    return name if part.unit == "°" else f"{part.more} / {part.less}"
 
 
 def _warning(forecast: Forecast) -> str:

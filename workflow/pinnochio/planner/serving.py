@@ -74,23 +74,23 @@ def guard(secret: str):
         port = request.transport.get_extra_info("sockname")[1] if request.transport else None
         hosts = [f"{name}:{port}" for name in NAMES]
         cookie = f"{COOKIE}{port}"  # ports of one machine share their cookies
-        origin, given = request.headers.get("Origin"), request.query.get("secret")
+        origin, sent = request.headers.get("Origin"), request.query.get("secret")
         if (
             request.headers.getall("Host", [])[1:]
             or request.headers.get("Host") not in hosts
             or (origin is not None and origin not in [f"http://{host}" for host in hosts])
-            or not (_same(given, secret) or _same(request.cookies.get(cookie), secret))
+            or not (_same(sent, secret) or _same(request.cookies.get(cookie), secret))
         ):
             raise web.HTTPForbidden(text=REFUSED)
         try:
-            if request.path in PAGES and given is None:  # loaded again: the page needs the secret for itself
+            if request.path in PAGES and sent is None:  # loaded again: the page needs the secret for itself
                 raise web.HTTPFound(f"/index.html?secret={secret}")
             response = await handler(request)
         except web.HTTPException as other:  # a redirection among them
             response = other
         if not response.prepared:
             response.headers.update(HEADERS)
-            if given is not None:
+            if sent is not None:
                 response.set_cookie(cookie, secret, httponly=True, samesite="Strict")
         if isinstance(response, web.HTTPException):
             raise response
@@ -99,5 +99,5 @@ def guard(secret: str):
     return passes
 
 
-def _same(given: str | None, secret: str) -> bool:
-    return given is not None and secrets.compare_digest(given.encode(), secret.encode())
+def _same(sent: str | None, secret: str) -> bool:
+    return sent is not None and secrets.compare_digest(sent.encode(), secret.encode())

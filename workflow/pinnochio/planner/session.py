@@ -90,7 +90,7 @@ class Session:
         first = next(iter(plans), REST)
         self.drafts = {side: Draft(self.plans[name]) for side, name in zip(SIDES, (first, REST), strict=True)}
         relations = (self.jaws.relation(plan) for plan in self.plans.values())
-        self._occlusion = next((own for own in relations if own is not None), None)
+        self._occlusion = next((relation for relation in relations if relation is not None), None)
 
     @property
     def draft(self) -> Draft:
@@ -119,9 +119,9 @@ class Session:
 
     def change(self, segment: str, quantity: str, value: float) -> None:
         """Set one part of a segment's motion; ValueError where it is no number that a bone can move by."""
-        own = AMOUNTS.get(quantity)
-        most = LARGEST_TRANSLATION if own and own.unit == "mm" else LARGEST_TURN
-        if own is None or isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= most:
+        known = AMOUNTS.get(quantity)
+        most = LARGEST_TRANSLATION if known and known.unit == "mm" else LARGEST_TURN
+        if known is None or isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= most:
             raise ValueError(f"{str(quantity)[:20]} of {str(value)[:20]} is not between {-most:g} and {most:g}")
         motion = motion_of(self.values(segment) | {quantity: float(value)}, self._motion(segment).pivot)
         self._put({segment: motion}, (segment, quantity))
@@ -150,9 +150,9 @@ class Session:
         rest, plan = self.plans[REST], self.plans[REST]
         for part, amount in PRESETS[name].items():
             for segment in self._of(part):
-                own = rest.motion(segment)
+                unmoved = rest.motion(segment)
                 motion = self.jaws.final(plan, self._occlusion) if amount == "final" else motion_of(
-                    dict.fromkeys(AMOUNTS, 0.0) | amount, own.pivot
+                    dict.fromkeys(AMOUNTS, 0.0) | amount, unmoved.pivot
                 )  # fmt: skip
                 plan = self._moved(plan, {segment: motion}, locked=False, carry=True)
         self.draft.change(plan)
@@ -189,8 +189,8 @@ class Session:
         plan, patient, name = self.draft.plan, self.patient, str(name)
         check_name(self.case, name, self.home / "plans")
         file, folder = self.home / f"plans/{name}.json", self.home / f"transforms/{name}"
-        own = name in self.plans and name not in self._opened
-        if name in self._opened or (file.exists() and not own):
+        saved = name in self.plans and name not in self._opened
+        if name in self._opened or (file.exists() and not saved):
             raise InputError(self.case, file, f"there is a plan {name!r} already", "choose another name")
         bone = BoneSurface(patient.bone_points, patient.bone_normals, patient.bone_faces, patient.bone_segment)
         check_travel(plan, bone, patient.segments, file)
@@ -221,7 +221,7 @@ class Session:
         moved = plan_with(plan, new)
         if carry and set(new) & set(self.jaws.lower):
             rami = self.jaws.carried(moved, plan)
-            moved = plan_with(moved, {name: own for name, own in rami.items() if name not in motions})
+            moved = plan_with(moved, {name: turned for name, turned in rami.items() if name not in motions})
         return moved
 
     def _for_hands(self, plan: Plan) -> Plan:

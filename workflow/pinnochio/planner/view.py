@@ -30,7 +30,7 @@ WITHIN = 0.3  # mm by which the ghost lies within the skin before
 AHEAD = 4.0  # mm in front of the face: the midline
 
 
-class View:
+class FaceView:
     """A window with a renderer for each side.
 
     limit: upper end of the colours of the half-width, mm; scan: points (k, 3) mm and faces of the post-operative skin.
@@ -41,14 +41,14 @@ class View:
         self.plotter.render_window.SetMultiSamples(0)  # smoothed edges take four times as long without a GPU [X]
         self._patient, self._both = patient, False
         self._sides: dict[str, Side] = {}
-        profile = Profile(patient.skin_points, patient.skin_faces, middle)
+        profile = MidlineProfile(patient.skin_points, patient.skin_faces, middle)
         for column, side in enumerate(SIDES):
             self.plotter.subplot(0, column)
             self._sides[side] = Side(self.plotter, patient, limit, scan)
         self.plotter.link_views()
         window = self.plotter.render_window
         self._marks = {
-            name: Marks(window, side.renderer.camera, profile, patient.skin_points, middle)
+            name: SideMarks(window, side.renderer.camera, profile, patient.skin_points, middle)
             for name, side in self._sides.items()
         }
         self.look("oblique")
@@ -80,9 +80,9 @@ class View:
 
     def compare(self, both: bool, side: str) -> None:
         """Show both sides beside each other, or one alone."""
-        for column, (name, own) in enumerate(self._sides.items()):
+        for column, (name, drawn) in enumerate(self._sides.items()):
             viewport = (column / len(SIDES), 0, (column + 1) / len(SIDES), 1) if both else (0, 0, 1, 1)
-            for renderer in (own.renderer, self._marks[name].renderer):
+            for renderer in (drawn.renderer, self._marks[name].renderer):
                 renderer.SetViewport(*viewport)
                 renderer.SetDraw(both or name == side)
         if both != self._both:
@@ -120,9 +120,9 @@ class Side:
         )  # fmt: skip
         self.bones, self._bone_meshes = [], {}
         for index in np.unique(patient.bone_segment):
-            own = patient.bone_segment == index
-            faces = (np.cumsum(own) - 1)[patient.bone_faces[own[patient.bone_faces[:, 0]]]]
-            self._bone_meshes[index] = pv.PolyData.from_regular_faces(patient.bone_points[own], faces)
+            bone = patient.bone_segment == index
+            faces = (np.cumsum(bone) - 1)[patient.bone_faces[bone[patient.bone_faces[:, 0]]]]
+            self._bone_meshes[index] = pv.PolyData.from_regular_faces(patient.bone_points[bone], faces)
             self.bones.append(plotter.add_mesh(self._bone_meshes[index], color=bone_colour(index)))
         # Somewhat within, so that it shows only where the face has gone from.
         inside = patient.skin_points - WITHIN * vertex_normals(patient.skin_points, patient.skin_faces)
@@ -152,14 +152,14 @@ class Side:
             mesh.points = moved[self._patient.bone_segment == index]
 
 
-class Profile:
+class MidlineProfile:
     """Where the plane of the midline cuts the skin, as lines that go with its points (s, 3) mm."""
 
     def __init__(self, points: np.ndarray, faces: np.ndarray, middle: float):
         side = points[:, 0] - middle
         front = points[faces][:, :, 1].max(axis=1) < np.median(points[:, 1])  # not the back of the head
-        own = faces[front]
-        edges = own[:, [[0, 1], [1, 2], [2, 0]]]
+        shown = faces[front]
+        edges = shown[:, [[0, 1], [1, 2], [2, 0]]]
         cut = (side[edges[:, :, 0]] < 0) != (side[edges[:, :, 1]] < 0)
         self._edges = edges[cut.sum(axis=1) == 2][cut[cut.sum(axis=1) == 2]]
         ends = side[self._edges]
@@ -172,11 +172,13 @@ class Profile:
         return start + self._share * (end - start)
 
 
-class Marks:
+class SideMarks:
     """Pivot with axes, profile, midline and collisions in a layer of their own, which no skin hides, seen from the
     camera of a side."""
 
-    def __init__(self, window: vtkRenderWindow, camera: pv.Camera, profile: Profile, skin: np.ndarray, middle: float):
+    def __init__(
+        self, window: vtkRenderWindow, camera: pv.Camera, profile: MidlineProfile, skin: np.ndarray, middle: float
+    ):
         self.renderer = vtkRenderer()
         self.renderer.SetLayer(window.GetNumberOfLayers())
         window.SetNumberOfLayers(window.GetNumberOfLayers() + 1)

@@ -35,7 +35,7 @@ class Wishing:
 
     def __init__(self, patient: PatientModel, case: str, fem: FemSettings, settings: Mapping):
         self._patient, self._case, self._fem, self._settings = patient, case, fem, settings
-        self._own = InverseSettings.of(settings)
+        self._inverse = InverseSettings.of(settings)
         self._freedoms = freedoms(patient, settings["operations"], settings["bounds"])
         self._marks, self._face = Marks.of(patient), None
 
@@ -63,10 +63,10 @@ class Wishing:
         if not wish or operation not in self._freedoms:
             raise ValueError("nothing is wished" if not wish else f"there is no operation {str(operation)[:40]!r}")
         self._face = self._face or Face(self._patient, self._fem)
-        for corrections in (0, self._own.corrections):
-            own = replace(self._own, corrections=corrections)
-            proposal, _ = propose(self._face, wish, self._freedoms[operation], operation, self._case, own)
+        for corrections in (0, self._inverse.corrections):
+            settings = replace(self._inverse, corrections=corrections)
+            proposal, _ = propose(self._face, wish, self._freedoms[operation], operation, self._case, settings)
             if corrections and not proposal.solved:
                 raise ValueError("finite elements of the proposal did not converge; the elastic map's plan is kept")
             missed = {item.name: item.error(proposal.displacement) for item in wish}
-            yield Fit(proposal.plan, missed, bool(corrections), self._own.met)
+            yield Fit(proposal.plan, missed, bool(corrections), self._inverse.met)

@@ -109,10 +109,10 @@ def rounded(table: str) -> str:
     return re.sub(r"(?<!\d)(-?\d+\.\d{3,4})(?: ± (\d+\.\d{3,4}))?(?!\d)", _rounded, table)
 
 
-def _rounded(found: re.Match) -> str:
+def _rounded(match: re.Match) -> str:
     """A number of three or four decimals, with its spread where it has one, to two where that is a tenth or more."""
-    numbers = [float(text) for text in found.groups() if text]
-    return " ± ".join(f"{value:.2f}" for value in numbers) if abs(numbers[-1]) >= 0.1 else found[0]
+    numbers = [float(text) for text in match.groups() if text]
+    return " ± ".join(f"{value:.2f}" for value in numbers) if abs(numbers[-1]) >= 0.1 else match[0]
 
 
 def _packed(text: str) -> str:

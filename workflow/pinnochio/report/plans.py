@@ -54,7 +54,7 @@ def write_plans(
     """Write the page; level: of the interval, None without one."""
     colours = [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 1, SHADES))]
     used, faces = np.unique(patient.skin_faces, return_inverse=True)
-    moved = [(patient.moved_skin(own.displacement) - patient.skin_points)[used] for own in plans]
+    moved = [(patient.moved_skin(shown.displacement) - patient.skin_points)[used] for shown in plans]
     view = {
         "points": _encode(patient.skin_points[used], "<f4"),
         "faces": _encode(faces.reshape(patient.skin_faces.shape), "<i4"),
@@ -72,14 +72,14 @@ def write_plans(
         level="" if level is None else f"{100 * level:g} %",
         plans=[
             {
-                "name": own.name,
-                "page": own.page,
-                "verdict": own.verdict,
-                "motions": motions_in_words(patient, own.plan),
+                "name": shown.name,
+                "page": shown.page,
+                "verdict": shown.verdict,
+                "motions": motions_in_words(patient, shown.plan),
             }
-            for own in plans
+            for shown in plans
         ],
-        numbers=_numbers([own.measures for own in plans]),
+        numbers=_numbers([shown.measures for shown in plans]),
         colours=colours[:: SHADES // 8],
         farthest=f"{FARTHEST:g}",
         view=view,
@@ -93,15 +93,15 @@ def _numbers(tables: Sequence[pd.DataFrame]) -> list[dict]:
     """The measures (without the ways of landmarks) of every plan: after, change and half-width."""
     rows = []
     for place, row in tables[0].iterrows():
-        if not np.isfinite([own.loc[place, "after"] for own in tables]).any():
+        if not np.isfinite([table.loc[place, "after"] for table in tables]).any():
             continue
         digits, unit = (0, "°") if row["unit"] == "degree" else (1, "mm")
         texts = []
-        for own in tables:
-            width = own.loc[place, "half_width"]
+        for table in tables:
+            width = table.loc[place, "half_width"]
             beside = f" ± {written(width, 1)}" if np.isfinite(width) else ""
-            change = written(own.loc[place, "change"], 1, "+")
-            texts.append(f"{written(own.loc[place, 'after'], digits)}{beside} ({change})")
+            change = written(table.loc[place, "change"], 1, "+")
+            texts.append(f"{written(table.loc[place, 'after'], digits)}{beside} ({change})")
         rows.append({"title": f"{row['title']}, {unit}", "before": written(row["before"], digits), "plans": texts})
     return rows
 

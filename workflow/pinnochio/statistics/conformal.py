@@ -66,7 +66,7 @@ def half_width(errors: Sequence[np.ndarray], level: float) -> float:
     if not errors:
         return np.inf
     values = np.concatenate(errors)
-    weights = np.repeat([1 / len(own) for own in errors], [len(own) for own in errors]) / (len(errors) + 1)
+    weights = np.repeat([1 / len(part) for part in errors], [len(part) for part in errors]) / (len(errors) + 1)
     order = np.argsort(values)
     reached = np.cumsum(weights[order]) >= level - 1e-9
     return float(values[order][reached.argmax()]) if reached.any() else np.inf
@@ -89,18 +89,18 @@ def coverage(patients: Sequence[HeldOut], level: float, seed: int = 0) -> pd.Dat
     every, by_fold = half_widths(patients, level), np.array(list(widths.values()))
     rows = []
     for code, name in enumerate([*NAMES, FACE]):
-        own = [patient for patient in patients if code == len(NAMES) or len(patient.of(code))]
-        shares = np.array([_share(patient, widths[patient.fold], code) for patient in own])
-        errors = [patient.error if name == FACE else patient.of(code) for patient in own]
+        with_region = [patient for patient in patients if code == len(NAMES) or len(patient.of(code))]
+        shares = np.array([_share(patient, widths[patient.fold], code) for patient in with_region])
+        errors = [patient.error if name == FACE else patient.of(code) for patient in with_region]
         measured = shares[np.isfinite(shares)]
         low, high = bootstrap_interval(measured, derive_seed(seed, "coverage", name))
         rows.append(
             {
                 "region": name,
                 "level": 100 * level,
-                "n": len(own),
-                "points": np.mean([len(values) for values in errors]) if own else np.nan,
-                "error_mean": np.mean([values.mean() for values in errors]) if own else np.nan,
+                "n": len(with_region),
+                "points": np.mean([len(values) for values in errors]) if with_region else np.nan,
+                "error_mean": np.mean([values.mean() for values in errors]) if with_region else np.nan,
                 "coverage_mean": measured.mean() if len(measured) else np.nan,
                 "coverage_sd": measured.std(ddof=1) if len(measured) > 1 else np.nan,
                 "coverage_low": low,

@@ -146,9 +146,9 @@ def interval(patient: PatientModel, displacements, calibration: Calibration, reg
     return Interval(mean, spread, np.sqrt(q[region] ** 2 + z**2 * excess), region)
 
 
-def widened(own: Interval, factor: float) -> Interval:
+def widened(result: Interval, factor: float) -> Interval:
     """The interval of a plan that lies beyond those it was calibrated on, `factor` times as wide."""
-    return replace(own, half_width=factor * own.half_width)
+    return replace(result, half_width=factor * result.half_width)
 
 
 def repaired_interval(

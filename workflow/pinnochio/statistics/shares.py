@@ -36,6 +36,6 @@ def explained(errors, baseline, floor, seed: int, draws: int = 10_000) -> Share:
 
 def _share(means):
     """The share of means (3, ...) of errors, baseline and floor; NaN where there is nothing to explain."""
-    own, baseline, floor = means
+    error, baseline, floor = means
     room = baseline - floor
-    return np.where(room > 0, (baseline - own) / np.where(room > 0, room, 1), np.nan)
+    return np.where(room > 0, (baseline - error) / np.where(room > 0, room, 1), np.nan)

@@ -46,8 +46,8 @@ def tabulate(
 
 def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = (), paragraphs: Sequence[str] = ()) -> Table:
     """The table in the form of the paper's Table 1; bold: best; *: Holm p < 0.05; then bounds and further blocks."""
-    own, bounds = frame[~frame["bound"]], frame[frame["bound"]]
-    tested = attainable(int(own["n"].max()), len(own) - 1)
+    methods, bounds = frame[~frame["bound"]], frame[frame["bound"]]
+    tested = attainable(int(methods["n"].max()), len(methods) - 1)
     view = [
         *views(COMPARISON, {"method": "Method"}),
         View("CD mm", starred(spread("cd")), -1),
@@ -66,12 +66,12 @@ def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = (), parag
         else "No p is shown: of so few patients no outcome could be significant."
     )
     caption = (
-        f"Accuracy on the {cohort}, {count(own['n'])} patients: mean ± standard deviation. Bold: best mean. {test} "
+        f"Accuracy on the {cohort}, {count(methods['n'])} patients: mean ± standard deviation. Bold: best mean. {test} "
         f"Seconds: one plan, warm, with other jobs beside it. Explained: what CD is below that of {BASELINE}, as "
         f"a share of what that is above {FLOOR}, with its bootstrap 95% interval over patients; without these two "
         "there is none."
     )
-    blocks = [Block.of(own, view, caption)]
+    blocks = [Block.of(methods, view, caption)]
     if len(bounds):
         blocks.append(
             Block.of(bounds, [replace(column, sign=0) for column in view], bounds_caption(bounds["method"]), "Bounds")

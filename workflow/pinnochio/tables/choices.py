@@ -65,7 +65,7 @@ def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequ
     rows: of TRADEOFF_CASES, of two patients at least. A tolerance is tried where there is a reference.
     """
     summaries = {case: summarise(rows[rows["case"] != case]) for case in rows["case"].unique()}
-    own = rows.set_index(["case", "method", "parameter", "value"])
+    keyed = rows.set_index(["case", "method", "parameter", "value"])
     judged_by = {"budget_seconds": "seconds", "tolerance_mm": "face_error"}
     tried = []
     for name, limits in (("budget_seconds", budgets), ("tolerance_mm", tolerances)):
@@ -76,9 +76,9 @@ def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequ
                     chosen = choose_setting(summary, **{name: limit})
                 except InputError:
                     continue
-                found = own.loc[(case, chosen["method"], chosen["parameter"], chosen["value"])]
-                if np.isfinite(found[judged_by[name]]):
-                    pairs.append((chosen, found))
+                taken = keyed.loc[(case, chosen["method"], chosen["parameter"], chosen["value"])]
+                if np.isfinite(taken[judged_by[name]]):
+                    pairs.append((chosen, taken))
             row = {"asked": f"{name} {limit:g}", "n": len(pairs), "kept": 0, "setting": "none"}
             if pairs:
                 expected, measured = (pd.DataFrame(side).reset_index(drop=True) for side in zip(*pairs, strict=True))

@@ -15,7 +15,7 @@ from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.tables.published import OURS, SOURCE, TABLE_1, TABLE_2, VARIANTS
 
 LEVEL = 0.05  # of Holm's p
-OWN = "PINNOCHIO"  # the paper's own method, by its name there
+PAPERS = "PINNOCHIO"  # the paper's own method, by its name there
 REPRODUCED, OPPOSITE, OPEN, ABSENT = "reproduced", "opposite", "not reproduced", "not measured"
 # By the paper's columns: the column of cases, and whether large (1) or small (-1) is good. J and residual are those of
 # the network's own field.
@@ -95,7 +95,7 @@ def _compared(cases: pd.DataFrame, published: pd.DataFrame, names: Mapping[str, 
     return [
         _claim(cases, theirs, worse, measure, names, seed)
         for worse in theirs.index
-        if worse != OWN
+        if worse != PAPERS
         for measure in MEASURES
         if f"{measure}_mean" in theirs
     ]
@@ -103,9 +103,9 @@ def _compared(cases: pd.DataFrame, published: pd.DataFrame, names: Mapping[str, 
 
 def _claim(cases, theirs, worse: str, measure: str, names: Mapping[str, str], seed: int) -> dict:
     name, sign = MEASURES[measure]
-    one, two = names[OWN], names[worse]
+    one, two = names[PAPERS], names[worse]
     row = {"better": one, "worse": two, "measure": name, "unit": BY_NAME[name].unit, "sign": sign}
-    row |= {f"theirs_{end}": theirs.loc[who, f"{measure}_mean"] for end, who in (("better", OWN), ("worse", worse))}
+    row |= {f"theirs_{end}": theirs.loc[who, f"{measure}_mean"] for end, who in (("better", PAPERS), ("worse", worse))}
     if not {one, two} <= set(cases["method"]):
         absent = " and ".join(method for method in (one, two) if method not in set(cases["method"]))
         return row | {"test": f"{absent} not in the study"}

@@ -108,15 +108,15 @@ def summarise(
         raise InputError("-", "cases", f"method {unknown[0]!r} has no row", "predict and evaluate it first")
     rows, errors = [], cases.pivot(index="case", columns="method", values="cd")
     for method in [*methods, *bounds]:
-        own = cases[cases["method"] == method]
+        group = cases[cases["method"] == method]
         row = {"method": method, "reference": method == reference, "bound": method in bounds}
-        row["n"] = int(own["cd"].notna().sum())
-        row["failed"] = int((own["cd"].isna() | ~own["converged"]).sum())
+        row["n"] = int(group["cd"].notna().sum())
+        row["failed"] = int((group["cd"].isna() | ~group["converged"]).sum())
         for name, spread in SUMMARISED.items():
-            row[f"{name}_mean"] = own[name].mean()
+            row[f"{name}_mean"] = group[name].mean()
             if spread:
-                row[f"{name}_sd"] = own[name].std()
-        row["inverted"] = own["inverted"].sum()
+                row[f"{name}_sd"] = group[name].std()
+        row["inverted"] = group["inverted"].sum()
         if {BASELINE, FLOOR} <= set(errors):
             common = errors[list(dict.fromkeys([method, BASELINE, FLOOR]))].dropna()
             share = explained(common[method], common[BASELINE], common[FLOOR], derive_seed(seed, "explained", method))
@@ -145,16 +145,16 @@ def paired(
     return compare(errors[method], errors[reference], seed)
 
 
-def by_patient(own: pd.DataFrame, reference: pd.DataFrame, seed: int) -> Comparison:
+def by_patient(tested: pd.DataFrame, reference: pd.DataFrame, seed: int) -> Comparison:
     """`cd` of rows with one `case` each against that of others, over the patients that both have."""
-    both = pd.concat([rows.set_index("case")["cd"] for rows in (own, reference)], axis=1, keys=("own", "reference"))
+    both = pd.concat([rows.set_index("case")["cd"] for rows in (tested, reference)], axis=1, keys=("one", "other"))
     both = both.dropna()
-    return compare(both["own"], both["reference"], seed)
+    return compare(both["one"], both["other"], seed)
 
 
-def against_baseline(own: pd.DataFrame, baseline: pd.DataFrame, seed: int) -> dict:
+def against_baseline(tested: pd.DataFrame, baseline: pd.DataFrame, seed: int) -> dict:
     """The cells of AGAINST_BASELINE; empty where nothing can be compared."""
-    test = by_patient(own, baseline, seed)
+    test = by_patient(tested, baseline, seed)
     return {"sliding_difference": test.mean, "sliding_low": test.low, "sliding_high": test.high}
 
 

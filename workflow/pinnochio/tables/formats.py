@@ -120,11 +120,11 @@ FORMATS = {".md": _markdown, ".tex": _latex, ".html": _html}
 
 def write_twins(document: str | os.PathLike) -> None:
     """Write Markdown, LaTeX and HTML beside the document of a :class:`~pinnochio.tables.document.Table`."""
-    own = read_stored_json(document)
+    content = read_stored_json(document)
     shown = {
-        "blocks": [_spoken(block) for block in own["blocks"]],
-        "paragraphs": [spoken(text) for text in own["paragraphs"]],
-        "columns": own["columns"],
+        "blocks": [_spoken(block) for block in content["blocks"]],
+        "paragraphs": [spoken(text) for text in content["paragraphs"]],
+        "columns": content["columns"],
     }
     for suffix, template in FORMATS.items():
         with replacing(Path(document).with_suffix(suffix)) as temporary:

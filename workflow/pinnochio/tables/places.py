@@ -88,7 +88,7 @@ def summarise(
     cases = check(cases, CASES)
     rows = []
     for method in [*methods, *bounds]:
-        own = cases[cases["method"] == method]
+        part = cases[cases["method"] == method]
         for place in places:
             drawn = derive_seed(seed, "bootstrap", f"{place.error}/{method}")
             test = paired(cases, place.error, method, reference, drawn, bounds)
@@ -98,10 +98,10 @@ def summarise(
                     "place": place.name,
                     "reference": method == reference,
                     "bound": method in bounds,
-                    "n": int(own[place.error].notna().sum()),
-                    "mean": own[place.error].mean(),
-                    "sd": own[place.error].std(),
-                    "bias": own[place.bias].mean() if place.bias else np.nan,
+                    "n": int(part[place.error].notna().sum()),
+                    "mean": part[place.error].mean(),
+                    "sd": part[place.error].std(),
+                    "bias": part[place.bias].mean() if place.bias else np.nan,
                     "pairs": test.n,
                     "difference": test.mean,
                     "low": test.low,
@@ -121,7 +121,7 @@ def table(frame: pd.DataFrame, groups: Sequence[Group], cohort: str) -> Table:
     reference = ", ".join(frame.loc[frame["reference"], "method"].unique()) or "the reference"
     n = count(frame.loc[frame["n"] > 0, "n"]) if frame["n"].any() else "n = 0"
     cells = frame.set_index(["place", "method"])
-    every, bounds = (pd.DataFrame({"method": own["method"].unique()}) for own in (frame, frame[frame["bound"]]))
+    every, bounds = (pd.DataFrame({"method": part["method"].unique()}) for part in (frame, frame[frame["bound"]]))
     methods = every[~every["method"].isin(bounds["method"])]
 
     def block(rows: pd.DataFrame, places: Sequence[Place], text, sign: int, caption: str, title: str) -> Block:

@@ -54,14 +54,14 @@ def summarise(arms: dict[str, pd.DataFrame], methods: Sequence[str], seed: int) 
     """One row of PLANNED per method, over the patients that it predicts in both arms."""
     rows = []
     for method in methods:
-        own = {arm: frame[frame["method"] == method].set_index("case")[list(COMPARED)] for arm, frame in arms.items()}
-        both = own["achieved"].dropna().index.intersection(own["planned"].dropna().index)
+        cases = {arm: frame[frame["method"] == method].set_index("case")[list(COMPARED)] for arm, frame in arms.items()}
+        both = cases["achieved"].dropna().index.intersection(cases["planned"].dropna().index)
         row = {"method": method, "n": len(both)}
-        for arm, values in own.items():
+        for arm, values in cases.items():
             for name in COMPARED:
                 row[f"{name}_{arm}_mean"] = values.loc[both, name].mean()
                 row[f"{name}_{arm}_sd"] = values.loc[both, name].std()
-        pair = [own[arm].loc[both, "cd"] for arm in ("planned", "achieved")]
+        pair = [cases[arm].loc[both, "cd"] for arm in ("planned", "achieved")]
         test = compare(*pair, derive_seed(seed, "bootstrap planned", method))
         row |= {"cost": test.mean, "cost_low": test.low, "cost_high": test.high, "p": test.p, "test": test.statement}
         rows.append(row)

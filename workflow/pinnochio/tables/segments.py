@@ -36,17 +36,17 @@ def tabulate(
     order of `cases`; their comparison is evaluation and stands nowhere but here.
     """
     frame = read_tables(fits, FITS).assign(error_mean=np.nan, error_max=np.nan, error_degrees=np.nan)
-    for case, found, true, bone in zip(cases, achieved, executed, bones, strict=True) if executed else ():
-        errors = motion_errors(Plan.read(found, case), Plan.read(true, case), BoneSurface.read(bone))
+    for case, registered, true, bone in zip(cases, achieved, executed, bones, strict=True) if executed else ():
+        errors = motion_errors(Plan.read(registered, case), Plan.read(true, case), BoneSurface.read(bone))
         for name, values in errors.items():
             frame.loc[(frame["case"] == case) & (frame["segment"] == name), list(values)] = list(values.values())
     return table(frame, cohort)
 
 
-def motion_errors(found: Plan, true: Plan, bone: BoneSurface) -> dict[str, dict[str, float]]:
+def motion_errors(registered: Plan, true: Plan, bone: BoneSurface) -> dict[str, dict[str, float]]:
     """By segment of `found`: error_mean and error_max (mm) over its surface, error_degrees."""
     errors = {}
-    for name, motion in found.motions.items():
+    for name, motion in registered.motions.items():
         points = bone.points[bone.segment == bone.segments.index(name)]
         off = np.linalg.norm(motion.apply(points) - true.motion(name).apply(points), axis=1)
         turned = motion.angle_from(true.motion(name))

@@ -46,18 +46,18 @@ def stages(folder: str | os.PathLike) -> pd.DataFrame:
         for path in sorted(Path(folder).glob("*/**/*.tsv"))
     ]
     runs = pd.concat(runs) if runs else pd.DataFrame(columns=[*MEASURED, "rule"])
-    parts = {rule: own for rule, own in runs.groupby("rule")} | {TOTAL: runs}
+    parts = {rule: part for rule, part in runs.groupby("rule")} | {TOTAL: runs}
     rows = [
         {
             "rule": rule,
-            "jobs": len(own),
-            "seconds": own["s"].sum(),
-            "mean": own["s"].mean(),
-            "longest": own["s"].max(),
-            "cpu_seconds": own["cpu_time"].sum(),
-            "memory": own["max_rss"].max(),
+            "jobs": len(part),
+            "seconds": part["s"].sum(),
+            "mean": part["s"].mean(),
+            "longest": part["s"].max(),
+            "cpu_seconds": part["cpu_time"].sum(),
+            "memory": part["max_rss"].max(),
         }
-        for rule, own in parts.items()
+        for rule, part in parts.items()
     ]
     frame = pd.DataFrame(rows)
     order = frame.assign(last=frame["rule"] == TOTAL).sort_values(

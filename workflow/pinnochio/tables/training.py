@@ -73,10 +73,10 @@ def budget(
     for method, phases in settings.items():
         row = {"method": method, "parameters": parameters(networks[method][0]), "folds": len(folds)}
         for phase, job in PHASES.items():
-            own = phases.get(phase) or {}
-            row[f"{phase}_steps"] = own.get("steps", np.nan)
-            row[f"{phase}_samples"] = own.get("steps", np.nan) * own.get("batch", 1)
-            row |= {f"{phase}_{key}": own.get(key, np.nan) for key in ("validation", "patience")}
+            section = phases.get(phase) or {}
+            row[f"{phase}_steps"] = section.get("steps", np.nan)
+            row[f"{phase}_samples"] = section.get("steps", np.nan) * section.get("batch", 1)
+            row |= {f"{phase}_{key}": section.get(key, np.nan) for key in ("validation", "patience")}
             row[f"{phase}_seconds"] = _mean_seconds([Path(benchmarks, job, f"{fold}_{method}.tsv") for fold in folds])
             ended = [convergence(path, rule["part"]) for path in histories.get((method, phase), [])]
             row |= {f"{phase}_{key}": value for key, value in _ended(ended, rule["fall"]).items()}
@@ -88,12 +88,12 @@ def _ended(folds: Sequence[Convergence], limit: float) -> dict:
     """What the folds' trainings have in common."""
     if not folds:
         return {"done": np.nan, "fall": np.nan, "flat": np.nan, "curve": ""}
-    falls = [own.fall for own in folds if not np.isnan(own.fall)]
+    falls = [fold.fall for fold in folds if not np.isnan(fold.fall)]
     return {
-        "done": min(own.done for own in folds),
+        "done": min(fold.done for fold in folds),
         "fall": 100 * float(np.median(falls)) if falls else np.nan,
-        "flat": sum(own.flat(limit) for own in folds),
-        "curve": "held back" if all(own.held_back for own in folds) else "trained on",
+        "flat": sum(fold.flat(limit) for fold in folds),
+        "curve": "held back" if all(fold.held_back for fold in folds) else "trained on",
     }
 
 
@@ -129,8 +129,8 @@ def table(frame: pd.DataFrame, cohort: str, rule: Mapping[str, float]) -> Table:
         return both(lambda row, phase: _TRAINING[f"{phase}_{key}"].text(row[f"{phase}_{key}"]))
 
     def steps(row, phase):
-        asked, done = (_TRAINING[f"{phase}_{key}"].text(row[f"{phase}_{key}"]) for key in ("steps", "done"))
-        return asked if done in (asked, "") else f"{done} of {asked}"
+        set_steps, done = (_TRAINING[f"{phase}_{key}"].text(row[f"{phase}_{key}"]) for key in ("steps", "done"))
+        return set_steps if done in (set_steps, "") else f"{done} of {set_steps}"
 
     def flat(row, phase):
         folds, fall = (_TRAINING[f"{phase}_{key}"].text(row[f"{phase}_{key}"]) for key in ("flat", "fall"))

@@ -34,8 +34,8 @@ class CaseFiles:
 
 def case_files(cases: Sequence[str], lifts: Sequence[str], **files: Sequence[str]) -> list[CaseFiles]:
     """Of each case; files: by the names of :class:`CaseFiles`, in the order of the cases, or none, as lifts may be."""
-    rows = zip(cases, *(own or [None] * len(cases) for own in (lifts, *files.values())), strict=True)
-    return [CaseFiles(case, lift=lift, **dict(zip(files, own, strict=True))) for case, lift, *own in rows]
+    rows = zip(cases, *(paths or [None] * len(cases) for paths in (lifts, *files.values())), strict=True)
+    return [CaseFiles(case, lift=lift, **dict(zip(files, paths, strict=True))) for case, lift, *paths in rows]
 
 
 def read_fem_samples(path: File, case: str) -> list[tuple[Plan, np.ndarray]]:

@@ -44,9 +44,9 @@ def convergence(history: str | os.PathLike, part: float) -> Convergence:
         seen = np.isfinite(looks)
         at, errors = steps[seen], looks[seen]
     else:
-        pieces = [own for own in np.array_split(np.arange(len(steps)), PARTS) if len(own)]
-        at = np.array([steps[own[-1]] + 1 for own in pieces])
-        errors = np.array([np.nanmedian(data[own]) for own in pieces])
+        pieces = [piece for piece in np.array_split(np.arange(len(steps)), PARTS) if len(piece)]
+        at = np.array([steps[piece[-1]] + 1 for piece in pieces])
+        errors = np.array([np.nanmedian(data[piece]) for piece in pieces])
     before = errors[at <= (1 - part) * done]
     late = errors[at > (1 - part) * done]
     if not len(before) or not len(late):

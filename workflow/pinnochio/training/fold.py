@@ -70,7 +70,7 @@ def train_fold(
     """
     training, checkpoint = learner.training, Path(out).with_suffix(".resume.pt")
     samples, checks = [], []
-    for files, checked in zip(cases, held_back([own.case for own in cases], training.validation), strict=True):
+    for files, checked in zip(cases, held_back([files.case for files in cases], training.validation), strict=True):
         (checks if checked else samples).extend(learner.read(files))
     if pretrained is None:
         torch.manual_seed(derive_seed(seed, phase, "weights"))

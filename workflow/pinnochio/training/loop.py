@@ -128,13 +128,13 @@ def train(
         mirror = bool(settings.mirror and rng.random() < 0.5)
         wanted = bool(settings.weights["physics"])
         shown = tuple(sample_at(step * settings.batch + n, samples, seed, phase) for n in range(settings.batch))
-        asked = Step(shown, mirror, wanted, anneal, step / settings.steps, rng)
+        drawn = Step(shown, mirror, wanted, anneal, step / settings.steps, rng)
         weights = dict(settings.weights)
         if settings.physics_target and wanted:
             target = settings.physics_target * weights["data"] * balance.ratio
             weights["physics"] = min(weights["physics"], target)
         weights["physics"] *= rising
-        values = gradients(asked, weights) if gradients else terms(asked)
+        values = gradients(drawn, weights) if gradients else terms(drawn)
         total = sum(weights[name] * value for name, value in values.items() if weights[name])
         if not gradients:
             optimizer.zero_grad()

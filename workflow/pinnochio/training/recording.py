@@ -46,16 +46,16 @@ class Recorded:
     def __call__(self, step: Step, weights: Mapping[str, float]) -> dict[str, Tensor]:
         """Leave the gradient of the weighted mean over the step's samples in the parameters; the mean terms."""
         for weight in self._parameters:
-            self._own(weight)
+            self._check_gradient(weight)
         torch._foreach_zero_([weight.grad for weight in self._parameters])
         share, device = 1 / len(step.samples), self._parameters[0].device
         for name, value in weights.items():
-            own = self._weights.setdefault(name, torch.zeros((), device=device))
-            own.fill_(share * value)
+            factor = self._weights.setdefault(name, torch.zeros((), device=device))
+            factor.fill_(share * value)
         each = [self._run(self._piece(sample, step)) for sample in step.samples]
         return {name: sum(terms[name] for terms in each) * share for name in each[0]}
 
-    def _own(self, weight: nn.Parameter) -> None:
+    def _check_gradient(self, weight: nn.Parameter) -> None:
         if weight.grad is None:
             raise RuntimeError("a recorded gradient was taken away: do not set gradients to none")
 
@@ -73,17 +73,17 @@ class Recorded:
         return {name: value.clone() for name, value in values.items()}
 
     def _record(self, piece: Piece) -> tuple:
-        own = Piece(piece.key, tuple(value.clone() for value in piece.inputs), piece.function)
+        copied = Piece(piece.key, tuple(value.clone() for value in piece.inputs), piece.function)
         aside = torch.cuda.Stream()
         aside.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(aside):  # compiles, finds the layouts of the graphs, sizes the libraries' buffers
-            self._differentiate(own)
+            self._differentiate(copied)
         torch.cuda.current_stream().wait_stream(aside)
         graph = torch.cuda.CUDAGraph()
         with torch.cuda.graph(graph, pool=self._pool):
-            values, gradients = self._differentiate(own)
+            values, gradients = self._differentiate(copied)
             self._add(gradients)
-        return graph, own.inputs, values
+        return graph, copied.inputs, values
 
     def _differentiate(self, piece: Piece) -> tuple[dict[str, Tensor], tuple[Tensor | None, ...]]:
         """The terms, and the gradient of their weighted sum by parameter."""
@@ -93,5 +93,9 @@ class Recorded:
         return {name: value.detach() for name, value in terms.items()}, gradients
 
     def _add(self, gradients: tuple[Tensor | None, ...]) -> None:
-        pairs = [(weight.grad, own) for weight, own in zip(self._parameters, gradients, strict=True) if own is not None]
+        pairs = [
+            (weight.grad, gradient)
+            for weight, gradient in zip(self._parameters, gradients, strict=True)
+            if gradient is not None
+        ]
         torch._foreach_add_(*(list(part) for part in zip(*pairs, strict=True)))

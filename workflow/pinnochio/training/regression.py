@@ -38,9 +38,9 @@ class Regression:
 
     def __call__(self, row: np.ndarray) -> np.ndarray:
         """The values (v,) of a row (f,)."""
-        own = standardised(row[None], self.mean, self.scale)
+        scaled = standardised(row[None], self.mean, self.scale)
         parts = [
-            kernel(own, self.rows, width)[0] @ weights
+            kernel(scaled, self.rows, width)[0] @ weights
             for width, weights in zip(self.widths, self.coefficients, strict=True)
         ]
         return self.constant + (np.mean(parts, axis=0) if parts else 0)
@@ -88,11 +88,11 @@ def regress(
         return min(tried, key=lambda each: costs(each[2]).mean())
 
     chosen = {"linear": best([0.0]), "kernel": best(WIDTHS)}
-    found = {"zero": np.zeros(values.shape), "mean": left_out(None, 1.0)} | {
+    fields = {"zero": np.zeros(values.shape), "mean": left_out(None, 1.0)} | {
         form: each[2] for form, each in chosen.items()
     }
-    found["both"] = 0.5 * (found["linear"] + found["kernel"])
-    by_form = {form: costs(found[form]) for form in FORMS}
+    fields["both"] = 0.5 * (fields["linear"] + fields["kernel"])
+    by_form = {form: costs(fields[form]) for form in FORMS}
     form = _simplest(by_form)
     kernels = {"zero": [], "mean": [], "both": list(chosen.values())}.get(form, [chosen.get(form)])
     constant = values.mean(axis=0) * (form != "zero")

@@ -115,9 +115,9 @@ class Learner:
         if wanted and files.lift is None:
             raise InputError(files.case, files.model, f"the network wants a lift, {self.network.lift}", "make it first")
         lift = Lift.read(files.lift) if wanted else None
-        own = tensors(PatientModel.read(files.model), self._fem, self.network, self.device, lift)
-        self._patients[files.model] = own
-        return own
+        patient = tensors(PatientModel.read(files.model), self._fem, self.network, self.device, lift)
+        self._patients[files.model] = patient
+        return patient
 
     def piece(self, network: nn.Module, sample: Sample, step: Step) -> Piece:
         """The loss of a sample: the same function for all plans of a patient, mirrored or not."""

@@ -52,9 +52,9 @@ def bulk_factor(operator: Operator, start: float, share: float) -> Tensor | floa
     """Factor on lambda for a Poisson's ratio that is `share` of the way from `start` to the material's, at its mu."""
     if share >= 1:
         return 1.0
-    own = (operator.patch_volumes * operator.patch_lam).sum() / (operator.volumes * operator.mu).sum()
-    poisson = start + share * (own / (2 * (1 + own)) - start)
-    return 2 * poisson / (1 - 2 * poisson) / own
+    ratio = (operator.patch_volumes * operator.patch_lam).sum() / (operator.volumes * operator.mu).sum()
+    poisson = start + share * (ratio / (2 * (1 + ratio)) - start)
+    return 2 * poisson / (1 - 2 * poisson) / ratio
 
 
 def boundary_loss(prediction: InterfaceAndVolume, target: Tensor, anchored: Tensor) -> Tensor:
@@ -129,13 +129,13 @@ class SurfaceLoss:
         def tensor(values):
             return torch.as_tensor(values, device=real.device)
 
-        self.own = FaceSamples.build(model.skin_points, model.skin_faces[model.face_roi])
+        self.face = FaceSamples.build(model.skin_points, model.skin_faces[model.face_roi])
         self.other = FaceSamples.build(points, faces)
         self.rest = tensor(model.skin_points - patient.centre).to(real.dtype)
         self.carriers = tensor(model.skin_nodes).long()
         self.carry = tensor(model.skin_weights).to(real.dtype)
-        self.faces, self.weights = tensor(self.own.faces), tensor(self.own.weights).to(real.dtype)
-        self.own_border, self.other_border = tensor(self.own.border), tensor(self.other.border)
+        self.faces, self.weights = tensor(self.face.faces), tensor(self.face.weights).to(real.dtype)
+        self.face_border, self.other_border = tensor(self.face.border), tensor(self.other.border)
         corners = (np.asarray(points, float) - patient.centre)[self.other.faces]
         self.target = tensor(np.einsum("sc,fcx->fsx", self.other.weights, corners).reshape(-1, 3)).to(real.dtype)
         self.tree = None if real.is_cuda else cKDTree(self.target.numpy(), leafsize=LEAF)
@@ -147,10 +147,10 @@ class SurfaceLoss:
 
     def draw(self, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """Samples of the face and of the post-operative skin, indices (samples,)."""
-        own, other = self.own.draw(rng, self.samples), self.other.draw(rng, self.samples)
-        return torch.as_tensor(own, device=self.rest.device), torch.as_tensor(other, device=self.rest.device)
+        face, other = self.face.draw(rng, self.samples), self.other.draw(rng, self.samples)
+        return torch.as_tensor(face, device=self.rest.device), torch.as_tensor(other, device=self.rest.device)
 
-    def between(self, displacement: Tensor, own: Tensor, other: Tensor) -> Tensor:
+    def between(self, displacement: Tensor, face: Tensor, other: Tensor) -> Tensor:
         """Chamfer distance of the displaced face by these samples.
 
         ValueError on a CPU if no pair counts; on a GPU, where nothing waits for the outcome, it is then no number.
@@ -159,35 +159,35 @@ class SurfaceLoss:
         points = torch.einsum("sc,fcx->fsx", self.weights, skin[self.faces]).flatten(0, 1)
         here = points.detach()
         if self._on_gpu():
-            distance, reached = all_pairs(here[own], self.target)
-            forward = self._weighted(points, own, reached, (distance < self.cutoff) & ~self.other_border[reached])
+            distance, reached = all_pairs(here[face], self.target)
+            forward = self._weighted(points, face, reached, (distance < self.cutoff) & ~self.other_border[reached])
             distance, reached = all_pairs(self.target[other], here)
-            back = self._weighted(points, reached, other, (distance < self.cutoff) & ~self.own_border[reached])
+            back = self._weighted(points, reached, other, (distance < self.cutoff) & ~self.face_border[reached])
             return 0.5 * (forward + back)
         if not torch.isfinite(here).all():
             return points.sum() * float("nan")
-        near, reached = nearest(here[own], self.target, self.cutoff, self.tree)
-        forward = self._mean(points, own[near], reached, self.other_border[reached])
+        near, reached = nearest(here[face], self.target, self.cutoff, self.tree)
+        forward = self._mean(points, face[near], reached, self.other_border[reached])
         near, reached = nearest(self.target[other], here, self.cutoff)
-        back = self._mean(points, reached, other[near], self.own_border[reached])
+        back = self._mean(points, reached, other[near], self.face_border[reached])
         return 0.5 * (forward + back)
 
     def _on_gpu(self) -> bool:
         return self.rest.is_cuda
 
-    def _mean(self, points, own, other, border):
+    def _mean(self, points, face, other, border):
         """Mean distance between points[own] and target[other] over the pairs that do not end on a border."""
-        own, other = own[~border], other[~border]
-        if not len(own):
+        face, other = face[~border], other[~border]
+        if not len(face):
             raise ValueError(f"no face point within {self.cutoff} mm of the post-operative skin: is it registered?")
-        return self._apart(points, own, other).mean()
+        return self._apart(points, face, other).mean()
 
-    def _weighted(self, points, own, other, counts):
+    def _weighted(self, points, face, other, counts):
         """The same over the pairs that count, in tensors whose shapes belong to the patient."""
-        return (self._apart(points, own, other) * counts).sum() / counts.sum()
+        return (self._apart(points, face, other) * counts).sum() / counts.sum()
 
-    def _apart(self, points, own, other):
-        apart = points.index_select(0, own) - self.target[other]
+    def _apart(self, points, face, other):
+        apart = points.index_select(0, face) - self.target[other]
         return apart.square().sum(1).add(CHAMFER_SOFTENING).sqrt()
 
 

@@ -154,8 +154,8 @@ class PatientTensors:
             values = motion_amplitudes(plan, self.model.segments, centre)
             return torch.as_tensor(values, dtype=self.points.dtype, device=self.points.device)
 
-        own = amplitudes(self.centre)
-        bone, cue, lifted = self.bone_followers.displacement(own), self.followers.displacement(own), None
+        motions = amplitudes(self.centre)
+        bone, cue, lifted = self.bone_followers.displacement(motions), self.followers.displacement(motions), None
         if self.lift is not None:
             lifted = (amplitudes(self.lift.centre) @ self.motions).view_as(self.points)
             contact = self.anatomy.lift.contact  # what the lift says of the sliding nodes is their cue
@@ -207,7 +207,7 @@ def segment_nodes(model: PatientModel) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 def node_stiffness(model: PatientModel, material: Material, volume: np.ndarray) -> np.ndarray:
     """Logarithm (n, 1) of the shear modulus around each node, weighted by volume (m,), over the mean of the cells."""
-    modulus, weight = (lumped(model.cells, own, len(model.points)) for own in (volume * material.mu, volume))
+    modulus, weight = (lumped(model.cells, values, len(model.points)) for values in (volume * material.mu, volume))
     return np.log(modulus / np.maximum(weight, 1e-12) / material.mu.mean() + 1e-12)[:, None]
 
 

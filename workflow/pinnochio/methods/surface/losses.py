@@ -16,7 +16,7 @@ def chamfer(points: Tensor, target: Tensor, here: Tensor, there: Tensor, squared
         apart = torch.cdist(points, target)
         ahead, back = apart.argmin(1), apart.argmin(0)
     ways = ((points - target[ahead], here), (target - points[back], there))
-    return sum((_length(way, squared) * weight).sum() / weight.sum() for way, weight in ways)
+    return sum((_length(offset, squared) * weight).sum() / weight.sum() for offset, weight in ways)
 
 
 def density(points: Tensor, target: Tensor, squared: bool = False) -> Tensor:
@@ -24,9 +24,9 @@ def density(points: Tensor, target: Tensor, squared: bool = False) -> Tensor:
     count = min(DENSITY_NEIGHBOURS, len(points), len(target))
     with torch.no_grad():
         near = torch.cdist(target, points).topk(count, largest=False).indices
-        own = torch.cdist(target, target).topk(count, largest=False).values
+        within = torch.cdist(target, target).topk(count, largest=False).values
     apart = _length(points[near] - target[:, None], squared)
-    return (apart - (own.square() if squared else own)).abs().mean()
+    return (apart - (within.square() if squared else within)).abs().mean()
 
 
 def local_change(rest: Tensor, moved: Tensor, pairs: Tensor) -> Tensor:
@@ -43,6 +43,6 @@ def laplacian_change(displacement: Tensor, edges: Tensor) -> Tensor:
     return (displacement - around).square().sum(1).mean()
 
 
-def _length(way: Tensor, squared: bool = False) -> Tensor:
-    square = way.square().sum(-1)
+def _length(offset: Tensor, squared: bool = False) -> Tensor:
+    square = offset.square().sum(-1)
     return square if squared else (square + 1e-12).sqrt()

@@ -31,8 +31,8 @@ class Predictor:
         """The skin alone, warm."""
 
         def prepare():
-            own = PatientNetwork(self._network, self._settings, planned.patient, planned.case, self._device)
-            return partial(own, planned.plan)
+            network = PatientNetwork(self._network, self._settings, planned.patient, planned.case, self._device)
+            return partial(network, planned.plan)
 
         skin, seconds, setup = timed(prepare)
         return Prediction(None, seconds, setup, self._threads, self._device, skin=skin)
