@@ -26,7 +26,7 @@ rule predict_cases:
         ),
     params:
         cases=STUDY.of_batch("cases"),
-        module=STUDY.module,
+        predictor=STUDY.predictor,
         settings=STUDY.of_batch("settings"),
         code=code_with_method("predict"),
     message:

@@ -23,7 +23,7 @@ rule pretrain:
         gpu=GPU,
     params:
         cases=STUDY.training_cases,
-        module=STUDY.learner,
+        learner=STUDY.learner,
         settings=STUDY.settings("network", "pretraining", "fem"),
         seed=SEED,
         code=code_with_method("pretrain", "learner"),
@@ -60,7 +60,7 @@ rule finetune:
         gpu=GPU,
     params:
         cases=STUDY.training_cases,
-        module=STUDY.learner,
+        learner=STUDY.learner,
         settings=STUDY.settings("network", "finetuning", "fem", "newton_corrections"),
         seed=SEED,
         code=code_with_method("finetune", "learner"),
@@ -120,7 +120,7 @@ rule fit:
         runtime=30,
     params:
         cases=STUDY.training_cases,
-        module=STUDY.learner,
+        learner=STUDY.learner,
         settings=STUDY.settings("fem"),
         code=code_with_method("fit", "learner"),
     message:

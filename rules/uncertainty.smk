@@ -26,7 +26,7 @@ rule predict_ensemble:
         gpu=GPU,
     params:
         folds=STUDY.of_ensemble("folds"),
-        module=STUDY.module,
+        predictor=STUDY.predictor,
         settings=STUDY.of_ensemble("settings"),
         code=code_with_method("predict_ensemble"),
     message:

@@ -1,9 +1,9 @@
 """Makes a fold's final network: the pretrained one, or a new one, adapted to the training patients' outcomes."""
 
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 
 from pinnochio.logs import attach_log
+from pinnochio.references import resolve
 from pinnochio.seeds import derive_seed
 from pinnochio.training.cases import case_files
 from pinnochio.training.device import choose_device
@@ -11,7 +11,7 @@ from pinnochio.training.fold import train_fold
 
 
 def finetune(
-    module: str,
+    learner: str,
     settings: Mapping,
     cases: Sequence[str],
     models: Sequence[str],
@@ -30,7 +30,7 @@ def finetune(
     covariates may be empty for a method that does not read them.
     """
     train_fold(
-        learner=import_module(module).Learner(settings, "finetune", device),
+        learner=resolve(learner)(settings, "finetune", device),
         phase="finetune",
         cases=case_files(cases, lifts, model=models, plan=plans, postop=postops, covariates=covariates),
         pretrained=pretrained,
@@ -44,7 +44,7 @@ def finetune(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     finetune(
-        module=snakemake.params.module,
+        learner=snakemake.params.learner,
         settings=snakemake.params.settings,
         cases=snakemake.params.cases,
         models=snakemake.input.models,

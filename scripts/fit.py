@@ -1,7 +1,6 @@
 """Makes what a method learns at once of a fold's training patients: their samples and post-operative skins."""
 
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
@@ -9,11 +8,12 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.plans.plan import Plan
+from pinnochio.references import resolve
 from pinnochio.training.cases import read_fem_samples
 
 
 def fit(
-    module: str,
+    learner: str,
     cases: Sequence[str],
     models: Sequence[str],
     fem_samples: Sequence[str],
@@ -23,14 +23,14 @@ def fit(
     settings: Mapping,
     fitted: str,
 ) -> None:
-    """Fit the method of a `module` to the cases and nothing else.
+    """Fit by the function `learner` to the cases and nothing else.
 
     covariates: empty for a method that does not read them; settings: values of the sections that it reads.
     """
     more = {name: FemSettings(**own) for name, own in settings.items()}
     if covariates:
         more["covariates"] = [read_stored_json(path) for path in covariates]
-    import_module(module).fit(
+    resolve(learner)(
         models=[PatientModel.read(path) for path in models],
         fem_samples=[read_fem_samples(path, case) for path, case in zip(fem_samples, cases, strict=True)],
         plans=[Plan.read(path, case) for path, case in zip(plans, cases, strict=True)],
@@ -42,7 +42,7 @@ def fit(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     fit(
-        module=snakemake.params.module,
+        learner=snakemake.params.learner,
         cases=snakemake.params.cases,
         models=snakemake.input.models,
         fem_samples=snakemake.input.fem_samples,

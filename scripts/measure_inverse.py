@@ -8,7 +8,7 @@ import numpy as np
 from pinnochio.columns import write_rows
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.inverse.columns import FACES, MARKED, RECOVERED, SEEN
-from pinnochio.inverse.face import Face
+from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import QUANTITIES
 from pinnochio.inverse.measuring import (
     EXACT,
@@ -58,7 +58,7 @@ def measure_inverse(
     operation, free = widest(patient, settings["bounds"])
     tried = sorted({own.tolerance, *tolerances})
     marks, rest = Marks.of(patient), np.zeros_like(patient.points)
-    face = Face(patient, fem)
+    face = ElasticFace(patient, fem)
     try:
         planned = free.plan(case, free.nearest(Plan.read(plan, case)))
         field = solved(face, planned)
@@ -133,7 +133,7 @@ def measure_inverse(
     write_rows(marked or [empty], out["marked"], MARKED)
 
 
-def solved(face: Face, plan: Plan) -> np.ndarray:
+def solved(face: ElasticFace, plan: Plan) -> np.ndarray:
     """Finite elements (n, 3) mm of a plan; RuntimeError where they do not converge."""
     result = face.solve(plan)
     if not result.converged:

@@ -207,7 +207,9 @@ def training_step(**arguments) -> tuple[float, float]:
     """Seconds and processor seconds of a step of pretraining on the CPU, median of all after the first."""
     marks = []
     hook = register_optimizer_step_post_hook(lambda *_: marks.append((time.perf_counter(), time.process_time())))
-    pretrain(module="pinnochio.methods.pinnochio.learner", code="", device=choose_device(0, 1), **arguments)
+    pretrain(
+        learner="pinnochio.methods.pinnochio.learner:GraphLearner", code="", device=choose_device(0, 1), **arguments
+    )
     hook.remove()
     return tuple(np.median(np.diff(marks, axis=0), axis=0).tolist())
 

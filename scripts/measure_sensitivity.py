@@ -7,7 +7,7 @@ import numpy as np
 from pinnochio.columns import write_csv
 from pinnochio.figures.sensitivity import sensitivity_figure
 from pinnochio.inverse.columns import SENSITIVITY
-from pinnochio.inverse.face import Face
+from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.sensitivity import sensitivity
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
@@ -19,7 +19,7 @@ SPOTS = ("forward", "pitch")  # of every segment, solved by finite elements too
 def measure_sensitivity(case: str, model: str, fem: FemSettings, code: str, table: str, picture: str) -> None:
     """Write the table (CSV) and the figure (PNG)."""
     patient = PatientModel.read(model)
-    face = Face(patient, fem)
+    face = ElasticFace(patient, fem)
     try:
         spots = [(segment, quantity) for segment in patient.segments for quantity in SPOTS]
         frame = sensitivity(face, case, code, spots)

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
@@ -11,11 +10,12 @@ from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import write_predictions
 from pinnochio.plans.plan import Plan
+from pinnochio.references import resolve
 from pinnochio.training.device import device_of
 
 
 def predict(
-    module: str,
+    predictor: str,
     settings: Mapping,
     trained: str | None,
     cases: Sequence[str],
@@ -28,13 +28,13 @@ def predict(
     threads: int,
     predictions: str,
 ) -> None:
-    """Predict each case by the method of a `module`; FloatingPointError if a field is not finite.
+    """Predict each case by the method of a `predictor`; FloatingPointError if a field is not finite.
 
-    settings: values of the sections that its Predictor reads; trained: file of what a fold trained, None where nothing
+    settings: values of the sections that it reads; trained: file of what a fold trained, None where nothing
     is; lifts may be empty for a method without one; truths, files of the virtual truth, are empty for all but a bound,
     covariates for a method that does not read them.
     """
-    predictor = import_module(module).Predictor(settings=settings, trained=trained, device=device, threads=threads)
+    method = resolve(predictor)(settings=settings, trained=trained, device=device, threads=threads)
     made = {}
     nothing = [None] * len(cases)
     files = cases, models, lifts or nothing, plans, truths or nothing, covariates or nothing
@@ -47,15 +47,15 @@ def predict(
             truth=truth,
             covariates=read_stored_json(known) if known else {},
         )
-        made[case] = own = predictor(planned)
-        logging.info("%s: %.4f s, and %.3f s for the patient", case, own.seconds, own.setup_seconds)
+        made[case] = prediction = method(planned)
+        logging.info("%s: %.4f s, and %.3f s for the patient", case, prediction.seconds, prediction.setup_seconds)
     write_predictions(predictions, made)
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict(
-        module=snakemake.params.module,
+        predictor=snakemake.params.predictor,
         settings=snakemake.params.settings,
         trained=snakemake.input.get("trained") or None,
         cases=snakemake.params.cases,
@@ -64,7 +64,7 @@ if __name__ == "__main__":
         plans=snakemake.input.plans,
         truths=snakemake.input.get("truths", []),
         covariates=snakemake.input.get("covariates", []),
-        device=device_of(snakemake.params.module, snakemake.resources.gpu, snakemake.threads),
+        device=device_of(snakemake.params.predictor, snakemake.resources.gpu, snakemake.threads),
         threads=snakemake.threads,
         predictions=snakemake.output.predictions,
     )

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Mapping
-from importlib import import_module
 
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
@@ -11,11 +10,12 @@ from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import write_predictions
 from pinnochio.plans.plan import Plan
+from pinnochio.references import resolve
 from pinnochio.training.device import choose_device
 
 
 def predict_ensemble(
-    module: str,
+    predictor: str,
     settings: Mapping,
     networks: Mapping[str, str],
     case: str,
@@ -29,7 +29,7 @@ def predict_ensemble(
 ) -> None:
     """Write one group per fold, in the form of predictions; FloatingPointError if a field is not finite.
 
-    settings: values of the sections that the Predictor of the `module` reads; networks: file by fold; lift: file of the
+    settings: values of the sections that the `predictor` reads; networks: file by fold; lift: file of the
     patient's lift, None for networks without one; covariates: file of what else is known, None where nothing reads it.
     """
     planned = Planned(
@@ -39,9 +39,9 @@ def predict_ensemble(
         lift=Lift.read(lift) if lift else None,
         covariates=read_stored_json(covariates) if covariates else {},
     )
-    method, made = import_module(module), {}
+    method, made = resolve(predictor), {}
     for fold, network in networks.items():
-        made[fold] = method.Predictor(settings=settings, trained=network, device=device, threads=threads)(planned)
+        made[fold] = method(settings=settings, trained=network, device=device, threads=threads)(planned)
         logging.info("%s by fold %s: %.3f s", case, fold, made[fold].seconds)
     write_predictions(ensemble, made)
 
@@ -49,7 +49,7 @@ def predict_ensemble(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict_ensemble(
-        module=snakemake.params.module,
+        predictor=snakemake.params.predictor,
         settings=snakemake.params.settings,
         networks=dict(zip(snakemake.params.folds, snakemake.input.networks, strict=True)),
         case=snakemake.wildcards.case,

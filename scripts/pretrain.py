@@ -1,9 +1,9 @@
 """Makes a fold's pretrained network of the training patients' finite-element samples."""
 
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 
 from pinnochio.logs import attach_log
+from pinnochio.references import resolve
 from pinnochio.seeds import derive_seed
 from pinnochio.training.cases import case_files
 from pinnochio.training.device import choose_device
@@ -11,7 +11,7 @@ from pinnochio.training.fold import train_fold
 
 
 def pretrain(
-    module: str,
+    learner: str,
     settings: Mapping,
     cases: Sequence[str],
     models: Sequence[str],
@@ -22,13 +22,13 @@ def pretrain(
     device: str,
     outputs: Mapping[str, str],
 ) -> None:
-    """Train the method of a `module` on the cases and nothing else; outputs names the files network and history.
+    """Train by the class `learner` on the cases and nothing else; outputs names the files network and history.
 
-    settings: values of the sections that its Learner reads; lifts may be empty for a network without one; code: hash of
+    settings: values of the sections that it reads; lifts may be empty for a network without one; code: hash of
     what trains.
     """
     train_fold(
-        import_module(module).Learner(settings, "pretrain", device),
+        resolve(learner)(settings, "pretrain", device),
         "pretrain",
         case_files(cases, lifts, model=models, fem_samples=fem_samples),
         seed=seed,
@@ -41,7 +41,7 @@ def pretrain(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     pretrain(
-        module=snakemake.params.module,
+        learner=snakemake.params.learner,
         settings=snakemake.params.settings,
         cases=snakemake.params.cases,
         models=snakemake.input.models,

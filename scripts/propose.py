@@ -9,7 +9,7 @@ from pinnochio.columns import write_rows
 from pinnochio.inverse.alternatives import Answer, answers, contradictions
 from pinnochio.inverse.columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED
 from pinnochio.inverse.combinations import LARGEST, as_motions, differences
-from pinnochio.inverse.face import Face
+from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import QUANTITIES
 from pinnochio.inverse.proposal import InverseSettings
 from pinnochio.inverse.reading import read_wish
@@ -18,7 +18,7 @@ from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import measures, plain, verdict
-from pinnochio.patients.wish_page import Told, write_wish_page
+from pinnochio.patients.wish_page import WishTables, write_wish_page
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.transforms import write_transforms
 from pinnochio.statistics.intervals import Calibration
@@ -48,33 +48,33 @@ def propose_plans(
     kept = None
     if settings["occlusion"] != "free":
         kept = Plan.read(occlusion, case) if occlusion else Plan(case, {})
-    own = InverseSettings.of(settings)
-    face = Face(patient, fem)
+    inverse = InverseSettings.of(settings)
+    face = ElasticFace(patient, fem)
     try:
-        found = answers(face, wished, settings["operations"], settings["bounds"], own, case, kept)
-        most = max(found.values(), key=lambda answer: len(answer.freedom.low))
-        against = contradictions(face, wished, most.freedom, own)
+        made = answers(face, wished, settings["operations"], settings["bounds"], inverse, case, kept)
+        most = max(made.values(), key=lambda answer: len(answer.freedom.low))
+        against = contradictions(face, wished, most.freedom, inverse)
     finally:
         face.close()
-    certificates = {name: certify(patient, answer, fem) for name, answer in found.items()}
-    rows = [row(case, answer, certificates[name], wished, patient, own, code) for name, answer in found.items()]
+    certificates = {name: certify(patient, answer, fem) for name, answer in made.items()}
+    rows = [row(case, answer, certificates[name], wished, patient, inverse, code) for name, answer in made.items()]
     write_rows(rows, out["proposals"], PROPOSALS)
     width = half_widths(wished, patient, calibration)
-    reached = [item for answer in found.values() for item in reached_rows(case, answer, wished, patient, own, width)]
+    reached = [item for answer in made.values() for item in reached_rows(case, answer, wished, patient, inverse, width)]
     write_rows(reached, out["reached"], REACHED)
-    moved = [item for answer in found.values() for item in motion_rows(case, answer)]
+    moved = [item for answer in made.values() for item in motion_rows(case, answer)]
     write_rows(moved, out["motions"], MOTIONS)
-    told = [item for answer in found.values() for item in combination_rows(case, answer)]
-    write_rows(told, out["combinations"], COMBINATIONS)
-    for name, answer in found.items():
+    combined = [item for answer in made.values() for item in combination_rows(case, answer)]
+    write_rows(combined, out["combinations"], COMBINATIONS)
+    for name, answer in made.items():
         answer.proposal.plan.write(Path(out["plans"]) / f"{name}.json")
         write_transforms(answer.proposal.plan.motions, Path(out["transforms"]) / name)
     write_wish_page(
         patient=patient,
         case=case,
         wish=wished,
-        answers=found,
-        told=Told(rows, reached, told, against, certificates, own),
+        answers=made,
+        tables=WishTables(rows, reached, combined, against, certificates, inverse),
         path=out["page"],
     )
 
@@ -89,19 +89,21 @@ def certify(patient: PatientModel, answer: Answer, fem: FemSettings) -> dict | N
     return plain({"solution": solution, "measures": said, "models": None})
 
 
-def row(case, answer: Answer, certificate, wish: Wish, patient: PatientModel, own: InverseSettings, code: str) -> dict:
+def row(
+    case, answer: Answer, certificate, wish: Wish, patient: PatientModel, inverse: InverseSettings, code: str
+) -> dict:
     """The row of PROPOSALS."""
     proposal = answer.proposal
     return {
         "case": case,
         "operation": proposal.operation,
-        "met": all(item.error(proposal.displacement) <= own.met for item in wish),
-        "asked": misfit(wish, np.zeros_like(patient.points)),
+        "reached": all(item.error(proposal.displacement) <= inverse.met for item in wish),
+        "wished": misfit(wish, np.zeros_like(patient.points)),
         "misfit": proposal.misfit,
         "elastic_gap": proposal.gap,
         "motion_max": np.linalg.norm(patient.bone_displacement(proposal.plan), axis=1).max(),
         "at_bounds": ", ".join(f"{name} {quantity}" for name, quantity in proposal.at_bounds),
-        "untold": int(answer.combinations.hidden.sum()),
+        "null_space": int(answer.combinations.hidden.sum()),
         "solved": certificate is not None,
         "min_jacobian": certificate["measures"]["min_jacobian"] if certificate else np.nan,
         "grade": verdict(certificate).grade if certificate else "not usable",
@@ -126,7 +128,7 @@ def reached_rows(
     answer: Answer,
     wish: Wish,
     patient: PatientModel,
-    own: InverseSettings,
+    inverse: InverseSettings,
     half_width: Mapping[str, float],
 ) -> list[dict]:
     """Rows of REACHED; half_width (mm) by wish."""
@@ -140,9 +142,9 @@ def reached_rows(
                 "wish": item.name,
                 "unit": item.unit,
                 "weight": item.weight,
-                "asked": item.error(np.zeros_like(patient.points)),
+                "wished": item.error(np.zeros_like(patient.points)),
                 "error": error,
-                "met": error <= own.met,
+                "reached": error <= inverse.met,
                 "half_width": half_width.get(item.name, np.nan),
             }
         )
@@ -162,8 +164,8 @@ def motion_rows(case: str, answer: Answer) -> list[dict]:
 
 def combination_rows(case: str, answer: Answer) -> list[dict]:
     """Rows of COMBINATIONS: what each does to every segment, as far as the wish does not feel it."""
-    rows, own = [], answer.combinations
-    for number, (direction, bone, hidden) in enumerate(zip(own.directions, own.bone, own.hidden, strict=True), 1):
+    rows, known = [], answer.combinations
+    for number, (direction, bone, hidden) in enumerate(zip(known.directions, known.bone, known.hidden, strict=True), 1):
         moves = as_motions(answer.freedom, answer.proposal.x, min(bone, LARGEST) * direction)
         for name, values in moves.items():
             rows.append(
@@ -172,7 +174,7 @@ def combination_rows(case: str, answer: Answer) -> list[dict]:
                     "operation": answer.proposal.operation,
                     "number": number,
                     "bone": min(bone, LARGEST),
-                    "untold": bool(hidden),
+                    "null_space": bool(hidden),
                     "segment": name,
                     **dict(zip(QUANTITIES, values, strict=True)),
                 }

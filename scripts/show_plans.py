@@ -10,7 +10,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.patients.face import TABLE
 from pinnochio.patients.result import read_result
 from pinnochio.plans.plan import Plan
-from pinnochio.report.plans import Planned, write_plans
+from pinnochio.report.plans import ComparedPlan, write_plans
 
 
 def show_plans(case: str, method: str, model: str, files: Mapping[str, Mapping[str, str]], page: str) -> None:
@@ -20,7 +20,7 @@ def show_plans(case: str, method: str, model: str, files: Mapping[str, Mapping[s
         certificate = read_stored_json(own["certificate"])
         level = certificate["interval"]["level"] if certificate["interval"] else None
         plans.append(
-            Planned(
+            ComparedPlan(
                 name=name,
                 plan=Plan.read(own["plan"], case),
                 page=f"{name}/{method}/index.html",

@@ -122,7 +122,7 @@ def code_of(*names):
     return code_hash(*map(source_file, names))
 
 
-def code_with_method(script, role="module"):
+def code_with_method(script, role="predictor"):
     """Params function: the same with a module of the job's method, which the script imports by its name."""
     return lambda wildcards: code_of(script, getattr(STUDY, role)(wildcards))
 

@@ -30,7 +30,7 @@ from pinnochio.mechanics.simulation import simulate
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods.pinnochio.patient import tensors
-from pinnochio.methods.pinnochio.predictor import PatientNetwork, load_network
+from pinnochio.methods.pinnochio.predictor import PatientGraphNetwork, load_network
 from pinnochio.methods.registry import graph_networks
 from pinnochio.model.patient import PatientModel
 from pinnochio.networks.building import build
@@ -72,7 +72,7 @@ def main() -> None:
             network, own = load_network(asked.fold / method / "network.pt", asked.device)
         began = time.perf_counter()
         lift = None if own.lift == "none" else read_lift(asked.case, model, fem, own.lift, config["lift"]["controls"])
-        predictor = PatientNetwork(network, tensors(model, fem, own, asked.device, lift))
+        predictor = PatientGraphNetwork(network, tensors(model, fem, own, asked.device, lift))
         predictor(plan)
         setup[method] = time.perf_counter() - began
         ways[f"{method}, network"] = lambda predictor=predictor: predictor(plan)

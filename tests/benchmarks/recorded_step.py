@@ -20,7 +20,7 @@ import torch
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.methods.pinnochio.learner import Learner, Sample
+from pinnochio.methods.pinnochio.learner import GraphLearner, Sample
 from pinnochio.methods.pinnochio.losses import SurfaceLoss, volume_loss
 from pinnochio.methods.pinnochio.patient import tensors
 from pinnochio.model.patient import PatientModel
@@ -29,12 +29,12 @@ from pinnochio.overlays import read_merged
 from pinnochio.plans.plan import Plan
 from pinnochio.training.device import choose_device
 from pinnochio.training.loop import Step
-from pinnochio.training.recording import Recorded
+from pinnochio.training.recording import RecordedGradients
 
 TOLERANCE = 3e-3
 
 
-def make_samples(case: Path, config: dict, learners: dict[str, Learner], device: str) -> dict[str, Sample]:
+def make_samples(case: Path, config: dict, learners: dict[str, GraphLearner], device: str) -> dict[str, Sample]:
     """A sample of each phase whose files are there."""
     model = PatientModel.read(case / "model.h5")
     patient = tensors(model, FemSettings(**config["fem"]), next(iter(learners.values())).network, device)
@@ -53,7 +53,7 @@ def make_samples(case: Path, config: dict, learners: dict[str, Learner], device:
 class Steps:
     """The steps of a network on one sample, recorded or not."""
 
-    def __init__(self, learner: Learner, sample: Sample, recorded: bool, device: str):
+    def __init__(self, learner: GraphLearner, sample: Sample, recorded: bool, device: str):
         self.learner, self.sample, self.weights = learner, sample, dict(learner.training.weights)
         torch.manual_seed(0)
         self.network = learner.build(learner.network)
@@ -64,7 +64,7 @@ class Steps:
         self.network.to(device)
         self.optimizer = torch.optim.AdamW(self.network.parameters(), lr=1e-9, weight_decay=0.0, fused=True)
         piece = lambda index, step: learner.piece(self.network, sample, step)  # noqa: E731
-        self.recorded = Recorded(self.network, piece) if recorded else None
+        self.recorded = RecordedGradients(self.network, piece) if recorded else None
 
     def gradient(self, number: int) -> dict[str, torch.Tensor]:
         """That of a step; its number decides what is drawn and whether the patient is mirrored."""
@@ -85,7 +85,7 @@ class Steps:
         return numbers
 
 
-def measure(learner: Learner, sample: Sample, device: str, repeats: int) -> float:
+def measure(learner: GraphLearner, sample: Sample, device: str, repeats: int) -> float:
     """Print the comparison; the largest difference of a gradient."""
     kinds = {"launched": Steps(learner, sample, False, device), "recorded": Steps(learner, sample, True, device)}
     began = time.perf_counter()
@@ -129,7 +129,7 @@ def main() -> None:
     torch.use_deterministic_algorithms(True, warn_only=device != "cpu")
     config, errors = read_merged(asked.config), []
     settings = {name: config[name] for name in ("network", "fem", "pretraining", "finetuning")}
-    learners = {phase: Learner(settings, phase, device) for phase in ("pretrain", "finetune")}
+    learners = {phase: GraphLearner(settings, phase, device) for phase in ("pretrain", "finetune")}
     for case in asked.case:
         for phase, sample in make_samples(case, config, learners, device).items():
             print(f"{case.name}, {phase}, {len(sample.patient.points)} nodes, {device}:")

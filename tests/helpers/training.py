@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import torch
 
-from pinnochio.methods.pinnochio.learner import Learner
+from pinnochio.methods.pinnochio.learner import GraphLearner
 from pinnochio.methods.sources import SourceModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.training import loop
@@ -51,7 +51,7 @@ def run(
     """Do a phase in `folder`; fine-tuning starts from the network that is there."""
     out, history = (folder / name for name in PHASES[phase])
     plain = dict.fromkeys(("pretraining", "finetuning"), asdict(training))
-    learner = Learner({"network": asdict(SMALL), "fem": FEM} | plain, phase, "cpu")
+    learner = GraphLearner({"network": asdict(SMALL), "fem": FEM} | plain, phase, "cpu")
     start = None if phase == "pretrain" else folder / PHASES["pretrain"][0]
     train_fold(learner, phase, cases, start, seed=3, code=code, out=out, history=history)
 

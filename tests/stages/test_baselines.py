@@ -36,7 +36,12 @@ def test_a_surface_network_from_fields_and_skin_to_a_row_of_the_table(patient, t
     settings = {"network": {"architecture": architecture, "points": 64, "neighbours": 8, "repeats": 1}}
     settings |= {"pretraining": phase, "finetuning": phase}
     first, last = ({name: str(tmp_path / f"{phase}_{name}") for name in ("network", "history")} for phase in "ab")
-    own = {"module": "pinnochio.methods.surface.learner", "settings": settings, "code": "x", "device": "cpu"}
+    own = {
+        "learner": "pinnochio.methods.surface.learner:SurfaceLearner",
+        "settings": settings,
+        "code": "x",
+        "device": "cpu",
+    }
     own |= {"cases": [patient.case], "models": [patient.model], "lifts": []}
     pretrain(**own, fem_samples=[patient.fem_samples], seed=1, outputs=first)
     outcome = {"plans": [patient.plan], "postops": [patient.postop], "covariates": [], "pretrained": first["network"]}
@@ -81,7 +86,7 @@ def test_what_a_network_leaves_is_learned_as_loads_too(patients, tmp_path):
     save_network(first, build(network_settings(**network)), network_settings(**network))
     last = {"network": str(tmp_path / "network.pt"), "history": str(tmp_path / "finetuning.csv")}
     finetune(
-        module="pinnochio.methods.pinnochio.learner",
+        learner="pinnochio.methods.pinnochio.learner:GraphLearner",
         settings=settings,
         cases=[own.case for own in patients],
         models=[own.model for own in patients],

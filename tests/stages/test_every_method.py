@@ -82,13 +82,13 @@ class Fold:
             fitted = str(self.folder / f"{method}.h5")
             plans = {"plans": [one.plan], "postops": [one.postop]}
             own = {
-                "module": own.learner,
+                "learner": own.learner,
                 "settings": self.study.settings("fem")(job),
                 "covariates": self.known(one, method),
             }
             fit(**own, **phase, fem_samples=[one.fem_samples], **plans, fitted=fitted)
             return fitted
-        phase |= {"module": own.learner, "lifts": self.lift(one, method), "seed": SEED, "code": "x", "device": "cpu"}
+        phase |= {"learner": own.learner, "lifts": self.lift(one, method), "seed": SEED, "code": "x", "device": "cpu"}
         outputs = [
             {name: str(self.folder / f"{method}_{number}_{name}") for name in ("network", "history")} for number in "12"
         ]
@@ -109,7 +109,7 @@ class Fold:
         batch = self.study.predicted(SimpleNamespace(method=method, batch="folds/1"))
         predictions = str(self.folder / f"{method}_predictions.h5")
         predict(
-            module=own.module,
+            predictor=own.predictor,
             settings=batch.settings,
             trained=trained,
             cases=[one.case],

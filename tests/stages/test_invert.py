@@ -10,7 +10,7 @@ from pinnochio.columns import read_table
 from pinnochio.errors import InputError
 from pinnochio.inverse.alternatives import answers, contradictions
 from pinnochio.inverse.columns import COMBINATIONS, FACES, MOTIONS, PROPOSALS, REACHED, RECOVERED, SENSITIVITY
-from pinnochio.inverse.face import Face
+from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import freedom
 from pinnochio.inverse.measuring import EXACT, apart
 from pinnochio.inverse.proposal import InverseSettings
@@ -38,7 +38,7 @@ def model(patient):
 
 @pytest.fixture(scope="module")
 def face(patient, model):
-    own = Face(model, patient.fem)
+    own = ElasticFace(model, patient.fem)
     yield own
     own.close()
 
@@ -249,7 +249,7 @@ def test_the_stage_writes_plans_that_read_back_and_a_page(patient, model, made, 
     propose_plans(patient.case, patient.model, *files, patient.fem, settings, "code", out)
     tables = {name: read_table(out[name], columns) for name, columns in kinds.items()}
     assert tables["proposals"]["operation"].tolist() == ["two_jaw", "mandible"]  # there is no chin
-    assert tables["proposals"]["met"].tolist() == [True, False] and tables["proposals"]["solved"].all()
+    assert tables["proposals"]["reached"].tolist() == [True, False] and tables["proposals"]["solved"].all()
     widths = tables["reached"].set_index("wish")["half_width"]
     assert (widths["labrale_superius"] == 2.5).all() and widths["pogonion"].isna().all()
     assert set(tables["motions"]["segment"]) == set(model.segments)

@@ -8,7 +8,7 @@ from pinnochio.inverse.wish import Marks
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.archive import RANGES, calibration_file, network_file
-from pinnochio.patients.face import Face
+from pinnochio.patients.face import FaceMeasures
 from pinnochio.planner.forecast import Forecaster
 from pinnochio.planner.view import FaceView
 from pinnochio.planner.wishing import Wishing
@@ -63,7 +63,7 @@ def test_a_plan_that_moves_nothing_moves_the_face_by_exactly_nothing(prepared, f
         for forecast in filter(None, forecaster.steps(Plan(prepared.case, motions))):
             assert not forecast.interval.displacement.any() and forecast.mean == forecast.most == 0
             np.testing.assert_array_equal(forecast.skin, patient.skin_points)
-    rows = Face(patient).rows(forecast.interval.displacement)
+    rows = FaceMeasures(patient).rows(forecast.interval.displacement)
     assert all(row.change == 0 for row in rows if np.isfinite(row.change)) and len(rows) > 20
 
 

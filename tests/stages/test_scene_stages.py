@@ -7,7 +7,7 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.mechanics.solvers.reduced import WORTH
-from pinnochio.methods.finite_elements import Predictor
+from pinnochio.methods.finite_elements import FiniteElementPredictor
 from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
@@ -38,9 +38,9 @@ def test_a_lefort_plan_is_predicted_on_what_it_requires_alike(patient, lefort, s
     model, plan = PatientModel.read(lefort["model"]), Plan.read(lefort["plan"], patient.case)
     planned = Planned(patient.case, model, plan)
     caplog.set_level("INFO")
-    whole = Predictor(settings, None, "cpu", 1)(planned)
+    whole = FiniteElementPredictor(settings, None, "cpu", 1)(planned)
     assert "of the cells are solved" not in caplog.text
-    part = Predictor(settings | {"region": LIMIT}, None, "cpu", 1)(planned)
+    part = FiniteElementPredictor(settings | {"region": LIMIT}, None, "cpu", 1)(planned)
     said = [line for line in caplog.messages if "of the cells are solved" in line]
     assert said and 0 < int(said[-1].split()[1]) < 50
     assert whole.converged and part.converged and part.seconds > 0

@@ -174,7 +174,7 @@ def predicted(patients, tmp_path_factory) -> dict[str, str]:
     one, two = patients
     phase, fem = vars(training_settings(steps=15, learning_rate=2e-3)), CONFIG["fem"]
     own = {
-        "module": "pinnochio.methods.pinnochio.learner",
+        "learner": "pinnochio.methods.pinnochio.learner:GraphLearner",
         "settings": {"network": asdict(NETWORK), "pretraining": phase, "finetuning": phase, "fem": fem},
         "cases": [two.case],
         "models": [two.model],

@@ -20,7 +20,7 @@ BY_NAME = {
     "pretrain": ("method", lambda method: METHODS[method].learner),
     "finetune": ("method", lambda method: METHODS[method].learner),
     "fit": ("method", lambda method: METHODS[method].learner),
-    "predict_cases": ("method", lambda method: METHODS[method].module),
+    "predict_cases": ("method", lambda method: METHODS[method].predictor),
     "tabulate": ("table", lambda table: f"pinnochio.tables.{'accuracy' if table == 'better' else table}"),
 }
 

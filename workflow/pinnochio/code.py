@@ -47,8 +47,9 @@ def stages() -> list[Path]:
 
 
 def source_file(name: str) -> Path:
-    """File of a stage script by its name, or of a module of the library by its dotted one."""
-    *_, file = _files(name if name.startswith("pinnochio.") else f"scripts.{name}")
+    """File of a stage script by its name, or of the library by a dotted name: of a module, or `module:name`."""
+    module = name.partition(":")[0]
+    *_, file = _files(module if module.startswith("pinnochio.") else f"scripts.{module}")
     return file
 
 

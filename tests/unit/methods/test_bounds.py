@@ -8,7 +8,7 @@ import pytest
 
 from pinnochio.code import closure, source_file
 from pinnochio.errors import InputError
-from pinnochio.methods.floor_scan import Predictor
+from pinnochio.methods.floor_scan import ScanFloorPredictor
 from pinnochio.methods.protocol import Planned
 from pinnochio.methods.registry import registry
 from pinnochio.metrics.judged import choose
@@ -33,7 +33,7 @@ def test_the_true_skin_against_a_scan_without_noise_is_nothing_off(tmp_path):
     patient = tiny_patient()
     true = patient.points @ np.array([[0.02, 0, 0], [0, -0.01, 0.03], [0.01, 0, 0]]) + [0, -3.0, 1.0]
     planned = Planned("tiny", patient, tiny_plan(), truth=truth_file(tmp_path / "truth.h5", patient, true))
-    prediction = Predictor({}, None, "cpu", 1)(planned)
+    prediction = ScanFloorPredictor({}, None, "cpu", 1)(planned)
     assert prediction.displacement is None and np.isnan(prediction.seconds)
     moved, scan = prediction.moved_skin(patient), patient.moved_skin(true)
     assert np.allclose(moved, scan, atol=1e-9)
@@ -55,7 +55,7 @@ def test_no_method_but_the_bounds_reads_the_truth():
         files = [file for own in (batch.models, batch.plans, batch.lifts, batch.truths) for file in own]
         secret = {file.split("/")[-1] for file in files if "virtual/" in file}
         assert secret == {"floor_scan": {"truth.h5"}, "oracle": {"executed.json"}}.get(name, set()), name
-        assert (truth in closure(source_file(method.module))) == (name == "floor_scan"), name
+        assert (truth in closure(source_file(method.predictor))) == (name == "floor_scan"), name
         if method.learner:
             assert truth not in closure(source_file(method.learner)), name
     for stage in ("predict", "fit", "pretrain", "finetune", "predict_ensemble", "simulate_fem"):
@@ -71,7 +71,7 @@ def test_bounds_are_predicted_and_never_compared_with():
     assert not {own.method for own in made.fem_settings} & set(BOUNDS)
     assert not any(registry(CONFIG)[name].new_patients for name in BOUNDS)
     plain, oracle = (registry(CONFIG)[name] for name in ("fem_sliding", "oracle"))
-    assert (plain.module, plain.settings) == (oracle.module, oracle.settings)
+    assert (plain.predictor, plain.settings) == (oracle.predictor, oracle.settings)
 
 
 def test_the_tradeoff_has_the_noise_of_the_scan_beside_the_methods():

@@ -10,9 +10,9 @@ import torch
 
 from pinnochio.errors import InputError
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.methods.pinnochio.learner import Learner
+from pinnochio.methods.pinnochio.learner import GraphLearner
 from pinnochio.methods.pinnochio.patient import tensors
-from pinnochio.methods.pinnochio.predictor import PatientNetwork, Predictor, load_network
+from pinnochio.methods.pinnochio.predictor import GraphPredictor, PatientGraphNetwork, load_network
 from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
@@ -30,12 +30,12 @@ SWELLING = 3.0  # mm that the post-operative skin lies above that of the samples
 
 
 def learner(phase, training):
-    return Learner({"network": asdict(SMALL), "fem": FEM, PHASES[phase]: asdict(training)}, phase, "cpu")
+    return GraphLearner({"network": asdict(SMALL), "fem": FEM, PHASES[phase]: asdict(training)}, phase, "cpu")
 
 
 def predict(network, settings, model, plan):
     """Displacement and boundary as the network gives them."""
-    return PatientNetwork(network, tensors(model, FemSettings(**FEM), settings, "cpu"))(plan)
+    return PatientGraphNetwork(network, tensors(model, FemSettings(**FEM), settings, "cpu"))(plan)
 
 
 def smooth_field(model, plan):
@@ -161,7 +161,7 @@ def test_network_file_holds_settings_and_plain_values_alone(cases, tmp_path):
     network, settings = load_network(out)
     model = PatientModel.read(cases[0].model)
     first, boundary, forces = predict(network, settings, model, tiny_plan())
-    again = Predictor({"fem": FEM, "newton_corrections": 0}, out, "cpu", 1)(Planned("tiny", model, tiny_plan()))
+    again = GraphPredictor({"fem": FEM, "newton_corrections": 0}, out, "cpu", 1)(Planned("tiny", model, tiny_plan()))
     assert forces is None and again.forces is None and first.dtype == np.float64 and first.shape == model.points.shape
     assert again.repaired == 0 and again.damping == 1 and again.seconds > 0 and again.setup_seconds > 0
     assert np.array_equal(first, again.displacement) and np.array_equal(boundary, again.boundary)

@@ -22,7 +22,7 @@ def test_every_method_of_the_configuration_is_registered_once_with_a_module():
     assert set(DEFAULTS["methods"]) <= set(methods) and all(name == own.name for name, own in methods.items())
     assert len({method.name for method in BUILT_IN}) == len(BUILT_IN)
     for method in (*BUILT_IN, GRAPH_NETWORK, SURFACE_NETWORK):
-        assert source_file(method.module).is_file()
+        assert source_file(method.predictor).is_file()
 
 
 def test_finite_elements_with_lips_have_their_own_mesh_contact_and_solver():

@@ -8,8 +8,8 @@ from scipy.spatial import cKDTree
 from pinnochio.geometry.scattered import nearest, spread
 from pinnochio.methods.surface.architectures import architecture as architecture_of
 from pinnochio.methods.surface.losses import chamfer, density, laplacian_change, local_change
-from pinnochio.methods.surface.patient import SurfacePatient, Target
-from pinnochio.networks.clouds import FaceGraph, PointCloud, Stage, ball_edges
+from pinnochio.methods.surface.patient import SurfacePatient, SurfaceTarget
+from pinnochio.networks.clouds import FaceGraph, PointCloud, SurfaceStage, ball_edges
 from pinnochio.plans.plan import Plan
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import surface_settings
@@ -96,7 +96,7 @@ def test_the_target_is_the_scan_over_the_judged_face():
     settings = surface_settings("acmt", **SMALL)
     patient = SurfacePatient.build(model, settings, "P", 2)
     far = model.skin_points + [0, 0, 4.0]
-    target = Target.build(patient, far, model.skin_faces, settings, "P")
+    target = SurfaceTarget.build(patient, far, model.skin_faces, settings, "P")
     place = target.points.numpy() * patient.unit + patient.centre
     height = model.skin_points[np.unique(model.skin_faces), 2]
     assert height.min() + 3.9 < place[:, 2].min() and place[:, 2].max() < height.max() + 4.1
@@ -106,14 +106,14 @@ def test_the_target_is_the_scan_over_the_judged_face():
         inside = ((rest > low) & (rest < high))[:, :2].all(1)
         assert (seen.numpy()[inside] == 1).all()  # only the rim of the plate may look past the scan's border
     with pytest.raises(ValueError, match="covers nothing of the face"):
-        Target.build(patient, far + [0, 500, 0], model.skin_faces[:2], settings, "P")
+        SurfaceTarget.build(patient, far + [0, 500, 0], model.skin_faces[:2], settings, "P")
 
 
 def test_distance_guided_weights_fall_away_from_moving_bone():
     model = tiny_patient(0, (13, 9, 4), 6.0)
     settings = surface_settings("fscnet", **SMALL, distance_guided=5.0)
     patient = SurfacePatient.build(model, settings, "P", 1)
-    target = Target.build(patient, model.skin_points, model.skin_faces, settings, "P")
+    target = SurfaceTarget.build(patient, model.skin_points, model.skin_faces, settings, "P")
     place = target.points.numpy() * patient.unit + patient.centre
     near, far = place[:, 0] < np.quantile(place[:, 0], 0.5), place[:, 0] > np.quantile(place[:, 0], 0.97)
     assert target.weight[near].mean() > 1.1 * target.weight[far].mean()
@@ -134,7 +134,7 @@ def test_no_motion_moves_no_bone_and_the_right_field_has_the_least_loss(architec
     edges = draw.inputs.face.levels[0].mesh if architecture == "dgcfp" else None
     losses = [
         architecture_of(settings)
-        .loss([Stage(rest, share * shift, batch, edges)], draw.pairs, even, rest + shift, even)
+        .loss([SurfaceStage(rest, share * shift, batch, edges)], draw.pairs, even, rest + shift, even)
         .item()
         for share in (0.0, 0.5, 1.0)
     ]

@@ -5,7 +5,7 @@ from dataclasses import asdict
 import pytest
 import torch
 
-from pinnochio.methods.pinnochio.learner import Learner
+from pinnochio.methods.pinnochio.learner import GraphLearner
 from pinnochio.networks.building import build, matched, parameters
 from tests.helpers.settings import CONFIG, network_settings
 
@@ -39,6 +39,6 @@ def test_a_learner_stores_the_settings_that_it_trains():
     """A prediction builds the network without counting again; a decomposed one is as it was."""
     settings = {name: CONFIG[name] for name in ("fem", "pretraining")}
     unified = network_settings(decomposition=False)
-    own = Learner(settings | {"network": asdict(unified)}, "pretrain", "cpu").network
+    own = GraphLearner(settings | {"network": asdict(unified)}, "pretrain", "cpu").network
     assert own == matched(unified) and not own.match_parameters
-    assert Learner(settings | {"network": CONFIG["network"]}, "pretrain", "cpu").network == network_settings()
+    assert GraphLearner(settings | {"network": CONFIG["network"]}, "pretrain", "cpu").network == network_settings()

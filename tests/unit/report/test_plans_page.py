@@ -14,7 +14,7 @@ from pinnochio.columns import read_table
 from pinnochio.patients.face import TABLE, face_rows, write_face
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS, motion_of
-from pinnochio.report.plans import Planned, write_plans
+from pinnochio.report.plans import ComparedPlan, write_plans
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
 from tests.helpers.browser import uncaught
@@ -37,7 +37,7 @@ def page(tmp_path_factory):
         write_face(face_rows(patient, field, width), folder / f"{name}.csv")
         motion = motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"advance": advance}, np.zeros(3))
         measures = read_table(folder / f"{name}.csv", TABLE)
-        plans.append(Planned(name, Plan("V", {JAW: motion}), f"{name}/m/index.html", "with care", field, measures))
+        plans.append(ComparedPlan(name, Plan("V", {JAW: motion}), f"{name}/m/index.html", "with care", field, measures))
     write_plans("V<1>", "pinnochio_plus", patient, plans, 0.9, folder / "plans.html")
     return folder / "plans.html", pd.concat({own.name: own.measures.set_index("name") for own in plans})
 

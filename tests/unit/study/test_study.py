@@ -161,8 +161,8 @@ def test_the_tradeoff_takes_as_they_are_what_it_changes_nothing_of():
 
 def test_a_method_that_only_an_archive_knows_is_a_graph_network():
     made = study()
-    assert made.module(job(method="of_an_archive")) == made.module(job(method="pinnochio"))
-    assert made.module(job(method="acmt")) != made.module(job(method="pinnochio"))
+    assert made.predictor(job(method="of_an_archive")) == made.predictor(job(method="pinnochio"))
+    assert made.predictor(job(method="acmt")) != made.predictor(job(method="pinnochio"))
 
 
 def test_networks_are_taken_from_an_archive_of_the_same_folds(tmp_path):

@@ -56,7 +56,7 @@ from pinnochio.compiled import COMPILED
 from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.elements.patches import make_patches
-from pinnochio.methods.pinnochio.learner import Learner
+from pinnochio.methods.pinnochio.learner import GraphLearner
 from pinnochio.training.cases import CaseFiles
 from pinnochio.training.device import choose_device
 from pinnochio.training.fold import train_fold
@@ -69,7 +69,7 @@ cases = [CaseFiles(**files) for files in json.loads((inputs / "cases.json").read
 first, last = out / "pretrained.pt", out / "network.pt"
 start = None
 for phase, name, history in (("pretrain", first, "pretraining.csv"), ("finetune", last, "finetuning.csv")):
-    learner = Learner(settings | phases, phase, device)
+    learner = GraphLearner(settings | phases, phase, device)
     train_fold(learner, phase, cases, start, out=name, history=out / history, **options)
     start = name
 mesh = json.loads((inputs / "mesh.json").read_text())

@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from pinnochio.training import progress
-from pinnochio.training.loop import MEMORY, Balance, train
-from pinnochio.training.progress import Progress, readable
+from pinnochio.training.loop import MEMORY, GradientBalance, train
+from pinnochio.training.progress import TrainingProgress, readable
 from pinnochio.training.validation import held_back
 from tests.helpers.settings import training_settings
 
@@ -158,7 +158,7 @@ def test_physics_of_a_field_almost_at_rest_is_not_weighed_beyond_its_weight(tmp_
 
 
 def test_balance_is_the_geometric_mean_of_the_first_steps():
-    balance = Balance()
+    balance = GradientBalance()
     assert balance.ratio == 0
     for physics in (1.0, 4.0, 16.0):
         balance.update({"data": 2.0, "physics": physics})
@@ -196,7 +196,7 @@ def test_checkpoints_by_time_too(tmp_path, monkeypatch):
 
 def test_log_has_a_line_every_interval_with_medians_rate_and_time_left(caplog):
     now = [0.0]
-    lines = Progress("pretrain", 100, 200, clock=lambda: now[0])
+    lines = TrainingProgress("pretrain", 100, 200, clock=lambda: now[0])
     with caplog.at_level(logging.INFO):
         for step in range(100, 200):
             now[0] += 1.0

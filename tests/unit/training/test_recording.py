@@ -1,4 +1,4 @@
-"""Recorded steps: the same gradients as plain ones, made of functions whose shapes depend on no value."""
+"""RecordedGradients steps: the same gradients as plain ones, made of functions whose shapes depend on no value."""
 
 from dataclasses import asdict, replace
 
@@ -7,11 +7,11 @@ import pytest
 import torch
 from torch._subclasses.fake_tensor import FakeTensorMode
 
-from pinnochio.methods.pinnochio.learner import Learner
+from pinnochio.methods.pinnochio.learner import GraphLearner
 from pinnochio.methods.pinnochio.losses import SurfaceLoss
 from pinnochio.networks.attention import Attention
 from pinnochio.training.loop import Step
-from pinnochio.training.recording import Recorded
+from pinnochio.training.recording import RecordedGradients
 from tests.helpers.training import FEM, SMALL, TRAINING, make_cases, run
 
 WEIGHTS = {"physics": 0.5, "data": 2.0, "boundary": 1.0}
@@ -25,7 +25,7 @@ def cases(tmp_path_factory):
 
 def learner_and_network(phase):
     settings = {"network": asdict(SMALL), "fem": FEM} | dict.fromkeys(("pretraining", "finetuning"), asdict(TRAINING))
-    learner = Learner(settings, phase, "cpu")
+    learner = GraphLearner(settings, phase, "cpu")
     torch.manual_seed(0)
     network = learner.build(learner.network)
     with torch.no_grad():  # decoders begin at zero, behind which nothing has a gradient
@@ -43,7 +43,7 @@ def test_gradients_and_terms_are_those_of_a_plain_step(cases, phase):
     """Of two samples, mirrored and then not: what the first call left is gone."""
     learner, network = learner_and_network(phase)
     samples = [sample for files in cases for sample in learner.read(files)]
-    recorded = Recorded(network, lambda index, shown: learner.piece(network, samples[index], shown))
+    recorded = RecordedGradients(network, lambda index, shown: learner.piece(network, samples[index], shown))
     for mirror in (True, False):
         values = recorded(step(mirror), WEIGHTS)
         found = [weight.grad.clone() for weight in network.parameters()]
@@ -62,7 +62,7 @@ def test_training_by_recorded_steps_ends_where_plain_steps_do(cases, phase, tmp_
     for recorded in (False, True):
         folder = tmp_path / str(recorded)
         run("pretrain", cases, folder)
-        monkeypatch.setattr(Learner, "recorded", recorded)
+        monkeypatch.setattr(GraphLearner, "recorded", recorded)
         run(phase, cases, folder)
         name = {"pretrain": "pretrained.pt", "finetune": "network.pt"}[phase]
         weights.append(torch.load(folder / name, weights_only=True)["state"])

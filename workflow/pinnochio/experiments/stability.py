@@ -31,7 +31,7 @@ from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.mechanics.solvers.newton_corrections import Corrector
 from pinnochio.methods.pinnochio.losses import physics_loss
 from pinnochio.methods.pinnochio.patient import LOSS_EXTENSION, PatientTensors
-from pinnochio.methods.pinnochio.predictor import PatientNetwork
+from pinnochio.methods.pinnochio.predictor import PatientGraphNetwork
 from pinnochio.model.patient import PatientModel
 from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
@@ -208,7 +208,7 @@ class Sweep:
             self._kept["elsewhere"] = replace(self, model=problems.elsewhere(self.model), _kept={})
         return self._kept["elsewhere"]
 
-    def network(self, name: str, number: int) -> PatientNetwork:
+    def network(self, name: str, number: int) -> PatientGraphNetwork:
         """A network of random weights on the patient: those that torch begins with, and noise on all of them."""
         if name not in self._kept:
             settings = NetworkSettings(**self.networks[name])
@@ -221,7 +221,7 @@ class Sweep:
             lift = self.lift(self.model) if settings.lift != "none" else None
             law = self.fem.material(self.model.tissue)
             tensors = PatientTensors.build(self.model, law, WHOLE, settings, lift)
-            self._kept[name] = PatientNetwork(network, tensors)
+            self._kept[name] = PatientGraphNetwork(network, tensors)
         return self._kept[name]
 
     # ---- methods

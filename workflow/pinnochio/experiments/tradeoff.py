@@ -18,7 +18,7 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import Simulator
 from pinnochio.methods.elastic import linear_field
 from pinnochio.methods.pinnochio.patient import PatientTensors
-from pinnochio.methods.pinnochio.predictor import Predictor
+from pinnochio.methods.pinnochio.predictor import GraphPredictor
 from pinnochio.methods.protocol import Planned
 from pinnochio.metrics.judged import Judged
 from pinnochio.metrics.surface import surface_metrics
@@ -125,11 +125,11 @@ def predict_network(
 ) -> Prediction:
     """The plan by the trained network in `file`, repaired and corrected, timed as the study times it."""
     settings = {"fem": asdict(fem), "newton_corrections": setting.corrections}
-    kind = DoublePredictor if setting.double else Predictor
+    kind = DoublePredictor if setting.double else GraphPredictor
     return kind(settings, file, device, threads)(planned)
 
 
-class DoublePredictor(Predictor):
+class DoublePredictor(GraphPredictor):
     """A graph network in double precision."""
 
     def __init__(self, settings: Mapping, trained: str | os.PathLike, device: str, threads: int):

@@ -9,7 +9,7 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.inverse.combinations import Combinations, combinations
-from pinnochio.inverse.face import Face
+from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import OPERATIONS, Freedom, freedoms
 from pinnochio.inverse.proposal import InverseSettings, Proposal, Search, propose
 from pinnochio.inverse.wish import Wish
@@ -28,7 +28,7 @@ class Answer:
 
 
 def answers(
-    face: Face,
+    face: ElasticFace,
     wish: Wish,
     operations: Sequence[str],
     bounds: Mapping,
@@ -53,7 +53,9 @@ def answers(
     return made
 
 
-def contradictions(face: Face, wish: Wish, free: Freedom, settings: InverseSettings) -> list[tuple[str, str, float]]:
+def contradictions(
+    face: ElasticFace, wish: Wish, free: Freedom, settings: InverseSettings
+) -> list[tuple[str, str, float]]:
     """Pairs of wishes that can each be met alone, within the tolerance `met` to first order, and not together.
 
     Each with the larger error of the two together, the best way to compromise.

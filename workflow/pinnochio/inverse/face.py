@@ -12,7 +12,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 
 
-class Face:
+class ElasticFace:
     """One patient whose face answers many plans; what belongs to the patient is made once.
 
     response (12 K, 3 n): displacement of the nodes, mm, per unit of each amplitude of

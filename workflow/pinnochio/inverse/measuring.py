@@ -9,7 +9,7 @@ from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.inverse.alternatives import Answer
 from pinnochio.inverse.combinations import combinations
-from pinnochio.inverse.face import Face
+from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import LPS, OPERATIONS, Freedom, freedom
 from pinnochio.inverse.proposal import InverseSettings, propose
 from pinnochio.inverse.wish import Marks, PlaceWish, SurfaceWish, Wish
@@ -32,7 +32,7 @@ def widest(model: PatientModel, bounds) -> tuple[str, Freedom]:
 
 
 def sought(
-    face: Face, wish: Wish, operation: str, free: Freedom, settings: InverseSettings, tolerance: float, case: str
+    face: ElasticFace, wish: Wish, operation: str, free: Freedom, settings: InverseSettings, tolerance: float, case: str
 ) -> Answer:
     """The answer to a wish by one operation, sought with a tolerance (mm) of its own."""
     proposal, search = propose(face, wish, free, operation, case, replace(settings, tolerance=tolerance))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from pinnochio.inverse.face import Face
+from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import Freedom
 from pinnochio.inverse.wish import Wish, misfit, stacked
 from pinnochio.plans.plan import Plan
@@ -67,7 +67,7 @@ class Proposal:
 class Search:
     """One patient, one wish, one operation: the nearest face within its freedom."""
 
-    def __init__(self, face: Face, wish: Wish, freedom: Freedom, settings: InverseSettings):
+    def __init__(self, face: ElasticFace, wish: Wish, freedom: Freedom, settings: InverseSettings):
         self._face, self._wish, self._freedom, self._settings = face, wish, freedom, settings
         # What finite elements add to the elastic map: off + slope @ (x - at), mm of the nodes' coordinates.
         self._off = np.zeros(face.response.shape[1])
@@ -163,7 +163,7 @@ class Search:
 
 
 def propose(
-    face: Face, wish: Wish, freedom: Freedom, operation: str, case: str, settings: InverseSettings
+    face: ElasticFace, wish: Wish, freedom: Freedom, operation: str, case: str, settings: InverseSettings
 ) -> tuple[Proposal, Search]:
     """The proposal of an operation, and the search that made it.
 

@@ -8,7 +8,7 @@ import pandas as pd
 from pinnochio.columns import check
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.inverse.columns import SENSITIVITY
-from pinnochio.inverse.face import Face
+from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import LPS, QUANTITIES
 from pinnochio.inverse.wish import Marks
 from pinnochio.mechanics.lift import motion_amplitudes
@@ -18,7 +18,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.plans.sampling import JawAnatomy
 
 
-def sensitivity(face: Face, case: str, code: str, spots: Sequence[tuple[str, str]] = ()) -> pd.DataFrame:
+def sensitivity(face: ElasticFace, case: str, code: str, spots: Sequence[tuple[str, str]] = ()) -> pd.DataFrame:
     """Rows of SENSITIVITY: each segment moved alone by one unit of each quantity, about its middle or its condyle.
 
     spots: pairs of segment and quantity that are solved by finite elements as well.

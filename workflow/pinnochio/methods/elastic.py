@@ -28,7 +28,7 @@ def linear_field(patient: PatientModel, plan: Plan, fem: FemSettings) -> tuple[n
         return timed(prepare)
 
 
-class Predictor:
+class ElasticPredictor:
     """As :class:`pinnochio.methods.protocol.Predictor`; settings: fem."""
 
     def __init__(self, settings: Mapping, trained: str | None, device: str, threads: int):

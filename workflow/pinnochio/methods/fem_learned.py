@@ -34,7 +34,7 @@ def fit(
     return sources.fit(models, bases, plans, skins, covariates, fem)
 
 
-class Predictor:
+class LearnedLoadPredictor:
     """As :class:`pinnochio.methods.protocol.Predictor`; settings: fem."""
 
     def __init__(self, settings: Mapping, trained: str, device: str, threads: int):

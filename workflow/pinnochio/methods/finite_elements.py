@@ -11,7 +11,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
 
 
-class Predictor:
+class FiniteElementPredictor:
     """As :class:`pinnochio.methods.protocol.Predictor`.
 
     settings: fem; contact: one of `conditions.ARMS`; region: amplitude in mm below which a plan leaves tissue to

@@ -10,7 +10,7 @@ from pinnochio.model.predictions import Prediction
 from pinnochio.model.truth import read_truth
 
 
-class Predictor:
+class ScanFloorPredictor:
     """As :class:`pinnochio.methods.protocol.Predictor`, without settings. A bound of the virtual cohort, no method."""
 
     def __init__(self, settings: Mapping, trained: str | None, device: str, threads: int):

@@ -8,7 +8,7 @@ from pinnochio.methods.protocol import Planned
 from pinnochio.model.predictions import Prediction
 
 
-class Predictor:
+class NoChangePredictor:
     """As :class:`pinnochio.methods.protocol.Predictor`, without settings."""
 
     def __init__(self, settings: Mapping, trained: str | None, device: str, threads: int):

@@ -54,7 +54,7 @@ class LinearModel:
             return cls(*(file[item.name][()] for item in fields(cls)))
 
 
-class Predictor:
+class PcaPredictor:
     """As :class:`pinnochio.methods.protocol.Predictor`, without settings."""
 
     def __init__(self, settings: Mapping, trained: str | None, device: str, threads: int):

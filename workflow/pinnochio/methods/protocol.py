@@ -1,4 +1,4 @@
-"""What every method offers: a module with a class Predictor that is made once and predicts patient after patient."""
+"""What every method offers: a predictor that is made once and predicts patient after patient."""
 
 import time
 from collections.abc import Callable, Mapping

@@ -21,7 +21,7 @@ BLEND = 6.0  # mm over which neighbouring regions run into each other [I]
 JAWS = ("upper", "lower", "chin")
 
 
-class Predictor:
+class RatioPredictor:
     """As :class:`pinnochio.methods.protocol.Predictor`, without settings."""
 
     def __init__(self, settings: Mapping, trained: str | None, device: str, threads: int):

@@ -16,9 +16,10 @@ PRETRAINED = "_pretrained"  # ends the name of a surface network that is pretrai
 class Method:
     """A method that predicts how the soft tissue follows a plan.
 
-    module: of the library, with the method's Predictor. learner: the one with its `fit` (trains at once) or its Learner
-    (by steps). sections: of the configuration that it reads; options: further values, fixed. mesh: "study", or "lips"
-    for the mesh that resolves the lips. trains: "no", "at once" or "by steps". new_patients: whether it predicts
+    predictor: reference, `module:name`, of the class that predicts. learner: that of the function `fit` (trains at
+    once) or of the class (by steps) that trains. sections: of the configuration that it reads; options: further values,
+    fixed. mesh: "study", or "lips" for the mesh that resolves the lips. trains: "no", "at once" or "by steps".
+    new_patients: whether it predicts
     patients of no study. varied: what the trade-off changes of it. reduced: whether it can solve what a plan requires
     alone. truth: what a bound reads of the virtual truth, "motion" or "field"; empty for every method proper.
     covariates: whether it reads what else is known of a patient. settings: values of the sections and options, by
@@ -27,7 +28,7 @@ class Method:
 
     name: str
     family: str
-    module: str
+    predictor: str
     learner: str = ""
     sections: tuple[str, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
@@ -53,21 +54,25 @@ class Method:
 
 def _finite_elements(name: str, contact: str, **more) -> Method:
     """A method by `methods/finite_elements.py`; contact: which interfaces slide."""
-    module = "pinnochio.methods.finite_elements"
-    return Method(name, "finite elements", module, sections=("fem",), options={"contact": contact}, **more)
+    predictor = "pinnochio.methods.finite_elements:FiniteElementPredictor"
+    return Method(name, "finite elements", predictor, sections=("fem",), options={"contact": contact}, **more)
 
 
 _VARIED = ("nodes", "element", "solver", "tolerance")
-_REGRESSION = "pinnochio.methods.pca_linear"
-_LEARNED = "pinnochio.methods.fem_learned"
 BUILT_IN = (
-    Method("no_change", "floor", "pinnochio.methods.no_change"),
-    Method("ratio", "floor", "pinnochio.methods.ratio"),
-    Method("pca_linear", "regression", _REGRESSION, _REGRESSION, trains="at once"),
+    Method("no_change", "floor", "pinnochio.methods.no_change:NoChangePredictor"),
+    Method("ratio", "floor", "pinnochio.methods.ratio:RatioPredictor"),
+    Method(
+        "pca_linear",
+        "regression",
+        "pinnochio.methods.pca_linear:PcaPredictor",
+        "pinnochio.methods.pca_linear:fit",
+        trains="at once",
+    ),
     Method(
         "elastic",
         "finite elements",
-        "pinnochio.methods.elastic",
+        "pinnochio.methods.elastic:ElasticPredictor",
         sections=("fem",),
         varied=("nodes",),
         new_patients=True,
@@ -76,19 +81,27 @@ BUILT_IN = (
         "fem_bonded", "bonded", varied=("nodes", "element", "mixed", "solver"), new_patients=True, reduced=True
     ),
     _finite_elements("fem_sliding", "mucosa", varied=_VARIED, new_patients=True, reduced=True),
-    Method("fem_learned", "finite elements", _LEARNED, _LEARNED, ("fem",), trains="at once", covariates=True),
+    Method(
+        "fem_learned",
+        "finite elements",
+        "pinnochio.methods.fem_learned:LearnedLoadPredictor",
+        "pinnochio.methods.fem_learned:fit",
+        ("fem",),
+        trains="at once",
+        covariates=True,
+    ),
     _finite_elements("fem_rlse_bonded", "bonded", mesh="lips", reduced=True),
     _finite_elements("fem_rlse_mucosa", "mucosa", mesh="lips", reduced=True),
     _finite_elements("fem_rlse", "mucosa+lip", mesh="lips", reduced=True),
     _finite_elements("oracle", "mucosa", truth="motion"),
-    Method("floor_scan", "scan", "pinnochio.methods.floor_scan", truth="field"),
+    Method("floor_scan", "scan", "pinnochio.methods.floor_scan:ScanFloorPredictor", truth="field"),
 )
 # Those that the configuration names: in `variants` and `design.switches`, in `surface.networks`, in `external`.
 GRAPH_NETWORK = Method(
     "",
     "graph network",
-    "pinnochio.methods.pinnochio.predictor",
-    "pinnochio.methods.pinnochio.learner",
+    "pinnochio.methods.pinnochio.predictor:GraphPredictor",
+    "pinnochio.methods.pinnochio.learner:GraphLearner",
     ("network", "pretraining", "finetuning", "newton_corrections", "fem"),
     trains="by steps",
     new_patients=True,
@@ -97,8 +110,8 @@ GRAPH_NETWORK = Method(
 SURFACE_NETWORK = Method(
     "",
     "surface network",
-    "pinnochio.methods.surface.predictor",
-    "pinnochio.methods.surface.learner",
+    "pinnochio.methods.surface.predictor:SurfacePredictor",
+    "pinnochio.methods.surface.learner:SurfaceLearner",
     trains="by steps",
 )
 EXTERNAL = Method("", "external", "")

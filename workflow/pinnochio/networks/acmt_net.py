@@ -7,7 +7,7 @@ docs/explanation/baselines.md says where that is silent and what was chosen.
 import torch
 from torch import Tensor, nn
 
-from pinnochio.networks.clouds import Stage, SurfaceInputs
+from pinnochio.networks.clouds import SurfaceInputs, SurfaceStage
 from pinnochio.networks.pointnet import PointNet2, perceptron
 
 UNIT = 250.0  # mm: the length that is one inside these networks [I]
@@ -41,14 +41,14 @@ class AcmtNet(nn.Module):
         bone = self.bone_features(self.bone(inputs.bone, inputs.count))
         return face.view(inputs.count, -1, 64), bone.view(inputs.count, -1, 64)
 
-    def forward(self, inputs: SurfaceInputs) -> list[Stage]:
+    def forward(self, inputs: SurfaceInputs) -> list[SurfaceStage]:
         """The displacement of every face point."""
         face, bone = self.features(inputs)
         alike = face @ bone.transpose(1, 2)
         weights = alike.softmax(2) if self.softmax else alike / bone.shape[1]
         moved = self.movement(torch.cat([inputs.bone.points, inputs.movement], 1))
         brought = (weights @ moved.view(inputs.count, -1, 64)).flatten(0, 1)
-        return [Stage(inputs.face.points, bounded(self.displacement(brought)), inputs.batch)]
+        return [SurfaceStage(inputs.face.points, bounded(self.displacement(brought)), inputs.batch)]
 
 
 class FscNet(nn.Module):
@@ -61,13 +61,13 @@ class FscNet(nn.Module):
         self.bone = PointNet2(CODE, (), CODE_WHOLE, inputs=6)
         self.displacement = nn.Sequential(perceptron(UP[-1][-1] + CODE_WHOLE[-1], 128, 64), nn.Linear(64, 3))
 
-    def forward(self, inputs: SurfaceInputs) -> list[Stage]:
+    def forward(self, inputs: SurfaceInputs) -> list[SurfaceStage]:
         """As :meth:`AcmtNet.forward`."""
         face = self.face(inputs.face, inputs.count)
         face = self.attention(face.view(inputs.count, -1, face.shape[1])).flatten(0, 1)
         code = self.bone(inputs.bone, inputs.count, torch.cat([inputs.bone.points, inputs.movement], 1))
         raw = self.displacement(torch.cat([face, code[inputs.batch]], 1))
-        return [Stage(inputs.face.points, bounded(raw), inputs.batch)]
+        return [SurfaceStage(inputs.face.points, bounded(raw), inputs.batch)]
 
 
 class SelfAttention(nn.Module):

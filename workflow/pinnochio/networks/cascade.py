@@ -12,8 +12,8 @@ from torch import Tensor
 
 from pinnochio.networks.boundary import BoundaryNetwork
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.networks.signals import Anatomy, InterfaceAndVolume, PlanSignal
-from pinnochio.networks.tissues import Added, Source, TwoTissues
+from pinnochio.networks.signals import InterfaceAndVolume, PlanSignal, TissueGraphs
+from pinnochio.networks.tissues import Added, InterfaceSource, TwoTissues
 from pinnochio.networks.volume import VolumeNetwork
 
 
@@ -26,7 +26,7 @@ class Cascade(TwoTissues):
         self.muscle, self.superficial = VolumeNetwork(settings), VolumeNetwork(settings)
 
     def forward(
-        self, anatomy: Anatomy, plan: PlanSignal, mirror: bool = False, rest: dict[str, Tensor] | None = None
+        self, anatomy: TissueGraphs, plan: PlanSignal, mirror: bool = False, rest: dict[str, Tensor] | None = None
     ) -> InterfaceAndVolume:
         """Displacement of every node; `mirror` solves the left-right mirrored patient and mirrors the answer back.
 
@@ -39,7 +39,7 @@ class Cascade(TwoTissues):
         if len(nodes):
             muscle = anatomy.muscle.mirrored(flip)
             u = self.muscle(muscle, rest["muscle"], boundary.displacement[nodes], boundary.known[nodes])
-            added, source = added.plus(nodes, u), Source(muscle, u, torch.ones_like(u[:, :1]))
+            added, source = added.plus(nodes, u), InterfaceSource(muscle, u, torch.ones_like(u[:, :1]))
             boundary = boundary.filled(
                 self.muscle_superficial, anatomy.muscle_superficial, source, plan.cue * flip, plan.reliable, self.hard
             )

@@ -180,7 +180,7 @@ class SurfaceInputs:
 
 
 @dataclass(frozen=True)
-class Stage:
+class SurfaceStage:
     """What a surface network gives: where points were (n, 3), and their displacement (n, 3), in units.
 
     batch (n,): the patient of each. edges (2, e): of the mesh whose corners they are, if there is one. corners (f, 3):
@@ -194,7 +194,7 @@ class Stage:
     corners: Tensor | None = None
 
 
-def per_patient(stages: Sequence[Stage], count: int) -> list[list[Stage]]:
+def per_patient(stages: Sequence[SurfaceStage], count: int) -> list[list[SurfaceStage]]:
     """The stages of each of `count` joined patients, in numbers of its own."""
     parts = []
     for number in range(count):
@@ -204,7 +204,7 @@ def per_patient(stages: Sequence[Stage], count: int) -> list[list[Stage]]:
             place = torch.cumsum(rows, 0) - 1  # the rows of one patient need not follow each other
             edges = None if stage.edges is None else place[stage.edges[:, rows[stage.edges[0]]]]
             corners = None if stage.corners is None else before[stage.corners[rows[-len(stage.corners) :]]]
-            split.append(Stage(stage.rest[rows], stage.displacement[rows], stage.batch[rows], edges, corners))
+            split.append(SurfaceStage(stage.rest[rows], stage.displacement[rows], stage.batch[rows], edges, corners))
             before = place
         parts.append(split)
     return parts

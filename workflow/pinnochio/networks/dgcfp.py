@@ -12,7 +12,7 @@ from torch_geometric.nn import MessagePassing
 from torch_geometric.utils import scatter
 
 from pinnochio.networks.acmt_net import bounded
-from pinnochio.networks.clouds import FaceGraph, GraphLevel, Stage, SurfaceInputs
+from pinnochio.networks.clouds import FaceGraph, GraphLevel, SurfaceInputs, SurfaceStage
 from pinnochio.networks.pointnet import PointNet2, perceptron
 
 SHARES = (1 / 4, 1 / 8, 1 / 16, 1 / 64)  # bone points of each level: 1024, 512, 256 and 64 of 4096 [S]
@@ -111,7 +111,7 @@ class Dgcfp(nn.Module):
         self.refined = EdgeConvolution(3 + 64)
         self.second = nn.Sequential(perceptron(64, 128, 64), nn.Linear(64, 3))
 
-    def forward(self, inputs: SurfaceInputs) -> list[Stage]:
+    def forward(self, inputs: SurfaceInputs) -> list[SurfaceStage]:
         """Two stages: the face's points, and then these with the middles of drawn triangles among them."""
         face = self.face_code(self.face(inputs.face))
         bone = self.bone_code(self.bone(inputs.bone, inputs.count)).view(inputs.count, -1, 64)
@@ -119,14 +119,14 @@ class Dgcfp(nn.Module):
         brought = torch.cat([self._attend(face[inputs.batch == n], bone[n], moved[n]) for n in range(inputs.count)])
         values = self.fusion(brought)
         level = inputs.face.levels[0]
-        first = Stage(level.points, bounded(self.first(values)), inputs.batch, level.mesh)
+        first = SurfaceStage(level.points, bounded(self.first(values)), inputs.batch, level.mesh)
         corners, edges = finer(level, inputs.face.triangles)
         placed, values = first.rest + first.displacement, torch.cat([values, values[corners].mean(1)])
         placed = torch.cat([placed, placed[corners].mean(1)])
         step = bounded(self.second(self.refined(torch.cat([placed, values], 1), edges)))
         rest = torch.cat([first.rest, first.rest[corners].mean(1)])
         batch = torch.cat([inputs.batch, inputs.batch[corners[:, 0]]])
-        return [first, Stage(rest, placed + step - rest, batch, edges, corners)]
+        return [first, SurfaceStage(rest, placed + step - rest, batch, edges, corners)]
 
     def _attend(self, face: Tensor, bone: Tensor, moved: Tensor) -> Tensor:
         """What each face point (n, 64) takes of the movement code (b, 64): the two halves of the features ask apart."""

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.networks.signals import Anatomy, InterfaceAndVolume, PlanSignal
+from pinnochio.networks.signals import InterfaceAndVolume, PlanSignal, TissueGraphs
 from pinnochio.networks.tissues import Added, TwoTissues
 from pinnochio.networks.volume import VolumeNetwork
 
@@ -24,7 +24,7 @@ class Lifted(TwoTissues):
         self.superficial = VolumeNetwork(settings) if settings.volume_layers else None
 
     def forward(
-        self, anatomy: Anatomy, plan: PlanSignal, mirror: bool = False, rest: dict[str, Tensor] | None = None
+        self, anatomy: TissueGraphs, plan: PlanSignal, mirror: bool = False, rest: dict[str, Tensor] | None = None
     ) -> InterfaceAndVolume:
         """As :meth:`~pinnochio.networks.cascade.Cascade.forward`."""
         flip = self.flips[int(mirror)]

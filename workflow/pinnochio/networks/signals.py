@@ -26,7 +26,7 @@ class LiftTensors:
 
 
 @dataclass(frozen=True)
-class Anatomy:
+class TissueGraphs:
     """What the networks need of a patient, whatever the plan.
 
     Node indices refer to the whole mesh of n nodes. muscle_nodes and superficial_nodes list the nodes of the

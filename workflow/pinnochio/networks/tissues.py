@@ -8,12 +8,12 @@ from torch import Tensor, nn
 from pinnochio.networks.boundary import BoundaryNetwork
 from pinnochio.networks.graph import Graph
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.networks.signals import Anatomy, Interface, PlanSignal, mirror_signs
+from pinnochio.networks.signals import Interface, PlanSignal, TissueGraphs, mirror_signs
 from pinnochio.networks.volume import VolumeNetwork
 
 
 @dataclass(frozen=True)
-class Source:
+class InterfaceSource:
     """A body that moves an interface: its graph, motion (s, 3) mm and flag moved (s, 1)."""
 
     graph: Graph
@@ -29,7 +29,13 @@ class Boundary:
     known: Tensor
 
     def filled(
-        self, network: BoundaryNetwork, interface: Interface, source: Source, cue: Tensor, reliable: Tensor, hard: bool
+        self,
+        network: BoundaryNetwork,
+        interface: Interface,
+        source: InterfaceSource,
+        cue: Tensor,
+        reliable: Tensor,
+        hard: bool,
     ) -> "Boundary":
         """With the nodes of the interface as the network puts them; hard: as the plan does where it is reliable."""
         nodes = interface.nodes
@@ -79,15 +85,15 @@ class TwoTissues(nn.Module):
         self.bone_muscle = BoundaryNetwork(settings)
         self.bone_superficial = BoundaryNetwork(settings)
 
-    def encode_rest(self, anatomy: Anatomy, mirror: bool = False) -> dict[str, Tensor]:
+    def encode_rest(self, anatomy: TissueGraphs, mirror: bool = False) -> dict[str, Tensor]:
         """What the volume networks know of the patient's rest geometry; serves every plan."""
         flip = self.flips[int(mirror)]
         bodies = {"muscle": (self.muscle, anatomy.muscle), "superficial": (self.superficial, anatomy.superficial)}
         return {name: network.encode_rest(body.mirrored(flip)) for name, (network, body) in bodies.items() if network}
 
-    def bone_contact(self, anatomy: Anatomy, plan: PlanSignal, flip: Tensor) -> Boundary:
+    def bone_contact(self, anatomy: TissueGraphs, plan: PlanSignal, flip: Tensor) -> Boundary:
         """Boundary of the nodes in contact with bone and of the cut planes; flip (3,) mirrors the patient, or not."""
         cue, boundary = plan.cue * flip, Boundary(torch.zeros_like(plan.cue), anatomy.cut)
-        bone = Source(anatomy.bone.mirrored(flip), plan.bone * flip, anatomy.bone_moved)
+        bone = InterfaceSource(anatomy.bone.mirrored(flip), plan.bone * flip, anatomy.bone_moved)
         boundary = boundary.filled(self.bone_muscle, anatomy.bone_muscle, bone, cue, plan.reliable, self.hard)
         return boundary.filled(self.bone_superficial, anatomy.bone_superficial, bone, cue, plan.reliable, self.hard)

@@ -3,7 +3,7 @@
 from torch import Tensor, nn
 
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.networks.signals import Anatomy, InterfaceAndVolume, PlanSignal, mirror_signs
+from pinnochio.networks.signals import InterfaceAndVolume, PlanSignal, TissueGraphs, mirror_signs
 from pinnochio.networks.volume import VolumeNetwork
 
 
@@ -15,12 +15,12 @@ class Unified(nn.Module):
         self.register_buffer("flips", mirror_signs(), persistent=False)
         self.volume = VolumeNetwork(settings)
 
-    def encode_rest(self, anatomy: Anatomy, mirror: bool = False) -> dict[str, Tensor]:
+    def encode_rest(self, anatomy: TissueGraphs, mirror: bool = False) -> dict[str, Tensor]:
         """What the network knows of the patient's rest geometry; serves every plan."""
         return {"whole": self.volume.encode_rest(anatomy.whole.mirrored(self.flips[int(mirror)]))}
 
     def forward(
-        self, anatomy: Anatomy, plan: PlanSignal, mirror: bool = False, rest: dict[str, Tensor] | None = None
+        self, anatomy: TissueGraphs, plan: PlanSignal, mirror: bool = False, rest: dict[str, Tensor] | None = None
     ) -> InterfaceAndVolume:
         """As :meth:`~pinnochio.networks.cascade.Cascade.forward`; the boundary is the cue itself."""
         flip = self.flips[int(mirror)]

@@ -41,7 +41,7 @@ SWEPT = 10.0, 15.0
 FAR = 1.0  # widths of the training's range beyond what is usual from which nothing is usable
 
 
-class Row(NamedTuple):
+class Finding(NamedTuple):
     """One line of the certificate in words; good: whether it is as it should be, None where nobody can say; bad:
     whether the prediction is not usable for it."""
 
@@ -52,7 +52,7 @@ class Row(NamedTuple):
     bad: bool = False
 
 
-class Verdict(NamedTuple):
+class CertificateGrade(NamedTuple):
     """What the certificate comes to: USABLE, CARE or NOT_USABLE, and the reasons."""
 
     grade: str
@@ -140,15 +140,15 @@ def plain(value):
     return value.item() if isinstance(value, np.generic) else value
 
 
-def in_words(certificate: Mapping) -> list[Row]:
+def in_words(certificate: Mapping) -> list[Finding]:
     """The certificate as a table that needs no other explanation."""
     rows = [
         *_solution_rows(certificate["solution"], certificate["measures"]),
         *_field_rows(certificate["measures"], certificate["models"]),
     ]
     if not certificate["models"]:
-        none = Row("Interval", "none", "No interval is calibrated for this method.")
-        return [*rows, none, Row("In distribution", "not asked", "The method has not been trained on anybody.")]
+        none = Finding("Interval", "none", "No interval is calibrated for this method.")
+        return [*rows, none, Finding("In distribution", "not asked", "The method has not been trained on anybody.")]
     return [
         *rows,
         _interval_row(certificate["interval"], certificate["in_distribution"]["within"]),
@@ -156,16 +156,16 @@ def in_words(certificate: Mapping) -> list[Row]:
     ]
 
 
-def verdict(certificate: Mapping) -> Verdict:
+def verdict(certificate: Mapping) -> CertificateGrade:
     """What all rows of a certificate come to, and those that speak against using the prediction."""
     rows = in_words(certificate)
     for grade, chosen in ((NOT_USABLE, [row for row in rows if row.bad]), (CARE, [o for o in rows if o.good is False])):
         if chosen:
-            return Verdict(grade, tuple(f"{row.what}: {row.value}" for row in chosen))
-    return Verdict(USABLE, ())
+            return CertificateGrade(grade, tuple(f"{row.what}: {row.value}" for row in chosen))
+    return CertificateGrade(USABLE, ())
 
 
-def _solution_rows(solution: Mapping, of: Mapping) -> list[Row]:
+def _solution_rows(solution: Mapping, of: Mapping) -> list[Finding]:
     rows = []
     if solution["solver"]:
         value = f"converged in {solution['iterations']} iterations"
@@ -174,22 +174,22 @@ def _solution_rows(solution: Mapping, of: Mapping) -> list[Row]:
             value = f"stopped at {100 * solution['load']:.0f} % of the plan"
             meaning = f"{solution['reason'].capitalize()}. What is shown is the last state before that, not the plan's."
         whole = solution["converged"] and solution["load"] >= 1
-        rows.append(Row("Solver", value, meaning, whole, not whole))
+        rows.append(Finding("Solver", value, meaning, whole, not whole))
         return rows
     if not solution["converged"]:
-        rows.append(Row("Corrections", "not converged", "Newton's corrections of a model stopped early.", False))
+        rows.append(Finding("Corrections", "not converged", "Newton's corrections of a model stopped early.", False))
     if solution["damping"] < 1:
         meaning = "The models' field turned tissue inside out, so it was made smaller: the plan is not carried out."
         value = f"field scaled to {100 * solution['damping']:.2g} %"
-        rows.append(Row("Inversion repair", value, meaning, False, True))
+        rows.append(Finding("Inversion repair", value, meaning, False, True))
     elif solution["repaired"]:
         meaning = "Elements that the models' fields had turned inside out or flattened, and that were solved again."
         good = None if solution["repaired"] <= REPAIRED * of["elements"] else False
-        rows.append(Row("Inversion repair", f"{solution['repaired']} of {of['elements']} elements", meaning, good))
+        rows.append(Finding("Inversion repair", f"{solution['repaired']} of {of['elements']} elements", meaning, good))
     return rows
 
 
-def _field_rows(of: Mapping, models: Mapping | None) -> list[Row]:
+def _field_rows(of: Mapping, models: Mapping | None) -> list[Finding]:
     def usual(name: str, digits: str) -> str:
         """What held-out patients of the study had, where that is known."""
         if not models or name not in models["usual"]:
@@ -228,36 +228,36 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Row]:
     sliding = "Mean gap or penetration of the tissue that slides along bone."
     moved = f"{of['skin_mean_mm']:.1f} mm mean, {of['skin_max_mm']:.1f} mm at most"
     return [
-        Row("Elements turned inside out", f"{of['inverted']} of {of['elements']}", folded, not inverted, inverted),
-        Row(
+        Finding("Elements turned inside out", f"{of['inverted']} of {of['elements']}", folded, not inverted, inverted),
+        Finding(
             "Smallest volume ratio (min J)",
             number("min_jacobian", ".3f"),
             "1 keeps its volume, 0 is flat." + usual("min_jacobian", ".2f"),
             known["min_jacobian"] > 0 and worse("min_jacobian", FLAT),
             not known["min_jacobian"] > 0,
         ),
-        Row(
+        Finding(
             "Residual",
             number("eqres_rel", ".2g"),
             force + usual("eqres_rel", ".2g"),
             worse("eqres_rel"),
             strained,
         ),
-        Row(
+        Finding(
             "Boundary mismatch, moving",
             millimetres("moving_error"),
             moving + usual("moving_error", ".2f"),
             worse("moving_error", MISMATCH[0]),
             far("moving_error"),
         ),
-        Row(
+        Finding(
             "Boundary mismatch, sliding",
             millimetres("sliding_error"),
             sliding + usual("sliding_error", ".2f"),
             worse("sliding_error", MISMATCH[0]),
             far("sliding_error"),
         ),
-        Row(
+        Finding(
             "Sliding tissue off its bone",
             f"{number('off_bone_mm', '.1f')} mm at most",
             f"How far sliding tissue has come from, or gone into, the bone itself. Above {OFF_BONE:g} mm it has gone "
@@ -265,15 +265,15 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Row]:
             known["off_bone_mm"] <= OFF_BONE,
             not known["off_bone_mm"] <= OFF_BONE,
         ),
-        Row(
+        Finding(
             "Motion of the bones",
             f"{of['motion_mm']:.1f} mm, {of['turn_degrees']:.0f} degrees at most",
             f"Up to {SWEPT[0]:g} mm and {SWEPT[1]:g} degrees of a bone every trial of the mechanics was confirmed, but "
             "where tissue left its bone; beyond, not every one.",
             known["motion_mm"] <= SWEPT[0] and known["turn_degrees"] <= SWEPT[1],
         ),
-        Row("Movement of the skin", moved, "Over the judged face."),
-        Row(
+        Finding("Movement of the skin", moved, "Over the judged face."),
+        Finding(
             "Edge of the scan",
             f"{of['edge_percent']:.0f} % of the face beside it, moves {of['edge_moved_mm']:.1f} mm at most",
             f"Within {EDGE:g} mm of where the scan ends. What lies beyond is not in the model, so that the prediction "
@@ -284,7 +284,7 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Row]:
     ]
 
 
-def _detail_row(of: Mapping) -> Row:
+def _detail_row(of: Mapping) -> Finding:
     value = f"{of['off_mesh_p95_mm']:.1f} mm off the mesh at 95 %"
     regions = [f"{name.replace('_', ' ')} {beyond:.1f}" for name, beyond in of["off_mesh_regions_mm"].items()]
     if regions:
@@ -294,25 +294,27 @@ def _detail_row(of: Mapping) -> Row:
     )
     meaning += "mean. Form that is finer than the mesh rides on the tissue beneath: it is shown, not computed. Finite "
     meaning += "elements on a finer mesh (mesh.nodes) compute more of it."
-    return Row("Detail of the skin", value, meaning, of["off_mesh_p95_mm"] <= DETAIL)
+    return Finding("Detail of the skin", value, meaning, of["off_mesh_p95_mm"] <= DETAIL)
 
 
-def _interval_row(interval: Mapping, within: bool) -> Row:
+def _interval_row(interval: Mapping, within: bool) -> Finding:
     meaning = f"{100 * interval['level']:g} % of a region's points should lie this near to the outcome, as they did on "
     meaning += f"{interval['patients']} held-out patients, if patient and plan are like theirs. "
     meaning += "" if within else "They are not: do not rely on it. "
     if interval["widening"] > 1:
         meaning += f"So it is {interval['widening']:.1f} times as wide as calibrated. "
     meaning += f"Widened on {interval['widened_percent']:.0f} % of the face, where the fold models disagree."
-    return Row("Interval", f"± {interval['median_mm']:.1f} mm median, {interval['largest_mm']:.1f} mm at most", meaning)
+    return Finding(
+        "Interval", f"± {interval['median_mm']:.1f} mm median, {interval['largest_mm']:.1f} mm at most", meaning
+    )
 
 
-def _distribution_rows(compared: Mapping, cohort: str) -> list[Row]:
+def _distribution_rows(compared: Mapping, cohort: str) -> list[Finding]:
     rows = []
     for name, title in (("segments", "Bone segments"), ("muscle", "Muscle layer")):
         value, trained = (compared[name][key] for key in ("value", "trained"))
         value = value if isinstance(value, str) else ", ".join(value)
-        rows.append(Row(title, value, f"In training: {', '.join(trained)}.", compared[name]["within"]))
+        rows.append(Finding(title, value, f"In training: {', '.join(trained)}.", compared[name]["within"]))
     for name, title in (("anatomy", "Anatomy"), ("plan", "Plan")):
         part = compared[name]
         outside, quantities = part["outside"], part["quantities"]
@@ -328,5 +330,5 @@ def _distribution_rows(compared: Mapping, cohort: str) -> list[Row]:
         far = part["farthest"] - part["threshold"] > FAR
         value = "like the training's" if part["within"] else "beyond the training's"
         value = "far beyond the training's" if far else value
-        rows.append(Row(title, value, meaning, part["within"], far))
+        rows.append(Finding(title, value, meaning, part["within"], far))
     return rows

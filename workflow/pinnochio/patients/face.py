@@ -30,7 +30,7 @@ TABLE = (
 
 
 @dataclass(frozen=True)
-class Row:
+class MeasureRow:
     """One line of TABLE; NaN where a number is not known."""
 
     name: str
@@ -43,7 +43,7 @@ class Row:
     half_width: float
 
 
-class Face:
+class FaceMeasures:
     """The landmarks of one patient, found once; :meth:`rows` serves every plan."""
 
     def __init__(self, patient: PatientModel):
@@ -55,7 +55,7 @@ class Face:
         places = np.where(known[:, None], self.landmarks.positions, 0)
         self._nearest = judged[cKDTree(patient.skin_points[judged]).query(places)[1]]
 
-    def rows(self, displacement: np.ndarray, half_width: np.ndarray | None = None) -> list[Row]:
+    def rows(self, displacement: np.ndarray, half_width: np.ndarray | None = None) -> list[MeasureRow]:
         """The measures, then how far forward, up and to the left the SHOWN landmarks go, under a field (n, 3) mm.
 
         half_width (s,) mm of the skin points' interval, or None. That of a measure takes the intervals at its landmarks
@@ -71,7 +71,7 @@ class Face:
         spread = np.sqrt(((gradient * widths) ** 2).sum(axis=1))
         after = measure(moved)
         rows = [
-            Row(name, one.title, one.unit, one.positive, before, now, now - before, width)
+            MeasureRow(name, one.title, one.unit, one.positive, before, now, now - before, width)
             for (name, one), before, now, width in zip(MEASURES.items(), self._before, after, spread, strict=True)
         ]
         shift = moved - self.landmarks.positions
@@ -80,23 +80,25 @@ class Face:
             for way, axis in WAYS.items():
                 change = float(shift[place] @ axis)
                 key = f"{name}_{way.split()[-1]}"
-                rows.append(Row(key, title, "mm", way, np.nan, np.nan, change, float(widths[place])))
+                rows.append(MeasureRow(key, title, "mm", way, np.nan, np.nan, change, float(widths[place])))
         return rows
 
 
-def face_rows(patient: PatientModel, displacement: np.ndarray, half_width: np.ndarray | None = None) -> list[Row]:
-    """:meth:`Face.rows` of one plan; all numbers unknown where the face cannot be read, which the log says."""
+def face_rows(
+    patient: PatientModel, displacement: np.ndarray, half_width: np.ndarray | None = None
+) -> list[MeasureRow]:
+    """:meth:`FaceMeasures.rows` of one plan; all numbers unknown where the face cannot be read, which the log says."""
     try:
-        return Face(patient).rows(displacement, half_width)
+        return FaceMeasures(patient).rows(displacement, half_width)
     except InputError as error:
         logging.warning("no measures: %s", error)
     unknown = dict.fromkeys(("before", "after", "change", "half_width"), np.nan)
-    rows = [Row(name, one.title, one.unit, one.positive, **unknown) for name, one in MEASURES.items()]
+    rows = [MeasureRow(name, one.title, one.unit, one.positive, **unknown) for name, one in MEASURES.items()]
     ways = [(name, title, way) for name, title in SHOWN.items() for way in WAYS]
-    return rows + [Row(f"{name}_{way.split()[-1]}", title, "mm", way, **unknown) for name, title, way in ways]
+    return rows + [MeasureRow(f"{name}_{way.split()[-1]}", title, "mm", way, **unknown) for name, title, way in ways]
 
 
-def write_face(rows: list[Row], path: str | os.PathLike) -> None:
+def write_face(rows: list[MeasureRow], path: str | os.PathLike) -> None:
     """Write the rows as CSV."""
     write_rows([asdict(row) for row in rows], path, TABLE)
 

@@ -18,7 +18,7 @@ from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import in_words
 from pinnochio.patients.exports import SPACE
-from pinnochio.patients.face import Row, written
+from pinnochio.patients.face import MeasureRow, written
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import in_words as motion_in_words
 from pinnochio.plans.surgery import near_bone, segment_in_words
@@ -125,7 +125,7 @@ def write_page(
     displacement: np.ndarray,
     half_width: np.ndarray,
     certificate: Mapping,
-    rows: Sequence[Row],
+    rows: Sequence[MeasureRow],
     path: str | os.PathLike,
 ) -> None:
     """Write the page of a field (n, 3) mm with half-widths (s,) mm of its skin, its certificate and its measures."""
@@ -171,7 +171,7 @@ def motions_in_words(patient: PatientModel, plan: Plan) -> dict[str, str]:
     return words
 
 
-def in_numbers(rows: Sequence[Row], level: bool) -> tuple[list[dict], dict[str, list[str]]]:
+def in_numbers(rows: Sequence[MeasureRow], level: bool) -> tuple[list[dict], dict[str, list[str]]]:
     """Measures, and the ways of landmarks by title, as a page writes them; with half-widths if there is a level."""
     measures, landmarks = [], {}
     for row in rows:

@@ -44,10 +44,10 @@ by {{ "%.1f" | format(error) }} mm.</div>
 <th>Largest motion, mm</th><th>At a bound</th><th>Not told apart</th><th>Solution</th></tr>
 {% for row in rows -%}
 <tr><td>{{ names[row.operation] }}</td><td>{{ moves[row.operation] }}</td>
-<td class="n">{{ "%.2f" | format(row.misfit) }}</td><td class="n">{{ "%.2f" | format(row.asked) }}</td>
-<td class="{{ 'yes' if row.met else 'no' }}">{{ "yes" if row.met else "no" }}</td>
+<td class="n">{{ "%.2f" | format(row.misfit) }}</td><td class="n">{{ "%.2f" | format(row.wished) }}</td>
+<td class="{{ 'yes' if row.reached else 'no' }}">{{ "yes" if row.reached else "no" }}</td>
 <td class="n">{{ "%.1f" | format(row.motion_max) }}</td><td>{{ row.at_bounds or "–" }}</td>
-<td class="n">{{ row.untold }}</td><td>{{ grades[row.operation] }}</td></tr>
+<td class="n">{{ row.null_space }}</td><td>{{ grades[row.operation] }}</td></tr>
 {% endfor -%}
 </table>
 <h2>Wish by wish</h2>
@@ -55,8 +55,8 @@ by {{ "%.1f" | format(error) }} mm.</div>
 about the predicted one, of a landmark, where finite elements are calibrated.</p>
 <table><tr><th>Wish</th><th>before surgery</th><th>usually off</th>
 {% for row in rows %}<th>{{ names[row.operation] }}</th>{% endfor %}</tr>
-{% for name, unit, asked, width, errors in wishes -%}
-<tr><td>{{ name }}</td><td class="n">{{ "%.2f" | format(asked) }} {{ unit }}</td>
+{% for name, unit, before, width, errors in wishes -%}
+<tr><td>{{ name }}</td><td class="n">{{ "%.2f" | format(before) }} {{ unit }}</td>
 <td class="n">{{ "± %.1f mm" | format(width) if width == width else "–" }}</td>
 {% for error, met in errors %}<td class="n {{ 'yes' if met else 'no' }}">{{ "%.2f" | format(error) }}</td>{% endfor %}
 </tr>
@@ -70,7 +70,7 @@ about the predicted one, of a landmark, where finite elements are calibrated.</p
 <p>These motions change the wished face by no more than {{ tolerance }} mm (root mean square), or by that at
 {{ largest }} mm of bone, where they are cut off. Something else must decide about them: occlusion, airway, or the least
 motion, as here.</p>
-{% for name, lines in untold.items() -%}
+{% for name, lines in null_space.items() -%}
 <h3>{{ name }}</h3>
 {% if lines %}<ul>{% for line in lines %}<li>{{ line }}</li>{% endfor %}</ul>{% else %}<p>Nothing: the wish decides
 about every motion within 1 mm of bone.</p>{% endif %}
@@ -118,9 +118,9 @@ def write_wish_page(
             (
                 item.name.replace("_", " "),
                 item.unit,
-                reached[0]["asked"],
+                reached[0]["wished"],
                 reached[0]["half_width"],
-                [(r["error"], r["met"]) for r in reached],
+                [(r["error"], r["reached"]) for r in reached],
             )
         )
     grades = {

@@ -14,7 +14,7 @@ from pinnochio.mechanics.solvers.inversion_repair import Repair
 from pinnochio.mechanics.solvers.linear_algebra import Workers
 from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods.pinnochio.patient import tensors
-from pinnochio.methods.pinnochio.predictor import PatientNetwork, load_network, load_sources
+from pinnochio.methods.pinnochio.predictor import PatientGraphNetwork, load_network, load_sources
 from pinnochio.methods.sources import PatientSources, SourceModel
 from pinnochio.metrics.validity import off_bone
 from pinnochio.model.patient import PatientModel
@@ -72,7 +72,7 @@ class Forecaster:
         shared = tensors(self.patient, self._fem, settings[0], device, lift)  # the folds' networks have one form
         known = read_stored_json(prepared.covariates)
         self._networks = [
-            PatientNetwork(network, shared, self._sources(load_sources(file), known))
+            PatientGraphNetwork(network, shared, self._sources(load_sources(file), known))
             for network, file in zip(networks, files, strict=True)
         ]
         self._finish = [Finish(self.patient, self._fem, prepared.corrections) for _ in range(threads)]
@@ -91,7 +91,7 @@ class Forecaster:
         FloatingPointError if a network gives no number.
         """
         began = time.perf_counter()
-        fields = self._predicting.each(PatientNetwork.__call__, [(network, plan) for network in self._networks])
+        fields = self._predicting.each(PatientGraphNetwork.__call__, [(network, plan) for network in self._networks])
         raw = [field.displacement for field in fields]
         yield self._forecast(plan, interval(self.patient, raw, self.calibration, self._region), None, began)
         finished = []

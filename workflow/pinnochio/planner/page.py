@@ -20,7 +20,7 @@ from pinnochio.inverse.freedom import operation_in_words
 from pinnochio.metrics.validity import OFF_BONE
 from pinnochio.model.measures import MEASURES
 from pinnochio.patients.certificate import FAR, RESEARCH
-from pinnochio.patients.face import Face, written
+from pinnochio.patients.face import FaceMeasures, written
 from pinnochio.planner.forecast import Forecast, Forecaster
 from pinnochio.planner.jaws import named
 from pinnochio.planner.serving import serve
@@ -133,7 +133,7 @@ class Page(TrameApp):
         super().__init__()
         self.session, self.forecaster, self.wishing = session, forecaster, wishing
         self.calibration = forecaster.calibration
-        self.face = Face(forecaster.patient)
+        self.face = FaceMeasures(forecaster.patient)
         middle = float(self.face.landmarks.positions[0, 0])
         self.view = FaceView(forecaster.patient, scale(self.calibration), middle, scan)
         self._worker, self._following = ThreadPoolExecutor(1), False

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from pinnochio.inverse.face import Face
+from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import freedoms
 from pinnochio.inverse.proposal import InverseSettings, propose
 from pinnochio.inverse.reading import measure_wish
@@ -62,7 +62,7 @@ class Wishing:
         wish = [self.wish(name, value) for name, value in wishes.items()]
         if not wish or operation not in self._freedoms:
             raise ValueError("nothing is wished" if not wish else f"there is no operation {str(operation)[:40]!r}")
-        self._face = self._face or Face(self._patient, self._fem)
+        self._face = self._face or ElasticFace(self._patient, self._fem)
         for corrections in (0, self._inverse.corrections):
             settings = replace(self._inverse, corrections=corrections)
             proposal, _ = propose(self._face, wish, self._freedoms[operation], operation, self._case, settings)

@@ -28,7 +28,7 @@ FARTHEST, SHADES = 10.0, 65  # mm: upper end of the colours, and how many there 
 
 
 @dataclass(frozen=True)
-class Planned:
+class ComparedPlan:
     """A plan and what is predicted of it.
 
     page: its own page, as seen from this one; verdict: of its certificate; displacement (n, 3) mm; measures: the frame
@@ -47,7 +47,7 @@ def write_plans(
     case: str,
     method: str,
     patient: PatientModel,
-    plans: Sequence[Planned],
+    plans: Sequence[ComparedPlan],
     level: float | None,
     path: str | os.PathLike,
 ) -> None:

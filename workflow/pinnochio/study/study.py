@@ -109,7 +109,7 @@ class Study:
     def planned(self) -> list[str]:
         """Methods that are also predicted from the plan; those made elsewhere predict once."""
         without = self.config["planned"]["without"]
-        names = [name for name in self.compared if self.registry[name].module and name not in without]
+        names = [name for name in self.compared if self.registry[name].predictor and name not in without]
         return names if self.both_motions else []
 
     def fold_of(self, case: str) -> str:
@@ -190,7 +190,7 @@ class Study:
     @property
     def predicting(self) -> list[str]:
         """Known methods that the project itself predicts by."""
-        return [name for name, method in self.registry.items() if method.module]
+        return [name for name, method in self.registry.items() if method.predictor]
 
     @cached_property
     def learned(self) -> list[str]:
@@ -809,12 +809,12 @@ class Study:
     def lifts_of_training(self, wildcards) -> list[str]:
         return self._lifts(wildcards.method, self.training(wildcards.fold))
 
-    def module(self, wildcards) -> str:
-        """Module with the Predictor of the job's method; one that an archive alone knows is a graph network."""
-        return self.registry.get(wildcards.method, GRAPH_NETWORK).module
+    def predictor(self, wildcards) -> str:
+        """Reference of the predictor of the job's method; one that an archive alone knows is a graph network."""
+        return self.registry.get(wildcards.method, GRAPH_NETWORK).predictor
 
     def learner(self, wildcards) -> str:
-        """Module with the Learner or the `fit` of the job's method."""
+        """Reference of the learner, or of the function `fit`, of the job's method."""
         return self.registry[wildcards.method].learner
 
     def settings(self, *names: str) -> Callable:

@@ -2,7 +2,8 @@
 
 import os
 import sys
-from importlib import import_module
+
+from pinnochio.references import resolve
 
 
 def choose_device(gpus: int, threads: int) -> str:
@@ -15,7 +16,7 @@ def choose_device(gpus: int, threads: int) -> str:
     return "cuda" if gpus and torch.cuda.is_available() else "cpu"
 
 
-def device_of(module: str, gpus: int, threads: int) -> str:
-    """The device for the `module` of a method: "cpu" where it does not import torch."""
-    import_module(module)
+def device_of(predictor: str, gpus: int, threads: int) -> str:
+    """The device for a method by the reference of its predictor: "cpu" where it does not import torch."""
+    resolve(predictor)
     return choose_device(gpus, threads) if "torch" in sys.modules else "cpu"

@@ -14,7 +14,7 @@ from pinnochio.seeds import derive_seed
 from pinnochio.training.cases import CaseFiles, File
 from pinnochio.training.checkpoint import read_network, save_network
 from pinnochio.training.loop import Step, train
-from pinnochio.training.recording import Piece, Recorded
+from pinnochio.training.recording import Piece, RecordedGradients
 from pinnochio.training.settings import TrainingSettings
 from pinnochio.training.validation import held_back
 
@@ -80,7 +80,7 @@ def train_fold(
     logging.info("%s: %d samples, %d held back", phase, len(samples), len(checks))
     gradients = None
     if learner.recorded:
-        gradients = Recorded(network, lambda index, step: learner.piece(network, samples[index], step))
+        gradients = RecordedGradients(network, lambda index, step: learner.piece(network, samples[index], step))
     ended = train(
         network,
         lambda step: learner.terms(network, [samples[index] for index in step.samples], step),

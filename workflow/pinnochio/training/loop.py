@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from pinnochio.files import replacing
 from pinnochio.seeds import generator
 from pinnochio.training.checkpoint import fingerprint, load_state, save_state
-from pinnochio.training.progress import Progress
+from pinnochio.training.progress import TrainingProgress
 from pinnochio.training.settings import TrainingSettings
 
 TERMS = ("data", "physics", "boundary")
@@ -70,7 +70,8 @@ def train(
     terms(step) gives the terms "data", "boundary" and, where wanted, "physics". validate() gives the error of
     the weights on patients that are not trained on: the network ends with the weights that it was least at,
     among those reached under the full loss (after physics_ramp and poisson_anneal); without it, with the last.
-    gradients: takes the place of `terms` and their derivative, see :class:`~pinnochio.training.recording.Recorded`.
+    gradients: takes the place of `terms` and their derivative, see
+    :class:`~pinnochio.training.recording.RecordedGradients`.
     until: time of `time.monotonic` at which training stops before its last step, to go on from `checkpoint` when it is
     started again; the network then has the weights that it would have ended with, and training has not ended.
 
@@ -90,15 +91,15 @@ def train(
         fused=True,
     )
     signature = json.dumps([phase, seed, samples, asdict(settings), fingerprint(network, inputs, code)], sort_keys=True)
-    rows, start, failures, balance, best = [], 0, 0, Balance(), Best()
+    rows, start, failures, balance, best = [], 0, 0, GradientBalance(), Best()
     if state := load_state(checkpoint, signature, device):
         network.load_state_dict(state["network"])
         optimizer.load_state_dict(state["optimizer"])
         rows, start, failures = state["rows"], state["step"], state["failures"]
-        balance, best = Balance(**state["balance"]), Best(**state["best"])
+        balance, best = GradientBalance(**state["balance"]), Best(**state["best"])
         logging.info("%s: resumed at step %d", phase, start)
     network.train()
-    progress, saved, ended = Progress(phase, start, settings.steps), time.monotonic(), True
+    progress, saved, ended = TrainingProgress(phase, start, settings.steps), time.monotonic(), True
 
     def keep(step: int) -> None:
         """Write what a further start goes on from."""
@@ -173,7 +174,7 @@ def train(
 
 
 @dataclass
-class Balance:
+class GradientBalance:
     """Ratio of the data to the physics term, a geometric mean over about MEMORY steps; 0 before the first.
 
     Of logarithms, so that one step with a huge residual moves it little.

@@ -9,7 +9,7 @@ from statistics import median
 INTERVAL = 15.0  # seconds between two lines
 
 
-class Progress:
+class TrainingProgress:
     """A line at most every INTERVAL seconds: losses, learning rate, speed, time left.
 
     Losses are medians since the last line, because one field with an inverted element has a residual of any size.

@@ -25,7 +25,7 @@ class Piece:
         return self.function(*self.inputs)
 
 
-class Recorded:
+class RecordedGradients:
     """As :data:`~pinnochio.training.loop.Gradients`: the gradient of each sample's piece, added up.
 
     On a GPU the kernels of a key, forward and backward, are recorded once as a CUDA graph and replayed whenever a

@@ -10,7 +10,7 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods import sources
 from pinnochio.methods.pinnochio.patient import PatientTensors
-from pinnochio.methods.pinnochio.predictor import PatientNetwork
+from pinnochio.methods.pinnochio.predictor import PatientGraphNetwork
 from pinnochio.model.postop import PostopSkin
 from pinnochio.plans.plan import Plan
 from pinnochio.training.cases import CaseFiles
@@ -28,7 +28,7 @@ def learned_sources(
     for patient, files in zip(patients, cases, strict=True):
         plans.append(Plan.read(files.plan, files.case))
         finish = Finish(patient.model, fem, corrections)
-        bases.append(finish(*PatientNetwork(network, patient)(plans[-1]))[0])
+        bases.append(finish(*PatientGraphNetwork(network, patient)(plans[-1]))[0])
         finish.close()
     learned = sources.fit(
         models=[patient.model for patient in patients],

@@ -39,7 +39,7 @@ class Sample:
     anchored: Tensor
 
 
-class Learner:
+class GraphLearner:
     """As :class:`pinnochio.training.fold.Learner`; settings: network, fem and those of the phase.
 
     Loss: equilibrium residual, data and boundary mismatch. Pretraining: volumetric squared error, anchored to the

@@ -26,7 +26,7 @@ from pinnochio.model.patient import (
 )
 from pinnochio.networks.graph import Graph
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.networks.signals import Anatomy, Interface, LiftTensors, PlanSignal
+from pinnochio.networks.signals import Interface, LiftTensors, PlanSignal, TissueGraphs
 from pinnochio.plans.plan import Plan
 
 # Volume ratio below which the loss extends the energy: a raw network inverts elements, and a steeper extension would
@@ -50,7 +50,7 @@ class PatientTensors:
     model: PatientModel
     centre: np.ndarray
     points: Tensor
-    anatomy: Anatomy
+    anatomy: TissueGraphs
     operator: Operator
     free: Tensor
     settings: NetworkSettings
@@ -109,7 +109,7 @@ class PatientTensors:
             bone = np.concatenate([bone_points, middles - centre])
             bone_segment = np.concatenate([bone_segment, segments])
         cut = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
-        anatomy = Anatomy(
+        anatomy = TissueGraphs(
             bone=Graph.build(bone, model.bone_faces, device, joined=joined, edge_features=settings.edge_features),
             bone_moved=tensor(bone_segment >= 0, torch.float32)[:, None],
             muscle=muscle,

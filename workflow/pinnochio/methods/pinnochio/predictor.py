@@ -23,7 +23,7 @@ from pinnochio.timing import timed
 from pinnochio.training.checkpoint import load_tensors, read_network
 
 
-class Predictor:
+class GraphPredictor:
     """As :class:`pinnochio.methods.protocol.Predictor`; settings: fem and newton_corrections.
 
     No field is returned with an inverted element, and each after so many Newton corrections; both are timed with the
@@ -42,7 +42,7 @@ class Predictor:
 
         def prepare():
             sources = self._learned and PatientSources(self._learned, planned.patient, self._fem, planned.covariates)
-            network = PatientNetwork(self.network, self.tensors(planned), sources)
+            network = PatientGraphNetwork(self.network, self.tensors(planned), sources)
 
             def predict():
                 raw = network(planned.plan)
@@ -82,7 +82,7 @@ class RawField(NamedTuple):
     forces: np.ndarray | None = None
 
 
-class PatientNetwork:
+class PatientGraphNetwork:
     """A trained network on one patient: what belongs to the patient is computed once and serves every plan.
 
     sources: those that were learned with it, if any. On a GPU the first plan records the kernels, and every later one

@@ -10,12 +10,12 @@ from pinnochio.methods.surface.losses import chamfer, density, laplacian_change,
 from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.networks import acmt_net as acmt
 from pinnochio.networks import dgcfp
-from pinnochio.networks.clouds import FaceGraph, PointCloud, Stage, SurfaceInputs
+from pinnochio.networks.clouds import FaceGraph, PointCloud, SurfaceInputs, SurfaceStage
 
 MOMENTUM = 0.5, 0.2, 0.01  # of batch normalisation in ACMT-Net: at first, share after which it halves, least [S]
 
 
-class AcmtNet:
+class AcmtArchitecture:
     """ACMT-Net: clouds of face and bone points."""
 
     bone_shares, bone_radii = acmt.SHARES, acmt.RADII
@@ -46,7 +46,9 @@ class AcmtNet:
         counts = [max(round(share * self.settings.points), 4) for share in shares]
         return PointCloud.build(points, counts, radii, self.settings.neighbours, rng)
 
-    def loss(self, stages: Sequence[Stage], pairs: Tensor, seen: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    def loss(
+        self, stages: Sequence[SurfaceStage], pairs: Tensor, seen: Tensor, target: Tensor, weight: Tensor
+    ) -> Tensor:
         """The published loss of a patient: shape, density and local terms.
 
         pairs (p, 2), seen (n,): see Draw and Target; target (t, 3) in units with weight (t,).
@@ -64,7 +66,7 @@ class AcmtNet:
                 module.momentum = max(first * 0.5 ** int(share / every), least)
 
 
-class FscNet(AcmtNet):
+class FscArchitecture(AcmtArchitecture):
     """FSC-Net: as ACMT-Net, with fewer levels of the bone."""
 
     bone_shares, bone_radii = acmt.SHARES[: len(acmt.CODE)], acmt.RADII[: len(acmt.CODE)]
@@ -73,7 +75,7 @@ class FscNet(AcmtNet):
         return acmt.FscNet()
 
 
-class Dgcfp(AcmtNet):
+class DgcfpArchitecture(AcmtArchitecture):
     """DGCFP: a mesh of the face, in units of the patient's size; momentum as torch has it."""
 
     bone_shares, bone_radii = dgcfp.SHARES, dgcfp.RADII
@@ -103,10 +105,10 @@ class Dgcfp(AcmtNet):
         """Nothing changes."""
 
 
-ARCHITECTURES = {"acmt": AcmtNet, "fscnet": FscNet, "dgcfp": Dgcfp}
+ARCHITECTURES = {"acmt": AcmtArchitecture, "fscnet": FscArchitecture, "dgcfp": DgcfpArchitecture}
 
 
-def architecture(settings: SurfaceSettings) -> AcmtNet:
+def architecture(settings: SurfaceSettings) -> AcmtArchitecture:
     """That of the settings."""
     return ARCHITECTURES[settings.architecture](settings)
 
@@ -116,7 +118,7 @@ def build(settings: SurfaceSettings) -> nn.Module:
     return architecture(settings).build()
 
 
-def run_network(network: nn.Module, settings: SurfaceSettings, inputs: SurfaceInputs) -> list[Stage]:
+def run_network(network: nn.Module, settings: SurfaceSettings, inputs: SurfaceInputs) -> list[SurfaceStage]:
     """What the network makes of its inputs, in the precision of the settings."""
     with torch.autocast(inputs.movement.device.type, torch.bfloat16, enabled=settings.mixed_precision):
         return network(inputs)

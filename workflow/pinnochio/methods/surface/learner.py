@@ -13,12 +13,12 @@ import torch
 from torch import Tensor, nn
 
 from pinnochio.errors import InputError
-from pinnochio.methods.surface.architectures import AcmtNet, architecture, build, run_network
-from pinnochio.methods.surface.patient import SurfacePatient, Target
+from pinnochio.methods.surface.architectures import AcmtArchitecture, architecture, build, run_network
+from pinnochio.methods.surface.patient import SurfacePatient, SurfaceTarget
 from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
-from pinnochio.networks.clouds import Stage, SurfaceInputs, per_patient, scaled, to_device
+from pinnochio.networks.clouds import SurfaceInputs, SurfaceStage, per_patient, scaled, to_device
 from pinnochio.networks.contrast import contrast
 from pinnochio.networks.signals import mirror_signs
 from pinnochio.plans.plan import Plan
@@ -39,31 +39,31 @@ class FieldDraw:
     unit: float
     contrast: float
 
-    def loss(self, stages: Sequence[Stage], flip: Tensor, step: Step) -> Tensor:
+    def loss(self, stages: Sequence[SurfaceStage], flip: Tensor, step: Step) -> Tensor:
         """Of pretraining: mean squared error of the displacement, mm^2."""
         return self.unit**2 * supervised(stages, self.target * flip)
 
 
 @dataclass(frozen=True)
 class SkinDraw:
-    """A draw of a patient: pairs (p, 2) of points, weights seen (n,); the Target's points and weight."""
+    """A draw of a patient: pairs (p, 2) of points, weights seen (n,); the SurfaceTarget's points and weight."""
 
     inputs: SurfaceInputs
     pairs: Tensor
     seen: Tensor
     points: Tensor
     weight: Tensor
-    architecture: AcmtNet
+    architecture: AcmtArchitecture
     contrast: ClassVar[float] = 0.0
 
-    def loss(self, stages: Sequence[Stage], flip: Tensor, step: Step) -> Tensor:
+    def loss(self, stages: Sequence[SurfaceStage], flip: Tensor, step: Step) -> Tensor:
         """Of fine-tuning: the published loss against points drawn from the target."""
         drawn = step.rng.permutation(len(self.points))[: self.architecture.settings.points]
         chosen = torch.as_tensor(drawn, device=self.points.device)
         return self.architecture.loss(stages, self.pairs, self.seen, self.points[chosen] * flip, self.weight[chosen])
 
 
-class Learner:
+class SurfaceLearner:
     """As :class:`pinnochio.training.fold.Learner`; settings: network and those of the phase.
 
     A sample is a list of draws of one patient under one plan, of which a step shows one.
@@ -112,7 +112,7 @@ class Learner:
         """The patient's own plan with its post-operative skin."""
         patient, plan = self._patient(files), Plan.read(files.plan, files.case)
         try:
-            target = Target.build(patient, *PostopSkin.read(files.postop).surface, self.network, files.case)
+            target = SurfaceTarget.build(patient, *PostopSkin.read(files.postop).surface, self.network, files.case)
         except ValueError as error:
             raise InputError(files.case, files.postop, str(error), "check registration and face region") from error
         draws = [
@@ -135,7 +135,7 @@ class Learner:
         return data + weight * contrast(network, inputs) if weight else data
 
 
-def supervised(stages: Sequence[Stage], target: Tensor) -> Tensor:
+def supervised(stages: Sequence[SurfaceStage], target: Tensor) -> Tensor:
     """Mean squared error of a patient's displacement against the `target` (n, 3), mean over its stages.
 
     What a stage put between points goes as far as these in the mean.

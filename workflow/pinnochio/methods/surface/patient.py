@@ -79,7 +79,7 @@ class SurfacePatient:
 
 
 @dataclass(frozen=True)
-class Target:
+class SurfaceTarget:
     """Points (t, 3) in units on the part of the post-operative skin that the judged face can be compared with.
 
     weight (t,) of each; seen: for each draw, the weight (n,) of its face points, 0 where the scan has ended before.
@@ -92,7 +92,7 @@ class Target:
     @classmethod
     def build(
         cls, patient: SurfacePatient, points: np.ndarray, faces: np.ndarray, settings: SurfaceSettings, case: str
-    ) -> "Target":
+    ) -> "SurfaceTarget":
         """Of the registered post-operative skin (p, 3) mm, (f, 3). ValueError if it covers nothing of the face.
 
         The rule is the metric's: what lies nearest to the judged face counts, and what ends on an open border does not.

@@ -20,7 +20,7 @@ from pinnochio.timing import timed
 from pinnochio.training.checkpoint import read_network
 
 
-class Predictor:
+class SurfacePredictor:
     """As :class:`pinnochio.methods.protocol.Predictor`; the settings lie in the trained file."""
 
     def __init__(self, settings: Mapping, trained: str, device: str, threads: int):
@@ -31,14 +31,14 @@ class Predictor:
         """The skin alone, warm."""
 
         def prepare():
-            network = PatientNetwork(self._network, self._settings, planned.patient, planned.case, self._device)
+            network = PatientSurfaceNetwork(self._network, self._settings, planned.patient, planned.case, self._device)
             return partial(network, planned.plan)
 
         skin, seconds, setup = timed(prepare)
         return Prediction(None, seconds, setup, self._threads, self._device, skin=skin)
 
 
-class PatientNetwork:
+class PatientSurfaceNetwork:
     """A trained surface network on one patient: its points are drawn once and serve every plan."""
 
     def __init__(self, network: nn.Module, settings: SurfaceSettings, model: PatientModel, case: str, device: str):
