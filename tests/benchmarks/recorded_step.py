@@ -68,7 +68,7 @@ class Steps:
 
     def gradient(self, number: int) -> dict[str, torch.Tensor]:
         """That of a step; its number decides what is drawn and whether the patient is mirrored."""
-        step = Step((0,), number % 2 == 1, bool(self.weights["physics"]), 1.0, 0.0, np.random.default_rng(number))
+        step = Step((0,), number % 2 == 1, bool(self.weights["physics"]), 0.0, np.random.default_rng(number))
         if self.recorded:
             return self.recorded(step, self.weights)
         values = self.learner.terms(self.network, [self.sample], step)

@@ -21,9 +21,7 @@ from tests.helpers.settings import CONFIG, network_settings, training_settings
 
 SMALL = network_settings(boundary_layers=1, volume_layers=1, rest_layers=1, channels=8, heads=2, decoder_width=8)
 # One patient of four held back, everything on that a checkpoint has to carry.
-TRAINING = training_settings(
-    24, 3e-3, physics_ramp=0.2, physics_target=0.5, validation=1, validate_every=4, checkpoint_every=5
-)
+TRAINING = training_settings(24, 3e-3, physics_ramp=0.2, validation=1, validate_every=4, checkpoint_every=5)
 FEM = CONFIG["fem"]
 PHASES = {"pretrain": ("pretrained.pt", "pretraining.csv"), "finetune": ("network.pt", "finetuning.csv")}
 

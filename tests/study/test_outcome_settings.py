@@ -30,12 +30,6 @@ CHANGED = {
         "channels": 48,
         "heads": 2,
         "neighbours": 4,
-        "blend": True,
-        "segment_nodes": True,
-        "edge_features": False,
-        "long_edges": 1,
-        "stiffness": True,
-        "boundary": "hard",
     },
 }
 CASE_FILES = (

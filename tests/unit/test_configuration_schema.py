@@ -54,7 +54,7 @@ def test_a_whole_study_given_as_text_is_the_one_of_the_file(overlay):
         ("fem.tolerance", "1e-6", 1e-6),
         ("fem.tolerance", "+.5E-2", 0.005),
         ("fem.increments", 4.0, 4),
-        ("network.blend", "TRUE", True),
+        ("network.match_parameters", "TRUE", True),
         ("scene.mode", "auto", "auto"),
         ("labels.muscle", "7", 7),
         ("labels.muscle", "Muscle 7", "Muscle 7"),

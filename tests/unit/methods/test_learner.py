@@ -16,6 +16,7 @@ from pinnochio.methods.pinnochio.predictor import GraphPredictor, PatientGraphNe
 from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
+from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training import loop
 from pinnochio.training.cases import CaseFiles
 from pinnochio.training.fold import train_fold
@@ -152,6 +153,18 @@ def test_all_terms_are_logged_and_the_physics_weight_rises(cases, tmp_path):
         total = 2 * value["data"] + value["boundary"] + value["physics_weight"] * value["physics"]
         assert value["total"] == pytest.approx(total, rel=1e-4)
     assert float(rows[-1]["physics"]) > 0
+
+
+def test_network_that_names_a_removed_switch_is_read_only_where_the_switch_was_off(cases, tmp_path):
+    out, _ = pretrain(cases, tmp_path)
+    stored = torch.load(out, weights_only=True)
+    for blend in (False, True):
+        torch.save(stored | {"network": stored["network"] | NetworkSettings.REMOVED | {"blend": blend}}, out)
+        if blend:
+            with pytest.raises(InputError, match="blend"):
+                load_network(out)
+        else:
+            assert load_network(out)[1] == SMALL
 
 
 def test_network_file_holds_settings_and_plain_values_alone(cases, tmp_path):

@@ -8,14 +8,13 @@ import torch
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from pinnochio.mechanics.elements.materials import Material, neo_hookean
+from pinnochio.mechanics.elements.materials import neo_hookean
 from pinnochio.methods.pinnochio import losses
 from pinnochio.methods.pinnochio.losses import (
     FaceSamples,
     SurfaceLoss,
     border_nodes,
     boundary_loss,
-    bulk_factor,
     nearest,
     physics_loss,
     subdivision,
@@ -104,19 +103,6 @@ def test_robust_physics_loss_leaves_small_residuals_and_bounds_the_pull_of_large
     # Far beyond delta: in proportion to the force, not to its square.
     blunt = physics_loss(patient.operator, patient.free, u, robust=1e-4).item()
     assert blunt == pytest.approx(2e-4 * np.sqrt(square).mean(), rel=1e-3)
-
-
-def test_anneal_starts_at_the_lower_ratio_of_poisson_and_ends_at_the_material(patient):
-    """At the start the loss is that of a material with the same mu and the lambda of nu = 0.40; lambda / mu is 4."""
-    u, mu = noise(patient, 0.1), patient.operator.mu.double().numpy()
-    soft = PatientTensors.build(patient.model, Material(mu, 4 * mu, 0 * mu), "patch", network_settings())
-    factor = bulk_factor(patient.operator, 0.40, 0.0)
-    assert factor.item() == pytest.approx(4 / 49, rel=1e-4)
-    expected = physics_loss(soft.operator, soft.free, u).item()
-    assert physics_loss(patient.operator, patient.free, u, bulk=factor).item() == pytest.approx(expected, rel=1e-4)
-    assert expected < 0.2 * physics_loss(patient.operator, patient.free, u).item()
-    assert bulk_factor(patient.operator, 0.40, 0.5).item() == pytest.approx(2 * 0.445 / 0.11 / 49, rel=1e-4)
-    assert bulk_factor(patient.operator, 0.40, 1.0) == 1.0
 
 
 @pytest.mark.parametrize("sigma", [3.0, 30.0])

@@ -56,8 +56,8 @@ def test_variants_are_overlays_and_leave_the_rest_alone():
     silent = networks["pinnochio_no_physics"]
     assert silent["pretraining"]["weights"] == DEFAULTS["pretraining"]["weights"] | {"physics": 0}
     assert silent["network"] == DEFAULTS["network"]
-    plus, hard = networks["pinnochio_plus"], networks["design_hard_boundary"]
-    assert hard == plus | {"network": plus["network"] | {"boundary": "hard"}}
+    plus, wide = networks["pinnochio_plus"], networks["design_wide"]
+    assert wide == plus | {"network": plus["network"] | {"channels": 128}}
     assert DEFAULTS["network"]["lift"] == "none" and plus["network"]["lift"] == "elastic"
 
 

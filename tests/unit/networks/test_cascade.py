@@ -10,7 +10,7 @@ from pinnochio.mechanics.elements.materials import neo_hookean
 from pinnochio.mechanics.lift import make_lift
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
-from pinnochio.model.patient import FIXED, MOVING, NO_INTERFACE, SLIDING
+from pinnochio.model.patient import FIXED, NO_INTERFACE, SLIDING
 from pinnochio.networks.building import build
 from tests.helpers.patients import renumbered, tiny_patient, tiny_plan
 from tests.helpers.settings import network_settings
@@ -168,62 +168,6 @@ def test_interface_with_a_lift_moves_the_volume_and_only_by_the_interface():
     assert np.allclose((moved * patient.lift.departures).sum(0), added, atol=1e-3)
 
 
-@pytest.mark.parametrize("switches", [{}, {"lift": "elastic"}])
-def test_hard_boundary_keeps_the_plan_where_it_is_reliable(switches):
-    model, plan = tiny_patient(), tiny_plan()
-    patient = tensors(model, **switches)
-    network = shaken(replace(SMALL, boundary="hard", **switches))
-    prediction = network(patient.anatomy, patient.signal(plan))
-    cue, reliable = model.reference_cue(plan)
-    contact = reliable & (model.interface_kind > 0)
-    assert np.allclose(prediction.displacement.detach().numpy()[contact], cue[contact], atol=1e-5)
-    sliding = model.node_type == SLIDING
-    assert np.abs(prediction.boundary.detach().numpy()[sliding]).min() > 1e-3
-    soft = shaken(replace(SMALL, **switches))(patient.anatomy, patient.signal(plan))
-    assert not np.allclose(soft.displacement.detach().numpy()[contact], cue[contact], atol=0.05)
-
-
-@pytest.mark.parametrize(
-    "switches",
-    [{"blend": True}, {"segment_nodes": True}, {"edge_features": False}, {"long_edges": 2}, {"stiffness": True}],
-)
-def test_each_switch_changes_what_the_network_sees(switches):
-    model, plan = tiny_patient(), tiny_plan()
-    plain, switched = tensors(model), tensors(model, **switches)
-    torch.manual_seed(0)
-    networks = [build(SMALL), build(replace(SMALL, **switches))]
-    for network in networks:
-        for seed, weight in enumerate(network.parameters()):
-            torch.nn.init.normal_(weight, std=0.1, generator=torch.Generator().manual_seed(seed))
-    fields = [
-        network(patient.anatomy, patient.signal(plan)).displacement
-        for network, patient in zip(networks, (plain, switched), strict=True)
-    ]
-    assert torch.isfinite(fields[1]).all() and not torch.allclose(*fields, atol=1e-4)
-
-
-def test_blend_lies_between_the_motions_around():
-    model, plan = tiny_patient(), tiny_plan()
-    cue = tensors(model, blend=True).signal(plan).cue.numpy()
-    sliding, moving = model.node_type == SLIDING, model.node_type == MOVING
-    length = np.linalg.norm(cue, axis=1)
-    assert length[sliding].min() > 0 and length[sliding].max() < length[moving].max() + 1
-    assert np.abs(tensors(model).signal(plan).cue.numpy()[sliding]).max() == 0
-
-
-def test_virtual_segment_nodes_carry_the_motion_of_their_bone():
-    model, plan = tiny_patient(), tiny_plan()
-    patient = tensors(model, segment_nodes=True)
-    count = len(model.bone_points)
-    signal, graph = patient.signal(plan), patient.anatomy.bone
-    assert len(graph.points) == count + 2 == len(signal.bone) == len(patient.anatomy.bone_moved)
-    assert patient.anatomy.bone_moved[count:, 0].tolist() == [0, 1]  # cranium, then the segment
-    middle = model.bone_points[model.bone_segment == 0].mean(axis=0)
-    assert np.allclose(signal.bone[count + 1], plan.motion("left").displacement(middle[None])[0], atol=1e-4)
-    own = graph.edges[0][graph.edges[1] == count + 1].numpy()
-    assert set(own) == {*np.flatnonzero(model.bone_segment == 0), count + 1}
-
-
 def test_mirrored_pass_through_a_lift_equals_the_mirrored_patient():
     model, plan = tiny_patient(), tiny_plan()
     flip = torch.tensor([-1.0, 1.0, 1.0])
@@ -247,8 +191,6 @@ def test_settings_refuse_what_cannot_be_built():
         network_settings(channels=10, heads=4)
     with pytest.raises(ValueError, match="lift"):
         network_settings(lift="sideways")
-    with pytest.raises(ValueError, match="boundary"):
-        network_settings(boundary="firm")
     with pytest.raises(ValueError, match="interface to lift"):
         network_settings(decomposition=False, lift="elastic")
     with pytest.raises(ValueError, match="choose a lift"):

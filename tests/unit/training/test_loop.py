@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from pinnochio.training import progress
-from pinnochio.training.loop import MEMORY, GradientBalance, train
+from pinnochio.training.loop import train
 from pinnochio.training.progress import TrainingProgress, readable
 from pinnochio.training.validation import held_back
 from tests.helpers.settings import training_settings
@@ -127,50 +127,6 @@ def test_weights_reached_without_the_full_physics_do_not_count(tmp_path):
     rows, _ = fit(tmp_path, 40, network, terms, lambda: abs(network.w.item()), physics_ramp=0.5, **options)
     assert [row["step"] for row in rows if row["kept"]] == [20]
     assert [row["physics_weight"] for row in rows[:21:5]] == pytest.approx([0.05, 0.3, 0.55, 0.8, 1.0])
-
-
-def test_physics_is_held_at_a_fraction_of_data(tmp_path):
-    """The weighted physics term follows the data term through a hundredfold change of its unit, an outlier apart."""
-    network = Scalar()
-
-    def physics(step):
-        size = torch.tensor(1e4)
-        return size * 1e9 if step.rng.random() < 0.02 else size
-
-    terms = towards_one(network, physics)
-    options = {"weights": {"physics": 1.0, "data": 2.0, "boundary": 1.0}, "physics_ramp": 0.0}
-    rows, _ = fit(tmp_path, 400, network, terms, physics_target=0.25, learning_rate=1e-5, **options)
-    usual = [row for row in rows[MEMORY:] if row["physics"] == 1e4]
-    assert 300 < len(usual) < 350
-    shares = [row["physics_weight"] * row["physics"] / (2 * row["data"]) for row in usual]
-    # An outlier of 1e9 moves the logarithmic mean over 50 steps by a factor of e^(-20.7 / 50) = 0.66.
-    assert min(shares) > 0.25 * 0.66**5 and max(shares) < 0.26
-    assert np.median(shares) == pytest.approx(0.25 * 0.66, rel=0.4)
-
-
-def test_physics_of_a_field_almost_at_rest_is_not_weighed_beyond_its_weight(tmp_path):
-    network = Scalar()
-    options = {"weights": {"physics": 3.0, "data": 2.0, "boundary": 1.0}, "physics_ramp": 0.0}
-    rows, _ = fit(
-        tmp_path, 5, network, towards_one(network, lambda step: torch.tensor(1e-9)), physics_target=0.25, **options
-    )
-    assert [row["physics_weight"] for row in rows] == [0, 3, 3, 3, 3]  # nothing is known of the ratio in the first step
-
-
-def test_balance_is_the_geometric_mean_of_the_first_steps():
-    balance = GradientBalance()
-    assert balance.ratio == 0
-    for physics in (1.0, 4.0, 16.0):
-        balance.update({"data": 2.0, "physics": physics})
-    balance.update({"data": 2.0})
-    assert balance.ratio == pytest.approx(2.0 / 4.0)
-
-
-def test_anneal_rises_to_one_and_stays(tmp_path):
-    network, seen = Scalar(), []
-    fit(tmp_path, 10, network, towards_one(network, seen=seen), poisson_anneal=0.4)
-    assert [step.anneal for step in seen] == [0.25, 0.5, 0.75] + 7 * [1.0]
-    assert not any(step.physics for step in seen)
 
 
 def test_loss_that_stays_infinite_gives_up_and_leaves_the_weights(tmp_path, caplog):

@@ -35,7 +35,7 @@ def learner_and_network(phase):
 
 
 def step(mirror=False, seed=1):
-    return Step((0, 2), mirror, True, 1.0, 0.0, np.random.default_rng(seed))
+    return Step((0, 2), mirror, True, 0.0, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("phase", PHASES)

@@ -41,11 +41,9 @@ class Cascade(TwoTissues):
             u = self.muscle(muscle, rest["muscle"], boundary.displacement[nodes], boundary.known[nodes])
             added, source = added.plus(nodes, u), InterfaceSource(muscle, u, torch.ones_like(u[:, :1]))
             boundary = boundary.filled(
-                self.muscle_superficial, anatomy.muscle_superficial, source, plan.cue * flip, plan.reliable, self.hard
+                self.muscle_superficial, anatomy.muscle_superficial, source, plan.cue * flip, plan.reliable
             )
         nodes, graph = anatomy.superficial_nodes, anatomy.superficial.mirrored(flip)
         u = self.superficial(graph, rest["superficial"], boundary.displacement[nodes], boundary.known[nodes])
         displacement = added.plus(nodes, u).onto(field)
-        if self.hard:
-            displacement = torch.where(boundary.known > 0, boundary.displacement, displacement)
         return InterfaceAndVolume(displacement * flip, boundary.displacement * flip, boundary.known)

@@ -17,49 +17,32 @@ class Graph:
     """Nodes of one body with attention edges, self-loops included.
 
     points (n, 3) rest positions about the patient's centre, mm; edges (2, e) int64 rows source and target,
-    sorted by target, then source; attributes (e, 4) source minus target and its length, divided by EDGE; extra (n, f)
-    further features of the nodes.
+    sorted by target, then source; attributes (e, 4) source minus target and its length, divided by EDGE.
     """
 
     points: Tensor
     edges: Tensor
     attributes: Tensor
-    extra: Tensor
 
     @classmethod
-    def build(
-        cls,
-        points: np.ndarray,
-        elements: np.ndarray,
-        device: torch.device | str = "cpu",
-        *,
-        joined: np.ndarray | None = None,
-        extra: np.ndarray | None = None,
-        edge_features: bool = True,
-    ) -> "Graph":
-        """Graph of the (m, 3) triangles or (m, 4) tetrahedra over `points` (n, 3) mm.
-
-        joined (j, 2): further pairs of nodes with an edge; without edge_features all attributes are zero.
-        """
+    def build(cls, points: np.ndarray, elements: np.ndarray, device: torch.device | str = "cpu") -> "Graph":
+        """Graph of the (m, 3) triangles or (m, 4) tetrahedra over `points` (n, 3) mm."""
         n = len(points)
         corners = np.triu_indices(elements.shape[1], 1)
         pairs = np.asarray(elements, np.int64)[:, np.stack(corners, 1)].reshape(-1, 2)
-        if joined is not None:
-            pairs = np.concatenate([pairs, np.asarray(joined, np.int64)])
         loops = np.arange(n, dtype=np.int64)
         code = np.unique(np.concatenate([pairs @ [n, 1], pairs @ [1, n], loops * (n + 1)]))
         target, source = np.divmod(code, max(n, 1))
-        vector = (points[source] - points[target]) * float(edge_features)
+        vector = points[source] - points[target]
         attributes = np.column_stack([vector, np.linalg.norm(vector, axis=1)]) / EDGE
         real = {"dtype": torch.float32, "device": device}
         return cls(
             torch.as_tensor(points, **real),
             torch.as_tensor(np.stack([source, target]), device=device),
             torch.as_tensor(attributes, **real),
-            torch.as_tensor(np.zeros((n, 0)) if extra is None else extra, **real),
         )
 
     def mirrored(self, flip: Tensor) -> "Graph":
         """The graph with coordinates multiplied by `flip` (3,) of +-1."""
         attributes = self.attributes * torch.cat([flip, flip.new_ones(1)])
-        return Graph(self.points * flip, self.edges, attributes, self.extra)
+        return Graph(self.points * flip, self.edges, attributes)

@@ -6,7 +6,6 @@
 The volume networks correct that field; with none of them it is the answer.
 """
 
-import torch
 from torch import Tensor
 
 from pinnochio.networks.settings import NetworkSettings
@@ -34,8 +33,6 @@ class Lifted(TwoTissues):
         departure = ((contact.displacement - cue) * flip)[anatomy.lift.contact]
         amplitudes = anatomy.lift.smoothing @ departure
         field = (plan.lifted + (amplitudes.flatten() @ anatomy.lift.departures).view_as(cue)) * flip
-        boundary = torch.where(plan.reliable > 0, cue, field) if self.hard else field
-        boundary = boundary * known
         added = Added.nothing(field)
         tissues = (
             (self.muscle, "muscle", anatomy.muscle, anatomy.muscle_nodes),
@@ -44,7 +41,4 @@ class Lifted(TwoTissues):
         for network, name, graph, nodes in tissues:
             if network and len(nodes):
                 added = added.plus(nodes, network(graph.mirrored(flip), rest[name], field[nodes], known[nodes]))
-        displacement = added.onto(field)
-        if self.hard:
-            displacement = torch.where(known > 0, boundary, displacement)
-        return InterfaceAndVolume(displacement * flip, boundary * flip, known)
+        return InterfaceAndVolume(added.onto(field) * flip, field * known * flip, known)

@@ -35,15 +35,12 @@ class Boundary:
         source: InterfaceSource,
         cue: Tensor,
         reliable: Tensor,
-        hard: bool,
     ) -> "Boundary":
-        """With the nodes of the interface as the network puts them; hard: as the plan does where it is reliable."""
+        """With the nodes of the interface as the network puts them."""
         nodes = interface.nodes
         if not len(nodes):
             return self
         u = network(source.graph, source.motion, source.moved, interface.neighbours, cue[nodes], reliable[nodes])
-        if hard:
-            u = torch.where(reliable[nodes] > 0, cue[nodes], u)
         return Boundary(self.displacement.index_copy(0, nodes, u), self.known.index_fill(0, nodes, 1.0))
 
 
@@ -81,7 +78,6 @@ class TwoTissues(nn.Module):
     def __init__(self, settings: NetworkSettings):
         super().__init__()
         self.register_buffer("flips", mirror_signs(), persistent=False)
-        self.hard = settings.boundary == "hard"
         self.bone_muscle = BoundaryNetwork(settings)
         self.bone_superficial = BoundaryNetwork(settings)
 
@@ -95,5 +91,5 @@ class TwoTissues(nn.Module):
         """Boundary of the nodes in contact with bone and of the cut planes; flip (3,) mirrors the patient, or not."""
         cue, boundary = plan.cue * flip, Boundary(torch.zeros_like(plan.cue), anatomy.cut)
         bone = InterfaceSource(anatomy.bone.mirrored(flip), plan.bone * flip, anatomy.bone_moved)
-        boundary = boundary.filled(self.bone_muscle, anatomy.bone_muscle, bone, cue, plan.reliable, self.hard)
-        return boundary.filled(self.bone_superficial, anatomy.bone_superficial, bone, cue, plan.reliable, self.hard)
+        boundary = boundary.filled(self.bone_muscle, anatomy.bone_muscle, bone, cue, plan.reliable)
+        return boundary.filled(self.bone_superficial, anatomy.bone_superficial, bone, cue, plan.reliable)

@@ -17,13 +17,13 @@ class VolumeNetwork(nn.Module):
 
     def __init__(self, settings: NetworkSettings):
         super().__init__()
-        self.rest = Encoder(3 + settings.stiffness, settings.channels, settings.heads, settings.rest_layers)
+        self.rest = Encoder(3, settings.channels, settings.heads, settings.rest_layers)
         self.signal = Encoder(4, settings.channels, settings.heads, settings.volume_layers)
         self.decoder = Decoder(2 * settings.channels + 4, settings.decoder_width)
 
     def encode_rest(self, graph: Graph) -> Tensor:
         """Features (n, channels) of the rest geometry, which belong to the patient and serve every plan."""
-        return self.rest(torch.cat([graph.points / LENGTH, graph.extra], 1), graph.edges, graph.attributes)
+        return self.rest(graph.points / LENGTH, graph.edges, graph.attributes)
 
     def forward(self, graph: Graph, rest: Tensor, carried: Tensor, mask: Tensor) -> Tensor:
         """What the network adds to the lift, (n, 3) mm.

@@ -30,7 +30,8 @@ def read_network(
     """
     stored = load_tensors(path, device)
     try:
-        settings = kind(**stored["network"])
+        removed = getattr(kind, "REMOVED", {}).items()
+        settings = kind(**{name: value for name, value in stored["network"].items() if (name, value) not in removed})
         network = build(settings).to(device)
         network.load_state_dict(stored["state"])
     except (KeyError, TypeError, ValueError, RuntimeError) as error:

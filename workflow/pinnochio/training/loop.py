@@ -24,7 +24,6 @@ TERMS = ("data", "physics", "boundary")
 # `kept` is 1 where the network ends with these weights.
 COLUMNS = ("step", "learning_rate", "total", *TERMS, "physics_weight", "gradient", "validation", "kept")
 GIVE_UP = 20  # steps in a row whose loss or gradient is not finite, before the run stops
-MEMORY = 50  # steps over which the ratio of data to physics is averaged
 
 
 @dataclass(frozen=True)
@@ -32,14 +31,12 @@ class Step:
     """What a step asks of the loss terms.
 
     samples: indices of the patients and plans; mirror: show them left-right mirrored; physics: whether the physics term
-    is wanted; anneal: share of the rise of Poisson's ratio that is done, 1 after it; share: of all steps, done before
-    this one; rng: for whatever else is drawn.
+    is wanted; share: of all steps, done before this one; rng: for whatever else is drawn.
     """
 
     samples: tuple[int, ...]
     mirror: bool
     physics: bool
-    anneal: float
     share: float
     rng: np.random.Generator
 
@@ -69,7 +66,7 @@ def train(
 
     terms(step) gives the terms "data", "boundary" and, where wanted, "physics". validate() gives the error of
     the weights on patients that are not trained on: the network ends with the weights that it was least at,
-    among those reached under the full loss (after physics_ramp and poisson_anneal); without it, with the last.
+    among those reached under the full loss (after physics_ramp); without it, with the last.
     gradients: takes the place of `terms` and their derivative, see
     :class:`~pinnochio.training.recording.RecordedGradients`.
     until: time of `time.monotonic` at which training stops before its last step, to go on from `checkpoint` when it is
@@ -91,12 +88,12 @@ def train(
         fused=True,
     )
     signature = json.dumps([phase, seed, samples, asdict(settings), fingerprint(network, inputs, code)], sort_keys=True)
-    rows, start, failures, balance, best = [], 0, 0, GradientBalance(), Best()
+    rows, start, failures, best = [], 0, 0, Best()
     if state := load_state(checkpoint, signature, device):
         network.load_state_dict(state["network"])
         optimizer.load_state_dict(state["optimizer"])
         rows, start, failures = state["rows"], state["step"], state["failures"]
-        balance, best = GradientBalance(**state["balance"]), Best(**state["best"])
+        best = Best(**state["best"])
         logging.info("%s: resumed at step %d", phase, start)
     network.train()
     progress, saved, ended = TrainingProgress(phase, start, settings.steps), time.monotonic(), True
@@ -104,8 +101,7 @@ def train(
     def keep(step: int) -> None:
         """Write what a further start goes on from."""
         state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "signature": signature}
-        state |= {"rows": rows, "step": step, "failures": failures}
-        save_state(checkpoint, state | {"balance": vars(balance), "best": vars(best)})
+        save_state(checkpoint, state | {"rows": rows, "step": step, "failures": failures, "best": vars(best)})
 
     for step in range(start, settings.steps + 1):
         if step < settings.steps and time.monotonic() > until:
@@ -114,10 +110,9 @@ def train(
             logging.info("%s: stopped after %d of %d steps, for its time is up", phase, step, settings.steps)
             break
         rising = _share(step, settings.physics_ramp * settings.steps) if settings.weights["physics"] else 1.0
-        anneal = _share(step, settings.poisson_anneal * settings.steps)
         measured = math.nan
         if validate and (step % settings.validate_every == 0 or step == settings.steps):
-            measured = best.check(step, network, validate, counts=rising == anneal == 1)
+            measured = best.check(step, network, validate, counts=rising == 1)
         if step == settings.steps or best.exhausted(settings.patience):
             if validate:
                 rows.append([step] + [math.nan] * (len(COLUMNS) - 3) + [measured])
@@ -129,11 +124,8 @@ def train(
         mirror = bool(settings.mirror and rng.random() < 0.5)
         wanted = bool(settings.weights["physics"])
         shown = tuple(sample_at(step * settings.batch + n, samples, seed, phase) for n in range(settings.batch))
-        drawn = Step(shown, mirror, wanted, anneal, step / settings.steps, rng)
+        drawn = Step(shown, mirror, wanted, step / settings.steps, rng)
         weights = dict(settings.weights)
-        if settings.physics_target and wanted:
-            target = settings.physics_target * weights["data"] * balance.ratio
-            weights["physics"] = min(weights["physics"], target)
         weights["physics"] *= rising
         values = gradients(drawn, weights) if gradients else terms(drawn)
         total = sum(weights[name] * value for name, value in values.items() if weights[name])
@@ -146,7 +138,6 @@ def train(
         values = dict(zip(values, numbers, strict=True))
         if math.isfinite(loss) and math.isfinite(norm):
             optimizer.step()
-            balance.update(values)
             failures = 0
         else:
             failures += 1
@@ -171,29 +162,6 @@ def train(
         writer.writerow(COLUMNS)
         writer.writerows([f"{value:.6g}" for value in (*row, float(row[0] == kept))] for row in rows)
     return ended
-
-
-@dataclass
-class GradientBalance:
-    """Ratio of the data to the physics term, a geometric mean over about MEMORY steps; 0 before the first.
-
-    Of logarithms, so that one step with a huge residual moves it little.
-    """
-
-    logarithm: float = 0.0
-    steps: int = 0
-
-    @property
-    def ratio(self) -> float:
-        """Mean data / physics."""
-        return math.exp(self.logarithm) if self.steps else 0.0
-
-    def update(self, terms: Mapping[str, float]) -> None:
-        """Take in the terms of a step."""
-        if terms.get("physics", 0.0) > 0 and terms["data"] > 0:
-            self.steps += 1
-            now = math.log(terms["data"] / terms["physics"])
-            self.logarithm += (now - self.logarithm) / min(self.steps, MEMORY)
 
 
 @dataclass

@@ -19,14 +19,7 @@ class TrainingSettings:
     each patient left-right mirrored half of the time. surface_samples, surface_cutoff (mm): see SurfaceLoss.
 
     physics_ramp: share of the steps over which the physics weight rises from zero, because a raw network
-    violates equilibrium at nu 0.49 so badly that nothing else would be learnt [X]. physics_target: if not 0,
-    a slowly updated weight holds the physics term to this fraction of the weighted data term [S: P-DivGNN],
-    but never exceeds weights["physics"]: unbounded, it froze the network at the undeformed patient, whose
-    residual is zero [X]. poisson_anneal: share of the steps over which the Poisson's ratio of the physics term
-    rises from `poisson_start` to the material's, since the residual of a raw field is fifty times larger at
-    0.49 than at 0.40 [X]. physics_robust: see physics_loss. Of these the ramp alone is on: beside it the
-    anneal (0.6) and the target (0.5) left errors as they were after 120 steps, a target of 0.1 traded a tenth
-    less volumetric error for half as much residual again [X].
+    violates equilibrium at nu 0.49 so badly that nothing else would be learnt [X]. physics_robust: see physics_loss.
 
     sources: in fine-tuning, learn what the network leaves of the post-operative skins as loads on the tissue
     (:mod:`pinnochio.methods.sources`); not in the paper.
@@ -56,10 +49,7 @@ class TrainingSettings:
     validate_every: int
     patience: int
     physics_ramp: float = 0.0
-    physics_target: float = 0.0
     physics_robust: float = 0.0
-    poisson_anneal: float = 0.0
-    poisson_start: float = 0.0
     sources: bool = False
     surface_samples: int = 0
     surface_cutoff: float = 0.0

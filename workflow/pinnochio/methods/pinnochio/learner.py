@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from pinnochio.errors import InputError
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.methods.pinnochio.losses import SurfaceLoss, boundary_loss, bulk_factor, physics_loss, volume_loss
+from pinnochio.methods.pinnochio.losses import SurfaceLoss, boundary_loss, physics_loss, volume_loss
 from pinnochio.methods.pinnochio.patient import PatientTensors, tensors
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
@@ -60,8 +60,8 @@ class GraphLearner:
 
     @property
     def recorded(self) -> bool:
-        """On a GPU, unless Poisson's ratio changes from step to step."""
-        return self.device == "cuda" and not self.training.poisson_anneal
+        """On a GPU."""
+        return self.device == "cuda"
 
     def terms(self, network: nn.Module, samples: Sequence[Sample], step: Step) -> dict[str, Tensor]:
         """Each the mean over the samples."""
@@ -121,7 +121,7 @@ class GraphLearner:
 
     def piece(self, network: nn.Module, sample: Sample, step: Step) -> Piece:
         """The loss of a sample: the same function for all plans of a patient, mirrored or not."""
-        patient, training, mirror, data = sample.patient, self.training, step.mirror, sample.data
+        patient, mirror, data = sample.patient, step.mirror, sample.data
         shown = {name: value for name, value in vars(sample.signal).items() if value is not None}
 
         def function(anchor, anchored, *rest):
@@ -132,8 +132,8 @@ class GraphLearner:
                 "boundary": boundary_loss(prediction, anchor, anchored),
             }
             if step.physics:
-                bulk, u = bulk_factor(patient.operator, training.poisson_start, step.anneal), prediction.displacement
-                terms["physics"] = physics_loss(patient.operator, patient.free, u, training.physics_robust, bulk)
+                u, robust = prediction.displacement, self.training.physics_robust
+                terms["physics"] = physics_loss(patient.operator, patient.free, u, robust)
             return terms
 
         inputs = (sample.anchor, sample.anchored, *shown.values(), *sample.draw(step.rng))

@@ -1,6 +1,6 @@
 """The loss terms, each nondimensional or in mm^2 as its docstring says."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -22,14 +22,11 @@ def volume_loss(displacement: Tensor, target: Tensor) -> Tensor:
     return (displacement - target).square().sum(1).mean()
 
 
-def physics_loss(
-    operator: Operator, free: Tensor, displacement: Tensor, robust: float = 0.0, bulk: Tensor | float = 1.0
-) -> Tensor:
+def physics_loss(operator: Operator, free: Tensor, displacement: Tensor, robust: float = 0.0) -> Tensor:
     """Mean over V_free, nodes (f,), of |f_int|^2 / (mu h^2)^2: zero in equilibrium, nondimensional.
 
     The paper's term is the mean of |f_int|^2, whose size depends on units and mesh; mu is the mean shear
-    modulus and h the mean edge length of the patient's mesh. bulk: factor on the material's lambda
-    (:func:`bulk_factor`).
+    modulus and h the mean edge length of the patient's mesh.
 
     robust: if not 0, the size |f_int| / (mu h^2) above which a node counts in proportion to its force and no more
     to its square (pseudo-Huber loss). Of a raw field with an inverted element, five nodes of 5,000 make up four
@@ -39,22 +36,11 @@ def physics_loss(
     robust 10, 6.0 and -0.22 with 3, 16 and -0.55 with 1, at a volumetric error of 3.3, 3.1, 2.7 and 2.6 mm^2: less
     physics for more data, as with a smaller weight [X].
     """
-    if not isinstance(bulk, float) or bulk != 1.0:
-        operator = replace(operator, patch_lam=bulk * operator.patch_lam)
     force = operator.force(displacement) / operator.force_scale
     square = force.index_select(0, free).square().sum(1)
     if robust:
         square = 2 * square / (1 + (1 + square / robust**2).sqrt())  # 2 d^2 (sqrt(1 + s / d^2) - 1), uncancelled
     return square.mean()
-
-
-def bulk_factor(operator: Operator, start: float, share: float) -> Tensor | float:
-    """Factor on lambda for a Poisson's ratio that is `share` of the way from `start` to the material's, at its mu."""
-    if share >= 1:
-        return 1.0
-    ratio = (operator.patch_volumes * operator.patch_lam).sum() / (operator.volumes * operator.mu).sum()
-    poisson = start + share * (ratio / (2 * (1 + ratio)) - start)
-    return 2 * poisson / (1 - 2 * poisson) / ratio
 
 
 def boundary_loss(prediction: InterfaceAndVolume, target: Tensor, anchored: Tensor) -> Tensor:

@@ -7,10 +7,8 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from pinnochio.geometry.scattered import farthest
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.residual import Operator
-from pinnochio.mechanics.elements.tetrahedra import lumped
 from pinnochio.mechanics.lift import Lift, motion_amplitudes, node_shares
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.labels import MUSCLE
@@ -32,9 +30,6 @@ from pinnochio.plans.plan import Plan
 # Volume ratio below which the loss extends the energy: a raw network inverts elements, and a steeper extension would
 # let these few outweigh all others. Above it the residual is the solver's own [I].
 LOSS_EXTENSION = 0.1
-
-
-NODES_PER_HUB = 64  # tissue nodes for each hub of the long edges
 
 
 @dataclass(frozen=True)
@@ -84,10 +79,7 @@ class PatientTensors:
         def body(cells):
             """Nodes of the cells and their graph."""
             nodes, local = np.unique(cells, return_inverse=True)
-            joined = hub_edges(points[nodes], settings.long_edges)
-            extra = node_stiffness(model, material, volume)[nodes] if settings.stiffness else None
-            options = {"joined": joined, "extra": extra, "edge_features": settings.edge_features}
-            return nodes, Graph.build(points[nodes], local.reshape(cells.shape), device, **options)
+            return nodes, Graph.build(points[nodes], local.reshape(cells.shape), device)
 
         def interface(kind, source):
             """Nodes of the interface with their nearest rows of the source points."""
@@ -103,15 +95,10 @@ class PatientTensors:
         muscle_nodes, muscle = body(model.cells[model.tissue == MUSCLE])
         superficial_nodes, superficial = body(model.cells[model.tissue != MUSCLE])
         bone_points = model.bone_points - centre
-        bone, bone_segment, joined = bone_points, model.bone_segment, None
-        if settings.segment_nodes:
-            joined, middles, segments = segment_nodes(model)
-            bone = np.concatenate([bone_points, middles - centre])
-            bone_segment = np.concatenate([bone_segment, segments])
         cut = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
         anatomy = TissueGraphs(
-            bone=Graph.build(bone, model.bone_faces, device, joined=joined, edge_features=settings.edge_features),
-            bone_moved=tensor(bone_segment >= 0, torch.float32)[:, None],
+            bone=Graph.build(bone_points, model.bone_faces, device),
+            bone_moved=tensor(model.bone_segment >= 0, torch.float32)[:, None],
             muscle=muscle,
             muscle_nodes=tensor(muscle_nodes),
             superficial=superficial,
@@ -140,8 +127,8 @@ class PatientTensors:
             operator,
             free,
             settings,
-            Followers.build(bone, np.arange(len(model.segments)) == bone_segment[:, None], device),
-            Followers.build(points, node_shares(model, settings.blend and lift is None, sliding=False), device),
+            Followers.build(bone_points, np.arange(len(model.segments)) == model.bone_segment[:, None], device),
+            Followers.build(points, node_shares(model, blend=False, sliding=False), device),
             tensor(np.isin(model.node_type, (FIXED, MOVING)), torch.float32)[:, None],
             lift,
             motions,
@@ -190,34 +177,3 @@ def tensors(
 ) -> PatientTensors:
     """The model as tensors, with the material of `fem`."""
     return PatientTensors.build(model, fem.material(model.tissue), fem.volumetric, network, lift, device)
-
-
-def segment_nodes(model: PatientModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A virtual node in the middle of each bone: edges (b, 2) from every bone point to the node of its bone, middles
-    (v, 3) mm and segments (v,) of the nodes.
-
-    Virtual nodes are numbered after the bone points, bones in the order of their segment index, the cranium first.
-    """
-    segments, bone = np.unique(model.bone_segment, return_inverse=True)
-    count = len(model.bone_points)
-    edges = np.column_stack([np.arange(count), count + bone])
-    middles = [model.bone_points[bone == index].mean(axis=0) for index in range(len(segments))]
-    return edges, np.array(middles).reshape(-1, 3), segments
-
-
-def node_stiffness(model: PatientModel, material: Material, volume: np.ndarray) -> np.ndarray:
-    """Logarithm (n, 1) of the shear modulus around each node, weighted by volume (m,), over the mean of the cells."""
-    modulus, weight = (lumped(model.cells, values, len(model.points)) for values in (volume * material.mu, volume))
-    return np.log(modulus / np.maximum(weight, 1e-12) / material.mu.mean() + 1e-12)[:, None]
-
-
-def hub_edges(points: np.ndarray, count: int) -> np.ndarray:
-    """Long edges (e, 2): each point to its `count` nearest hubs, points spread evenly, and the hubs to each other."""
-    if not count or not len(points):
-        return np.zeros((0, 2), int)
-    hubs = farthest(points, max(2, len(points) // NODES_PER_HUB))
-    near = cKDTree(points[hubs]).query(points, np.arange(1, min(count, len(hubs)) + 1))[1]
-    edges = np.column_stack([np.repeat(np.arange(len(points)), near.shape[1]), hubs[near].ravel()])
-    among = cKDTree(points[hubs]).query(points[hubs], np.arange(1, min(2 * count + 1, len(hubs)) + 1))[1]
-    between = np.column_stack([np.repeat(hubs, among.shape[1]), hubs[among].ravel()])
-    return np.concatenate([edges, between])

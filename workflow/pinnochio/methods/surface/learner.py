@@ -92,7 +92,7 @@ class SurfaceLearner:
 
     def error(self, network: nn.Module, samples: Sequence) -> Tensor:
         """The data term of each one's first draw."""
-        still = Step((0,), False, False, 1.0, 1.0, np.random.default_rng(0))
+        still = Step((0,), False, False, 1.0, np.random.default_rng(0))
         return torch.stack([self._data(network, draws[:1], still) for draws in samples]).mean()
 
     def _fem_samples(self, files: CaseFiles) -> list[list[FieldDraw]]:
