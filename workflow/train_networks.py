@@ -21,7 +21,6 @@ import shutil
 import subprocess
 import sys
 import time
-from importlib import import_module
 from pathlib import Path
 
 import h5py
@@ -31,6 +30,7 @@ import torch
 from pinnochio.code import code_hash, source_file
 from pinnochio.methods.registry import SURFACE_NETWORK, registry
 from pinnochio.overlays import read_merged
+from pinnochio.references import resolve
 from pinnochio.seeds import derive_seed
 from pinnochio.study.cases import assign_folds, virtual_cases
 from pinnochio.training.cases import case_files
@@ -145,7 +145,7 @@ def train(config: dict, method: str, fold: str, cases: Path, folder: Path, devic
     for phase, section in PHASES.items():
         if section not in chosen.settings or ended(folder, phase):
             continue
-        learner = import_module(chosen.learner).Learner(chosen.settings, phase, device)
+        learner = resolve(chosen.learner)(chosen.settings, phase, device)
         if plain:
             type(learner).recorded = False
         if chosen.learner == SURFACE_NETWORK.learner:
