@@ -1,6 +1,7 @@
 """What a user must know of one prediction before believing it, as JSON holds it and in plain words."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -189,77 +190,78 @@ def _solution_rows(solution: Mapping, of: Mapping) -> list[Finding]:
     return rows
 
 
-def _field_rows(of: Mapping, models: Mapping | None) -> list[Finding]:
-    def usual(name: str, digits: str) -> str:
+@dataclass(frozen=True)
+class _Measured:
+    """The measures of one prediction beside what the models' held-out patients had, where that is known."""
+
+    of: Mapping
+    models: Mapping | None
+
+    def usual(self, name: str, digits: str) -> str:
         """What held-out patients of the study had, where that is known."""
-        if not models or name not in models["usual"]:
+        if not self.models or name not in self.models["usual"]:
             return ""
-        low, middle, high = (format(value, digits) for value in models["usual"][name])
-        return f" On held-out patients of the {models['cohort']}: {low} to {high}, median {middle}."
+        low, middle, high = (format(value, digits) for value in self.models["usual"][name])
+        return f" On held-out patients of the {self.models['cohort']}: {low} to {high}, median {middle}."
 
-    def millimetres(name: str) -> str:
-        return "no such tissue" if of[name] is None else f"{of[name]:.3f} mm"
-
-    def worse(name: str, than: float | None = None) -> bool | None:
+    def worse(self, name: str, than: float | None = None) -> bool | None:
         """False where a value is worse than on any held-out patient, else than a bound; True where it is not."""
-        if of[name] is None:
+        value, least = self.of[name], name == "min_jacobian"
+        if value is None:
             return None
-        least = name == "min_jacobian"
-        if models and name in models["usual"]:
-            than = models["usual"][name][0 if least else 2]
+        if self.models and name in self.models["usual"]:
+            than = self.models["usual"][name][0 if least else 2]
         if than is None:
             return None
-        return bool(of[name] >= than if least else of[name] <= than)
+        return bool(value >= than if least else value <= than)
 
-    def far(name: str) -> bool:
-        """Whether tissue lies so far from its bone that the plan is not carried out, beyond what is usual."""
-        return of[name] is not None and of[name] > MISMATCH[1] and worse(name, MISMATCH[1]) is False
+    def number(self, name: str, digits: str) -> str:
+        return "not a number" if self.of[name] is None else format(self.of[name], digits)
 
-    def number(name: str, digits: str) -> str:
-        return "not a number" if of[name] is None else format(of[name], digits)
+    def mismatch(self, kind: str, meaning: str) -> Finding:
+        """The finding of tissue that lies off where its bone takes it; bad where that is so far, beyond what is usual,
+        that the plan is not carried out."""
+        name = f"{kind}_error"
+        value = self.of[name]
+        return Finding(
+            f"Boundary mismatch, {kind}",
+            "no such tissue" if value is None else f"{value:.3f} mm",
+            meaning + self.usual(name, ".2f"),
+            self.worse(name, MISMATCH[0]),
+            value is not None and value > MISMATCH[1] and self.worse(name, MISMATCH[1]) is False,
+        )
 
+
+def _field_rows(of: Mapping, models: Mapping | None) -> list[Finding]:
+    measured = _Measured(of, models)
     known = {name: np.nan if value is None else value for name, value in of.items()}
     largest = models["usual"].get("eqres_rel", [np.inf])[-1] if models else np.inf
     strained = not known["eqres_rel"] <= RESIDUALS * largest
     inverted = known["inverted"] != 0
     folded = "The field folds tissue over; do not use it there." if of["inverted"] else "No piece of tissue is folded."
     force = "Force that is not in balance over the reaction of the bones; converged finite elements: below 1e-6."
-    moving = "Mean distance of the tissue attached to bone from where the plan takes it."
-    sliding = "Mean gap or penetration of the tissue that slides along bone."
     moved = f"{of['skin_mean_mm']:.1f} mm mean, {of['skin_max_mm']:.1f} mm at most"
     return [
         Finding("Elements turned inside out", f"{of['inverted']} of {of['elements']}", folded, not inverted, inverted),
         Finding(
             "Smallest volume ratio (min J)",
-            number("min_jacobian", ".3f"),
-            "1 keeps its volume, 0 is flat." + usual("min_jacobian", ".2f"),
-            known["min_jacobian"] > 0 and worse("min_jacobian", FLAT),
+            measured.number("min_jacobian", ".3f"),
+            "1 keeps its volume, 0 is flat." + measured.usual("min_jacobian", ".2f"),
+            known["min_jacobian"] > 0 and measured.worse("min_jacobian", FLAT),
             not known["min_jacobian"] > 0,
         ),
         Finding(
             "Residual",
-            number("eqres_rel", ".2g"),
-            force + usual("eqres_rel", ".2g"),
-            worse("eqres_rel"),
+            measured.number("eqres_rel", ".2g"),
+            force + measured.usual("eqres_rel", ".2g"),
+            measured.worse("eqres_rel"),
             strained,
         ),
-        Finding(
-            "Boundary mismatch, moving",
-            millimetres("moving_error"),
-            moving + usual("moving_error", ".2f"),
-            worse("moving_error", MISMATCH[0]),
-            far("moving_error"),
-        ),
-        Finding(
-            "Boundary mismatch, sliding",
-            millimetres("sliding_error"),
-            sliding + usual("sliding_error", ".2f"),
-            worse("sliding_error", MISMATCH[0]),
-            far("sliding_error"),
-        ),
+        measured.mismatch("moving", "Mean distance of the tissue attached to bone from where the plan takes it."),
+        measured.mismatch("sliding", "Mean gap or penetration of the tissue that slides along bone."),
         Finding(
             "Sliding tissue off its bone",
-            f"{number('off_bone_mm', '.1f')} mm at most",
+            f"{measured.number('off_bone_mm', '.1f')} mm at most",
             f"How far sliding tissue has come from, or gone into, the bone itself. Above {OFF_BONE:g} mm it has gone "
             "over the bone's rim, as in long motions; no method knows what holds it there.",
             known["off_bone_mm"] <= OFF_BONE,

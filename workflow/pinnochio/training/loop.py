@@ -67,8 +67,7 @@ def train(
     terms(step) gives the terms "data", "boundary" and, where wanted, "physics". validate() gives the error of
     the weights on patients that are not trained on: the network ends with the weights that it was least at,
     among those reached under the full loss (after physics_ramp); without it, with the last.
-    gradients: takes the place of `terms` and their derivative, see
-    :class:`~pinnochio.training.recording.RecordedGradients`.
+    gradients: takes the place of `terms` and their derivative (:mod:`pinnochio.training.recording`).
     until: time of `time.monotonic` at which training stops before its last step, to go on from `checkpoint` when it is
     started again; the network then has the weights that it would have ended with, and training has not ended.
 
@@ -78,23 +77,9 @@ def train(
     safe. A step whose loss or gradient is not finite is skipped; RuntimeError after 20 of them in a row.
     """
     device = next(network.parameters()).device
-    torch.use_deterministic_algorithms(True, warn_only=device.type != "cpu")
-    torch.utils.deterministic.fill_uninitialized_memory = False  # every element is written
-    optimizer = torch.optim.AdamW(
-        network.parameters(),
-        lr=settings.learning_rate,
-        betas=(settings.beta1, settings.beta2),
-        weight_decay=settings.weight_decay,
-        fused=True,
-    )
+    optimizer = _deterministic_optimizer(network, settings)
     signature = json.dumps([phase, seed, samples, asdict(settings), fingerprint(network, inputs, code)], sort_keys=True)
-    rows, start, failures, best = [], 0, 0, Best()
-    if state := load_state(checkpoint, signature, device):
-        network.load_state_dict(state["network"])
-        optimizer.load_state_dict(state["optimizer"])
-        rows, start, failures = state["rows"], state["step"], state["failures"]
-        best = Best(**state["best"])
-        logging.info("%s: resumed at step %d", phase, start)
+    rows, start, failures, best = _resume(load_state(checkpoint, signature, device), network, optimizer, phase)
     network.train()
     progress, saved, ended = TrainingProgress(phase, start, settings.steps), time.monotonic(), True
 
@@ -118,32 +103,15 @@ def train(
                 rows.append([step] + [math.nan] * (len(COLUMNS) - 3) + [measured])
             break
         rate = settings.learning_rate * schedule(step, settings)
-        for group in optimizer.param_groups:
-            group["lr"] = rate
-        rng = generator(seed, phase, f"step {step}")
-        mirror = bool(settings.mirror and rng.random() < 0.5)
-        wanted = bool(settings.weights["physics"])
-        shown = tuple(sample_at(step * settings.batch + n, samples, seed, phase) for n in range(settings.batch))
-        drawn = Step(shown, mirror, wanted, step / settings.steps, rng)
-        weights = dict(settings.weights)
-        weights["physics"] *= rising
+        drawn = _draw(step, samples, settings, phase, seed)
+        weights = dict(settings.weights) | {"physics": settings.weights["physics"] * rising}
         values = gradients(drawn, weights) if gradients else terms(drawn)
-        total = sum(weights[name] * value for name, value in values.items() if weights[name])
-        if not gradients:
-            optimizer.zero_grad()
-            total.backward()
-        gradient = nn.utils.clip_grad_norm_(network.parameters(), settings.clip)
-        # One transfer of all numbers of the step, because each makes the processor wait for the GPU.
-        loss, norm, *numbers = torch.stack([total, gradient, *values.values()]).tolist()
-        values = dict(zip(values, numbers, strict=True))
-        if math.isfinite(loss) and math.isfinite(norm):
-            optimizer.step()
-            failures = 0
-        else:
-            failures += 1
+        loss, norm, values = _descend(network, optimizer, values, weights, rate, settings.clip, not gradients)
+        failures = 0 if math.isfinite(loss) and math.isfinite(norm) else failures + 1
+        if failures:
             logging.warning("%s: step %d skipped, loss %g, gradient %g", phase, step, loss, norm)
-            if failures == GIVE_UP:
-                raise RuntimeError(f"{phase}: the loss is not finite {GIVE_UP} steps in a row")
+        if failures == GIVE_UP:
+            raise RuntimeError(f"{phase}: the loss is not finite {GIVE_UP} steps in a row")
         rows.append(
             [step, rate, loss, *(values.get(name, math.nan) for name in TERMS), weights["physics"], norm, measured]
         )
@@ -156,12 +124,75 @@ def train(
         logging.info("%s: %s", phase, best.note)
         network.load_state_dict(best.weights)
     network.eval()
-    kept = None if best.weights is None else best.step
-    with replacing(history) as temporary, open(temporary, "w", newline="") as file:
+    _write_history(history, rows, None if best.weights is None else best.step)
+    return ended
+
+
+def _deterministic_optimizer(network: nn.Module, settings: TrainingSettings) -> torch.optim.Optimizer:
+    """AdamW whose steps can be repeated, on a CPU to the last bit."""
+    on_cpu = next(network.parameters()).device.type == "cpu"
+    torch.use_deterministic_algorithms(True, warn_only=not on_cpu)
+    torch.utils.deterministic.fill_uninitialized_memory = False  # every element is written
+    return torch.optim.AdamW(
+        network.parameters(),
+        lr=settings.learning_rate,
+        betas=(settings.beta1, settings.beta2),
+        weight_decay=settings.weight_decay,
+        fused=True,
+    )
+
+
+def _resume(
+    state: dict | None, network: nn.Module, optimizer: torch.optim.Optimizer, phase: str
+) -> tuple[list, int, int, "Best"]:
+    """Rows, step, failures in a row and best weights of the state, whose weights are restored; a start without one."""
+    if state is None:
+        return [], 0, 0, Best()
+    network.load_state_dict(state["network"])
+    optimizer.load_state_dict(state["optimizer"])
+    logging.info("%s: resumed at step %d", phase, state["step"])
+    return state["rows"], state["step"], state["failures"], Best(**state["best"])
+
+
+def _draw(step: int, samples: int, settings: TrainingSettings, phase: str, seed: int) -> Step:
+    rng = generator(seed, phase, f"step {step}")
+    mirror = bool(settings.mirror and rng.random() < 0.5)
+    shown = tuple(sample_at(step * settings.batch + n, samples, seed, phase) for n in range(settings.batch))
+    return Step(shown, mirror, bool(settings.weights["physics"]), step / settings.steps, rng)
+
+
+def _descend(
+    network: nn.Module,
+    optimizer: torch.optim.Optimizer,
+    values: Mapping[str, Tensor],
+    weights: Mapping[str, float],
+    rate: float,
+    clip: float,
+    differentiate: bool,
+) -> tuple[float, float, dict[str, float]]:
+    """One step, unless loss or gradient are not finite: the loss, the gradient's norm, the terms.
+
+    differentiate: whether the gradient is still to be taken of the terms.
+    """
+    total = sum(weights[name] * value for name, value in values.items() if weights[name])
+    if differentiate:
+        optimizer.zero_grad()
+        total.backward()
+    gradient = nn.utils.clip_grad_norm_(network.parameters(), clip)
+    # One transfer of all numbers of the step, because each makes the processor wait for the GPU.
+    loss, norm, *numbers = torch.stack([total, gradient, *values.values()]).tolist()
+    if math.isfinite(loss) and math.isfinite(norm):
+        for group in optimizer.param_groups:
+            group["lr"] = rate
+        optimizer.step()
+    return loss, norm, dict(zip(values, numbers, strict=True))
+
+
+def _write_history(path: str | os.PathLike, rows: Iterable[list[float]], kept: int | None) -> None:
+    with replacing(path) as temporary, open(temporary, "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         writer.writerows([f"{value:.6g}" for value in (*row, float(row[0] == kept))] for row in rows)
-    return ended
 
 
 @dataclass
