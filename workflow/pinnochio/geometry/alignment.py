@@ -35,10 +35,10 @@ def carried(points, faces, target_points, target_faces, part, start, seed: int) 
         for _ in range(STEPS):
             placed = np.einsum("sc,scx->sx", weights, moved[corners])
             near = closest_points(placed, target_points, target_faces)
-            own = vertex_normals(moved, faces)[corners]
+            corner_normals = vertex_normals(moved, faces)[corners]
             facing = np.einsum("sc,scx->sx", near.weights, normals[target_faces[near.face]])
             facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
-            paired = ~near.border & (np.einsum("sx,scx,sc->s", facing, own, weights) > FACING)
+            paired = ~near.border & (np.einsum("sx,scx,sc->s", facing, corner_normals, weights) > FACING)
             if not paired.any():
                 return moved
             wanted = np.einsum("sx,sx->s", facing, near.points - samples)[paired]
@@ -58,13 +58,13 @@ def _fields(samples, points, fields):
         return deviation**2 * np.exp(-square / (2 * length**2))
 
     def basis(places) -> np.ndarray:
-        return np.hstack([kernel(places, own, *field) for own, field in zip(carriers, fields, strict=True)])
+        return np.hstack([kernel(places, centres, *field) for centres, field in zip(carriers, fields, strict=True)])
 
     ends = np.cumsum([0, *map(len, carriers)])
     prior = 1e-6 * np.eye(ends[-1])
-    for start, own, field in zip(ends, carriers, fields, strict=False):
-        block = slice(start, start + len(own))
-        prior[block, block] += kernel(own, own, *field)
+    for start, centres, field in zip(ends, carriers, fields, strict=False):
+        block = slice(start, start + len(centres))
+        prior[block, block] += kernel(centres, centres, *field)
     return basis, prior
 
 

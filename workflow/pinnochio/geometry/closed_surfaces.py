@@ -89,7 +89,7 @@ def voxelised(surfaces: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[sitk.I
     flat cut across an axis: there the head goes on, as at the border of a scan.
     """
     skin = surfaces[0][0]
-    points = np.concatenate([own for own, _ in surfaces])
+    points = np.concatenate([vertices for vertices, _ in surfaces])
     cut_low, cut_high = _cuts(*surfaces[0])
     low = np.where(cut_low, skin.min(axis=0) + SPACING / 2, points.min(axis=0) - MARGIN * SPACING)
     high = np.where(cut_high, skin.max(axis=0) - SPACING / 2, points.max(axis=0) + MARGIN * SPACING)
@@ -119,8 +119,8 @@ def _inside(points, faces, low, size) -> np.ndarray:
     turns = np.zeros(size[::-1], np.int16)
     outward = np.sign(enclosed_volume(points, faces)) or 1
     for sheet in range(sheet_of.max() + 1):
-        own, renumbered = np.unique(faces[sheet_of[faces[:, 0]] == sheet], return_inverse=True)
-        part, triangles = points[own], renumbered.reshape(-1, 3)
+        used, renumbered = np.unique(faces[sheet_of[faces[:, 0]] == sheet], return_inverse=True)
+        part, triangles = points[used], renumbered.reshape(-1, 3)
         start = np.clip(np.floor((part.min(axis=0) - low) / SPACING).astype(int) - 1, 0, size)
         stop = np.clip(np.ceil((part.max(axis=0) - low) / SPACING).astype(int) + 2, 0, size)
         if (stop <= start).any():

@@ -42,7 +42,7 @@ def read_mesh(path: str | os.PathLike) -> pv.PolyData:
     if not isinstance(mesh, pv.PolyData):
         raise RuntimeError("it holds no surface")
     for cells in (mesh.GetVerts(), mesh.GetLines(), mesh.GetPolys(), mesh.GetStrips()):
-        starts, corners = (pv.convert_array(own) for own in (cells.GetOffsetsArray(), cells.GetConnectivityArray()))
+        starts, corners = (pv.convert_array(array) for array in (cells.GetOffsetsArray(), cells.GetConnectivityArray()))
         if (np.diff(starts) < 0).any() or (len(starts) and starts[-1] != len(corners)):
             raise RuntimeError("its faces are no list of corners")
         if len(corners) and not (corners.min() >= 0 and corners.max() < mesh.n_points):
@@ -83,8 +83,8 @@ def read_ply(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray, np.nd
     if len(counts) < len(elements) or min(counts.values(), default=0) < 0 or not {"vertex", "face"} <= set(counts):
         damaged(f"its header counts {counts}: it needs 'vertex' and 'face', each once")
     for name, _, properties in elements:
-        names = [own for own, _, _ in properties]
-        lists = {own for own, _, listed in properties if listed}
+        names = [column for column, _, _ in properties]
+        lists = {column for column, _, listed in properties if listed}
         if len(set(names)) < len(names) or (name == "vertex" and (lists or not {"x", "y", "z"} <= set(names))):
             damaged(f"its header gives {name!r} the properties {', '.join(names)[:60]}")
         if name == "face" and len({"vertex_indices", "vertex_index"} & lists) != 1:
@@ -105,26 +105,26 @@ def read_ply(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray, np.nd
 def _text_rows(body: bytes, elements, damaged) -> Iterator[tuple[str, dict[str, list]]]:
     """Name and columns of each element of a PLY in text: numbers, or arrays of a list's numbers."""
     lines = [line for line in body.split(b"\n") if line.strip()]
-    asked = sum(count for _, count, _ in elements)
-    if len(lines) != asked or not body.endswith(b"\n"):
-        damaged(f"its header counts {asked} vertices and faces, and {len(lines)} whole lines are there")
+    counted = sum(count for _, count, _ in elements)
+    if len(lines) != counted or not body.endswith(b"\n"):
+        damaged(f"its header counts {counted} vertices and faces, and {len(lines)} whole lines are there")
     place = 0
     for name, count, properties in elements:
-        columns = {own: [] for own, _, _ in properties}
+        columns = {column: [] for column, _, _ in properties}
         for line in lines[place : place + count]:
             try:
                 if b"_" in line:  # which Python reads over
                     raise ValueError
                 numbers = [float(word) for word in line.split()]
                 at = 0
-                for own, _, listed in properties:
+                for column, _, listed in properties:
                     length = 1
                     if listed is not None:
                         length, at = int(numbers[at]), at + 1
                         if length != numbers[at - 1] or not 0 <= length <= len(numbers) - at:
                             raise ValueError
                     value = numbers[at : at + length]
-                    columns[own].append(np.array(value) if listed else value[0])
+                    columns[column].append(np.array(value) if listed else value[0])
                     at += length
                 if at != len(numbers):
                     raise ValueError
@@ -146,27 +146,27 @@ def _binary_rows(body: bytes, elements, order: str, damaged) -> Iterator[tuple[s
     for name, count, properties in elements:
         # Mostly every row has lists as long as the first: read at once, else row by row.
         record = []
-        for own, kind, listed in properties if count else ():
+        for column, kind, listed in properties if count else ():
             if listed is None:
-                record.append((own, order + kind))
+                record.append((column, order + kind))
                 continue
             length = int(numbers(listed, 1, place + np.dtype(record).itemsize)[0])
             if not 0 <= length <= len(body):
                 damaged(f"a face has {length} corners")
-            record += [(f"{own} count", order + listed), (own, order + kind, (length,))]
+            record += [(f"{column} count", order + listed), (column, order + kind, (length,))]
         size = np.dtype(record).itemsize
         if place + count * size <= len(body):
             rows = np.frombuffer(body, np.dtype(record), count, place)
-            lists = [own for own, _, listed in properties if listed and count]
-            if all((rows[f"{own} count"] == rows[own].shape[1]).all() for own in lists):
+            lists = [column for column, _, listed in properties if listed and count]
+            if all((rows[f"{column} count"] == rows[column].shape[1]).all() for column in lists):
                 place += count * size
-                yield name, {own: rows[own] if count else np.zeros(0) for own, _, _ in properties}
+                yield name, {column: rows[column] if count else np.zeros(0) for column, _, _ in properties}
                 continue
         elif not any(listed for _, _, listed in properties):
             damaged("its vertices are cut off")
-        columns = {own: [] for own, _, _ in properties}
+        columns = {column: [] for column, _, _ in properties}
         for _ in range(count):
-            for own, kind, listed in properties:
+            for column, kind, listed in properties:
                 length = 1
                 if listed is not None:
                     length = int(numbers(listed, 1, place)[0])
@@ -174,7 +174,7 @@ def _binary_rows(body: bytes, elements, order: str, damaged) -> Iterator[tuple[s
                     if not 0 <= length <= len(body):
                         damaged(f"a face has {length} corners")
                 values = numbers(kind, length, place)
-                columns[own].append(values if listed else values[0])
+                columns[column].append(values if listed else values[0])
                 place += length * np.dtype(kind).itemsize
         yield name, columns
     if place != len(body):
@@ -189,9 +189,9 @@ def _triangles(faces: Sequence, points: int, damaged) -> np.ndarray:
         fans = [corners[:, [0, at, at + 1]] for at in range(1, corners.shape[1] - 1)]
         return np.stack(fans, axis=1).reshape(-1, 3) if fans else np.zeros((0, 3), np.int32)
     fans = []
-    for own in faces:
-        _check_indices(np.asarray(own), points, damaged)
-        fans += [(own[0], own[at], own[at + 1]) for at in range(1, len(own) - 1)]
+    for polygon in faces:
+        _check_indices(np.asarray(polygon), points, damaged)
+        fans += [(polygon[0], polygon[at], polygon[at + 1]) for at in range(1, len(polygon) - 1)]
     return np.array(fans, np.int32).reshape(-1, 3)
 
 

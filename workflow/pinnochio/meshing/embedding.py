@@ -21,20 +21,20 @@ def embed(
     Returns the carrier's nodes (s, 3), barycentric weights (s, 3) of its closest point, and the distance (s,) in mm,
     infinite where every candidate faces the other way (the other lip).
     """
-    normals, own = face_normals(mesh_points, mesh_faces)[0], vertex_normals(points, faces)
+    normals, point_normals = face_normals(mesh_points, mesh_faces)[0], vertex_normals(points, faces)
     near = cKDTree(mesh_points[mesh_faces].mean(axis=1)).query(points, min(CANDIDATES, len(mesh_faces)))[1]
     corners = mesh_points[mesh_faces[near]]
     closest, weights = closest_on_triangles(points[:, None], corners)
     away = np.linalg.norm(closest - points[:, None], axis=2)
-    distance = np.where(np.einsum("skx,sx->sk", normals[near], own) < 0.2, np.inf, away)
+    distance = np.where(np.einsum("skx,sx->sk", normals[near], point_normals) < 0.2, np.inf, away)
     best, row = np.argmin(distance, axis=1), np.arange(len(points))
     if sides is not None:
         lip, wanted = sides[1][mesh_faces], sides[0][:, None]
         lip = np.where((lip == lip[:, :1]).all(axis=1), lip[:, 0], 0)[near]
-        its_own, other = (lip > 0) & (lip == wanted), (lip > 0) & (wanted > 0) & (lip != wanted)
+        same_lip, other = (lip > 0) & (lip == wanted), (lip > 0) & (wanted > 0) & (lip != wanted)
         # Of its own lip any triangle will do: at the slit skin and mesh face each their own way.
-        same = np.argmin(np.where(its_own, away, np.inf), axis=1)
-        moved = other[row, best] & its_own[row, same] & (away[row, same] < reach)
+        same = np.argmin(np.where(same_lip, away, np.inf), axis=1)
+        moved = other[row, best] & same_lip[row, same] & (away[row, same] < reach)
         if moved.any():
             one, another = (mesh_faces[near[row, choice]][moved] for choice in (best, same))
             moved[moved] = _parted(one, another, _joined(mesh_faces))

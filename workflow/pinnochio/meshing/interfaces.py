@@ -113,8 +113,8 @@ def label_interfaces(
     body = np.where(contact, node_beyond - FIRST_SEGMENT, NO_BODY)
     body[contact & (node_beyond == CRANIUM)] = -1
     for i, j in pairs:
-        for own, other in ((i, j), (j, i)):
-            nodes, target = np.flatnonzero(body == own), bone.points[bone.segment == other]
+        for one, other in ((i, j), (j, i)):
+            nodes, target = np.flatnonzero(body == one), bone.points[bone.segment == other]
             if len(nodes) and len(target):
                 near = cKDTree(target).query(points[nodes])[0] < sliding_band
                 node_type[nodes[near]] = m.SLIDING
@@ -283,15 +283,15 @@ def _released(points, cells, body, bone, opposing, release_mm: float) -> np.ndar
     released = np.zeros(len(points), bool)
     edges = cells[:, list(combinations(range(4), 2))].reshape(-1, 2)
     opposed = {frozenset(pair) for pair in opposing}
-    present = [own for own in np.unique(body) if own != NO_BODY]
-    for own, other in combinations(present, 2):
-        if frozenset((own, other)) in opposed:
+    present = [index for index in np.unique(body) if index != NO_BODY]
+    for first, second in combinations(present, 2):
+        if frozenset((first, second)) in opposed:
             continue
-        for one, two in ((own, other), (other, own)):
+        for one, two in ((first, second), (second, first)):
             nodes, target = np.flatnonzero(body == one), bone.points[bone.segment == two]
             if len(target):
                 released[nodes[cKDTree(target).query(points[nodes])[0] < release_mm]] = True
-        bridge = (np.sort(body[edges], axis=1) == sorted((own, other))).all(axis=1)
+        bridge = (np.sort(body[edges], axis=1) == sorted((first, second))).all(axis=1)
         released[edges[bridge].ravel()] = True
     return released
 

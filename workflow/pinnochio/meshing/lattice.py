@@ -188,19 +188,19 @@ def _lattice(fields, divisions, placing: Placing) -> tuple[np.ndarray, np.ndarra
 
     cells = []
     unit = np.eye(3, dtype=int)
-    own = np.argwhere(near)
+    near_cells = np.argwhere(near)
     for axis in range(3):
         one, two = unit[(axis + 1) % 3], unit[(axis + 2) % 3]
         around = [np.zeros(3, int), one, one + two, two]
         # Four cells around the line between two neighbouring centres.
-        pair = own[own[:, axis] + 1 < divisions[axis]]
+        pair = near_cells[near_cells[:, axis] + 1 < divisions[axis]]
         pair = pair[near[tuple((pair + unit[axis]).T)]]
         square = [corner_id(pair + unit[axis] + q) for q in around]
         ends = centre_id(pair), centre_id(pair + unit[axis])
         cells += [np.stack([*ends, square[i], square[(i + 1) % 4]], axis=1) for i in range(4)]
         # Half pyramids under the two border planes, the diagonal in turn one way and the other.
         for layer, offset in ((0, 0), (divisions[axis] - 1, 1)):
-            base = own[own[:, axis] == layer]
+            base = near_cells[near_cells[:, axis] == layer]
             square = np.stack([corner_id(base + offset * unit[axis] + q) for q in around], axis=1)
             turned = base.sum(axis=1) % 2 == 1
             square[turned] = np.roll(square[turned], 1, axis=1)
@@ -395,8 +395,8 @@ def _lips(points, cells, middle, normal, half) -> np.ndarray:
     """Where the copies of a slit node belong: half the width off the middle, on the side of their own cells."""
     centre = points[cells].mean(axis=1)
     count = np.bincount(cells.ravel(), minlength=len(points))
-    own = (
+    centroid = (
         np.stack([np.bincount(cells.ravel(), np.repeat(c, 4), len(points)) for c in centre.T], axis=1) / count[:, None]
     )
-    side = np.sign(np.einsum("ni,ni->n", own - points, normal))
+    side = np.sign(np.einsum("ni,ni->n", centroid - points, normal))
     return middle + (side * half)[:, None] * normal

@@ -23,9 +23,9 @@ def sides_of_points(points, labels, spacing, origin, mouth) -> np.ndarray:
 
     points (k, 3) mm; labels (nx, ny, nz) at spacing, origin (3,) mm; mouth (b, 3) mm, the middle of the bite.
     """
-    own = np.full(len(points), NOT_LIP, np.int8)
+    lip = np.full(len(points), NOT_LIP, np.int8)
     if not len(mouth):
-        return own
+        return lip
     low, high = ((end - origin) / spacing for end in (mouth.min(axis=0) - AROUND, mouth.max(axis=0) + AROUND))
     low = np.clip(np.floor(low).astype(int), 0, labels.shape)
     high = np.clip(np.ceil(high).astype(int) + 1, 0, labels.shape)
@@ -40,8 +40,8 @@ def sides_of_points(points, labels, spacing, origin, mouth) -> np.ndarray:
     voxels = np.argwhere(tissue)
     if len(voxels) and inside.any():
         nearest = cKDTree(origin + (low + voxels) * spacing).query(points[inside])[1]
-        own[inside] = side[tuple(voxels[nearest].T)]
-    return own
+        lip[inside] = side[tuple(voxels[nearest].T)]
+    return lip
 
 
 def _beside_slit(labels, tissue, spacing, origin, mouth) -> tuple[np.ndarray, np.ndarray]:

@@ -63,10 +63,10 @@ def lip_nodes(points, faces, airy, constrained, mouth, reach_mm: float = 5.0) ->
     met = np.array([_met(starts[i], ahead[i], corners[other], reach_mm) for i, other in enumerate(facing)], bool)
     lips = []
     for side in (-1, 1):
-        own = faces[near[met & (side * ahead[:, 2] > 0)]]
-        patch, size = _patches(points, own)
+        lip_faces = faces[near[met & (side * ahead[:, 2] > 0)]]
+        patch, size = _patches(points, lip_faces)
         on = np.zeros(len(points), bool)
-        on[own[size[patch] > PATCH * size.max(initial=0)]] = True
+        on[lip_faces[size[patch] > PATCH * size.max(initial=0)]] = True
         lips.append(on & ~constrained)
     lip[lips[0] & ~lips[1]], lip[lips[1] & ~lips[0]] = UPPER_LIP, LOWER_LIP
     mixed = (lip[faces] == UPPER_LIP).any(axis=1) & (lip[faces] == LOWER_LIP).any(axis=1)

@@ -29,10 +29,10 @@ def joined_pairs(points, cells, fields: Fields) -> tuple[np.ndarray, np.ndarray]
     samples = np.einsum("kc,mcx->mkx", simplex_points(4, 3), points[cells])
     doubt = fields.sample(fields.narrow, samples).max(axis=1) > 0
     doubtful = np.flatnonzero(doubt[first // 4] | doubt[second // 4])
-    asked = np.unique(np.concatenate([first[doubtful], second[doubtful]]) // 4)
-    best = fields.sample(fields.depth, samples[asked]).argmax(axis=1)
+    sampled = np.unique(np.concatenate([first[doubtful], second[doubtful]]) // 4)
+    best = fields.sample(fields.depth, samples[sampled]).argmax(axis=1)
     anchor = np.full((len(cells), 3), np.nan)
-    anchor[asked] = samples[asked, best]
+    anchor[sampled] = samples[sampled, best]
     sides = first[doubtful]
     a, b = sides // 4, second[doubtful] // 4
     corners = points[cells[a[:, None], FACES[sides % 4]]]

@@ -35,9 +35,9 @@ def nasion_height(points: np.ndarray, segment: np.ndarray, segments: Sequence[st
     above the top of all segments.
     """
     for roles, above in ((("maxilla",), above_maxilla), (("proximal", UNCUT), 0.0)):
-        own = of_segments(segment, segments, *roles)
-        if own.any():
-            return float(points[own, 2].max()) + above
+        of_roles = of_segments(segment, segments, *roles)
+        if of_roles.any():
+            return float(points[of_roles, 2].max()) + above
     return float(points[segment >= 0, 2].max(initial=-np.inf)) + above_maxilla if (segment >= 0).any() else np.inf
 
 
@@ -50,8 +50,8 @@ def above_teeth(points: np.ndarray, segment: np.ndarray, lower: np.ndarray) -> n
     front = jaw[jaw[:, 1] < jaw[:, 1].min() + END]
     edge, face = front[:, 2].max(), front[:, 1].min()
     wide = jaw[:, 0].min(), jaw[:, 0].max()
-    own = (segment == -1) & (np.abs(points[:, 2] - edge) < TEETH) & (points[:, 1] > face - OVERJET)
-    return own & (points[:, 0] > wide[0]) & (points[:, 0] < wide[1]) & (points[:, 1] < np.median(jaw[:, 1]))
+    upper = (segment == -1) & (np.abs(points[:, 2] - edge) < TEETH) & (points[:, 1] > face - OVERJET)
+    return upper & (points[:, 0] > wide[0]) & (points[:, 0] < wide[1]) & (points[:, 1] < np.median(jaw[:, 1]))
 
 
 def places(model: PatientModel) -> dict[str, np.ndarray]:
@@ -61,43 +61,43 @@ def places(model: PatientModel) -> dict[str, np.ndarray]:
     part of its lower half, left and right; of the lower jaw's body the foremost upper and the foremost lower part; of
     all that reaches to the condyles, left and right, the lowest part behind.
     """
-    points, found = model.bone_points, dict.fromkeys(PLACES, np.zeros(0, int))
+    points, indices = model.bone_points, dict.fromkeys(PLACES, np.zeros(0, int))
     upper, body, rear = (
         np.flatnonzero(of_segments(model.bone_segment, model.segments, *roles))
         for roles in (("maxilla",), ("distal", UNCUT, "chin"), ("proximal", UNCUT))
     )
     if len(upper):
         low = upper[points[upper, 2] <= np.median(points[upper, 2])]
-        found["upper_incisors"] = _end(points, low, 1, -1)
+        indices["upper_incisors"] = _end(points, low, 1, -1)
         behind = _end(points, low, 1, 1)
-        found |= _sides("upper_molars", points, behind, points[low, 0])
+        indices |= _sides("upper_molars", points, behind, points[low, 0])
     if len(body):
-        found["lower_incisors"] = _end(points, _end(points, body, 1, -1), 2, 1)
-        found["chin"] = _end(points, _end(points, body, 1, -1, FRONT), 2, -1)
+        indices["lower_incisors"] = _end(points, _end(points, body, 1, -1), 2, 1)
+        indices["chin"] = _end(points, _end(points, body, 1, -1, FRONT), 2, -1)
     if len(rear := rear if len(rear) else body):
         behind = _end(points, rear, 1, 1, REAR)
         across = points[rear, 0] - 0.5 * (points[rear, 0].min() + points[rear, 0].max())
         lateral = rear[np.abs(across) > LATERAL * np.abs(across).max()]
         behind = np.intersect1d(behind, lateral)
-        for side, own in _sides("gonion", points, behind, points[rear, 0]).items():
-            found[side] = _end(points, own, 2, -1)
-    return found
+        for side, corner in _sides("gonion", points, behind, points[rear, 0]).items():
+            indices[side] = _end(points, corner, 2, -1)
+    return indices
 
 
 def motion_of_places(model: PatientModel, plan: Plan) -> Mapping[str, np.ndarray]:
     """Mean displacement (3,) mm of each of the places under a plan, by the names of PLACES; zero where none is cut."""
     moved = model.bone_displacement(plan)
-    return {name: moved[own].mean(axis=0) if len(own) else np.zeros(3) for name, own in places(model).items()}
+    return {name: moved[rows].mean(axis=0) if len(rows) else np.zeros(3) for name, rows in places(model).items()}
 
 
-def _end(points: np.ndarray, own: np.ndarray, axis: int, sign: int, depth: float = END) -> np.ndarray:
-    """Those of the points `own` (k,) that are within `depth` mm of the farthest along an axis."""
-    along = sign * points[own, axis]
-    return own[along >= along.max(initial=-np.inf) - depth]
+def _end(points: np.ndarray, indices: np.ndarray, axis: int, sign: int, depth: float = END) -> np.ndarray:
+    """Those of the points `indices` (k,) that are within `depth` mm of the farthest along an axis."""
+    along = sign * points[indices, axis]
+    return indices[along >= along.max(initial=-np.inf) - depth]
 
 
-def _sides(name: str, points: np.ndarray, own: np.ndarray, across: np.ndarray) -> dict[str, np.ndarray]:
+def _sides(name: str, points: np.ndarray, indices: np.ndarray, across: np.ndarray) -> dict[str, np.ndarray]:
     """The points left and right (LPS: +x is left) of the middle of all x of a bone, across (k,)."""
     middle = 0.5 * (across.min() + across.max())
-    left = points[own, 0] > middle
-    return {f"{name}_left": own[left], f"{name}_right": own[~left]}
+    left = points[indices, 0] > middle
+    return {f"{name}_left": indices[left], f"{name}_right": indices[~left]}

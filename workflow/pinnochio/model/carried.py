@@ -40,11 +40,11 @@ def carried_landmarks(patient: PatientModel, marks: FaceLandmarks | None = None)
     cannot be read.
     """
     marks = face_landmarks(patient) if marks is None else marks
-    own = vars(marks) | {
+    places = vars(marks) | {
         "subspinale": subspinale(patient, marks),
         "columella": columella(patient, marks.subnasale, marks.pronasale),
     }
-    own |= {"alare_right": marks.alare[0], "alare_left": marks.alare[1]}
+    places |= {"alare_right": marks.alare[0], "alare_left": marks.alare[1]}
     height = patient.skin_points[:, 2] - marks.stomion[2]
     positions, rows = np.full((len(LANDMARKS), 3), np.nan), []
     for row, name in enumerate(LANDMARKS):
@@ -56,9 +56,9 @@ def carried_landmarks(patient: PatientModel, marks: FaceLandmarks | None = None)
                 weights[edge] = 1 / len(edge)
             rows.append(sparse.csr_array(weights[None]))
             continue
-        positions[row] = own[name]
+        positions[row] = places[name]
         allowed = height > 0 if name in OF_UPPER else height < 0 if name in OF_LOWER else None
-        rows.append(carriers(patient, own[name], allowed))
+        rows.append(carriers(patient, places[name], allowed))
     return CarriedLandmarks(positions, sparse.vstack(rows, format="csr"))
 
 
@@ -85,7 +85,7 @@ def columella(patient: PatientModel, subnasale: np.ndarray, pronasale: np.ndarra
 
 def _edge(patient: PatientModel, lip: int, middle: float) -> np.ndarray:
     """The foremost nodes (k,) of a lip at the middle of the mouth; of a lip that has none there, the nearest one."""
-    own = np.flatnonzero(patient.lip == lip)
-    across = np.abs(patient.points[own, 0] - middle)
-    own = own[across <= max(MIDDLE, across.min(initial=np.inf))]
-    return own[patient.points[own, 1] <= patient.points[own, 1].min(initial=np.inf) + EDGE]
+    nodes = np.flatnonzero(patient.lip == lip)
+    across = np.abs(patient.points[nodes, 0] - middle)
+    nodes = nodes[across <= max(MIDDLE, across.min(initial=np.inf))]
+    return nodes[patient.points[nodes, 1] <= patient.points[nodes, 1].min(initial=np.inf) + EDGE]

@@ -123,11 +123,11 @@ def _refused(problem: str) -> InputError:
 def _upper_jaw(patient: PatientModel) -> np.ndarray:
     """Points (k, 3) mm of the upper jaw's bone: of its segments; where it is not cut, of the cranium above the lower
     jaw's teeth; without either, of every segment."""
-    own = of_segments(patient.bone_segment, patient.segments, "maxilla")
+    upper = of_segments(patient.bone_segment, patient.segments, "maxilla")
     lower = of_segments(patient.bone_segment, patient.segments, "distal", UNCUT)
-    if not own.any() and lower.any():
-        own = above_teeth(patient.bone_points, patient.bone_segment, lower)
-    return patient.bone_points[own if own.any() else patient.bone_segment >= 0]
+    if not upper.any() and lower.any():
+        upper = above_teeth(patient.bone_points, patient.bone_segment, lower)
+    return patient.bone_points[upper if upper.any() else patient.bone_segment >= 0]
 
 
 def _chin(bone, middle: float, mouth: float) -> tuple[float, float]:

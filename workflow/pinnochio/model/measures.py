@@ -125,7 +125,7 @@ def measure(positions: np.ndarray) -> np.ndarray:
 
     NaN where a landmark that a measure reads is not known (NaN), and for an angle between landmarks that nearly meet.
     """
-    return np.array([own.rule(_chosen(positions, own))[0] for own in MEASURES.values()])
+    return np.array([item.rule(_chosen(positions, item))[0] for item in MEASURES.values()])
 
 
 def derivatives(positions: np.ndarray) -> np.ndarray:
@@ -135,10 +135,10 @@ def derivatives(positions: np.ndarray) -> np.ndarray:
     Gauss-Newton method can ask for a measure.
     """
     gradient = np.zeros((len(MEASURES), len(LANDMARKS), 3))
-    for row, own in zip(gradient, MEASURES.values(), strict=True):
-        row[[LANDMARKS.index(name) for name in own.points]] = own.rule(_chosen(positions, own))[1]
+    for row, item in zip(gradient, MEASURES.values(), strict=True):
+        row[[LANDMARKS.index(name) for name in item.points]] = item.rule(_chosen(positions, item))[1]
     return gradient
 
 
-def _chosen(positions: np.ndarray, own: Measure) -> np.ndarray:
-    return np.asarray(positions, float)[[LANDMARKS.index(name) for name in own.points]]
+def _chosen(positions: np.ndarray, item: Measure) -> np.ndarray:
+    return np.asarray(positions, float)[[LANDMARKS.index(name) for name in item.points]]

@@ -69,8 +69,12 @@ class PatientModel:
         if self.skin_points is None:
             count = len(self.points)
             nodes = np.repeat(np.arange(count, dtype=np.int32)[:, None], 3, axis=1)
-            own = {"skin_points": self.points, "skin_nodes": nodes, "skin_weights": np.tile([1.0, 0, 0], (count, 1))}
-            for name, value in own.items():
+            defaults = {
+                "skin_points": self.points,
+                "skin_nodes": nodes,
+                "skin_weights": np.tile([1.0, 0, 0], (count, 1)),
+            }
+            for name, value in defaults.items():
                 object.__setattr__(self, name, value)
 
     def moved_skin(self, displacement: np.ndarray) -> np.ndarray:
@@ -80,8 +84,8 @@ class PatientModel:
     def skin_at(self, places) -> np.ndarray:
         """Index (k,) of the skin point at each place (k, 3) mm, -1 where there is none: the models of a case copy their
         skin from one surface, and each parts the lips for itself."""
-        away, own = cKDTree(self.skin_points).query(places)
-        return np.where(away < SAME_PLACE, own, -1)
+        away, nearest = cKDTree(self.skin_points).query(places)
+        return np.where(away < SAME_PLACE, nearest, -1)
 
     @property
     def judged_points(self) -> np.ndarray:
@@ -104,8 +108,8 @@ class PatientModel:
         """Displacement (b, 3) mm of the bone surface under the plan; zero on the cranium."""
         moved = np.zeros_like(self.bone_points)
         for index, name in enumerate(self.segments):
-            own = self.bone_segment == index
-            moved[own] = plan.motion(name).displacement(self.bone_points[own])
+            of_segment = self.bone_segment == index
+            moved[of_segment] = plan.motion(name).displacement(self.bone_points[of_segment])
         return moved
 
     def write(self, path: str | os.PathLike) -> None:

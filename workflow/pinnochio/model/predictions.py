@@ -135,20 +135,20 @@ def read_external(path: str | os.PathLike, case: str, points: np.ndarray, cells:
     )
 
 
-def node_order(own_points, own_cells, points, cells) -> np.ndarray | None:
-    """Index (n,) of each node of `points` (n, 3) in `own_points`; None where the two are not the same nodes.
+def node_order(stored_points, stored_cells, points, cells) -> np.ndarray | None:
+    """Index (n,) of each node of `points` (n, 3) in `stored_points`; None where the two are not the same nodes.
 
     Nodes on the two sides of the mouth slit may share a place; the middle of their tetrahedra tells them apart.
     Without tetrahedra the order must be the mesh's, or each node have a place of its own.
     """
-    if own_points.shape != points.shape:
+    if stored_points.shape != points.shape:
         return None
-    own, wanted = own_points, points
-    if own_cells is not None and own_cells.shape == cells.shape:
-        own, wanted = _with_surroundings(own_points, own_cells), _with_surroundings(points, cells)
-    elif np.abs(own_points - points).max() <= SAME_PLACE:
+    stored, wanted = stored_points, points
+    if stored_cells is not None and stored_cells.shape == cells.shape:
+        stored, wanted = _with_surroundings(stored_points, stored_cells), _with_surroundings(points, cells)
+    elif np.abs(stored_points - points).max() <= SAME_PLACE:
         return np.arange(len(points))
-    distance, order = cKDTree(own).query(wanted)
+    distance, order = cKDTree(stored).query(wanted)
     return order if distance.max() <= SAME_PLACE and len(np.unique(order)) == len(points) else None
 
 

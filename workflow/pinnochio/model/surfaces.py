@@ -39,10 +39,12 @@ class BoneSurface:
 
     def part(self, index: int) -> "BoneSurface":
         """The surface of one segment (-1: the cranium); empty if there is none."""
-        own = self.segment == index
-        renumber = np.cumsum(own) - 1
-        faces = renumber[self.faces[own[self.faces[:, 0]]]].astype(np.int32)
-        return BoneSurface(self.points[own], self.normals[own], faces, self.segment[own], self.segments)
+        of_segment = self.segment == index
+        renumber = np.cumsum(of_segment) - 1
+        faces = renumber[self.faces[of_segment[self.faces[:, 0]]]].astype(np.int32)
+        return BoneSurface(
+            self.points[of_segment], self.normals[of_segment], faces, self.segment[of_segment], self.segments
+        )
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as VTP: normals and segment as point data, the names as field data."""
@@ -56,7 +58,7 @@ class BoneSurface:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "BoneSurface":
         """Read what :meth:`write` wrote."""
-        with own_mesh(path) as mesh:
+        with stored_mesh(path) as mesh:
             faces = mesh.regular_faces.astype(np.int32)
             names = tuple(str(name) for name in mesh.field_data["segments"])
             return cls(
@@ -125,10 +127,10 @@ def _pooled(inside, spacing, origin) -> tuple[np.ndarray, np.ndarray, np.ndarray
     count = np.maximum(np.floor(FINEST / spacing + 1e-6).astype(int), 1)
     if (count == 1).all():
         return inside, spacing, origin
-    inside = np.pad(inside, [(0, -size % own) for size, own in zip(inside.shape, count, strict=True)])
-    blocks = np.zeros([size // own for size, own in zip(inside.shape, count, strict=True)], np.float32)
+    inside = np.pad(inside, [(0, -size % factor) for size, factor in zip(inside.shape, count, strict=True)])
+    blocks = np.zeros([size // factor for size, factor in zip(inside.shape, count, strict=True)], np.float32)
     for offset in np.ndindex(*count):
-        blocks += inside[tuple(slice(start, None, own) for start, own in zip(offset, count, strict=True))]
+        blocks += inside[tuple(slice(start, None, factor) for start, factor in zip(offset, count, strict=True))]
     return blocks / np.float32(np.prod(count)), spacing * count, origin + (count - 1) / 2 * spacing
 
 
@@ -200,13 +202,13 @@ def write_surface(points, faces, path: str | os.PathLike) -> None:
 
 def read_surface(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
     """Points (p, 3) float64 mm and faces (f, 3) int32 of a triangle surface."""
-    with own_mesh(path) as mesh:
+    with stored_mesh(path) as mesh:
         mesh = mesh.extract_surface(algorithm="dataset_surface").triangulate()
         return np.asarray(mesh.points, float), mesh.regular_faces.astype(np.int32)
 
 
 @contextmanager
-def own_mesh(path: str | os.PathLike) -> Iterator[pv.PolyData]:
+def stored_mesh(path: str | os.PathLike) -> Iterator[pv.PolyData]:
     """A surface that the study itself has written; InputError where it is damaged or holds something else."""
 
     def refuse(problem: str, remedy: str, file=path):

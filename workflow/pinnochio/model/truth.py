@@ -49,8 +49,8 @@ class TrueMotion:
     def read(cls, path: str | os.PathLike, patient: PatientModel, case: str) -> "TrueMotion":
         """Read what :meth:`write` wrote of this model; InputError where it was another."""
         with reading(path) as file:
-            own = cls(file["nodes"][()], file["skin"][()])
-        there, here = (own.nodes.shape, own.skin.shape), (patient.points.shape, patient.skin_points.shape)
+            motion = cls(file["nodes"][()], file["skin"][()])
+        there, here = (motion.nodes.shape, motion.skin.shape), (patient.points.shape, patient.skin_points.shape)
         if there != here:
             raise InputError(case, path, f"it is of another mesh: shapes {there} instead of {here}", REMEDY)
-        return own
+        return motion

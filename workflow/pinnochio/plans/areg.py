@@ -36,33 +36,33 @@ def read_areg(folder: str | os.PathLike, case: str, segments: Sequence[str]) -> 
     InputError without a matrix of the cranial base, for two of one region, and for a jaw in pieces, whose motions one
     matrix cannot tell.
     """
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     for file in matrices(folder):
         region = NAME.fullmatch(file.stem)[1]
-        if region in found:
+        if region in files:
             raise InputError(
-                case, file, f"{found[region].name} is of the same region", "keep one patient's matrices in a folder"
+                case, file, f"{files[region].name} is of the same region", "keep one patient's matrices in a folder"
             )
-        found[region] = file
-    if BASE not in found or len(found) == 1:
-        lacking = "the cranial base (*_CB*_matrix.tfm)" if BASE not in found else "a jaw (*_MAX*, *_MAND*_matrix.tfm)"
+        files[region] = file
+    if BASE not in files or len(files) == 1:
+        lacking = "the cranial base (*_CB*_matrix.tfm)" if BASE not in files else "a jaw (*_MAX*, *_MAND*_matrix.tfm)"
         raise InputError(
             case, folder, f"AReg's matrix of {lacking} is not there", "register the two scans on it as well"
         )
-    turn, back, _ = read_rigid(found.pop(BASE), case)  # CB^-1 x = turn (x - back)
+    turn, back, _ = read_rigid(files.pop(BASE), case)  # CB^-1 x = turn (x - back)
     motions = {}
-    for region, file in found.items():
-        own = of_role(segments, *JAWS[region])
-        if len(own) != 1:
+    for region, file in files.items():
+        members = of_role(segments, *JAWS[region])
+        if len(members) != 1:
             raise InputError(
                 case,
                 file,
-                f"the patient has {', '.join(own) or 'no segment'} there",
+                f"the patient has {', '.join(members) or 'no segment'} there",
                 "give a segmentation made after surgery as the plan instead",
             )
         rotation, offset, _ = read_rigid(file, case)  # JAW x = rotation' x + offset
         whole = turn @ rotation.T
-        motions[own[0]] = about_its_axis(whole, whole.T @ turn @ (back - offset), np.zeros(3))
+        motions[members[0]] = about_its_axis(whole, whole.T @ turn @ (back - offset), np.zeros(3))
     if still := [name for name in segments if name not in motions]:
         LOG.warning("case %r: %s: no matrix of %s; taken to have stayed in place", case, folder, ", ".join(still))
     return Plan(case, {name: motions.get(name, RigidMotion()) for name in segments})

@@ -33,8 +33,8 @@ class Plan:
     @property
     def still(self) -> bool:
         """Whether no bone moves."""
-        turned = [np.abs(own.rotation - np.eye(3)).max() for own in self.motions.values()]
-        shifted = [np.abs(own.translation).max() for own in self.motions.values()]
+        turned = [np.abs(motion.rotation - np.eye(3)).max() for motion in self.motions.values()]
+        shifted = [np.abs(motion.translation).max() for motion in self.motions.values()]
         return max([*turned, *shifted], default=0.0) < NOTHING
 
     def to_json(self) -> str:

@@ -46,8 +46,8 @@ def carriers(segments: Sequence[str], place: str) -> list[str]:
 
     Of a maxilla in pieces the foremost one carries it, else all of them together.
     """
-    own = next(filter(None, (of_role(segments, what) for what in PLACES[place])), [])
-    return [name for name in own if FRONT in name] or own
+    members = next(filter(None, (of_role(segments, what) for what in PLACES[place])), [])
+    return [name for name in members if FRONT in name] or members
 
 
 def displacement_at(plan: Plan, place: str, points: np.ndarray) -> np.ndarray:

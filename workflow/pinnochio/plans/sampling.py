@@ -29,7 +29,7 @@ AUTOROTATION = 6.0  # degrees: largest turn of an uncut mandible about its condy
 WIDENING = (3.5, 1.0, 2.0, 5.0)  # mm between the molars of a segmental maxilla [R: 2 to 5]
 PIECE_SHIFT = (0.0, 0.5, -1.0, 1.0)  # mm up of the front piece of a maxilla against the others [I]
 PIECE_TURN = (0.0, 1.0, -2.0, 2.0)  # degrees about each axis, of each piece [I]
-OWN_ERROR = 0.3  # error of a piece of the maxilla against the others, over that of all: one splint holds them [I]
+PIECE_ERROR = 0.3  # error of a piece of the maxilla against the others, over that of all: one splint holds them [I]
 # Normal (mean, SD, low, high): maxilla forward and up, then the correction of the bite (lower jaw against upper):
 # forward, midline (absolute), closing of an open bite. mm [R: methods 7.2 for the magnitudes, the shares are I].
 MAXILLA = {
@@ -69,17 +69,17 @@ class JawAnatomy:
         """From bone points (b, 3), segment index (b,). The condyle is the top posterior part of a ramus."""
         centre, hinge, front, rear = {}, {}, {}, {}
         for index, name in enumerate(segments):
-            own = points[segment == index]
-            if not len(own):
+            bone = points[segment == index]
+            if not len(bone):
                 raise InputError("?", "bone surface", f"segment {name!r} has no points", "label it or drop it")
-            centre[name] = own.mean(0)
-            front[name] = own[own[:, 1] <= np.quantile(own[:, 1], 0.15)].mean(0)
-            rear[name] = own[own[:, 1] >= np.quantile(own[:, 1], 0.85)].mean(0)
+            centre[name] = bone.mean(0)
+            front[name] = bone[bone[:, 1] <= np.quantile(bone[:, 1], 0.15)].mean(0)
+            rear[name] = bone[bone[:, 1] >= np.quantile(bone[:, 1], 0.85)].mean(0)
             if role(name) == "proximal":
-                hinge[name] = _condyle(own)
+                hinge[name] = _condyle(bone)
             elif role(name) == UNCUT:
-                left = own[:, 0] > np.median(own[:, 0])
-                hinge[name] = 0.5 * (_condyle(own[left]) + _condyle(own[~left]))
+                left = bone[:, 0] > np.median(bone[:, 0])
+                hinge[name] = 0.5 * (_condyle(bone[left]) + _condyle(bone[~left]))
         return cls(centre, hinge, front, rear)
 
 
@@ -179,8 +179,8 @@ def segmental_motions(
                 pivot = np.array([middle[0], *pivot[1:]])
                 length = anatomy.rear[name][1] - pivot[1]
                 angles[2] = -side * np.degrees(np.arctan(wider / 2 / length))
-        own = RigidMotion.from_degrees(angles, shift, pivot)
-        motions[name] = composed(jaw, own, anatomy.centre[name])
+        relative = RigidMotion.from_degrees(angles, shift, pivot)
+        motions[name] = composed(jaw, relative, anatomy.centre[name])
     return motions
 
 
@@ -284,7 +284,7 @@ def execution_error(plan: Plan, rng: np.random.Generator, scale: float = 1.0) ->
 
     Absolute errors are gamma variables of the published mean and SD with a random sign. Proximal segments, which the
     surgeon seats by hand about the condyle, and an uncut mandible, which stays in its joints, take half of it [I]. The
-    pieces of a maxilla share one error and take OWN_ERROR of it each by themselves.
+    pieces of a maxilla share one error and take PIECE_ERROR of it each by themselves.
     """
     carried, common = {}, None
     pieces = of_role(list(plan.motions), "maxilla")
@@ -293,7 +293,7 @@ def execution_error(plan: Plan, rng: np.random.Generator, scale: float = 1.0) ->
         size = rng.gamma((mean / sd) ** 2, sd**2 / mean) * rng.choice([-1.0, 1.0], 6)
         if len(pieces) > 1 and name in pieces:
             common = size if common is None else common
-            size = common + OWN_ERROR * (size - common)
+            size = common + PIECE_ERROR * (size - common)
         size *= scale * (0.5 if role(name) in ("proximal", UNCUT) else 1.0)
         turned = Rotation.from_rotvec(size[3:], degrees=True).as_matrix() @ move.rotation
         carried[name] = RigidMotion(turned, move.translation + size[:3], move.pivot)

@@ -24,13 +24,13 @@ def parts(plan: Plan, chin_centre: np.ndarray | None = None) -> dict[str, Plan]:
     if UNCUT in roles:
         upper, lower = [*upper, UNCUT, *lower], []
     jaws = {"lefort1": upper, "mandible": lower}
-    plans = {name: Plan(plan.case, {key: plan.motions[key] for key in own}) for name, own in jaws.items() if own}
+    plans = {name: Plan(plan.case, {key: plan.motions[key] for key in names}) for name, names in jaws.items() if names}
     chins = [name for name, what in roles.items() if what == "chin"]
     distal = [name for name, what in roles.items() if what in ("distal", UNCUT)]
     if chins and distal and chin_centre is not None:
-        own, jaw = plan.motions[chins[0]], plan.motions[distal[0]]
-        shift = own.apply(jaw.inverse(chin_centre[None]))[0] - chin_centre
-        motion = RigidMotion(own.rotation @ jaw.rotation.T, shift, chin_centre)
+        chin, jaw = plan.motions[chins[0]], plan.motions[distal[0]]
+        shift = chin.apply(jaw.inverse(chin_centre[None]))[0] - chin_centre
+        motion = RigidMotion(chin.rotation @ jaw.rotation.T, shift, chin_centre)
         if np.linalg.norm(shift) < LEAST_ADVANCE:
             motion = RigidMotion(translation=np.array([0.0, -CHIN_ADVANCE[0], 0.0]))
         plans["genioplasty"] = Plan(plan.case, {chins[0]: motion})

@@ -42,22 +42,22 @@ VERTICAL = {"maxilla": ("impact", "lengthen", ("impacted", "lengthened")),
 
 def amount(name: str, segment: str) -> Amount:
     """One of AMOUNTS in the words for a segment."""
-    own = AMOUNTS[name]
+    part = AMOUNTS[name]
     words = VERTICAL.get(known_role(segment)) if name == "up" else None
-    return Amount(own.unit, own.axis, own.sign, *words) if words else own
+    return Amount(part.unit, part.axis, part.sign, *words) if words else part
 
 
 def amounts(motion: RigidMotion) -> dict[str, float]:
     """Parts of a motion by the names of AMOUNTS: mm of its pivot, degrees of its rotation vector."""
     parts = {"mm": motion.translation, "°": motion.degrees}
-    return {name: float(own.sign * parts[own.unit][own.axis]) for name, own in AMOUNTS.items()}
+    return {name: float(part.sign * parts[part.unit][part.axis]) for name, part in AMOUNTS.items()}
 
 
 def motion_of(parts: Mapping[str, float], pivot: np.ndarray) -> RigidMotion:
     """The motion (mm LPS) that has these :func:`amounts`."""
     turned = {"mm": np.zeros(3), "°": np.zeros(3)}
-    for name, own in AMOUNTS.items():
-        turned[own.unit][own.axis] = own.sign * parts[name]
+    for name, part in AMOUNTS.items():
+        turned[part.unit][part.axis] = part.sign * parts[name]
     return RigidMotion.from_degrees(turned["°"], turned["mm"], pivot)
 
 
@@ -75,11 +75,11 @@ def in_words(motion: RigidMotion, segment: str) -> str:
     """A motion of a segment in words, such as "advanced 5.0 mm, impacted 2.0 mm, yaw 1.0° (front to the left)"."""
     said = []
     for name, value in amounts(motion).items():
-        own = amount(name, segment)
+        part = amount(name, segment)
         if abs(value) < SAID:
             continue
-        word = own.done[value < 0]
-        if own.unit == "°":
+        word = part.done[value < 0]
+        if part.unit == "°":
             said.append(f"{name} {abs(value):.1f}° ({word})")
         else:
             said.append(f"{word} {abs(value):.1f} mm" if name != "left" else f"{abs(value):.1f} mm {word}")

@@ -108,10 +108,10 @@ def read_rigid(file: Path, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
         _check_text(file, lambda problem: refuse(f"it cannot be read as a transform ({problem})", AGAIN))
     try:
         stored = _parameters(file)
-        for name, *own in stored:
+        for name, *numbers in stored:
             wanted = PARAMETERS.get(name.split("_")[0])
-            if wanted is not None and tuple(map(len, own)) not in wanted:
-                refuse(f"{name} has {len(own[0])} and {len(own[1])} parameters", AGAIN)
+            if wanted is not None and tuple(map(len, numbers)) not in wanted:
+                refuse(f"{name} has {len(numbers[0])} and {len(numbers[1])} parameters", AGAIN)
         transform, count = sitk.ReadTransform(str(file)), len(stored)
     except InputError:
         raise
@@ -174,23 +174,23 @@ def _parameters(file: Path) -> list[tuple[str, Sequence[float], Sequence[float]]
         with h5py.File(file) as content:
             return [
                 (
-                    np.ravel(own["TransformType"][()])[0].decode(),
-                    *(np.ravel(own[key][()]) if key in own else () for key in ("TransformParameters", FIXED)),
+                    np.ravel(entry["TransformType"][()])[0].decode(),
+                    *(np.ravel(entry[key][()]) if key in entry else () for key in ("TransformParameters", FIXED)),
                 )
-                for own in content["TransformGroup"].values()
+                for entry in content["TransformGroup"].values()
             ]
     if suffix == ".mat":
         matrices = _of_matlab(file.read_bytes())
         fixed = dict(matrices).get("fixed", ())
-        return [(name, own, fixed) for name, own in matrices if name != "fixed"]
-    found = []
+        return [(name, values, fixed) for name, values in matrices if name != "fixed"]
+    transforms = []
     for line in _lines(file):
         key, _, rest = line.partition(":")
         if key == "Transform":
-            found.append((rest.strip(), {}))
-        elif found:
-            found[-1][1][key] = [float(word) for word in rest.split()]
-    return [(name, own.get("Parameters", ()), own.get("FixedParameters", ())) for name, own in found]
+            transforms.append((rest.strip(), {}))
+        elif transforms:
+            transforms[-1][1][key] = [float(word) for word in rest.split()]
+    return [(name, values.get("Parameters", ()), values.get("FixedParameters", ())) for name, values in transforms]
 
 
 def _of_matlab(content: bytes) -> list[tuple[str, np.ndarray]]:
