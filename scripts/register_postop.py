@@ -45,7 +45,7 @@ def register_postop(
         skin_points=skin_points,
         skin_faces=skin_faces,
         plane=plane,
-        found=fit,
+        registration=fit,
         case=case,
         file=postop,
     )

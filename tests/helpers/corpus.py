@@ -18,7 +18,7 @@ import yaml
 
 from pinnochio.columns import read_table, write_csv
 from pinnochio.importing.cohort import read_cases
-from pinnochio.importing.images import read_own_image
+from pinnochio.importing.images import read_stored_image
 from pinnochio.importing.markups import read_markups
 from pinnochio.importing.segmentation import read_postop, read_segmentation, write_segmentation
 from pinnochio.json_text import read_stored_json
@@ -187,7 +187,7 @@ def labels(rng: np.random.Generator, count: int) -> Iterator[Tried]:
 
     def as_a_folder(folder: Path):
         (folder / "a.nii.gz").mkdir()
-        return read_own_image(folder / "a.nii.gz")
+        return read_stored_image(folder / "a.nii.gz")
 
     yield Tried("labels: a folder of that name", as_a_folder)
 
@@ -826,7 +826,7 @@ def intermediates(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         "mesh.vtu": (kuhn_cube(3).write, lambda path: arrays(TetMesh.read(path))),
         "labels.nii.gz": (
             lambda path: write_segmentation(made, *grid, path),
-            lambda path: sitk.GetArrayFromImage(read_own_image(path)),
+            lambda path: sitk.GetArrayFromImage(read_stored_image(path)),
         ),
         "interval.h5": (interval.write, lambda path: arrays(Interval.read(path))),
     }

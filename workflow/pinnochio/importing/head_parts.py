@@ -59,8 +59,8 @@ class HeadParts:
     def uncut(self) -> np.ndarray:
         """Internal codes of the head before any cut, with the mandible as the only segment."""
         labels = np.zeros(self.parts.shape, np.uint8)
-        for codes, own in (((SOFT,), SUPERFICIAL), (UPPER, CRANIUM), (LOWER, segment_code(0))):
-            labels[np.isin(self.parts, codes)] = own
+        for codes, code in (((SOFT,), SUPERFICIAL), (UPPER, CRANIUM), (LOWER, segment_code(0))):
+            labels[np.isin(self.parts, codes)] = code
         return labels
 
 
@@ -103,8 +103,8 @@ def _drop_loose(values, limit: float, refuse) -> None:
         if over != (level[SKULL] > level[MANDIBLE]):
             refuse("the upper teeth lie below the lower teeth, as the bones do not", "exchange their values")
     for name, codes in (("skull", UPPER), ("mandible", LOWER)):
-        own = np.isin(values, codes)
-        pieces, _ = ndimage.label(own, TOUCHING)
+        bone = np.isin(values, codes)
+        pieces, _ = ndimage.label(bone, TOUCHING)
         size = np.bincount(pieces.ravel())
         size[0] = 0
         order = np.sort(size)[::-1]
@@ -113,9 +113,9 @@ def _drop_loose(values, limit: float, refuse) -> None:
                 f"the mandible is in pieces of {order[0]} and {order[1]} voxels",
                 "join them in the segmentation; what is not mandible (hyoid, vertebra) must not be labelled so",
             )
-        loose = (size < (order[0] if name == "mandible" else LOOSE * order[0]))[pieces] & own
-        if 100 * loose.sum() > limit * own.sum():
-            share = 100 * loose.sum() / own.sum()
+        loose = (size < (order[0] if name == "mandible" else LOOSE * order[0]))[pieces] & bone
+        if 100 * loose.sum() > limit * bone.sum():
+            share = 100 * loose.sum() / bone.sum()
             refuse(
                 f"stray voxels and loose pieces make up {share:.3g} % of the {name} (the limit is {limit:g} %)",
                 "clean it in the segmentation (islands: keep the largest), or raise 'repair.limit'",
@@ -190,16 +190,18 @@ def _structures(path, tool: Preset, refuse) -> Iterator[tuple[Path, sitk.Image, 
         files = [file for file in sorted(path.iterdir()) if file.name.lower().endswith(IMAGE_FORMATS)]
         if not files:
             refuse("the folder holds no image", "put the label maps of the tool there")
-    found: dict[str, Path] = {}
+    sources: dict[str, Path] = {}
     for file in files:
         stem = file.name.split(".")[0]
         kinds = [kind for kind in tool.maps if kind in stem]
         image, segments = read_segments(file, refuse)
         if stem in tool.parts:
-            pieces = [(stem, lambda segments=segments: np.logical_or.reduce([own.voxels() for own in segments]))]
+            pieces = [
+                (stem, lambda segments=segments: np.logical_or.reduce([segment.voxels() for segment in segments]))
+            ]
         elif len(kinds) == 1 or len(files) == 1:
             names = tool.maps[kinds[0] if len(kinds) == 1 else next(iter(tool.maps))]
-            strange = [str(own) for own in segments if own.value not in names]
+            strange = [str(segment) for segment in segments if segment.value not in names]
             if strange:
                 refuse(
                     f"it holds the values {', '.join(strange)}, which the tool does not write",
@@ -207,7 +209,7 @@ def _structures(path, tool: Preset, refuse) -> Iterator[tuple[Path, sitk.Image, 
                     "values mean in 'labels'",
                     file=file,
                 )
-            pieces = [(names[own.value], own.voxels) for own in segments]
+            pieces = [(names[segment.value], segment.voxels) for segment in segments]
         else:
             listed = ", ".join(kind for kind in tool.maps if kind) or "the one label map"
             refuse(
@@ -217,9 +219,9 @@ def _structures(path, tool: Preset, refuse) -> Iterator[tuple[Path, sitk.Image, 
                 file=file,
             )
         for name, _ in pieces:
-            if name in found:
-                refuse(f"{name!r} is in {found[name].name!r} too", "keep one file of each structure", file=file)
-            found[name] = file
+            if name in sources:
+                refuse(f"{name!r} is in {sources[name].name!r} too", "keep one file of each structure", file=file)
+            sources[name] = file
         yield file, image, pieces
 
 

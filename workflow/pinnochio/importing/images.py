@@ -75,7 +75,7 @@ def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUn
     return _read(path, refuse, pixel)
 
 
-def read_own_image(path: str | os.PathLike) -> sitk.Image:
+def read_stored_image(path: str | os.PathLike) -> sitk.Image:
     """A volume that the study itself has written; InputError where it is damaged."""
 
     def refuse(problem: str, remedy: str):
@@ -268,16 +268,16 @@ def _plain_meta(path: Path, refuse: Refuse) -> bytes:
     Its voxels, its own or those of one file beside it, must be as many as it says.
     """
     content = path.read_bytes()
-    found = re.search(rb"^ElementDataFile *= *(.*?)\r?(\n|\Z)", content, re.MULTILINE)
-    if found is None:
+    marker = re.search(rb"^ElementDataFile *= *(.*?)\r?(\n|\Z)", content, re.MULTILINE)
+    if marker is None:
         refuse("it is no MetaImage, or its header is cut off", AGAIN)
-    lines = content[: found.start()].decode("ascii", "replace").splitlines()
+    lines = content[: marker.start()].decode("ascii", "replace").splitlines()
     pairs = [line.partition("=") for line in lines if "=" in line]
     said = {key.strip(): value.strip() for key, _, value in pairs}
     if len(said) < len(pairs):
         refuse("a key of its header stands twice", "save it again as .mha")
-    where = found[1].decode("utf-8", "replace").strip()
-    data = content[found.end() :]
+    where = marker[1].decode("utf-8", "replace").strip()
+    data = content[marker.end() :]
     if where.upper() != "LOCAL":
         data = _beside(path, where, refuse)
 

@@ -31,7 +31,7 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
 
     Raises InputError for what cannot be read, a unit other than mm and two points or planes of one name.
     """
-    found = Markups()
+    markups = Markups()
     for path in paths:
 
         def refuse(problem: str, remedy: str, path=path):
@@ -46,22 +46,24 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
                     refuse(f"its frame is {markup['coordinateSystem']!r}", "save the markups in LPS or RAS")
                 turn = FRAMES[str(markup.get("coordinateSystem", "LPS"))]
                 defined = [
-                    own for own in markup.get("controlPoints", ()) if own.get("positionStatus", "defined") == "defined"
+                    point
+                    for point in markup.get("controlPoints", ())
+                    if point.get("positionStatus", "defined") == "defined"
                 ]
-                places = [turn * _three(own["position"]) for own in defined]
+                places = [turn * _three(point["position"]) for point in defined]
                 if markup["type"] == PLANE:
                     name = str(markup.get("name") or (defined[0]["label"] if defined else Path(path).name))
-                    _add(found.planes, name, _plane(markup, places, turn), refuse)
+                    _add(markups.planes, name, _plane(markup, places, turn), refuse)
                 elif markup["type"] == REGION:
-                    found.regions.append(_region(markup, turn))
+                    markups.regions.append(_region(markup, turn))
                 else:
-                    for own, place in zip(defined, places, strict=True):
-                        _add(found.points, str(own["label"]), place, refuse)
+                    for point, place in zip(defined, places, strict=True):
+                        _add(markups.points, str(point["label"]), place, refuse)
         except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
             if isinstance(error, InputError):
                 raise
             refuse(f"it cannot be read as markups ({error!r})", "save them again from 3D Slicer as .mrk.json")
-    return found
+    return markups
 
 
 def _three(value) -> np.ndarray:

@@ -111,31 +111,31 @@ def find_landmarks(head: HeadParts) -> dict[str, tuple[np.ndarray, str]]:
     the middle of the top of what lies behind the middle of each ramus: the condyle, not the coronoid. ANS: the foremost
     of the skull's middle about the roots of the upper teeth.
     """
-    jaw, skull, teeth = (_points(head, *own) for own in (LOWER, (SKULL,), (UPPER_TEETH,)))
+    jaw, skull, teeth = (_points(head, *codes) for codes in (LOWER, (SKULL,), (UPPER_TEETH,)))
     front = jaw[jaw[:, 1] < jaw[:, 1].min() + FRONT]
     middle = float(np.median(front[:, 0]))
     chin = jaw[(np.abs(jaw[:, 0] - middle) < 10) & (jaw[:, 1] < jaw[:, 1].min() + 2 * FRONT)]
     menton = chin[chin[:, 2].argmin()]
     below = chin[chin[:, 2] < menton[2] + 25]
-    found = {"Me": menton, "Pog": below[below[:, 1].argmin()]}
+    landmarks = {"Me": menton, "Pog": below[below[:, 1].argmin()]}
     across = (jaw[:, 0].min() + jaw[:, 0].max()) / 2
     for side, sign in SIDES.items():
-        own = jaw[sign * (jaw[:, 0] - across) > 0]
-        lateral = own[sign * (own[:, 0] - across) > LATERAL * (jaw[:, 0].max() - jaw[:, 0].min()) / 2]
+        half = jaw[sign * (jaw[:, 0] - across) > 0]
+        lateral = half[sign * (half[:, 0] - across) > LATERAL * (jaw[:, 0].max() - jaw[:, 0].min()) / 2]
         corner = lateral[(lateral[:, 1] - lateral[:, 2]).argmax()]
-        ramus = own[own[:, 2] > (own[:, 2].min() + own[:, 2].max()) / 2]
+        ramus = half[half[:, 2] > (half[:, 2].min() + half[:, 2].max()) / 2]
         behind = ramus[ramus[:, 1] > (ramus[:, 1].min() + ramus[:, 1].max()) / 2]
         if not len(behind):
             continue
         letter = side[0].upper()
-        found[f"{letter}Go"] = corner
-        found[f"{letter}Co"] = behind[behind[:, 2] > behind[:, 2].max() - CONDYLE].mean(axis=0)
+        landmarks[f"{letter}Go"] = corner
+        landmarks[f"{letter}Co"] = behind[behind[:, 2] > behind[:, 2].max() - CONDYLE].mean(axis=0)
     if len(teeth):
         roots, centre = np.percentile(teeth[:, 2], 98), (teeth[:, 0].min() + teeth[:, 0].max()) / 2
         spine = skull[(np.abs(skull[:, 0] - centre) < 5) & (np.abs(skull[:, 2] - roots - 3) < 10)]
         if len(spine):
-            found["ANS"] = spine[spine[:, 1].argmin()]
-    return {name: (place, "found on the bone") for name, place in found.items()}
+            landmarks["ANS"] = spine[spine[:, 1].argmin()]
+    return {name: (place, "found on the bone") for name, place in landmarks.items()}
 
 
 def _points(head: HeadParts, *codes: int) -> np.ndarray:
@@ -144,7 +144,10 @@ def _points(head: HeadParts, *codes: int) -> np.ndarray:
 
 def _height(plane: Plane, places) -> np.ndarray:
     """Signed distance (nx, ny, nz) of every voxel from the plane."""
-    return sum(own * normal for own, normal in zip(places, plane.normal, strict=True)) - plane.point @ plane.normal
+    return (
+        sum(coordinate * normal for coordinate, normal in zip(places, plane.normal, strict=True))
+        - plane.point @ plane.normal
+    )
 
 
 def _upward(plane: Plane, axis: int) -> Plane:
@@ -156,17 +159,17 @@ def _lefort(parts, upper, places, landmarks, plane, spacing, refuse):
     x, y, z = places
     teeth = parts == UPPER_TEETH
     index = np.argwhere(teeth)
-    given = [landmarks[name][0] for name in ("ANS", "PNS") if landmarks.get(name, ("", ""))[1] == "given"]
+    marked = [landmarks[name][0] for name in ("ANS", "PNS") if landmarks.get(name, ("", ""))[1] == "given"]
     if plane is not None:
         plane, why = _upward(plane, 2), "the plane that was given"
-    elif len(given) == 2:
-        along = (given[1] - given[0]) / np.linalg.norm(given[1] - given[0])
+    elif len(marked) == 2:
+        along = (marked[1] - marked[0]) / np.linalg.norm(marked[1] - marked[0])
         normal = np.cross([1.0, 0, 0], along) * np.sign(along[1] or 1)
-        plane = _upward(Plane(given[0], normal / np.linalg.norm(normal)), 2)
+        plane = _upward(Plane(marked[0], normal / np.linalg.norm(normal)), 2)
         plane = Plane(plane.point + ABOVE_FLOOR * plane.normal, plane.normal)
         why = f"{ABOVE_FLOOR:g} mm above ANS and PNS, which were given"
     elif len(index):
-        at = np.column_stack([np.ravel(own)[index[:, axis]] for axis, own in enumerate(places)])
+        at = np.column_stack([np.ravel(coordinate)[index[:, axis]] for axis, coordinate in enumerate(places)])
         normal = _occlusal(at)
         roots = np.percentile(at @ normal, 98)
         plane = Plane(normal * (roots + ABOVE_ROOTS), normal)
@@ -178,7 +181,7 @@ def _lefort(parts, upper, places, landmarks, plane, spacing, refuse):
         )
     below = upper & (_height(plane, places) < 0)
     if len(index):
-        at = np.column_stack([np.ravel(own)[index[:, axis]] for axis, own in enumerate(places)])
+        at = np.column_stack([np.ravel(coordinate)[index[:, axis]] for axis, coordinate in enumerate(places)])
         rear, centre = np.percentile(at[:, 1], 99) + BEHIND_MOLARS, (at[:, 0].min() + at[:, 0].max()) / 2
         below &= (y < rear) & (np.abs(x - centre) < (at[:, 0].max() - at[:, 0].min()) / 2 + BESIDE_MOLARS)
     elif "PNS" in landmarks:
@@ -190,7 +193,7 @@ def _occlusal(teeth) -> np.ndarray:
     """Unit normal, upward, of the plane from the edges of the incisors to those of the last molars; not rolled."""
     front = teeth[teeth[:, 1] < teeth[:, 1].min() + FRONT]
     rear = teeth[teeth[:, 1] > teeth[:, 1].max() - FRONT]
-    one, two = (np.array([np.median(own[:, 1]), np.percentile(own[:, 2], 5)]) for own in (front, rear))
+    one, two = (np.array([np.median(end[:, 1]), np.percentile(end[:, 2], 5)]) for end in (front, rear))
     slope = (two[1] - one[1]) / max(two[0] - one[0], 1.0)
     slope = slope if abs(slope) < STEEPEST else 0.0
     return np.array([0.0, -slope, 1.0]) / np.hypot(slope, 1.0)
@@ -202,13 +205,13 @@ def _split(parts, lower, places, landmarks, sign: float, plane):
     middle = landmarks["Me"][0][0]
     side = "RL"[sign > 0]
     across = [landmarks[name][0][0] for name in ("RCo", "LCo") if name in landmarks]
-    own = lower & (sign * (x - (np.mean(across) if len(across) == 2 else middle)) > 0)
-    teeth = own & (parts == LOWER_TEETH)
+    half = lower & (sign * (x - (np.mean(across) if len(across) == 2 else middle)) > 0)
+    teeth = half & (parts == LOWER_TEETH)
     if plane is not None:
         condyle = landmarks.get(f"{side}Co", landmarks["Me"])[0]
         if plane.height(condyle) < 0:
             plane = Plane(plane.point, -plane.normal)
-        return own & ~teeth & (_height(plane, places) > 0), "the plane that was given"
+        return half & ~teeth & (_height(plane, places) > 0), "the plane that was given"
     index = np.argwhere(teeth)
     if len(index):
         at = np.column_stack([np.ravel(value)[index[:, axis]] for axis, value in enumerate(places)])
@@ -220,14 +223,14 @@ def _split(parts, lower, places, landmarks, sign: float, plane):
         molar = chin[1] + 0.55 * (corner[1] - chin[1])
         edge = corner[2] + 0.5 * (top[2] - corner[2])
         why = "chin, angle and condyle (a guess: look at the picture)"
-    body = own & ~teeth & (z < edge)
+    body = half & ~teeth & (z < edge)
     count = body.sum(axis=(0, 2))
     mean = np.where(count > 0, (body * np.abs(x - middle)).sum(axis=(0, 2)) / np.maximum(count, 1), np.inf)
     outer = np.abs(x - middle) > mean[None, :, None]
     proximal = (
         (y > molar + LINGULA) | ((z > edge + ABOVE_TEETH) & (y > molar - LINGULA)) | (outer & (y > molar - PLATE))
     )
-    return own & ~teeth & proximal, why
+    return half & ~teeth & proximal, why
 
 
 def _tidy(lower, rami: dict[str, np.ndarray]) -> None:
@@ -238,12 +241,12 @@ def _tidy(lower, rami: dict[str, np.ndarray]) -> None:
     crumbs, _ = ndimage.label(body & ~_largest(body), TOUCHING)
     for number, box in enumerate(ndimage.find_objects(crumbs), 1):
         wide = tuple(slice(max(part.start - 1, 0), part.stop + 1) for part in box)
-        own = crumbs[wide] == number
-        rim = ndimage.binary_dilation(own, TOUCHING)
+        crumb = crumbs[wide] == number
+        rim = ndimage.binary_dilation(crumb, TOUCHING)
         touched = {side: (rim & mask[wide]).sum() for side, mask in rami.items()}
         side = max(touched, key=touched.get)
         if touched[side]:
-            rami[side][wide] |= own
+            rami[side][wide] |= crumb
 
 
 def _chin(parts, body, places, landmarks, plane):
@@ -257,7 +260,7 @@ def _chin(parts, body, places, landmarks, plane):
     top, why = menton[2] + CHIN_HEIGHT, f"{CHIN_HEIGHT:g} mm above Me, which was {how}"
     index = np.argwhere(parts == LOWER_TEETH)
     if len(index):
-        at = np.column_stack([np.ravel(own)[index[:, axis]] for axis, own in enumerate(places)])
+        at = np.column_stack([np.ravel(coordinate)[index[:, axis]] for axis, coordinate in enumerate(places)])
         roots = np.percentile(at[at[:, 1] < at[:, 1].min() + FRONT, 2], 2)
         if roots - BELOW_ROOTS < top:
             top, why = roots - BELOW_ROOTS, f"{BELOW_ROOTS:g} mm below the roots of the lower front teeth"

@@ -26,8 +26,8 @@ def check_plausible(labels, spacing, segments: tuple[str, ...], case: str, file:
         if box is None or code < CRANIUM:
             continue
         wide = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in box)
-        own = labels[wide] == code
-        around = labels[wide][ndimage.binary_dilation(own, beside) & ~own]
+        bone = labels[wide] == code
+        around = labels[wide][ndimage.binary_dilation(bone, beside) & ~bone]
         share = float((around == AIR).mean()) if len(around) else 0.0
         if not share <= IN_THE_AIR:
             name = segment_name(code - CRANIUM - 1, segments)

@@ -75,7 +75,7 @@ def is_image(path: str | os.PathLike) -> bool:
 def is_bone(part: Segment, label_values: Mapping) -> bool:
     """Whether a segment is neither soft tissue nor left out, by the configuration's labels."""
     others = [label_values.get(name) for name in TISSUES] + list(label_values.get("left_out", ()))
-    return not {part.name, part.value} & {own for own in others if own is not None}
+    return not {part.name, part.value} & {key for key in others if key is not None}
 
 
 def _joined(surfaces, refuse) -> tuple[np.ndarray, np.ndarray]:

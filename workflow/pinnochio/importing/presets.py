@@ -50,8 +50,8 @@ def _universal() -> Preset:
     names = []
     for side, count in sets:
         outward = range(1, count + 1)  # numbered from the middle
-        own = reversed(outward) if side.startswith(("upper_right", "lower_left")) else outward
-        names += [f"{side}_{number}" for number in own]
+        order = reversed(outward) if side.startswith(("upper_right", "lower_left")) else outward
+        names += [f"{side}_{number}" for number in order]
     parts = {name: UPPER_TEETH if name.startswith("upper") else LOWER_TEETH for name in names}
     names += ["mandible", "maxilla", "mandibular_canal"]
     parts |= {"mandible": MANDIBLE, "maxilla": SKULL, "mandibular_canal": CANAL}

@@ -84,7 +84,7 @@ def register(
 
 
 def registered_again(
-    points, faces, skin_points, skin_faces, plane: float, found: Registration
+    points, faces, skin_points, skin_faces, plane: float, registration: Registration
 ) -> tuple[float, float, float, float]:
     """Mean residual (mm, robust) of a registered scan, of its mirror image registered in its place, and of the scan
     registered in its place with a scale of its own; and this scale.
@@ -92,7 +92,7 @@ def registered_again(
     The mirror is the middle plane of the skin's upper face, from where a few steps lead to the best fit.
     """
     skin_points, middle = np.asarray(skin_points, float), middle_of_face(skin_points, plane)
-    placed = found.motion.apply(np.asarray(points, float))
+    placed = registration.motion.apply(np.asarray(points, float))
     chosen = spread(placed, faces[(placed[faces, 2] >= plane - 10).all(axis=1)], SAMPLES)
     near = skin_faces[(skin_points[skin_faces, 2] >= plane - 20).any(axis=1)]
     residuals = []

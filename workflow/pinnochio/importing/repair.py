@@ -50,8 +50,8 @@ def repair(
             for (old, new), voxels in zip(pairs.T, counts, strict=True):
                 statements.append(_statement(names[old], f"{what} to {names[new]}", voxels))
     for code, name in names.items():
-        own, now = raw == code, labels == code
-        changed, size = int((own != now).sum()), int(own.sum())
+        was, now = raw == code, labels == code
+        changed, size = int((was != now).sum()), int(was.sum())
         if code != AIR and not 100 * changed <= limit_percent * size:
             raise InputError(
                 case,
@@ -95,15 +95,15 @@ def _faults(labels, segments, largest_hole, case, file) -> dict[str, np.ndarray]
                 holes |= hole[piece]
     codes = {name: (segment_code(index),) for index, name in enumerate(segments)}
     codes["soft tissue"] = (SUPERFICIAL, MUSCLE)
-    for name, own in codes.items():
-        found = [boxes[code - 1] for code in own if code <= len(boxes) and boxes[code - 1] is not None]
-        if not found:
+    for name, group in codes.items():
+        extents = [boxes[code - 1] for code in group if code <= len(boxes) and boxes[code - 1] is not None]
+        if not extents:
             continue
         box = tuple(
             slice(min(side.start for side in sides), max(side.stop for side in sides))
-            for sides in zip(*found, strict=True)
+            for sides in zip(*extents, strict=True)
         )
-        piece, size = _pieces(np.isin(labels[box], own) if len(own) > 1 else labels[box] == own[0])
+        piece, size = _pieces(np.isin(labels[box], group) if len(group) > 1 else labels[box] == group[0])
         pieces = np.argsort(-size[1:], kind="stable") + 1
         if len(pieces) < 2:
             continue
@@ -140,6 +140,6 @@ def _absorb(labels, faults) -> None:
     piece, _ = ndimage.label(faults, TOUCHING)
     for number, box in enumerate(ndimage.find_objects(piece), 1):
         wide = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in box)
-        own = piece[wide] == number
-        around = labels[wide][ndimage.binary_dilation(own, TOUCHING) & ~own]
-        labels[wide][own] = np.bincount(around).argmax()
+        inside = piece[wide] == number
+        around = labels[wide][ndimage.binary_dilation(inside, TOUCHING) & ~inside]
+        labels[wide][inside] = np.bincount(around).argmax()

@@ -86,9 +86,9 @@ def thinned(points, faces, case: str, file: object) -> tuple[np.ndarray, np.ndar
     while len(faces) > MANY:
         cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
         key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
-        _, own, count = np.unique(key, return_inverse=True, return_counts=True)
-        points = np.stack([np.bincount(own, points[:, axis]) for axis in range(3)], axis=1) / count[:, None]
-        faces = own[faces].astype(np.int32)
+        _, cell, count = np.unique(key, return_inverse=True, return_counts=True)
+        points = np.stack([np.bincount(cell, points[:, axis]) for axis in range(3)], axis=1) / count[:, None]
+        faces = cell[faces].astype(np.int32)
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
         _, once = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
         faces = faces[np.sort(once)]
@@ -108,7 +108,7 @@ def thinned(points, faces, case: str, file: object) -> tuple[np.ndarray, np.ndar
 
 
 def check_scan(
-    points, faces, skin_points, skin_faces, plane: float, found: Registration, *, case: str, file: object
+    points, faces, skin_points, skin_faces, plane: float, registration: Registration, *, case: str, file: object
 ) -> None:
     """Refuse (InputError) what fits the upper face but is no scan of it.
 
@@ -121,7 +121,7 @@ def check_scan(
     def refuse(problem: str, remedy: str):
         raise InputError(case, file, problem, remedy)
 
-    placed = found.motion.apply(np.asarray(points, float))
+    placed = registration.motion.apply(np.asarray(points, float))
     few = spread(placed, faces, SAMPLES)
     whole = float(np.percentile(closest_points(placed[few], skin_points, skin_faces).distance, 95))
     if not whole > THE_SAME:
@@ -159,15 +159,15 @@ def check_scan(
             f"(at least {100 * BRIDGE:.0f} % is asked): it is no face, or not this one",
             "give a scan of this patient's face from in front, with forehead and nose",
         )
-    own, mirrored, scaled, scale = registered_again(points, faces, skin_points, skin_faces, plane, found)
-    if not (scaled >= SCALED_BETTER * own or abs(scale - 1) <= SCALE):
+    residual, mirrored, scaled, scale = registered_again(points, faces, skin_points, skin_faces, plane, registration)
+    if not (scaled >= SCALED_BETTER * residual or abs(scale - 1) <= SCALE):
         refuse(
             f"made {scale:.3f} times as large it fits the upper face better ({scaled:.2f} mm) than it does "
-            f"({own:.2f} mm)",
+            f"({residual:.2f} mm)",
             "export the scan in its true size, and check the scanner's calibration",
         )
-    if not mirrored > MIRROR_BETTER * own:
+    if not mirrored > MIRROR_BETTER * residual:
         refuse(
-            f"its mirror image fits the upper face better ({mirrored:.2f} mm) than it does ({own:.2f} mm)",
+            f"its mirror image fits the upper face better ({mirrored:.2f} mm) than it does ({residual:.2f} mm)",
             "export the scan without mirroring",
         )

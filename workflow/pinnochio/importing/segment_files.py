@@ -130,6 +130,8 @@ def _check_frames(stored, read: Callable, refuse: Refuse) -> None:
         )
     if stored.SegmentationType == "LABELMAP":
         return
-    shown = {read(lambda own=own: own.SegmentIdentificationSequence[0].ReferencedSegmentNumber) for own in listed}
+    shown = {
+        read(lambda frame=frame: frame.SegmentIdentificationSequence[0].ReferencedSegmentNumber) for frame in listed
+    }
     if lost := sorted(shown - set(stored.segment_numbers)):
         refuse(f"it shows segment {lost[0]}, which it does not list", AGAIN)

@@ -65,7 +65,7 @@ class SegmentFit:
     from_plan_degrees: float
 
 
-class Target:
+class ScannedBone:
     """The scanned bone as points with normals, looked up by place and direction."""
 
     def __init__(self, points: np.ndarray, normals: np.ndarray):
@@ -76,17 +76,17 @@ class Target:
         """Which points `placed` have bone within `reach`, its places, and the offsets along the points' own normals,
         which have less noise than the scan's."""
         near = self.tree.query(np.hstack([placed, TURNED * normals]), distance_upper_bound=reach + TURNED)[1]
-        found = near < len(self.points)
-        near = near[found]
-        away = self.points[near] - placed[found]
-        fit = np.einsum("ij,ij->i", self.normals[near], normals[found]) > COMPATIBLE
+        within = near < len(self.points)
+        near = near[within]
+        away = self.points[near] - placed[within]
+        fit = np.einsum("ij,ij->i", self.normals[near], normals[within]) > COMPATIBLE
         fit &= np.einsum("ij,ij->i", away, away) < reach**2
-        used = np.flatnonzero(found)[fit]
+        used = np.flatnonzero(within)[fit]
         return used, self.points[near[fit]], np.einsum("ij,ij->i", away[fit], normals[used])
 
 
 @dataclass(frozen=True)
-class Source:
+class VisibleBone:
     """Visible points (k, 3) mm of a bone before surgery with normals, evenly over its area; few: some of them."""
 
     points: np.ndarray
@@ -121,22 +121,22 @@ def register_bones(
     chosen = spread(points, faces, COARSE_SAMPLES)
     plane = upper_face_plane(bone, tuple(segments), 0.0)
     rotation, shift = coarse(points[chosen], normals[chosen], bone.points, bone.faces, plane, bone.points)
-    scanned = Target(points @ rotation.T + shift, normals @ rotation.T)
+    scanned = ScannedBone(points @ rotation.T + shift, normals @ rotation.T)
     back = _fitted(cranium, scanned, RigidMotion())  # what is left to turn, from the patient to the scan
     frame = RigidMotion(rotation.T @ back.rotation, rotation.T @ (back.translation - shift))
-    scanned = Target(back.inverse(scanned.points), scanned.normals @ back.rotation)
+    scanned = ScannedBone(back.inverse(scanned.points), scanned.normals @ back.rotation)
     fits = []
     for index in present:
-        own, name = sources[index], segment_name(index, tuple(segments))
+        source, name = sources[index], segment_name(index, tuple(segments))
         planned = RigidMotion() if index < 0 else plan.motion(name)
         if index < 0:
             motion = RigidMotion()
-        elif len(own.points) < FEWEST:
+        elif len(source.points) < FEWEST:
             raise InputError(case, file, f"hardly any surface of {name!r} is free of other bone", "check its labels")
         else:
-            tried = [_fitted(own, scanned, start) for start in (planned, RigidMotion())]
-            motion = min(tried, key=lambda motion: _cost(own, scanned, motion)).about(own.points.mean(axis=0))
-        fits.append(_judged(name, own, scanned, motion, planned, frame))
+            tried = [_fitted(source, scanned, start) for start in (planned, RigidMotion())]
+            motion = min(tried, key=lambda motion: _cost(source, scanned, motion)).about(source.points.mean(axis=0))
+        fits.append(_judged(name, source, scanned, motion, planned, frame))
     return fits[0], fits[1:]
 
 
@@ -169,7 +169,7 @@ def check_fits(fits: Sequence[SegmentFit], *, limit: float, share: float, case: 
             )
 
 
-def _source(part, head: Segmentation) -> Source:
+def _source(part, head: Segmentation) -> VisibleBone:
     """What was visible of a bone before surgery: neither cut by the volume's border nor against another bone."""
     import trimesh  # half a second, which a plan given as motions is spared
 
@@ -184,10 +184,10 @@ def _source(part, head: Segmentation) -> Source:
         seen &= head.labels[tuple(index.T)] < CRANIUM
     chosen = spread(points, faces[seen[faces].all(axis=1)], SAMPLES)
     step_over = max(1, len(chosen) // FEW)
-    return Source(points[chosen], normals[chosen], np.arange(0, len(chosen), step_over))
+    return VisibleBone(points[chosen], normals[chosen], np.arange(0, len(chosen), step_over))
 
 
-def _fitted(source: Source, target: Target, start: RigidMotion) -> RigidMotion:
+def _fitted(source: VisibleBone, target: ScannedBone, start: RigidMotion) -> RigidMotion:
     """The motion nearest to `start` that brings the points onto the target."""
     rotation, shift = start.rotation, start.apply(np.zeros((1, 3)))[0]
     for reach in REACHES:
@@ -210,14 +210,14 @@ def _fitted(source: Source, target: Target, start: RigidMotion) -> RigidMotion:
     return RigidMotion(rotation, shift)
 
 
-def _cost(source: Source, target: Target, motion: RigidMotion) -> float:
+def _cost(source: VisibleBone, target: ScannedBone, motion: RigidMotion) -> float:
     """Mean distance (mm) along the normals, cut off: what has no bone costs the same in any pose."""
     used, _, off = target.pairs(motion.apply(source.points), source.normals @ motion.rotation.T, CUT)
     return (np.abs(off).sum() + CUT * (len(source.points) - len(used))) / len(source.points)
 
 
 def _judged(
-    name: str, source: Source, target: Target, motion: RigidMotion, planned: RigidMotion, frame: RigidMotion
+    name: str, source: VisibleBone, target: ScannedBone, motion: RigidMotion, planned: RigidMotion, frame: RigidMotion
 ) -> SegmentFit:
     """How well a motion explains the scan; of the cranium the frame is told."""
     placed = motion.apply(source.points)

@@ -15,7 +15,7 @@ from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.geometry.closed_surfaces import read_closed_surface, read_triangles, surface_files, voxelised
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION
-from pinnochio.importing.images import read_own_image
+from pinnochio.importing.images import read_stored_image
 from pinnochio.importing.scan_checks import check_joined, thinned, without_spikes
 from pinnochio.importing.segment_files import Segment, read_segments
 from pinnochio.model.labels import AIR, TISSUES, TOUCHING, internal_codes
@@ -95,9 +95,9 @@ def read_segmentation(
         unnamed = [part for part in parts if part not in chosen.values() and not _left_out(part, label_values)]
         if direction is not None:
             turn(image, direction)
-    own = tuple(name for name in segments if name in chosen)
-    check_together(own, case, path)
-    codes = internal_codes(own)
+    present = tuple(name for name in segments if name in chosen)
+    check_together(present, case, path)
+    codes = internal_codes(present)
     values = np.full(image.GetSize()[::-1], AIR, np.uint8)
     for name, mask in zip(chosen, masks, strict=True):
         values[mask] = codes[name]
@@ -115,7 +115,7 @@ def read_segmentation(
         if name != "muscle" and not (labels == codes[name]).any():
             what = "tissue" if name in TISSUES else "bone"
             refuse(f"{what} {name!r} ({part}) is empty or covered by other structures", "label it where it alone is")
-    return Segmentation(labels, np.array(coded.GetSpacing()), np.array(coded.GetOrigin()), own, axes)
+    return Segmentation(labels, np.array(coded.GetSpacing()), np.array(coded.GetOrigin()), present, axes)
 
 
 def axes_of(orientation: str) -> np.ndarray:
@@ -125,8 +125,8 @@ def axes_of(orientation: str) -> np.ndarray:
 
 def turn(image: sitk.Image, direction: np.ndarray) -> None:
     """Give an image with a wrong header these axes (3, 3); its origin turns with them."""
-    own = np.reshape(image.GetDirection(), (3, 3))
-    image.SetOrigin(tuple(direction @ np.linalg.inv(own) @ image.GetOrigin()))
+    stated = np.reshape(image.GetDirection(), (3, 3))
+    image.SetOrigin(tuple(direction @ np.linalg.inv(stated) @ image.GetOrigin()))
     image.SetDirection(direction.ravel().tolist())
 
 
@@ -143,14 +143,14 @@ def _chosen(
                 f"'labels' gives {structure!r} the name {value!r}, but a plain label map has no names",
                 f"give {structure!r} its voxel value in 'labels', or save the segmentation with names (.seg.nrrd)",
             )
-        own = [part for part in parts if value == (part.name if isinstance(value, str) else part.value)]
-        if len(own) > 1:
+        matching = [part for part in parts if value == (part.name if isinstance(value, str) else part.value)]
+        if len(matching) > 1:
             refuse(
-                f"{len(own)} segments are called {value!r} ({', '.join(map(str, own))})",
+                f"{len(matching)} segments are called {value!r} ({', '.join(map(str, matching))})",
                 f"give {structure!r} the name of its segment in 'labels', and each segment a name of its own",
             )
-        if own:
-            chosen[structure] = own[0]
+        if matching:
+            chosen[structure] = matching[0]
         elif structure in optional:
             if structure == "muscle":
                 LOG.warning(
@@ -187,11 +187,11 @@ def _check_unnamed(values, unnamed: Sequence[Segment], label_values: Mapping, co
         lost: dict[int, int] = {}
         for number, box in enumerate(ndimage.find_objects(piece), 1):
             wide = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in box)
-            own = piece[wide] == number
-            rim = values[wide][ndimage.binary_dilation(own, TOUCHING) & ~own]
+            inside = piece[wide] == number
+            rim = values[wide][ndimage.binary_dilation(inside, TOUCHING) & ~inside]
             around = np.bincount(rim[rim != AIR], minlength=1)
             for code in np.flatnonzero(around >= max(1, BESIDE * around.sum())):
-                lost[int(code)] = lost.get(int(code), 0) + int(own.sum())
+                lost[int(code)] = lost.get(int(code), 0) + int(inside.sum())
         for code, voxels in lost.items():
             share = 100 * voxels / (voxels + int((values == code).sum()))
             if share <= limit:
@@ -231,7 +231,7 @@ def write_segmentation(labels, spacing, origin, path: str | os.PathLike) -> None
 
 def read_labels(path: str | os.PathLike) -> Segmentation:
     """Read what :func:`write_segmentation` wrote, without checks."""
-    image = _axis_aligned(read_own_image(path))
+    image = _axis_aligned(read_stored_image(path))
     labels = np.ascontiguousarray(sitk.GetArrayFromImage(image).transpose(2, 1, 0)).astype(np.uint8)
     return Segmentation(labels, np.array(image.GetSpacing()), np.array(image.GetOrigin()))
 

@@ -184,17 +184,17 @@ def gain(site: Site, displacement: np.ndarray, rng: np.random.Generator) -> np.n
     """Change (n, 3) mm of a displacement (n, 3) mm by the patient's own gain in each region, whole at its middle."""
     total = np.zeros(len(site.points))
     for region, spread in GAINS.items():
-        own = rng.normal(0, spread)
+        deviation = rng.normal(0, spread)
         names = [region] if region in site.regions else [f"{region}_{side}" for side in SIDES]
-        total += own * MEAN_OF_HALF * np.max([site.shape(name) for name in names], axis=0)
+        total += deviation * MEAN_OF_HALF * np.max([site.shape(name) for name in names], axis=0)
     return total[:, None] * displacement
 
 
 def swelling(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
     left = max(39.54 - 13.14 * np.log(c.covariates.months), 0) / SWELLING_AT_6
-    own = np.exp(rng.normal(-0.125, 0.5))  # mean 1
-    sides = {side: left * own * np.exp(rng.normal(-0.02, 0.2)) for side in SIDES}
-    amounts = {"upper_lip": 0.2 * left * own, "lower_lip": 0.2 * left * own, "submental": 0.35 * left * own}
+    level = np.exp(rng.normal(-0.125, 0.5))  # mean 1
+    sides = {side: left * level * np.exp(rng.normal(-0.02, 0.2)) for side in SIDES}
+    amounts = {"upper_lip": 0.2 * left * level, "lower_lip": 0.2 * left * level, "submental": 0.35 * left * level}
     for side, amount in sides.items():
         amounts |= {f"cheek_{side}": 0.35 * amount, f"jaw_{side}": 0.45 * amount}
     return _normal(site, amounts)
@@ -210,9 +210,9 @@ def individual(site: Site, c: Circumstances, rng: np.random.Generator) -> np.nda
     low, high = site.landmarks["subnasale"][2], site.landmarks["nasion"][2]
     below = np.clip((high - site.points[:, 2]) / (high - low), 0, 1)  # nothing above the nasion
     lips = np.clip(site.shape("upper_lip") + site.shape("lower_lip"), 0, 1)
-    own = np.exp(rng.normal(-(INDIVIDUAL_SPREAD**2) / 2, INDIVIDUAL_SPREAD))
+    level = np.exp(rng.normal(-(INDIVIDUAL_SPREAD**2) / 2, INDIVIDUAL_SPREAD))
     amount = (
-        own
+        level
         * (INDIVIDUAL + (INDIVIDUAL_LIPS - INDIVIDUAL) * lips)
         * below
         * smooth_noise(site.points, rng, INDIVIDUAL_LENGTH)

@@ -89,9 +89,9 @@ def procedures_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
     """Counts of the operations by deformity."""
     count = Counter((anatomy["procedure"], anatomy["deformity"]) for anatomy in anatomies)
     rows = [
-        (name, *own, sum(own))
+        (name, *counts, sum(counts))
         for name in sorted({name for name, _ in count})
-        for own in [[count[name, deformity] for deformity in DEFORMITIES]]
+        for counts in [[count[name, deformity] for deformity in DEFORMITIES]]
     ]
     return markdown_table(("operation", *DEFORMITIES, "all"), rows)
 
@@ -112,9 +112,9 @@ def parameters_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
             continue
         drawn = f"{entry.mean:g} ± {entry.sd:g}", f"{entry.male:+g}" if entry.male else ""
         drawn += f"{entry.low:g} to {entry.high:g}", entry.source
-        own = spread([anatomy[name] for anatomy in anatomies], max(1, 1 - int(np.floor(np.log10(entry.sd)))))
+        cohort = spread([anatomy[name] for anatomy in anatomies], max(1, 1 - int(np.floor(np.log10(entry.sd)))))
         fitted = name in FITTED and anatomies[0].get("scanned")
-        rows.append((f"`{name}`", entry.meaning, entry.unit, *(("the face", "", "", "") if fitted else drawn), own))
+        rows.append((f"`{name}`", entry.meaning, entry.unit, *(("the face", "", "", "") if fitted else drawn), cohort))
     headers = ("name", "meaning", "unit", "women: mean ± SD", "men", "bounds", "source", "this cohort")
     return markdown_table(headers, rows)
 
@@ -139,9 +139,9 @@ def plans_table(anatomies: Sequence[Mapping[str, Any]], plans: Sequence[Plan]) -
     """Planned motion of each segment by deformity: translation at the plan's pivot and angle of rotation."""
     rows = []
     for deformity in DEFORMITIES:
-        own = [plan for plan, anatomy in zip(plans, anatomies, strict=True) if anatomy["deformity"] == deformity]
-        for segment in sorted({segment for plan in own for segment in plan.motions}):
-            motions = [plan.motions[segment] for plan in own if segment in plan.motions]
+        treated = [plan for plan, anatomy in zip(plans, anatomies, strict=True) if anatomy["deformity"] == deformity]
+        for segment in sorted({segment for plan in treated for segment in plan.motions}):
+            motions = [plan.motions[segment] for plan in treated if segment in plan.motions]
             left, back, up = np.array([motion.translation for motion in motions]).T
             angles = [motion.angle for motion in motions]
             rows.append((deformity, segment, len(motions), *map(spread, (-back, up, left, angles))))
@@ -172,11 +172,11 @@ def reality_of(reality: str) -> str:
             "Reality `nominal`: the methods' own mechanics on their own mesh, without effects but for the error of "
             "carrying out the plan and the noise of the scan."
         )
-    own = REALITIES[reality]
+    settings = REALITIES[reality]
     return (
         f"Reality `{reality}`: changes of the tissue beyond the mechanics, and the expression, are multiplied by "
-        f"{own.scale:g}, found on other patients so that sliding finite elements with the true motion are "
-        f"{own.target:g} ± 0.1 mm off ({own.source}), and frozen."
+        f"{settings.scale:g}, found on other patients so that sliding finite elements with the true motion are "
+        f"{settings.target:g} ± 0.1 mm off ({settings.source}), and frozen."
     )
 
 

@@ -90,8 +90,8 @@ def displaced(face: Face, field: np.ndarray) -> Face:
 
 
 def _axes(face: Face, s: Skeleton) -> list[np.ndarray]:
-    own = face.points[face.points[:, 1] < 2]
-    half, front = np.abs(own[:, 0]).max() + 4, own[:, 1].min() - 6
+    anterior = face.points[face.points[:, 1] < 2]
+    half, front = np.abs(anterior[:, 0]).max() + 4, anterior[:, 1].min() - 6
     ends = ((-half, half), (front, 2.0), (s.menton[2] - BELOW, s.nasion[2] + ABOVE))
     return [np.arange(np.floor(a / SPACING), np.floor(b / SPACING) + 1) * SPACING for a, b in ends]
 

@@ -75,9 +75,9 @@ def sample_covariates(anatomy: Mapping[str, Any], reality: str, rng: np.random.G
     """Draw the covariates of a patient with this anatomy (as `describe` gives it); nominal is scanned as the clinic."""
     months, spread = REALITIES.get(reality, REALITIES[CLINIC]).months
     scores = thickness_scores(anatomy["thickness"])
-    age, own = draw(rng, *AGE), rng.normal()
+    age, scatter = draw(rng, *AGE), rng.normal()
     fat = np.mean([scores[name] for name in CHEEKS])
-    bmi = BMI[0] + BMI[1] * (WITH_THICKNESS * fat + np.sqrt(1 - WITH_THICKNESS**2) * own)
+    bmi = BMI[0] + BMI[1] * (WITH_THICKNESS * fat + np.sqrt(1 - WITH_THICKNESS**2) * scatter)
     return Covariates(
         sex=anatomy["sex"],
         age=round(age, 1),

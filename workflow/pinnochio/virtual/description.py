@@ -53,10 +53,10 @@ def magnitudes(head: Head, plan: Plan) -> dict[str, float]:
     s = Skeleton(head.parameters)
     sizes = {}
     for name, jaw, point in (("maxilla", "upper", s.upper_incisor), ("distal", "lower", s.lower_incisor)):
-        own = carriers(head.segments, jaw)
-        if own:
+        members = carriers(head.segments, jaw)
+        if members:
             left, back, up = displacement_at(plan, jaw, point[None])[0]
-            turn = Rotation.from_matrix([plan.motion(segment).rotation for segment in own]).mean()
+            turn = Rotation.from_matrix([plan.motion(segment).rotation for segment in members]).mean()
             sizes |= {f"{name}_forward": -back, f"{name}_up": up, f"{name}_left": left}
             angles = turn.as_rotvec(degrees=True)
             sizes |= {f"{name}_{axis}": angle for axis, angle in zip(("pitch", "roll", "yaw"), angles, strict=True)}
@@ -81,13 +81,13 @@ def numbers(p: HeadParameters) -> dict[str, Any]:
     """
     if not p.scanned:
         return {name: value for name, value in asdict(p).items() if name != "scanned"}
-    own = {name: value for name, value in asdict(p).items() if name not in (*SCULPTED, "relief_seed", "scanned")}
+    drawn = {name: value for name, value in asdict(p).items() if name not in (*SCULPTED, "relief_seed", "scanned")}
     before = vars(p.scanned.normal)
-    return own | {
+    return drawn | {
         "scanned": {
             "identity": p.scanned.identity,
             "anchors": asdict(p.scanned.anchors),
-            "normal": {name: before[name] for name in TABLE if name in own and before[name] != own[name]},
+            "normal": {name: before[name] for name in TABLE if name in drawn and before[name] != drawn[name]},
         }
     }
 

@@ -81,17 +81,17 @@ def measure(operation: Operation, truth: str) -> list[dict]:
 
     rows = [row(NOTHING, *face.scan_error(photograph(operation, nominal, off)))]
     for effect in EFFECTS:
-        own = alone(operation.settings.effects, effect)
-        if own == off:
+        single = alone(operation.settings.effects, effect)
+        if single == off:
             continue
         if EFFECTS[effect].kind == SCAN:
-            rows.append(row(effect, *face.scan_error(photograph(operation, nominal, own))))
+            rows.append(row(effect, *face.scan_error(photograph(operation, nominal, single))))
         else:
-            model = meshed(operation, own) if effect in REMESHED else nominal.patient
+            model = meshed(operation, single) if effect in REMESHED else nominal.patient
             if EFFECTS[effect].kind == CHANGE:
-                field = changed(nominal, operation.settings.scale * change(operation, own, nominal)).displacement
+                field = changed(nominal, operation.settings.scale * change(operation, single, nominal)).displacement
             else:
-                field = moved(operation, own, model).displacement
+                field = moved(operation, single, model).displacement
             rows.append(row(effect, face.difference(model.points, model.cells, field)))
     *everything, _ = read_truth(truth, operation.case)
     rows.append(row(EVERYTHING, face.difference(*everything)))
@@ -103,12 +103,12 @@ def summarise(rows: pd.DataFrame, effects: Mapping[str, Any] | str, reality: str
     values = in_reality(effects, reality)
     entries = []
     for effect in (NOTHING, *EFFECTS, EVERYTHING):
-        own = rows[rows["effect"] == effect]
-        if own.empty:
+        group = rows[rows["effect"] == effect]
+        if group.empty:
             continue
         about = EFFECTS.get(effect)
-        entry = {"effect": effect, "n": len(own), "largest": own["p95"].max()} | dict(
-            own[["mean", "p95", "lost"]].mean()
+        entry = {"effect": effect, "n": len(group), "largest": group["p95"].max()} | dict(
+            group[["mean", "p95", "lost"]].mean()
         )
         entry["value"] = f"{values[effect]:g} {about.unit}".strip() if about else ""
         entry["source"] = about.source if about else ""

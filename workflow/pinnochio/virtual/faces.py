@@ -176,11 +176,11 @@ def solid(points: np.ndarray, triangles: np.ndarray, axes) -> np.ndarray:
     for i in range(span[0]):
         for k in range(span[1]):
             column = low + [i, k]
-            own = (column <= high).all(axis=1) & (column >= 0).all(axis=1)
-            own &= (column[:, 0] < len(x)) & (column[:, 1] < len(z)) & (np.abs(det) > 1e-12)
-            if not own.any():
+            usable = (column <= high).all(axis=1) & (column >= 0).all(axis=1)
+            usable &= (column[:, 0] < len(x)) & (column[:, 1] < len(z)) & (np.abs(det) > 1e-12)
+            if not usable.any():
                 continue
-            index, a, e, d = column[own], corner[own, 0], edges[own], det[own]
+            index, a, e, d = column[usable], corner[usable, 0], edges[usable], det[usable]
             dx, dz = x[index[:, 0]] - a[:, 0], z[index[:, 1]] - a[:, 2]
             u = (dx * e[:, 1, 2] - dz * e[:, 1, 0]) / d
             v = (dz * e[:, 0, 0] - dx * e[:, 0, 2]) / d

@@ -40,7 +40,7 @@ def fit_face(bone, teeth: dict[int, np.ndarray]) -> FittedFace:
     model = face_model()
     rows = {UPPER_TEETH: model.teeth["upper_teeth"], LOWER_TEETH: model.teeth["lower_teeth"]}
     wanted = np.concatenate([_three(teeth[part]) for part in rows])
-    picks = np.concatenate([own[[[0], [15], [7]]].ravel() for own in rows.values()])
+    picks = np.concatenate([row[[[0], [15], [7]]].ravel() for row in rows.values()])
     skin = np.unique(model.triangles)
     coordinates = np.zeros(len(model.modes))
     rotation, shift = _aligned(model.mean[picks], wanted)
@@ -109,12 +109,12 @@ def _three(teeth) -> np.ndarray:
     """Last molar left and right and the incisors (3, 3) mm of an arch of teeth (t, 3), at its middle height."""
     level = np.median(teeth[:, 2])
     middle = (teeth[:, 0].min() + teeth[:, 0].max()) / 2
-    found = []
+    places = []
     for side in (1, -1):
-        own = teeth[side * (teeth[:, 0] - middle) > 0]
-        found.append(own[own[:, 1] > own[:, 1].max() - 6].mean(axis=0))
-    found.append(teeth[teeth[:, 1] < teeth[:, 1].min() + 5].mean(axis=0))
-    return np.array([[x, y, level] for x, y, _ in found])
+        half = teeth[side * (teeth[:, 0] - middle) > 0]
+        places.append(half[half[:, 1] > half[:, 1].max() - 6].mean(axis=0))
+    places.append(teeth[teeth[:, 1] < teeth[:, 1].min() + 5].mean(axis=0))
+    return np.array([[x, y, level] for x, y, _ in places])
 
 
 def _aligned(points, wanted) -> tuple[np.ndarray, np.ndarray]:

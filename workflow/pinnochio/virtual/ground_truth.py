@@ -205,8 +205,8 @@ class OutcomeSettings:
 
 def resolve(effects: str | Mapping[str, Any]) -> dict[str, Any]:
     """Value of every effect of the config section `virtual.outcome.effects`, with :data:`NOMINAL` replaced."""
-    asked = dict.fromkeys(EFFECTS, NOMINAL) if effects == NOMINAL else effects
-    return {name: effect.nominal if asked[name] == NOMINAL else asked[name] for name, effect in EFFECTS.items()}
+    wanted = dict.fromkeys(EFFECTS, NOMINAL) if effects == NOMINAL else effects
+    return {name: effect.nominal if wanted[name] == NOMINAL else wanted[name] for name, effect in EFFECTS.items()}
 
 
 def in_reality(effects: str | Mapping[str, Any], reality: str) -> dict[str, Any]:

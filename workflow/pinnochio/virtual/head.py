@@ -111,13 +111,13 @@ def _procedural(s: Skeleton, spacing: float) -> _Soft:
 
 def _scanned(s: Skeleton, spacing: float) -> _Soft:
     """The face carried into the deformity, the skull sculpted below it, the nasal airway open."""
-    own = anatomy(s.p)
-    face = own.face
+    carried = anatomy(s.p)
+    face = carried.face
     axes = face_grid(s, face, spacing)
     x, y, z = (axis[tuple(np.s_[:] if i == j else None for j in range(3))] for i, axis in enumerate(axes))
     upper, _ = upper_skull(s, axes, reach=12)
     jaw = mandible(s, axes, reach=12)
-    own.sculpt(upper, jaw)
+    carried.sculpt(upper, jaw)
     upper.subtract(*airway(s, face.nostrils, MUCOSA))
     inside = face_solid(face, axes) | behind_lips(face.line, x, y, z)
     depth = ndimage.distance_transform_edt(inside, sampling=spacing).astype(np.float32)
@@ -128,10 +128,10 @@ def _scanned(s: Skeleton, spacing: float) -> _Soft:
 
 def face_grid(s: Skeleton, face: Face, spacing: float) -> list[np.ndarray]:
     """Axes of the volume round a scanned face, cut where :func:`grid` cuts."""
-    own = face.points[(face.points[:, 1] < 3) & (face.points[:, 2] > s.menton[2] - 40)]
-    half = np.ceil((np.abs(own[:, 0]).max() + 6) / spacing) * spacing
+    anterior = face.points[(face.points[:, 1] < 3) & (face.points[:, 2] > s.menton[2] - 40)]
+    half = np.ceil((np.abs(anterior[:, 0]).max() + 6) / spacing) * spacing
     low, high = face.marks["menton_soft"][2] - 20, s.nasion[2] + 26
-    ends = ((-half, half), (own[:, 1].min() - 9, 1.0), (low, high))
+    ends = ((-half, half), (anterior[:, 1].min() - 9, 1.0), (low, high))
     return [np.arange(np.floor(a / spacing), np.floor(b / spacing) + 1) * spacing for a, b in ends]
 
 
@@ -155,9 +155,9 @@ def _absorb(labels: np.ndarray, code: int, into: int | None = None, crumb: float
     boxes = ndimage.find_objects(parts)
     for number in small:
         wide = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in boxes[number - 1])
-        own = parts[wide] == number
-        rim = labels[wide][ndimage.binary_dilation(own) & ~own]
-        labels[wide][own] = np.bincount(rim).argmax() if into is None else into
+        inside = parts[wide] == number
+        rim = labels[wide][ndimage.binary_dilation(inside) & ~inside]
+        labels[wide][inside] = np.bincount(rim).argmax() if into is None else into
     return len(small)
 
 

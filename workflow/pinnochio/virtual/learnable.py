@@ -55,7 +55,7 @@ PAPER, TER_HORST = 100 * (1 - (1.12 / 1.30) ** 2), 100 * (1 - (1.0 / 1.5) ** 2)
 
 def known(circumstances: Circumstances) -> dict[str, float]:
     """The numbers of :data:`KNOWN` of a patient."""
-    c, own = circumstances, circumstances.covariates
+    c, covariates = circumstances, circumstances.covariates
     return {
         "maxilla": c.maxilla,
         "impaction": c.impaction,
@@ -64,10 +64,10 @@ def known(circumstances: Circumstances) -> dict[str, float]:
         "upper_lip": c.thickness["labrale_superius"],
         "lower_lip": c.thickness["labrale_inferius"],
         "gap": c.gap,
-        "mass": own.mass,
-        "months": own.months,
-        "vy": c.maxilla * (own.closure == "vy"),
-        "cinch": c.maxilla * own.cinch,
+        "mass": covariates.mass,
+        "months": covariates.months,
+        "vy": c.maxilla * (covariates.closure == "vy"),
+        "cinch": c.maxilla * covariates.cinch,
     }
 
 
@@ -88,11 +88,11 @@ def measure(operation: Operation, truth: str) -> list[dict]:
     areas = vertex_areas(skin, faces[patient.face_roi])
     numbers, codes, rows = known(operation.circumstances(executed)), regions(patient), []
     for code, name in enumerate(REGIONS):
-        own = np.flatnonzero((codes == code) & (areas > 0))
-        upper = skin[own, 2] > np.median(skin[own, 2])
-        left = skin[own, 0] > np.median(skin[own, 0])
+        points = np.flatnonzero((codes == code) & (areas > 0))
+        upper = skin[points, 2] > np.median(skin[points, 2])
+        left = skin[points, 0] > np.median(skin[points, 0])
         for part in range(4):
-            here = own[2 * left + upper == part]
+            here = points[2 * left + upper == part]
             mean = np.average(deviation[here], weights=areas[here])
             square = np.average(deviation[here] ** 2, weights=areas[here])
             where = {"case": operation.case, "region": name, "part": part, "area": areas[here].sum()}
@@ -120,10 +120,10 @@ def expected(inputs: np.ndarray, means: np.ndarray) -> tuple[np.ndarray, np.ndar
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     """Columns of :data:`TABLE` by region, then for the face: left out in turn, each patient by all others."""
     sums = {}
-    for (region, _), own in rows.groupby(["region", "part"], sort=False):
-        own = own.sort_values("case")
-        area, mean, square = (own[name].to_numpy() for name in ("area", "mean", "square"))
-        for name, guess in zip(("flat", "linear"), expected(own[list(KNOWN)].to_numpy(), mean), strict=True):
+    for (region, _), group in rows.groupby(["region", "part"], sort=False):
+        group = group.sort_values("case")
+        area, mean, square = (group[name].to_numpy() for name in ("area", "mean", "square"))
+        for name, guess in zip(("flat", "linear"), expected(group[list(KNOWN)].to_numpy(), mean), strict=True):
             after = (area * (square - 2 * guess * mean + guess**2)).sum()
             for place in (region, FACE):
                 sums.setdefault(place, dict.fromkeys(("area", "all", "flat", "linear"), 0.0))[name] += after
@@ -132,12 +132,12 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
             sums[place]["all"] += (area * square).sum()
     entries = []
     for place in (*REGIONS, FACE):
-        own = sums[place]
-        share = {name: 100 * (1 - own[name] / own["all"]) for name in ("flat", "linear")}
+        total = sums[place]
+        share = {name: 100 * (1 - total[name] / total["all"]) for name in ("flat", "linear")}
         entries.append(
-            {"region": place, "n": rows["case"].nunique(), "rms": np.sqrt(own["all"] / own["area"]),
+            {"region": place, "n": rows["case"].nunique(), "rms": np.sqrt(total["all"] / total["area"]),
              "systematic": share["flat"], "linear": share["linear"],
-             "left": np.sqrt(max(own["linear"], 0) / own["area"])}
+             "left": np.sqrt(max(total["linear"], 0) / total["area"])}
         )  # fmt: skip
     return check(pd.DataFrame(entries), TABLE)
 

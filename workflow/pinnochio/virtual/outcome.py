@@ -97,8 +97,8 @@ class Operation:
     def registered(self, seen: Scan) -> tuple[np.ndarray, np.ndarray]:
         """Points (n, 3) mm and faces of a scan, registered to the head before surgery as the import does it."""
         plane = upper_face_plane(self.bone, self.segments, self.settings.interfaces["nasion_above_maxilla"])
-        found = register(seen.points, seen.faces, *self.skin, plane, case=self.case, file="scan", limit=np.inf)
-        return found.motion.apply(seen.points), seen.faces
+        registration = register(seen.points, seen.faces, *self.skin, plane, case=self.case, file="scan", limit=np.inf)
+        return registration.motion.apply(seen.points), seen.faces
 
     def circumstances(self, executed: Plan) -> Circumstances:
         """What decides the changes of the face, once the plan is carried out so."""
@@ -118,9 +118,9 @@ class Outcome:
     def write(self, path: str | os.PathLike) -> None:
         """Write as HDF5: points, cells, displacement; attribute `executed`, the plan as JSON."""
         # Without the seal of other files: the frozen checksums of a cohort are those of these bytes.
-        own = {"points": self.patient.points, "cells": self.patient.cells, "displacement": self.displacement}
+        arrays = {"points": self.patient.points, "cells": self.patient.cells, "displacement": self.displacement}
         with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
-            for name, values in own.items():
+            for name, values in arrays.items():
                 file.create_dataset(name, data=values, compression="gzip", track_times=False)
             file.attrs["executed"] = self.executed.to_json()
 
@@ -158,7 +158,7 @@ def moved(operation: Operation, effects: Mapping[str, Any], patient: PatientMode
         for tissue, modulus in sorted(fem.youngs_modulus.items())
     }
     poisson = effects["poisson"] or fem.poisson
-    own = replace(
+    varied = replace(
         fem,
         youngs_modulus=moduli,
         poisson=poisson,
@@ -174,7 +174,7 @@ def moved(operation: Operation, effects: Mapping[str, Any], patient: PatientMode
         operation.draws("pre_stress"),
     )
     draws = operation.draws("execution_error")
-    with Simulator(patient, own, unilateral=bool(effects["contact"]), loads=outer) as simulator:
+    with Simulator(patient, varied, unilateral=bool(effects["contact"]), loads=outer) as simulator:
         for _ in range(ATTEMPTS):
             executed = operation.plan
             if effects["execution_error"]:
@@ -248,6 +248,6 @@ def shown(operation: Operation, outcome: Outcome, effects: Mapping[str, Any], sc
 
 def photograph(operation: Operation, outcome: Outcome, effects: Mapping[str, Any], scale: float | None = None) -> Scan:
     """Scan of the outcome's skin with these effects; scale as in :func:`shown`."""
-    own = {name: effects[name] for name in ("noise", "holes", "coverage", "frame")}
+    settings = {name: effects[name] for name in ("noise", "holes", "coverage", "frame")}
     skin = shown(operation, outcome, effects, scale)
-    return scan(skin, outcome.patient.skin_faces, operation.draws("scan"), **own)
+    return scan(skin, outcome.patient.skin_faces, operation.draws("scan"), **settings)

@@ -55,8 +55,8 @@ def section(head: Segmentation) -> pv.PolyData:
     kinds = [(AIR, "#ffffff"), (SUPERFICIAL, TISSUE), (MUSCLE, FLESH), (CRANIUM, BONE)]
     shares = []
     for code, _ in kinds:
-        own = plane >= CRANIUM if code == CRANIUM else plane == code
-        shares.append(ndimage.gaussian_filter(ndimage.zoom(own.astype(np.float32), FINE, order=1), 0.6 * FINE))
+        inside = plane >= CRANIUM if code == CRANIUM else plane == code
+        shares.append(ndimage.gaussian_filter(ndimage.zoom(inside.astype(np.float32), FINE, order=1), 0.6 * FINE))
     kind = np.argmax(shares, 0)
     step = head.spacing[1:] * (np.array(plane.shape) - 1) / (np.array(kind.shape) - 1)
     image = pv.ImageData(dimensions=(1, *kind.shape), spacing=(1, *step), origin=(0, *head.origin[1:]))
@@ -81,9 +81,9 @@ def portrait(plotter: pv.Plotter, sitter: Sitter) -> None:
 def add_bones(plotter: pv.Plotter, sitter: Sitter, where: np.ndarray) -> None:
     """Draw the bones, each in its colour, of the slices (nx,) bool of the volume."""
     for index in range(-1, len(sitter.segments)):
-        own = (sitter.head.labels == (CRANIUM if index < 0 else segment_code(index))) & where[:, None, None]
-        if own.any():
-            bone = surface(own, sitter.head, BONE_SMOOTHING, 0.08, "constant")
+        inside = (sitter.head.labels == (CRANIUM if index < 0 else segment_code(index))) & where[:, None, None]
+        if inside.any():
+            bone = surface(inside, sitter.head, BONE_SMOOTHING, 0.08, "constant")
             colour = BONE if index < 0 else SEGMENTS[index % len(SEGMENTS)]
             plotter.add_mesh(bone, color=colour, smooth_shading=True, ambient=0.1)
 

@@ -71,22 +71,22 @@ class Volume:
         moved = self.frame.apply(motion.apply(_corners(start, start + step * distance.shape)))
         index, places = self.block(moved.min(axis=0), moved.max(axis=0))
         before = motion.inverse(self.frame.inverse(places))
-        own = ndimage.map_coordinates(distance, ((before - start) / step).T, order=1, mode="constant", cval=FAR)
-        own = own.reshape([s.stop - s.start for s in index]).astype(np.float32)
-        nearer = own < self.nearest[index]
-        self.second[index] = np.where(nearer, self.nearest[index], np.minimum(self.second[index], own))
+        placed = ndimage.map_coordinates(distance, ((before - start) / step).T, order=1, mode="constant", cval=FAR)
+        placed = placed.reshape([s.stop - s.start for s in index]).astype(np.float32)
+        nearer = placed < self.nearest[index]
+        self.second[index] = np.where(nearer, self.nearest[index], np.minimum(self.second[index], placed))
         self.owner[index] = np.where(nearer, owner, self.owner[index])
-        self.nearest[index] = np.minimum(self.nearest[index], own)
+        self.nearest[index] = np.minimum(self.nearest[index], placed)
 
     def bar(self, one: np.ndarray, other: np.ndarray, radius: float, sign: float = 1.0) -> None:
         """Bone-like material (sign 1) or its lack (-1) within `radius` mm of the line between two points."""
         index, places = self.block(np.minimum(one, other) - radius - 1, np.maximum(one, other) + radius + 1)
         along = other - one
         share = np.clip((places - one) @ along / max(along @ along, 1e-9), 0, 1)
-        own = np.linalg.norm(places - one - share[:, None] * along, axis=1) - radius
-        own = own.reshape([s.stop - s.start for s in index]).astype(np.float32)
+        gap = np.linalg.norm(places - one - share[:, None] * along, axis=1) - radius
+        gap = gap.reshape([s.stop - s.start for s in index]).astype(np.float32)
         here = self.nearest[index]
-        self.nearest[index] = np.minimum(here, own) if sign > 0 else np.maximum(here, -own)
+        self.nearest[index] = np.minimum(here, gap) if sign > 0 else np.maximum(here, -gap)
 
 
 def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -56,8 +56,8 @@ def dealt(shares: Mapping[str, float], patients: int) -> list[Procedure]:
         weights = [sum(shares[jaws] for jaws in rivals) for rivals in (JAWS, suited)]
 
         def lag(jaws, kind=kind, turn=turn, place=place, weights=weights):
-            own = shares[jaws] / weights[0] * (place + 1), shares[jaws] / weights[1] * (turn + 1)
-            return own[0] - count[jaws] + own[1] - count[jaws, kind]
+            lags = shares[jaws] / weights[0] * (place + 1), shares[jaws] / weights[1] * (turn + 1)
+            return lags[0] - count[jaws] + lags[1] - count[jaws, kind]
 
         jaws = max(suited, key=lag)
         chin = shares[GENIOPLASTY] * (place + 1) - count[GENIOPLASTY] >= 0.5

@@ -65,26 +65,26 @@ def measure(operation: Operation, effects: dict[str, Any] | str, samples: int) -
         target = operation.registered(scan)
         judged = choose(coarse, executed, *target, samples, operation.seed)
         carried = judged.carried(coarse, predicted)
-        own = surface_metrics(predicted, coarse.skin_faces, carried, *target, judged.target)
+        metrics = surface_metrics(predicted, coarse.skin_faces, carried, *target, judged.target)
         outside = -signed_distances(judged.target, predicted, coarse.skin_faces)
         errors = region_errors(judged.target_region, outside)
         p90 = float(np.percentile(np.abs(outside), 90))
         regions = {name: errors[f"region_{name}"] for name in REGIONS}
         return {"case": case, "reality": reality, "scale": scale, "p90": p90} | regions | {
-            name: own[name] for name in ("cd", "pwr2")
+            name: metrics[name] for name in ("cd", "pwr2")
         }  # fmt: skip
 
     for reality in REALITIES:
-        own = in_reality(effects, reality)
+        values = in_reality(effects, reality)
         draws = generator(operation.seed, "sample_covariates", case)
         operation = replace(operation, covariates=sample_covariates(operation.anatomy, reality, draws))
-        fine = fine or meshed(operation, own)
-        base = moved(operation, own, fine)
-        field = change(operation, own, base)
+        fine = fine or meshed(operation, values)
+        base = moved(operation, values, fine)
+        field = change(operation, values, base)
         sliding = simulate(coarse, [base.executed], fem)[0].displacement
         predicted = coarse.moved_skin(sliding)
         for scale in SCALES:
-            seen = photograph(operation, changed(base, scale * field), own, scale)
+            seen = photograph(operation, changed(base, scale * field), values, scale)
             rows.append(row(reality, scale, base.executed, predicted, seen))
     plain = in_reality(effects, NOMINAL)
     seen = photograph(operation, Outcome(coarse, sliding, base.executed), plain)
@@ -102,8 +102,8 @@ def scale_for(rows: pd.DataFrame, target: float) -> float:
 def at_scale(rows: pd.DataFrame, scale: float) -> pd.DataFrame:
     """One row per patient of what was measured, interpolated to a scale."""
     patients = {}
-    for case, own in rows.sort_values("scale").groupby("case"):
-        patients[case] = {name: np.interp(scale, own["scale"], own[name]) for name in MEASURED}
+    for case, patient in rows.sort_values("scale").groupby("case"):
+        patients[case] = {name: np.interp(scale, patient["scale"], patient[name]) for name in MEASURED}
     frame = pd.DataFrame.from_dict(patients, orient="index")
     frame["cheeks"] = frame[["cheek_left", "cheek_right"]].mean(axis=1)
     return frame
@@ -113,9 +113,9 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     """Columns of :data:`TABLE`: for each reality ours at the scale found and the aim; then `nominal`."""
     entries = []
     for reality in (*REALITIES, NOMINAL):
-        own = rows[rows["reality"] == reality]
-        scale = scale_for(own, REALITIES[reality].target) if reality in REALITIES else 0.0
-        patients = at_scale(own, scale)
+        group = rows[rows["reality"] == reality]
+        scale = scale_for(group, REALITIES[reality].target) if reality in REALITIES else 0.0
+        patients = at_scale(group, scale)
         entry = {"reality": reality, "what": "ours", "scale": scale, "n": len(patients)}
         means = patients[["cd", "pwr2", "p90", *PARTS]].mean()
         entries.append(entry | dict(means) | {"sd": patients["cd"].std(ddof=min(1, len(patients) - 1))})

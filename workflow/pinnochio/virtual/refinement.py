@@ -42,14 +42,14 @@ def measure(operation: Operation) -> list[dict]:
         "reference": meshed(elsewhere, off | {"nodes": FINER * nodes}, by_lip=True),
     }
     places = models[METHODS].skin_points[models[METHODS].judged_points]
-    own, fields = {name: model.skin_at(places) for name, model in models.items()}, {}
-    shared = np.min(list(own.values()), axis=0) >= 0
+    index, fields = {name: model.skin_at(places) for name, model in models.items()}, {}
+    shared = np.min(list(index.values()), axis=0) >= 0
     for name, model in models.items():
         (result,) = simulate(model, [operation.plan], fem)
         if not result.converged:
             raise RuntimeError(f"case {operation.case!r}, {len(model.points)} nodes: {result.reason}")
         moved = model.moved_skin(result.displacement) - model.skin_points
-        fields[name] = moved[own[name][shared]], result.seconds
+        fields[name] = moved[index[name][shared]], result.seconds
     finest, rows = fields["reference"][0], []
     for name in (METHODS, OUTCOME):
         field, seconds = fields[name]

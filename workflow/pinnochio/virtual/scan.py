@@ -57,8 +57,8 @@ def smooth_noise(points: np.ndarray, rng: np.random.Generator, length: float, wa
 
 def largest_patch(faces: np.ndarray, count: int) -> np.ndarray:
     """Triangles of the connected patch that has most of them."""
-    own = components(faces[:, [0, 1, 1, 2]].reshape(-1, 2), count)[faces[:, 0]]
-    return faces[own == np.bincount(own).argmax()]
+    patch = components(faces[:, [0, 1, 1, 2]].reshape(-1, 2), count)[faces[:, 0]]
+    return faces[patch == np.bincount(patch).argmax()]
 
 
 def seen(points: np.ndarray, faces: np.ndarray, coverage: float) -> np.ndarray:

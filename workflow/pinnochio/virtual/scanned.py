@@ -69,8 +69,8 @@ def fit(identity: tuple[float, ...], male: bool, values: dict[str, float]) -> He
         arch_depth=float(teeth[[1, 14], 1].mean() + 5.0 - teeth[7:9, 1].mean()),
         chin_height=chin[2] - menton,
     )
-    own = values | dict.fromkeys(SCULPTED, 0.0)
-    own |= {
+    numbers = values | dict.fromkeys(SCULPTED, 0.0)
+    numbers |= {
         "face_height": height,
         "lower_share": (spine - menton) / height,
         "face_width": _cheek_width(face),
@@ -83,17 +83,17 @@ def fit(identity: tuple[float, ...], male: bool, values: dict[str, float]) -> He
         "occlusal_cant": 0.0,
         "eye_spacing": float(face.eyes[0, 0] - face.eyes[1, 0]),
     }
-    own = {name: round(float(value), 4) for name, value in own.items()}
+    numbers = {name: round(float(value), 4) for name, value in numbers.items()}
     anchors = Anchors(**{name: round(float(value), 4) for name, value in vars(anchors).items()})
-    normal = HeadParameters(deformity=NORMAL, male=male, relief_seed=0, scanned=Scanned(identity, anchors), **own)
+    normal = HeadParameters(deformity=NORMAL, male=male, relief_seed=0, scanned=Scanned(identity, anchors), **numbers)
     return replace(normal, gonial_width=_gonial_width(normal, face))
 
 
 def _cheek_width(face: Face) -> float:
     """Width (mm) across the cheeks in front of the ears."""
     p = face.points
-    own = (p[:, 1] > -70) & (p[:, 1] < -18) & (np.abs(p[:, 2]) < 15)
-    return float(2 * np.quantile(np.abs(p[own, 0]), 0.98))
+    cheek = (p[:, 1] > -70) & (p[:, 1] < -18) & (np.abs(p[:, 2]) < 15)
+    return float(2 * np.quantile(np.abs(p[cheek, 0]), 0.98))
 
 
 def _gonial_width(normal: HeadParameters, face: Face) -> float:

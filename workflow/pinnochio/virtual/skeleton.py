@@ -81,8 +81,8 @@ class Skeleton:
             ramus, body = top - gonion, chin - gonion
             lengths = np.linalg.norm(ramus), np.linalg.norm(body)
             angle = np.degrees(np.arccos(ramus @ body / (lengths[0] * lengths[1])))
-            asked = ((p.ramus_height, "ramus_height"), (p.mandible_length, "mandible_length"))
-            miss = [(f - a) / TABLE[n].sd for f, (a, n) in zip(lengths, asked, strict=True)]
+            wanted = ((p.ramus_height, "ramus_height"), (p.mandible_length, "mandible_length"))
+            miss = [(f - a) / TABLE[n].sd for f, (a, n) in zip(lengths, wanted, strict=True)]
             return [*miss, (angle - p.gonial_angle) / TABLE["gonial_angle"].sd]
 
         return least_squares(misfit, [-14.0, top[1] - p.ramus_height], bounds=([-30, -80], [-4, -30])).x

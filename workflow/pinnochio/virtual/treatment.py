@@ -28,7 +28,7 @@ LEAST_ADVANCE = 2.0  # mm of the chin below which nobody operates on it [I]
 def jaw_anatomy(head: Head) -> JawAnatomy:
     """Reference points of the segments, from the voxels of the head."""
     points = [voxels(head, name) for name in head.segments]
-    segment = np.repeat(np.arange(len(points)), [len(own) for own in points])
+    segment = np.repeat(np.arange(len(points)), [len(bone) for bone in points])
     return JawAnatomy.from_points(np.concatenate(points), segment, head.segments)
 
 
