@@ -13,9 +13,9 @@ from pinnochio.importing.segmentation import read_labels
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.meshing.interfaces import label_interfaces, opposing_pairs
-from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.meshing.lips import bite
 from pinnochio.meshing.refinement import refine_mouth
+from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import BoneSurface, read_surface
 from pinnochio.plans.plan import Plan

@@ -4,7 +4,7 @@ import logging
 
 from pinnochio.importing.segmentation import read_labels
 from pinnochio.logs import attach_log
-from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.meshing.tetrahedralize import tetrahedralize
 
 
 def mesh_case(labels: str, nodes: int, minimum_dihedral: float, mesh: str) -> None:

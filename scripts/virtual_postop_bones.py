@@ -6,7 +6,7 @@ from pinnochio.importing.segmentation import read_segmentation, write_segmentati
 from pinnochio.logs import attach_log
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
-from pinnochio.virtual.postop_bones import scan_bones
+from pinnochio.virtual.bone_scan import scan_bones
 
 
 def virtual_postop_bones(

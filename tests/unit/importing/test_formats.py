@@ -16,7 +16,7 @@ from pinnochio.errors import InputError
 from pinnochio.geometry.closed_surfaces import voxelised
 from pinnochio.importing.cohort import read_cases
 from pinnochio.importing.segmentation import read_segmentation
-from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.surfaces import bone_surface, contour, skin_surface
 from tests.helpers.dicom import save_dicom_seg, scan_slices

@@ -13,7 +13,7 @@ from pinnochio.importing.muscle_layer import derive_muscle, muscle_layer
 from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.meshing.interfaces import label_interfaces
-from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.methods.pinnochio.losses import physics_loss, volume_loss
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.metrics.validity import volume_metrics

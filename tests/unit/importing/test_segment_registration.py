@@ -16,9 +16,9 @@ from pinnochio.model.labels import CRANIUM, segment_code
 from pinnochio.model.surfaces import bone_surface, write_surface
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.segments import motion_errors
+from pinnochio.virtual.bone_scan import scan_bones
 from pinnochio.virtual.head import SEGMENTS, build_head
 from pinnochio.virtual.parameters import sample_parameters
-from pinnochio.virtual.postop_bones import scan_bones
 
 TRUE = Plan(
     "P1",

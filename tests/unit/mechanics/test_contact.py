@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import boundary_faces
+from pinnochio.geometry.mesh_topology import boundary_faces
 from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.boundary.contact import ContactSet, UnilateralContact, penalty

@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from pinnochio.geometry.faces import boundary_faces
+from pinnochio.geometry.mesh_topology import boundary_faces
 from pinnochio.geometry.scattered import farthest
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.elements.materials import neo_hookean

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import boundary_faces
+from pinnochio.geometry.mesh_topology import boundary_faces
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.loads import Loads, OuterForces, surface_stiffness
 from pinnochio.mechanics.elements.materials import neo_hookean

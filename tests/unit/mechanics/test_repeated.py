@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import boundary_faces
+from pinnochio.geometry.mesh_topology import boundary_faces
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.boundary.loads import Loads, OuterForces
 from pinnochio.mechanics.boundary.sliding import HeldNodes, SlidingContact, SlidingSet, bones_of

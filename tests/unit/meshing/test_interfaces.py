@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
 from pinnochio.meshing.interfaces import label_interfaces
-from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.model import patient as m
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
 from pinnochio.model.surfaces import bone_surface

@@ -4,9 +4,9 @@ import numpy as np
 
 from pinnochio.meshing.embedding import bridging, embed
 from pinnochio.meshing.interfaces import opposing_pairs
-from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.meshing.lip_sides import sides_of_nodes, sides_of_points
 from pinnochio.meshing.lips import bite
+from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.model.labels import AIR, SUPERFICIAL
 from pinnochio.model.patient import LOWER_LIP, NOT_LIP, UPPER_LIP
 from pinnochio.model.surfaces import bone_surface

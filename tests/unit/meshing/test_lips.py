@@ -5,8 +5,8 @@ import pytest
 from scipy import ndimage
 
 from pinnochio.meshing.interfaces import label_interfaces
-from pinnochio.meshing.lattice import tetrahedralize
 from pinnochio.meshing.lips import bite, lip_nodes
+from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.model import patient as m
 from pinnochio.model.labels import AIR, SUPERFICIAL
 from pinnochio.model.patient import PatientModel

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pinnochio.geometry.faces import adjacency
+from pinnochio.geometry.mesh_topology import adjacency
 from pinnochio.meshing.mesh import TetMesh
-from pinnochio.meshing.quality import acceptable, acceptable_move, neighbour_mean
+from pinnochio.meshing.smoothing import acceptable, acceptable_move, neighbour_mean
 from tests.helpers.heads import kuhn_cube
 
 REGULAR = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)

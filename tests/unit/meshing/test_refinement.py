@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import EDGES, FACES, boundary_faces
-from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.geometry.mesh_topology import EDGES, FACES, boundary_faces
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.refinement import refine
+from pinnochio.meshing.tetrahedralize import tetrahedralize
 from tests.helpers.heads import ORIGIN, block_face, kuhn_cube
 
 MOUTH = ORIGIN + [28, 12, 34]

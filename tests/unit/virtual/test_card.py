@@ -15,7 +15,7 @@ from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
 from pinnochio.virtual.card import data_card, markdown_table, spread
-from pinnochio.virtual.files import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES
+from pinnochio.virtual.case_files import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES
 from pinnochio.virtual.ground_truth import EFFECTS
 from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE, sample_parameters
 from pinnochio.virtual.procedures import Procedure

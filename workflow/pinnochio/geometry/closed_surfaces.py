@@ -9,7 +9,7 @@ import pyvista as pv
 import SimpleITK as sitk
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import pieces
+from pinnochio.geometry.mesh_topology import pieces
 from pinnochio.geometry.surface_integrity import check_surface, read_mesh, read_ply
 from pinnochio.geometry.triangles import enclosed_volume, face_normals
 

@@ -6,7 +6,7 @@ from scipy import ndimage
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from pinnochio.geometry.faces import edge_graph, edges_of
+from pinnochio.geometry.mesh_topology import edge_graph, edges_of
 from pinnochio.meshing.fields import is_tissue
 from pinnochio.meshing.lips import near_mouth
 from pinnochio.model.labels import AIR

@@ -8,7 +8,7 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.files import check_seal, replacing, seal
-from pinnochio.geometry.faces import EDGES, boundary_faces
+from pinnochio.geometry.mesh_topology import EDGES, boundary_faces
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import EDGES, edges_of
+from pinnochio.geometry.mesh_topology import EDGES, edges_of
 from pinnochio.meshing.lips import near_mouth
 from pinnochio.meshing.mesh import TetMesh
 

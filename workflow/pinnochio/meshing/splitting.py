@@ -4,7 +4,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from pinnochio.geometry.faces import FACES, adjacency, boundary_faces
+from pinnochio.geometry.mesh_topology import FACES, adjacency, boundary_faces
 from pinnochio.meshing.fields import Fields
 from pinnochio.meshing.mesh import volumes
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.geometry.faces import EDGES
+from pinnochio.geometry.mesh_topology import EDGES
 from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.importing.repair import repaired_voxels
 from pinnochio.meshing.mesh import TetMesh

@@ -23,7 +23,7 @@ from pinnochio.study.provenance import PLACES
 from pinnochio.tables.stability import FAMILIES, OF_PATIENTS
 from pinnochio.training.archive import NetworkArchive
 from pinnochio.training.settings import PHASES
-from pinnochio.virtual.files import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
+from pinnochio.virtual.case_files import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
 from pinnochio.virtual.procedures import Procedure, dealt
 
 STUDY_FILES = "<results>/cases/{case}"

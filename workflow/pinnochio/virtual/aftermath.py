@@ -20,7 +20,7 @@ from pinnochio.model.labels import AIR
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import displacement_at
 from pinnochio.virtual.covariates import Covariates
-from pinnochio.virtual.scan import smooth_noise
+from pinnochio.virtual.face_scan import smooth_noise
 
 LIP_THICKNESS = 10.0  # mm from bone at which tissue follows fully; none at the bone [I]
 NORMAL_REACH, NORMAL_NEIGHBOURS = 6.0, 48  # mm over which normals of the skin are averaged [I]

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from pinnochio.plans.plan import Plan
+from pinnochio.virtual.case_files import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
 from pinnochio.virtual.covariates import MEANING
-from pinnochio.virtual.files import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
 from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, REALITIES, in_reality
 from pinnochio.virtual.parameters import FITTED, SHIFTS, TABLE
 from pinnochio.virtual.procedures import DEFORMITIES
@@ -50,11 +50,11 @@ ATTRIBUTION = (
 )
 SCANNED = """\
 Each patient starts as a normal person. The face is a draw of the model's coordinates (standard normal within 2.5; women
-and men differ by what the table of differences in `virtual/faces.py` says [R]); the skull is fitted inside it, so that
-the bone lies the drawn thickness below the skin at the landmarks; height and arch of the teeth are the model's, the
-incisors lie the lips' thickness behind the lips. Then the jaws are moved and grown as the deformity has it, and the
-skin goes with them as elastic tissue that slides over teeth and gums (Poisson's ratio 0.45, small strains). Numbers
-marked *the face* follow from the draw; thicknesses hold before the deformity."""
+and men differ by what the table of differences in `virtual/morphable_model.py` says [R]); the skull is fitted inside
+it, so that the bone lies the drawn thickness below the skin at the landmarks; height and arch of the teeth are the
+model's, the incisors lie the lips' thickness behind the lips. Then the jaws are moved and grown as the deformity has
+it, and the skin goes with them as elastic tissue that slides over teeth and gums (Poisson's ratio 0.45, small strains).
+Numbers marked *the face* follow from the draw; thicknesses hold before the deformity."""
 SCANNED_LIMITS = """
 * The face model is one of neutral expressions without hair; its teeth are modelled, not scanned, and of its sample
   sexes, ages and origins are not stated. Women and men are told apart by size and proportion alone.

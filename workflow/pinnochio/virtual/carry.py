@@ -14,11 +14,11 @@ from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.sliding import SlidingSet
 from pinnochio.mechanics.elements.materials import neo_hookean
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
-from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL
 from pinnochio.virtual.cavities import WALL, behind_lips, oral
-from pinnochio.virtual.faces import Face, face_solid, first_hit, make_face
 from pinnochio.virtual.implicit import Field
+from pinnochio.virtual.morphable_model import ModelFace, face_solid, first_hit, make_face
 from pinnochio.virtual.parameters import HeadParameters
 from pinnochio.virtual.skeleton import SIDES, Skeleton, mandible, upper_skull
 from pinnochio.virtual.skin import REACH, SITES, STEP, sites
@@ -46,10 +46,10 @@ class Stroke:
 
 
 @dataclass(frozen=True)
-class Anatomy:
+class CarriedFace:
     """A patient's face after the deformity, and the corrections of the skull below it."""
 
-    face: Face
+    face: ModelFace
     strokes: tuple[Stroke, ...]
 
     def sculpt(self, upper: Field, jaw: Field) -> None:
@@ -59,7 +59,7 @@ class Anatomy:
 
 
 @lru_cache(maxsize=8)
-def anatomy(parameters: HeadParameters) -> Anatomy:
+def anatomy(parameters: HeadParameters) -> CarriedFace:
     """The face of a scanned patient, carried from the normal person's by the motion of the jaws."""
     normal = parameters.scanned.normal
     face, before, after = make_face(parameters.scanned.identity), Skeleton(normal), Skeleton(parameters)
@@ -69,10 +69,10 @@ def anatomy(parameters: HeadParameters) -> Anatomy:
     motion = jaw_motion(before, after)
     field = _carried(face, before, after, axes, upper, jaw, motion)
     moved = [replace(s, place=s.place + motion(s.place[None])[0]) if s.jaw else s for s in strokes]
-    return Anatomy(displaced(face, field), tuple(moved))
+    return CarriedFace(displaced(face, field), tuple(moved))
 
 
-def displaced(face: Face, field: np.ndarray) -> Face:
+def displaced(face: ModelFace, field: np.ndarray) -> ModelFace:
     """The face with its skin points moved by a field (n, 3) mm; marks go along, teeth and eyes stay."""
 
     def along(places):
@@ -89,14 +89,14 @@ def displaced(face: Face, field: np.ndarray) -> Face:
     )
 
 
-def _axes(face: Face, s: Skeleton) -> list[np.ndarray]:
+def _axes(face: ModelFace, s: Skeleton) -> list[np.ndarray]:
     anterior = face.points[face.points[:, 1] < 2]
     half, front = np.abs(anterior[:, 0]).max() + 4, anterior[:, 1].min() - 6
     ends = ((-half, half), (front, 2.0), (s.menton[2] - BELOW, s.nasion[2] + ABOVE))
     return [np.arange(np.floor(a / SPACING), np.floor(b / SPACING) + 1) * SPACING for a, b in ends]
 
 
-def fit_bone(upper: Field, jaw: Field, face: Face, s: Skeleton) -> list[Stroke]:
+def fit_bone(upper: Field, jaw: Field, face: ModelFace, s: Skeleton) -> list[Stroke]:
     """Raise or dent the bones until the skin is as thick as drawn at the landmarks but the lips and cheeks; strokes.
 
     There the teeth decide, which stay as they are.

@@ -13,9 +13,9 @@ from pinnochio.geometry.interpolation import interpolate
 from pinnochio.geometry.triangles import face_normals
 from pinnochio.model.truth import read_truth
 from pinnochio.tables.document import Block, Table, View
+from pinnochio.virtual.face_scan import Scan
 from pinnochio.virtual.ground_truth import CHANGE, EFFECTS, NOMINAL, SCAN, alone, in_reality, resolve
 from pinnochio.virtual.outcome import Operation, Outcome, change, changed, meshed, moved, operate, photograph
-from pinnochio.virtual.scan import Scan
 
 REMESHED = ("nodes", "sliding_band_factor")  # effects that need a model of their own
 NOTHING, EVERYTHING = "none", "all"
@@ -37,7 +37,7 @@ SUMMARY = (
 )
 
 
-class Face:
+class OuterFace:
     """The judged face of the nominal outcome, against which everything is measured."""
 
     def __init__(self, operation: Operation, nominal: Outcome):
@@ -73,7 +73,7 @@ def measure(operation: Operation, truth: str) -> list[dict]:
     """
     off = resolve(NOMINAL)
     nominal = operate(operation, off)
-    face = Face(operation, nominal)
+    face = OuterFace(operation, nominal)
 
     def row(effect: str, errors: np.ndarray, lost: float = 0.0) -> dict:
         return {"case": operation.case, "effect": effect, "mean": errors.mean(), "p95": np.percentile(errors, 95),

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.importing.presets import LOWER_TEETH, UPPER_TEETH
-from pinnochio.virtual.faces import Face, face_model, face_solid, make_face
+from pinnochio.virtual.morphable_model import ModelFace, face_model, face_solid, make_face
 
 STEPS = 25
 THICKNESS = 5.0  # mm of soft tissue over bone at least: less than most published means [I]
@@ -24,7 +24,7 @@ SLIT = 1.0  # mm: half the height of the slit between the lips
 class FittedFace:
     """face in its own frame; rotation (3, 3), shift (3,) mm bring it to the patient; covered: share of bone inside."""
 
-    face: Face
+    face: ModelFace
     rotation: np.ndarray
     shift: np.ndarray
     covered: float

@@ -9,9 +9,9 @@ from scipy import ndimage
 from pinnochio.model.labels import AIR, MUSCLE, SUPERFICIAL
 from pinnochio.virtual.carry import anatomy
 from pinnochio.virtual.cavities import MUCOSA, WALL, air_in, airway, behind_lips, oral, slit
-from pinnochio.virtual.faces import Face, face_solid
+from pinnochio.virtual.cuts import cut
+from pinnochio.virtual.morphable_model import ModelFace, face_solid
 from pinnochio.virtual.muscles import MUSCLES, muscle_region
-from pinnochio.virtual.osteotomy import cut
 from pinnochio.virtual.parameters import HeadParameters
 from pinnochio.virtual.procedures import Procedure
 from pinnochio.virtual.skeleton import Skeleton, mandible, upper_skull
@@ -126,7 +126,7 @@ def _scanned(s: Skeleton, spacing: float) -> _Soft:
     return _Soft(axes, depth, (upper.values < 0) & covered, (jaw.values < 0) & covered, air, face.marks, face.line)
 
 
-def face_grid(s: Skeleton, face: Face, spacing: float) -> list[np.ndarray]:
+def face_grid(s: Skeleton, face: ModelFace, spacing: float) -> list[np.ndarray]:
     """Axes of the volume round a scanned face, cut where :func:`grid` cuts."""
     anterior = face.points[(face.points[:, 1] < 3) & (face.points[:, 2] > s.menton[2] - 40)]
     half = np.ceil((np.abs(anterior[:, 0]).max() + 6) / spacing) * spacing

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pinnochio.geometry.faces import boundary_faces
+from pinnochio.geometry.mesh_topology import boundary_faces
 from pinnochio.geometry.triangles import closest_on_triangles
 from pinnochio.mechanics.boundary.loads import Loads
 from pinnochio.mechanics.elements.tetrahedra import node_volumes

@@ -18,7 +18,7 @@ from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.simulation import Simulator
 from pinnochio.mechanics.solvers.inversion_repair import repair_inversions
 from pinnochio.meshing.interfaces import label_interfaces
-from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.surfaces import BoneSurface, bone_surface, skin_surface
 from pinnochio.plans.plan import Plan
@@ -26,9 +26,9 @@ from pinnochio.plans.sampling import execution_error
 from pinnochio.seeds import generator
 from pinnochio.virtual.aftermath import CHANGES, Circumstances, Site, expression, lip_gap, looseness, read_landmarks
 from pinnochio.virtual.covariates import Covariates, thickness_scores
+from pinnochio.virtual.face_scan import Scan, scan
 from pinnochio.virtual.ground_truth import OutcomeSettings
 from pinnochio.virtual.loading import loads
-from pinnochio.virtual.scan import Scan, scan
 
 LOG = logging.getLogger(__name__)
 TURN = 6.0, 12.0  # degrees by which the lattice of the outcome is turned [I]

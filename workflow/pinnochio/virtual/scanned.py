@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinnochio.virtual.faces import Face, first_hit, make_face, sample_identity
+from pinnochio.virtual.morphable_model import ModelFace, first_hit, make_face, sample_identity
 from pinnochio.virtual.parameters import (
     NORMAL,
     SCULPTED,
@@ -89,14 +89,14 @@ def fit(identity: tuple[float, ...], male: bool, values: dict[str, float]) -> He
     return replace(normal, gonial_width=_gonial_width(normal, face))
 
 
-def _cheek_width(face: Face) -> float:
+def _cheek_width(face: ModelFace) -> float:
     """Width (mm) across the cheeks in front of the ears."""
     p = face.points
     cheek = (p[:, 1] > -70) & (p[:, 1] < -18) & (np.abs(p[:, 2]) < 15)
     return float(2 * np.quantile(np.abs(p[cheek, 0]), 0.98))
 
 
-def _gonial_width(normal: HeadParameters, face: Face) -> float:
+def _gonial_width(normal: HeadParameters, face: ModelFace) -> float:
     """Width (mm) between the gonia that leaves the masseter's thickness over the middle of the ramus."""
     s = Skeleton(normal)
     lateral = []

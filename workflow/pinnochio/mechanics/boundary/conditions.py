@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import boundary_faces, edge_graph, edges_of
+from pinnochio.geometry.mesh_topology import boundary_faces, edge_graph, edges_of
 from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.mechanics.boundary.contact import ContactSet, unilateral_set
 from pinnochio.mechanics.boundary.lips import facing_sets

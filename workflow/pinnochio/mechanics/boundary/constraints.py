@@ -5,7 +5,7 @@ import copy
 import numpy as np
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import pieces
+from pinnochio.geometry.mesh_topology import pieces
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.sliding import SlidingContact
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import edges_of
+from pinnochio.geometry.mesh_topology import edges_of
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.patches import make_patches
 

@@ -25,7 +25,7 @@ import numpy as np
 from scipy import sparse
 
 from pinnochio.compiled import compiled
-from pinnochio.geometry.faces import edges_of
+from pinnochio.geometry.mesh_topology import edges_of
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.constraints import Constraints
 from pinnochio.mechanics.boundary.loads import OuterForces

@@ -46,7 +46,7 @@ class FaceModel:
 
 
 @dataclass(frozen=True)
-class Face:
+class ModelFace:
     """One face: skin points (n, 3) mm and triangles (f, 3), eyeballs, landmarks and teeth by name.
 
     eyes (2, 3) their centres, eye_radius mm; line (m, 3) between the lips, right to left commissure; nostrils (2, 3)
@@ -98,7 +98,7 @@ def sample_identity(rng: np.random.Generator, male: bool) -> tuple[float, ...]:
     return tuple(np.round(half + spread * draws, 4).tolist())
 
 
-def make_face(identity) -> Face:
+def make_face(identity) -> ModelFace:
     """The face of an identity (k,), its own tragi at y = 0, its midline at x = 0."""
     model = face_model()
     points = model.mean + np.einsum("k,knx->nx", np.asarray(identity, float), model.modes)
@@ -133,7 +133,7 @@ def make_face(identity) -> Face:
         "jaw_left": corner[12],
         "jaw_right": corner[4],
     }
-    return Face(
+    return ModelFace(
         points,
         model.triangles,
         points[model.eyes],
@@ -191,7 +191,7 @@ def solid(points: np.ndarray, triangles: np.ndarray, axes) -> np.ndarray:
     return np.cumsum(crossings[:, :-1], axis=1) % 2 == 1
 
 
-def face_solid(face: Face, axes) -> np.ndarray:
+def face_solid(face: ModelFace, axes) -> np.ndarray:
     """The head of a face, closed at the eyes by the eyeballs; small gaps and specks of the scan conversion mended."""
     inside = solid(face.points, face.triangles, axes)
     x, y, z = (np.asarray(axis)[tuple(np.s_[:] if i == j else None for j in range(3))] for i, axis in enumerate(axes))

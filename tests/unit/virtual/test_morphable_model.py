@@ -15,8 +15,16 @@ from pinnochio.seeds import generator
 from pinnochio.virtual.carry import anatomy
 from pinnochio.virtual.cavities import airway
 from pinnochio.virtual.description import describe
-from pinnochio.virtual.faces import DIMORPHISM, LIMIT, face_model, first_hit, make_face, sample_identity, solid
 from pinnochio.virtual.head import CRUMB, SEGMENTS, build_head
+from pinnochio.virtual.morphable_model import (
+    DIMORPHISM,
+    LIMIT,
+    face_model,
+    first_hit,
+    make_face,
+    sample_identity,
+    solid,
+)
 from pinnochio.virtual.parameters import DEFORMITIES, FITTED, NORMAL, NORMAL_OVERJET, SCULPTED
 from pinnochio.virtual.procedures import Procedure
 from pinnochio.virtual.scanned import sample_patient

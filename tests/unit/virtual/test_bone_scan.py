@@ -8,9 +8,9 @@ from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.importing.segmentation import Segmentation
 from pinnochio.model.labels import CRANIUM, segment_code
 from pinnochio.plans.plan import Plan
+from pinnochio.virtual.bone_scan import ANGLE, SPACING, plate_sites, scan_bones
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
-from pinnochio.virtual.postop_bones import ANGLE, SPACING, plate_sites, scan_bones
 
 MOVED = Plan("P1", {"mandible_distal": RigidMotion.from_degrees((3, 0, 1), (0, -8, 2), (0, -60, -60))})
 

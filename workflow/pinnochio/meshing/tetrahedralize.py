@@ -13,10 +13,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import EDGES, adjacency, faces_of
+from pinnochio.geometry.mesh_topology import EDGES, adjacency, faces_of
 from pinnochio.meshing.fields import Fields, is_tissue, without_specks
 from pinnochio.meshing.mesh import TetMesh, volumes
-from pinnochio.meshing.quality import acceptable_move, neighbour_mean
+from pinnochio.meshing.smoothing import acceptable_move, neighbour_mean
 from pinnochio.meshing.splitting import crowded_cells, cut_nodes, joined_pairs, pieces, simplex_points, split_nodes
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 

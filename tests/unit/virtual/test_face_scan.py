@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pinnochio.geometry.triangles import vertex_normals
-from pinnochio.virtual.scan import RIM, outer_border, scan, smooth_noise
+from pinnochio.virtual.face_scan import RIM, outer_border, scan, smooth_noise
 from tests.helpers.heads import dome
 
 OFF = {"noise": 0.0, "holes": 0, "coverage": None, "frame": 0.0}

@@ -9,9 +9,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.faces import adjacency
+from pinnochio.geometry.mesh_topology import adjacency
 from pinnochio.meshing.fields import is_tissue, signed_distance, without_specks
-from pinnochio.meshing.lattice import tetrahedralize
+from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
 from tests.helpers.settings import DATA
 
