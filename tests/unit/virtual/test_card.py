@@ -15,7 +15,7 @@ from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
 from pinnochio.virtual.card import data_card, markdown_table, spread
-from pinnochio.virtual.case_files import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES
+from pinnochio.virtual.case_files import FILES, INPUTS, LOCKED, OUTCOME_CHECKSUMS, OUTCOMES
 from pinnochio.virtual.ground_truth import EFFECTS
 from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE, sample_parameters
 from pinnochio.virtual.procedures import Procedure
@@ -172,7 +172,7 @@ def test_the_card_of_a_locked_cohort_tells_no_outcome_and_how_to_reveal_it(anato
     locked = VIRTUAL | {"role": LOCKED}
     card = data_card(anatomies, plans, seed=2, code="", virtual=locked, labels=LABELS, tables={})
     assert not any(cells(card, f"`{name}`") for name in OUTCOMES) and all(cells(card, f"`{name}`") for name in INPUTS)
-    assert "snakemake reveal" in card and OUTCOME_SUMS in card and "no setting is ever chosen on it" in card
+    assert "snakemake reveal" in card and OUTCOME_CHECKSUMS in card and "no setting is ever chosen on it" in card
 
 
 def test_a_cohort_is_compared_with_its_frozen_checksums(tmp_path):

@@ -23,7 +23,7 @@ from pinnochio.study.provenance import PLACES
 from pinnochio.tables.stability import FAMILIES, OF_PATIENTS
 from pinnochio.training.archive import NetworkArchive
 from pinnochio.training.settings import PHASES
-from pinnochio.virtual.case_files import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
+from pinnochio.virtual.case_files import CHECKSUMS, FILES, INPUTS, LOCKED, OUTCOME_CHECKSUMS, OUTCOMES
 from pinnochio.virtual.procedures import Procedure, dealt
 
 STUDY_FILES = "<results>/cases/{case}"
@@ -399,13 +399,13 @@ class Study:
         """The files of the virtual cohort that a file of checksums holds: of a locked one its outcomes apart."""
         if not self.locked:
             return self.virtual_files(*FILES)
-        return self.virtual_files(*(OUTCOMES if wildcards.sums == OUTCOME_SUMS else INPUTS))
+        return self.virtual_files(*(OUTCOMES if wildcards.sums == OUTCOME_CHECKSUMS else INPUTS))
 
     @property
     def sums(self) -> list[str]:
         """The files of checksums that are made; of a locked cohort's outcomes where they have been revealed."""
-        revealed = self.locked and Path(self.results, "virtual", OUTCOME_SUMS).is_file()
-        return [SUMS, *([OUTCOME_SUMS] if revealed else [])]
+        revealed = self.locked and Path(self.results, "virtual", OUTCOME_CHECKSUMS).is_file()
+        return [CHECKSUMS, *([OUTCOME_CHECKSUMS] if revealed else [])]
 
     @property
     def first_fold(self) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pinnochio.plans.plan import Plan
-from pinnochio.virtual.case_files import FILES, INPUTS, LOCKED, OUTCOME_SUMS, OUTCOMES, SUMS
+from pinnochio.virtual.case_files import CHECKSUMS, FILES, INPUTS, LOCKED, OUTCOME_CHECKSUMS, OUTCOMES
 from pinnochio.virtual.covariates import MEANING
 from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, REALITIES, in_reality
 from pinnochio.virtual.parameters import FITTED, SHIFTS, TABLE
@@ -28,7 +28,8 @@ ROLES = {
 }
 HIDDEN = f"""\
 The outcomes of this cohort ({", ".join(f"`{name}`" for name in OUTCOMES)}) are not in this packet. `snakemake reveal
---configfile config/locked.yaml --cores 2` makes them, with their checksums in `{OUTCOME_SUMS}`; do so once, when every
+--configfile config/locked.yaml --cores 2` makes them, with their checksums in `{OUTCOME_CHECKSUMS}`; do \
+so once, when every
 setting is final, and report all that you then find."""
 LIMITS = """\
 * Every patient, plan and outcome is simulated: results on this cohort are results on a virtual cohort. Nothing was
@@ -195,20 +196,8 @@ def data_card(
     anatomies: per patient `deformity`, `male` and the numbers of :data:`TABLE`; plans in the same order; virtual: that
     section of the configuration; labels: voxel value of each structure; tables: Markdown of any of :data:`TABLES`.
     """
-    count, locked, scanned = len(anatomies), virtual["role"] == LOCKED, virtual["anatomy"] == "scanned"
-    files = INPUTS if locked else FILES
+    count, scanned = len(anatomies), virtual["anatomy"] == "scanned"
     men = sum(bool(anatomy["male"]) for anatomy in anatomies)
-    made = [
-        ("command", "`snakemake cohort --cores 2`"),
-        ("seed", seed),
-        ("role", ROLES[virtual["role"]]),
-        ("code", f"`{code}` (content hash of the modules that made it, whatever the commit)"),
-        ("patients", count),
-        ("anatomy", f"{virtual['anatomy']} (`virtual.anatomy` of the configuration)"),
-        ("voxel edge", f"{virtual['spacing']:g} mm"),
-        ("muscles labelled", ", ".join(virtual["muscles"])),
-    ]
-    values = [("air", 0), *labels.items()]
     sections = [
         "# Data card: virtual cohort for facial soft-tissue prediction",
         f"{count} simulated patients ({count - men} women, {men} men) with a dentofacial deformity, a plan "
@@ -219,8 +208,41 @@ def data_card(
         "Tags of sources: **[S]** sourced, **[R]** recalled from the literature, **[I]** our choice. Units are mm, kPa "
         "and degrees; the frame is LPS (+x the patient's left, +y posterior, +z up).",
         "## How it was made",
-        markdown_table(("what", "value"), made),
+        origin_table(count, seed, code, virtual),
         "The same configuration, seed and code give the same patients.",
+        *_patients(anatomies, plans, scanned),
+        *_outcome(virtual["outcome"]),
+        *(part for name, title in TABLES.items() if name in tables for part in (f"## {title}", tables[name].strip())),
+        *_files(labels, virtual["role"] == LOCKED),
+        "## Evaluate your own method",
+        EVALUATION,
+        "## Limits",
+        LIMITS + (SCANNED_LIMITS if scanned else ""),
+        "## Cite",
+        "Cite this software by its `CITATION.cff`, with seed and code hash from above, and the paper whose task it "
+        'poses: Lee et al. 2026, PINNOCHIO, arXiv 2606.01572. Say "virtual cohort" beside every number.',
+    ]
+    return "\n\n".join(sections) + "\n"
+
+
+def origin_table(count: int, seed: int, code: str, virtual: Mapping[str, Any]) -> str:
+    """By which command, seed, code and configuration the cohort was made."""
+    rows = [
+        ("command", "`snakemake cohort --cores 2`"),
+        ("seed", seed),
+        ("role", ROLES[virtual["role"]]),
+        ("code", f"`{code}` (content hash of the modules that made it, whatever the commit)"),
+        ("patients", count),
+        ("anatomy", f"{virtual['anatomy']} (`virtual.anatomy` of the configuration)"),
+        ("voxel edge", f"{virtual['spacing']:g} mm"),
+        ("muscles labelled", ", ".join(virtual["muscles"])),
+    ]
+    return markdown_table(("what", "value"), rows)
+
+
+def _patients(anatomies: Sequence[Mapping[str, Any]], plans: Sequence[Plan], scanned: bool) -> list[str]:
+    """Who they are, from which distributions, and how they are operated on."""
+    return [
         "## Patients",
         patients_table(anatomies),
         "## Sampled numbers",
@@ -237,30 +259,32 @@ def data_card(
         "## Plans",
         "Planned motion, mean ± SD [lowest, highest]: translation at the pivot of the plan, and angle of rotation.",
         plans_table(anatomies, plans),
+    ]
+
+
+def _outcome(settings: Mapping[str, Any]) -> list[str]:
+    """How the face after surgery came about; settings: the section `virtual.outcome`."""
+    return [
         "## Outcome",
         "What makes the simulated outcome other than any method's computation. Each effect has a switch of its own "
         "(`virtual.outcome.effects` in the configuration) and draws of its own.",
-        reality_of(virtual["outcome"]["reality"]),
-        effects_table(virtual["outcome"]["effects"], virtual["outcome"]["reality"]),
+        reality_of(settings["reality"]),
+        effects_table(settings["effects"], settings["reality"]),
         "The column *noise* is what no plan, anatomy or covariate decides. Covariates (`covariates.json`) are inputs "
         "that a method may read; all of them are drawn, with these distributions:",
         covariates_table(),
-        *(part for name, title in TABLES.items() if name in tables for part in (f"## {title}", tables[name].strip())),
+    ]
+
+
+def _files(labels: Mapping[str, int | str], locked: bool) -> list[str]:
+    """What a patient's folder holds; of a locked cohort without its outcomes."""
+    files = [(f"`{name}`", *about) for name, about in (INPUTS if locked else FILES).items()]
+    values = [("air", 0), *labels.items()]
+    return [
         "## Files",
-        f"Each patient has a folder; `{SUMS}` holds the checksum of every file (`sha256sum -c {SUMS}`).",
-        markdown_table(
-            ("file", "format", "units and frame", "content", "for"),
-            [(f"`{name}`", *about) for name, about in files.items()],
-        ),
+        f"Each patient has a folder; `{CHECKSUMS}` holds the checksum of every file (`sha256sum -c {CHECKSUMS}`).",
+        markdown_table(("file", "format", "units and frame", "content", "for"), files),
         *([HIDDEN] if locked else []),
         "`truth.h5` is for evaluation only: a method that reads it, in training or prediction, is not comparable.",
         f"Values of `segmentation.nii.gz`: {', '.join(f'{value} {name}' for name, value in values)}.",
-        "## Evaluate your own method",
-        EVALUATION,
-        "## Limits",
-        LIMITS + (SCANNED_LIMITS if scanned else ""),
-        "## Cite",
-        "Cite this software by its `CITATION.cff`, with seed and code hash from above, and the paper whose task it "
-        'poses: Lee et al. 2026, PINNOCHIO, arXiv 2606.01572. Say "virtual cohort" beside every number.',
     ]
-    return "\n\n".join(sections) + "\n"

@@ -51,4 +51,4 @@ OUTCOMES = {
 }
 FILES = INPUTS | OUTCOMES
 LOCKED = "locked"  # role of a cohort that no setting is chosen on; its outcomes are kept apart
-SUMS, OUTCOME_SUMS = "SHA256SUMS", "SHA256SUMS.outcomes"
+CHECKSUMS, OUTCOME_CHECKSUMS = "SHA256SUMS", "SHA256SUMS.outcomes"
