@@ -135,14 +135,6 @@ def test_sliding_band_is_a_distance_to_the_opposing_jaw(face, band):
     assert not sliding[model.node_segment == 2].any()
 
 
-def test_opposing_pairs_can_be_named(face):
-    assert not (labelled(face, opposing=[]).node_type == m.SLIDING).any()
-    split = labelled(face, opposing=[("mandible_distal", "proximal_left")])
-    assert set(split.node_segment[split.node_type == m.SLIDING]) == {1, 2}
-    with pytest.raises(InputError, match="pair"):
-        labelled(face, opposing=[("lefort1", "nose")])
-
-
 def test_kinds(face):
     model = labelled(face)
     z = model.points[:, 2] - ORIGIN[2]

@@ -2,6 +2,7 @@
 
 import logging
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage, sparse
@@ -28,6 +29,25 @@ CUT_REACH = 15.0  # mm: a moving bone so near a cut below it moves the tissue th
 ON_BORDER = 1e-3  # mm
 
 
+class LabelMap(NamedTuple):
+    """labels (nx, ny, nz) internal codes [ix, iy, iz]; spacing and origin (3,) mm."""
+
+    labels: np.ndarray
+    spacing: np.ndarray
+    origin: np.ndarray
+
+
+class Boundary(NamedTuple):
+    """Outward triangles (f, 3) of a mesh; tissue (f,) of their cells; normals (f, 3); areas (f,) mm2;
+    code beyond (f, k) some points of each."""
+
+    faces: np.ndarray
+    tissue: np.ndarray
+    normals: np.ndarray
+    areas: np.ndarray
+    beyond: np.ndarray
+
+
 def label_interfaces(
     mesh: TetMesh,
     labels,
@@ -39,7 +59,6 @@ def label_interfaces(
     *,
     sliding_band: float = 18.0,
     release: float = 5.0,
-    opposing: list[tuple[str, str]] | None = None,
     by_lip: bool = True,
     reach: float = 5.0,
     contact_gap: float = 1.0,
@@ -55,103 +74,38 @@ def label_interfaces(
     (s, 3) and faces (f, 3) of a finer outer skin for the mesh to carry; without it the skin is the mesh's own. by_lip:
     each of its points hangs on its own lip (:mod:`pinnochio.meshing.lip_sides`), wherever the mesh opens the slit.
 
-    Beyond. From points on every boundary triangle a ray goes outward, up to `reach`, to the first label that is not
-    tissue; air up to `contact_gap` thick in front of bone counts as bone. Faces on the border of the volume are cut
-    planes. A node on a cut plane is CUT_PLANE; else, if bone makes up more than `contact_share` of the area around it,
-    the bone with the largest part; else air.
-
-    Types. Cut planes and cranium contact are FIXED, contact with a segment MOVING, but SLIDING where a segment that
-    opposes it is nearer than `sliding_band` (teeth and vestibule). Two bones oppose each other if
-    `opposing` names them, or, without it, if air lies between them on a tenth of the places where they come that near
-    (mouth) and neither is a proximal segment; pieces of one bone meet at an osteotomy, without air. Where the maxilla
-    is not cut, it is the cranium that opposes the lower jaw. At an osteotomy the surgeon
-    lifts the tissue off: contact nearer than `release` to the other bone is FREE [I], and so are both ends of a mesh
-    edge from one bone to the other, which could not follow both. So are the cut plane nodes of an element that has no
-    other nodes but contact of segments: the tissue goes on beyond the cut; and those of a cut in front of the face, or
-    below within CUT_REACH of a segment. All else is FREE, skin and oral surface too.
-
-    Kinds. A bone contact node belongs to muscle if muscle owns at least half of its area against bone, else to
-    superficial tissue; any other node between both tissues is MUSCLE_SUPERFICIAL.
-
-    Skin. Triangles against the air in front of the head that a ball of diameter `opening` reaches, the largest
-    connected piece: neither the mouth nor the nasal cavity. The judged part lies below the nasion, taken as
-    `nasion_above_maxilla` above the top of the maxillary segment, in front of the tragi, taken as
-    `tragus_before_mandible` in front of the hindmost mandible, and `cut_margin` away from cut planes [I].
+    What lies beyond a node: :func:`_nodes_beyond`, by rays of up to `reach` that take air up to `contact_gap` thick in
+    front of bone for bone. Its type: :func:`_node_types`, with :func:`opposing_pairs`. Its interface: :func:`_kinds`.
+    Outer skin: :func:`_skin`, with a ball of diameter `opening`. The part of it that is judged: :func:`_judged`.
     """
-    labels, spacing, origin = np.asarray(labels), np.asarray(spacing, float), np.asarray(origin, float)
+    label_map = LabelMap(np.asarray(labels), np.asarray(spacing, float), np.asarray(origin, float))
     segments = tuple(segments)
     unknown = set(np.unique(bone.segment)) - set(range(-1, len(segments)))
     if unknown:
         raise InputError("-", "bone surface", f"has segments {sorted(unknown)}", "make it with the same segments")
 
-    points, faces = mesh.points, mesh.boundary_faces()[0]
-    owner_tissue = mesh.tissue[mesh.boundary_faces()[1]]
+    points = mesh.points
+    faces, owner = mesh.boundary_faces()
     normals, areas = face_normals(points, faces)
-    beyond, ends = _beyond(points, faces, normals, labels, spacing, origin, reach, contact_gap)
-
-    codes = np.array([AIR, CRANIUM, *(segment_code(i) for i in range(len(segments))), m.CUT_PLANE])
-    # Area (n, codes) around each node, by what lies beyond.
-    share = np.stack([corner_sums(faces, areas * (beyond == code).mean(axis=1), len(points)) for code in codes], 1)
-    surface = share.sum(axis=1) > 0
-    bones = share[:, 1:-1]
-    node_beyond = np.full(len(points), m.INTERIOR, np.int16)
-    contact = surface & (bones.sum(axis=1) > contact_share * share.sum(axis=1))
-    node_beyond[surface] = AIR
-    node_beyond[contact] = codes[1:-1][bones[contact].argmax(axis=1)]
-    node_beyond[share[:, -1] > 0] = m.CUT_PLANE
-    contact = surface & (node_beyond >= CRANIUM) & (node_beyond != m.CUT_PLANE)
-
-    node_segment = np.where(contact & (node_beyond >= FIRST_SEGMENT), node_beyond - FIRST_SEGMENT, -1).astype(np.int8)
-    node_type = np.full(len(points), m.FREE, np.int8)
-    node_type[node_segment >= 0] = m.MOVING
-    node_type[(node_beyond == m.CUT_PLANE) | (node_beyond == CRANIUM)] = m.FIXED
-    if opposing is None:
-        pairs = opposing_pairs(bone, labels, spacing, origin, segments, sliding_band)
-    else:
-        pairs = [_named_pair(pair, segments) for pair in opposing]
+    beyond, ends = _beyond(points, faces, normals, *label_map, reach, contact_gap)
+    boundary = Boundary(faces, mesh.tissue[owner], normals, areas, beyond)
+    node_beyond, contact = _nodes_beyond(boundary, len(points), len(segments), contact_share)
+    pairs = opposing_pairs(bone, *label_map, segments, sliding_band)
     LOG.info("opposing bones: %s", [tuple(segment_name(i, segments) for i in pair) for pair in pairs])
-    body = np.where(contact, node_beyond - FIRST_SEGMENT, NO_BODY)
-    body[contact & (node_beyond == CRANIUM)] = -1
-    for i, j in pairs:
-        for one, other in ((i, j), (j, i)):
-            nodes, target = np.flatnonzero(body == one), bone.points[bone.segment == other]
-            if len(nodes) and len(target):
-                near = cKDTree(target).query(points[nodes])[0] < sliding_band
-                node_type[nodes[near]] = m.SLIDING
-    node_type[_open_cut(points, node_beyond == m.CUT_PLANE, origin - spacing / 2, bone)] = m.FREE
-    released = _released(points, mesh.cells, body, bone, pairs, release)
-    node_type[released], node_segment[released] = m.FREE, -1
-    node_type[_torn_cut(mesh.cells, node_beyond == m.CUT_PLANE, node_segment >= 0)] = m.FREE
+    node_type, node_segment = _node_types(mesh, node_beyond, contact, bone, pairs, label_map, sliding_band, release)
 
-    bony = np.isin(beyond, codes[1:-1]).mean(axis=1) * areas
-    muscle_part = corner_sums(faces, bony * (owner_tissue == MUSCLE), len(points))
-    to_muscle = muscle_part >= corner_sums(faces, bony, len(points)) / 2
-    both = _touches(mesh, MUSCLE) & _touches(mesh, SUPERFICIAL)
-    kind = np.where(both, m.MUSCLE_SUPERFICIAL, m.NO_INTERFACE)
-    kind = np.where(contact, np.where(to_muscle, m.BONE_MUSCLE, m.BONE_SUPERFICIAL), kind).astype(np.int8)
-
-    outer = faces[_skin(faces, beyond, ends, areas, labels, spacing, origin, opening)]
+    outer = faces[_skin(faces, beyond, ends, areas, *label_map, opening)]
     airy, mouth = (beyond == AIR).mean(axis=1) > 0.5, bite(bone, pairs, sliding_band)
     lip = lip_nodes(points, faces, airy, node_type != m.FREE, mouth)
     carried = {}
     if skin is not None and len(outer):
         sides = (
-            (sides_of_points(skin[0], labels, spacing, origin, mouth), sides_of_nodes(points, mesh.cells, lip))
-            if by_lip
-            else None
+            (sides_of_points(skin[0], *label_map, mouth), sides_of_nodes(points, mesh.cells, lip)) if by_lip else None
         )
         carried = _carried(skin, points, outer, sides)
     skin_points, skin_faces = carried.get("skin_points", points), carried.pop("skin_faces", outer)
-    centre = skin_points[skin_faces].mean(axis=1)
-    top = nasion_height(bone.points, bone.segment, segments, nasion_above_maxilla)
-    lower = of_segments(bone.segment, segments, "distal", UNCUT, "proximal")
-    lower = lower if lower.any() else bone.segment >= 0
-    back = bone.points[lower, 1].max(initial=-np.inf) - tragus_before_mandible if lower.any() else np.inf
-    roi = (centre[:, 2] < top) & (centre[:, 1] < back)
-    cut = faces[(beyond == m.CUT_PLANE).all(axis=1)]
-    if len(cut):
-        roi &= cKDTree(points[cut].mean(axis=1)).query(centre)[0] > cut_margin
-        roi &= cKDTree(points[np.unique(cut)]).query(centre)[0] > cut_margin
+    centre, cut = skin_points[skin_faces].mean(axis=1), points[faces[(beyond == m.CUT_PLANE).all(axis=1)]]
+    roi = _judged(centre, bone, segments, cut, nasion_above_maxilla, tragus_before_mandible, cut_margin)
     return m.PatientModel(
         points=points,
         cells=mesh.cells,
@@ -159,8 +113,8 @@ def label_interfaces(
         node_type=node_type,
         node_segment=node_segment,
         node_beyond=node_beyond,
-        node_normal=_node_normals(faces, beyond, node_beyond, normals, areas),
-        interface_kind=kind,
+        node_normal=_node_normals(boundary, node_beyond),
+        interface_kind=_kinds(mesh, boundary, contact),
         skin_faces=skin_faces,
         face_roi=roi,
         bone_points=bone.points,
@@ -171,6 +125,96 @@ def label_interfaces(
         lip=lip,
         **carried,
     )
+
+
+def _nodes_beyond(boundary: Boundary, nodes: int, segments: int, contact_share: float) -> tuple[np.ndarray, np.ndarray]:
+    """What lies beyond each node (n,) int16, and which nodes (n,) bool touch bone.
+
+    From points on every boundary triangle a ray goes outward to the first label that is not tissue. A node on a cut
+    plane, at the border of the volume, is CUT_PLANE; else, if bone makes up more than `contact_share` of the area
+    around it, the bone with the largest part; else air.
+    """
+    faces, areas, beyond = boundary.faces, boundary.areas, boundary.beyond
+    codes = np.array([AIR, CRANIUM, *(segment_code(i) for i in range(segments)), m.CUT_PLANE])
+    # Area (n, codes) around each node, by what lies beyond.
+    share = np.stack([corner_sums(faces, areas * (beyond == code).mean(axis=1), nodes) for code in codes], 1)
+    surface = share.sum(axis=1) > 0
+    bones = share[:, 1:-1]
+    node_beyond = np.full(nodes, m.INTERIOR, np.int16)
+    contact = surface & (bones.sum(axis=1) > contact_share * share.sum(axis=1))
+    node_beyond[surface] = AIR
+    node_beyond[contact] = codes[1:-1][bones[contact].argmax(axis=1)]
+    node_beyond[share[:, -1] > 0] = m.CUT_PLANE
+    return node_beyond, contact & (node_beyond != m.CUT_PLANE)
+
+
+def _node_types(
+    mesh: TetMesh,
+    node_beyond,
+    contact,
+    bone: BoneSurface,
+    pairs,
+    label_map: LabelMap,
+    sliding_band: float,
+    release: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Type and segment (n,) int8 of each node.
+
+    Cut planes and cranium contact are FIXED, contact with a segment MOVING, but SLIDING where a segment that opposes it
+    (pairs) is nearer than `sliding_band` (teeth and vestibule). At an osteotomy the surgeon lifts the tissue off:
+    contact nearer than `release` to the other bone is FREE [I], and so are both ends of a mesh edge from one bone to
+    the other, which could not follow both. So are the cut plane nodes of an element that has no other nodes but contact
+    of segments: the tissue goes on beyond the cut; and those of a cut in front of the face, or below within CUT_REACH
+    of a segment. All else is FREE, skin and oral surface too.
+    """
+    points, cut = mesh.points, node_beyond == m.CUT_PLANE
+    node_segment = np.where(contact & (node_beyond >= FIRST_SEGMENT), node_beyond - FIRST_SEGMENT, -1).astype(np.int8)
+    node_type = np.full(len(points), m.FREE, np.int8)
+    node_type[node_segment >= 0] = m.MOVING
+    node_type[cut | (node_beyond == CRANIUM)] = m.FIXED
+    body = np.where(contact, node_beyond - FIRST_SEGMENT, NO_BODY)  # -1: the cranium
+    for i, j in pairs:
+        for one, other in ((i, j), (j, i)):
+            nodes, target = np.flatnonzero(body == one), bone.points[bone.segment == other]
+            if len(nodes) and len(target):
+                near = cKDTree(target).query(points[nodes])[0] < sliding_band
+                node_type[nodes[near]] = m.SLIDING
+    node_type[_open_cut(points, cut, label_map.origin - label_map.spacing / 2, bone)] = m.FREE
+    released = _released(points, mesh.cells, body, bone, pairs, release)
+    node_type[released], node_segment[released] = m.FREE, -1
+    node_type[_torn_cut(mesh.cells, cut, node_segment >= 0)] = m.FREE
+    return node_type, node_segment
+
+
+def _kinds(mesh: TetMesh, boundary: Boundary, contact) -> np.ndarray:
+    """Interface (n,) int8 of each node: contact with bone belongs to muscle if muscle owns at least half of the area
+    against bone, else to superficial tissue; any other node between both tissues is MUSCLE_SUPERFICIAL."""
+    count, beyond = len(mesh.points), boundary.beyond
+    bony = ((beyond >= CRANIUM) & (beyond != m.CUT_PLANE)).mean(axis=1) * boundary.areas
+    muscle_part = corner_sums(boundary.faces, bony * (boundary.tissue == MUSCLE), count)
+    to_muscle = muscle_part >= corner_sums(boundary.faces, bony, count) / 2
+    both = _touches(mesh, MUSCLE) & _touches(mesh, SUPERFICIAL)
+    kind = np.where(both, m.MUSCLE_SUPERFICIAL, m.NO_INTERFACE)
+    return np.where(contact, np.where(to_muscle, m.BONE_MUSCLE, m.BONE_SUPERFICIAL), kind).astype(np.int8)
+
+
+def _judged(
+    centre, bone: BoneSurface, segments, cut, nasion_above: float, tragus_before: float, cut_margin: float
+) -> np.ndarray:
+    """Which skin triangles (f,) bool, with centres (f, 3) mm, are judged [I].
+
+    Below the nasion, taken as `nasion_above` the top of the maxilla; in front of the tragi, taken as `tragus_before`
+    the hindmost mandible; `cut_margin` away from the triangles `cut` (k, 3, 3) mm of cut planes.
+    """
+    top = nasion_height(bone.points, bone.segment, segments, nasion_above)
+    lower = of_segments(bone.segment, segments, "distal", UNCUT, "proximal")
+    lower = lower if lower.any() else bone.segment >= 0
+    back = bone.points[lower, 1].max(initial=-np.inf) - tragus_before if lower.any() else np.inf
+    judged = (centre[:, 2] < top) & (centre[:, 1] < back)
+    for places in (cut.mean(axis=1), cut.reshape(-1, 3)):
+        if len(places):
+            judged &= cKDTree(places).query(centre)[0] > cut_margin
+    return judged
 
 
 def _beyond(points, faces, normals, labels, spacing, origin, reach_mm, gap_mm) -> tuple[np.ndarray, np.ndarray]:
@@ -236,13 +280,6 @@ def _touches(mesh, tissue) -> np.ndarray:
     nodes = np.zeros(len(mesh.points), bool)
     nodes[mesh.cells[mesh.tissue == tissue]] = True
     return nodes
-
-
-def _named_pair(pair, segments) -> tuple[int, int]:
-    try:
-        return segments.index(pair[0]), segments.index(pair[1])
-    except ValueError:
-        raise InputError("-", "opposing", f"{tuple(pair)} is not a pair of {segments}", "name two segments") from None
 
 
 def opposing_pairs(bone, labels, spacing, origin, segments, band: float) -> list[tuple[int, int]]:
@@ -325,7 +362,8 @@ def _torn_cut(cells, cut, moving) -> np.ndarray:
 
 
 def _skin(faces, beyond, ends, areas, labels, spacing, origin, opening_mm) -> np.ndarray:
-    """Triangles (f,) of the outer skin."""
+    """Triangles (f,) bool of the outer skin: against the air in front of the head that a ball of diameter `opening_mm`
+    reaches, the largest connected piece; neither the mouth nor the nasal cavity."""
     # One layer of air in front, because a tightly cropped volume may end at the nose.
     air = np.pad(labels == AIR, ((1, 1), (1, 0), (0, 0)), constant_values=True)
     roomy = signed_distance(air, spacing) > opening_mm / 2
@@ -348,15 +386,15 @@ def _skin(faces, beyond, ends, areas, labels, spacing, origin, opening_mm) -> np
     return outer
 
 
-def _node_normals(faces, beyond, node_beyond, normals, areas) -> np.ndarray:
+def _node_normals(boundary: Boundary, node_beyond) -> np.ndarray:
     """Outward unit normal (n, 3): area-weighted over the triangles that see what lies beyond the node; zero inside."""
-    count = len(node_beyond)
+    count, areas = len(node_beyond), boundary.areas
     total, every = np.zeros((count, 3)), np.zeros((count, 3))
     for corner in range(3):
-        nodes = faces[:, corner]
-        same = (beyond == node_beyond[nodes][:, None]).mean(axis=1) * areas
-        np.add.at(total, nodes, normals * same[:, None])
-        np.add.at(every, nodes, normals * areas[:, None])
+        nodes = boundary.faces[:, corner]
+        same = (boundary.beyond == node_beyond[nodes][:, None]).mean(axis=1) * areas
+        np.add.at(total, nodes, boundary.normals * same[:, None])
+        np.add.at(every, nodes, boundary.normals * areas[:, None])
     weak = np.linalg.norm(total, axis=1) < 1e-9
     total[weak] = every[weak]
     length = np.linalg.norm(total, axis=1, keepdims=True)

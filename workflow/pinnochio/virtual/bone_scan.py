@@ -49,7 +49,7 @@ class BoneScan:
     frame: RigidMotion
 
 
-class Volume:
+class ScannerVolume:
     """The scanner's voxels: distance to the nearest bone and to the next one (mm, negative inside), and which it is."""
 
     def __init__(self, low: np.ndarray, high: np.ndarray, spacing: float, frame: RigidMotion):
@@ -164,7 +164,7 @@ def scan_bones(head: Segmentation, executed: Plan, rng: np.random.Generator, art
     low, high = shown.min(axis=0) - MARGIN, shown.max(axis=0) + MARGIN
     if artefacts:
         low, high = _seen(draws[1], low, high)
-    volume = Volume(low, high, spacing, frame)
+    volume = ScannerVolume(low, high, spacing, frame)
     pad = int(np.ceil(MARGIN / head.spacing.min())) + 1
     for code, motion in codes.items():
         inside = np.pad(head.labels[boxes[code - 1]] == code, pad)
@@ -204,7 +204,7 @@ def _smooth_noise(rng: np.random.Generator, shape: tuple[int, ...], sigma: float
     return field / field.std()
 
 
-def _add_metal(volume: Volume, head: Segmentation, codes: dict[int, RigidMotion], rng, artefacts: float) -> None:
+def _add_metal(volume: ScannerVolume, head: Segmentation, codes: dict[int, RigidMotion], rng, artefacts: float) -> None:
     """Plates with screws over every cut; each end goes with its bone."""
     for one, other in combinations(codes, 2):
         for ends in plate_sites(head, one, other, int(rng.integers(*PLATES, endpoint=True)), rng):
@@ -217,7 +217,9 @@ def _add_metal(volume: Volume, head: Segmentation, codes: dict[int, RigidMotion]
                 volume.bar(end, end, artefacts * SCREW_RADIUS)
 
 
-def _add_streaks(volume: Volume, head: Segmentation, codes: dict[int, RigidMotion], rng, artefacts: float) -> None:
+def _add_streaks(
+    volume: ScannerVolume, head: Segmentation, codes: dict[int, RigidMotion], rng, artefacts: float
+) -> None:
     """Bars, bright or dark, in the scanner's axial planes from bone that borders on the air of the mouth: teeth."""
     teeth = [
         (code, voxels)
