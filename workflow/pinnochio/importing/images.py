@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
+from scipy.spatial.transform import Rotation
 
 from pinnochio.errors import InputError
 
@@ -64,10 +65,10 @@ def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUn
         content = _unpacked(content, refuse)
         _check_nifti(content, refuse)
         return _read_whole(content, "image.nii", refuse, pixel)
-    if name.endswith((".nrrd", ".nhdr")):
-        _check_nrrd(Path(path), refuse)
-    elif name.endswith((".mha", ".mhd")):
-        return _read_whole(_plain_meta(Path(path), refuse), "image.mha", refuse, pixel)
+    if name.endswith(".nrrd"):
+        _check_nrrd(Path(path).read_bytes(), refuse)
+    elif name.endswith(".mha"):
+        return _read_whole(_plain_meta(Path(path).read_bytes(), refuse), "image.mha", refuse, pixel)
     elif name.endswith((".gipl", ".gipl.gz")):
         content = _unpacked(Path(path).read_bytes(), refuse)
         _check_gipl(content, refuse)
@@ -119,16 +120,6 @@ def _unpacked(content: bytes, refuse: Refuse) -> bytes:
         return gzip.decompress(content)
     except (EOFError, gzip.BadGzipFile, zlib.error, struct.error) as error:
         refuse(f"it is damaged or cut off ({error})", AGAIN)
-
-
-def _beside(path: Path, name: str, refuse: Refuse) -> bytes:
-    """The file of this name beside the header."""
-    try:
-        return (path.parent / name).read_bytes()
-    except (OSError, ValueError):
-        refuse(
-            f"its voxels, the file {name[:40]!r}, are not there", "keep both in one folder, or save them in one file"
-        )
 
 
 def _check_size(word: object, refuse: Refuse) -> None:
@@ -202,16 +193,8 @@ def _check_nifti(content: bytes, refuse: Refuse) -> None:
 
 def _turned(vector, handed: float) -> np.ndarray:
     """Rotation (3, 3) of the quaternion whose last three numbers NIfTI stores, its third axis turned by `handed`."""
-    b, c, d = vector
-    a = math.sqrt(max(0.0, 1 - b * b - c * c - d * d))
-    rotation = np.array(
-        [
-            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
-            [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
-            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
-        ]
-    )
-    return rotation * [1, 1, handed]
+    scalar = math.sqrt(max(0.0, 1 - vector @ vector))
+    return Rotation.from_quat([*vector, scalar]).as_matrix() * [1, 1, handed]
 
 
 def _check_gipl(content: bytes, refuse: Refuse) -> None:
@@ -227,22 +210,17 @@ def _check_gipl(content: bytes, refuse: Refuse) -> None:
     _check_length(len(content) - GIPL_HEADER, wanted, refuse)
 
 
-def _check_nrrd(path: Path, refuse: Refuse) -> None:
-    """Refuse where the voxels of a NRRD file, its own or those of one file beside it, are not as many as it says."""
-    content = path.read_bytes()
+def _check_nrrd(content: bytes, refuse: Refuse) -> None:
+    """Refuse where the voxels of a NRRD file are not as many as it says, or lie in another file."""
     end = re.search(rb"\r?\n\r?\n", content)
-    head = content[: end.start()] if end else content
-    if not content.startswith(b"NRRD") or (end is None and path.suffix.lower() == ".nrrd"):
+    if not content.startswith(b"NRRD") or end is None:
         refuse("it is no NRRD file, or its header is cut off", AGAIN)
-    lines = [line.strip() for line in head.decode("utf-8", "replace").splitlines()[1:]]
+    lines = [line.strip() for line in content[: end.start()].decode("utf-8", "replace").splitlines()[1:]]
     said = dict(line.split(": ", 1) for line in lines if ": " in line and ":=" not in line and line[:1] != "#")
     said = {key.strip().lower(): value.strip() for key, value in said.items()}
-    apart = said.get("data file", said.get("datafile"))
-    data = content[end.end() :] if end else b""
-    if apart is not None:
-        if apart.upper().startswith("LIST") or "%" in apart:  # ITK looks at the length and the checksum of none
-            refuse("its voxels lie in many files", "save it as one .nrrd")
-        data = _beside(path, apart, refuse)
+    if "data file" in said or "datafile" in said:
+        refuse("its voxels lie in another file", "save it as one .nrrd")
+    data = content[end.end() :]
     if not set(said.get("space units", "").replace('"', "").split()) <= {"mm"}:
         refuse(f"its unit is {said['space units']}", "save it in millimetres")
     for word in said.get("spacings", "").split():  # ITK takes NaN for 1 mm
@@ -262,12 +240,11 @@ def _check_nrrd(path: Path, refuse: Refuse) -> None:
     _check_length(len(data), wanted, refuse)
 
 
-def _plain_meta(path: Path, refuse: Refuse) -> bytes:
+def _plain_meta(content: bytes, refuse: Refuse) -> bytes:
     """A MetaImage of what is checked of one: ITK ends the process where a word of the header is damaged.
 
-    Its voxels, its own or those of one file beside it, must be as many as it says.
+    Its voxels must be as many as it says, and lie in the file itself.
     """
-    content = path.read_bytes()
     marker = re.search(rb"^ElementDataFile *= *(.*?)\r?(\n|\Z)", content, re.MULTILINE)
     if marker is None:
         refuse("it is no MetaImage, or its header is cut off", AGAIN)
@@ -276,10 +253,9 @@ def _plain_meta(path: Path, refuse: Refuse) -> bytes:
     said = {key.strip(): value.strip() for key, _, value in pairs}
     if len(said) < len(pairs):
         refuse("a key of its header stands twice", "save it again as .mha")
-    where = marker[1].decode("utf-8", "replace").strip()
+    if marker[1].strip().upper() != b"LOCAL":
+        refuse("its voxels lie in another file", "save it as one .mha")
     data = content[marker.end() :]
-    if where.upper() != "LOCAL":
-        data = _beside(path, where, refuse)
 
     def one_of(*keys: str) -> str:
         return next((said[key] for key in keys if key in said), "nothing")
