@@ -1,5 +1,7 @@
 """Errors that a user can mend: bad input, and a disk that cannot be written."""
 
+from collections.abc import Callable
+
 
 class InputError(ValueError):
     """Bad input: names the case, the file, the problem and the remedy.
@@ -11,6 +13,15 @@ class InputError(ValueError):
     def __init__(self, case: str, file: object, problem: str, remedy: str):
         super().__init__(f"case {case!r}: {file}: {problem}. Remedy: {remedy}.")
         self.case, self.file, self.problem, self.remedy = case, str(file), problem, remedy
+
+
+def refusal(case: str, file: object) -> Callable[..., None]:
+    """refuse(problem, remedy), which raises the InputError of a case and a file; of another file by file=..."""
+
+    def refuse(problem: str, remedy: str, file: object = file) -> None:
+        raise InputError(case, file, problem, remedy)
+
+    return refuse
 
 
 # Of files that the study has made.

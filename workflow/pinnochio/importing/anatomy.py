@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.model.labels import CRANIUM, segment_code
 from pinnochio.plans.roles import UNCUT, known_role
 
@@ -35,6 +35,7 @@ def check_anatomy(
     looks the same in a mirror. Size: width of the lower jaw, its height and depth by its width; not where the volume
     cuts it. Raises InputError, with the likely remedy, where one contradicts the frame.
     """
+    refuse = refusal(case, file)
     labels, spacing = np.asarray(labels), np.asarray(spacing, float)
     of = {name: segment_code(index) for index, name in enumerate(segments)}
     lower = np.isin(labels, [code for name, code in of.items() if known_role(name) in LOWER])
@@ -55,7 +56,7 @@ def check_anatomy(
     if rise[2] < 0:
         flipped.add("z")
     elif not over:
-        raise InputError(case, file, "the upper teeth lie below the lower teeth", "exchange their values in 'labels'")
+        refuse("the upper teeth lie below the lower teeth", "exchange their values in 'labels'")
     said["up"] = good
 
     back = {across: _behind(jaw, across, along) for across, along in ((0, 1), (1, 0))}
@@ -71,9 +72,7 @@ def check_anatomy(
         flipped.add("x")
     said["sides"] = good if pairs else "unknown: nothing labelled tells left from right"
     if sideways:
-        raise InputError(
-            case,
-            file,
+        refuse(
             f"the head lies on its side: in the frame of the file (axes {axes}) the lower jaw is not below the skull, "
             "or the face looks to one side",
             "correct the header, or set 'orientation' to where the voxel axes really point",
@@ -81,9 +80,7 @@ def check_anatomy(
     if flipped:
         wrong = " and ".join(TURNED[axis] for axis in "zyx" if axis in flipped)
         pair = f" ({pairs[exchanged.index(True)][0]!r} lies on the right)" if "x" in flipped else ""
-        raise InputError(
-            case, file, f"{wrong}{pair} in the frame of the file (axes {axes})", _remedy(flipped, axes, pairs)
-        )
+        refuse(f"{wrong}{pair} in the frame of the file (axes {axes})", _remedy(flipped, axes, pairs))
     said["size"] = _check_size(jaw, cut, case, file)
     return said
 

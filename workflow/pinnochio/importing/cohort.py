@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.files import check_name
 from pinnochio.json_text import read_text
 
@@ -72,12 +72,9 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
     :data:`COLUMNS` must be there; `postop_bones`, `volume`, `markups` and :data:`COVARIATES` may; the order is free.
     """
     table = Path(table)
+    refuse = refusal("-", table)
     if not table.is_file():
-        raise InputError("-", table, "the cohort table does not exist", "set 'cohort' to 'virtual' or to a table")
-
-    def refuse(problem: str, remedy: str):
-        raise InputError("-", table, problem, remedy)
-
+        refuse("the cohort table does not exist", "set 'cohort' to 'virtual' or to a table")
     try:
         # newline="": the reader's own ends of lines
         reader = csv.DictReader(io.StringIO(read_text(table, refuse), newline=""), delimiter="\t", strict=True)
@@ -108,22 +105,23 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
                 raise InputError(name, path, f"the {key} file does not exist", f"correct the path in {table}")
         cases.append(Case(name, **paths, covariates=covariates_of(row, name, table)))
     if not cases:
-        raise InputError("-", table, "the cohort table has no case", "add one row per case")
+        refuse("the cohort table has no case", "add one row per case")
     return cases
 
 
 def _check_columns(columns: list[str], table: Path) -> None:
+    refuse = refusal("-", table)
     known = (*COLUMNS, *FILES[len(COLUMNS) - 1 :], *COVARIATES)
     remedy = f"use tab-separated columns {', '.join(COLUMNS)}, and any of {', '.join(known[len(COLUMNS) :])}"
     for name in columns:
         if name not in known:
             near = get_close_matches(name, known, n=1, cutoff=0.5)
             meant = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError("-", table, f"its column {name!r} is unknown{meant}", remedy)
+            refuse(f"its column {name!r} is unknown{meant}", remedy)
         if columns.count(name) > 1:
-            raise InputError("-", table, f"its column {name!r} is there twice", remedy)
+            refuse(f"its column {name!r} is there twice", remedy)
     if missing := [name for name in COLUMNS if name not in columns]:
-        raise InputError("-", table, f"it lacks the column {missing[0]!r}; its columns are {columns}", remedy)
+        refuse(f"it lacks the column {missing[0]!r}; its columns are {columns}", remedy)
 
 
 def covariates_of(row: Mapping[str, str], name: str, file: str | os.PathLike) -> dict[str, str | float | bool]:

@@ -10,7 +10,7 @@ import numpy as np
 import SimpleITK as sitk
 from scipy import ndimage
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.importing.images import read_image
 from pinnochio.importing.presets import (
     CANAL,
@@ -81,10 +81,7 @@ def read_head_parts(
     kept what is DEPTH mm from the skin at most: neither brain nor throat nor tongue. Bone that hangs on nothing is
     dropped, up to loose_percent of skull or mandible. Raises InputError.
     """
-
-    def refuse(problem: str, remedy: str, file=path):
-        raise InputError(case, file, problem, remedy)
-
+    refuse = refusal(case, path)
     values, grid, axes, sided = _read_parts(path, preset, orientation, regions, refuse)
     direction = None if orientation == HEADER else axes_of(orientation)
     _drop_loose(values, loose_percent, refuse)
@@ -165,10 +162,7 @@ def _read_parts(path, preset: str, orientation: str, regions, refuse):
 
 def read_bone_parts(path: str | os.PathLike, case: str, preset: str) -> tuple[np.ndarray, float, np.ndarray]:
     """Parts (nx, ny, nz) of a tool's segmentation, edge (mm) and origin (3,) mm of the grid, without soft tissue."""
-
-    def refuse(problem: str, remedy: str, file=path):
-        raise InputError(case, file, problem, remedy)
-
+    refuse = refusal(case, path)
     values, grid, *_ = _read_parts(path, preset, HEADER, (), refuse)
     return values, grid.GetSpacing()[0], np.array(grid.GetOrigin())
 

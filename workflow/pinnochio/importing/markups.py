@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.importing.thresholding import Plane
 from pinnochio.json_text import numbers, read_json
 
@@ -33,10 +33,7 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
     """
     markups = Markups()
     for path in paths:
-
-        def refuse(problem: str, remedy: str, path=path):
-            raise InputError(case, path, problem, remedy)
-
+        refuse = refusal(case, path)
         try:
             content = read_json(path, refuse)
             for markup in content["markups"]:

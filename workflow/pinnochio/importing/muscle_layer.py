@@ -5,7 +5,7 @@ import logging
 import numpy as np
 from scipy import ndimage
 
-from pinnochio.errors import InputError
+from pinnochio.errors import refusal
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
 
 LOG = logging.getLogger(__name__)
@@ -27,20 +27,17 @@ def muscle_layer(
     "single" if all soft tissue stays superficial; "derived" if :func:`derive_muscle` made the layer. Raises InputError
     with `refuse`, and where no tissue fits the rule.
     """
+    refuse = refusal(case, file)
     labels = np.asarray(labels)
     if (labels == MUSCLE).any():
         return labels, LABELLED
     if unlabelled == REFUSE:
-        raise InputError(
-            case, file, "no muscle is labelled", "label 'muscle', or set 'unlabelled_muscle' to derived or single"
-        )
+        refuse("no muscle is labelled", "label 'muscle', or set 'unlabelled_muscle' to derived or single")
     if unlabelled == SINGLE:
         return labels, SINGLE
     muscle = derive_muscle(labels, spacing, origin, top)
     if not muscle.any():
-        raise InputError(
-            case,
-            file,
+        refuse(
             "no muscle is labelled, and no tissue fits the rule that derives it",
             "check that bone and skin are labelled as one face, or set 'unlabelled_muscle' to single",
         )

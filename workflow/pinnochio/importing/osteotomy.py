@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from pinnochio.errors import InputError
+from pinnochio.errors import refusal
 from pinnochio.importing.head_parts import HeadParts
 from pinnochio.importing.markups import Markups
 from pinnochio.importing.presets import LOWER, LOWER_TEETH, MANDIBLE, MUSCLE, SKULL, SOFT, UPPER, UPPER_TEETH
@@ -51,10 +51,7 @@ def osteotomy(head: HeadParts, cuts: Sequence[str], markups: Markups, case: str,
     mandible stays in one piece. Chin: below the plane called `chin`, or CHIN_HEIGHT over Me, below the roots.
     Landmarks that no markup gives (:func:`find_landmarks`) are found on the bone, and said to be. Raises InputError.
     """
-
-    def refuse(problem: str, remedy: str):
-        raise InputError(case, file, problem, remedy)
-
+    refuse = refusal(case, file)
     parts, spacing = head.parts, float(head.spacing[0])
     x, y, z = np.meshgrid(
         *(head.origin[axis] + spacing * np.arange(n, dtype=np.float32) for axis, n in enumerate(parts.shape)),

@@ -5,7 +5,7 @@ import os
 import numpy as np
 from scipy import ndimage
 
-from pinnochio.errors import InputError
+from pinnochio.errors import refusal
 from pinnochio.model.labels import AIR, CRANIUM, segment_name
 
 COARSEST = 5.0  # mm; slices of CT are no thicker, and plates of bone are thinner already [I]
@@ -17,10 +17,11 @@ def check_plausible(labels, spacing, segments: tuple[str, ...], case: str, file:
 
     labels (nx, ny, nz) internal codes.
     """
+    refuse = refusal(case, file)
     coarsest = float(np.max(spacing))
     if not coarsest <= COARSEST:
         problem = f"its voxels measure {coarsest:.3g} mm, and bone is thinner"
-        raise InputError(case, file, problem, f"segment on a scan of {COARSEST:g} mm or less, or correct the spacing")
+        refuse(problem, f"segment on a scan of {COARSEST:g} mm or less, or correct the spacing")
     beside = ndimage.generate_binary_structure(3, 1)
     for code, box in enumerate(ndimage.find_objects(labels), 1):
         if box is None or code < CRANIUM:
@@ -31,9 +32,7 @@ def check_plausible(labels, spacing, segments: tuple[str, ...], case: str, file:
         share = float((around == AIR).mean()) if len(around) else 0.0
         if not share <= IN_THE_AIR:
             name = segment_name(code - CRANIUM - 1, segments)
-            raise InputError(
-                case,
-                file,
+            refuse(
                 f"{100 * share:.0f} % of what surrounds {name!r} is air: no tissue holds it",
                 f"label the tissue round {name!r}, or correct where it lies",
             )

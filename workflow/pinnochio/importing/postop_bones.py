@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinnochio.errors import InputError
+from pinnochio.errors import refusal
 from pinnochio.geometry.closed_surfaces import SURFACE_FORMATS, read_triangles, surface_files
 from pinnochio.geometry.triangles import enclosed_volume
 from pinnochio.importing.head_parts import bone_parts
@@ -32,10 +32,7 @@ def read_postop_bones(
     bone_points (k, 3) mm: the bone before surgery, for the unit of a surface.
     Raises InputError for what the user must mend.
     """
-
-    def refuse(problem: str, remedy: str, file=path):
-        raise InputError(case, file, problem, remedy)
-
+    refuse = refusal(case, path)
     if isinstance(label_values, str) and is_image(path):
         return _joined(
             [_surface(image, inside, refuse) for image, inside in bone_parts(path, label_values, refuse)], refuse

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.triangles import face_normals, vertex_normals
 from pinnochio.model.bones import nasion_height
@@ -52,14 +52,15 @@ def register(
     (identity, the axes of both surfaces) are compared on the whole face; the best is refined on the upper face alone.
     Raises InputError if the median residual exceeds `limit` mm.
     """
+    refuse = refusal(case, file)
     points, skin_points = np.asarray(points, float), np.asarray(skin_points, float)
     if (skin_points[:, 2] >= plane).sum() < FEWEST:
         problem = f"hardly any skin of the segmentation lies above the nasion plane (z = {plane:.0f} mm)"
-        raise InputError(case, file, problem, "segment the head up to the forehead")
+        refuse(problem, "segment the head up to the forehead")
     all_normals = vertex_normals(points, faces)
     few = spread(points, faces, COARSE_SAMPLES)
     if len(few) < FEWEST:
-        raise InputError(case, file, "it has hardly any surface", "give a surface of the face, as a scanner makes it")
+        refuse("it has hardly any surface", "give a surface of the face, as a scanner makes it")
     front = skin_points[skin_points[:, 1] <= np.median(skin_points[:, 1])]  # a scan shows the face, not the nape
     rotation, shift = coarse(points[few], all_normals[few], skin_points, skin_faces, plane, front)
     # From here on only what lies above the plane, and a margin that the scan may still turn through.
@@ -74,9 +75,7 @@ def register(
     distance = closest.distance[~closest.border]
     median = float(np.median(distance)) if len(distance) >= FEWEST else np.inf  # a few points fit anywhere
     if not median <= limit:
-        raise InputError(
-            case,
-            file,
+        refuse(
             f"registered on the upper face it leaves a median residual of {median:.2f} mm (limit {limit:g} mm)",
             "check that the scan is of this patient, shows the forehead from outside and is not mirrored",
         )

@@ -5,7 +5,7 @@ import logging
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.importing.registration import SAMPLES, Registration, middle_of_face, registered_again, spread
@@ -117,10 +117,7 @@ def check_scan(
     itself, a mirror image, a face of another size, a surface without depth, one that shows hardly any of the upper
     face or no bridge of the nose, as the back of a head, and one that touches it here and there.
     """
-
-    def refuse(problem: str, remedy: str):
-        raise InputError(case, file, problem, remedy)
-
+    refuse = refusal(case, file)
     placed = registration.motion.apply(np.asarray(points, float))
     few = spread(placed, faces, SAMPLES)
     whole = float(np.percentile(closest_points(placed[few], skin_points, skin_faces).distance, 95))

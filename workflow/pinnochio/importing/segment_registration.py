@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.columns import Column
-from pinnochio.errors import InputError
+from pinnochio.errors import refusal
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.importing.registration import coarse, spread, step, upper_face_plane
@@ -111,12 +111,13 @@ def register_bones(
     relative to the cranium, about its own centre. InputError where there is no cranium to register on; nothing else is
     refused here (:func:`check_fits`).
     """
+    refuse = refusal(case, file)
     bone = bone_surface(head.labels, head.spacing, head.origin, tuple(segments), EDGE)
     present = [int(index) for index in np.unique(bone.segment)]
     sources = {index: _source(bone.part(index), head) for index in present}
     cranium = sources.get(-1)
     if cranium is None or len(cranium.points) < FEWEST:
-        raise InputError(case, file, "hardly any cranium is segmented before surgery", "segment it up to the orbits")
+        refuse("hardly any cranium is segmented before surgery", "segment it up to the orbits")
     normals = vertex_normals(points, faces)
     chosen = spread(points, faces, COARSE_SAMPLES)
     plane = upper_face_plane(bone, tuple(segments), 0.0)
@@ -132,7 +133,7 @@ def register_bones(
         if index < 0:
             motion = RigidMotion()
         elif len(source.points) < FEWEST:
-            raise InputError(case, file, f"hardly any surface of {name!r} is free of other bone", "check its labels")
+            refuse(f"hardly any surface of {name!r} is free of other bone", "check its labels")
         else:
             tried = [_fitted(source, scanned, start) for start in (planned, RigidMotion())]
             motion = min(tried, key=lambda motion: _cost(source, scanned, motion)).about(source.points.mean(axis=0))
@@ -145,22 +146,19 @@ def check_fits(fits: Sequence[SegmentFit], *, limit: float, share: float, case: 
 
     And a scan in which every segment is where it was although the plan moves one: the bones before surgery.
     """
+    refuse = refusal(case, file)
     segments = [fit for fit in fits if fit.segment != "cranium"]
     still = [np.linalg.norm(fit.motion.translation) < UNMOVED[0] and fit.motion.angle < UNMOVED[1] for fit in segments]
     if segments and all(still) and max(fit.from_plan for fit in segments) > PLANNED:
         farthest = max(segments, key=lambda fit: fit.from_plan)
-        raise InputError(
-            case,
-            file,
+        refuse(
             f"every segment is where it was before surgery, {farthest.segment!r} {farthest.from_plan:.1f} mm from "
             "where the plan takes it",
             "give the bones after surgery, not those before; or leave postop_bones empty",
         )
     for fit in fits:
         if not (fit.median <= limit and fit.matched >= share):
-            raise InputError(
-                case,
-                file,
+            refuse(
                 f"{fit.segment!r} registered on the scanned bone leaves a median distance of {fit.median:.2f} mm "
                 f"(limit {limit:g} mm) and has bone within {MATCHED:g} mm of {fit.matched:.0f} % of its surface "
                 f"(at least {share:g} % is asked)",

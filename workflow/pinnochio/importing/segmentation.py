@@ -11,7 +11,7 @@ import numpy as np
 import SimpleITK as sitk
 from scipy import ndimage
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.files import replacing
 from pinnochio.geometry.closed_surfaces import read_closed_surface, read_triangles, surface_files, voxelised
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION
@@ -67,10 +67,7 @@ def read_segmentation(
     patient's right, second anterior, third superior); of surfaces, where their axes point. An oblique grid is resampled
     by nearest neighbour on an axis-aligned one of the same spacing. Raises InputError for what the user must mend.
     """
-
-    def refuse(problem: str, remedy: str, file=path):
-        raise InputError(case, file, problem, remedy)
-
+    refuse = refusal(case, path)
     structures = internal_codes(tuple(segments))
     for name in structures:
         if name not in label_values and name != "muscle":
@@ -238,20 +235,17 @@ def read_labels(path: str | os.PathLike) -> Segmentation:
 
 def check_plan(plan: Plan, segments: Sequence[str], path: str | os.PathLike) -> None:
     """Refuse a plan that does not name exactly the segments of its case, each once."""
+    refuse = refusal(plan.case, path)
     listed = ", ".join(segments)
     for name in plan.motions:
         if name not in segments:
-            raise InputError(
-                plan.case,
-                path,
+            refuse(
                 f"it moves {name!r}, which the segmentation does not hold ({listed})",
                 f"rename {name!r} in the plan, or label it (one of 'segments' in the configuration)",
             )
     for name in segments:
         if name not in plan.motions:
-            raise InputError(
-                plan.case,
-                path,
+            refuse(
                 f"it says nothing of {name!r}, which the segmentation holds ({listed})",
                 f"give {name!r} its motion; one that stays where it is has the identity",
             )
@@ -278,10 +272,7 @@ def read_postop(path: str | os.PathLike, case: str, skin_points) -> tuple[np.nda
     millimetres with a warning. Spikes are left out, and a scan of very many triangles is thinned, both with a warning.
     Raises InputError for any other size and for what is no surface.
     """
-
-    def refuse(problem: str, remedy: str, file=path):
-        raise InputError(case, file, problem, remedy)
-
+    refuse = refusal(case, path)
     points, faces = read_triangles(path, refuse)
     points = in_millimetres(points, skin_points, "skin", case, path)
     points, faces = thinned(*without_spikes(points, faces, case, path), case, path)

@@ -9,7 +9,7 @@ import numpy as np
 import SimpleITK as sitk
 from scipy import ndimage
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.importing.images import read_image
 from pinnochio.importing.segmentation import HEADER, Segmentation, axes_of, turn
 from pinnochio.importing.soft_tissue import between, bulk, closed, largest, near_skin
@@ -55,10 +55,7 @@ class Cuts:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Cuts":
         """Read JSON: {"occlusal": {"point": [x, y, z], "normal": [x, y, z]}, ..., "low": [null, null, z], ...}."""
-
-        def refuse(problem: str, remedy: str):
-            raise InputError("-", path, problem, remedy)
-
+        refuse = refusal("-", path)
         content = read_json(path, refuse)
         try:
             planes = {name: _plane(content[name]) for name in PLANES if name in content}
@@ -103,10 +100,11 @@ class Thresholds:
     margin: float = _option("bone nearer than this to the pterygoid plane goes to a jaw by the watershed, mm", 8.0)
 
     def __post_init__(self):
+        refuse = refusal("-", "thresholds")
         if not self.skin < self.bone:
-            raise InputError("-", "thresholds", f"skin {self.skin} is not below bone {self.bone}", "exchange them")
+            refuse(f"skin {self.skin} is not below bone {self.bone}", "exchange them")
         if wrong := [item.name for item in fields(self)[2:] if not getattr(self, item.name) > 0]:
-            raise InputError("-", "thresholds", f"{', '.join(wrong)} is not positive", "give lengths in mm")
+            refuse(f"{', '.join(wrong)} is not positive", "give lengths in mm")
 
     @classmethod
     def options(cls) -> list[tuple[str, str, float | None]]:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pinnochio.errors import InputError
+from pinnochio.errors import refusal
 from pinnochio.geometry.mesh_topology import EDGES, edges_of
 from pinnochio.meshing.lips import near_mouth
 from pinnochio.meshing.mesh import TetMesh
@@ -24,6 +24,7 @@ def refine(mesh: TetMesh, size: Callable[[np.ndarray], np.ndarray]) -> TetMesh:
     share no node stay apart. Cells inherit their tissue. The same input gives the same bytes. Raises InputError for
     sizes that are not positive, or so small that 200 passes do not reach them.
     """
+    refuse = refusal("-", "mesh")
     points, cells, tissue = mesh.points, mesh.cells.astype(np.int64), mesh.tissue
     for _ in range(PASSES):
         edges, of_cell = edges_of(cells)
@@ -31,7 +32,7 @@ def refine(mesh: TetMesh, size: Callable[[np.ndarray], np.ndarray]) -> TetMesh:
         length, middle = np.linalg.norm(one - two, axis=1), (one + two) / 2
         wanted = np.asarray(size(middle), float)
         if not (wanted > 0).all():
-            raise InputError("-", "mesh", f"wanted edge of {np.min(wanted)} mm", "ask for edges above 0 mm")
+            refuse(f"wanted edge of {np.min(wanted)} mm", "ask for edges above 0 mm")
         # One order of all edges, by length, then by nodes: every cell has one longest edge, and no two cells disagree.
         rank = np.empty(len(edges), np.int64)
         rank[np.argsort(length, kind="stable")] = np.arange(len(edges))
@@ -43,7 +44,7 @@ def refine(mesh: TetMesh, size: Callable[[np.ndarray], np.ndarray]) -> TetMesh:
         node[split] = len(points) + np.arange(split.sum())
         points = np.concatenate([points, middle[split]])
         cells, tissue = _bisected(cells, tissue, of_cell, node)
-    raise InputError("-", "mesh", f"edges are too long after {PASSES} passes", "ask for longer edges")
+    refuse(f"edges are too long after {PASSES} passes", "ask for longer edges")
 
 
 def refine_mouth(mesh: TetMesh, mouth: np.ndarray, edge: float) -> TetMesh:

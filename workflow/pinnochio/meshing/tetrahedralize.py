@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.geometry.mesh_topology import EDGES, adjacency, faces_of
 from pinnochio.meshing.fields import Fields, is_tissue, without_specks
 from pinnochio.meshing.mesh import TetMesh, volumes
@@ -72,11 +72,12 @@ def tetrahedralize(
     exactly flat. Pieces that do not hang on the largest one are dropped, and so are features thinner than about half
     a lattice cell. The same input gives the same bytes. Raises InputError for a map without tissue or a bad argument.
     """
+    refuse = refusal("-", "labels")
     labels, spacing, origin = np.asarray(labels), np.asarray(spacing, float), np.asarray(origin, float)
     _check(labels, spacing, origin, target_nodes, minimum_dihedral)
     inside = is_tissue(labels)
     if not inside.any():
-        raise InputError("-", "labels", "holds no soft tissue", "label muscle or superficial tissue")
+        refuse("holds no soft tissue", "label muscle or superficial tissue")
     constant = (2 * inside.sum() * np.prod(spacing) / target_nodes) ** (1 / 3)
     reach = np.array(labels.shape) * spacing / 2
     aside = abs(np.sin(np.radians(turn))) * np.array([reach[1], reach[0], 0])
@@ -97,17 +98,18 @@ def tetrahedralize(
             break
         factor = max(count, 1) / lattice.count
     if len(best.cells) == 0:
-        raise InputError("-", "labels", "no lattice cell fits into the tissue", "ask for more nodes")
+        refuse("no lattice cell fits into the tissue", "ask for more nodes")
     return best
 
 
 def _check(labels, spacing, origin, target_nodes, minimum_dihedral) -> None:
+    refuse = refusal("-", "labels")
     if labels.ndim != 3:
-        raise InputError("-", "labels", f"has {labels.ndim} axes, not 3", "give one label volume")
+        refuse(f"has {labels.ndim} axes, not 3", "give one label volume")
     if spacing.shape != (3,) or origin.shape != (3,) or not np.isfinite([spacing, origin]).all():
-        raise InputError("-", "labels", "spacing and origin are not three finite numbers", "give them in mm")
+        refuse("spacing and origin are not three finite numbers", "give them in mm")
     if (spacing <= 0).any():
-        raise InputError("-", "labels", f"spacing {spacing} is not positive", "give it in mm")
+        refuse(f"spacing {spacing} is not positive", "give it in mm")
     if target_nodes < 50:
         raise InputError("-", "mesh", f"{target_nodes} nodes cannot carry a face", "ask for 50 nodes at least")
     if not 0 <= minimum_dihedral <= 30:

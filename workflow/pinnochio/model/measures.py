@@ -83,40 +83,26 @@ def _convexity(points: np.ndarray) -> tuple[float, np.ndarray]:
 
 # By name. The vertical and the midline through sellion move with it, which no operation on the jaws moves.
 MEASURES: Mapping[str, Measure] = {
-    "a_forward": Measure(
-        "A' to the vertical through N'", "mm", "in front", ("sellion", "subspinale"), _along(FORWARD)
-    ),
-    "b_forward": Measure(
-        "B' to the vertical through N'", "mm", "in front", ("sellion", "sublabiale"), _along(FORWARD)
-    ),
-    "pog_forward": Measure(
-        "Pog' to the vertical through N'", "mm", "in front", ("sellion", "pogonion"), _along(FORWARD)
-    ),
-    "upper_lip_e_line": Measure(
-        "Upper lip to E-line", "mm", "in front", ("pronasale", "pogonion", "labrale_superius"), _in_front
-    ),
-    "lower_lip_e_line": Measure(
-        "Lower lip to E-line", "mm", "in front", ("pronasale", "pogonion", "labrale_inferius"), _in_front
-    ),
-    "nasolabial": Measure(
-        "Nasolabial angle", "degree", "more open", ("columella", "subnasale", "labrale_superius"), _angle
-    ),
-    "mentolabial": Measure(
-        "Mentolabial angle", "degree", "more open", ("labrale_inferius", "sublabiale", "pogonion"), _angle
-    ),
-    "convexity": Measure(
-        "Facial convexity (N'-Sn-Pog')", "degree", "more convex", ("sellion", "subnasale", "pogonion"), _convexity
-    ),
-    "interlabial_gap": Measure(
-        "Interlabial gap", "mm", "lips apart", ("stomion_inferius", "stomion_superius"), _along(UP)
-    ),
+    "a_forward": Measure("A' to the vertical through N'", "mm", "in front", ("sellion", "subspinale"), _along(FORWARD)),
+    "b_forward": Measure("B' to the vertical through N'", "mm", "in front", ("sellion", "sublabiale"), _along(FORWARD)),
+    "pog_forward": Measure("Pog' to the vertical through N'", "mm", "in front", ("sellion", "pogonion"),
+        _along(FORWARD)),
+    "upper_lip_e_line": Measure("Upper lip to E-line", "mm", "in front", ("pronasale", "pogonion", "labrale_superius"),
+        _in_front),
+    "lower_lip_e_line": Measure("Lower lip to E-line", "mm", "in front", ("pronasale", "pogonion", "labrale_inferius"),
+        _in_front),
+    "nasolabial": Measure("Nasolabial angle", "degree", "more open", ("columella", "subnasale", "labrale_superius"),
+        _angle),
+    "mentolabial": Measure("Mentolabial angle", "degree", "more open", ("labrale_inferius", "sublabiale", "pogonion"),
+        _angle),
+    "convexity": Measure("Facial convexity (N'-Sn-Pog')", "degree", "more convex", ("sellion", "subnasale", "pogonion"),
+        _convexity),
+    "interlabial_gap": Measure("Interlabial gap", "mm", "lips apart", ("stomion_inferius", "stomion_superius"),
+        _along(UP)),
     "alar_width": Measure("Alar width", "mm", "wider", ("alare_right", "alare_left"), _along(LEFT)),
-    "midline": Measure(
-        "Upper lip to the facial midline", "mm", "to the left", ("sellion", "labrale_superius"), _along(LEFT)
-    ),
-    "chin_asymmetry": Measure(
-        "Chin to the facial midline", "mm", "to the left", ("sellion", "pogonion"), _along(LEFT)
-    ),
+    "midline": Measure("Upper lip to the facial midline", "mm", "to the left", ("sellion", "labrale_superius"),
+        _along(LEFT)),
+    "chin_asymmetry": Measure("Chin to the facial midline", "mm", "to the left", ("sellion", "pogonion"), _along(LEFT)),
 }  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pinnochio.errors import InputError
+from pinnochio.errors import refusal
 from pinnochio.hdf5 import reading, writing
 from pinnochio.model.patient import PatientModel
 
@@ -90,9 +90,7 @@ def read_external(path: str | os.PathLike, case: str, points: np.ndarray, cells:
 
     import pyvista as pv  # takes a third of a second, which the jobs that read the study's own files are spared
 
-    def refuse(problem: str, remedy: str):
-        raise InputError(case, path, problem, remedy)
-
+    refuse = refusal(case, path)
     order = slice(None)
     try:
         if Path(path).suffix == ".npz":

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinnochio.errors import InputError
+from pinnochio.errors import refusal
 from pinnochio.files import replacing
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION, RigidMotion
 from pinnochio.json_text import check_keys, numbers, parse_json, read_text
@@ -58,9 +58,7 @@ class Plan:
         """
         name = case or "?"
 
-        def refuse(problem: str, remedy: str):
-            raise InputError(name, file, problem, remedy)
-
+        refuse = refusal(name, file)
         data = parse_json(text, refuse)
         if not isinstance(data, dict) or not isinstance(data.get("segments"), dict):
             refuse("has no 'segments' object", "write the plan as README.md shows")
@@ -111,9 +109,7 @@ class Plan:
 
             return cls(case, read_transforms(path, case))
 
-        def refuse(problem: str, remedy: str):
-            raise InputError(case, path, problem, remedy)
-
+        refuse = refusal(case, path)
         return cls.from_json(read_text(path, refuse), path, case, foreign)
 
     def write(self, path: str | os.PathLike) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.plans.plan import Plan
 
 # What a segment does, by the beginning of its name; the first that fits counts.
@@ -58,19 +58,16 @@ def displacement_at(plan: Plan, place: str, points: np.ndarray) -> np.ndarray:
 
 def check_together(segments: Sequence[str], case: str, file: object) -> None:
     """InputError for segments that no case can have together: an uncut bone beside its own pieces, or none at all."""
+    refuse = refusal(case, file)
     if not segments:
-        raise InputError(
-            case, file, "it holds no bone segment", "label the bones that the plan moves; 'segments' names them"
-        )
+        refuse("it holds no bone segment", "label the bones that the plan moves; 'segments' names them")
     pieces = of_role(segments, "maxilla")
     whole = [name for name in pieces if any(other.startswith(f"{name}_") for other in pieces)]
     cut = of_role(segments, "distal", "proximal") if UNCUT in segments else []
     for name, parts in ((whole[:1], pieces), ([UNCUT] if cut else [], cut)):
         if name:
             others = ", ".join(part for part in parts if part != name[0])
-            raise InputError(
-                case,
-                file,
+            refuse(
                 f"{name[0]!r} is the whole bone, and its pieces {others} are labelled too",
                 "label either the whole bone or its pieces",
             )

@@ -115,26 +115,25 @@ def proximal_motion(rng: np.random.Generator, anatomy: JawAnatomy, name: str, di
     Sideways and vertical motion turn the ramus (yaw, pitch); it slides along front-to-back motion. At most 3 mm at
     the centroid and 5 degrees [R: methods 7.2]; the followed share FOLLOWED +- 0.1 is a choice [I].
     """
-    hinge, front = anatomy.hinge[name], anatomy.front[name]
     share = truncated(rng, FOLLOWED, 0.1, 0.1, 0.7)
-    arm = front - hinge
-    target = share * distal.displacement(front[None])[0] * [1, 0, 1]
-    turn = np.cross(arm, target) / (arm @ arm)  # least rotation whose velocity at `front` is nearest to the target
-    turn = np.degrees(turn) + [truncated(rng, 0, 0.5, -1.5, 1.5) for _ in range(3)]
+    turn = [truncated(rng, 0, 0.5, -1.5, 1.5) for _ in range(3)]
     shift = np.array([truncated(rng, 0, 0.3, -0.8, 0.8) for _ in range(3)])
-    move = RigidMotion.from_degrees(turn, shift, hinge)
-    travel = np.linalg.norm(move.displacement(anatomy.centre[name][None])[0])
-    excess = max(travel / PROXIMAL_SHIFT, np.linalg.norm(turn) / PROXIMAL_ANGLE)
-    return move if excess <= 1 else move.fraction(0.98 / excess)
+    return _about_condyle(anatomy, name, distal, share, turn, shift)
 
 
 def ramus_following(anatomy: JawAnatomy, name: str, distal: RigidMotion) -> RigidMotion:
     """As :func:`proximal_motion` without its scatter: the usual turn about the condyle."""
-    hinge = anatomy.hinge[name]
-    arm = anatomy.front[name] - hinge
-    target = FOLLOWED * distal.displacement(anatomy.front[name][None])[0] * [1, 0, 1]
-    turn = np.degrees(np.cross(arm, target) / (arm @ arm))
-    move = RigidMotion.from_degrees(turn, np.zeros(3), hinge)
+    return _about_condyle(anatomy, name, distal, FOLLOWED, np.zeros(3), np.zeros(3))
+
+
+def _about_condyle(anatomy: JawAnatomy, name: str, distal: RigidMotion, share: float, turn, shift) -> RigidMotion:
+    """Turn of a ramus that follows a share of the distal motion, and a further one (degrees), and a shift (mm)."""
+    hinge, front = anatomy.hinge[name], anatomy.front[name]
+    arm = front - hinge
+    target = share * distal.displacement(front[None])[0] * [1, 0, 1]
+    # Least rotation whose velocity at `front` is nearest to the target.
+    turn = np.degrees(np.cross(arm, target) / (arm @ arm)) + turn
+    move = RigidMotion.from_degrees(turn, shift, hinge)
     travel = np.linalg.norm(move.displacement(anatomy.centre[name][None])[0])
     excess = max(travel / PROXIMAL_SHIFT, np.linalg.norm(turn) / PROXIMAL_ANGLE)
     return move if excess <= 1 else move.fraction(0.98 / excess)

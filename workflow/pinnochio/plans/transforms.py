@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 import SimpleITK as sitk
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.files import replacing
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION, RigidMotion
 
@@ -100,10 +100,7 @@ def read_rigid(file: Path, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
     InputError for a file that is damaged, holds several transforms or one that is not rigid.
     """
-
-    def refuse(problem: str, remedy: str):
-        raise InputError(case, file, problem, remedy)
-
+    refuse = refusal(case, file)
     if file.suffix.lower() in (".tfm", ".txt"):
         _check_text(file, lambda problem: refuse(f"it cannot be read as a transform ({problem})", AGAIN))
     try:

@@ -10,8 +10,8 @@ import numpy as np
 
 from pinnochio.files import replacing
 from pinnochio.json_text import read_stored_json
+from pinnochio.plans.sampling import truncated
 from pinnochio.virtual.ground_truth import CLINIC, REALITIES
-from pinnochio.virtual.parameters import draw
 from pinnochio.virtual.published_thickness import PUBLISHED
 
 AGE = (25.0, 7.0, 18.0, 55.0)  # mean, SD, bounds in years of patients with orthognathic surgery [R]
@@ -75,14 +75,14 @@ def sample_covariates(anatomy: Mapping[str, Any], reality: str, rng: np.random.G
     """Draw the covariates of a patient with this anatomy (as `describe` gives it); nominal is scanned as the clinic."""
     months, spread = REALITIES.get(reality, REALITIES[CLINIC]).months
     scores = thickness_scores(anatomy["thickness"])
-    age, scatter = draw(rng, *AGE), rng.normal()
+    age, scatter = truncated(rng, *AGE), rng.normal()
     fat = np.mean([scores[name] for name in CHEEKS])
     bmi = BMI[0] + BMI[1] * (WITH_THICKNESS * fat + np.sqrt(1 - WITH_THICKNESS**2) * scatter)
     return Covariates(
         sex=anatomy["sex"],
         age=round(age, 1),
         bmi=round(float(np.clip(bmi, *BMI[2:])), 1),
-        months=round(draw(rng, months, spread, EARLIEST, 2 * months), 1),
+        months=round(truncated(rng, months, spread, EARLIEST, 2 * months), 1),
         closure="vy" if rng.random() < VY else "simple",
         cinch=bool(rng.random() < CINCH),
     )

@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from pinnochio.geometry.mesh_topology import pieces
 from pinnochio.geometry.triangles import face_normals, vertex_normals
 from pinnochio.plans.plan import RigidMotion
 
@@ -31,19 +30,13 @@ class Scan:
     vertex: np.ndarray
 
 
-def components(pairs: np.ndarray, count: int) -> np.ndarray:
-    """Number of the connected component of each of `count` vertices under the edges pairs (e, 2)."""
-    links = coo_matrix((np.ones(len(pairs)), pairs.T), (count, count))
-    return connected_components(links, directed=False)[1]
-
-
 def outer_border(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Vertices of the longest open border; the mouth and the nostrils are shorter ones."""
     edges, count = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), 1), axis=0, return_counts=True)
     edges = edges[count == 1]
     if not len(edges):
         return np.zeros(0, int)
-    loop = components(edges, len(points))[edges[:, 0]]
+    loop = pieces(edges, len(points))[edges[:, 0]]
     length = np.bincount(loop, np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1))
     return np.unique(edges[loop == length.argmax()])
 
@@ -57,7 +50,7 @@ def smooth_noise(points: np.ndarray, rng: np.random.Generator, length: float, wa
 
 def largest_patch(faces: np.ndarray, count: int) -> np.ndarray:
     """Triangles of the connected patch that has most of them."""
-    patch = components(faces[:, [0, 1, 1, 2]].reshape(-1, 2), count)[faces[:, 0]]
+    patch = pieces(faces, count)[faces[:, 0]]
     return faces[patch == np.bincount(patch).argmax()]
 
 

@@ -27,130 +27,61 @@ class Effect(NamedTuple):
 
 
 EFFECTS = {
-    "nodes": Effect(
-        "mesh of this many nodes that lies elsewhere than the methods', turned and shifted", "", "[I]", None, MECHANICS
-    ),
+    "nodes": Effect("mesh of this many nodes that lies elsewhere than the methods', turned and shifted", "", "[I]",
+        None, MECHANICS),
     "poisson": Effect("Poisson's ratio", "", "[R] 0.46 to 0.49 in the literature", None, MECHANICS),
-    "stiffening": Effect(
-        "second (quadratic) term of a strain-stiffening law", "kPa", "[R] Nazari: c20 1.18 kPa", 0.0, MECHANICS
-    ),
+    "stiffening": Effect("second (quadratic) term of a strain-stiffening law", "kPa", "[R] Nazari: c20 1.18 kPa", 0.0,
+        MECHANICS),
     "yielding": Effect(
         "volume ratio below which tissue that is squeezed between bones yields, as what the surgeon trims or strips",
-        "",
-        "[I]",
-        0.0,
-        MECHANICS,
-    ),
-    "stiffness_spread": Effect(
-        "SD of the logarithm of each tissue's modulus over patients",
-        "",
-        "[S: hal-01092748] wide; size [I]",
-        0.0,
-        MECHANICS,
-        "all",
-    ),
+        "", "[I]", 0.0, MECHANICS),
+    "stiffness_spread": Effect("SD of the logarithm of each tissue's modulus over patients", "",
+        "[S: hal-01092748] wide; size [I]", 0.0, MECHANICS, "all"),
     "sliding_band_factor": Effect("true sliding extent over the methods'", "", "[I]", 1.0, MECHANICS),
     "contact": Effect("tissue may leave the teeth that it slides on (1), not enter them", "", "[I]", 0, MECHANICS),
     "posture": Effect(
         "weight of the tissue, lying in the CT and upright in the scan, times that of 1 g/cm3, so that the cheek moves "
-        "as published; softer tissue with body mass and age",
-        "",
-        "[S: readbyqxmd 29396312, PMC9871103]; factor, softening [I]",
-        0.0,
-        MECHANICS,
-    ),
+        "as published; softer tissue with body mass and age", "",
+        "[S: readbyqxmd 29396312, PMC9871103]; factor, softening [I]", 0.0, MECHANICS),
     "pre_stress": Effect(
-        "tension of the skin, times one that rises from 7 kPa at mouth and nose to 53 kPa in the cheek",
-        "",
-        "[S: 10.1007/978-3-319-59764-5_6]; skin of 1.2 mm [R]",
-        0.0,
-        MECHANICS,
-        "CV 25 %",
-    ),
-    "execution_error": Effect(
-        "error of carrying out the plan, times the published one", "", "[S: PMC8432567]", 0.0, MOTION, "all"
-    ),
+        "tension of the skin, times one that rises from 7 kPa at mouth and nose to 53 kPa in the cheek", "",
+        "[S: 10.1007/978-3-319-59764-5_6]; skin of 1.2 mm [R]", 0.0, MECHANICS, "CV 25 %"),
+    "execution_error": Effect("error of carrying out the plan, times the published one", "", "[S: PMC8432567]", 0.0,
+        MOTION, "all"),
     "lower_lip": Effect(
-        "lower lip unfurls with mandibular advance, more where it is thick or the lips gaped; fills with setback",
-        "",
-        "[S: n = 62, 10.1007/978-3-030-32254-0_38, Angle Orthod 80:896]; form [I]",
-        0.0,
-        CHANGE,
-        "SD 0.6 mm",
-    ),
-    "chin_pad": Effect(
-        "chin pad thins with advance, thickens with setback; the mentolabial fold the other way",
-        "",
-        "[S: n = 62]; form [I]",
-        0.0,
-        CHANGE,
-        "SD 0.8 mm",
-    ),
-    "upper_lip": Effect(
-        "upper lip thins with maxillary advance, less where it is thick; V-Y closure turns that round",
-        "",
-        "[S: n = 81; Ls ratio 0.36-1.43]; form [I]",
-        0.0,
-        CHANGE,
-        "SD 0.7 mm",
-    ),
-    "lip_length": Effect(
-        "upper lip lengthens by 0.8 mm in the mean, along the skin", "", "[S: +0.73 to +1.0 +- 1.9 mm]", 0.0, CHANGE,
-        "SD 1.5 mm",
-    ),
+        "lower lip unfurls with mandibular advance, more where it is thick or the lips gaped; fills with setback", "",
+        "[S: n = 62, 10.1007/978-3-030-32254-0_38, Angle Orthod 80:896]; form [I]", 0.0, CHANGE, "SD 0.6 mm"),
+    "chin_pad": Effect("chin pad thins with advance, thickens with setback; the mentolabial fold the other way", "",
+        "[S: n = 62]; form [I]", 0.0, CHANGE, "SD 0.8 mm"),
+    "upper_lip": Effect("upper lip thins with maxillary advance, less where it is thick; V-Y closure turns that round",
+        "", "[S: n = 81; Ls ratio 0.36-1.43]; form [I]", 0.0, CHANGE, "SD 0.7 mm"),
+    "lip_length": Effect("upper lip lengthens by 0.8 mm in the mean, along the skin", "",
+        "[S: +0.73 to +1.0 +- 1.9 mm]", 0.0, CHANGE, "SD 1.5 mm"),
     "alar_width": Effect(
-        "wings of the nose widen with maxillary advance and impaction, half as much with a cinch suture",
-        "",
-        "[S: 10.1186/s13005-015-0080-y, KJO 50(4)]; form [I]",
-        0.0,
-        CHANGE,
-        "SD 0.25 mm",
-    ),
-    "paranasal": Effect(
-        "skin beside the nose fills with maxillary advance", "", "[I], within [S: TJO 2022.90]", 0.0, CHANGE,
-        "SD 0.3 mm",
-    ),
-    "gain": Effect(
-        "soft tissue follows the bone more or less than mechanics has it", "", "[S: n = 57, 62: individual]; size [I]",
-        0.0, CHANGE, "all: SD 12 % of the motion at lips and beside the nose, 8 % chin, 5 % cheek",
-    ),
-    "swelling": Effect(
-        "swelling that is left, by months to the scan", "", "[S: PMID 34619733]; regions [I]", 0.0, CHANGE, "log SD 0.5"
-    ),
-    "masseter_loss": Effect(
-        "masseter and weight lost after surgery: jaw angle, cheek and under the chin",
-        "",
-        "[S: -13.5 % of volume, -2.8 kg]; mm [I]",
-        0.0, CHANGE, "SD 0.7 mm jaw, 0.4 mm cheek, 0.6 mm under the chin",
-    ),
+        "wings of the nose widen with maxillary advance and impaction, half as much with a cinch suture", "",
+        "[S: 10.1186/s13005-015-0080-y, KJO 50(4)]; form [I]", 0.0, CHANGE, "SD 0.25 mm"),
+    "paranasal": Effect("skin beside the nose fills with maxillary advance", "", "[I], within [S: TJO 2022.90]", 0.0,
+        CHANGE, "SD 0.3 mm"),
+    "gain": Effect("soft tissue follows the bone more or less than mechanics has it", "",
+        "[S: n = 57, 62: individual]; size [I]", 0.0, CHANGE,
+        "all: SD 12 % of the motion at lips and beside the nose, 8 % chin, 5 % cheek"),
+    "swelling": Effect("swelling that is left, by months to the scan", "", "[S: PMID 34619733]; regions [I]", 0.0,
+        CHANGE, "log SD 0.5"),
+    "masseter_loss": Effect("masseter and weight lost after surgery: jaw angle, cheek and under the chin", "",
+        "[S: -13.5 % of volume, -2.8 kg]; mm [I]", 0.0, CHANGE, "SD 0.7 mm jaw, 0.4 mm cheek, 0.6 mm under the chin"),
     "individual": Effect(
         "tissue responds otherwise from place to place: SD 1.2 mm, 1.4 mm at the lips, correlated over 15 mm, times "
-        "one number per patient, log SD 0.25",
-        "",
-        "[S: n = 57, 62: 1.3-1.65 mm are left at the lip once plan and thickness are known]; size and length [I]",
-        0.0,
-        CHANGE,
-        "all",
-    ),
-    "expression": Effect(
-        "another expression at the scan: SD 0.3 mm upper lip, 0.4 mm lower lip, 0.15 mm cheek",
-        "",
-        "[S: readbyqxmd 27131258, PMC7064576]; split [I]",
-        0.0,
-        SCAN,
-        "all",
-    ),
-    "noise": Effect(
-        "SD of the scan noise along the normals", "mm", "[R] stereophotogrammetry, below 0.5 mm", 0.0, SCAN, "all"
-    ),
+        "one number per patient, log SD 0.25", "",
+        "[S: n = 57, 62: 1.3-1.65 mm are left at the lip once plan and thickness are known]; size and length [I]", 0.0,
+        CHANGE, "all"),
+    "expression": Effect("another expression at the scan: SD 0.3 mm upper lip, 0.4 mm lower lip, 0.15 mm cheek", "",
+        "[S: readbyqxmd 27131258, PMC7064576]; split [I]", 0.0, SCAN, "all"),
+    "noise": Effect("SD of the scan noise along the normals", "mm", "[R] stereophotogrammetry, below 0.5 mm", 0.0, SCAN,
+        "all"),
     "holes": Effect("holes of 2 to 5 mm radius in the scan (hair, shine)", "", "[I]", 0, SCAN, "all"),
-    "coverage": Effect(
-        "smallest cosine between normal and camera that is seen; 6 mm of the rim are lost", "", "[R] two cameras", None,
-        SCAN,
-    ),
-    "frame": Effect(
-        "scanner frame off by up to this many times 8 mm and 6 degrees", "", "[I]", 0.0, SCAN, "all"
-    ),
+    "coverage": Effect("smallest cosine between normal and camera that is seen; 6 mm of the rim are lost", "",
+        "[R] two cameras", None, SCAN),
+    "frame": Effect("scanner frame off by up to this many times 8 mm and 6 degrees", "", "[I]", 0.0, SCAN, "all"),
 }  # fmt: skip
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, make_dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import truncnorm
 
+from pinnochio.plans.sampling import truncated
 from pinnochio.virtual.procedures import DEFORMITIES
 
 NORMAL = "normal"
@@ -162,11 +162,6 @@ class HeadParameters(_Numbers):
     """
 
 
-def draw(rng: np.random.Generator, mean: float, sd: float, low: float, high: float) -> float:
-    """One value of the normal (mean, sd) truncated to [low, high]; exactly one draw of `rng`."""
-    return float(truncnorm.ppf(rng.random(), (low - mean) / sd, (high - mean) / sd, loc=mean, scale=sd))
-
-
 def distribution(name: str, male: bool, deformity: str) -> tuple[float, float, float, float]:
     """Mean, standard deviation and bounds of a number for this sex and deformity; NORMAL shifts nothing."""
     entry = TABLE[name]
@@ -184,7 +179,7 @@ def sample_parameters(rng: np.random.Generator, deformity: str) -> HeadParameter
     male = bool(rng.random() < 0.5)
     side = 1.0 if rng.random() < 0.5 else -1.0
     relief_seed = int(rng.integers(2**31))
-    values = {name: draw(rng, *distribution(name, male, deformity)) for name in TABLE}
+    values = {name: truncated(rng, *distribution(name, male, deformity)) for name in TABLE}
     if deformity == "asymmetry":
         # The chin deviates away from the longer, lower side.
         values["chin_deviation"] *= side

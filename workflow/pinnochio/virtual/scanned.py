@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pinnochio.plans.sampling import truncated
 from pinnochio.virtual.morphable_model import ModelFace, first_hit, make_face, sample_identity
 from pinnochio.virtual.parameters import (
     NORMAL,
@@ -13,7 +14,6 @@ from pinnochio.virtual.parameters import (
     HeadParameters,
     Scanned,
     distribution,
-    draw,
 )
 from pinnochio.virtual.procedures import DEFORMITIES
 from pinnochio.virtual.skeleton import Skeleton
@@ -37,7 +37,7 @@ def sample_patient(rng: np.random.Generator, deformity: str) -> HeadParameters:
     male = bool(rng.random() < 0.5)
     side = 1.0 if rng.random() < 0.5 else -1.0
     identity = sample_identity(rng, male)
-    values = {name: draw(rng, *distribution(name, male, NORMAL)) for name in TABLE}
+    values = {name: truncated(rng, *distribution(name, male, NORMAL)) for name in TABLE}
     return deform(rng, fit(identity, male, values), deformity, side)
 
 
@@ -113,12 +113,12 @@ def deform(rng: np.random.Generator, normal: HeadParameters, deformity: str, sid
     male, n = normal.male, normal
 
     def drawn(name):
-        return draw(rng, *distribution(name, male, deformity))
+        return truncated(rng, *distribution(name, male, deformity))
 
     def grown(name):
         return getattr(n, name) + distribution(name, male, deformity)[0] - distribution(name, male, NORMAL)[0]
 
-    forward = grown("maxilla_position") + FORWARD_SD * draw(rng, 0, 1, -2, 2)
+    forward = grown("maxilla_position") + FORWARD_SD * truncated(rng, 0, 1, -2, 2)
     overjet, open_bite, deviation, cant = map(drawn, ("overjet", "open_bite", "chin_deviation", "occlusal_cant"))
     if deformity == "asymmetry":  # the chin deviates away from the longer, lower side
         deviation, cant = deviation * side, -cant * side
