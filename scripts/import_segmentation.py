@@ -47,56 +47,13 @@ def import_segmentation(
     single | refuse) serves where no muscle is labelled; bone_edge is the edge length of the bone surface in mm; outputs
     names the files labels, bone, skin and report. Raises InputError for what the user must mend.
     """
-    said = {}
     if isinstance(label_values, str):
-        given = read_markups(markups, case)
-        parts = read_head_parts(
-            path=segmentation,
-            volume=volume,
-            case=case,
-            preset=label_values,
-            orientation=orientation,
-            regions=given.regions,
-            loose_percent=repair_limit,
+        head, frame, made = _cut_head(
+            case, segmentation, label_values, segments, orientation, repair_limit, volume, markups, cuts
         )
-        frame = check_anatomy(
-            labels=parts.uncut(),
-            spacing=parts.spacing,
-            segments=(UNCUT,),
-            axes=parts.axes,
-            case=case,
-            file=segmentation,
-            upper_teeth=parts.parts == UPPER_TEETH,
-            lower_teeth=parts.parts == LOWER_TEETH,
-        )
-        frame |= {"sides": AS_IT_SHOULD_BE} if parts.sided else {}
-        made = osteotomy(head=parts, cuts=cuts, markups=given, case=case, file=segmentation)
-        if unknown := [name for name in made.segments if name not in segments]:
-            problem = f"the cuts make {', '.join(unknown)}, which 'segments' does not name"
-            raise InputError(case, "configuration", problem, "add them to 'segments', or change 'osteotomy.cuts'")
-        head = Segmentation(made.labels, parts.spacing, parts.origin, made.segments, parts.axes)
-        landmarks = {
-            name: {"place": np.round(place, 2).tolist(), "source": source}
-            for name, (place, source) in sorted(made.landmarks.items())
-        }
-        said = {"tool": label_values, "soft_tissue": parts.soft, "cuts": made.cuts, "landmarks": landmarks}
     else:
-        head = read_segmentation(
-            path=segmentation,
-            case=case,
-            label_values=label_values,
-            segments=segments,
-            orientation=orientation,
-            unnamed_percent=repair_limit,
-        )
-        frame = check_anatomy(
-            labels=head.labels,
-            spacing=head.spacing,
-            segments=head.segments,
-            axes=head.axes,
-            case=case,
-            file=segmentation,
-        )
+        head, made = read_segmentation(segmentation, case, label_values, segments, orientation, repair_limit), {}
+        frame = check_anatomy(head.labels, head.spacing, head.segments, head.axes, case, segmentation)
     voxel, segments = float(np.prod(head.spacing)), head.segments
     labels, repairs = repair(
         labels=head.labels, segments=segments, limit_percent=repair_limit, case=case, file=segmentation, voxel=voxel
@@ -124,13 +81,53 @@ def import_segmentation(
             for name, code in internal_codes(segments).items()
         },
         "repairs": repairs,
-    } | said
+    } | made
     write_segmentation(labels=labels, spacing=head.spacing, origin=head.origin, path=outputs["labels"])
     bone.write(outputs["bone"])
     skin, skin_faces = skin_surface(labels, head.spacing, head.origin)
     write_surface(skin, skin_faces, outputs["skin"])
     with replacing(outputs["report"]) as temporary:
         temporary.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+
+
+def _cut_head(
+    case: str,
+    path: str,
+    tool: str,
+    segments: tuple[str, ...],
+    orientation: str,
+    limit: float,
+    volume: str | None,
+    markups: Sequence[str],
+    cuts: Sequence[str],
+) -> tuple[Segmentation, dict, dict]:
+    """The head that a tool has segmented, with its cuts made; what its anatomy says of its frame; how it was made.
+
+    limit: percent of a bone that loose pieces may make up; the rest as in :func:`import_segmentation`.
+    """
+    marked = read_markups(markups, case)
+    parts = read_head_parts(path, volume, case, tool, orientation, marked.regions, limit)
+    frame = check_anatomy(
+        labels=parts.uncut(),
+        spacing=parts.spacing,
+        segments=(UNCUT,),
+        axes=parts.axes,
+        case=case,
+        file=path,
+        upper_teeth=parts.parts == UPPER_TEETH,
+        lower_teeth=parts.parts == LOWER_TEETH,
+    )
+    frame |= {"sides": AS_IT_SHOULD_BE} if parts.sided else {}
+    made = osteotomy(parts, cuts, marked, case, path)
+    if unknown := [name for name in made.segments if name not in segments]:
+        problem = f"the cuts make {', '.join(unknown)}, which 'segments' does not name"
+        raise InputError(case, "configuration", problem, "add them to 'segments', or change 'osteotomy.cuts'")
+    landmarks = {
+        name: {"place": np.round(place, 2).tolist(), "source": source}
+        for name, (place, source) in sorted(made.landmarks.items())
+    }
+    head = Segmentation(made.labels, parts.spacing, parts.origin, made.segments, parts.axes)
+    return head, frame, {"tool": tool, "soft_tissue": parts.soft, "cuts": made.cuts, "landmarks": landmarks}
 
 
 if __name__ == "__main__":
