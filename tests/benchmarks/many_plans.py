@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
-from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
+from pinnochio.mechanics.solvers.kept_factors import KeptFactors
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.sampling import sample_plan
@@ -44,7 +44,7 @@ def measured(patient: PatientModel, plans: list, arm: str, newton: int, batch: i
     settings = fem_settings()
     boundaries = [boundary_conditions(patient, plan, arm) for plan in plans]
     law, options = settings.material(patient.tissue), settings
-    solver, preparation = timed(lambda: RepeatedSolver(patient.points, patient.cells, law, boundaries[0], options))
+    solver, preparation = timed(lambda: KeptFactors(patient.points, patient.cells, law, boundaries[0], options))
     solver.solve(boundaries[:1])  # loads compiled code
     exact, kept, exact_seconds, kept_seconds = [], [], [], []
     for number, boundary in enumerate(boundaries):

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.solvers.batched.plan_batches import BatchSolver
-from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
+from pinnochio.mechanics.solvers.kept_factors import KeptFactors
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.sampling import sample_plan
 from tests.helpers.settings import fem_settings
@@ -92,7 +92,7 @@ def measured(patient: PatientModel, options: argparse.Namespace) -> list[str]:
 def write(patient: PatientModel, options: argparse.Namespace) -> None:
     settings, boundaries = fem_settings(), sampled(patient, options.write, options.seed, options.arm)
     known = patient.points, patient.cells, settings.material(patient.tissue), boundaries[0], settings
-    solver = RepeatedSolver(*known)
+    solver = KeptFactors(*known)
     options.fields.mkdir(exist_ok=True)
     results = solver.solve(boundaries)
     np.save(options.fields / f"{len(patient.points)}_{options.arm}.npy", [result.displacement for result in results])

@@ -10,19 +10,19 @@ from scipy import sparse
 
 from pinnochio.errors import InputError
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
-from pinnochio.mechanics.boundary.sliding import HeldNodes
+from pinnochio.mechanics.boundary.sliding import SlidingNodes
 from pinnochio.mechanics.elements.assembly import Assembler
 from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
 from pinnochio.mechanics.simulation import Simulator, simulate
 from pinnochio.mechanics.solvers import kept_factors
 from pinnochio.mechanics.solvers.batched import batch_energy, batch_sliding, hard_patches, plan_batches
-from pinnochio.mechanics.solvers.batched.batch_energy import Mesh
+from pinnochio.mechanics.solvers.batched.batch_energy import BatchElements
 from pinnochio.mechanics.solvers.batched.dissection import dissect
 from pinnochio.mechanics.solvers.batched.fronts import Fronts
 from pinnochio.mechanics.solvers.batched.plan_batches import BatchSolver
-from pinnochio.mechanics.solvers.batched.sparse_rows import Rows
-from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
+from pinnochio.mechanics.solvers.batched.sparse_rows import SparseRows
+from pinnochio.mechanics.solvers.kept_factors import KeptFactors
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import slab_patient
 from tests.helpers.settings import fem_settings
@@ -50,25 +50,25 @@ def bent_tangents():
     points, cells, _ = bent_block()
     elements = Elements.build(points, cells, material(len(cells)))
     u, fields = state(elements)
-    mesh, law = Mesh(elements, "cpu"), torch.full((2,), elements.material.extension, dtype=torch.float64)
-    found = mesh.measure(fields, law)
+    mesh, law = BatchElements(elements, "cpu"), torch.full((2,), elements.material.extension, dtype=torch.float64)
+    measured = mesh.measure(fields, law)
     whole = Assembler(elements, np.zeros((elements.nodes, 3), bool), np.zeros(0, int))
     tangents = [whole.symmetric(whole.tangent(u[:, :, plan], np.zeros((0, 3, 3)))[0]) for plan in range(2)]
-    return u, mesh, mesh.curvature(fields, found, law)[0], found.second, tangents
+    return u, mesh, mesh.curvature(fields, measured, law)[0], measured.second, tangents
 
 
 def test_separators_leave_no_edge_between_their_sides():
     points, cells = box((40, 20, 15), (8, 5, 4), jitter=0.15)
     graph = adjacency(cells, len(points))
     levels = dissect(points, graph, leaf=20)
-    owned = np.concatenate([level.own[level.own >= 0] for level in levels])
+    owned = np.concatenate([level.pivots[level.pivots >= 0] for level in levels])
     assert np.array_equal(np.sort(owned), np.arange(len(points)))
     assert len(levels) > 3
     reached: list[set] = []
     for level in levels:
         below, reached = reached, []
-        for own, beside, children in zip(level.own, level.beside, level.children, strict=True):
-            inside = set(own[own >= 0]).union(*(below[child] for child in children if child >= 0))
+        for pivots, beside, children in zip(level.pivots, level.beside, level.children, strict=True):
+            inside = set(pivots[pivots >= 0]).union(*(below[child] for child in children if child >= 0))
             around = set(graph[sorted(inside)].indices) if inside else set()
             assert around - inside == set(beside[beside >= 0])
             reached.append(inside)
@@ -102,14 +102,14 @@ def test_law_is_that_of_the_compiled_kernels(extension):
     points, cells, _ = bent_block()
     elements = Elements.build(points, cells, material(len(cells))).with_extension(extension)
     u, fields = state(elements)
-    found = Mesh(elements, "cpu").measure(fields, torch.full((2,), extension, dtype=torch.float64))
+    measured = BatchElements(elements, "cpu").measure(fields, torch.full((2,), extension, dtype=torch.float64))
     for plan in range(2):
         energy, force, ratio = elements.measure(u[:, :, plan])
-        assert float(found.energy[plan]) == pytest.approx(energy, rel=1e-12)
-        np.testing.assert_allclose(found.force[:, :, plan], force, rtol=0, atol=1e-11 * np.abs(force).max())
-        np.testing.assert_allclose(found.ratio[:, plan], ratio[:, 0], rtol=0, atol=1e-12 * np.abs(ratio).max())
-        np.testing.assert_allclose(found.stretch[:, plan], ratio[:, 1], rtol=1e-12)
-    assert found.ratio[:, 1].min() < 0
+        assert float(measured.energy[plan]) == pytest.approx(energy, rel=1e-12)
+        np.testing.assert_allclose(measured.force[:, :, plan], force, rtol=0, atol=1e-11 * np.abs(force).max())
+        np.testing.assert_allclose(measured.ratio[:, plan], ratio[:, 0], rtol=0, atol=1e-12 * np.abs(ratio).max())
+        np.testing.assert_allclose(measured.stretch[:, plan], ratio[:, 1], rtol=1e-12)
+    assert measured.ratio[:, 1].min() < 0
 
 
 def test_product_is_that_with_the_assembled_tangent():
@@ -123,16 +123,16 @@ def test_product_is_that_with_the_assembled_tangent():
 
 def test_a_damped_tangent_bends_nowhere_downwards():
     _, mesh, kept, second, tangents = bent_tangents()
-    values, ways = np.linalg.eigh(tangents[1].toarray())
+    values, directions = np.linalg.eigh(tangents[1].toarray())
     assert values[0] < 0
     damped, second = batch_energy.damped(kept, second)
-    for way in ways.T[::20]:
-        step = torch.as_tensor(way.reshape(-1, 3, 1)).expand(-1, -1, 2)
+    for direction in directions.T[::20]:
+        step = torch.as_tensor(direction.reshape(-1, 3, 1)).expand(-1, -1, 2)
         bends = (step * mesh.product(damped, second, step)).sum((0, 1))
         assert (bends >= -1e-9 * abs(values[-1])).all()
 
 
-def bent_zone(kind=hard_patches.Zone, device="cpu") -> tuple:
+def bent_zone(kind=hard_patches.HardPatches, device="cpu") -> tuple:
     """A bent block, and the hard patches of two plans of it."""
     points, cells, boundary = bent_block()
     elements = Elements.build(points, cells, material(len(cells)))
@@ -181,8 +181,8 @@ def test_sliding_nodes_of_hard_patches_move_in_their_tangent_planes():
 def test_products_of_rows():
     matrix = sparse.random_array((7, 5), density=0.4, rng=np.random.default_rng(0))
     x = np.random.default_rng(1).normal(size=(5, 3, 2))
-    found = Rows(matrix, "cpu", torch.float64)(torch.as_tensor(x))
-    np.testing.assert_allclose(found, np.einsum("ij,jab->iab", matrix.toarray(), x), atol=1e-14)
+    product = SparseRows(matrix, "cpu", torch.float64)(torch.as_tensor(x))
+    np.testing.assert_allclose(product, np.einsum("ij,jab->iab", matrix.toarray(), x), atol=1e-14)
 
 
 def test_batches_as_by_the_solver_of_one_plan():
@@ -192,7 +192,7 @@ def test_batches_as_by_the_solver_of_one_plan():
     plans = plans_of(boundary, (0.3, 1.0, 0.0, -0.5))
     solver, alone = (
         BatchSolver(points, cells, law, boundary, options, "cpu", 2),
-        RepeatedSolver(points, cells, law, boundary, options),
+        KeptFactors(points, cells, law, boundary, options),
     )
     results, exact = solver.solve(plans), alone.solve(plans)
     for one, other in zip(results, exact, strict=True):
@@ -213,7 +213,7 @@ def test_hard_patches_of_batches_as_by_the_solver_of_one_plan(monkeypatch):
     boundary, options = block_boundary(points), fem_settings(tolerance=1e-8)
     doubled = BoundaryConditions(boundary.prescribed_nodes, 2 * boundary.displacement(1.0))
     solver = BatchSolver(points, cells, uniform(len(cells)), boundary, options, "cpu")
-    alone = RepeatedSolver(points, cells, uniform(len(cells)), boundary, options)
+    alone = KeptFactors(points, cells, uniform(len(cells)), boundary, options)
     for one, other in zip(solver.solve([boundary, doubled]), alone.solve([boundary, doubled]), strict=True):
         assert one.kept
         np.testing.assert_allclose(one.displacement, other.displacement, rtol=0, atol=1e-5)
@@ -249,9 +249,9 @@ def test_a_plan_that_strays_is_reached_in_the_least_increments(monkeypatch):
     points, cells, boundary = bent_block()
     solver = BatchSolver(points, cells, material(len(cells)), boundary, fem_settings(), "cpu")
     monkeypatch.setattr(kept_factors, "STRAY", 0.0)
-    _, (way,) = solver.fields([solver.asked(boundary)])
-    assert way.solved and way.share == kept_factors.LEAST_INCREMENT
-    ends = [entry["fraction"] for entry in way.history if entry["code"] == plan_batches.SOLVED]
+    _, (progress,) = solver.fields([solver.prescribed(boundary)])
+    assert progress.solved and progress.share == kept_factors.LEAST_INCREMENT
+    ends = [entry["fraction"] for entry in progress.history if entry["code"] == plan_batches.SOLVED]
     assert ends == [1, 0.25, 0.125, *np.arange(1, 17) / 16]
     solver.close()
 
@@ -297,9 +297,9 @@ def test_sliding_plans_as_by_the_solver_of_one_plan():
     points, cells, law, plans = sliding_plans()
     options = fem_settings(tolerance=1e-8)
     solver = BatchSolver(points, cells, law, plans[0], options, "cpu", 2)
-    alone = RepeatedSolver(points, cells, law, plans[0], options)
-    linear = solver.linear(torch.as_tensor(solver.asked(plans[1]).motion)[solver._order][:, :, None])
-    exact = alone._rest.spread(solver.asked(plans[1]).motion[None])[0]
+    alone = KeptFactors(points, cells, law, plans[0], options)
+    linear = solver.linear(torch.as_tensor(solver.prescribed(plans[1]).motion)[solver._order][:, :, None])
+    exact = alone._rest.spread(solver.prescribed(plans[1]).motion[None])[0]
     np.testing.assert_allclose(linear[:, :, 0][solver._place], exact, rtol=0, atol=1e-4)
     for one, other in zip(solver.solve(plans), alone.solve(plans), strict=True):
         assert one.kept and one.residual <= options.tolerance and one.violation < 1e-8
@@ -313,8 +313,8 @@ def test_a_plan_whose_nodes_slid_far_is_reached_in_the_least_increments(name, va
     points, cells, law, plans = sliding_plans()
     solver = BatchSolver(points, cells, law, plans[0], fem_settings(), "cpu", 1)
     monkeypatch.setattr(kept_factors, name, value)
-    _, (way,) = solver.fields([solver.asked(plans[0])])
-    assert way.solved and way.share == kept_factors.LEAST_INCREMENT
+    _, (progress,) = solver.fields([solver.prescribed(plans[0])])
+    assert progress.solved and progress.share == kept_factors.LEAST_INCREMENT
     solver.close()
 
 
@@ -325,8 +325,8 @@ on_a_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU
 def test_hard_patches_on_a_gpu_as_on_a_cpu():
     from pinnochio.mechanics.solvers.batched import hard_patches_gpu
 
-    found = []
-    for kind, device in ((hard_patches.Zone, "cpu"), (hard_patches_gpu.Zone, "cuda")):
+    fields = []
+    for kind, device in ((hard_patches.HardPatches, "cpu"), (hard_patches_gpu.GpuHardPatches, "cuda")):
         elements, part = bent_zone(kind, device)
         known = torch.zeros(len(elements.patch_volumes), 2, dtype=torch.bool)
         known[3:6, 0] = known[8, 1] = True
@@ -335,8 +335,8 @@ def test_hard_patches_on_a_gpu_as_on_a_cpu():
         goal = torch.full((2,), 1e-2, dtype=torch.float64, device=device)
         part.settle(u, torch.zeros_like(u), goal, -torch.inf * goal, goal > 0)
         assert not part.open.any()
-        found.append(u.cpu())
-    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-5)
+        fields.append(u.cpu())
+    np.testing.assert_allclose(fields[1], fields[0], rtol=0, atol=1e-5)
 
 
 @on_a_gpu
@@ -356,14 +356,14 @@ def test_sliding_nodes_on_a_gpu_as_on_a_cpu():
 
     points, cells, law, plans = sliding_plans()
     solver = BatchSolver(points, cells, law, plans[0], fem_settings(), "cpu")
-    bones, found = solver._bones, []
-    start = np.stack([solver.asked(plan).motion for plan in plans], axis=2) + np.array([0.3, 0.2, 0.1])[:, None]
-    for kind, device in ((batch_sliding.Slides, "cpu"), (batch_sliding_gpu.Slides, "cuda")):
+    bones, results = solver._bones, []
+    start = np.stack([solver.prescribed(plan).motion for plan in plans], axis=2) + np.array([0.3, 0.2, 0.1])[:, None]
+    for kind, device in ((batch_sliding.BatchSliding, "cpu"), (batch_sliding_gpu.GpuSliding, "cuda")):
         held, u = kind(bones, len(plans), device), torch.tensor(start, device=device)
-        held.begin(range(len(plans)), [HeldNodes(bones, solver.asked(plan).sliding) for plan in plans])
-        held.put_back(u, torch.ones(len(plans), dtype=torch.bool, device=device))
-        found.append((u.cpu(), held.axes.cpu()))
-    for cpu, gpu in zip(*found, strict=True):
+        held.begin(range(len(plans)), [SlidingNodes(bones, solver.prescribed(plan).sliding) for plan in plans])
+        held.project(u, torch.ones(len(plans), dtype=torch.bool, device=device))
+        results.append((u.cpu(), held.axes.cpu()))
+    for cpu, gpu in zip(*results, strict=True):
         np.testing.assert_allclose(gpu, cpu, rtol=0, atol=1e-8)
 
 

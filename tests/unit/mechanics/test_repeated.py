@@ -9,13 +9,13 @@ from pinnochio.errors import InputError
 from pinnochio.geometry.mesh_topology import boundary_faces
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.boundary.loads import Loads, OuterForces
-from pinnochio.mechanics.boundary.sliding import HeldNodes, SlidingContact, SlidingSet, bones_of
+from pinnochio.mechanics.boundary.sliding import SlidingNodes, SlidingSet, SlidingSurfaces, bones_of
 from pinnochio.mechanics.elements.assembly import CUT, Assembler
 from pinnochio.mechanics.elements.tetrahedra import Elements, node_volumes
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
 from pinnochio.mechanics.simulation import Simulator, simulate
 from pinnochio.mechanics.solvers import kept_factors, local_equilibrium
-from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
+from pinnochio.mechanics.solvers.kept_factors import KeptFactors
 from pinnochio.mechanics.solvers.local_equilibrium import LocalEquilibrium, subset
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import FREE
@@ -27,7 +27,7 @@ from tests.helpers.solids import bent_block, both, material, sphere
 
 def kept(points, cells, law, boundaries, options):
     """Results of several boundary conditions by one set of factors."""
-    solver = RepeatedSolver(points, cells, law, boundaries[0], options)
+    solver = KeptFactors(points, cells, law, boundaries[0], options)
     try:
         return solver.solve(boundaries)
     finally:
@@ -55,8 +55,9 @@ def test_hard_patches_as_by_newton(shear, monkeypatch):
     boundary, options = block_boundary(points, shear), fem_settings(tolerance=1e-8)
     doubled = BoundaryConditions(boundary.prescribed_nodes, lambda t: 2 * boundary.displacement(t))
     law = uniform(len(cells))
-    for result, asked in zip(kept(points, cells, law, [boundary, doubled], options), (boundary, doubled), strict=True):
-        exact = solve(points, cells, law, asked, options)
+    boundaries = [boundary, doubled]
+    for result, condition in zip(kept(points, cells, law, boundaries, options), boundaries, strict=True):
+        exact = solve(points, cells, law, condition, options)
         assert result.kept
         np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
     assert exact.min_jacobian < kept_factors.HARD_RATIO
@@ -124,14 +125,14 @@ def test_what_does_not_converge_goes_to_newton_and_stops_no_other(monkeypatch):
 def test_an_error_in_one_plan_stops_no_other(monkeypatch):
     points, cells, boundary = bent_block()
     easy = BoundaryConditions(boundary.prescribed_nodes, 1e-3 * boundary.displacement(1.0))
-    search = RepeatedSolver._searched
+    search = KeptFactors._searched
 
     def failing(self, path, *rest):
         if path.constraints.boundary is boundary:
             raise RuntimeError("no memory")
         return search(self, path, *rest)
 
-    monkeypatch.setattr(RepeatedSolver, "_searched", failing)
+    monkeypatch.setattr(KeptFactors, "_searched", failing)
     hard, light = kept(points, cells, material(len(cells)), [boundary, easy], fem_settings())
     assert light.kept and not hard.kept and hard.converged
 
@@ -153,7 +154,7 @@ def test_a_time_limit_ends_the_kept_factors_too():
 
 def test_other_nodes_are_refused():
     points, cells, boundary = bent_block()
-    solver = RepeatedSolver(points, cells, material(len(cells)), boundary, fem_settings())
+    solver = KeptFactors(points, cells, material(len(cells)), boundary, fem_settings())
     with pytest.raises(InputError, match="other nodes"):
         solver.solve(
             [BoundaryConditions(boundary.prescribed_nodes[1:], np.zeros((len(boundary.prescribed_nodes) - 1, 3)))]
@@ -249,7 +250,7 @@ def test_local_equilibrium_moves_its_own_nodes_alone_and_rights_inverted_element
     points, cells = box((12, 12, 12), (5, 5, 5), jitter=0.1)
     skin = np.flatnonzero(((points == 0) | (points == 12)).any(axis=1))
     elements = Elements.build(points, cells, uniform(len(cells)))
-    solver = RepeatedSolver(
+    solver = KeptFactors(
         points, cells, uniform(len(cells)), BoundaryConditions(skin, np.zeros((len(skin), 3))), fem_settings()
     )
     constraints, inner = solver._constraints, int(np.argmin(np.linalg.norm(points - 6, axis=1)))
@@ -261,7 +262,7 @@ def test_local_equilibrium_moves_its_own_nodes_alone_and_rights_inverted_element
     u[inner] = [5.0, 0, 0]
     energy, force, least = elements.evaluate(u)
     assert least < 0
-    held = HeldNodes(bones_of(constraints.sliding, np.zeros((0, 3, 3))), constraints.sliding)
+    held = SlidingNodes(bones_of(constraints.sliding, np.zeros((0, 3, 3))), constraints.sliding)
     done = part.settled(u, held, np.zeros((0, 3, 3)), 1e-9, 1.0)
     moved = np.abs(done.displacement - u).max(axis=1) > 0
     assert done.steps > 0
@@ -280,7 +281,7 @@ def test_few_nodes_out_of_equilibrium_come_to_rest_by_themselves(arm, monkeypatc
     """To the field of steps of the whole part; parts about the nodes alone are factorised again and again."""
     patient, settings, plan = tiny_patient(shape=(14, 9, 8)), fem_settings(), tiny_plan()
     boundary, law = boundary_conditions(patient, plan, arm), settings.material(patient.tissue)
-    solver = RepeatedSolver(patient.points, patient.cells, law, boundary, fem_settings(tolerance=1e-9))
+    solver = KeptFactors(patient.points, patient.cells, law, boundary, fem_settings(tolerance=1e-9))
     constraints, elements = solver._constraints.under(boundary), solver._elements
     (exact,) = solver.solve([boundary])
     inner = int(np.argmin(np.linalg.norm(patient.points - patient.points.mean(axis=0), axis=1)))
@@ -295,9 +296,9 @@ def test_few_nodes_out_of_equilibrium_come_to_rest_by_themselves(arm, monkeypatc
         every = np.ones(len(elements.patch_volumes), bool)
         own = constraints.constrained, constraints.sliding.nodes, every, OuterForces(patient.points, None)
         part, u = LocalEquilibrium(elements, *own, "auto", True), disturbed.copy()
-        held = HeldNodes(solver._bones, constraints.sliding)
+        held = SlidingNodes(solver._bones, constraints.sliding)
         sizes.clear()
-        done = part.settled(u, held, held.put_back(u), 1e-3, 1.0)
+        done = part.settled(u, held, held.project(u), 1e-3, 1.0)
         np.testing.assert_allclose(done.displacement, exact.displacement, rtol=0, atol=1e-4)
         assert (min(sizes) < max(sizes) / 2) == (few > 0)
         part.close()
@@ -309,7 +310,7 @@ def sliding_on_a_sphere(motion, near=1.0):
     points, normals = sphere(20.0, 1200)
     nodes = near * points[::31]
     sets = [SlidingSet(np.arange(len(nodes)), points, normals, motion.fraction)]
-    return nodes, SlidingContact(nodes, sets)
+    return nodes, SlidingSurfaces(nodes, sets)
 
 
 TURNED = RigidMotion.from_degrees([5, -20, 10], [3, 1, -2], [10, 0, 0])
@@ -321,36 +322,36 @@ def test_held_nodes_are_put_back_as_by_the_sliding_condition(near, degrees):
     """Far away from where it was at rest, a node meets points of the bone that were not listed for it."""
     nodes, sliding = sliding_on_a_sphere(TURNED, near)
     bones = bones_of(sliding, sliding.frames(np.zeros_like(nodes), 0.0))
-    held = HeldNodes(bones, sliding)
+    held = SlidingNodes(bones, sliding)
     slid = RigidMotion.from_degrees([0, 0, degrees], [0, 0, 0], [0, 0, 0]).apply(nodes)
     u = TURNED.apply(slid) - nodes + np.random.default_rng(0).normal(0, 0.5, nodes.shape)
     exact, back = sliding.project(u, 1.0), u.copy()
-    axes = held.put_back(back)
+    axes = held.project(back)
     np.testing.assert_allclose(back, exact, rtol=0, atol=1e-6)
     assert held.violation(back) < 1e-9 < held.violation(u)
     np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), np.broadcast_to(np.eye(3), axes.shape), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(axes), 1)
     np.testing.assert_allclose(axes[:, 0], sliding.frames(back, 1.0)[:, 0], rtol=0, atol=1e-6)
     again = back.copy()
-    held.put_back(again)
+    held.project(again)
     np.testing.assert_array_equal(again, back)
 
 
 def test_axes_of_held_nodes_turn_with_their_bone_alone():
     nodes, sliding = sliding_on_a_sphere(TURNED)
     rest = sliding.frames(np.zeros_like(nodes), 0.0)
-    axes = HeldNodes(bones_of(sliding, rest), sliding).put_back(TURNED.displacement(nodes))
+    axes = SlidingNodes(bones_of(sliding, rest), sliding).project(TURNED.displacement(nodes))
     np.testing.assert_allclose(axes, rest @ TURNED.rotation.T, rtol=0, atol=1e-3)
 
 
 def test_bend_under_held_nodes_is_that_of_the_sliding_condition():
     nodes, sliding = sliding_on_a_sphere(TURNED, 1.05)
-    held = HeldNodes(bones_of(sliding, sliding.frames(np.zeros_like(nodes), 0.0)), sliding)
+    held = SlidingNodes(bones_of(sliding, sliding.frames(np.zeros_like(nodes), 0.0)), sliding)
     u = TURNED.displacement(nodes) + 0.3
-    axes, force = held.put_back(u), np.random.default_rng(1).normal(0, 5, nodes.shape)
-    bend = held.bend(u, axes, force)
-    np.testing.assert_allclose(bend, sliding.curvature(u, 1.0, axes, force), rtol=0, atol=1e-6)
-    assert np.abs(bend).max() > 0.1
+    axes, force = held.project(u), np.random.default_rng(1).normal(0, 5, nodes.shape)
+    curvature = held.curvature(u, axes, force)
+    np.testing.assert_allclose(curvature, sliding.curvature(u, 1.0, axes, force), rtol=0, atol=1e-6)
+    assert np.abs(curvature).max() > 0.1
 
 
 def test_plans_by_two_threads_are_those_of_one():
@@ -358,7 +359,7 @@ def test_plans_by_two_threads_are_those_of_one():
     boundaries = [
         BoundaryConditions(boundary.prescribed_nodes, share * boundary.displacement(1.0)) for share in (0.2, 0.5, 1.0)
     ]
-    solver = RepeatedSolver(points, cells, material(len(cells)), boundary, fem_settings())
+    solver = KeptFactors(points, cells, material(len(cells)), boundary, fem_settings())
     for one, two in zip(solver.solve(boundaries), solver.solve(boundaries, threads=2), strict=True):
         assert one.kept and two.kept
         np.testing.assert_array_equal(one.displacement, two.displacement)
@@ -370,7 +371,7 @@ def test_what_fails_at_once_is_reached_in_increments(monkeypatch):
     points, cells, boundary = bent_block()
     law, options = material(len(cells)), fem_settings(tolerance=1e-8)
     doubts = iter(["elsewhere"])
-    monkeypatch.setattr(RepeatedSolver, "_elsewhere", lambda *_: next(doubts, ""))
+    monkeypatch.setattr(KeptFactors, "_elsewhere", lambda *_: next(doubts, ""))
     (result,) = kept(points, cells, law, [boundary], options)
     assert result.kept and [entry["fraction"] for entry in result.history if entry["residual"] <= 1e-8] == [1.0]
     assert {entry["fraction"] for entry in result.history} == {0.25, 0.5, 0.75, 1.0}
@@ -380,14 +381,14 @@ def test_what_fails_at_once_is_reached_in_increments(monkeypatch):
 
 def test_the_least_increments_decide_what_larger_ones_doubt(monkeypatch):
     points, cells, boundary = bent_block()
-    monkeypatch.setattr(RepeatedSolver, "_elsewhere", lambda *_: "elsewhere")
+    monkeypatch.setattr(KeptFactors, "_elsewhere", lambda *_: "elsewhere")
     (result,) = kept(points, cells, material(len(cells)), [boundary], fem_settings())
     assert result.kept and min(entry["fraction"] for entry in result.history) == kept_factors.LEAST_INCREMENT
 
 
 def test_a_node_far_from_those_beside_it_is_doubted():
     points, cells, boundary = bent_block()
-    solver = RepeatedSolver(points, cells, material(len(cells)), boundary, fem_settings())
+    solver = KeptFactors(points, cells, material(len(cells)), boundary, fem_settings())
     start, edge = np.zeros(points.shape), solver._elements.edge
     alone, all_of_them = start.copy(), start + 3 * edge
     alone[-1, 0] = edge

@@ -9,7 +9,7 @@ from pinnochio.errors import InputError
 from pinnochio.mechanics.boundary import conditions
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.boundary.point_surface import PointSurface
-from pinnochio.mechanics.boundary.sliding import SlidingContact, SlidingSet
+from pinnochio.mechanics.boundary.sliding import SlidingSet, SlidingSurfaces
 from pinnochio.mechanics.elements.materials import lame
 from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.problems import box, uniform
@@ -119,7 +119,7 @@ def test_sliding_nodes_keep_their_distance_to_a_moved_sphere(volumetric):
     assert energy[0] < 0.8 * energy[1]
     # At the minimum nothing pulls along the sphere, while the sphere pushes along its normal.
     force = elements.evaluate(slid.displacement)[1][inner]
-    contact = SlidingContact(points, [contact])
+    contact = SlidingSurfaces(points, [contact])
     axes = np.einsum("sij,sj->si", contact.frames(slid.displacement, 1.0), force)
     assert np.abs(axes[:, 1:]).max() < 1e-2 * np.abs(axes[:, 0]).max()
     assert np.abs(contact.violation(0 * points)).max() > 2  # and where nothing has moved, the gaps are reported

@@ -25,7 +25,7 @@ from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
 from pinnochio.mechanics.lift import Lift, make_lift, motion_amplitudes
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.inversion_repair import repair_inversions
-from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
+from pinnochio.mechanics.solvers.kept_factors import KeptFactors
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.mechanics.solvers.newton_corrections import Corrector
@@ -291,7 +291,7 @@ class Sweep:
         options = self.options(element)
 
         def repeated():
-            solver = RepeatedSolver(problem.points, problem.cells, problem.material, problem.boundary, options)
+            solver = KeptFactors(problem.points, problem.cells, problem.material, problem.boundary, options)
             try:
                 return solver.solve([problem.boundary])[0]
             finally:

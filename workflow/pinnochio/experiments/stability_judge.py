@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from pinnochio.experiments.stability_problems import Problem
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
-from pinnochio.mechanics.boundary.sliding import SlidingContact
+from pinnochio.mechanics.boundary.sliding import SlidingSurfaces
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.mixed import solve_mixed
 from pinnochio.mechanics.elements.tetrahedra import Elements
@@ -331,7 +331,7 @@ def conditions(
     error = np.abs(displacement[prescribed] - problem.boundary.displacement(1.0)).max(initial=0.0)
     if error > (ROUNDED if rounded else PRESCRIBED) * extent:
         complaints.append(f"prescribed nodes are {error:.1e} off")
-    sliding = SlidingContact(problem.points, problem.boundary.sliding)
+    sliding = SlidingSurfaces(problem.points, problem.boundary.sliding)
     normals = slopes(sliding, np.zeros_like(displacement) if linear else displacement, 0.0 if linear else 1.0)
     if linear:
         carried = [item.motion(1.0).displacement(sliding.points[item.nodes]) for item in sliding.sets]
@@ -418,7 +418,7 @@ def against_quadratic(problem: Problem, displacement) -> tuple[float, list[str]]
     return float(np.linalg.norm(best.displacement - scale * displacement, axis=1)[problem.free].mean()), []
 
 
-def slopes(sliding: SlidingContact, displacement, fraction: float) -> np.ndarray:
+def slopes(sliding: SlidingSurfaces, displacement, fraction: float) -> np.ndarray:
     """Unit normals (s, 3) of the level sets that the sliding nodes keep to, by differences of their distances."""
     # The distance jumps by some 1e-7 mm where another point of the bone is the last that counts: the slope across such
     # a place is far off, the median of five slopes side by side is not.

@@ -140,9 +140,9 @@ def blend_weights(model: PatientModel) -> tuple[np.ndarray, np.ndarray]:
     sliding = np.flatnonzero(model.node_type == SLIDING)
     inverse = np.zeros((len(sliding), len(model.segments) + 1))
     for index in range(-1, len(model.segments)):
-        own = model.bone_points[model.bone_segment == index]
-        if len(own) and len(sliding):
-            distance = cKDTree(own).query(model.points[sliding])[0]
+        bone = model.bone_points[model.bone_segment == index]
+        if len(bone) and len(sliding):
+            distance = cKDTree(bone).query(model.points[sliding])[0]
             inverse[:, index] = 1 / np.maximum(distance, 0.1) ** 2
     return sliding, (inverse / np.maximum(inverse.sum(axis=1, keepdims=True), 1e-12))[:, :-1]
 
@@ -169,11 +169,11 @@ class HarmonicSolver:
         full = sparse.coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(len(points),) * 2).tocsr()
         fixed = np.zeros(len(points), bool)
         fixed[nodes] = True
-        own = sparse.triu(full[~fixed][:, ~fixed], format="csr")
-        own.sort_indices()
+        inner = sparse.triu(full[~fixed][:, ~fixed], format="csr")
+        inner.sort_indices()
         self._coupling, self._fixed = full[~fixed][:, fixed], fixed
-        self._linear = linear_solver(own.indptr, own.indices, 0)
-        if not self._linear.factorize(own.data):
+        self._linear = linear_solver(inner.indptr, inner.indices, 0)
+        if not self._linear.factorize(inner.data):
             raise RuntimeError("Laplace's equation is singular: a piece of the mesh holds no prescribed node")
 
     def spread(self, values: np.ndarray) -> np.ndarray:

@@ -80,9 +80,9 @@ def _pressure(model: PatientModel, anchor: int, normals: np.ndarray) -> np.ndarr
     share = np.exp(-0.5 * ((model.skin_points - model.skin_points[anchor]) ** 2).sum(1) / REACH**2)
     share = np.where(share < LEAST, 0, share) * vertex_areas(model.skin_points, model.skin_faces)
     force = np.zeros_like(model.points)
-    own = np.flatnonzero(share)
-    push = 1000 * (share[own] / share.sum())[:, None] * normals[own]
-    np.add.at(force, model.skin_nodes[own], model.skin_weights[own][..., None] * push[:, None])
+    loaded = np.flatnonzero(share)
+    push = 1000 * (share[loaded] / share.sum())[:, None] * normals[loaded]
+    np.add.at(force, model.skin_nodes[loaded], model.skin_weights[loaded][..., None] * push[:, None])
     return force
 
 

@@ -12,7 +12,7 @@ from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary
 from pinnochio.mechanics.boundary.loads import Loads
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.inversion_repair import volume_ratios
-from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver
+from pinnochio.mechanics.solvers.kept_factors import KeptFactors
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.newton import SolveResult, solve
 from pinnochio.mechanics.solvers.reduced import moved_cells, moves_widely, pays, restricted
@@ -125,7 +125,7 @@ class Simulator:
         problem = self._patient.points, self._patient.cells, self._law, rest, self._settings
         if device == "cpu" or self._loads:
             elastic = self._factors(rest)
-            return None if elastic is None else RepeatedSolver(*problem, elastic)
+            return None if elastic is None else KeptFactors(*problem, elastic)
         from pinnochio.mechanics.solvers.batched.plan_batches import BatchSolver  # loads torch
 
         try:
@@ -189,7 +189,7 @@ class Simulator:
         law = self._settings.material(self._patient.tissue[required])
         problem = self._patient.points[nodes], cells, law, boundary, self._settings
         if self._keeps:
-            solver = RepeatedSolver(*problem)
+            solver = KeptFactors(*problem)
             (result,) = solver.solve([boundary])
             solver.close()
         else:

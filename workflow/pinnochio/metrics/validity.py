@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
-from pinnochio.mechanics.boundary.sliding import SlidingContact
+from pinnochio.mechanics.boundary.sliding import SlidingSurfaces
 from pinnochio.mechanics.elements.assembly import diagonal_blocks
 from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians, shape_gradients
 from pinnochio.mechanics.settings import FemSettings
@@ -79,12 +79,12 @@ def boundary_metrics(patient: PatientModel, plan: Plan, displacement) -> dict[st
     """Mean error in mm of the moving nodes against the rigid plan, of the sliding nodes against the moved bone.
 
     A sliding node should keep its signed distance to the bone that faces it, by the very surface that the solver
-    slides it on (`boundary.sliding.SlidingContact`); the error is the change of that distance, gap
+    slides it on (`boundary.sliding.SlidingSurfaces`); the error is the change of that distance, gap
     and penetration alike. NaN where the patient has no such node.
     """
     cue, _ = patient.reference_cue(plan)
     moving = patient.node_type == MOVING
-    slid = SlidingContact(patient.points, boundary_conditions(patient, plan, "mucosa").sliding).violation(displacement)
+    slid = SlidingSurfaces(patient.points, boundary_conditions(patient, plan, "mucosa").sliding).violation(displacement)
     return {
         "moving_error": float(np.linalg.norm(displacement - cue, axis=1)[moving].mean()) if moving.any() else np.nan,
         "sliding_error": float(np.abs(slid).mean()) if len(slid) else np.nan,

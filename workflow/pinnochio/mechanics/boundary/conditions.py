@@ -64,8 +64,8 @@ def boundary_conditions(model: PatientModel, plan: Plan, arm: str, unilateral: b
     def prescribed(fraction: float) -> np.ndarray:
         moved = np.zeros_like(rest)
         for index, motion in motions.items():
-            own = segment == index
-            moved[own] = motion.fraction(fraction).displacement(rest[own])
+            carried = segment == index
+            moved[carried] = motion.fraction(fraction).displacement(rest[carried])
         return moved
 
     sliding, contact = [], []
@@ -92,7 +92,7 @@ def _bridging(model: PatientModel) -> np.ndarray:
     bridging = np.zeros(len(body), bool)
     bridging[edges[(one != two) & (one > -2) & (two > -2)]] = True
     graph = edge_graph(model.points, edges)
-    for own in np.unique(body[body > -2]):
-        away = dijkstra(graph, False, np.flatnonzero(body == own), limit=APART, min_only=True)
-        bridging |= np.isfinite(away) & (body > -2) & (body != own)
+    for bone in np.unique(body[body > -2]):
+        away = dijkstra(graph, False, np.flatnonzero(body == bone), limit=APART, min_only=True)
+        bridging |= np.isfinite(away) & (body > -2) & (body != bone)
     return bridging

@@ -7,7 +7,7 @@ import numpy as np
 from pinnochio.errors import InputError
 from pinnochio.geometry.mesh_topology import pieces
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
-from pinnochio.mechanics.boundary.sliding import SlidingContact
+from pinnochio.mechanics.boundary.sliding import SlidingSurfaces
 
 
 class Constraints:
@@ -20,7 +20,7 @@ class Constraints:
 
     def __init__(self, points, cells, boundary: BoundaryConditions):
         self.points, self.boundary = np.asarray(points, float), boundary
-        self.sliding = SlidingContact(self.points, boundary.sliding)
+        self.sliding = SlidingSurfaces(self.points, boundary.sliding)
         self.prescribed = np.asarray(boundary.prescribed_nodes, int)
         self._check()
         self.constrained = np.zeros((len(self.points), 3), bool)
@@ -87,14 +87,14 @@ class Constraints:
         node, axis = np.nonzero(self.constrained)
         direction = axes[node, axis]
         for index in np.unique(piece[cells[:, 0]]):
-            own = piece == index
-            arm = self.points - self.points[own].mean(axis=0)
-            arm /= np.linalg.norm(arm[own], axis=1).max()
-            here = own[node]
+            inside = piece == index
+            arm = self.points - self.points[inside].mean(axis=0)
+            arm /= np.linalg.norm(arm[inside], axis=1).max()
+            here = inside[node]
             rows = np.hstack([direction[here], np.cross(arm[node[here]], direction[here])])
             # 1e-6: the squared lever, relative to the piece, below which a constraint counts as none.
             if np.linalg.eigvalsh(rows.T @ rows)[0] < 1e-6:
-                problem = f"a piece of {own.sum()} of the mesh's nodes is free to move or turn as a whole"
+                problem = f"a piece of {inside.sum()} of the mesh's nodes is free to move or turn as a whole"
                 raise InputError("-", "boundary", problem, "constrain three nodes of it, or drop it from the mesh")
 
 

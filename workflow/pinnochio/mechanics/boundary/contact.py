@@ -170,10 +170,10 @@ def _hessian(side, moved, fraction: float, row, gap, slope) -> tuple[np.ndarray,
     among = None if weighty is None else weighty[each]
     slopes = side.local(shifted.reshape(-1, *local.shape[1:]), row[each], fraction, among)[1]
     slopes = slopes[np.arange(len(each))[:, None], column[each]].reshape(len(row), count, 3, 2, count, 3)
-    bend = (slopes[:, :, :, 0] - slopes[:, :, :, 1]) / (2 * STEP)
-    bend = (bend + bend.transpose(0, 3, 4, 1, 2)) / 2
+    curvature = (slopes[:, :, :, 0] - slopes[:, :, :, 1]) / (2 * STEP)
+    curvature = (curvature + curvature.transpose(0, 3, 4, 1, 2)) / 2
     slope = slope[near, column]
-    return column, slope[:, :, :, None, None] * slope[:, None, None] + gap[:, None, None, None, None] * bend
+    return column, slope[:, :, :, None, None] * slope[:, None, None] + gap[:, None, None, None, None] * curvature
 
 
 def _definite(hessian) -> np.ndarray:
@@ -215,10 +215,10 @@ class _Faces:
         seen = (away < REACH) | (np.arange(len(faces)) < FEWEST)
         seen, near = seen[:, seen.any(axis=0)], near[:, seen.any(axis=0)]
         self._faces, self._seen = faces[near], seen  # (s, t, 3) corners, (s, t)
-        own = [np.setdiff1d(corners[here], []) for corners, here in zip(self._faces, seen, strict=True)]
-        self.stencil = np.repeat(self._nodes[:, None], 1 + max(map(len, own)), axis=1)
+        corner_sets = [np.setdiff1d(corners[here], []) for corners, here in zip(self._faces, seen, strict=True)]
+        self.stencil = np.repeat(self._nodes[:, None], 1 + max(map(len, corner_sets)), axis=1)
         column = np.zeros(self._faces.shape, int)
-        for row, corners in enumerate(own):
+        for row, corners in enumerate(corner_sets):
             self.stencil[row, 1 : 1 + len(corners)] = corners
             column[row, seen[row]] = 1 + np.searchsorted(corners, self._faces[row, seen[row]])
         self._column = column  # of the corners in the stencil; unseen triangles have no weight
@@ -258,10 +258,10 @@ class _Faces:
         aside = square - plane**2
         beside = (weight * aside).sum(axis=1, keepdims=True)
         out = np.maximum(np.sqrt(np.maximum(beside, 0)) - self._width, 0)
-        bend = out / (2 * ROUND * (self._width + out))  # derivative by t^2
+        rise = out / (2 * ROUND * (self._width + out))  # derivative by t^2
         # Derivatives by p_c and d_c^2, the latter in itself and in the weights.
-        by_plane = weight * (1 - 2 * bend * plane)
-        by_square = weight * (bend - (plane - mean + bend * (aside - beside)) / self._width**2)
+        by_plane = weight * (1 - 2 * rise * plane)
+        by_square = weight * (rise - (plane - mean + rise * (aside - beside)) / self._width**2)
         # That the closest point moves along its triangle changes the distance not at all, to first order.
         pull, along = 2 * by_square[..., None] * away, by_plane[..., None] * normal
         # The normal is first x second over its length.

@@ -28,10 +28,10 @@ def facing_sets(points, faces, one, two, constrained=None) -> list[ContactSet]:
     looking = np.abs(normals @ across) > ACROSS
     away = [cKDTree(points[nodes]).query(middle)[0] for nodes in (one, two)]
     sets = []
-    for own, other, there, here, ahead in ((one, two, *away, -across), (two, one, *away[::-1], across)):
+    for side, other, there, here, ahead in ((one, two, *away, -across), (two, one, *away[::-1], across)):
         surface = np.isin(faces, other).any(axis=1) | ((here < MARGIN) & (here < there))
-        surface &= loose & (normals @ ahead > ACROSS) & ~np.isin(faces, own).any(axis=1)
-        part = vertex_areas(points, faces[looking])[own]
+        surface &= loose & (normals @ ahead > ACROSS) & ~np.isin(faces, side).any(axis=1)
+        part = vertex_areas(points, faces[looking])[side]
         if surface.any() and part.any():
-            sets.append(ContactSet(own[part > 0], part[part > 0], faces[surface], share=0.5))
+            sets.append(ContactSet(side[part > 0], part[part > 0], faces[surface], share=0.5))
     return sets

@@ -1,8 +1,8 @@
 """Sliding: nodes that keep their distance to a bone that moves, and are free along it.
 
-Newton's method and the linear solvers take it from :class:`SlidingContact`, in numpy. Kept factors put the nodes of
-many plans back on their bones by :class:`HeldNodes`, compiled: the same field, as many of the bone's points count, the
-nearest, sought among those that are nearest to the node at rest. Both agree to rounding alone, and the locked cohort is
+Newton's method and the linear solvers take it from :class:`SlidingSurfaces`, in numpy. Kept factors put the nodes of
+many plans back on their bones by :class:`SlidingNodes`, compiled: the same field, as many of the bone's points count,
+the nearest, sought among those that are nearest to the node at rest. They agree to rounding. The locked cohort is
 frozen to the last digit of Newton's fields, so both stay.
 """
 
@@ -53,8 +53,8 @@ def sliding_sets(model: PatientModel, plan: Plan) -> list[SlidingSet]:
 def facing_bone(model: PatientModel, index: int) -> tuple[np.ndarray, np.ndarray]:
     """Bone of a segment that faces its tissue: without the far side of thin plates, whose normals would cancel."""
     tissue = np.flatnonzero((model.node_segment == index) & np.isin(model.node_type, (MOVING, SLIDING)))
-    own = model.bone_segment == index
-    points, normals = model.bone_points[own], model.bone_normals[own]
+    bone = model.bone_segment == index
+    points, normals = model.bone_points[bone], model.bone_normals[bone]
     if len(points) < 4:
         name = segment_name(index, model.segments)
         raise InputError("-", "model", f"sliding nodes on segment {name!r}, which has no surface", "rebuild the model")
@@ -65,7 +65,7 @@ def facing_bone(model: PatientModel, index: int) -> tuple[np.ndarray, np.ndarray
     return points[keep], normals[keep]
 
 
-class SlidingContact:
+class SlidingSurfaces:
     """The sliding sets of one mesh: holds their nodes on the level sets of their surfaces where they started."""
 
     def __init__(self, points, sets):
@@ -77,7 +77,7 @@ class SlidingContact:
             surface.distance(self.points[item.nodes])[0] for surface, item in zip(self.surfaces, self.sets, strict=True)
         ]
 
-    def under(self, sets) -> "SlidingContact":
+    def under(self, sets) -> "SlidingSurfaces":
         """The same nodes on the same surfaces in another motion."""
         other = copy.copy(self)
         other.sets = [replace(item, motion=cache(item.motion)) for item in sets if len(item.nodes)]
@@ -127,9 +127,9 @@ class SlidingContact:
             for tangent in (local[:, 1], local[:, 2]):
                 change = surface.distance(here + step * tangent)[1] - surface.distance(here - step * tangent)[1]
                 columns.append(np.einsum("sij,sj->si", local[:, 1:], change / (2 * step)))
-            bend = np.zeros((len(item.nodes), 3, 3))
-            bend[:, 1:, 1:] = np.stack(columns, axis=2)
-            blocks.append(-reaction[:, None, None] * (bend + bend.transpose(0, 2, 1)) / 2)
+            curvature = np.zeros((len(item.nodes), 3, 3))
+            curvature[:, 1:, 1:] = np.stack(columns, axis=2)
+            blocks.append(-reaction[:, None, None] * (curvature + curvature.transpose(0, 2, 1)) / 2)
         return np.concatenate(blocks)
 
     def violation(self, displacement, fraction: float = 1.0) -> np.ndarray:
@@ -177,7 +177,7 @@ class Bones(NamedTuple):
     away: np.ndarray
 
 
-def bones_of(sliding: SlidingContact, frames: np.ndarray) -> Bones:
+def bones_of(sliding: SlidingSurfaces, frames: np.ndarray) -> Bones:
     """The bones of the sliding sets; frames (s, 3, 3): axes of the nodes at rest."""
     surfaces, nodes = sliding.surfaces, sliding.nodes
     first = np.concatenate([[0], np.cumsum([len(surface.points) for surface in surfaces])]).astype(np.int64)
@@ -185,9 +185,9 @@ def bones_of(sliding: SlidingContact, frames: np.ndarray) -> Bones:
     near, away = np.full((len(nodes), NEAREST), -1), np.full((len(nodes), NEAREST), np.inf)
     rest = sliding.points[nodes]
     for index, surface in enumerate(surfaces):
-        own, count = owner == index, min(NEAREST, len(surface.points))
-        distance, place = cKDTree(surface.points).query(rest[own], count)
-        near[own, :count], away[own, :count] = first[index] + place, distance
+        carried, count = owner == index, min(NEAREST, len(surface.points))
+        distance, place = cKDTree(surface.points).query(rest[carried], count)
+        near[carried, :count], away[carried, :count] = first[index] + place, distance
     bones = Bones(
         nodes=nodes,
         rest=rest,
@@ -206,26 +206,26 @@ def bones_of(sliding: SlidingContact, frames: np.ndarray) -> Bones:
     return bones
 
 
-class HeldNodes:
+class SlidingNodes:
     """The nodes on their bones at a fraction of one plan; sliding: the same sets in the plan's motion.
 
     turns (c, 3, 3), shifts (c, 3) mm: the rigid motion of each bone.
     """
 
-    def __init__(self, bones: Bones, sliding: SlidingContact, fraction: float = 1.0):
+    def __init__(self, bones: Bones, sliding: SlidingSurfaces, fraction: float = 1.0):
         motions = [item.motion(fraction) for item in sliding.sets]
         self._bones = bones
         self.turns = np.array([motion.rotation for motion in motions]).reshape(-1, 3, 3)
         self.shifts = np.array([motion.apply(np.zeros((1, 3)))[0] for motion in motions]).reshape(-1, 3)
 
-    def part(self, which, nodes) -> "HeldNodes":
+    def part(self, which, nodes) -> "SlidingNodes":
         """Some of the nodes alone, by their places (k,) here, as nodes (k,) of a part of the mesh."""
         other, bones = copy.copy(self), self._bones
-        own = {name: getattr(bones, name)[which] for name in ("rest", "owner", "level", "frames", "near", "away")}
-        other._bones = bones._replace(nodes=nodes, **own)
+        some = {name: getattr(bones, name)[which] for name in ("rest", "owner", "level", "frames", "near", "away")}
+        other._bones = bones._replace(nodes=nodes, **some)
         return other
 
-    def put_back(self, u: np.ndarray) -> np.ndarray:
+    def project(self, u: np.ndarray) -> np.ndarray:
         """Local axes (s, 3, 3) of the nodes, in rows, the normal first; moves their displacement in u (n, 3) mm along
         the normal to where their distance from the bone is that at rest, to 1e-9 mm if it can.
 
@@ -233,14 +233,14 @@ class HeldNodes:
         they change no faster than the surface bends.
         """
         axes = np.empty((len(self._bones.nodes), 3, 3))
-        _put_back(u, self._bones, self.turns, self.shifts, axes)
+        _project(u, self._bones, self.turns, self.shifts, axes)
         return axes
 
-    def bend(self, u, axes, force) -> np.ndarray:
+    def curvature(self, u, axes, force) -> np.ndarray:
         """What the bend of the surfaces adds to the tangent, (s, 3, 3) mN/mm in local axes, zero along the first; as
-        :meth:`pinnochio.mechanics.boundary.sliding.SlidingContact.curvature`; force (s, 3) mN on the nodes."""
+        :meth:`SlidingSurfaces.curvature`; force (s, 3) mN on the nodes."""
         blocks = np.zeros((len(self._bones.nodes), 3, 3))
-        _bend(u, self._bones, self.turns, self.shifts, axes, force, blocks)
+        _curvature(u, self._bones, self.turns, self.shifts, axes, force, blocks)
         return blocks
 
     def violation(self, u) -> float:
@@ -362,7 +362,7 @@ def _violation(u, bones: Bones, turns, shifts):
 
 
 @compiled
-def _put_back(u, bones: Bones, turns, shifts, axes):
+def _project(u, bones: Bones, turns, shifts, axes):
     size = len(bones.points)
     near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)
     x, gradient, normal, carried, axis = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
@@ -430,7 +430,7 @@ def _turned(carried, normal, axis, axes):
 
 
 @compiled
-def _bend(u, bones: Bones, turns, shifts, axes, force, blocks):
+def _curvature(u, bones: Bones, turns, shifts, axes, force, blocks):
     size, step = len(bones.points), 1e-3
     near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)
     x, there, gradient, change, tangents = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
@@ -457,7 +457,7 @@ def _bend(u, bones: Bones, turns, shifts, axes, force, blocks):
                 for i in range(3):
                     change[i] += sign * gradient[i] / (2 * step)
             for d in range(2):
-                bent = tangents[d, 0] * change[0] + tangents[d, 1] * change[1] + tangents[d, 2] * change[2]
-                bent *= -pull / max(slope, 1e-12) / 2
-                blocks[s, d + 1, c + 1] += bent
-                blocks[s, c + 1, d + 1] += bent
+                change_along = tangents[d, 0] * change[0] + tangents[d, 1] * change[1] + tangents[d, 2] * change[2]
+                change_along *= -pull / max(slope, 1e-12) / 2
+                blocks[s, d + 1, c + 1] += change_along
+                blocks[s, c + 1, d + 1] += change_along

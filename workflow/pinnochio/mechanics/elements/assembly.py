@@ -21,7 +21,7 @@ NONE = np.zeros(0)
 CUT = 2.0
 
 
-class Patches(NamedTuple):
+class PatchBlocks(NamedTuple):
     """The dense matrix of each patch.
 
     order (m,): elements by patch, those of patch p from start[p] on; local (m, 4): an element's nodes by their place in
@@ -160,13 +160,13 @@ class Assembler:
         return (upper + sparse.triu(upper, 1).T).tocsr()
 
 
-def _patches(elements: Elements) -> Patches:
+def _patches(elements: Elements) -> PatchBlocks:
     """The patches of a mesh, their place in a pattern left open."""
     cells, patch, nodes = elements.cells, elements.patch, elements.nodes
     member, where = np.unique(patch[:, None].astype(np.int64) * nodes + cells, return_inverse=True)
     size = np.bincount(member // nodes)
     first = np.concatenate([[0], np.cumsum(size)])
-    return Patches(
+    return PatchBlocks(
         order=np.argsort(patch, kind="stable").astype(np.int32),
         start=np.concatenate([[0], np.cumsum(np.bincount(patch))]),
         local=(where.reshape(-1, 4) - first[patch][:, None]).astype(np.int32),
@@ -381,20 +381,20 @@ def _element(f, cof, g, v, shear, stretch, bulk, curve, cutting, fg, cg, h, k):
 @compiled
 def _turn(dense, at, count, axes):
     """Rows and columns of the node at place `at` of a patch's matrix, upper blocks, into its own axes."""
-    own = 3 * at
-    for column in range(own, 3 * count):
-        x, y, z = dense[own, column], dense[own + 1, column], dense[own + 2, column]
+    first_row = 3 * at
+    for column in range(first_row, 3 * count):
+        x, y, z = dense[first_row, column], dense[first_row + 1, column], dense[first_row + 2, column]
         for i in range(3):
-            dense[own + i, column] = axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
-    for row in range(own + 3):
-        x, y, z = dense[row, own], dense[row, own + 1], dense[row, own + 2]
+            dense[first_row + i, column] = axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
+    for row in range(first_row + 3):
+        x, y, z = dense[row, first_row], dense[row, first_row + 1], dense[row, first_row + 2]
         for i in range(3):
-            dense[row, own + i] = axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
+            dense[row, first_row + i] = axes[i, 0] * x + axes[i, 1] * y + axes[i, 2] * z
 
 
 @compiled
 def _tangent(
-    u, mesh: ElementArrays, patches: Patches, pattern: Pattern, frames, definite, imposed, pressure, data, product
+    u, mesh: ElementArrays, patches: PatchBlocks, pattern: Pattern, frames, definite, imposed, pressure, data, product
 ):
     """Adds to data and product; imposed (n, 3) and pressure (p,) are empty where there are none."""
     f, cof, h = np.empty((3, 3)), np.empty((3, 3)), np.empty((9, 9))

@@ -138,9 +138,9 @@ class MixedElements:
     def evaluate(self, u, q) -> tuple[float, np.ndarray, float]:
         """W in mN mm, its gradient (3 k + n,) by u and q, and the least J; nan where J <= 0 or q has no theta."""
         law, w = self.material, self._weight
-        own = q[self.corners]
-        soft = self._compliance[:, None] * (own @ self._penalty)
-        energy, least, gradient = -0.5 * np.sum(own * soft), np.inf, np.zeros(self.count)
+        at_corners = q[self.corners]
+        soft = self._compliance[:, None] * (at_corners @ self._penalty)
+        energy, least, gradient = -0.5 * np.sum(at_corners * soft), np.inf, np.zeros(self.count)
         gradient[-len(q) :] -= np.bincount(self.corners.ravel(), soft.ravel())
         with np.errstate(invalid="ignore", divide="ignore"):
             for (shape, g, f, cofactor, j, excess, at, theta), lam in zip(self._fields(u, q), self._lam, strict=True):

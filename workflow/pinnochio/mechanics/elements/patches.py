@@ -85,14 +85,14 @@ def _grow(cells, centres, neighbours, patch, member, size):
 def _join(patch, neighbours, sizes, target, size):
     """The patch that each one goes into, in `target`: itself unless it is too small."""
     for e in range(len(patch)):
-        own = patch[e]
-        if 2 * sizes[own] >= size:
+        number = patch[e]
+        if 2 * sizes[number] >= size:
             continue
         for a in range(4):
-            other = patch[neighbours[e][a]] if neighbours[e][a] >= 0 else own
-            if other == own or 2 * sizes[other] < size:
+            other = patch[neighbours[e][a]] if neighbours[e][a] >= 0 else number
+            if other == number or 2 * sizes[other] < size:
                 continue
-            best = target[own]
+            best = target[number]
             smaller = sizes[other] < sizes[best] or (sizes[other] == sizes[best] and other < best)
-            if best == own or smaller:
-                target[own] = other
+            if best == number or smaller:
+                target[number] = other

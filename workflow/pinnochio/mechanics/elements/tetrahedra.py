@@ -89,8 +89,8 @@ class Elements:
     @property
     def arrays(self) -> ElementArrays:
         """What the compiled kernels take."""
-        own, law = vars(self), vars(self.material)
-        return ElementArrays(**{name: own[name] if name in own else law[name] for name in ElementArrays._fields})
+        fields, law = vars(self), vars(self.material)
+        return ElementArrays(**{name: fields[name] if name in fields else law[name] for name in ElementArrays._fields})
 
     @property
     def round_off(self) -> float:

@@ -138,12 +138,12 @@ def _relaxed(points, cells, material, volumetric, displacement, region, fixed) -
     fixed = fixed.copy()
     fixed[cells[~region]] = True
     nodes, local = np.unique(cells[region], return_inverse=True)
-    own = np.flatnonzero(fixed[nodes])
+    prescribed = np.flatnonzero(fixed[nodes])
     moved = displacement.copy()
-    if len(own) == len(nodes):
+    if len(prescribed) == len(nodes):
         return moved
     law = Material(material.mu[region], material.lam[region], material.stiffening[region], material.extension)
-    boundary = BoundaryConditions(own, moved[nodes[own]])
+    boundary = BoundaryConditions(prescribed, moved[nodes[prescribed]])
     options = replace(OPTIONS, volumetric=volumetric)
     try:
         result = solve(points[nodes], local.reshape(-1, 4), law, boundary, options, moved[nodes])

@@ -29,7 +29,7 @@ from pinnochio.geometry.mesh_topology import edges_of
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.constraints import Constraints
 from pinnochio.mechanics.boundary.loads import OuterForces
-from pinnochio.mechanics.boundary.sliding import HeldNodes, bones_of
+from pinnochio.mechanics.boundary.sliding import SlidingNodes, bones_of
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import Elements, least_reaction, lumped
 from pinnochio.mechanics.settings import SolverSettings
@@ -58,7 +58,7 @@ PATIENCE, FAR = 8, 0.3  # so many iterations that leave more than this residual 
 INCREMENT, LEAST_INCREMENT = 0.25, 1 / 16
 
 
-class Point(NamedTuple):
+class Iterate(NamedTuple):
     """A displacement (n, 3) mm, its energy, least J, local axes (s, 3, 3) of the sliding nodes, force
     (n, 3) mN in local axes, and the norm of the force on the constrained unknowns."""
 
@@ -71,24 +71,24 @@ class Point(NamedTuple):
 
 
 @dataclass
-class Path:
+class Trajectory:
     """How one plan is solved. outer: its forces beside those of the elements; held: its sliding nodes, target (p, 3)
     mm: where its prescribed nodes go, both at the fraction of the load that it is at; part: its hard patches."""
 
     constraints: Constraints
     outer: OuterForces
-    held: HeldNodes | None = None
+    held: SlidingNodes | None = None
     target: np.ndarray | None = None
     fraction: float = 0.0
     part: LocalEquilibrium | None = None
-    point: Point | None = None
+    iterate: Iterate | None = None
     residual: float = np.inf
     iterations: int = 0
     reason: str = ""
     history: list[dict] = field(default_factory=list)
 
 
-class RepeatedSolver:
+class KeptFactors:
     """The factors of one mesh with one set of constrained nodes, for any number of motions.
 
     points (n, 3) mm, cells (m, 4). The first boundary tells the nodes and the bones that they slide on. rest: the
@@ -130,16 +130,16 @@ class RepeatedSolver:
         """
         began = time.perf_counter()
         quick = [not item.contact for item in boundaries]
-        paths = [self._path(item) for item, fast in zip(boundaries, quick, strict=True) if fast]
+        trajectories = [self._trajectory(item) for item, fast in zip(boundaries, quick, strict=True) if fast]
         starts = None if linear is None else [field for field, fast in zip(linear, quick, strict=True) if fast]
-        self._end = began + self._settings.time_limit * len(paths)
-        self._advance(paths, threads, starts)
-        share = (time.perf_counter() - began) / max(len(paths), 1)
-        done, results = iter(paths), []
+        self._end = began + self._settings.time_limit * len(trajectories)
+        self._advance(trajectories, threads, starts)
+        share = (time.perf_counter() - began) / max(len(trajectories), 1)
+        done, results = iter(trajectories), []
         for boundary, fast in zip(boundaries, quick, strict=True):
-            path = next(done) if fast else None
-            if path is not None and not path.reason:
-                results.append(self._result(path, share))
+            trajectory = next(done) if fast else None
+            if trajectory is not None and not trajectory.reason:
+                results.append(self._result(trajectory, share))
                 continue
             result = solve(self._points, self._cells, self._material, boundary, self._settings)
             results.append(replace(result, seconds=result.seconds + (share if fast else 0)))
@@ -149,42 +149,40 @@ class RepeatedSolver:
         """Release the factors."""
         self._rest.close()
 
-    def _path(self, boundary: BoundaryConditions) -> Path:
+    def _trajectory(self, boundary: BoundaryConditions) -> Trajectory:
         forces = boundary.loads.forces if boundary.loads else None
-        return Path(self._constraints.under(boundary), self._rest.outer.under(forces))
+        return Trajectory(self._constraints.under(boundary), self._rest.outer.under(forces))
 
-    def _advance(self, paths: Sequence[Path], threads: int, starts: Sequence[np.ndarray] | None) -> None:
-        if not paths:
+    def _advance(self, trajectories: Sequence[Trajectory], threads: int, starts: Sequence[np.ndarray] | None) -> None:
+        if not trajectories:
             return
         if starts is None:
-            starts = self._rest.spread(np.stack([path.constraints.motions() for path in paths]))
-            if any(path.outer.act for path in paths):
-                starts += self._rest.under(np.stack([path.outer.forces for path in paths]))
-        walks = [self._walk(path, start) for path, start in zip(paths, starts, strict=True)]
-        with Workers(min(threads, len(paths))) as workers:
-            numbers, answers = list(range(len(paths))), [None] * len(paths)
+            starts = self._rest.spread(np.stack([trajectory.constraints.motions() for trajectory in trajectories]))
+            if any(trajectory.outer.act for trajectory in trajectories):
+                starts += self._rest.under(np.stack([trajectory.outer.forces for trajectory in trajectories]))
+        walks = [self._walk(trajectory, start) for trajectory, start in zip(trajectories, starts, strict=True)]
+        with Workers(min(threads, len(trajectories))) as workers:
+            numbers, answers = list(range(len(trajectories))), [None] * len(trajectories)
             while numbers:
-                asked = [
-                    (walks[number], paths[number], answer) for number, answer in zip(numbers, answers, strict=True)
-                ]
-                loads = dict(zip(numbers, workers.each(self._sent, asked), strict=True))
+                sends = [(walks[at], trajectories[at], answer) for at, answer in zip(numbers, answers, strict=True)]
+                loads = dict(zip(numbers, workers.each(self._sent, sends), strict=True))
                 numbers = [number for number in numbers if loads[number] is not None]
                 if numbers:
                     answers = self._rest.respond(np.stack([loads[number] for number in numbers]))
                     answers = answers.reshape(len(numbers), -1)
 
     @staticmethod
-    def _sent(walk: Generator, path: Path, answer: np.ndarray | None) -> np.ndarray | None:
+    def _sent(walk: Generator, trajectory: Trajectory, answer: np.ndarray | None) -> np.ndarray | None:
         """The next load of a plan, None at its end; what goes wrong in it is its own reason and stops no other."""
         try:
             return walk.send(answer)
         except StopIteration:
             return None
         except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
-            path.reason = f"{type(error).__name__}: {error}"
+            trajectory.reason = f"{type(error).__name__}: {error}"
             return None
 
-    def _walk(self, path: Path, linear) -> Generator[np.ndarray, np.ndarray, None]:
+    def _walk(self, trajectory: Trajectory, linear) -> Generator[np.ndarray, np.ndarray, None]:
         """One plan to equilibrium, linear (n, 3) mm its linear field; gives loads (f,) and is sent what they cause.
 
         The whole load at once; if that fails in increments, which are halved as often as they fail, down to a limit.
@@ -192,89 +190,89 @@ class RepeatedSolver:
         u, done, share = np.zeros_like(linear), 0.0, 1.0
         try:
             while done < 1:
-                path.fraction, path.reason = min(done + share, 1.0), ""
-                path.target = path.constraints.boundary.displacement(path.fraction)
-                path.held = HeldNodes(self._bones, path.constraints.sliding, path.fraction)
-                yield from self._balance(path, u + (path.fraction - done) * linear, share > LEAST_INCREMENT)
-                if not path.reason:
-                    u, done = path.point.u, path.fraction
+                trajectory.fraction, trajectory.reason = min(done + share, 1.0), ""
+                trajectory.target = trajectory.constraints.boundary.displacement(trajectory.fraction)
+                trajectory.held = SlidingNodes(self._bones, trajectory.constraints.sliding, trajectory.fraction)
+                yield from self._balance(trajectory, u + (trajectory.fraction - done) * linear, share > LEAST_INCREMENT)
+                if not trajectory.reason:
+                    u, done = trajectory.iterate.u, trajectory.fraction
                     continue
                 share = min(share / 2, INCREMENT)
                 if share < LEAST_INCREMENT:
                     return
-                self._forget(path)
+                self._forget(trajectory)
         finally:
-            self._forget(path)
+            self._forget(trajectory)
 
     @staticmethod
-    def _forget(path: Path) -> None:
-        if path.part is not None:
-            path.part.close()
-            path.part = None
+    def _forget(trajectory: Trajectory) -> None:
+        if trajectory.part is not None:
+            trajectory.part.close()
+            trajectory.part = None
 
-    def _balance(self, path: Path, start, wary: bool) -> Generator[np.ndarray, np.ndarray, None]:
-        """From a field (n, 3) mm, whose sliding nodes are put back, to equilibrium at the path's share of the load.
+    def _balance(self, trajectory: Trajectory, start, wary: bool) -> Generator[np.ndarray, np.ndarray, None]:
+        """From a field (n, 3) mm, whose sliding nodes are put back, to equilibrium at the plan's share of the load.
 
         wary: refuse what may be another equilibrium; in the least increments it is the one that they lead to.
         """
         pairs: list[tuple] = []
-        tolerance = self._settings.tolerance if path.fraction == 1 else self._settings.loose
-        normals = path.held.put_back(start)[:, 0]
-        point = self._settled(path, start.copy())
+        tolerance = self._settings.tolerance if trajectory.fraction == 1 else self._settings.loose
+        normals = trajectory.held.project(start)[:, 0]
+        iterate = self._settled(trajectory, start.copy())
         for count in range(ITERATIONS):
-            gradient = point.force[self._free]
-            path.point, path.residual = point, self._residual(point)
-            path.history.append(
+            gradient = iterate.force[self._free]
+            trajectory.iterate, trajectory.residual = iterate, self._residual(iterate)
+            trajectory.history.append(
                 {
-                    "fraction": path.fraction,
-                    "residual": path.residual,
-                    "energy": point.energy,
-                    "min_jacobian": point.least,
+                    "fraction": trajectory.fraction,
+                    "residual": trajectory.residual,
+                    "energy": iterate.energy,
+                    "min_jacobian": iterate.least,
                 }
             )
-            near = path.residual <= self._settings.loose
-            if near and self._settings.barrier and not point.least > 0:
-                path.reason = "elements are inside out"
+            near = trajectory.residual <= self._settings.loose
+            if near and self._settings.barrier and not iterate.least > 0:
+                trajectory.reason = "elements are inside out"
             elif near and wary:
-                path.reason = self._elsewhere(start, normals, point)
-            if count == PATIENCE and path.residual > FAR:
-                path.reason = f"{count} iterations left a residual of {path.residual:.1e}"
+                trajectory.reason = self._elsewhere(start, normals, iterate)
+            if count == PATIENCE and trajectory.residual > FAR:
+                trajectory.reason = f"{count} iterations left a residual of {trajectory.residual:.1e}"
             if time.perf_counter() > self._end:
-                path.reason = f"time limit of {self._settings.time_limit:g} s reached"
-            if path.residual <= tolerance or path.reason:
+                trajectory.reason = f"time limit of {self._settings.time_limit:g} s reached"
+            if trajectory.residual <= tolerance or trajectory.reason:
                 return
-            direction = yield from self._direction(point, gradient, pairs)
-            new = self._searched(path, point, direction, gradient)
-            path.iterations += 1
+            direction = yield from self._direction(iterate, gradient, pairs)
+            new = self._searched(trajectory, iterate, direction, gradient)
+            trajectory.iterations += 1
             if new is None:
-                path.reason = f"the line search stagnated at a residual of {path.residual:.1e}"
+                trajectory.reason = f"the line search stagnated at a residual of {trajectory.residual:.1e}"
                 return
-            step = self._constraints.local(new.u - point.u, new.axes)[self._free]
+            step = self._constraints.local(new.u - iterate.u, new.axes)[self._free]
             change = new.force[self._free] - gradient
             if step @ change > 1e-12 * np.linalg.norm(step) * np.linalg.norm(change):
                 pairs = [*pairs, (step, change, 1 / (step @ change))][-MEMORY:]
-            point = new
-        path.reason = f"{ITERATIONS} iterations left a residual of {path.residual:.1e}"
+            iterate = new
+        trajectory.reason = f"{ITERATIONS} iterations left a residual of {trajectory.residual:.1e}"
 
-    def _elsewhere(self, start, normals, point: Point) -> str:
+    def _elsewhere(self, start, normals, iterate: Iterate) -> str:
         """Why the point, from a start (n, 3) mm with these normals (s, 3), may be another equilibrium than the one that
         a small motion leads to, or ""."""
-        if (normals * point.axes[:, 0]).sum(axis=1).min(initial=1.0) < RIM:
+        if (normals * iterate.axes[:, 0]).sum(axis=1).min(initial=1.0) < RIM:
             return "a node slid round the rim of its bone"
-        way = point.u - start
+        way = iterate.u - start
         if np.linalg.norm(way[self._constraints.sliding.nodes], axis=1).max(initial=0) > SLIDE:
             return "a node slid far from where the linear field puts it"
         if np.linalg.norm(way - self._beside @ way, axis=1).max() > STRAY * self._elements.edge:
             return "a node strayed from those beside it"
         return ""
 
-    def _direction(self, point: Point, gradient, pairs) -> Generator[np.ndarray, np.ndarray, np.ndarray]:
+    def _direction(self, iterate: Iterate, gradient, pairs) -> Generator[np.ndarray, np.ndarray, np.ndarray]:
         """Minus the product of the inverse Hessian that L-BFGS knows with the gradient (f,)."""
         q, shares = gradient.copy(), []
         for step, change, scale in reversed(pairs):
             shares.append(scale * (step @ q))
             q -= shares[-1] * change
-        warp = self._warp(point)
+        warp = self._warp(iterate)
         whole = np.zeros(self._free.shape)
         whole[self._free] = q
         whole[self._free] = yield np.einsum("nji,nj->ni", warp, whole)[self._free]
@@ -283,16 +281,16 @@ class RepeatedSolver:
             q += (share - scale * (change @ q)) * step
         return -q
 
-    def _warp(self, point: Point) -> np.ndarray:
+    def _warp(self, iterate: Iterate) -> np.ndarray:
         """Mean deformation gradient (n, 3, 3) at the nodes, of determinant 1, from axes at rest to those of now."""
-        warp, mean = np.empty((len(point.u), 3, 3)), self._gradients
-        _mean_deformation(mean.indptr, mean.indices, mean.data, point.u, warp)
+        warp, mean = np.empty((len(iterate.u), 3, 3)), self._gradients
+        _mean_deformation(mean.indptr, mean.indices, mean.data, iterate.u, warp)
         nodes = self._constraints.sliding.nodes
-        warp[nodes] = point.axes @ warp[nodes] @ self._rest.frames.transpose(0, 2, 1)
+        warp[nodes] = iterate.axes @ warp[nodes] @ self._rest.frames.transpose(0, 2, 1)
         warp[nodes, 0, :] = warp[nodes, :, 0] = 0
         return warp
 
-    def _searched(self, path: Path, point: Point, direction, gradient) -> Point | None:
+    def _searched(self, trajectory: Trajectory, iterate: Iterate, direction, gradient) -> Iterate | None:
         """The state after a step along `direction` (f,) on which the energy falls, its hard patches in equilibrium.
 
         A step that turns elements inside out serves if these find their way out while the rest stays.
@@ -300,69 +298,70 @@ class RepeatedSolver:
         motion = np.zeros(self._free.shape)
         motion[self._free] = direction
         nodes, slope = self._constraints.sliding.nodes, direction @ gradient
-        motion[nodes] = np.einsum("sij,si->sj", point.axes, motion[nodes])
+        motion[nodes] = np.einsum("sij,si->sj", iterate.axes, motion[nodes])
         if not slope < 0:
             return None
-        noise = self._elements.noise(point.energy)
-        allowed = 0.0 if point.least > 0 and self._settings.barrier else -np.inf
+        noise = self._elements.noise(iterate.energy)
+        allowed = 0.0 if iterate.least > 0 and self._settings.barrier else -np.inf
         for halvings in range(20):
             step = 0.5**halvings
-            new = self._settled(path, point.u + step * motion, WILD)
-            if new is not None and new.energy <= point.energy + 1e-4 * step * slope + noise and new.least > allowed:
+            new = self._settled(trajectory, iterate.u + step * motion, WILD)
+            if new is not None and new.energy <= iterate.energy + 1e-4 * step * slope + noise and new.least > allowed:
                 return new
         return None
 
-    def _settled(self, path: Path, u, least: float = -np.inf) -> Point | None:
+    def _settled(self, trajectory: Trajectory, u, least: float = -np.inf) -> Iterate | None:
         """The admissible state next to `u`, which is taken over, with its hard patches in equilibrium; None if there an
         element has a J below `least`."""
-        u[self._constraints.prescribed] = path.target
-        axes = path.held.put_back(u)
+        u[self._constraints.prescribed] = trajectory.target
+        axes = trajectory.held.project(u)
         energy, force, state = self._elements.measure(u)
         if state[:, 0].min() < least:
             return None
-        if path.outer.act:
-            loaded, pull = path.outer.evaluate(u, path.fraction)
+        if trajectory.outer.act:
+            loaded, pull = trajectory.outer.evaluate(u, trajectory.fraction)
             energy, force = energy + loaded, force + pull
-        part = self._part(path, state)
+        part = self._part(trajectory, state)
         if part is None:
-            return self._point(u, energy, state[:, 0].min(), axes, force)
+            return self._iterate(u, energy, state[:, 0].min(), axes, force)
         outside = self._free & ~part.inside
-        point = self._point(u, energy, 0.0, axes, force)
-        goal = max(LOOSE * np.linalg.norm(point.force[outside]), 0.3 * self._settings.tolerance * self._reaction(point))
-        done = part.settled(u, path.held, axes, goal, path.fraction)
+        iterate = self._iterate(u, energy, 0.0, axes, force)
+        least_goal = 0.3 * self._settings.tolerance * self._reaction(iterate)
+        goal = max(LOOSE * np.linalg.norm(iterate.force[outside]), least_goal)
+        done = part.settled(u, trajectory.held, axes, goal, trajectory.fraction)
         force[part.nodes] += done.force
         least = min(state[~part.touched[self._elements.patch], 0].min(initial=np.inf), done.least)
-        return self._point(done.displacement, energy + done.energy, least, done.axes, force)
+        return self._iterate(done.displacement, energy + done.energy, least, done.axes, force)
 
-    def _part(self, path: Path, state) -> LocalEquilibrium | None:
+    def _part(self, trajectory: Trajectory, state) -> LocalEquilibrium | None:
         """The plan's hard patches, with those that became so; state (m, 2): J and I1 of the elements."""
         hard = np.zeros(len(self._elements.patch_volumes), bool)
         hard[self._elements.patch[(state[:, 0] < HARD_RATIO) | (state[:, 1] > HARD_STRETCH)]] = True
-        known = self._shell if path.part is None else path.part.patches
-        if (hard & ~known).any() or (path.part is None and known.any()):
+        known = self._shell if trajectory.part is None else trajectory.part.patches
+        if (hard & ~known).any() or (trajectory.part is None and known.any()):
             nodes = np.zeros(len(self._points), bool)
             nodes[self._elements.cells[hard[self._elements.patch]]] = True
             wide = known | touching(self._elements, nodes)
-            self._forget(path)
+            self._forget(trajectory)
             kind, barrier = self._settings.linear_solver, self._settings.barrier
             held = self._constraints.constrained, self._constraints.sliding.nodes
-            path.part = LocalEquilibrium(self._elements, *held, wide, path.outer, kind, barrier)
-        return path.part
+            trajectory.part = LocalEquilibrium(self._elements, *held, wide, trajectory.outer, kind, barrier)
+        return trajectory.part
 
-    def _point(self, u, energy: float, least: float, axes, force) -> Point:
+    def _iterate(self, u, energy: float, least: float, axes, force) -> Iterate:
         local = self._constraints.local(force, axes)
-        return Point(u, energy, least, axes, local, float(np.linalg.norm(local[self._constraints.constrained])))
+        return Iterate(u, energy, least, axes, local, float(np.linalg.norm(local[self._constraints.constrained])))
 
-    def _reaction(self, point: Point) -> float:
-        return max(point.reaction, least_reaction(self._elements, self._constraints.constrained.sum()))
+    def _reaction(self, iterate: Iterate) -> float:
+        return max(iterate.reaction, least_reaction(self._elements, self._constraints.constrained.sum()))
 
-    def _residual(self, point: Point) -> float:
-        return float(np.linalg.norm(point.force[self._free]) / self._reaction(point))
+    def _residual(self, iterate: Iterate) -> float:
+        return float(np.linalg.norm(iterate.force[self._free]) / self._reaction(iterate))
 
-    def _result(self, path: Path, seconds: float) -> SolveResult:
-        point, history = path.point, [{"step": 1.0} | entry for entry in path.history]
-        own = point.u, history, point.least, path.residual, path.iterations, seconds
-        return kept_result(*own, violation=path.held.violation(point.u))
+    def _result(self, trajectory: Trajectory, seconds: float) -> SolveResult:
+        iterate, history = trajectory.iterate, [{"step": 1.0} | entry for entry in trajectory.history]
+        measured = iterate.u, history, iterate.least, trajectory.residual, trajectory.iterations, seconds
+        return kept_result(*measured, violation=trajectory.held.violation(iterate.u))
 
 
 def kept_result(

@@ -177,8 +177,8 @@ class Workers:
     def each(self, call: Callable, arguments: Iterable[tuple]) -> list:
         """What the call gives for each of the arguments, in their order."""
         if self._pool is None:
-            return [call(*own) for own in arguments]
-        return list(self._pool.map(lambda own: call(*own), arguments))
+            return [call(*argument) for argument in arguments]
+        return list(self._pool.map(lambda argument: call(*argument), arguments))
 
     def __enter__(self) -> "Workers":
         return self

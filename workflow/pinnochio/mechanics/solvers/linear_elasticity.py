@@ -44,11 +44,11 @@ class ElasticSolver:
         whole.add(data, outer.pairs, self.constraints.turned(outer.blocks, outer.pairs, self.frames))
         full = whole.symmetric(data)
         fixed = self.constraints.constrained[whole.free]
-        own = sparse.triu(full[~fixed][:, ~fixed], format="csr")
-        own.sort_indices()
+        inner = sparse.triu(full[~fixed][:, ~fixed], format="csr")
+        inner.sort_indices()
         self._coupling, self._fixed, self._used = full[~fixed][:, fixed], fixed, whole.free
-        self._linear = linear_solver(own.indptr, own.indices, 0, linear_solver_kind, single)
-        if not self._linear.factorize(own.data):
+        self._linear = linear_solver(inner.indptr, inner.indices, 0, linear_solver_kind, single)
+        if not self._linear.factorize(inner.data):
             raise RuntimeError("the stiffness at rest is not positive definite to working precision")
 
     def solve(self, boundary: BoundaryConditions) -> np.ndarray:

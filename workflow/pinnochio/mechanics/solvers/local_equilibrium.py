@@ -8,7 +8,7 @@ import numpy as np
 
 from pinnochio.mechanics.boundary.constraints import turned
 from pinnochio.mechanics.boundary.loads import OuterForces
-from pinnochio.mechanics.boundary.sliding import HeldNodes
+from pinnochio.mechanics.boundary.sliding import SlidingNodes
 from pinnochio.mechanics.elements.assembly import CUT, Assembler
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import Elements
@@ -99,7 +99,7 @@ class LocalEquilibrium:
         self._linear = linear_solver(self._assembler.indptr, self._assembler.indices, 0, kind, True)
         self._ready = False
 
-    def settled(self, u, held: HeldNodes, axes, goal: float, fraction: float) -> Settled:
+    def settled(self, u, held: SlidingNodes, axes, goal: float, fraction: float) -> Settled:
         """The displacement u (n, 3) mm, sliding nodes on their bones with these axes, with the part in equilibrium at a
         fraction of the load.
 
@@ -124,18 +124,19 @@ class LocalEquilibrium:
             energy, force = energy + loaded, force + pull
         return _State(u, axes, energy, force, least)
 
-    def _newton(self, state: _State, elements: Elements, held: HeldNodes, goal: float, least_allowed: float):
+    def _newton(self, state: _State, elements: Elements, held: SlidingNodes, goal: float, least_allowed: float):
         """The state after some steps, and their number."""
-        last, eased = np.inf, True
+        last, relaxed = np.inf, True
         for step in range(STEPS):
             local = self._local(state.force, state.axes)
             free = self._assembler.gather(local)
             size = np.linalg.norm(free)
             if size <= goal:
                 return state, step
-            loud = None if eased else self._loud(local, QUIET * goal)
-            if loud is not None:
-                state, last, eased = self._eased(loud, state, elements, held, QUIET * goal, least_allowed), size, True
+            unbalanced = None if relaxed else self._unbalanced(local, QUIET * goal)
+            if unbalanced is not None:
+                state = self._relaxed(unbalanced, state, elements, held, QUIET * goal, least_allowed)
+                last, relaxed = size, True
                 continue
             new, kept = None, self._ready and size <= SLOW * last
             for fresh in (False, True) if kept else (True,):
@@ -146,10 +147,10 @@ class LocalEquilibrium:
                     break
             if new is None:
                 return state, step
-            state, last, eased = new, size, False
+            state, last, relaxed = new, size, False
         return state, STEPS
 
-    def _loud(self, local, goal: float) -> np.ndarray | None:
+    def _unbalanced(self, local, goal: float) -> np.ndarray | None:
         """Patches (p,) bool about the fewest nodes without which the norm of the forces, local (k, 3) mN, is at the
         goal, mN; None where these are not few."""
         square = (np.where(self._assembler.free, local, 0) ** 2).sum(axis=1)
@@ -161,14 +162,14 @@ class LocalEquilibrium:
         patches = touching(self._elements, order[:count])
         return patches if patches.mean() < SMALL else None
 
-    def _eased(self, patches, state: _State, elements, held, goal: float, least_allowed: float) -> _State:
+    def _relaxed(self, patches, state: _State, elements, held, goal: float, least_allowed: float) -> _State:
         """The state with these patches (p,) bool in equilibrium, or nearer to it, while the rest stays."""
         fixed = ~self._assembler.free
         part = LocalEquilibrium(elements, fixed, self._framed, patches, self._outer, self._kind, self._barrier)
         part._fraction, slides = self._fraction, part.slides
         start = part._state(state.u[self.nodes], state.axes[slides], part._elements)
-        own = held.part(slides, self._framed[slides])
-        done, _ = part._newton(start, part._elements, own, goal, least_allowed)
+        surfaces = held.part(slides, self._framed[slides])
+        done, _ = part._newton(start, part._elements, surfaces, goal, least_allowed)
         part.close()
         u, axes = state.u.copy(), state.axes.copy()
         u[self.nodes], axes[slides] = done.u, done.axes
@@ -187,7 +188,7 @@ class LocalEquilibrium:
         while share > 1e-4:
             u = state.u.copy()
             u[self.nodes] += share * motion
-            new = self._state(u, held.put_back(u) if slides else state.axes, elements)
+            new = self._state(u, held.project(u) if slides else state.axes, elements)
             if new.least > least_allowed and new.energy <= state.energy - 1e-4 * share * slope + noise:
                 return new
             share /= 2
@@ -200,8 +201,8 @@ class LocalEquilibrium:
         for definite in (0.0, CUT):
             data, _ = self._assembler.tangent(state.u[self.nodes], frames, definite=definite, elements=elements)
             if slides and not definite:
-                bend = held.bend(state.u, state.axes, state.force[self._framed])
-                self._assembler.add(data, np.repeat(self._framed[:, None], 2, axis=1), bend)
+                curvature = held.curvature(state.u, state.axes, state.force[self._framed])
+                self._assembler.add(data, np.repeat(self._framed[:, None], 2, axis=1), curvature)
             if len(self._outer.pairs):
                 tense = turned(self._outer.blocks, self._outer.pairs, len(self.nodes), self._framed, frames)
                 self._assembler.add(data, self._outer.pairs, tense)

@@ -64,7 +64,7 @@ class Stop(Exception):
 
 
 @dataclass
-class State:
+class NewtonState:
     """A displacement at a load fraction with its energy, force, residual (relative) and least J."""
 
     u: np.ndarray
@@ -130,11 +130,11 @@ class Newton:
 
     # ---- states
 
-    def state(self, u, fraction: float) -> State:
+    def state(self, u, fraction: float) -> NewtonState:
         """The admissible state next to `u`: prescribed nodes where they belong, sliding nodes on their surfaces."""
         return self.measured(self.constraints.met(u, fraction), fraction)
 
-    def measured(self, u, fraction: float) -> State:
+    def measured(self, u, fraction: float) -> NewtonState:
         """The state `u` with its residual: forces on the free unknowns over the reactions on the constrained ones."""
         energy, force, least = self.elements.evaluate(u)
         pressing, push = self.contact.evaluate(u, fraction)
@@ -147,9 +147,9 @@ class Newton:
         # Contact carries load too, where the nodes that it presses have no other condition.
         reaction = np.sqrt((local[constrained] ** 2).sum() + (push**2).sum())
         residual = float(np.linalg.norm(free_force) / max(reaction, least_reaction(self.elements, constrained.sum())))
-        return State(u, fraction, energy, force, least, frames, free_force, residual)
+        return NewtonState(u, fraction, energy, force, least, frames, free_force, residual)
 
-    def record(self, state: State, kind: str, step: float = 1.0) -> None:
+    def record(self, state: NewtonState, kind: str, step: float = 1.0) -> None:
         self.history.append(
             {
                 "kind": kind,
@@ -164,7 +164,7 @@ class Newton:
     # ---- steps
 
     def direction(
-        self, state: State, tolerance: float, step=None, pressure=None, cut_below: float = 0.0, further=0.0
+        self, state: NewtonState, tolerance: float, step=None, pressure=None, cut_below: float = 0.0, further=0.0
     ) -> Direction:
         """What takes the state to equilibrium, to first order, while `step` (n, 3, local axes) is imposed on the
         constrained unknowns: by the factors at hand and conjugate gradients to `tolerance` if they serve, else by new
@@ -186,8 +186,8 @@ class Newton:
                 state.u, state.frames, step, definite=bound, pressure=pressure, elements=self.elements
             )
             if not definite:
-                bend = self.sliding.curvature(state.u, state.fraction, state.frames, state.force)
-                self.assembler.add(data, np.repeat(self.sliding.nodes[:, None], 2, axis=1), bend)
+                curvature = self.sliding.curvature(state.u, state.fraction, state.frames, state.force)
+                self.assembler.add(data, np.repeat(self.sliding.nodes[:, None], 2, axis=1), curvature)
             pairs, blocks = self.contact.tangent(state.u, state.fraction, definite)
             self.assembler.add(data, pairs, self.constraints.turned(blocks, pairs, state.frames))
             if len(self.outer.pairs):
@@ -247,14 +247,14 @@ class Newton:
         for system in self.systems.values():
             system.close()
 
-    def predict(self, state: State, end: float, pressure=None, cut_below: float = 0.0) -> Direction:
+    def predict(self, state: NewtonState, end: float, pressure=None, cut_below: float = 0.0) -> Direction:
         """The step, to first order, up to the load fraction `end`; pressure, cut_below: as in :meth:`direction`."""
         target = self.constraints.met(self.sliding.carry(state.u, state.fraction, end), end)
         local = self.constraints.local(target - state.u, state.frames)
         step = np.where(self.constraints.constrained, local, 0)
         return self.direction(state, 1e-3, step, pressure, cut_below, end - state.fraction)
 
-    def descend(self, state: State) -> State | None:
+    def descend(self, state: NewtonState) -> NewtonState | None:
         """One Newton step with a line search on the energy that turns no element inside out."""
         self.iterations += 1
         direction, cut = self.direction(state, 1e-2)
@@ -275,15 +275,15 @@ class Newton:
         self.record(new, "newton", step)
         return new
 
-    def falls(self, state: State, new: State, expected: float) -> bool:
+    def falls(self, state: NewtonState, new: NewtonState, expected: float) -> bool:
         """Whether the energy falls from one state to the next by some share of what is expected to first order."""
         return new.energy <= state.energy + 1e-4 * expected + self.elements.noise(state.energy)
 
-    def least_allowed(self, state: State) -> float:
+    def least_allowed(self, state: NewtonState) -> float:
         """Least J that a step from `state` may reach: an inverted state is free to find its way out."""
         return 0.0 if self.settings.barrier and state.least > 0 else -np.inf
 
-    def equilibrium(self, state: State, tolerance: float) -> tuple[State, str]:
+    def equilibrium(self, state: NewtonState, tolerance: float) -> tuple[NewtonState, str]:
         """Newton iterations at a fixed load: the last state, and "" or why it is not in equilibrium."""
         count = 0
         while state.residual > tolerance:
@@ -315,7 +315,7 @@ class Newton:
     def tangled(self, start) -> bool:
         return (jacobians(self.points, self.elements.cells, start) <= 0).mean() > TANGLED
 
-    def improve(self, start) -> tuple[State, str]:
+    def improve(self, start) -> tuple[NewtonState, str]:
         """Equilibrium at full load from a guess (n, 3), the guess if the way there was stopped; and "" or why."""
         guess = self.measured(start, 1.0)
         try:
@@ -329,7 +329,7 @@ class Newton:
         except Stop as stop:
             return guess, str(stop)
 
-    def untangled(self, state: State) -> State:
+    def untangled(self, state: NewtonState) -> NewtonState:
         """The state that an energy without a barrier leads to: it pushes elements from far inside out."""
         elements = self.elements
         self.elements = elements.with_extension(UNTANGLING)
@@ -339,7 +339,7 @@ class Newton:
             self.elements = elements
         return self.measured(state.u, state.fraction)
 
-    def advance(self, state: State) -> tuple[State, str]:
+    def advance(self, state: NewtonState) -> tuple[NewtonState, str]:
         """Equilibrium at full load from the rest state, in increments that shrink on failure and grow on ease; the last
         equilibrium if the way there was stopped; and "" or why."""
         share = 1 / self.settings.increments
@@ -353,7 +353,7 @@ class Newton:
             return state, str(stop)
         return state, ""
 
-    def increment(self, state: State, share: float) -> tuple[State, float]:
+    def increment(self, state: NewtonState, share: float) -> tuple[NewtonState, float]:
         """Equilibrium after a share of the load, and by how much that had to be scaled down. Raises Stop."""
         settings, scale = self.settings, 1.0
         motion = self.predict(state, state.fraction + share).motion
@@ -370,7 +370,7 @@ class Newton:
             if scale * share < settings.min_increment:
                 raise Stop(f"load increment below {settings.min_increment:g}: {reason}")
 
-    def result(self, state: State, reason: str) -> SolveResult:
+    def result(self, state: NewtonState, reason: str) -> SolveResult:
         violation = np.abs(self.sliding.violation(state.u, state.fraction))
         gaps = self.contact.gaps(state.u, state.fraction)
         return SolveResult(

@@ -12,7 +12,7 @@ from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, ElementArrays, Elements, deformation, patch_bulk
 from pinnochio.mechanics.settings import FemSettings, SolverSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair, repair_inversions
-from pinnochio.mechanics.solvers.newton import Newton, State, Stop
+from pinnochio.mechanics.solvers.newton import Newton, NewtonState, Stop
 from pinnochio.model.patient import FIXED, FREE, NO_INTERFACE, PatientModel
 
 # Shares of a Newton step that are tried in turn.
@@ -118,7 +118,7 @@ class Corrector:
         """Release the factors."""
         self._newton.close()
 
-    def _corrected(self, state: State, pressure, cut_below: float) -> tuple[State, float]:
+    def _corrected(self, state: NewtonState, pressure, cut_below: float) -> tuple[NewtonState, float]:
         """The state after one correction and the share of its step that was taken; 0 where none helps.
 
         The way of the prescribed nodes is a part of the step. The tangent takes the patches' pressures (p,) that the

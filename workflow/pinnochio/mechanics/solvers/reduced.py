@@ -42,12 +42,12 @@ def restricted(boundary: BoundaryConditions, cells, wanted, field) -> tuple[np.n
     Nodes on the cut, and of contact surfaces beyond it, move in proportion to the load by their part of the linear
     field (n, 3) mm; those that were prescribed move as they did.
     """
-    own = cells[wanted]
-    nodes = np.unique(np.concatenate([own.ravel(), *(item.faces.ravel() for item in boundary.contact)]))
+    part = cells[wanted]
+    nodes = np.unique(np.concatenate([part.ravel(), *(item.faces.ravel() for item in boundary.contact)]))
     place = np.full(len(field), -1)
     place[nodes] = np.arange(len(nodes))
     cut = np.ones(len(field), bool)
-    cut[own] = False
+    cut[part] = False
     cut[cells[~wanted]] = True
     cut[boundary.prescribed_nodes] = False
     cut = nodes[cut[nodes]]
@@ -62,7 +62,7 @@ def restricted(boundary: BoundaryConditions, cells, wanted, field) -> tuple[np.n
     slides[cut] = False
     return (
         nodes,
-        place[own],
+        place[part],
         replace(
             boundary,
             prescribed_nodes=place[np.concatenate([boundary.prescribed_nodes[kept], cut])],

@@ -12,7 +12,7 @@ from scipy import sparse
 from torch import Tensor
 
 from pinnochio.mechanics.elements.tetrahedra import Elements
-from pinnochio.mechanics.solvers.batched.sparse_rows import Rows, fused
+from pinnochio.mechanics.solvers.batched.sparse_rows import SparseRows, fused
 
 
 class Constants(NamedTuple):
@@ -29,7 +29,7 @@ class Constants(NamedTuple):
     patch_lam: Tensor
 
 
-class State(NamedTuple):
+class BatchState(NamedTuple):
     """Energy (k,) mN mm, force (n, 3, k) mN, J and I1 (m, k), and what the tangent needs: derivatives of the patches'
     energy by their volume ratio (p, k) kPa."""
 
@@ -41,7 +41,7 @@ class State(NamedTuple):
     second: Tensor
 
 
-class Mesh:
+class BatchElements:
     """Elements of a mesh on a device; dtype: of all its arithmetic."""
 
     def __init__(self, elements: Elements, device, dtype: torch.dtype = torch.float64):
@@ -60,17 +60,17 @@ class Mesh:
         ones = sparse.csr_array((np.ones(count), (elements.patch, members)), (patches, count))
         volumes = sparse.csr_array((elements.volumes, (elements.patch, members)), (patches, count))
         corners = (np.ones(4 * count), (elements.cells.ravel(), np.arange(4 * count)))
-        self.of_patches, self._in_patches = Rows(ones, device, torch.float32), Rows(volumes, device, dtype)
-        self._at_nodes = Rows(sparse.csr_array(corners, (elements.nodes, 4 * count)), device, dtype)
+        self.of_patches, self._in_patches = SparseRows(ones, device, torch.float32), SparseRows(volumes, device, dtype)
+        self._at_nodes = SparseRows(sparse.csr_array(corners, (elements.nodes, 4 * count)), device, dtype)
 
-    def measure(self, u: Tensor, extension: Tensor) -> State:
+    def measure(self, u: Tensor, extension: Tensor) -> BatchState:
         ratio, stretch = _ratios(u, self.constants)
         energy, first, second = _bulk(self._in_patches(ratio), self.constants, extension)
-        force, own = _forces(u, self.constants, first, extension)
+        force, of_elements = _forces(u, self.constants, first, extension)
         force = self._at_nodes(force.view(-1, 3, u.shape[2]))
-        return State(energy.sum(0) + own.sum(0), force, ratio, stretch, first, second)
+        return BatchState(energy.sum(0) + of_elements.sum(0), force, ratio, stretch, first, second)
 
-    def curvature(self, u: Tensor, state: State, extension: Tensor) -> tuple[Tensor, Tensor]:
+    def curvature(self, u: Tensor, state: BatchState, extension: Tensor) -> tuple[Tensor, Tensor]:
         """What :meth:`product` needs of a state; and the blocks (n, 9, k) of the tangent at the nodes, about."""
         kept, blocks = _curvature(u, self.constants, state.first, state.second, extension)
         return kept, self._at_nodes(blocks.view(-1, 9, u.shape[2]))
@@ -215,7 +215,7 @@ def _tangent_forces(step, c, kept, pressure):
         row = []
         for j in range(3):
             r, s = after[j], after[after[j]]
-            bend = df[one][r] * f[two][s] + f[one][r] * df[two][s] - df[one][s] * f[two][r] - f[one][s] * df[two][r]
-            row.append(shear * df[i][j] + stretch * f[i][j] + along * cof[i][j] + bulk * bend)
+            turn = df[one][r] * f[two][s] + f[one][r] * df[two][s] - df[one][s] * f[two][r] - f[one][s] * df[two][r]
+            row.append(shear * df[i][j] + stretch * f[i][j] + along * cof[i][j] + bulk * turn)
         p.append(row)
     return torch.stack(_at_corners(p, c), 1)

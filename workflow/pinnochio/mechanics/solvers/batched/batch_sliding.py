@@ -1,6 +1,6 @@
 """The sliding nodes of many plans, put back on their bones and given their local axes.
 
-As :class:`pinnochio.mechanics.boundary.sliding.HeldNodes`, by whose kernels a CPU does it, plan by plan; on a GPU
+As :class:`pinnochio.mechanics.boundary.sliding.SlidingNodes`, by whose kernels a CPU does it, plan by plan; on a GPU
 those of `batch_sliding_gpu`. Axes of nodes (s,) under k plans are arrays (s, 3, 3, k), in rows.
 """
 
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from pinnochio.mechanics.boundary.sliding import Bones, HeldNodes
+from pinnochio.mechanics.boundary.sliding import Bones, SlidingNodes
 from pinnochio.mechanics.solvers.batched.sparse_rows import fused
 
 
@@ -17,7 +17,7 @@ class TooManyPointsError(RuntimeError):
     """A bone has more points than a GPU's programs can hold."""
 
 
-class Axes:
+class BatchAxes:
     """Axes (s, 3, 3, k) of the sliding nodes under some plans."""
 
     def __init__(self, bones: Bones, plans: int, device):
@@ -34,25 +34,25 @@ class Axes:
         return normal
 
 
-class Slides(Axes):
-    """Sliding nodes under some plans, on a CPU; axes: where :meth:`put_back` left them."""
+class BatchSliding(BatchAxes):
+    """Sliding nodes under some plans, on a CPU; axes: where :meth:`project` left them."""
 
     def __init__(self, bones: Bones, plans: int, device):
         super().__init__(bones, plans, device)
-        self._held: list[HeldNodes | None] = [None] * plans
+        self._held: list[SlidingNodes | None] = [None] * plans
 
-    def begin(self, slots: Sequence[int], held: Sequence[HeldNodes]) -> None:
+    def begin(self, slots: Sequence[int], held: Sequence[SlidingNodes]) -> None:
         """Other plans, or parts of a load, in some slots."""
-        for slot, own in zip(slots, held, strict=True):
-            self._held[slot] = own
+        for slot, item in zip(slots, held, strict=True):
+            self._held[slot] = item
 
-    def put_back(self, u: Tensor, wanted: Tensor) -> None:
+    def project(self, u: Tensor, wanted: Tensor) -> None:
         """Move the sliding nodes of displacements u (n, 3, k) mm along their normals back on their bones, of the plans
         (k,) bool that are wanted."""
         for slot, held in enumerate(self._held):
             if held is not None and wanted[slot]:
                 field = u[:, :, slot].contiguous()
-                self.axes[:, :, :, slot] = torch.as_tensor(held.put_back(field.numpy()))
+                self.axes[:, :, :, slot] = torch.as_tensor(held.project(field.numpy()))
                 u[:, :, slot] = field
 
 

@@ -12,14 +12,14 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from pinnochio.mechanics.boundary.sliding import Bones, HeldNodes
+from pinnochio.mechanics.boundary.sliding import Bones, SlidingNodes
 from pinnochio.mechanics.solvers.batched import batch_sliding
 
 MOST = 4096  # points of a bone that the lanes of a program can hold
 
 
-class Slides(batch_sliding.Axes):
-    """As `batch_sliding.Slides`; TooManyPointsError if a bone has more than MOST."""
+class GpuSliding(batch_sliding.BatchAxes):
+    """As `batch_sliding.BatchSliding`; TooManyPointsError if a bone has more than MOST."""
 
     def __init__(self, bones: Bones, plans: int, device):
         super().__init__(bones, plans, device)
@@ -36,17 +36,17 @@ class Slides(batch_sliding.Axes):
         self._motion = torch.zeros(plans, len(bones.width), 12, dtype=torch.float64, device=device)
         self._shape = {"LANES": triton.next_power_of_2(most), "num_warps": 4 if most <= 1024 else 8}
 
-    def begin(self, slots: Sequence[int], held: Sequence[HeldNodes]) -> None:
-        motion = [np.concatenate([own.turns.reshape(-1, 9), own.shifts], axis=1) for own in held]
+    def begin(self, slots: Sequence[int], held: Sequence[SlidingNodes]) -> None:
+        motion = [np.concatenate([item.turns.reshape(-1, 9), item.shifts], axis=1) for item in held]
         at = torch.as_tensor(np.asarray(slots), device=self._motion.device)
         self._motion[at] = torch.as_tensor(np.array(motion), device=self._motion.device)
 
-    def put_back(self, u: Tensor, wanted: Tensor) -> None:
+    def project(self, u: Tensor, wanted: Tensor) -> None:
         nodes, _, _, plans = self.axes.shape
         if not nodes:
             return
         with torch.cuda.device_of(u):
-            _put_back[(nodes, plans)](
+            _project[(nodes, plans)](
                 u, self.axes, wanted, self._motion, *self._bones, plans, self._motion.shape[1], **self._shape
             )
 
@@ -121,7 +121,7 @@ def _turned(v0, v1, v2, r0, r1, r2, cosine):
 
 
 @triton.jit
-def _put_back(
+def _project(
     u, axes, wanted, motion, nodes, owner, first, counts, rests, levels, frames, points, normals, widths, plans, bones,
     LANES: tl.constexpr,
 ):  # fmt: skip
@@ -131,11 +131,11 @@ def _put_back(
     size, count = tl.load(first + bone + 1) - begin, tl.load(counts + bone)
     width, level = tl.load(widths + bone), tl.load(levels + s)
     points, normals = points + 3 * begin, normals + 3 * begin
-    own = motion + (plan * bones + bone) * 12
-    t00, t01, t02 = _three(own, 1)
-    t10, t11, t12 = _three(own + 3, 1)
-    t20, t21, t22 = _three(own + 6, 1)
-    shift0, shift1, shift2 = _three(own + 9, 1)
+    place = motion + (plan * bones + bone) * 12
+    t00, t01, t02 = _three(place, 1)
+    t10, t11, t12 = _three(place + 3, 1)
+    t20, t21, t22 = _three(place + 6, 1)
+    shift0, shift1, shift2 = _three(place + 9, 1)
     rest0, rest1, rest2 = _three(rests + 3 * s, 1)
     place = u + 3 * tl.load(nodes + s).to(tl.int64) * plans + plan
     u0, u1, u2 = _three(place, plans)

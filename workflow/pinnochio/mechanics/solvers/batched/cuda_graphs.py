@@ -5,7 +5,7 @@ from collections.abc import Callable
 import torch
 
 
-class Recorded:
+class ReplayedCalls:
     """Calls of a function without arguments: on a GPU its kernels are recorded at the second call and then replayed."""
 
     def __init__(self, function: Callable[[], None], device: torch.device):

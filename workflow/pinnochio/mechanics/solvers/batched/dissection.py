@@ -14,17 +14,17 @@ LEAF = 48  # nodes in a part that is not halved further, about [X]
 
 
 @dataclass(frozen=True)
-class Level:
-    """Fronts of one depth of the tree. own (f, s): nodes that each eliminates, beside (f, b): later ones that it is
+class FrontLevel:
+    """Fronts of one depth of the tree. pivots (f, s): nodes that each eliminates, beside (f, b): later ones that it is
     coupled to, -1 where there are fewer; children: numbers (f, 2) of the fronts one level deeper that it takes up, -1
     at the leaves."""
 
-    own: np.ndarray
+    pivots: np.ndarray
     beside: np.ndarray
     children: np.ndarray
 
 
-def dissect(points, adjacency: sparse.csr_array, leaf: int = LEAF) -> list[Level]:
+def dissect(points, adjacency: sparse.csr_array, leaf: int = LEAF) -> list[FrontLevel]:
     """The levels of the tree, leaves first, over points (n, 3) mm with a symmetric adjacency (n, n)."""
     depth = max(int(np.ceil(np.log2(max(len(points), 1) / leaf))), 0)
     parts, owners = [np.arange(len(points))], []
@@ -39,14 +39,14 @@ def dissect(points, adjacency: sparse.csr_array, leaf: int = LEAF) -> list[Level
     levels, below = [], []
     for level in range(depth, -1, -1):
         beside = []
-        for number, own in enumerate(owners[level]):
-            reached = [adjacency[own].indices, *(below[2 * number : 2 * number + 2])]
+        for number, pivots in enumerate(owners[level]):
+            reached = [adjacency[pivots].indices, *(below[2 * number : 2 * number + 2])]
             reached = np.unique(np.concatenate(reached))
-            beside.append(np.setdiff1d(reached[rank[reached] < level], own, assume_unique=True))
+            beside.append(np.setdiff1d(reached[rank[reached] < level], pivots, assume_unique=True))
         children = np.full((len(beside), 2), -1)
         if below:
             children = np.arange(2 * len(beside)).reshape(-1, 2)
-        levels.append(Level(padded(owners[level]), padded(beside), children))
+        levels.append(FrontLevel(padded(owners[level]), padded(beside), children))
         below = beside
     return levels
 

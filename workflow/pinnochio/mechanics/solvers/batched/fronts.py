@@ -11,8 +11,8 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from pinnochio.mechanics.solvers.batched.dissection import Level, dissect
-from pinnochio.mechanics.solvers.batched.sparse_rows import Rows, gathers
+from pinnochio.mechanics.solvers.batched.dissection import FrontLevel, dissect
+from pinnochio.mechanics.solvers.batched.sparse_rows import SparseRows, gathers
 
 
 class Fronts:
@@ -30,21 +30,22 @@ class Fronts:
         levels = dissect(points, pattern)
         self._matrices = [matrix.to(dtype) for matrix in _factorized(levels, blocks, device)]
         # The rows of one buffer: the loads, then the fronts of each level; of another one: the solutions by level.
-        solutions, place = sum(level.own.size for level in levels), np.zeros(count, int)
-        row, rows, own_row = count, [], 0
+        solutions, place = sum(level.pivots.size for level in levels), np.zeros(count, int)
+        row, rows, pivot_row = count, [], 0
         for level in levels:
             rows.append(row)
-            row += level.own.size + level.beside.size
-            there = level.own >= 0
-            place[level.own[there]] = own_row + np.flatnonzero(there)
-            own_row += level.own.size
+            row += level.pivots.size + level.beside.size
+            there = level.pivots >= 0
+            place[level.pivots[there]] = pivot_row + np.flatnonzero(there)
+            pivot_row += level.pivots.size
         self._rows, self._size, self._solutions = rows, row, solutions
-        self._up = [Rows(_taken(levels, at, rows, row), device, dtype) for at in range(len(levels))]
+        self._up = [SparseRows(_taken(levels, at, rows, row), device, dtype) for at in range(len(levels))]
         self._down = [
-            Rows(gathers(_placed(level.beside, place).reshape(-1, 1), solutions), device, dtype) for level in levels
+            SparseRows(gathers(_placed(level.beside, place).reshape(-1, 1), solutions), device, dtype)
+            for level in levels
         ]
-        self._out = Rows(gathers(place[:, None], solutions), device, dtype)
-        self._shapes = [(len(level.own), level.own.shape[1], level.beside.shape[1]) for level in levels]
+        self._out = SparseRows(gathers(place[:, None], solutions), device, dtype)
+        self._shapes = [(len(level.pivots), level.pivots.shape[1], level.beside.shape[1]) for level in levels]
 
     @property
     def entries(self) -> int:
@@ -66,36 +67,36 @@ class Fronts:
         solution = torch.empty(self._solutions, 3, plans, dtype=self.dtype, device=loads.device)
         torch.mul(loads, self._scale, out=buffer[: len(loads)])
         kept = []
-        for matrix, taken, row, (fronts, own, beside) in zip(
+        for matrix, taken, row, (fronts, pivots, beside) in zip(
             self._matrices, self._up, self._rows, self._shapes, strict=True
         ):
-            z = taken(buffer).view(fronts, 3 * (own + beside), plans)
-            moved = buffer[row : row + fronts * (own + beside)].view(fronts, -1, plans)
-            torch.bmm(matrix, z[:, : 3 * own], out=moved)
-            moved[:, 3 * own :] += z[:, 3 * own :]
+            z = taken(buffer).view(fronts, 3 * (pivots + beside), plans)
+            moved = buffer[row : row + fronts * (pivots + beside)].view(fronts, -1, plans)
+            torch.bmm(matrix, z[:, : 3 * pivots], out=moved)
+            moved[:, 3 * pivots :] += z[:, 3 * pivots :]
             kept.append(moved)
         row = self._solutions
-        for matrix, taken, moved, (fronts, own, beside) in reversed(
+        for matrix, taken, moved, (fronts, pivots, beside) in reversed(
             list(zip(self._matrices, self._down, kept, self._shapes, strict=True))
         ):
-            row -= fronts * own
+            row -= fronts * pivots
             if beside:
-                moved[:, 3 * own :] = taken(solution).view(fronts, 3 * beside, plans)
-            torch.bmm(matrix.mT, moved, out=solution[row : row + fronts * own].view(fronts, 3 * own, plans))
+                moved[:, 3 * pivots :] = taken(solution).view(fronts, 3 * beside, plans)
+            torch.bmm(matrix.mT, moved, out=solution[row : row + fronts * pivots].view(fronts, 3 * pivots, plans))
         return self._out(solution) * self._scale
 
 
-def _taken(levels: list[Level], at: int, rows: list[int], size: int) -> sparse.csr_array:
+def _taken(levels: list[FrontLevel], at: int, rows: list[int], size: int) -> sparse.csr_array:
     """Matrix that gathers the values of a level's fronts, own and later unknowns, from loads and children."""
     level = levels[at]
-    nodes = np.concatenate([level.own, level.beside], axis=1)
-    lists = [np.concatenate([level.own, np.full_like(level.beside, -1)], axis=1)]
+    nodes = np.concatenate([level.pivots, level.beside], axis=1)
+    lists = [np.concatenate([level.pivots, np.full_like(level.beside, -1)], axis=1)]
     if at:
         below = levels[at - 1]
-        width = below.own.shape[1] + below.beside.shape[1]
+        width = below.pivots.shape[1] + below.beside.shape[1]
         for child in level.children.T:
-            where = _found(nodes, below.beside[child])
-            source = rows[at - 1] + child[:, None] * width + below.own.shape[1] + where
+            where = _places(nodes, below.beside[child])
+            source = rows[at - 1] + child[:, None] * width + below.pivots.shape[1] + where
             lists.append(np.where(where >= 0, source, -1))
     return gathers(np.stack(lists, axis=-1).reshape(nodes.size, -1), size)
 
@@ -104,7 +105,7 @@ def _placed(nodes, place) -> np.ndarray:
     return np.where(nodes >= 0, place[nodes], -1)
 
 
-def _found(nodes, members) -> np.ndarray:
+def _places(nodes, members) -> np.ndarray:
     """Place of each node of nodes (f, w) in the row of members (f, m), -1 where it is not there or is none."""
     most = max(nodes.max(initial=0), members.max(initial=0)) + 2
     front = np.arange(len(nodes))[:, None] * most
@@ -117,28 +118,28 @@ def _found(nodes, members) -> np.ndarray:
     return np.where((nodes >= 0) & (keys[hit] == front + nodes), hit % members.shape[1], -1)
 
 
-def _factorized(levels: list[Level], blocks: sparse.bsr_array, device) -> list[Tensor]:
+def _factorized(levels: list[FrontLevel], blocks: sparse.bsr_array, device) -> list[Tensor]:
     """The matrices M (f, 3 (s + b), 3 s) of each level, in float64."""
     matrices, update, below = [], None, None
     for level in levels:
-        (fronts, own), beside = level.own.shape, level.beside.shape[1]
-        nodes = np.concatenate([level.own, level.beside], axis=1)
-        width = own + beside + 1  # the last one takes what belongs nowhere
+        (fronts, pivots), beside = level.pivots.shape, level.beside.shape[1]
+        nodes = np.concatenate([level.pivots, level.beside], axis=1)
+        width = pivots + beside + 1  # the last one takes what belongs nowhere
         whole = torch.zeros(fronts, width, width, 3, 3, dtype=torch.float64, device=device)
-        front, row, column, values = _entries(nodes, level.own, blocks)
+        front, row, column, values = _entries(nodes, level.pivots, blocks)
         index = [torch.as_tensor(item, device=device) for item in (front, row, column)]
         values = torch.as_tensor(values, device=device)
         whole[index[0], index[1], index[2]] = values
         whole[index[0], index[2], index[1]] = values.mT
         if below is not None:
             for child in level.children.T:
-                where = _found(below.beside[child], nodes)
+                where = _places(below.beside[child], nodes)
                 where = torch.as_tensor(np.where(where >= 0, where, width - 1), device=device)
                 place = torch.arange(fronts, device=device)[:, None, None], where[:, :, None], where[:, None, :]
                 whole[place] += update[torch.as_tensor(child, device=device)]
         whole = whole[:, :-1, :-1].permute(0, 1, 3, 2, 4).reshape(fronts, 3 * (width - 1), -1)
-        size = 3 * own
-        empty = torch.as_tensor(np.repeat(level.own < 0, 3, axis=1), device=device)
+        size = 3 * pivots
+        empty = torch.as_tensor(np.repeat(level.pivots < 0, 3, axis=1), device=device)
         pivot = whole[:, :size, :size] + torch.diag_embed(empty.double())
         factor, failed = torch.linalg.cholesky_ex(pivot)
         if bool(failed.any()):
@@ -154,10 +155,10 @@ def _factorized(levels: list[Level], blocks: sparse.bsr_array, device) -> list[T
     return matrices
 
 
-def _entries(nodes, own, blocks: sparse.bsr_array) -> tuple[np.ndarray, ...]:
+def _entries(nodes, pivots, blocks: sparse.bsr_array) -> tuple[np.ndarray, ...]:
     """Front, row, column (e,) and values (e, 3, 3) of the matrix's blocks between own nodes and their front."""
-    front, row = np.nonzero(own >= 0)
-    node = own[front, row]
+    front, row = np.nonzero(pivots >= 0)
+    node = pivots[front, row]
     counts = np.diff(blocks.indptr)[node]
     entry = np.repeat(blocks.indptr[node] - np.concatenate([[0], np.cumsum(counts)[:-1]]), counts) + np.arange(
         counts.sum()

@@ -14,8 +14,8 @@ from scipy import sparse
 from torch import Tensor
 
 from pinnochio.mechanics.elements.tetrahedra import RELATIVE_ROUND_OFF, Elements
-from pinnochio.mechanics.solvers.batched.batch_energy import Mesh, State, cofactor, damped, determinant
-from pinnochio.mechanics.solvers.batched.sparse_rows import Rows, fused
+from pinnochio.mechanics.solvers.batched.batch_energy import BatchElements, BatchState, cofactor, damped, determinant
+from pinnochio.mechanics.solvers.batched.sparse_rows import SparseRows, fused
 from pinnochio.mechanics.solvers.local_equilibrium import subset
 from pinnochio.mechanics.solvers.newton import UNTANGLING
 
@@ -25,13 +25,13 @@ FORCING = 0.1  # residual of a Newton system that is enough, relative [X]
 SHARES = 4  # of a step that are tried, 1, 0.3, 0.09 and so on: the first that lowers the energy is taken
 
 
-class Patches:
+class PatchNeighbours:
     """Which patches touch which nodes of a mesh; free (n,) bool: nodes that move."""
 
     def __init__(self, elements: Elements, free, device):
         corners = np.repeat(elements.patch, 4), elements.cells.ravel()
         touch = sparse.csr_array((np.ones(elements.cells.size), corners), (len(elements.patch_volumes), elements.nodes))
-        self._touch, self._touched = (Rows(item, device, torch.float32) for item in (touch, touch.T))
+        self._touch, self._touched = (SparseRows(item, device, torch.float32) for item in (touch, touch.T))
         self._free = torch.as_tensor(free, device=device)[:, None]
 
     def wide(self, patches: Tensor) -> Tensor:
@@ -44,7 +44,7 @@ class Patches:
         return moves, self._touch(moves.float()) > 0
 
 
-class Zone(Patches):
+class HardPatches(PatchNeighbours):
     """Hard patches of some plans, on a CPU."""
 
     def __init__(self, elements: Elements, free, plans: int, device):
@@ -58,9 +58,9 @@ class Zone(Patches):
         """Take known (p, k) bool as the hard patches of the plans."""
         moves, touched = self.around(known)
         chosen = touched.any(1).numpy()
-        own, nodes = subset(self._elements, chosen)
-        self._own = touched[chosen][own.patch]  # elements (m, k) of each plan
-        self._fine, self._coarse = Mesh(own, self._device), Mesh(own, self._device, torch.float32)
+        part, nodes = subset(self._elements, chosen)
+        self._members = touched[chosen][part.patch]  # elements (m, k) of each plan
+        self._fine, self._coarse = BatchElements(part, self._device), BatchElements(part, self._device, torch.float32)
         self._nodes = torch.as_tensor(nodes, device=self._device)
         self._moves = moves[self._nodes][:, None]
 
@@ -107,9 +107,9 @@ class Zone(Patches):
             share = torch.where(good & (share == 0), part, share)
         return torch.where(wanting, share, 0.0), motion
 
-    def _least(self, state: State) -> Tensor:
+    def _least(self, state: BatchState) -> Tensor:
         """Least J (k,) of each plan's own elements."""
-        return torch.where(self._own, state.ratio, torch.inf).amin(0)
+        return torch.where(self._members, state.ratio, torch.inf).amin(0)
 
     def _direction(self, field, state, force, extension) -> Tensor:
         coarse = field.float()
@@ -126,10 +126,10 @@ class Zone(Patches):
         active, tame = size > 0, torch.zeros_like(size, dtype=torch.bool)
         for _ in range(GRADIENTS):
             image = torch.where(self._moves, self._coarse.product(kept, second, way), 0)
-            bend = (way * image).sum((0, 1))
-            bad = active & ~(bend > 0)
+            curvature = (way * image).sum((0, 1))
+            bad = active & ~(curvature > 0)
             active = active & (~bad | ~tame)
-            share = torch.where(active & ~bad, size / bend, 0)
+            share = torch.where(active & ~bad, size / curvature, 0)
             motion, residual, z = _advanced(motion, residual, way, image, share, inverse, self._moves)
             new = (residual * z).sum((0, 1))
             way = torch.where(active, z + new / size * way, way)

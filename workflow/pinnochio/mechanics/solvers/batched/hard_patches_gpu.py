@@ -14,7 +14,7 @@ from torch import Tensor
 
 from pinnochio.mechanics.elements.tetrahedra import RELATIVE_ROUND_OFF, Elements
 from pinnochio.mechanics.solvers.batched import hard_patches
-from pinnochio.mechanics.solvers.batched.cuda_graphs import Recorded
+from pinnochio.mechanics.solvers.batched.cuda_graphs import ReplayedCalls
 from pinnochio.mechanics.solvers.batched.dissection import padded
 from pinnochio.mechanics.solvers.batched.sparse_rows import fused
 from pinnochio.mechanics.solvers.newton import UNTANGLING
@@ -28,8 +28,8 @@ RELATIVE = tl.constexpr(RELATIVE_ROUND_OFF)
 OPEN, PENDING, LEFT, FRESH = (tl.constexpr(number) for number in range(4))
 
 
-class Zone(hard_patches.Patches):
-    """As `hard_patches.Zone`, but a few plans may stay open, with their fields half-way."""
+class GpuHardPatches(hard_patches.PatchNeighbours):
+    """As `hard_patches.HardPatches`, but a few plans may stay open, with their fields half-way."""
 
     def __init__(self, elements: Elements, free, plans: int, device):
         super().__init__(elements, free, device)
@@ -74,7 +74,7 @@ class Zone(hard_patches.Patches):
         self._rows = {"W": wide, "P": LANES // wide}
         device = torch.device(device)
         self._start, self._step, self._more = (
-            Recorded(call, device) for call in (self._started, self._stepped, self._improved)
+            ReplayedCalls(call, device) for call in (self._started, self._stepped, self._improved)
         )
 
     @property
@@ -405,7 +405,7 @@ def _measured(
         f00, f11, f22 = h00 + 1, h11 + 1, h22 + 1
         shear = volume * (m + 2 * s * excess)
         bulk_stress = volume * (first[:, None] - m * d)
-        bend = -volume * m * dd
+        curvature = -volume * m * dd
         _store_corners(
             all_corners + 12 * elements * plan, fine, elements, e, here,
             shear * f00 + bulk_stress * c00, shear * h01 + bulk_stress * c01, shear * h02 + bulk_stress * c02,
@@ -424,8 +424,8 @@ def _measured(
         tl.store(kept + 8 * elements, f22.to(tl.float32), mask=here)
         tl.store(kept + 9 * elements, shear.to(tl.float32), mask=here)
         tl.store(kept + 10 * elements, bulk_stress.to(tl.float32), mask=here)
-        tl.store(kept + 11 * elements, bend.to(tl.float32), mask=here)
-        stiff = tl.maximum(bend + volume * volume * curve[:, None], 0.0)
+        tl.store(kept + 11 * elements, curvature.to(tl.float32), mask=here)
+        stiff = tl.maximum(curvature + volume * volume * curve[:, None], 0.0)
         tl.store(kept + 12 * elements, stiff.to(tl.float32), mask=here)
         tl.store(seconds + patches_of_mesh * plan + patch, curve.to(tl.float32), mask=inside)
 
@@ -609,7 +609,7 @@ def _product(
         s = tl.load(coarse + 14 * elements + e, mask=here, other=0.0)
         shear = tl.load(kept + 9 * elements + e, mask=here, other=0.0)
         bulk = tl.load(kept + 10 * elements + e, mask=here, other=0.0)
-        bend = tl.load(kept + 11 * elements + e, mask=here, other=0.0)
+        curvature = tl.load(kept + 11 * elements + e, mask=here, other=0.0)
         second = tl.load(seconds + patches_of_mesh * plan + patch, mask=inside, other=0.0)
         if damped:
             size = f00 * f00 + f01 * f01 + f02 * f02 + f10 * f10 + f11 * f11 + f12 * f12
@@ -622,7 +622,7 @@ def _product(
         pressure = second * tl.sum(volume * along, axis=1)
         stretch = f00 * d00 + f01 * d01 + f02 * d02 + f10 * d10 + f11 * d11 + f12 * d12
         stretch = 4 * s * volume * (stretch + f20 * d20 + f21 * d21 + f22 * d22)
-        along = bend * along + volume * pressure[:, None]
+        along = curvature * along + volume * pressure[:, None]
         _store_corners(
             all_corners + 24 * elements * plan, coarse, elements, e, here,
             shear * d00 + stretch * f00 + along * c00 + bulk * (d11 * f22 + f11 * d22 - d12 * f21 - f12 * d21),
@@ -671,17 +671,17 @@ def _advanced(
             count = tl.load(counts + plans + plan)
             node, there = _listed(all_nodes + (nodes_of_mesh + 1) * plan, begin, count, N)
             gain = _total(sums + plan * node_tiles, tl.cdiv(count, N), False)
-            bend = _total(sums + (plans + plan) * node_tiles, tl.cdiv(count, N), False)
+            curvature = _total(sums + (plans + plan) * node_tiles, tl.cdiv(count, N), False)
             fresh, damped = tl.load(now + plans + plan) > 0, tl.load(now + 2 * plans + plan) > 0
             before, length = tl.load(now + 3 * plans + plan), tl.load(now + 4 * plans + plan)
             begun = tl.where(fresh, gain, tl.load(now + 5 * plans + plan))
             turn = tl.where(fresh, 0.0, gain / before)
-            bend = tl.where(fresh, bend, bend - turn * gain / length)
+            curvature = tl.where(fresh, curvature, curvature - turn * gain / length)
             enough = ((fresh == 0) & (gain <= forcing * begun)) | (gain <= 0)
-            bad = (enough == 0) & ((bend > 0) == 0)
+            bad = (enough == 0) & ((curvature > 0) == 0)
             again = bad & (damped == 0)
             goes = (enough == 0) & (bad == 0)
-            length = tl.where(goes, gain / tl.where(goes, bend, 1.0), 1.0)
+            length = tl.where(goes, gain / tl.where(goes, curvature, 1.0), 1.0)
             at, step = 3 * nodes_of_mesh * plan, 3 * nodes_of_mesh * plans
             inverse = inverses + 6 * nodes_of_mesh * plan + node
             a = tl.load(inverse, mask=there, other=0.0)

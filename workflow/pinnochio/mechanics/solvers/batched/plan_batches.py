@@ -20,18 +20,20 @@ from torch import Tensor
 
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.constraints import Constraints
-from pinnochio.mechanics.boundary.sliding import HeldNodes, SlidingContact, bones_of
+from pinnochio.mechanics.boundary.sliding import SlidingNodes, SlidingSurfaces, bones_of
 from pinnochio.mechanics.elements.assembly import Assembler
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import RELATIVE_ROUND_OFF, Elements, least_reaction
 from pinnochio.mechanics.settings import SolverSettings
 from pinnochio.mechanics.solvers import kept_factors
-from pinnochio.mechanics.solvers.batched import batch_sliding, hard_patches
-from pinnochio.mechanics.solvers.batched.batch_energy import Mesh
-from pinnochio.mechanics.solvers.batched.cuda_graphs import Recorded
+from pinnochio.mechanics.solvers.batched import batch_sliding
+from pinnochio.mechanics.solvers.batched.batch_energy import BatchElements
+from pinnochio.mechanics.solvers.batched.batch_sliding import BatchSliding
+from pinnochio.mechanics.solvers.batched.cuda_graphs import ReplayedCalls
 from pinnochio.mechanics.solvers.batched.fronts import Fronts
-from pinnochio.mechanics.solvers.batched.sparse_rows import Rows, fused
-from pinnochio.mechanics.solvers.kept_factors import RepeatedSolver, beside, kept_result, mean_gradients
+from pinnochio.mechanics.solvers.batched.hard_patches import HardPatches
+from pinnochio.mechanics.solvers.batched.sparse_rows import SparseRows, fused
+from pinnochio.mechanics.solvers.kept_factors import KeptFactors, beside, kept_result, mean_gradients
 from pinnochio.mechanics.solvers.local_equilibrium import touching
 from pinnochio.mechanics.solvers.newton import SolveResult
 
@@ -42,24 +44,24 @@ MEMORY = 5  # pairs of steps and changes of the force that are kept
 SETTLED = 0.1  # force left in the hard patches, over the whole, before a step; 0.3 of it is aimed at [X]
 HALVINGS = 12  # of a step at most
 RUNNING, SOLVED, FAILED, IDLE = range(4)
-# What is known of a plan: the first ones are told, the last one is whether its hard patches became more.
+# What is known of a plan: the first ones make its history, the last one is whether its hard patches became more.
 NAMES = "code", "residual", "energy", "min_jacobian", "iterations", "step"
 CODE, RESIDUAL, ENERGY, LEAST, ITERATIONS, STEP, SLOPE, GOAL, TOLERANCE, HALVED, FRESH, AGAIN = range(12)
 
 
-class Asked(NamedTuple):
+class PrescribedMotion(NamedTuple):
     """What one plan asks for: the displacement (n, 3) mm of its constrained nodes, sliding ones carried by their bones,
     zero elsewhere; and the sliding sets in its motion."""
 
     motion: np.ndarray
-    sliding: SlidingContact
+    sliding: SlidingSurfaces
 
 
 class BatchSolver:
     """The factors of one mesh with one set of constrained nodes, on a device, for any number of motions.
 
     points (n, 3) mm, cells (m, 4). The first boundary tells the nodes and the bones that they slide on; what bears or
-    is loaded is solved as by :class:`RepeatedSolver`. slots: plans at once.
+    is loaded is solved as by :class:`KeptFactors`. slots: plans at once.
     """
 
     def __init__(
@@ -72,9 +74,9 @@ class BatchSolver:
         device: str,
         slots: int = SLOTS,
     ):
-        self._asked = points, cells, material, boundary, settings
+        self._problem = points, cells, material, boundary, settings
         self._settings, self._device, self._slots = settings, torch.device(device), slots
-        self._alone: RepeatedSolver | None = None
+        self._alone: KeptFactors | None = None
         whole = Elements.build(points, cells, material, settings.volumetric)
         self._constraints = Constraints(points, whole.cells, boundary)
         used = np.zeros(whole.nodes, bool)
@@ -91,13 +93,13 @@ class BatchSolver:
         self._bones, constrained = bones_of(sliding, frames), self._constraints.constrained[order]
         inner, coupling = _parts(_stiffness(elements, slipping, frames), constrained, self._free)
         self._fronts = Fronts(np.asarray(points, float)[order[: self._free]], inner, self._device)
-        self._coupling = Rows(coupling, self._device, torch.float32)
+        self._coupling = SparseRows(coupling, self._device, torch.float32)
         self._constrained = torch.as_tensor(constrained, device=self._device)[:, :, None]
         self._frames = torch.as_tensor(frames, device=self._device)[..., None]
         self._sliding = torch.as_tensor(slipping, device=self._device)
-        self._mesh = Mesh(elements, self._device)
-        self._gradients = Rows(mean_gradients(elements)[: 3 * self._free], self._device, torch.float32)
-        self._beside = Rows(beside(elements), self._device, torch.float64)
+        self._mesh = BatchElements(elements, self._device)
+        self._gradients = SparseRows(mean_gradients(elements)[: 3 * self._free], self._device, torch.float32)
+        self._beside = SparseRows(beside(elements), self._device, torch.float64)
         self._work: _Slots | None = None
 
     def solve(self, boundaries: Sequence[BoundaryConditions]) -> list[SolveResult]:
@@ -105,23 +107,23 @@ class BatchSolver:
         began = time.perf_counter()
         quick = [not (item.contact or item.loads) and self._settings.barrier for item in boundaries]
         numbers = np.flatnonzero(quick)
-        asked, fields, ways = [], [], []
+        prescribed, fields, progress_of = [], [], []
         if len(numbers):
             try:
-                asked = [self.asked(boundaries[number]) for number in numbers]
-                fields, ways = self.fields(asked)
+                prescribed = [self.prescribed(boundaries[number]) for number in numbers]
+                fields, progress_of = self.fields(prescribed)
             except (torch.OutOfMemoryError, batch_sliding.TooManyPointsError) as error:
                 LOG.warning("the plans are left to the CPU: %s", error)
         share = (time.perf_counter() - began) / max(len(numbers), 1)
         results: list[SolveResult | None] = [None] * len(boundaries)
-        for number, plan, field, way in zip(numbers, asked, fields, ways, strict=False):
-            if way.solved:
-                violation = HeldNodes(self._bones, plan.sliding).violation(field)
-                results[number] = _result(field, way, share, violation)
+        for number, plan, field, progress in zip(numbers, prescribed, fields, progress_of, strict=False):
+            if progress.solved:
+                violation = SlidingNodes(self._bones, plan.sliding).violation(field)
+                results[number] = _result(field, progress, share, violation)
         left = [number for number, result in enumerate(results) if result is None]
         if left:
             if self._alone is None:
-                self._alone = RepeatedSolver(*self._asked)
+                self._alone = KeptFactors(*self._problem)
             alone = self._alone.solve([boundaries[number] for number in left])
             for number, result in zip(left, alone, strict=True):
                 results[number] = replace(result, seconds=result.seconds + (share if quick[number] else 0))
@@ -132,20 +134,20 @@ class BatchSolver:
         if self._alone is not None:
             self._alone.close()
 
-    def asked(self, boundary: BoundaryConditions) -> Asked:
+    def prescribed(self, boundary: BoundaryConditions) -> PrescribedMotion:
         """What a boundary condition asks for."""
         plan = self._constraints.under(boundary)
-        return Asked(plan.motions(), plan.sliding)
+        return PrescribedMotion(plan.motions(), plan.sliding)
 
-    def fields(self, asked: Sequence[Asked]) -> tuple[np.ndarray, list["Way"]]:
+    def fields(self, prescribed: Sequence[PrescribedMotion]) -> tuple[np.ndarray, list["PlanProgress"]]:
         """Fields (k, n, 3) mm of some plans, and how each was solved, if it was."""
-        slots = min(self._slots, 1 << (len(asked) - 1).bit_length())
+        slots = min(self._slots, 1 << (len(prescribed) - 1).bit_length())
         if self._work is None or self._work.plans != slots:
             self._work = _Slots(self, slots)
-        motions = torch.as_tensor(np.array([plan.motion for plan in asked]), device=self._device)
-        fields, ways = self._work.run(motions[:, self._order], [plan.sliding for plan in asked])
+        motions = torch.as_tensor(np.array([plan.motion for plan in prescribed]), device=self._device)
+        fields, progress_of = self._work.run(motions[:, self._order], [plan.sliding for plan in prescribed])
         fields, on_gpu = fields[:, self._place], self._device.type == "cuda"
-        return torch.empty(fields.shape, dtype=fields.dtype, pin_memory=on_gpu).copy_(fields).numpy(), ways
+        return torch.empty(fields.shape, dtype=fields.dtype, pin_memory=on_gpu).copy_(fields).numpy(), progress_of
 
     def linear(self, motions: Tensor) -> Tensor:
         """Fields (n, 3, k) mm in equilibrium at rest with motions (n, 3, k) mm of the constrained nodes, about; here
@@ -174,10 +176,10 @@ class _Slots:
         fixed = int(solver._constraints.constrained.sum())
         self._floor, self._noise = zeros() + least_reaction(elements, fixed), zeros() + elements.round_off
         self._u, self._trial, self._start = zeros(nodes, 3), zeros(nodes, 3), zeros(nodes, 3)
-        sliding_here, patches_here = (batch_sliding, hard_patches) if device.type == "cpu" else _on_gpu()
+        sliding_kind, patches_kind = (BatchSliding, HardPatches) if device.type == "cpu" else _on_gpu()
         slipping = solver._sliding.cpu().numpy()
         self._bones = solver._bones._replace(nodes=slipping)
-        self._slides = sliding_here.Slides(self._bones, plans, device)
+        self._slides = sliding_kind(self._bones, plans, device)
         # Of the sliding nodes: axes where the plans are (the slides have those of the trials), normals at their starts.
         self._axes, self._normals = zeros(len(slipping), 3, 3), zeros(len(slipping), 3)
         self._across = zeros(nodes, 3)  # normals of the trials, zero at other nodes
@@ -189,31 +191,31 @@ class _Slots:
         self._steps, self._changes = (zeros(MEMORY + 1, free, 3, dtype=torch.float32) for _ in range(2))
         self._products, self._ring = zeros(MEMORY + 1, MEMORY + 1), zeros(2, dtype=torch.long)
         self._known = zeros(len(elements.patch_volumes), dtype=torch.bool)
-        self._zone = patches_here.Zone(elements, np.arange(nodes) < free, plans, device)
+        self._hard_patches = patches_kind(elements, np.arange(nodes) < free, plans, device)
         self._shell = torch.as_tensor(touching(elements, slipping), device=device)[:, None]
         self._ready = False
-        self._prepare = Recorded(lambda: self._zone.prepare(self._known), device)
-        self._place, self._judge = Recorded(self._placed, device), Recorded(self._judged, device)
+        self._prepare = ReplayedCalls(lambda: self._hard_patches.prepare(self._known), device)
+        self._place, self._judge = ReplayedCalls(self._placed, device), ReplayedCalls(self._judged, device)
 
-    def run(self, motions: Tensor, sliding: Sequence[SlidingContact]) -> tuple[Tensor, list["Way"]]:
+    def run(self, motions: Tensor, sliding: Sequence[SlidingSurfaces]) -> tuple[Tensor, list["PlanProgress"]]:
         """As :meth:`BatchSolver.fields`."""
         fields, linear = torch.empty_like(motions), torch.empty_like(motions)
         for at in range(0, len(motions), self.plans):
             part = motions[at : at + self.plans].permute(1, 2, 0).contiguous()
             linear[at : at + self.plans] = self._solver.linear(part).permute(2, 0, 1)
-        ways = [Way(own) for own in sliding]
+        progress_of = [PlanProgress(sets) for sets in sliding]
         owner, waiting = np.full(self.plans, -1), deque(range(len(motions)))
-        self._fill(owner, np.arange(self.plans), waiting, ways, linear)
+        self._fill(owner, np.arange(self.plans), waiting, progress_of, linear)
         while (owner >= 0).any():
             if not self._ready:
                 self._prepare()
             self._place()
-            self._zone.settle(self._trial, self._across, self._now[GOAL], self._lowest, self._running)
+            self._hard_patches.settle(self._trial, self._across, self._now[GOAL], self._lowest, self._running)
             self._judge()
-            told = np.array(self._now.cpu())
-            codes, self._ready = told[CODE].astype(int), not told[AGAIN].any()
-            for slot in np.flatnonzero((owner >= 0) & ((told[FRESH] == 0) | (codes != RUNNING))):
-                ways[owner[slot]].note(told[: len(NAMES), slot])
+            status = np.array(self._now.cpu())
+            codes, self._ready = status[CODE].astype(int), not status[AGAIN].any()
+            for slot in np.flatnonzero((owner >= 0) & ((status[FRESH] == 0) | (codes != RUNNING))):
+                progress_of[owner[slot]].note(status[: len(NAMES), slot])
             ended = np.flatnonzero((owner >= 0) & (codes != RUNNING))
             if len(ended):
                 strayed = self._strayed()
@@ -221,12 +223,12 @@ class _Slots:
                 fields[torch.as_tensor(owner[ended], device=fields.device)] = self._u[:, :, at].permute(2, 0, 1)
                 for slot in ended[::-1]:
                     plan = owner[slot]
-                    if ways[plan].goes_on(strayed[slot], fields[plan]):
+                    if progress_of[plan].goes_on(strayed[slot], fields[plan]):
                         waiting.appendleft(plan)
-                self._fill(owner, ended, waiting, ways, linear)
-        return fields, ways
+                self._fill(owner, ended, waiting, progress_of, linear)
+        return fields, progress_of
 
-    def _fill(self, owner, slots, waiting: deque, ways: list["Way"], linear: Tensor) -> None:
+    def _fill(self, owner, slots, waiting: deque, progress_of: list["PlanProgress"], linear: Tensor) -> None:
         """Give the next plans, or parts of a load, to slots (s,) whose own have ended."""
         owner[slots] = -1
         self._now[CODE, torch.as_tensor(slots, device=linear.device)] = IDLE
@@ -234,21 +236,22 @@ class _Slots:
         if not len(slots):
             return
         owner[slots] = plans = [waiting.popleft() for _ in slots]
-        going = [ways[plan] for plan in plans]
-        shares, now = [way.fraction - way.done for way in going], np.zeros((len(self._now), len(slots)))
+        going = [progress_of[plan] for plan in plans]
+        shares, now = [progress.fraction - progress.done for progress in going], np.zeros((len(self._now), len(slots)))
         now[FRESH] = 1
-        now[TOLERANCE] = [(self._settings.loose, self._settings.tolerance)[way.fraction == 1] for way in going]
+        tolerances = self._settings.loose, self._settings.tolerance
+        now[TOLERANCE] = [tolerances[progress.fraction == 1] for progress in going]
         at, chosen, shares = (torch.as_tensor(item, device=linear.device) for item in (slots, plans, shares))
         begin = shares[:, None, None] * linear[chosen]
-        for place, way in enumerate(going):
-            if way.field is not None:
-                begin[place] += way.field
-        self._slides.begin(slots, [HeldNodes(self._bones, way.sliding, way.fraction) for way in going])
+        for place, progress in enumerate(going):
+            if progress.field is not None:
+                begin[place] += progress.field
+        self._slides.begin(slots, [SlidingNodes(self._bones, plan.sliding, plan.fraction) for plan in going])
         self._now[:, at] = torch.as_tensor(now, device=linear.device)
         self._u[:, :, at] = begin.permute(1, 2, 0)
         new = torch.zeros_like(self._running)
         new[at] = True
-        self._slides.put_back(self._u, new)
+        self._slides.project(self._u, new)
         self._start[:, :, at] = self._u[:, :, at]
         self._normals[:, :, at] = self._slides.axes[:, 0][:, :, at]
         self._direction[:, :, at] = 0
@@ -257,21 +260,21 @@ class _Slots:
 
     def _placed(self) -> None:
         """One step of every plan whose last one was judged."""
-        _go(self._trial, self._u, self._direction, self._now, self._zone.open, self._running, self._lowest)
-        self._slides.put_back(self._trial, ~self._zone.open)
+        _go(self._trial, self._u, self._direction, self._now, self._hard_patches.open, self._running, self._lowest)
+        self._slides.project(self._trial, ~self._hard_patches.open)
         self._across[self._solver._sliding] = self._slides.axes[:, 0]
 
     def _judged(self) -> None:
         """Take the trial where it is good, else halve the step; find the next direction."""
         solver, now, free, nodes = self._solver, self._now, self._solver._free, self._solver._sliding
-        running = self._running & ~self._zone.open
-        self._slides.put_back(self._trial, running)
+        running = self._running & ~self._hard_patches.open
+        self._slides.project(self._trial, running)
         state = solver._mesh.measure(self._trial, self._law)
         force, least = state.force[:free], state.ratio.amin(0)
         wild = least < self._lowest
         hard = solver._mesh.of_patches(_hard(state.ratio, state.stretch))
         new = _unknown(hard, self._known, running & ~wild)
-        self._known |= self._zone.wide(new)
+        self._known |= self._hard_patches.wide(new)
         again = new.any(0)
         reaction = torch.linalg.vector_norm(state.force[solver._fixed], dim=(0, 1))
         reaction = torch.hypot(reaction, torch.linalg.vector_norm(self._slides.turn(force), dim=0))
@@ -308,26 +311,27 @@ class _Slots:
 
     def _strayed(self) -> np.ndarray:
         """Plans (k,) bool that may have found another equilibrium, as by
-        :meth:`pinnochio.mechanics.solvers.kept_factors.RepeatedSolver`."""
-        way, nodes = self._u - self._start, self._solver._sliding
-        far = torch.linalg.vector_norm(way - self._solver._beside(way), dim=1).amax(0)
+        :meth:`pinnochio.mechanics.solvers.kept_factors.KeptFactors`."""
+        moved, nodes = self._u - self._start, self._solver._sliding
+        far = torch.linalg.vector_norm(moved - self._solver._beside(moved), dim=1).amax(0)
         strayed = far > kept_factors.STRAY * self._solver._elements.edge
         strayed |= ((self._normals * self._axes[:, 0]).sum(1) < kept_factors.RIM).any(0)
-        strayed |= (torch.linalg.vector_norm(way[nodes], dim=1) > kept_factors.SLIDE).any(0)
+        strayed |= (torch.linalg.vector_norm(moved[nodes], dim=1) > kept_factors.SLIDE).any(0)
         return strayed.cpu().numpy()
 
 
 def _on_gpu():
-    from pinnochio.mechanics.solvers.batched import batch_sliding_gpu, hard_patches_gpu
+    from pinnochio.mechanics.solvers.batched.batch_sliding_gpu import GpuSliding  # only where Triton is
+    from pinnochio.mechanics.solvers.batched.hard_patches_gpu import GpuHardPatches
 
-    return batch_sliding_gpu, hard_patches_gpu
+    return GpuSliding, GpuHardPatches
 
 
-class Way:
+class PlanProgress:
     """How far one plan has come: it begins with the whole load, and what fails goes on in increments, as in
     :mod:`pinnochio.mechanics.solvers.kept_factors`. sliding: its sliding sets; iterations: in all."""
 
-    def __init__(self, sliding: SlidingContact):
+    def __init__(self, sliding: SlidingSurfaces):
         self.sliding, self.share, self.field, self.iterations = sliding, 1.0, None, 0
         self.done, self._steps = 0.0, []
 
@@ -344,11 +348,11 @@ class Way:
     @property
     def history(self) -> list[dict]:
         """What each step came to: the numbers of NAMES, and the fraction of the load."""
-        return [dict(zip(NAMES, told.tolist(), strict=True), fraction=fraction) for fraction, told in self._steps]
+        return [dict(zip(NAMES, status.tolist(), strict=True), fraction=fraction) for fraction, status in self._steps]
 
-    def note(self, told: np.ndarray) -> None:
+    def note(self, status: np.ndarray) -> None:
         """Keep what a step came to, the numbers of NAMES."""
-        self._steps.append((self.fraction, told))
+        self._steps.append((self.fraction, status))
 
     def goes_on(self, strayed: bool, field: Tensor) -> bool:
         """Whether a part of the load is left to do after one that ended with a field (n, 3) mm.
@@ -365,11 +369,11 @@ class Way:
         return self.share >= kept_factors.LEAST_INCREMENT
 
 
-def _result(field, way: Way, seconds: float, violation: float) -> SolveResult:
+def _result(field, progress: PlanProgress, seconds: float, violation: float) -> SolveResult:
     names = "fraction", "residual", "energy", "min_jacobian", "step"
-    history = [{name: entry[name] for name in names} for entry in way.history]
+    history = [{name: entry[name] for name in names} for entry in progress.history]
     least, residual = history[-1]["min_jacobian"], history[-1]["residual"]
-    return kept_result(field, history, least, residual, way.iterations, seconds, violation)
+    return kept_result(field, history, least, residual, progress.iterations, seconds, violation)
 
 
 def _renumbered(elements: Elements, nodes) -> Elements:
@@ -398,10 +402,10 @@ def _stiffness(elements: Elements, framed, frames) -> sparse.csr_array:
 def _parts(stiffness: sparse.csr_array, constrained, free: int) -> tuple[sparse.bsr_array, sparse.csr_array]:
     """Of the first nodes, `free` of them: the stiffness (3 free, 3 free) between what is not constrained, (n, 3) bool,
     with its diagonal alone where that is constrained; and what couples it to all that is constrained (3 free, 3n)."""
-    own, fixed = stiffness[: 3 * free], constrained.ravel().astype(float)
+    rows, fixed = stiffness[: 3 * free], constrained.ravel().astype(float)
     left = sparse.diags_array(1 - fixed[: 3 * free])
-    inner = left @ own[:, : 3 * free] @ left + sparse.diags_array(own.diagonal() * fixed[: 3 * free])
-    coupling = sparse.csr_array(left @ own @ sparse.diags_array(fixed))
+    inner = left @ rows[:, : 3 * free] @ left + sparse.diags_array(rows.diagonal() * fixed[: 3 * free])
+    coupling = sparse.csr_array(left @ rows @ sparse.diags_array(fixed))
     coupling.eliminate_zeros()
     return sparse.bsr_array(inner, blocksize=(3, 3)), coupling
 
@@ -511,31 +515,32 @@ def _by_age(products, ring, against):
     both = (order[:, None] * (MEMORY + 1) + order[None]).flatten(0, 1)
     products = products.flatten(0, 1).gather(0, both).unflatten(0, (MEMORY, MEMORY))
     there = rank < ring[1]
-    own = torch.where(there, products.diagonal().T, 1.0)
-    return order, there, products, own, against.gather(0, order)
+    squares = torch.where(there, products.diagonal().T, 1.0)
+    return order, there, products, squares, against.gather(0, order)
 
 
 @fused
 def _back(products, ring, against):
     """Shares (MEMORY + 1, k), by place, of the changes that the first loop of L-BFGS takes off the gradient."""
-    order, there, products, own, against = _by_age(products, ring, against)
+    order, there, products, squares, against = _by_age(products, ring, against)
     shares = []
     for i in range(MEMORY):
-        value = against[i] - sum((shares[j] * products[i, j] for j in range(i)), torch.zeros_like(own[0]))
-        shares.append(torch.where(there[i], value / own[i], 0.0))
+        value = against[i] - sum((shares[j] * products[i, j] for j in range(i)), torch.zeros_like(squares[0]))
+        shares.append(torch.where(there[i], value / squares[i], 0.0))
     return torch.zeros_like(products[0, 0].expand(MEMORY + 1, -1)).scatter(0, order, torch.stack(shares))
 
 
 @fused
 def _forth(products, ring, against, shares):
     """Shares, by place, of the steps that the second loop goes along."""
-    order, there, products, own, against = _by_age(products, ring, against)
-    shares, found = shares.gather(0, order), {}
+    order, there, products, squares, against = _by_age(products, ring, against)
+    shares, taken = shares.gather(0, order), {}
     for i in reversed(range(MEMORY)):
-        value = against[i] + sum((found[j] * products[j, i] for j in range(i + 1, MEMORY)), torch.zeros_like(own[0]))
-        found[i] = torch.where(there[i], shares[i] - value / own[i], 0.0)
-    found = torch.stack([found[i] for i in range(MEMORY)])
-    return torch.zeros_like(products[0, 0].expand(MEMORY + 1, -1)).scatter(0, order, found)
+        later = range(i + 1, MEMORY)
+        value = against[i] + sum((taken[j] * products[j, i] for j in later), torch.zeros_like(squares[0]))
+        taken[i] = torch.where(there[i], shares[i] - value / squares[i], 0.0)
+    taken = torch.stack([taken[i] for i in range(MEMORY)])
+    return torch.zeros_like(products[0, 0].expand(MEMORY + 1, -1)).scatter(0, order, taken)
 
 
 def _combined(pairs, shares):

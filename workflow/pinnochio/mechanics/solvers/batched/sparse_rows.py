@@ -21,7 +21,7 @@ def fused(function):
     return call
 
 
-class Rows:
+class SparseRows:
     """A sparse matrix (r, c) on a device; dtype: of its values and of what it multiplies."""
 
     def __init__(self, matrix, device, dtype: torch.dtype):

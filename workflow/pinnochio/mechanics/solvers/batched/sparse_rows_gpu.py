@@ -9,7 +9,7 @@ _TILE = 256  # numbers of a program
 
 
 def product(first: Tensor, columns: Tensor, values: Tensor, x: Tensor) -> Tensor:
-    """As :class:`pinnochio.mechanics.solvers.batched.sparse_rows.Rows`, x (c, w)."""
+    """As :class:`pinnochio.mechanics.solvers.batched.sparse_rows.SparseRows`, x (c, w)."""
     rows, width = len(first) - 1, x.shape[1]
     out = x.new_empty(rows, width)
     wide = min(triton.next_power_of_2(width), 64)
