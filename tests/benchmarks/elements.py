@@ -17,9 +17,10 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
-from pinnochio.mechanics.elements.mixed import MIXED, solve_mixed
+from pinnochio.mechanics.elements.mixed import MIXED
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
 from pinnochio.mechanics.problems import BLOCK, BLOCK_STEPS, block_boundary, box, uniform
+from pinnochio.mechanics.solvers.mixed_newton import solve_mixed
 from pinnochio.mechanics.solvers.newton import solve
 from tests.helpers.settings import fem_settings
 

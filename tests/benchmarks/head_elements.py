@@ -18,9 +18,10 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
 
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
-from pinnochio.mechanics.elements.mixed import FACES, solve_mixed
+from pinnochio.mechanics.elements.mixed import FACES
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
 from pinnochio.mechanics.simulation import simulate
+from pinnochio.mechanics.solvers.mixed_newton import solve_mixed
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.meshing.mesh import volumes
 from pinnochio.model.patient import FREE, PatientModel

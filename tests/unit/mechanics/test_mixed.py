@@ -12,8 +12,9 @@ from scipy.special import lambertw
 from pinnochio.errors import InputError
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.elements.materials import Material, lame
-from pinnochio.mechanics.elements.mixed import EDGES, MIXED, MixedElements, solve_mixed
+from pinnochio.mechanics.elements.mixed import EDGES, MIXED, MixedElements
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
+from pinnochio.mechanics.solvers.mixed_newton import solve_mixed
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
 from tests.helpers.settings import fem_settings

@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.sliding import SlidingSet
 from pinnochio.mechanics.elements.materials import lame
-from pinnochio.mechanics.elements.mixed import MixedElements, solve_mixed
+from pinnochio.mechanics.elements.mixed import MixedElements
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, Elements
 from pinnochio.mechanics.problems import box, uniform
+from pinnochio.mechanics.solvers.mixed_newton import solve_mixed
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
 from tests.helpers.settings import fem_settings

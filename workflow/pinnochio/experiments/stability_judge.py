@@ -18,10 +18,10 @@ from pinnochio.geometry.closest_points import closest_points
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.sliding import SlidingSurfaces
 from pinnochio.mechanics.elements.materials import Material
-from pinnochio.mechanics.elements.mixed import solve_mixed
 from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.settings import SolverSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair
+from pinnochio.mechanics.solvers.mixed_newton import solve_mixed
 from pinnochio.mechanics.solvers.newton import SolveResult
 from pinnochio.mechanics.solvers.newton_corrections import Correction
 from pinnochio.metrics.validity import OFF_BONE, off_bone

@@ -11,11 +11,12 @@ import torch
 from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
-from pinnochio.mechanics.elements.mixed import MIXED, solve_mixed
+from pinnochio.mechanics.elements.mixed import MIXED
 from pinnochio.mechanics.elements.tetrahedra import node_volumes
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import Simulator
+from pinnochio.mechanics.solvers.mixed_newton import solve_mixed
 from pinnochio.methods.elastic import linear_field
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.methods.pinnochio.predictor import GraphPredictor
