@@ -67,6 +67,15 @@ def test_metrics_and_statistics_know_no_method():
         assert "methods" not in rooms_imported(path), path
 
 
+def test_mechanics_is_built_from_its_elements_up():
+    above = {"elements": {"boundary", "solvers"}, "boundary": {"solvers"}, "solvers": set()}
+    for part, others in above.items():
+        for path in (LIBRARY / "mechanics" / part).rglob("*.py"):
+            assert (
+                not {name.split(".")[2] for name in imported(path) if name.startswith("pinnochio.mechanics.")} & others
+            ), path
+
+
 def test_the_door_of_mechanics_is_imported_from_its_module():
     """What the package gives on demand, the hash of the code that a stage uses does not see."""
     lazy = {f"pinnochio.mechanics.{name}" for name in ("simulate", "Simulator")}

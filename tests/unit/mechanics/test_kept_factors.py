@@ -393,6 +393,7 @@ def test_a_node_far_from_those_beside_it_is_doubted():
     alone, all_of_them = start.copy(), start + 3 * edge
     alone[-1, 0] = edge
     axes = np.zeros((0, 3, 3))
-    told = [solver._elsewhere(start, axes[:, 0], solver._point(u, 0, 1, axes, 0 * u)) for u in (alone, all_of_them)]
-    assert "strayed" in told[0] and told[1] == ""
+    states = [solver._iterate(u, 0, 1, axes, 0 * u) for u in (alone, all_of_them)]
+    reasons = [solver._elsewhere(start, axes[:, 0], state) for state in states]
+    assert "strayed" in reasons[0] and reasons[1] == ""
     solver.close()
