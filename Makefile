@@ -57,7 +57,7 @@ docs: env
 test: env
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/snakefmt --check Snakefile rules workflow/common.smk workflow/tables.smk
+	$(BIN)/snakefmt --check Snakefile rules workflow
 	$(BIN)/snakemake --lint
 	$(MAKE) --jobs 2 --keep-going --output-sync=target $(TESTS)
 

@@ -10,7 +10,6 @@ rule simulate_fem:
         "<benchmarks>/simulate_fem/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         runtime=60,
@@ -18,11 +17,11 @@ rule simulate_fem:
         plans=config["fem_samples"]["plans"],
         fem=config["fem"],
         seed=SEED,
-        code=code_of("simulate_fem"),
+        code=code_of("scripts.fem.simulate_fem"),
     message:
         "Simulate {params.plans} plans of {wildcards.case} for pretraining"
     script:
-        "../scripts/simulate_fem.py"
+        "../scripts/fem/simulate_fem.py"
 
 
 # A patient's own plan by finite elements, with fields to look at; needs no scan and no training.
@@ -42,17 +41,16 @@ rule solve_plan:
         arm=r"bonded|mucosa|mucosa\+lip",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         runtime=30,
     params:
         fem=config["fem"],
-        code=code_of("solve_plan"),
+        code=code_of("scripts.fem.solve_plan"),
     message:
         "Solve the plan of {wildcards.case} by finite elements ({wildcards.arm})"
     script:
-        "../scripts/solve_plan.py"
+        "../scripts/fem/solve_plan.py"
 
 
 rule fem:

@@ -17,7 +17,6 @@ rule import_segmentation:
         "<benchmarks>/import_segmentation/{home}/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=lambda wildcards, input: 4000 + 30 * millions(input.segmentation),
         runtime=lambda wildcards, input: 10 + millions(input.segmentation) // 4,
@@ -29,11 +28,11 @@ rule import_segmentation:
         cuts=config["osteotomy"]["cuts"],
         unlabelled_muscle=config["unlabelled_muscle"],
         bone_edge=STUDY.of_patient("mesh", "bone_edge"),
-        code=code_of("import_segmentation"),
+        code=code_of("scripts.patient.import_segmentation"),
     message:
         "Import the segmentation of {wildcards.case}"
     script:
-        "../scripts/import_segmentation.py"
+        "../scripts/patient/import_segmentation.py"
 
 
 # What was cut where, to look at.
@@ -48,16 +47,15 @@ rule show_segments:
         "<logs>/show_segments/{home}/{case}.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=5,
     params:
-        code=code_of("show_segments"),
+        code=code_of("scripts.patient.show_segments"),
     message:
         "Draw the bone segments of {wildcards.case}"
     script:
-        "../scripts/show_segments.py"
+        "../scripts/patient/show_segments.py"
 
 
 # Before the dearer stages: a wrong plan is refused at once.
@@ -73,7 +71,6 @@ rule import_plan:
     priority: 1
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=3000,
         runtime=10,
@@ -83,11 +80,11 @@ rule import_plan:
         share=config["registration"]["segment_share"],
         # The plan of a new patient's folder is the patient's, whatever case it names; what is odd was said before.
         foreign=lambda wildcards: wildcards.home == "patients",
-        code=code_of("import_plan"),
+        code=code_of("scripts.patient.import_plan"),
     message:
         "Import the plan of {wildcards.case}{wildcards.plan}"
     script:
-        "../scripts/import_plan.py"
+        "../scripts/patient/import_plan.py"
 
 
 rule register_postop:
@@ -103,18 +100,17 @@ rule register_postop:
         "<benchmarks>/register_postop/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         runtime=10,
     params:
         nasion_above_maxilla=config["interfaces"]["nasion_above_maxilla"],
         limit=config["registration"]["limit"],
-        code=code_of("register_postop"),
+        code=code_of("scripts.patient.register_postop"),
     message:
         "Register the post-operative skin of {wildcards.case} on the upper face"
     script:
-        "../scripts/register_postop.py"
+        "../scripts/patient/register_postop.py"
 
 
 # The motion that surgery gave each segment; what explains the scanned bones badly is refused.
@@ -133,18 +129,17 @@ rule register_segments:
         "<benchmarks>/register_segments/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         runtime=10,
     params:
         limit=config["registration"]["segment_limit"],
         share=config["registration"]["segment_share"],
-        code=code_of("register_segments"),
+        code=code_of("scripts.patient.register_segments"),
     message:
         "Register the bones of {wildcards.case} after surgery"
     script:
-        "../scripts/register_segments.py"
+        "../scripts/patient/register_segments.py"
 
 
 rule import_covariates:
@@ -156,17 +151,16 @@ rule import_covariates:
         "<logs>/import_covariates/{home}/{case}.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=500,
         runtime=5,
     params:
         known=STUDY.covariates,
-        code=code_of("import_covariates"),
+        code=code_of("scripts.patient.import_covariates"),
     message:
         "Write down what else is known of {wildcards.case}"
     script:
-        "../scripts/import_covariates.py"
+        "../scripts/patient/import_covariates.py"
 
 
 # Every file that a user gave has been read and checked before any heavy work starts.
@@ -188,17 +182,16 @@ rule check_cohort:
         "<logs>/check_cohort.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
         runtime=5,
     params:
         cases=list(STUDY.cases),
-        code=code_of("check_cohort"),
+        code=code_of("scripts.patient.check_cohort"),
     message:
         "All {input.imports} are read and checked"
     script:
-        "../scripts/check_cohort.py"
+        "../scripts/patient/check_cohort.py"
 
 
 rule tetrahedralize:
@@ -215,18 +208,17 @@ rule tetrahedralize:
         mesh=r"|/nodes_\d+",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         runtime=20,
     params:
         nodes=STUDY.nodes,
         minimum_dihedral=STUDY.of_patient("mesh", "minimum_dihedral"),
-        code=code_of("tetrahedralize"),
+        code=code_of("scripts.patient.tetrahedralize"),
     message:
         "Mesh muscle and superficial tissue of {wildcards.case} with {params.nodes} nodes"
     script:
-        "../scripts/tetrahedralize.py"
+        "../scripts/patient/tetrahedralize.py"
 
 
 # The mesh of the methods that resolve the lips.
@@ -243,18 +235,17 @@ rule refine_lips:
         "<benchmarks>/refine_lips/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
     params:
         sliding_band=config["interfaces"]["sliding_band"],
         lip_edge=config["fem_rlse"]["lip_edge"],
-        code=code_of("refine_lips"),
+        code=code_of("scripts.patient.refine_lips"),
     message:
         "Refine the mesh of {wildcards.case} around the mouth"
     script:
-        "../scripts/refine_lips.py"
+        "../scripts/patient/refine_lips.py"
 
 
 rule label_interfaces:
@@ -272,17 +263,16 @@ rule label_interfaces:
         "<benchmarks>/label_interfaces/{home}/{case}{mesh}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
     params:
         interfaces=STUDY.of_patient("interfaces"),
-        code=code_of("label_interfaces"),
+        code=code_of("scripts.patient.label_interfaces"),
     message:
         "Label the interfaces of {wildcards.case}{wildcards.mesh}"
     script:
-        "../scripts/label_interfaces.py"
+        "../scripts/patient/label_interfaces.py"
 
 
 # Before any method predicts, and by none of them.
@@ -299,18 +289,17 @@ rule choose_samples:
         "<benchmarks>/choose_samples/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
     params:
         samples=config["evaluation"]["samples"],
         seed=SEED,
-        code=code_of("choose_samples"),
+        code=code_of("scripts.patient.choose_samples"),
     message:
         "Choose where {wildcards.case} is judged"
     script:
-        "../scripts/choose_samples.py"
+        "../scripts/patient/choose_samples.py"
 
 
 rule meshes:
@@ -333,18 +322,17 @@ rule make_lift:
         kind="harmonic|elastic",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         runtime=30,
     params:
         controls=STUDY.of_patient("lift", "controls"),
         fem=STUDY.of_patient("fem"),
-        code=code_of("make_lift"),
+        code=code_of("scripts.patient.make_lift"),
     message:
         "Make the {wildcards.kind} lift of {wildcards.case}{wildcards.mesh}"
     script:
-        "../scripts/make_lift.py"
+        "../scripts/patient/make_lift.py"
 
 
 rule report_quality:
@@ -360,16 +348,15 @@ rule report_quality:
         "<benchmarks>/report_quality/{home}/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
     params:
-        code=code_of("report_quality"),
+        code=code_of("scripts.patient.report_quality"),
     message:
         "Report the quality of the model of {wildcards.case}"
     script:
-        "../scripts/report_quality.py"
+        "../scripts/patient/report_quality.py"
 
 
 rule quality:

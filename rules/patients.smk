@@ -12,17 +12,16 @@ rule describe_training:
         "<logs>/describe_training.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
         runtime=10,
     params:
         cases=STUDY.scanned,
-        code=code_of("describe_training"),
+        code=code_of("scripts.patients.describe_training"),
     message:
         "Describe anatomy and plans of the training patients"
     script:
-        "../scripts/describe_training.py"
+        "../scripts/patients/describe_training.py"
 
 
 rule pack:
@@ -58,7 +57,6 @@ rule pack:
         "<logs>/pack.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
         runtime=5,
@@ -80,11 +78,11 @@ rule pack:
             }
             for name in STUDY.packed
         },
-        code=code_of("pack"),
+        code=code_of("scripts.patients.pack"),
     message:
         "Pack the models that predict new patients"
     script:
-        "../scripts/pack.py"
+        "../scripts/patients/pack.py"
 
 
 rule archive:
@@ -105,7 +103,7 @@ use rule check_cohort as check_patient with:
         "<logs>/check_patient/{case}.log",
     params:
         cases=lambda wildcards: [wildcards.case],
-        code=code_of("check_cohort"),
+        code=code_of("scripts.patient.check_cohort"),
     message:
         "All files of the new patient {wildcards.case} are read and checked"
 
@@ -128,16 +126,15 @@ rule export_prediction:
         "<logs>/export_prediction/{home}/{case}{plan}_{method}.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=5,
     params:
-        code=code_of("export_prediction"),
+        code=code_of("scripts.patients.export_prediction"),
     message:
         "Write the files of {wildcards.case}{wildcards.plan}"
     script:
-        "../scripts/export_prediction.py"
+        "../scripts/patients/export_prediction.py"
 
 
 rule certify:
@@ -153,7 +150,6 @@ rule certify:
         "<logs>/certify/{home}/{case}{plan}_{method}.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
@@ -163,11 +159,11 @@ rule certify:
         archive=lambda wildcards: STUDY.choice.folder,
         fem=STUDY.of_patient("fem"),
         predicts=PREDICTS,
-        code=code_of("certify"),
+        code=code_of("scripts.patients.certify"),
     message:
         "Certify {wildcards.case}{wildcards.plan}"
     script:
-        "../scripts/certify.py"
+        "../scripts/patients/certify.py"
 
 
 rule show_prediction:
@@ -185,16 +181,15 @@ rule show_prediction:
         "<benchmarks>/show_prediction/{home}/{case}{plan}_{method}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
     params:
-        code=code_of("show_prediction"),
+        code=code_of("scripts.patients.show_prediction"),
     message:
         "Draw {wildcards.case}{wildcards.plan}"
     script:
-        "../scripts/show_prediction.py"
+        "../scripts/patients/show_prediction.py"
 
 
 rule show_plans:
@@ -210,16 +205,15 @@ rule show_plans:
         "<logs>/show_plans/{home}/{case}_{method}.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
     params:
-        code=code_of("show_plans"),
+        code=code_of("scripts.patients.show_plans"),
     message:
         "Lay the plans of {wildcards.case} side by side"
     script:
-        "../scripts/show_plans.py"
+        "../scripts/patients/show_plans.py"
 
 
 rule predict:
@@ -248,17 +242,16 @@ rule prepare_planner:
         "<logs>/prepare_planner/{home}/{case}.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
         runtime=5,
     params:
         settings=STUDY.planner_settings,
-        code=code_of("prepare_planner"),
+        code=code_of("scripts.patients.prepare_planner"),
     message:
         "Prepare {wildcards.case} for the planner"
     script:
-        "../scripts/prepare_planner.py"
+        "../scripts/patients/prepare_planner.py"
 
 
 rule planner:
@@ -266,3 +259,73 @@ rule planner:
         STUDY.planners_of_patients,
     message:
         "Open the planner: python workflow/plan.py {input}"
+
+
+# From a wished face to a plan; not part of `all`.
+rule propose:
+    input:
+        model="<results>/{home}/{case}/model.h5",
+        wish=STUDY.wish,
+        markups=STUDY.markups,
+        occlusion=STUDY.occlusion,
+        calibration=STUDY.calibration_of_wishes,
+    output:
+        proposals=ensure("<results>/{home}/{case}/invert/proposals.csv", non_empty=True),
+        reached="<results>/{home}/{case}/invert/reached.csv",
+        motions="<results>/{home}/{case}/invert/motions.csv",
+        combinations="<results>/{home}/{case}/invert/combinations.csv",
+        # One per operation that the patient's segments allow.
+        plans=directory("<results>/{home}/{case}/invert/plans"),
+        transforms=directory("<results>/{home}/{case}/invert/transforms"),
+        page="<results>/{home}/{case}/invert/index.html",
+    log:
+        "<logs>/propose/{home}/{case}.log",
+    benchmark:
+        "<benchmarks>/propose/{home}/{case}.tsv"
+    wildcard_constraints:
+        home="patients",
+    conda:
+        "../envs/pinnochio.yaml"
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        fem=STUDY.of_patient("fem"),
+        settings=config["invert"],
+        code=code_of("scripts.patients.propose"),
+    message:
+        "Seek plans that bring {wildcards.case} to the wished face"
+    script:
+        "../scripts/patients/propose.py"
+
+
+# Of every patient, new or of the study: which move of which bone moves which place of the face.
+rule measure_sensitivity:
+    input:
+        model="<results>/{home}/{case}/model.h5",
+    output:
+        table=ensure("<results>/{home}/{case}/sensitivity.csv", non_empty=True),
+        picture="<results>/{home}/{case}/sensitivity.png",
+    log:
+        "<logs>/measure_sensitivity/{home}/{case}.log",
+    benchmark:
+        "<benchmarks>/measure_sensitivity/{home}/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    resources:
+        mem_mb=4000,
+        runtime=10,
+    params:
+        fem=STUDY.of_patient("fem"),
+        code=code_of("scripts.patients.measure_sensitivity"),
+    message:
+        "Measure which move matters where on the face of {wildcards.case}"
+    script:
+        "../scripts/patients/measure_sensitivity.py"
+
+
+rule invert:
+    input:
+        STUDY.proposals_of_patients,
+    message:
+        "The wishes are answered: see {config[pathvars][results]}/patients"

@@ -16,17 +16,16 @@ rule render_volume:
         "<logs>/render_volume/{case}.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
     params:
         methods=STUDY.volumes,
-        code=code_of("render_volume"),
+        code=code_of("scripts.report.render_volume"),
     message:
         "Draw the tissue of {wildcards.case} from behind"
     script:
-        "../scripts/render_volume.py"
+        "../scripts/report/render_volume.py"
 
 
 rule write_report:
@@ -58,7 +57,6 @@ rule write_report:
         "<logs>/write_report.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
@@ -68,11 +66,11 @@ rule write_report:
         methods=STUDY.compared,
         learned=STUDY.learned,
         captions={part: caption(part) for part in [*PARTS, "picture", "volume"]},
-        code=code_of("write_report"),
+        code=code_of("scripts.report.write_report"),
     message:
         "Write the report"
     script:
-        "../scripts/write_report.py"
+        "../scripts/report/write_report.py"
 
 
 # Pictures of what a study has found.

@@ -18,7 +18,6 @@ rule evaluate:
         corrected=r"|/corrected_\d+",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         runtime=30,
@@ -27,11 +26,11 @@ rule evaluate:
         scanned=STUDY.judged_cases,
         fem=config["fem"],
         seed=SEED,
-        code=code_of("evaluate"),
+        code=code_of("scripts.tables.evaluate"),
     message:
         "Measure {wildcards.method}{wildcards.corrected} on {wildcards.arm}/{wildcards.fold}"
     script:
-        "../scripts/evaluate.py"
+        "../scripts/tables/evaluate.py"
 
 
 rule provenance:
@@ -44,18 +43,17 @@ rule provenance:
         "<logs>/provenance.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=500,
         runtime=5,
     params:
         # The script knows both; here they say when to record anew.
         config=config,
-        code=code_of(*STAGES),
+        code=code_hash(*stages()),
     message:
         "Record configuration, versions, code and machine"
     script:
-        "../scripts/provenance.py"
+        "../scripts/tables/provenance.py"
 
 
 # Further tables are made after the study, by another commit perhaps or on another machine; recorded anew with the table
@@ -72,16 +70,15 @@ rule provenance_of_table:
         table="|".join(TABLES),
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=500,
         runtime=5,
     params:
-        code=code_of("provenance"),
+        code=code_of("scripts.tables.provenance"),
     message:
         "Record what made {wildcards.folder}/{wildcards.table}"
     script:
-        "../scripts/provenance.py"
+        "../scripts/tables/provenance.py"
 
 
 # A picture of one patient: before, outcome and some methods with their errors; asked for by name.
@@ -104,17 +101,16 @@ rule render_case:
         "<logs>/render_case/{case}.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
     params:
         methods=STUDY.pictured,
-        code=code_of("render_case"),
+        code=code_of("scripts.tables.render_case"),
     message:
         "Draw {wildcards.case}: before, outcome and methods"
     script:
-        "../scripts/render_case.py"
+        "../scripts/tables/render_case.py"
 
 
 rule tables:
@@ -138,18 +134,17 @@ rule tabulate:
         table="|".join(TABLES),
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
     params:
         module=module_of,
         arguments=lambda wildcards: TABLES[wildcards.table][1],
-        code=lambda wildcards: code_of("tabulate", module_of(wildcards)),
+        code=lambda wildcards: code_of("scripts.tables.tabulate", module_of(wildcards)),
     message:
         "Make the table {wildcards.table}"
     script:
-        "../scripts/tabulate.py"
+        "../scripts/tables/tabulate.py"
 
 
 rule format_table:
@@ -170,17 +165,16 @@ rule format_table:
         table="|".join(TABLES),
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=500,
         runtime=5,
     params:
         caption=caption_of,
-        code=code_of("format_table"),
+        code=code_of("scripts.tables.format_table"),
     message:
         "Format the table {wildcards.table}"
     script:
-        "../scripts/format_table.py"
+        "../scripts/tables/format_table.py"
 
 
 rule render_table:
@@ -199,19 +193,18 @@ rule render_table:
         table="cases|corrections|learning|scaling|stability|tradeoff",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
         runtime=5,
     params:
         caption=caption_of,
         code=lambda wildcards: code_of(
-            "render_table", f"pinnochio.figures.{wildcards.table}"
+            "scripts.tables.render_table", f"pinnochio.figures.{wildcards.table}"
         ),
     message:
         "Draw the table {wildcards.table}"
     script:
-        "../scripts/render_table.py"
+        "../scripts/tables/render_table.py"
 
 
 # What more training patients are worth; not part of `all`.

@@ -16,7 +16,6 @@ rule pretrain:
     priority: 2
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=6000,
         runtime=240,
@@ -26,11 +25,11 @@ rule pretrain:
         learner=STUDY.learner,
         settings=STUDY.settings("network", "pretraining", "fem"),
         seed=SEED,
-        code=code_with_method("pretrain", "learner"),
+        code=code_with_method("scripts.training.pretrain", "learner"),
     message:
         "Pretrain {wildcards.method} on the finite-element samples of fold {wildcards.fold}"
     script:
-        "../scripts/pretrain.py"
+        "../scripts/training/pretrain.py"
 
 
 rule finetune:
@@ -53,7 +52,6 @@ rule finetune:
     priority: 1
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=6000,
         runtime=240,
@@ -63,11 +61,11 @@ rule finetune:
         learner=STUDY.learner,
         settings=STUDY.settings("network", "finetuning", "fem", "newton_corrections"),
         seed=SEED,
-        code=code_with_method("finetune", "learner"),
+        code=code_with_method("scripts.training.finetune", "learner"),
     message:
         "Adapt {wildcards.method} to the post-operative skins of fold {wildcards.fold}"
     script:
-        "../scripts/finetune.py"
+        "../scripts/training/finetune.py"
 
 
 # Where the configuration says `networks: archive`, in place of both.
@@ -83,18 +81,17 @@ rule take_network:
         method=any_of(STUDY.taken),
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
         runtime=5,
     params:
         archive=config["networks_archive"],
         names=STUDY.of_archive("network.pt", "finetuning.csv"),
-        code=code_of("take_network"),
+        code=code_of("scripts.training.take_network"),
     message:
         "Take {wildcards.method} of fold {wildcards.fold} from the archive"
     script:
-        "../scripts/take_network.py"
+        "../scripts/training/take_network.py"
 
 
 rule fit:
@@ -114,7 +111,6 @@ rule fit:
         method=any_of(STUDY.trained("at once")),
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         runtime=30,
@@ -122,11 +118,11 @@ rule fit:
         cases=STUDY.training_cases,
         learner=STUDY.learner,
         settings=STUDY.settings("fem"),
-        code=code_with_method("fit", "learner"),
+        code=code_with_method("scripts.training.fit", "learner"),
     message:
         "Fit {wildcards.method} to the training patients of fold {wildcards.fold}"
     script:
-        "../scripts/fit.py"
+        "../scripts/training/fit.py"
 
 
 rule networks:
@@ -148,6 +144,45 @@ use rule take_network as take_pretraining with:
     params:
         archive=config["networks_archive"],
         names=STUDY.of_archive("pretraining.csv"),
-        code=code_of("take_network"),
+        code=code_of("scripts.training.take_network"),
     message:
         "Take the pretraining of {wildcards.method} of fold {wildcards.fold} from the archive"
+
+
+rule plot_training:
+    input:
+        pretraining=lambda wildcards: (
+            "<results>/folds/{fold}/{method}/pretraining.csv"
+            if STUDY.phases(wildcards.method)["pretraining"]
+            else []
+        ),
+        finetuning="<results>/folds/{fold}/{method}/finetuning.csv",
+    output:
+        picture=captioned("<results>/folds/{fold}/{method}/training.png"),
+    log:
+        "<logs>/plot_training/{fold}_{method}.log",
+    wildcard_constraints:
+        method=any_of(STUDY.of_family("graph network", "surface network")),
+    conda:
+        "../envs/pinnochio.yaml"
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        title=lambda wildcards: f"{wildcards.method}, fold {wildcards.fold}, {COHORT}",
+        code=code_of("scripts.training.plot_training"),
+    message:
+        "Draw the training of {wildcards.method} in fold {wildcards.fold}"
+    script:
+        "../scripts/training/plot_training.py"
+
+
+rule curves:
+    input:
+        expand(
+            "<results>/folds/{fold}/{method}/training.png",
+            fold=STUDY.held_out,
+            method=STUDY.learned,
+        ),
+    message:
+        "The trainings are drawn"

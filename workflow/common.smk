@@ -115,7 +115,7 @@ def captioned(path, name=None):
 
 @cache
 def code_of(*names):
-    """Content hash of stage scripts, and modules of the library, with all that they import of the project.
+    """Content hash of stage scripts and modules, by their dotted names, with all that they import of the project.
 
     An edit of an imported module triggers no rerun by itself; this parameter does.
     """
@@ -128,10 +128,11 @@ def code_with_method(script, role="predictor"):
 
 
 # Of what predicts a new patient, for archive and certificate.
-PREDICTS = code_of("import_segmentation", "label_interfaces", "predict_ensemble")
-
-# Every stage, for the provenance.
-STAGES = [path.stem for path in stages()]
+PREDICTS = code_of(
+    "scripts.patient.import_segmentation",
+    "scripts.patient.label_interfaces",
+    "scripts.prediction.predict_ensemble",
+)
 
 
 def seconds_of(counts):

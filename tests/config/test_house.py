@@ -6,9 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from pinnochio.code import ROOT, source_file
+from tests.helpers.rules import RULE_FILES, bodies, dotted, scripts_of_rules
 from tests.helpers.sources import imported
 
 TESTS = Path(__file__).resolve().parents[1]
+CODE = re.compile(r'code=(?:lambda wildcards: )?code_(?:of|with_method)\(\s*"([\w.]+)"|code=code_hash\(\*stages\(\)\)')
 MODULES = sorted([*TESTS.rglob("test_*.py"), *TESTS.rglob("conftest.py"), *(TESTS / "helpers").glob("*.py")])
 
 
@@ -25,10 +28,10 @@ def test_names_of_test_modules_are_unique():
     assert len(names) == len(set(names))
 
 
-@pytest.mark.parametrize("path", sorted((TESTS.parent / "scripts").glob("[a-z]*.py")), ids=lambda path: path.stem)
-def test_the_main_of_a_script_passes_every_argument_by_keyword(path):
+@pytest.mark.parametrize("name", sorted({*scripts_of_rules().values()}))
+def test_the_main_of_a_script_passes_every_argument_by_keyword(name):
     """A swapped path would be silent otherwise; logging comes first."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = ast.parse(source_file(name).read_text(encoding="utf-8"))
     (main,) = [node for node in tree.body if isinstance(node, ast.If)]
     assert ast.unparse(main.body[0]) == "attach_log(snakemake.log[0])"
     own = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
@@ -36,11 +39,14 @@ def test_the_main_of_a_script_passes_every_argument_by_keyword(path):
     assert calls and not any(call.args for call in calls)
 
 
-@pytest.mark.parametrize("path", sorted((TESTS.parent / "rules").glob("*.smk")), ids=lambda path: path.stem)
+def test_every_stage_script_is_run_by_a_rule():
+    stages = {dotted(path) for path in (ROOT / "scripts").rglob("*.py") if path.name != "__init__.py"}
+    assert stages <= {*scripts_of_rules().values()}
+
+
+@pytest.mark.parametrize("path", RULE_FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
 def test_every_rule_carries_the_hash_of_its_own_script(path):
-    for body in re.split(r"^rule ", path.read_text(encoding="utf-8"), flags=re.M)[1:]:
-        if script := re.search(r'"\.\./scripts/(\w+)\.py"', body):
-            hashed = re.findall(
-                r'code=(?:lambda wildcards: )?code_(?:of|with_method)\(\s*"(\w+)"|code=code_of\((\*)', body
-            )
-            assert hashed in ([(script[1], "")], [("", "*")]), body.split(":")[0]
+    for rule, body in bodies(path).items():
+        if script := scripts_of_rules().get(rule):
+            hashed = re.search(CODE, body)
+            assert hashed and hashed[1] in (script, None), rule

@@ -3,7 +3,7 @@
 import pytest
 
 from pinnochio.virtual import head
-from scripts.virtual_patient import virtual_patient
+from scripts.cohort.virtual_patient import virtual_patient
 
 
 def make_head(*arguments) -> None:

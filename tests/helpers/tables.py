@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pinnochio.tables.document import Table
 from pinnochio.tables.formats import write_twins
-from scripts.tabulate import tabulate
+from scripts.tables.tabulate import tabulate
 
 
 def write(table: Table, path: Path) -> None:

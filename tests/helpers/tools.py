@@ -9,7 +9,7 @@ from scipy import ndimage
 from pinnochio.importing.segmentation import read_labels
 from pinnochio.model.labels import CRANIUM
 from pinnochio.virtual.head import Head
-from scripts.import_segmentation import import_segmentation
+from scripts.patient.import_segmentation import import_segmentation
 from tests.helpers.settings import CONFIG
 
 SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right", "mandible", "chin")

@@ -14,8 +14,8 @@ from pinnochio.training import loop
 from pinnochio.training.cases import CaseFiles
 from pinnochio.training.fold import train_fold
 from pinnochio.training.settings import TrainingSettings
-from scripts.fit import fit
-from scripts.predict import predict
+from scripts.prediction.predict import predict
+from scripts.training.fit import fit
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import CONFIG, network_settings, training_settings
 

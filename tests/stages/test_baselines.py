@@ -13,10 +13,10 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import read_prediction
 from pinnochio.networks.building import build
 from pinnochio.training.checkpoint import save_network
-from scripts.evaluate import evaluate
-from scripts.finetune import finetune
-from scripts.fit import fit
-from scripts.pretrain import pretrain
+from scripts.tables.evaluate import evaluate
+from scripts.training.finetune import finetune
+from scripts.training.fit import fit
+from scripts.training.pretrain import pretrain
 from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.training import learn_loads, predict_by
 

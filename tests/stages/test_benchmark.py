@@ -10,9 +10,9 @@ import pyvista as pv
 from pinnochio.errors import InputError
 from pinnochio.metrics.regions import LANDMARKS, REGIONS
 from pinnochio.model.predictions import read_prediction
-from scripts.evaluate import evaluate
-from scripts.list_folds import list_folds
-from scripts.predict_external import predict_external
+from scripts.prediction.list_folds import list_folds
+from scripts.prediction.predict_external import predict_external
+from scripts.tables.evaluate import evaluate
 from tests.helpers.settings import CONFIG, SEED
 from tests.helpers.tables import make
 from tests.helpers.training import predict_by

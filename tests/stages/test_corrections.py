@@ -15,9 +15,9 @@ from pinnochio.model.predictions import Prediction, read_prediction, write_predi
 from pinnochio.networks.building import build
 from pinnochio.tables.corrections import CORRECTIONS
 from pinnochio.training.checkpoint import save_network
-from scripts.correct import correct
-from scripts.evaluate import evaluate
-from scripts.render_table import render_table
+from scripts.tables.evaluate import evaluate
+from scripts.tables.render_table import render_table
+from studies.corrections.correct import correct
 from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.tables import make
 from tests.helpers.training import predict_by

@@ -12,15 +12,15 @@ from pinnochio.model.predictions import read_prediction
 from pinnochio.overlays import overlaid
 from pinnochio.study.study import Study
 from pinnochio.tables.comparison import summarise
-from scripts.carry_truth import carry_truth
-from scripts.evaluate import evaluate
-from scripts.finetune import finetune
-from scripts.fit import fit
-from scripts.label_interfaces import label_case
-from scripts.make_lift import write_lift
-from scripts.predict import predict
-from scripts.pretrain import pretrain
-from scripts.refine_lips import refine_lips
+from scripts.cohort.carry_truth import carry_truth
+from scripts.patient.label_interfaces import label_case
+from scripts.patient.make_lift import write_lift
+from scripts.patient.refine_lips import refine_lips
+from scripts.prediction.predict import predict
+from scripts.tables.evaluate import evaluate
+from scripts.training.finetune import finetune
+from scripts.training.fit import fit
+from scripts.training.pretrain import pretrain
 from tests.helpers.settings import CONFIG, SEED
 
 STEPS = {"steps": 2, "batch": 1, "validation": 0}

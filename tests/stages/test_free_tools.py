@@ -14,8 +14,8 @@ from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
-from scripts.import_plan import import_plan
-from scripts.show_segments import show_segments
+from scripts.patient.import_plan import import_plan
+from scripts.patient.show_segments import show_segments
 from tests.helpers import tools
 from tests.helpers.tools import SEGMENTS, run
 

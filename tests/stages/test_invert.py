@@ -21,9 +21,9 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import write_surface
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration
-from scripts.measure_inverse import measure_inverse
-from scripts.measure_sensitivity import measure_sensitivity
-from scripts.propose import propose_plans
+from scripts.patients.measure_sensitivity import measure_sensitivity
+from scripts.patients.propose import propose_plans
+from studies.inverse.measure_inverse import measure_inverse
 from tests.helpers.settings import CONFIG, SEED
 from tests.helpers.tables import make
 

@@ -11,9 +11,9 @@ from pinnochio.importing.segment_registration import FITS
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.segments import motion_errors
-from scripts.import_covariates import import_covariates
-from scripts.register_segments import register_segments
-from scripts.virtual_postop_bones import virtual_postop_bones
+from scripts.cohort.virtual_postop_bones import virtual_postop_bones
+from scripts.patient.import_covariates import import_covariates
+from scripts.patient.register_segments import register_segments
 from tests.helpers.settings import CONFIG, SEED, SEGMENTS
 
 

@@ -24,12 +24,12 @@ from pinnochio.patients.result import Solution
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import in_words as in_words_of
 from pinnochio.statistics.intervals import Calibration, Interval
-from scripts.certify import certify
-from scripts.describe_training import describe_training
-from scripts.export_prediction import export_prediction
-from scripts.import_plan import import_plan
-from scripts.pack import pack
-from scripts.show_prediction import show_prediction
+from scripts.patient.import_plan import import_plan
+from scripts.patients.certify import certify
+from scripts.patients.describe_training import describe_training
+from scripts.patients.export_prediction import export_prediction
+from scripts.patients.pack import pack
+from scripts.patients.show_prediction import show_prediction
 from tests.helpers.settings import CONFIG, SEGMENTS
 
 METHOD = "pinnochio_plus"

@@ -16,12 +16,12 @@ from pinnochio.virtual.aftermath import CHANGES
 from pinnochio.virtual.ground_truth import alone
 from pinnochio.virtual.loading import sag, weight_change
 from pinnochio.virtual.outcome import Operation, Outcome, admissible, change, changed, moved
-from scripts.carry_truth import carry_truth
-from scripts.choose_samples import choose_samples
-from scripts.evaluate import evaluate
-from scripts.predict import predict
-from scripts.register_postop import register_postop
-from scripts.virtual_outcome import virtual_outcome
+from scripts.cohort.carry_truth import carry_truth
+from scripts.cohort.virtual_outcome import virtual_outcome
+from scripts.patient.choose_samples import choose_samples
+from scripts.patient.register_postop import register_postop
+from scripts.prediction.predict import predict
+from scripts.tables.evaluate import evaluate
 from tests.helpers.settings import CONFIG, OUTCOME, SEED
 
 

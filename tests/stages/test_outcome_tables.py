@@ -9,7 +9,7 @@ from pinnochio.overlays import overlaid
 from pinnochio.virtual import learnable, nasolabial, reality, refinement
 from pinnochio.virtual.ground_truth import NOMINAL, REALITIES, resolve
 from pinnochio.virtual.outcome import Operation, Outcome, meshed
-from scripts.measure_outcome import measure_outcome
+from scripts.cohort.measure_outcome import measure_outcome
 from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
 
 

@@ -14,8 +14,8 @@ from pinnochio.planner.view import FaceView
 from pinnochio.planner.wishing import Wishing
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Interval
-from scripts.predict_ensemble import predict_ensemble
-from scripts.predict_interval import predict_interval
+from scripts.prediction.predict_ensemble import predict_ensemble
+from scripts.prediction.predict_interval import predict_interval
 from tests.helpers.settings import CONFIG
 
 METHOD = "pinnochio_plus"

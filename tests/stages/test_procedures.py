@@ -15,11 +15,11 @@ from pinnochio.methods.ratio import RatioRule
 from pinnochio.model.patient import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.procedures import MANDIBLE, MAXILLA, Procedure
-from scripts.import_plan import import_plan
-from scripts.import_segmentation import import_segmentation
-from scripts.label_interfaces import label_case
-from scripts.simulate_fem import simulate_fem
-from scripts.tetrahedralize import mesh_case
+from scripts.fem.simulate_fem import simulate_fem
+from scripts.patient.import_plan import import_plan
+from scripts.patient.import_segmentation import import_segmentation
+from scripts.patient.label_interfaces import label_case
+from scripts.patient.tetrahedralize import mesh_case
 from tests.helpers.coarse_head import make_head
 from tests.helpers.settings import CONFIG, SEED
 

@@ -22,11 +22,11 @@ from pinnochio.report.page import read_body, rounded
 from pinnochio.report.parts import PARTS
 from pinnochio.report.view import decode, encode
 from pinnochio.tables.document import Block, Table, views
-from scripts.provenance import provenance
-from scripts.render_case import render_case
-from scripts.render_table import render_table
-from scripts.render_volume import render_volume
-from scripts.write_report import write_report
+from scripts.report.render_volume import render_volume
+from scripts.report.write_report import write_report
+from scripts.tables.provenance import provenance
+from scripts.tables.render_case import render_case
+from scripts.tables.render_table import render_table
 from tests.helpers.browser import uncaught
 from tests.helpers.rows import row
 from tests.helpers.settings import CONFIG, ROOT

@@ -13,7 +13,7 @@ from pinnochio.model.predictions import read_prediction
 from pinnochio.networks.building import build
 from pinnochio.tables.scaling import SCALING
 from pinnochio.training.checkpoint import save_network
-from scripts.measure_scaling import measure_scaling, training_step, warm_plan
+from studies.scaling.measure_scaling import measure_scaling, training_step, warm_plan
 from tests.helpers.settings import CONFIG, SEED, network_settings, training_settings
 
 NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)

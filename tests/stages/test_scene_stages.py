@@ -12,7 +12,7 @@ from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.reductions import SCENES, TRIALS
-from scripts.measure_scene import measure_scene
+from studies.scene.measure_scene import measure_scene
 from tests.helpers.settings import CONFIG, MESH, SEED
 from tests.helpers.tables import make
 

@@ -13,9 +13,9 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.patients.archive import network_file
 from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
-from scripts.measure_fem import measure_fem
-from scripts.measure_networks import measure_networks
-from scripts.measure_study import measure_study
+from studies.tradeoff.measure_fem import measure_fem
+from studies.tradeoff.measure_networks import measure_networks
+from studies.tradeoff.measure_study import measure_study
 
 NODES = 700
 FEM = [

@@ -18,11 +18,11 @@ from pinnochio.model.regions import NAMES, OTHER, regions
 from pinnochio.networks.building import build
 from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble
 from pinnochio.training.checkpoint import save_network
-from scripts.calibrate import ScannedCase, calibrate
-from scripts.describe_training import describe_training
-from scripts.predict_ensemble import predict_ensemble
-from scripts.predict_interval import predict_interval
-from scripts.report_quality import report_quality
+from scripts.patient.report_quality import report_quality
+from scripts.patients.describe_training import describe_training
+from scripts.prediction.calibrate import ScannedCase, calibrate
+from scripts.prediction.predict_ensemble import predict_ensemble
+from scripts.prediction.predict_interval import predict_interval
 from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.tables import make
 

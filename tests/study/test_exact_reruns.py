@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from pinnochio.code import LIBRARY, ROOT, closure, source_file
+from pinnochio.code import LIBRARY, ROOT, closure, source_file, stages
 from pinnochio.methods.registry import registry
+from tests.helpers.rules import scripts_of_rules
 from tests.helpers.settings import CONFIG
 from tests.helpers.study import jobs
 
@@ -44,23 +45,12 @@ class Job:
     def sources(self, scripts: dict[str, str]) -> set[Path]:
         """Files that decide what the job makes."""
         if self.rule == "provenance":
-            return {file for script in scripts.values() for file in closure(source_file(script))}
+            return {*closure(*stages())}
         names = [scripts[self.rule]] if self.rule in scripts else []
         if self.rule in BY_NAME:
             wildcard, module = BY_NAME[self.rule]
             names.append(module(self.wildcard(wildcard)))
         return {*closure(*map(source_file, names))}
-
-
-def scripts_of_rules() -> dict[str, str]:
-    """Script of each rule, from the rules' text."""
-    scripts = {}
-    for file in ROOT.glob("rules/*.smk"):
-        blocks = re.split(r"^rule (\w+):\n", file.read_text(encoding="utf-8"), flags=re.M)
-        for rule, body in zip(blocks[1::2], blocks[2::2], strict=True):
-            if script := re.search(r'"\.\./scripts/(\w+)\.py"', body):
-                scripts[rule] = script[1]
-    return scripts
 
 
 def following(first: list[Job]) -> list[Job]:

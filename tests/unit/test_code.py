@@ -7,9 +7,11 @@ import sys
 import pytest
 
 from pinnochio import code
-from pinnochio.code import ROOT, closure, code_hash, source_file
+from pinnochio.code import ROOT, closure, code_hash, source_file, stages
+from tests.helpers.rules import dotted
 
-SCRIPTS = sorted(ROOT.glob("scripts/[a-z]*.py"))
+SCRIPTS = stages()
+NAMES = [dotted(path) for path in SCRIPTS]
 # Imports every script in a fork of its own, after the heavy packages, and says which of the project's files it loads.
 LOADED = """
 import json, os, sys
@@ -18,8 +20,9 @@ loaded = {}
 for script in sys.argv[1:]:
     reader, writer = os.pipe()
     if not os.fork():
-        __import__("scripts." + script)
-        names = [m.__file__ for n, m in list(sys.modules.items()) if n.split(".")[0] in ("pinnochio", "scripts")]
+        __import__(script)
+        packages = ("pinnochio", "scripts", "studies")
+        names = [m.__file__ for n, m in list(sys.modules.items()) if n.split(".")[0] in packages]
         os.write(writer, json.dumps(sorted({name for name in names if name})).encode())
         os._exit(0)
     os.close(writer)
@@ -33,19 +36,20 @@ print(json.dumps(loaded))
 @pytest.fixture(scope="module")
 def loaded():
     """Files of the project that the import of each script loads."""
-    names = [script.stem for script in SCRIPTS]
     paths = {"PYTHONPATH": f"{ROOT / 'workflow'}:{ROOT}", "PATH": "/usr/bin:/bin", "HOME": "/tmp"}
     done = subprocess.run(
-        [sys.executable, "-c", LOADED, *names], env=paths, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, "-c", LOADED, *NAMES], env=paths, capture_output=True, text=True, timeout=300, check=False
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1])
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
-def test_the_closure_holds_all_that_an_import_of_the_script_loads(loaded, script):
+@pytest.mark.parametrize("name", NAMES)
+def test_the_closure_holds_all_that_an_import_of_the_script_loads(loaded, name):
+    script = source_file(name)
     files = {str(path) for path in closure(script)}
-    assert set(loaded[script.stem]) - {str(ROOT / "scripts/__init__.py")} <= files
+    packages = {str(folder / "__init__.py") for folder in script.parents[:2]}
+    assert set(loaded[name]) - packages <= files
 
 
 def test_an_edit_changes_the_hashes_of_the_scripts_that_reach_it_and_of_no_other(monkeypatch):

@@ -9,12 +9,12 @@ from pathlib import Path
 
 LIBRARY = Path(__file__).resolve().parent
 ROOT = LIBRARY.parents[1]
-PACKAGES = {"pinnochio": LIBRARY, "scripts": ROOT / "scripts"}
+PACKAGES = {"pinnochio": LIBRARY, "scripts": ROOT / "scripts", "studies": ROOT / "workflow/studies"}
 # By text: a syntax tree of every module takes longer than all else that Snakemake does before it runs a job.
 IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+)?import[ \t]+(\([^)]*\)|[^\n#]*)", re.MULTILINE)
 TEXT = re.compile(r"""["']([\w./:]+)["']""")
-# A call named by a string, as what is run in a process of its own is, e.g. scripts.tetrahedralize:tetrahedralize.
-CALL = re.compile(r"((?:pinnochio|scripts)(?:\.\w+)+)(?::\w+)?")
+# A call named by a string, as what is run in a process of its own is, e.g. scripts.patient.tetrahedralize:mesh_case.
+CALL = re.compile(r"((?:pinnochio|scripts|studies)(?:\.\w+)+)(?::\w+)?")
 # A data file beside the module that names it.
 DATA = re.compile(r"[\w/]+\.(?:html|js|css|md|tex|json|npz)(?:\.j2)?")
 
@@ -42,14 +42,13 @@ def closure(*files: str | os.PathLike) -> list[Path]:
 
 
 def stages() -> list[Path]:
-    """Files of every stage script."""
-    return sorted((ROOT / "scripts").glob("[a-z]*.py"))
+    """Files of every stage script, those of the studies and their modules included."""
+    return sorted(path for name in ("scripts", "studies") for path in PACKAGES[name].glob("*/[a-z]*.py"))
 
 
 def source_file(name: str) -> Path:
-    """File of a stage script by its name, or of the library by a dotted name: of a module, or `module:name`."""
-    module = name.partition(":")[0]
-    *_, file = _files(module if module.startswith("pinnochio.") else f"scripts.{module}")
+    """File of a stage script, or of a module, by the dotted name that an import has, or of a `module:name`."""
+    *_, file = _files(name.partition(":")[0])
     return file
 
 

@@ -49,8 +49,8 @@ from pinnochio.tables.stability import (
     tabulate,
     unmarked,
 )
-from scripts.check_stability import check_stability
-from scripts.stability import stability
+from studies.stability.check_stability import check_stability
+from studies.stability.measure_stability import stability
 from tests.helpers.patients import tiny_patient
 from tests.helpers.settings import ROOT, fem_settings, network_settings
 

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from pinnochio.figures.training import TERMS, running_median, training_picture
-from scripts.plot_training import plot_training
+from scripts.training.plot_training import plot_training
 
 
 def history(steps=200, physics=True, every=50):

@@ -12,7 +12,7 @@ from pinnochio.importing.anatomy import check_anatomy
 from pinnochio.model.labels import internal_codes
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
-from scripts.import_segmentation import import_segmentation
+from scripts.patient.import_segmentation import import_segmentation
 
 SPACING = 3.0
 UNCUT = ("lefort1", "mandible")

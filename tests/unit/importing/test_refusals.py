@@ -15,9 +15,9 @@ from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
 from pinnochio.study.configuration import check_config
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
-from scripts.import_plan import import_plan
-from scripts.import_segmentation import import_segmentation
-from scripts.register_postop import register_postop
+from scripts.patient.import_plan import import_plan
+from scripts.patient.import_segmentation import import_segmentation
+from scripts.patient.register_postop import register_postop
 from tests.helpers.settings import ROOT
 
 SEGMENTS = ("lefort1", "mandible")

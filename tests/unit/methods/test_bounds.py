@@ -58,8 +58,9 @@ def test_no_method_but_the_bounds_reads_the_truth():
         assert (truth in closure(source_file(method.predictor))) == (name == "floor_scan"), name
         if method.learner:
             assert truth not in closure(source_file(method.learner)), name
-    for stage in ("predict", "fit", "pretrain", "finetune", "predict_ensemble", "simulate_fem"):
-        assert truth not in closure(source_file(stage)), stage
+    training = [f"training.{name}" for name in ("fit", "pretrain", "finetune")]
+    for stage in (*training, "prediction.predict", "prediction.predict_ensemble", "fem.simulate_fem"):
+        assert truth not in closure(source_file(f"scripts.{stage}")), stage
 
 
 def test_bounds_are_predicted_and_never_compared_with():

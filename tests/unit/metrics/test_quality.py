@@ -14,7 +14,7 @@ from pinnochio.metrics.quality import contact, off_mesh, quality, thickness
 from pinnochio.model.patient import FIXED, FREE, INTERIOR, MOVING, SLIDING
 from pinnochio.model.regions import CHIN, NOSE, NOT_JUDGED, UPPER_LIP
 from pinnochio.tables.quality import quality_columns, table
-from scripts.report_quality import report_quality
+from scripts.patient.report_quality import report_quality
 from tests.helpers.patients import tiny_patient
 from tests.helpers.tables import make, write
 

@@ -19,9 +19,9 @@ from pinnochio.virtual.case_files import FILES, INPUTS, LOCKED, OUTCOME_CHECKSUM
 from pinnochio.virtual.ground_truth import EFFECTS
 from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE, sample_parameters
 from pinnochio.virtual.procedures import Procedure
-from scripts.data_card import describe_cohort
-from scripts.sum_up import sum_up
-from scripts.verify_cohort import verify_cohort
+from scripts.cohort.data_card import describe_cohort
+from scripts.cohort.sum_up import sum_up
+from studies.cohort_checks.verify_cohort import verify_cohort
 
 CASES = [f"V{number:02d}" for number in range(1, 11)]
 OWN = {"nodes": 9000, "noise": 0.3, "poisson": "nominal", "coverage": 0.15, "swelling": "nominal"}

@@ -16,7 +16,7 @@ rule measure_fem:
     benchmark:
         "<benchmarks>/measure_fem/{case}.tsv"
     conda:
-        "../envs/pinnochio.yaml"
+        "../../../envs/pinnochio.yaml"
     threads: ALL_CORES
     resources:
         mem_mb=8000,
@@ -26,11 +26,11 @@ rule measure_fem:
         sizes=STUDY.sizes,
         nodes=config["mesh"]["nodes"],
         fem=config["fem"],
-        code=code_of("measure_fem"),
+        code=code_of("studies.tradeoff.measure_fem"),
     message:
         "Solve {wildcards.case} along the parameters of finite elements"
     script:
-        "../scripts/measure_fem.py"
+        "measure_fem.py"
 
 
 rule measure_networks:
@@ -51,7 +51,7 @@ rule measure_networks:
     benchmark:
         "<benchmarks>/measure_networks/{case}.tsv"
     conda:
-        "../envs/pinnochio.yaml"
+        "../../../envs/pinnochio.yaml"
     threads: ALL_CORES
     resources:
         mem_mb=8000,
@@ -65,11 +65,11 @@ rule measure_networks:
         sizes=STUDY.sizes,
         reference_nodes=config["tradeoff"]["reference"],
         fem=config["fem"],
-        code=code_of("measure_networks"),
+        code=code_of("studies.tradeoff.measure_networks"),
     message:
         "Predict {wildcards.case} along the parameters of the networks"
     script:
-        "../scripts/measure_networks.py"
+        "measure_networks.py"
 
 
 rule measure_study:
@@ -90,19 +90,18 @@ rule measure_study:
     benchmark:
         "<benchmarks>/measure_study/{case}.tsv"
     conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
+        "../../../envs/pinnochio.yaml"
     resources:
         mem_mb=4000,
         runtime=20,
     params:
         methods=STUDY.judged_as_they_are,
         fem=config["fem"],
-        code=code_of("measure_study"),
+        code=code_of("studies.tradeoff.measure_study"),
     message:
         "Judge the study's other predictions of {wildcards.case}"
     script:
-        "../scripts/measure_study.py"
+        "measure_study.py"
 
 
 rule tradeoff:

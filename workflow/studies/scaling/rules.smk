@@ -24,7 +24,7 @@ rule measure_scaling:
     benchmark:
         "<benchmarks>/measure_scaling/{nodes}.tsv"
     conda:
-        "../envs/pinnochio.yaml"
+        "../../../envs/pinnochio.yaml"
     threads: ALL_CORES
     resources:
         mem_mb=12000,
@@ -40,11 +40,11 @@ rule measure_scaling:
             ]
         },
         seed=SEED,
-        code=code_of("measure_scaling"),
+        code=code_of("studies.scaling.measure_scaling"),
     message:
         "Measure every stage on {wildcards.nodes} nodes"
     script:
-        "../scripts/measure_scaling.py"
+        "measure_scaling.py"
 
 
 rule scaling:

@@ -19,7 +19,7 @@ rule correct:
     wildcard_constraints:
         method=any_of(NETWORKS),
     conda:
-        "../envs/pinnochio.yaml"
+        "../../../envs/pinnochio.yaml"
     threads: ALL_CORES
     resources:
         mem_mb=4000,
@@ -28,11 +28,11 @@ rule correct:
         cases=STUDY.held_out_cases,
         corrections=config["corrections"]["counts"],
         fem=config["fem"],
-        code=code_of("correct"),
+        code=code_of("studies.corrections.correct"),
     message:
         "Correct {wildcards.method} on fold {wildcards.fold}"
     script:
-        "../scripts/correct.py"
+        "correct.py"
 
 
 rule corrections:

@@ -11,8 +11,7 @@ rule measure_stability:
     wildcard_constraints:
         part=any_of(STUDY.extremes),
     conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
+        "../../../envs/pinnochio.yaml"
     resources:
         mem_mb=8000,
         runtime=60,
@@ -26,11 +25,11 @@ rule measure_stability:
             name: NETWORKS[name]["network"] for name in config["stability"]["networks"]
         },
         seed=SEED,
-        code=code_of("stability"),
+        code=code_of("studies.stability.measure_stability"),
     message:
         "Take every method to its extremes: {wildcards.part}"
     script:
-        "../scripts/stability.py"
+        "measure_stability.py"
 
 
 # After table and figure are there: fails, and names the cells, where one is wrong and nothing says so to a user.
@@ -44,17 +43,16 @@ rule check_stability:
     log:
         "<logs>/check_stability.log",
     conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
+        "../../../envs/pinnochio.yaml"
     resources:
         mem_mb=500,
         runtime=5,
     params:
-        code=code_of("check_stability"),
+        code=code_of("studies.stability.check_stability"),
     message:
         "Ask whether a cell is wrong"
     script:
-        "../scripts/check_stability.py"
+        "check_stability.py"
 
 
 rule stability:

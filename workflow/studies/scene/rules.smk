@@ -14,8 +14,7 @@ rule measure_scene:
     benchmark:
         "<benchmarks>/measure_scene/{case}.tsv"
     conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
+        "../../../envs/pinnochio.yaml"
     resources:
         mem_mb=4000,
         runtime=60,
@@ -25,11 +24,11 @@ rule measure_scene:
         },
         methods=STUDY.reduced_methods,
         seed=SEED,
-        code=code_of("measure_scene"),
+        code=code_of("studies.scene.measure_scene"),
     message:
         "Measure what solving only what a plan of {wildcards.case} requires saves"
     script:
-        "../scripts/measure_scene.py"
+        "measure_scene.py"
 
 
 rule scene:

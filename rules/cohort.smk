@@ -10,7 +10,6 @@ rule virtual_patient:
         "<benchmarks>/virtual_patient/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         runtime=10,
@@ -22,11 +21,11 @@ rule virtual_patient:
         procedure=lambda wildcards: vars(STUDY.procedures[wildcards.case]),
         muscles=config["virtual"]["muscles"],
         seed=SEED,
-        code=code_of("virtual_patient"),
+        code=code_of("scripts.cohort.virtual_patient"),
     message:
         "Sample virtual patient {wildcards.case}"
     script:
-        "../scripts/virtual_patient.py"
+        "../scripts/cohort/virtual_patient.py"
 
 
 # The first patients of the cohort, as many as a page shows.
@@ -47,7 +46,6 @@ rule render_cohort:
         "<benchmarks>/render_cohort.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         runtime=10,
@@ -55,11 +53,11 @@ rule render_cohort:
         cases=list(STUDY.cases)[:12],
         labels=STUDY.label_values,
         segments=config["segments"],
-        code=code_of("render_cohort"),
+        code=code_of("scripts.cohort.render_cohort"),
     message:
         "Render the first virtual patients"
     script:
-        "../scripts/render_cohort.py"
+        "../scripts/cohort/render_cohort.py"
 
 
 rule sample_covariates:
@@ -71,18 +69,17 @@ rule sample_covariates:
         "<logs>/sample_covariates/{case}.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
         runtime=5,
     params:
         reality=config["virtual"]["outcome"]["reality"],
         seed=SEED,
-        code=code_of("sample_covariates"),
+        code=code_of("scripts.cohort.sample_covariates"),
     message:
         "Draw sex, age, body mass, months and sutures of {wildcards.case}"
     script:
-        "../scripts/sample_covariates.py"
+        "../scripts/cohort/sample_covariates.py"
 
 
 # Contact sheet of the first patients, to be looked at: face, skull and outcome.
@@ -103,7 +100,6 @@ rule render_faces:
         "<benchmarks>/render_faces.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         runtime=20,
@@ -111,11 +107,11 @@ rule render_faces:
         cases=list(STUDY.cases)[:24],
         labels=STUDY.label_values,
         segments=config["segments"],
-        code=code_of("render_faces"),
+        code=code_of("scripts.cohort.render_faces"),
     message:
         "Render the faces of the first virtual patients"
     script:
-        "../scripts/render_faces.py"
+        "../scripts/cohort/render_faces.py"
 
 
 rule virtual_outcome:
@@ -135,7 +131,6 @@ rule virtual_outcome:
         "<benchmarks>/virtual_outcome/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=6000,
         runtime=30,
@@ -144,11 +139,11 @@ rule virtual_outcome:
         segments=config["segments"],
         labels=STUDY.label_values,
         seed=SEED,
-        code=code_of("virtual_outcome"),
+        code=code_of("scripts.cohort.virtual_outcome"),
     message:
         "Operate on virtual patient {wildcards.case} and scan the face"
     script:
-        "../scripts/virtual_outcome.py"
+        "../scripts/cohort/virtual_outcome.py"
 
 
 rule carry_truth:
@@ -161,16 +156,15 @@ rule carry_truth:
         "<logs>/carry_truth/{case}{mesh}.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
         runtime=5,
     params:
-        code=code_of("carry_truth"),
+        code=code_of("scripts.cohort.carry_truth"),
     message:
         "Read the true motion of {wildcards.case}{wildcards.mesh} at the points of its model"
     script:
-        "../scripts/carry_truth.py"
+        "../scripts/cohort/carry_truth.py"
 
 
 # Segmented bones of a scan after surgery; the truth of the motion stays with the outcome.
@@ -186,7 +180,6 @@ rule virtual_postop_bones:
         "<benchmarks>/virtual_postop_bones/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         runtime=10,
@@ -195,11 +188,11 @@ rule virtual_postop_bones:
         segments=config["segments"],
         artefacts=config["virtual"]["bone_scan"],
         seed=SEED,
-        code=code_of("virtual_postop_bones"),
+        code=code_of("scripts.cohort.virtual_postop_bones"),
     message:
         "Scan the bones of virtual patient {wildcards.case} after surgery"
     script:
-        "../scripts/virtual_postop_bones.py"
+        "../scripts/cohort/virtual_postop_bones.py"
 
 
 # What the library's modules about the outcome measure on one patient, each for the table of its name.
@@ -237,7 +230,6 @@ rule measure_outcome:
         measured=any_of(MEASURED),
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=lambda wildcards: 12000 if wildcards.measured == "refinement" else 6000,
         runtime=120,
@@ -249,12 +241,12 @@ rule measure_outcome:
         labels=STUDY.label_values,
         seed=SEED,
         code=lambda wildcards: code_of(
-            "measure_outcome", f"pinnochio.virtual.{wildcards.measured}"
+            "scripts.cohort.measure_outcome", f"pinnochio.virtual.{wildcards.measured}"
         ),
     message:
         "Measure {wildcards.measured} of the outcome on {wildcards.case}"
     script:
-        "../scripts/measure_outcome.py"
+        "../scripts/cohort/measure_outcome.py"
 
 
 # What stands beside the cohort for those who take it elsewhere.
@@ -268,7 +260,6 @@ rule data_card:
         "<logs>/data_card.log",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
         runtime=10,
@@ -278,10 +269,10 @@ rule data_card:
         settings={
             "seed": SEED,
             "code": code_of(
-                "virtual_patient",
-                "sample_covariates",
-                "virtual_outcome",
-                "virtual_postop_bones",
+                "scripts.cohort.virtual_patient",
+                "scripts.cohort.sample_covariates",
+                "scripts.cohort.virtual_outcome",
+                "scripts.cohort.virtual_postop_bones",
             ),
             "virtual": config["virtual"],
             "labels": {
@@ -290,11 +281,11 @@ rule data_card:
                 if name in ("superficial", "muscle", "cranium", *config["segments"])
             },
         },
-        code=code_of("data_card"),
+        code=code_of("scripts.cohort.data_card"),
     message:
         "Describe the virtual cohort"
     script:
-        "../scripts/data_card.py"
+        "../scripts/cohort/data_card.py"
 
 
 # Of a locked cohort the outcomes are summed up apart.
@@ -309,16 +300,15 @@ rule sum_up:
         sums=r"SHA256SUMS(\.outcomes)?",
     conda:
         "../envs/pinnochio.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
         runtime=10,
     params:
-        code=code_of("sum_up"),
+        code=code_of("scripts.cohort.sum_up"),
     message:
         "Sum up files of the virtual cohort: {wildcards.sums}"
     script:
-        "../scripts/sum_up.py"
+        "../scripts/cohort/sum_up.py"
 
 
 rule cohort:
@@ -338,55 +328,3 @@ rule reveal:
         table_and_twins("ratios", folder="virtual") if STUDY.locked else [],
     message:
         "The outcomes of the locked cohort are made"
-
-
-# Whether the cohort as it is made here is the one that was frozen; its outcomes too, once they are revealed.
-rule verify_cohort:
-    input:
-        made=expand("<results>/virtual/{sums}", sums=STUDY.sums),
-        frozen=f"results/reference/SHA256SUMS.{config['virtual']['role']}",
-    output:
-        table=ensure("<results>/virtual/verified.csv", non_empty=True),
-    log:
-        "<logs>/verify_cohort.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    threads: 1
-    resources:
-        mem_mb=500,
-        runtime=5,
-    params:
-        code=code_of("verify_cohort"),
-    message:
-        "Compare the virtual cohort with its frozen checksums"
-    script:
-        "../scripts/verify_cohort.py"
-
-
-rule verify:
-    input:
-        rules.verify_cohort.output,
-    message:
-        "The virtual cohort is the one that was frozen"
-
-
-# Further tables about the outcome: of calibration patients, of all patients, of the first ones.
-rule reality:
-    input:
-        recorded("reality", "virtual"),
-    message:
-        "The scale of the outcome's changes is found: results/calibration/virtual/reality.md"
-
-
-rule learnable:
-    input:
-        recorded("learnable", "virtual"),
-    message:
-        "The learnable share of the outcome is measured"
-
-
-rule refinement:
-    input:
-        recorded("refinement", "virtual"),
-    message:
-        "The discretisation error of the outcome is measured"

@@ -22,8 +22,8 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.predictions import read_prediction
 from pinnochio.tables.scaling import SCALING
 from pinnochio.training.device import choose_device
-from scripts.predict import predict
-from scripts.pretrain import pretrain
+from scripts.prediction.predict import predict
+from scripts.training.pretrain import pretrain
 
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 FILES = ("labels", "bone", "skin", "report", "plan", "postop", "judged", "truth")
@@ -89,7 +89,7 @@ def stages(
     yield Stage(
         name="tetrahedralize",
         unit="job",
-        function="scripts.tetrahedralize:mesh_case",
+        function="scripts.patient.tetrahedralize:mesh_case",
         needs=[],
         makes=mesh,
         arguments={
@@ -102,7 +102,7 @@ def stages(
     yield Stage(
         name="label_interfaces",
         unit="job",
-        function="scripts.label_interfaces:label_case",
+        function="scripts.patient.label_interfaces:label_case",
         needs=[mesh],
         makes=model,
         arguments={
@@ -115,7 +115,7 @@ def stages(
     yield Stage(
         name="simulate_fem",
         unit="plan",
-        function="scripts.simulate_fem:simulate_fem",
+        function="scripts.fem.simulate_fem:simulate_fem",
         needs=[model],
         makes=fem_samples,
         arguments={
@@ -134,7 +134,7 @@ def stages(
         yield Stage(
             name=f"make_lift {kind}",
             unit="job",
-            function="scripts.make_lift:write_lift",
+            function="scripts.patient.make_lift:write_lift",
             needs=[model],
             makes=lift,
             arguments={
@@ -154,7 +154,7 @@ def stages(
         yield Stage(
             name=f"pretrain {method}",
             unit="step",
-            function="scripts.measure_scaling:training_step",
+            function="studies.scaling.measure_scaling:training_step",
             needs=[model, *lift, fem_samples],
             makes=made,
             arguments={
@@ -168,7 +168,7 @@ def stages(
         yield Stage(
             name=f"predict_network {method}",
             unit="plan",
-            function="scripts.measure_scaling:warm_plan",
+            function="studies.scaling.measure_scaling:warm_plan",
             needs=[model, *lift],
             makes=predictions,
             arguments={
@@ -184,7 +184,7 @@ def stages(
         yield Stage(
             name="evaluate",
             unit="job",
-            function="scripts.evaluate:evaluate",
+            function="scripts.tables.evaluate:evaluate",
             needs=[model, file(f"{method}.h5")],
             makes=metrics,
             arguments={

@@ -1,0 +1,1 @@
+"""The stages that solve plans by finite elements."""

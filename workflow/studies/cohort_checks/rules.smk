@@ -1,0 +1,52 @@
+# What checks the virtual cohort beyond making it; not part of `all`.
+
+
+# Whether the cohort as it is made here is the one that was frozen; its outcomes too, once they are revealed.
+rule verify_cohort:
+    input:
+        made=expand("<results>/virtual/{sums}", sums=STUDY.sums),
+        frozen=f"results/reference/SHA256SUMS.{config['virtual']['role']}",
+    output:
+        table=ensure("<results>/virtual/verified.csv", non_empty=True),
+    log:
+        "<logs>/verify_cohort.log",
+    conda:
+        "../../../envs/pinnochio.yaml"
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        code=code_of("studies.cohort_checks.verify_cohort"),
+    message:
+        "Compare the virtual cohort with its frozen checksums"
+    script:
+        "verify_cohort.py"
+
+
+rule verify:
+    input:
+        rules.verify_cohort.output,
+    message:
+        "The virtual cohort is the one that was frozen"
+
+
+# Further tables about the outcome: of calibration patients, of all patients, of the first ones.
+rule reality:
+    input:
+        recorded("reality", "virtual"),
+    message:
+        "The scale of the outcome's changes is found: results/calibration/virtual/reality.md"
+
+
+rule learnable:
+    input:
+        recorded("learnable", "virtual"),
+    message:
+        "The learnable share of the outcome is measured"
+
+
+rule refinement:
+    input:
+        recorded("refinement", "virtual"),
+    message:
+        "The discretisation error of the outcome is measured"

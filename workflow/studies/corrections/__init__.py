@@ -1,0 +1,1 @@
+"""What Newton corrections of a network's field are worth."""

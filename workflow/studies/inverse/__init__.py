@@ -1,0 +1,1 @@
+"""How well a motion is recovered from the face that it made."""

@@ -1,0 +1,1 @@
+"""What solving only what a plan requires saves."""
