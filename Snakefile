@@ -11,6 +11,12 @@ pathvars:
 
 include: "workflow/common.smk"
 include: "workflow/tables.smk"
+include: "workflow/studies/cohort_checks/rules.smk"
+include: "workflow/studies/corrections/rules.smk"
+include: "workflow/studies/inverse/rules.smk"
+include: "workflow/studies/scaling/rules.smk"
+include: "workflow/studies/stability/rules.smk"
+include: "workflow/studies/tradeoff/rules.smk"
 include: "rules/cohort.smk"
 include: "rules/patient.smk"
 include: "rules/fem.smk"
@@ -19,13 +25,6 @@ include: "rules/prediction.smk"
 include: "rules/tables.smk"
 include: "rules/patients.smk"
 include: "rules/report.smk"
-include: "workflow/studies/cohort_checks/rules.smk"
-include: "workflow/studies/corrections/rules.smk"
-include: "workflow/studies/inverse/rules.smk"
-include: "workflow/studies/scaling/rules.smk"
-include: "workflow/studies/scene/rules.smk"
-include: "workflow/studies/stability/rules.smk"
-include: "workflow/studies/tradeoff/rules.smk"
 
 
 wildcard_constraints:

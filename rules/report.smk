@@ -28,12 +28,16 @@ rule render_volume:
         "../scripts/report/render_volume.py"
 
 
+with plainly():
+    REPORTED = reported()
+
+
 rule write_report:
     input:
-        tables=expand("<results>/tables/{part}.html", part=STUDY.reported),
+        tables=expand("<results>/tables/{part}.html", part=REPORTED),
         figures=expand(
             "<results>/figures/{part}.png",
-            part=[part for part in STUDY.reported if part in FIGURES],
+            part=[part for part in REPORTED if part in FIGURES],
         ),
         curves=expand(
             "<results>/folds/{fold}/{method}/training.png",
@@ -65,7 +69,8 @@ rule write_report:
         everyone=list(STUDY.cases),
         methods=STUDY.compared,
         learned=STUDY.learned,
-        captions={part: caption(part) for part in [*PARTS, "picture", "volume"]},
+        titles=REPORTED,
+        captions={part: caption(part) for part in [*REPORTED, "picture", "volume"]},
         code=code_of("scripts.report.write_report"),
     message:
         "Write the report"

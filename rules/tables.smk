@@ -190,7 +190,7 @@ rule render_table:
     log:
         "<logs>/render_table/{table}.log",
     wildcard_constraints:
-        table="cases|corrections|learning|scaling|stability|tradeoff",
+        table=any_of(FIGURES),
     conda:
         "../envs/pinnochio.yaml"
     resources:
@@ -198,8 +198,9 @@ rule render_table:
         runtime=5,
     params:
         caption=caption_of,
+        module=lambda wildcards: FIGURES[wildcards.table],
         code=lambda wildcards: code_of(
-            "scripts.tables.render_table", f"pinnochio.figures.{wildcards.table}"
+            "scripts.tables.render_table", FIGURES[wildcards.table]
         ),
     message:
         "Draw the table {wildcards.table}"

@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
-import yaml
 from snakemake.logging import logger
 
 from pinnochio.code import ROOT, code_hash, source_file, stages
@@ -15,12 +14,12 @@ from pinnochio.files import check_writable
 from pinnochio.methods.names import BASELINE
 from pinnochio.methods.registry import graph_networks
 from pinnochio.patients.archive import READ_BY_NETWORKS
-from pinnochio.report.parts import FIGURES, PARTS
+from pinnochio.report.parts import FOLDED, PARTS
 from pinnochio.study.configuration import check_config
 from pinnochio.study.console import Progress, expected_seconds, quieten
 from pinnochio.study.new_patients import other_cases
 from pinnochio.study.provenance import changed_since, forgotten
-from pinnochio.study.schema import checked, refuse_doubled
+from pinnochio.study.schema import checked, read_schema, refuse_doubled
 from pinnochio.study.study import Study
 from pinnochio.study.unasked import refuse_unasked
 from pinnochio.volume_size import millions
@@ -37,7 +36,6 @@ os.environ.setdefault("ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS", "1")
 shell.prefix("set -euo pipefail; export OPENBLAS_NUM_THREADS=1; ")
 
 HERE = Path(workflow.current_basedir.get_path_or_uri(secret_free=True))
-SCHEMA = (HERE / "schemas/config.schema.yaml").read_text(encoding="utf-8")
 
 
 @contextmanager
@@ -55,7 +53,7 @@ with plainly():
     if workflow.is_main_process:
         for file in workflow.configfiles:
             refuse_doubled(file)
-    config.update(checked(config, yaml.load(SCHEMA, yaml.CSafeLoader)))
+    config.update(checked(config, read_schema(ROOT)))
     check_config(config)
 
     RESULTS = config["pathvars"]["results"]

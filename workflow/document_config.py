@@ -16,7 +16,7 @@ import yaml
 
 from pinnochio.code import ROOT
 from pinnochio.columns import Column
-from pinnochio.study.schema import allowed, resolved
+from pinnochio.study.schema import allowed, checked, read_schema, resolved
 
 LINE = 110  # characters of a reason in the configuration
 LONG = 40  # characters of a default that the page shows
@@ -167,8 +167,8 @@ def _meaning(entry: dict, schema: dict) -> tuple[str, dict]:
 
 def config_page(root: Path = ROOT) -> str:
     """The page for the files of a checkout."""
-    schema = yaml.safe_load((root / "workflow/schemas/config.schema.yaml").read_text(encoding="utf-8"))
-    return document(schema, yaml.safe_load((root / "config/config.yaml").read_text(encoding="utf-8")))
+    schema = read_schema(root)
+    return document(schema, checked(yaml.safe_load((root / "config/config.yaml").read_text(encoding="utf-8")), schema))
 
 
 def columns_page() -> str:
@@ -260,6 +260,6 @@ def _said(path: list[str], schema: dict) -> str:
 if __name__ == "__main__":
     (ROOT / "config/README.md").write_text(config_page(), encoding="utf-8")
     (ROOT / "docs/reference/columns.md").write_text(columns_page(), encoding="utf-8")
-    config, schema = ROOT / "config/config.yaml", ROOT / "workflow/schemas/config.schema.yaml"
-    text = commented(config.read_text(encoding="utf-8"), yaml.safe_load(schema.read_text(encoding="utf-8")))
+    config = ROOT / "config/config.yaml"
+    text = commented(config.read_text(encoding="utf-8"), read_schema(ROOT))
     config.write_text(text, encoding="utf-8")

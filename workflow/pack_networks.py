@@ -5,13 +5,11 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import yaml
-
 from pinnochio.code import ROOT, code_hash, source_file
 from pinnochio.errors import InputError
 from pinnochio.overlays import read_merged
 from pinnochio.study.configuration import check_config
-from pinnochio.study.schema import checked
+from pinnochio.study.schema import checked, read_schema
 from pinnochio.study.study import Study
 from pinnochio.training.archive import NETWORK, NetworkArchive, pack
 from pinnochio.training.settings import PHASES
@@ -19,8 +17,7 @@ from pinnochio.training.settings import PHASES
 
 def read_config(paths: Sequence[str]) -> dict:
     """The first configuration with the values of the others over its own; InputError where it is none."""
-    schema = (ROOT / "workflow/schemas/config.schema.yaml").read_text(encoding="utf-8")
-    config = checked(read_merged(paths), yaml.safe_load(schema))
+    config = checked(read_merged(paths), read_schema(ROOT))
     check_config(config)
     return config
 

@@ -7,9 +7,6 @@ TWINS = ["md", "tex", "html"]
 METRICS = "<results>/folds/{fold}/{method}/metrics.csv"
 JUDGED = {"cases": "<results>/tables/cases.csv"}
 TRADED_CASES = {"cases": "<results>/tables/tradeoff_cases.csv"}
-SIZED = {
-    "sizes": expand("<results>/scaling/{nodes}.csv", nodes=config["scaling"]["nodes"])
-}
 ANATOMIES = {
     "anatomies": expand("<results>/virtual/{case}/anatomy.json", case=STUDY.cases)
 }
@@ -20,22 +17,8 @@ COMPARED = NAMED | {
     "bounds": STUDY.bounds,
     "seed": SEED,
 }
-SUMS = NAMED | {
-    "benchmarks": BENCHMARKS,
-    "cases": list(STUDY.cases),
-    "counts": STUDY.counts,
-}
-# The benchmark files differ from run to run and are no input; the jobs that write them are asked for by what they make.
-COUNTED_FILES = expand(
-    "<results>/cases/{case}/quality.json", case=STUDY.counted
-) + expand(
-    "<results>/cases/{case}/{file}",
-    case=[name for name in STUDY.counted if name in STUDY.scanned],
-    file=["postop.h5", "judged.h5", *(["fem_samples.h5"] if STUDY.learned else [])],
-)
 MODULES = {
     "better": "pinnochio.tables.accuracy",
-    "scene": "pinnochio.tables.reductions",
     "thickness": "pinnochio.virtual.thickness",
     "anatomy": "pinnochio.virtual.description",
     "effects": "pinnochio.virtual.effects",
@@ -140,14 +123,6 @@ TABLES = {
             "seed": SEED,
         },
     ),
-    "scene": (
-        {
-            "trials": expand(
-                "<results>/scene/{case}/trials.csv", case=STUDY.reduced_cases
-            )
-        },
-        NAMED,
-    ),
     "inverse": (
         {
             kind: expand(f"<results>/inverse/{{case}}/{kind}.csv", case=STUDY.inverted)
@@ -187,27 +162,10 @@ TABLES = {
         TRADED_CASES | {"choices": "<results>/tables/choices.json"},
         NAMED,
     ),
-    "scaling": (
-        SIZED,
-        SUMS
-        | {
-            "results": RESULTS,
-            "held_out": STUDY.held_out,
-            "training": {
-                fold: len([name for name in STUDY.scanned if name not in cases])
-                for fold, cases in STUDY.held_out.items()
-            },
-            "methods": STUDY.methods,
-            "nodes": config["mesh"]["nodes"],
-            "cluster": config["scaling"]["cluster"],
-        },
-    ),
     "stability": (
         {"parts": expand("<results>/stability/{part}.csv", part=STUDY.extremes)},
         {},
     ),
-    "scaling_patients": ({}, SUMS),
-    "scaling_exponents": (SIZED, SUMS),
     "training": (
         {
             "networks": expand(
@@ -278,17 +236,62 @@ TABLES = {
         NAMED,
     ),
 }
-BEFORE = dict.fromkeys(
-    ("scaling", "scaling_patients", "scaling_exponents"), COUNTED_FILES
-)
-# Last of all.
-BEFORE["stages"] = [
-    *expand(
-        "<results>/tables/{table}.csv",
-        table=[*STUDY.tables, "quality", *STUDY.costs[1:]],
-    ),
-    *expand("<results>/cases/{case}/fem/mucosa.json", case=STUDY.unscanned),
-]
+# What must be there before a table beside its files; the benchmark files differ from run to run and are no input.
+BEFORE = {
+    "stages": [
+        *expand(
+            "<results>/tables/{table}.csv",
+            table=[*STUDY.tables, "quality", *STUDY.costs[1:]],
+        ),
+        *expand("<results>/cases/{case}/fem/mucosa.json", case=STUDY.unscanned),
+    ]
+}
+
+
+# What further studies add: titles of their parts of the report, captions, and the modules that draw a table.
+FURTHER = {
+    "tradeoff": "Seconds against accuracy",
+    "corrections": "Newton corrections after the network",
+    "learning": "Error against training patients",
+    "design": "Switches of PINNOCHIO plus",
+    "coverage": "Coverage of the intervals",
+    "stability": "Stability at the extremes",
+}
+CAPTIONS = {}
+FIGURES = {
+    name: f"pinnochio.figures.{name}"
+    for name in ("cases", "corrections", "learning", "stability", "tradeoff")
+}
+
+
+def add_table(name, module, caption, files, arguments, title="", figure=""):
+    """Register a table of a study: `tabulate` of the module makes it, `draw` of the figure's its picture, if any.
+
+    With a title it is a part of the report that `report.further` may name.
+    """
+    TABLES[name], MODULES[name], CAPTIONS[name] = (files, arguments), module, caption
+    if title:
+        FURTHER[name] = title
+    if figure:
+        FIGURES[name] = figure
+
+
+def reported():
+    """Titles of the parts of the report, in its order: the study's tables and what the configuration adds."""
+    if unknown := set(config["report"]["further"]) - set(FURTHER):
+        raise InputError(
+            "-",
+            "configuration",
+            f"report.further names {min(unknown)!r}, which is no further study",
+            f"known are {', '.join(FURTHER)}",
+        )
+    names = {*STUDY.tables, *STUDY.costs, "quality", *config["report"]["further"]}
+    first = {name: title for name, title in PARTS.items() if name not in FOLDED}
+    return {
+        name: title
+        for name, title in (first | FURTHER | PARTS).items()
+        if name in names
+    }
 
 
 def table_and_twins(*names, folder="tables"):
@@ -321,6 +324,8 @@ def module_of(wildcards):
 
 def caption(name):
     """What reports say of a part."""
+    if name in CAPTIONS:
+        return CAPTIONS[name]
     return (ROOT / f"workflow/report/{name}.rst").read_text(encoding="utf-8")
 
 
@@ -331,4 +336,4 @@ def caption_of(wildcards):
 
 def part_of(wildcards):
     """The category of Snakemake's own report that a table and its picture stand in."""
-    return PARTS.get(wildcards.table, "Further tables")
+    return (PARTS | FURTHER).get(wildcards.table, "Further tables")

@@ -8,6 +8,7 @@ from pinnochio.report.page import write_page
 
 
 def write_report(
+    titles: Mapping[str, str],
     captions: Mapping[str, str],
     tables: Sequence[str],
     figures: Sequence[str],
@@ -22,13 +23,14 @@ def write_report(
 ) -> None:
     """Write the page.
 
-    captions: as of write_page; tables: HTML twins; figures: PNG files, named like their tables; curves: pictures of
-    trainings by method; patients: by case its `picture`, its `view` and, where there is one, its `volume`; cases,
-    methods, chart, qualities: as of write_page.
+    titles, captions, cases, methods, chart, qualities: as of write_page; tables: HTML twins; figures: PNG files, named
+    like their tables; curves: pictures of trainings by method; patients: by case its `picture`, its `view` and, where
+    there is one, its `volume`.
     """
     by_part = {Path(path).stem: {Path(path).stem: path} for path in figures}
     by_part |= {"training": curves} if curves else {}
     write_page(
+        titles=titles,
         captions=captions,
         tables={Path(path).stem: path for path in tables},
         figures=by_part,
@@ -46,6 +48,7 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     files = {kind: snakemake.input[f"{kind}s"] for kind in ("picture", "view", "volume")}
     write_report(
+        titles=snakemake.params.titles,
         captions=snakemake.params.captions,
         tables=snakemake.input.tables,
         figures=snakemake.input.figures,

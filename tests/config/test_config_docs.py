@@ -7,9 +7,9 @@ import pytest
 import yaml
 from document_config import RECIPES, ROOT, columns_page, commented, config_page
 
-from pinnochio.study.schema import resolved
+from pinnochio.study.schema import read_schema, resolved
 
-SCHEMA = yaml.safe_load((ROOT / "workflow/schemas/config.schema.yaml").read_text())
+SCHEMA = read_schema(ROOT)
 
 
 def merged(overlay: Path) -> dict:

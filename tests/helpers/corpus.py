@@ -14,7 +14,6 @@ import pandas as pd
 import pydicom
 import SimpleITK as sitk
 import torch
-import yaml
 
 from pinnochio.columns import read_table, write_csv
 from pinnochio.importing.cohort import read_cases
@@ -39,7 +38,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.plans.transforms import read_transforms
 from pinnochio.statistics.intervals import Interval
 from pinnochio.study.configuration import check_config
-from pinnochio.study.schema import checked
+from pinnochio.study.schema import checked, read_schema
 from pinnochio.tables.quality import tabulate
 from pinnochio.tables.stages import read_benchmark
 from pinnochio.training.checkpoint import read_network, save_network
@@ -50,7 +49,7 @@ from tests.helpers.heads import kuhn_cube
 from tests.helpers.judging import Tried
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.rows import benchmark, row
-from tests.helpers.settings import ROOT, network_settings
+from tests.helpers.settings import CONFIG, ROOT, network_settings
 
 SEGMENTS = ("lefort1", "mandible")
 CODES = internal_codes(SEGMENTS)
@@ -724,8 +723,7 @@ def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
 
 @cache
 def configuration() -> tuple[dict, dict]:
-    own = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
-    return own, yaml.safe_load((ROOT / "workflow/schemas/config.schema.yaml").read_text(encoding="utf-8"))
+    return CONFIG, read_schema(ROOT)
 
 
 def places(value, place=()) -> Iterator[tuple]:

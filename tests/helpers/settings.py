@@ -8,12 +8,13 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.overlays import overlaid
+from pinnochio.study.schema import checked, read_schema
 from pinnochio.training.settings import TrainingSettings
 from pinnochio.virtual.procedures import Procedure
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared/data"  # real heads, which are not part of the project
-CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
+CONFIG = checked(yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8")), read_schema(ROOT))
 SEGMENTS = Procedure().segments
 SEED = 7
 MESH = {"nodes": 700, "minimum_dihedral": 12.0, "bone_edge": 6.0}

@@ -75,9 +75,11 @@ def report(patient, drawn, tmp_path_factory):
         for n in range(8)
     ]
     write_csv(pd.DataFrame(rows), folder / "cases.csv", CASES)
-    render_table(str(folder / "cases.csv"), "cases", [str(folder / "cases.png")])
+    render_table(str(folder / "cases.csv"), "pinnochio.figures.cases", [str(folder / "cases.png")])
+    titles = PARTS | {"corrections": "A further part"}
     write_report(
-        {path.stem: path.read_text() for path in CAPTIONS.glob("*.rst")},
+        {name: titles[name] for name in ("accuracy", "corrections", "training")},
+        {name: f"What the part {name} says." for name in (*titles, "picture", "volume")},
         [str(folder / f"{name}.html") for name in ("corrections", "accuracy")],
         [str(folder / "corrections.png")],
         {method: str(folder / "corrections.png") for method in ("acmt", "pinnochio")},
@@ -124,7 +126,7 @@ def test_the_page_holds_the_tables_and_figures_that_there_are_and_no_others(repo
         assert page.words.count(f"{n + 100.25:.2f}") == page.words.count(f"{n + 100.5:.2f}") == 2
     pictures = [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
     assert pictures == [
-        "All methods on the same patients", "T0: picture", "T0: volume", "T0: model", PARTS["corrections"],
+        "All methods on the same patients", "T0: picture", "T0: volume", "T0: model", "A further part",
         "Training: ACMT-Net", "Training: PINNOCHIO",
     ]  # fmt: skip
     assert "Sliding FEM comes nearest to the outcome: 1.00 mm off in the mean" in page.words

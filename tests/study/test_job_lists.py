@@ -194,23 +194,12 @@ def test_a_tradeoff_of_one_patient_is_refused(project):
     assert done.returncode != 0 and "the trade-off wants two" in done.stdout
 
 
-@pytest.mark.parametrize("scanned", [SCANNED, []])
-def test_scaling_asks_for_every_size_and_for_the_stages_of_the_first_patients(project, scanned):
-    write_cohort(project, scanned, UNSCANNED)
-    (project.folder / "sizes.yaml").write_text("scaling: {nodes: [500, 900], patients: [3, 7]}\n")
-    jobs, _ = asked(project, "--configfile", "sizes.yaml", "--", "scaling")
-    assert {"tables/scaling.md", "figures/scaling.png", "figures/scaling.svg", "scaling/500.csv"} <= set(jobs)
-    cases = [*scanned, *UNSCANNED][:7]
-    sources = jobs["tables/scaling.csv"]
-    assert {"scaling/500.csv", "scaling/900.csv"} <= sources and "tables/cases.csv" not in jobs
-    assert cases_read(sources, "quality.json") == set(cases)
-    assert cases_read(sources, "fem_samples.h5") == cases_read(sources, "postop.h5") == set(cases) & set(scanned)
-    # The networks have not seen the patient that they are measured on.
-    networks = {path for path in jobs["scaling/900.csv"] if path.endswith("network.pt")}
-    assert cases_read(jobs["scaling/900.csv"], "labels.nii.gz") == {cases[0]}
-    assert len(networks) == (2 if scanned else 0)
-    for network in networks:
-        assert cases[0] not in cases_read(jobs[network], "model.h5")
+def test_scaling_asks_for_every_size_of_one_patient(project):
+    write_cohort(project, SCANNED, UNSCANNED)
+    jobs, _ = asked(project, "scaling={nodes: [500, 900, 5000]}", "--", "scaling")
+    meshes = {f"cases/S0/{size}model.h5" for size in ("nodes_500/", "nodes_900/", "")}
+    lifts = {path.replace("model.h5", "lift_elastic.h5") for path in meshes}
+    assert jobs["tables/scaling.csv"] == meshes | lifts and "tables/scaling.md" in jobs
 
 
 @pytest.mark.parametrize("asked", ["--list", "--rulegraph"])

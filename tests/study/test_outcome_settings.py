@@ -3,12 +3,10 @@
 import json
 
 import pytest
-import yaml
 
-from tests.helpers.settings import ROOT
+from tests.helpers.settings import CONFIG
 from tests.helpers.study import Project, jobs
 
-CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
 CHANGED = {
     "fem": {
         "youngs_modulus": {"muscle": 7, "superficial": 5},

@@ -9,8 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pinnochio.tables.large_cohort import Measured
-from pinnochio.tables.scaling_patients import PATIENT_STAGES, patient_runs
 from tests.helpers.study import jobs, made_tables, without_timings
 
 PATIENTS = 4
@@ -132,21 +130,6 @@ def test_provenance_names_what_made_the_results(studied):
     record = json.loads((studied.folder / "results/quick/provenance.json").read_text())
     assert record["config"]["virtual"]["patients"] == PATIENTS and record["packages"]["torch"].startswith("2.13.0")
     assert len(record["code"]) == 12 and record["machine"]["cores"] >= 1
-
-
-def test_what_every_job_of_a_patient_and_of_a_fold_took_is_found(studied):
-    """Where the rules write their benchmark files, the tables of cost look for them."""
-    folder = studied.folder / "results/quick/benchmarks"
-    cases = [f"V{number:02d}" for number in range(1, PATIENTS + 1)]
-    runs = patient_runs(folder, cases).groupby("stage")["case"].agg(list)
-    lips = {"refine_lips", "label_interfaces lips"}  # of methods that the quick study leaves out
-    stages = {*PATIENT_STAGES, "make_lift elastic"} - {"make_lift", *lips}
-    assert runs.drop([*lips], errors="ignore").to_dict() == dict.fromkeys(stages, cases)
-    fold = {"1": [], "2": []}
-    measured = Measured(folder, cases, fold, {}, METHODS, pd.DataFrame(), 0, 0.0).folds()
-    assert set(measured["rule"]) == {"pretrain", "finetune", "predict", "evaluate"}
-    for rule in ("predict", "evaluate"):
-        assert sorted(measured.loc[measured["rule"] == rule, "method"]) == sorted([*METHODS, *METHODS])
 
 
 def test_a_second_run_has_nothing_to_do(studied):

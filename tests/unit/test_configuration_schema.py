@@ -2,18 +2,16 @@
 
 import copy
 import math
-from pathlib import Path
 
 import pytest
 import yaml
 
 from pinnochio.errors import InputError
 from pinnochio.overlays import overlaid
-from pinnochio.study.schema import checked, refuse_doubled
+from pinnochio.study.schema import checked, read_schema, refuse_doubled
+from tests.helpers.settings import CONFIG, ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
-SCHEMA = yaml.safe_load((ROOT / "workflow/schemas/config.schema.yaml").read_text(encoding="utf-8"))
-CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
+SCHEMA = read_schema(ROOT)
 
 
 def as_text(value):

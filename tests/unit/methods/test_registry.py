@@ -1,7 +1,6 @@
 """What every method is, and the settings that the configuration gives it."""
 
 import pytest
-import yaml
 
 from pinnochio.code import source_file
 from pinnochio.methods.registry import (
@@ -12,32 +11,30 @@ from pinnochio.methods.registry import (
     registry,
     surface_networks,
 )
-from tests.helpers.settings import ROOT
-
-DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+from tests.helpers.settings import CONFIG
 
 
 def test_every_method_of_the_configuration_is_registered_once_with_a_module():
-    methods = registry(DEFAULTS)
-    assert set(DEFAULTS["methods"]) <= set(methods) and all(name == own.name for name, own in methods.items())
+    methods = registry(CONFIG)
+    assert set(CONFIG["methods"]) <= set(methods) and all(name == own.name for name, own in methods.items())
     assert len({method.name for method in BUILT_IN}) == len(BUILT_IN)
     for method in (*BUILT_IN, GRAPH_NETWORK, SURFACE_NETWORK):
         assert source_file(method.predictor).is_file()
 
 
 def test_finite_elements_with_lips_have_their_own_mesh_contact_and_solver():
-    methods = registry(DEFAULTS)
+    methods = registry(CONFIG)
     lips = {"fem_rlse", "fem_rlse_bonded", "fem_rlse_mucosa"}
     assert {name for name, own in methods.items() if own.mesh == "lips"} == lips
     plain, own = methods["fem_sliding"].settings, methods["fem_rlse"].settings
-    assert plain == {"fem": DEFAULTS["fem"], "contact": "mucosa"}
+    assert plain == {"fem": CONFIG["fem"], "contact": "mucosa"}
     assert own["contact"] == "mucosa+lip"
-    solver = {name: DEFAULTS["fem_rlse"][name] for name in ("increments", "tolerance")}
-    assert own["fem"] == DEFAULTS["fem"] | solver
+    solver = {name: CONFIG["fem_rlse"][name] for name in ("increments", "tolerance")}
+    assert own["fem"] == CONFIG["fem"] | solver
 
 
 def test_methods_that_predict_new_patients_are_those_that_need_no_fold_of_theirs():
-    methods = registry(DEFAULTS)
+    methods = registry(CONFIG)
     without = {name for name, own in methods.items() if own.new_patients and own.trains == "no"}
     assert without == {"elastic", "fem_bonded", "fem_sliding"}
     assert methods["pinnochio_plus"].new_patients and not methods["acmt"].new_patients
@@ -45,26 +42,26 @@ def test_methods_that_predict_new_patients_are_those_that_need_no_fold_of_theirs
 
 @pytest.mark.parametrize(("name", "lift"), [("pinnochio", "none"), ("pinnochio_plus", "elastic"), ("acmt", "none")])
 def test_a_method_says_which_lift_its_network_wants(name, lift):
-    assert registry(DEFAULTS)[name].lift == lift
+    assert registry(CONFIG)[name].lift == lift
 
 
 def test_variants_are_overlays_and_leave_the_rest_alone():
-    networks = graph_networks(DEFAULTS)
+    networks = graph_networks(CONFIG)
     assert networks["pinnochio"] == {
-        key: DEFAULTS[key] for key in ("network", "pretraining", "finetuning", "newton_corrections")
+        key: CONFIG[key] for key in ("network", "pretraining", "finetuning", "newton_corrections")
     }
     silent = networks["pinnochio_no_physics"]
-    assert silent["pretraining"]["weights"] == DEFAULTS["pretraining"]["weights"] | {"physics": 0}
-    assert silent["network"] == DEFAULTS["network"]
+    assert silent["pretraining"]["weights"] == CONFIG["pretraining"]["weights"] | {"physics": 0}
+    assert silent["network"] == CONFIG["network"]
     plus, wide = networks["pinnochio_plus"], networks["design_wide"]
     assert wide == plus | {"network": plus["network"] | {"channels": 128}}
-    assert DEFAULTS["network"]["lift"] == "none" and plus["network"]["lift"] == "elastic"
+    assert CONFIG["network"]["lift"] == "none" and plus["network"]["lift"] == "elastic"
 
 
 def test_a_surface_network_is_two_methods_that_differ_in_their_pretraining():
-    networks = surface_networks(DEFAULTS)
+    networks = surface_networks(CONFIG)
     assert sorted(networks) == ["acmt", "acmt_pretrained", "dgcfp", "dgcfp_pretrained", "fscnet", "fscnet_pretrained"]
     alone, pretrained = networks["dgcfp"], networks["dgcfp_pretrained"]
-    assert pretrained == alone | {"pretraining": DEFAULTS["surface"]["networks"]["dgcfp"]["pretraining"]}
-    sizes = {key: DEFAULTS["surface"][key] for key in ("points", "neighbours", "repeats")}
+    assert pretrained == alone | {"pretraining": CONFIG["surface"]["networks"]["dgcfp"]["pretraining"]}
+    sizes = {key: CONFIG["surface"][key] for key in ("points", "neighbours", "repeats")}
     assert alone["network"] == sizes | {"architecture": "dgcfp", "mixed_precision": True}

@@ -4,16 +4,14 @@ import copy
 from pathlib import Path
 
 import pytest
-import yaml
 
 from pinnochio.errors import InputError
 from pinnochio.importing.cohort import read_cases
 from pinnochio.seeds import derive_seed
 from pinnochio.study.cases import assign_folds, virtual_cases
 from pinnochio.study.configuration import check_config
-from tests.helpers.settings import ROOT
+from tests.helpers.settings import CONFIG
 
-DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
 HEADER = "case\tsegmentation\tplan\tpostop\n"
 FULL = "sex\tcase\tsegmentation\tplan\tpostop\tpostop_bones\tage\tbmi\tmonths\tclosure\tcinch\n"
 ROW = "female\tP1\ta.nii.gz\tplan.json\tpost.ply\tbones\t31.5\t22\t\tVY\tno\n"
@@ -135,7 +133,7 @@ def test_seed_depends_on_base_stage_and_key():
     ],
 )
 def test_contradictions_in_the_configuration_are_refused(keys, value, problem):
-    config = copy.deepcopy(DEFAULTS)
+    config = copy.deepcopy(CONFIG)
     check_config(config)
     node = config
     for key in keys[:-1]:
@@ -146,5 +144,5 @@ def test_contradictions_in_the_configuration_are_refused(keys, value, problem):
 
 
 def test_an_external_method_may_be_the_reference_and_labels_may_lack_muscle():
-    labels = {name: value for name, value in DEFAULTS["labels"].items() if name != "muscle"}
-    check_config(DEFAULTS | {"external": {"mine": "elsewhere"}, "reference": "mine", "labels": labels})
+    labels = {name: value for name, value in CONFIG["labels"].items() if name != "muscle"}
+    check_config(CONFIG | {"external": {"mine": "elsewhere"}, "reference": "mine", "labels": labels})

@@ -3,20 +3,17 @@
 from types import SimpleNamespace
 
 import pytest
-import yaml
 
 from pinnochio.errors import InputError
 from pinnochio.importing.cohort import Case
 from pinnochio.study.study import Study
 from pinnochio.training.archive import pack
-from tests.helpers.settings import ROOT
-
-DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+from tests.helpers.settings import CONFIG
 
 
 def study(scanned=10, unscanned=2, bones=(), **changes) -> Study:
     """A study of made-up patients S0, S1 ... with a scan and U0, U1 ... without; `bones`: those with bones after it."""
-    made = Study(DEFAULTS | {"cohort": "clinic.tsv"} | changes, "results")
+    made = Study(CONFIG | {"cohort": "clinic.tsv"} | changes, "results")
     names = {f"S{n}": "scan.ply" for n in range(scanned)} | {f"U{n}": "" for n in range(unscanned)}
     vars(made)["cases"] = {
         name: Case(name, f"{name}.nii.gz", f"{name}.json", scan, "bones.stl" if name in bones else "")
@@ -30,15 +27,15 @@ def job(**wildcards) -> SimpleNamespace:
 
 
 def test_a_virtual_patient_that_is_not_made_leaves_the_others_as_they_are():
-    whole = Study(DEFAULTS, "results")
-    fewer = Study(DEFAULTS | {"virtual": DEFAULTS["virtual"] | {"without": ["V02", "V39"]}}, "results")
+    whole = Study(CONFIG, "results")
+    fewer = Study(CONFIG | {"virtual": CONFIG["virtual"] | {"without": ["V02", "V39"]}}, "results")
     assert list(fewer.cases) == [name for name in whole.cases if name not in ("V02", "V39")]
     assert len(fewer.cases) == 38 and fewer.procedures == whole.procedures
     assert all(fewer.cases[name] == whole.cases[name] for name in fewer.cases)
 
 
 def test_learned_methods_need_a_scanned_patient_per_fold():
-    learned = [name for name in DEFAULTS["methods"] if study().registry[name].trains != "no"]
+    learned = [name for name in CONFIG["methods"] if study().registry[name].trains != "no"]
     assert study(5).untrained == [] and study(4).untrained == study(0).untrained == learned != []
     assert study(0, 5, methods=["no_change", "fem_sliding"]).left_out == []
     with pytest.raises(InputError, match="none of 'methods' is left"):
@@ -91,8 +88,8 @@ def test_training_and_prediction_take_the_achieved_motion_where_there_are_bones(
 
 
 def test_the_arm_of_the_plan_is_there_where_motions_differ():
-    assert DEFAULTS["planned"]["without"] == ["fem_rlse"]
-    others = [name for name in DEFAULTS["methods"] if name not in ("floor_scan", "oracle", "fem_rlse")]
+    assert CONFIG["planned"]["without"] == ["fem_rlse"]
+    others = [name for name in CONFIG["methods"] if name not in ("floor_scan", "oracle", "fem_rlse")]
     assert study(bones=("S0",), external={"mine": "folder"}).planned == [
         name for name in others if name in study().methods
     ]
@@ -103,30 +100,29 @@ def test_the_arm_of_the_plan_is_there_where_motions_differ():
 
 
 def test_finite_elements_alone_solve_what_a_plan_requires():
-    full, auto = (study(scene=DEFAULTS["scene"] | {"mode": mode}).registry for mode in ("full", "auto"))
+    full, auto = (study(scene=CONFIG["scene"] | {"mode": mode}).registry for mode in ("full", "auto"))
     assert not any("region" in method.settings for method in full.values())
     regions = {name: own.settings["region"] for name, own in auto.items() if "region" in own.settings}
     names = ("fem_bonded", "fem_sliding", "fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse")
-    assert regions == dict.fromkeys(names, DEFAULTS["scene"]["amplitude"])
+    assert regions == dict.fromkeys(names, CONFIG["scene"]["amplitude"])
 
 
 def test_the_mesh_has_the_nodes_that_its_name_says():
     made = study()
     assert made.nodes(job(home="cases", mesh="/nodes_900")) == 900
-    assert made.nodes(job(home="cases", mesh="")) == DEFAULTS["mesh"]["nodes"]
-    assert made.sized(DEFAULTS["mesh"]["nodes"], "model.h5") == "<results>/cases/{case}/model.h5"
+    assert made.nodes(job(home="cases", mesh="")) == CONFIG["mesh"]["nodes"]
+    assert made.sized(CONFIG["mesh"]["nodes"], "model.h5") == "<results>/cases/{case}/model.h5"
     assert made.sized(900, "model.h5") == "<results>/cases/{case}/nodes_900/model.h5"
 
 
-def test_the_report_holds_the_studys_own_tables_and_the_further_ones_that_are_named():
-    parts = ["accuracy", "better", "ablation", "claims", "regions", "quality", "stages", "training"]
-    assert study().reported == parts and "better" not in study(6, folds=2).reported
-    assert study(report={"patients": 1, "further": ["stability"]}).reported == [*parts[:5], "stability", *parts[5:]]
-    assert study(0, 5).reported == ["quality", "stages"]
+def test_a_study_has_the_tables_that_its_patients_allow():
+    assert study().tables == ["cases", "accuracy", "regions", "better", "ablation", "claims"]
+    assert study().costs == ["stages", "training"] and "better" not in study(6, folds=2).tables
+    assert study(0, 5).tables == ["cases"] and study(0, 5).costs == ["stages"]
 
 
 def test_intervals_are_calibrated_of_methods_and_of_no_bound():
-    named = DEFAULTS["uncertainty"] | {"methods": ["fem_sliding", "no_change", "oracle"]}
+    named = CONFIG["uncertainty"] | {"methods": ["fem_sliding", "no_change", "oracle"]}
     made = study(uncertainty=named, methods=["oracle", "no_change", "fem_sliding", "pinnochio_plus"])
     assert made.covered == ["no_change", "fem_sliding"]
 
@@ -142,7 +138,7 @@ def test_new_patients_by_finite_elements_need_no_archive(tmp_path):
     folder.mkdir()
     (folder / "segmentation.nii.gz").touch()
     (folder / "plan.json").touch()
-    chosen = DEFAULTS["predict"] | {"method": "fem_sliding"}
+    chosen = CONFIG["predict"] | {"method": "fem_sliding"}
     made = study(patient=str(folder), predict=chosen)
     assert made.plans == ["plan"] and made.choice.method == "fem_sliding"
     wildcards = job(home="patients", case="anna", plan="/plan", method="fem_sliding", batch="patients/anna/plan")
@@ -169,7 +165,7 @@ def test_networks_are_taken_from_an_archive_of_the_same_folds(tmp_path):
     """Those that it holds; the others are trained, and what was trained otherwise says so in the table."""
     trained, folder = study(), tmp_path / "archive"
     assert trained.taken == [] and set(trained.learned) <= set(trained.trained_here)
-    phases = {"finetuning": DEFAULTS["surface"]["networks"]["acmt"]["finetuning"] | {"steps": 8000}}
+    phases = {"finetuning": CONFIG["surface"]["networks"]["acmt"]["finetuning"] | {"steps": 8000}}
     for fold in trained.held_out:
         (tmp_path / fold / "acmt").mkdir(parents=True)
         for name in ("network.pt", "finetuning.csv"):
@@ -187,7 +183,7 @@ def test_networks_are_taken_from_an_archive_of_the_same_folds(tmp_path):
 
 
 def test_the_extremes_are_a_job_per_family_case_and_way():
-    own = DEFAULTS["stability"] | {"patients": 1, "directions": ["back"], "axes": ["yaw"], "unit": []}
+    own = CONFIG["stability"] | {"patients": 1, "directions": ["back"], "axes": ["yaw"], "unit": []}
     made = study(stability=own)
     first = next(iter(made.cases))
     moved = [f"translation_{first}_back", f"rotation_{first}_yaw", f"rough_{first}_back", f"field_{first}"]

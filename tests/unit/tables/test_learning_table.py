@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
@@ -12,11 +11,10 @@ from pinnochio.study.cases import of_fewer, some, whole_fold
 from pinnochio.study.study import Study
 from pinnochio.tables.learning import LEARNING, enough, summarise, table
 from tests.helpers.rows import row
-from tests.helpers.settings import ROOT
+from tests.helpers.settings import CONFIG
 from tests.helpers.tables import write
 
 SIZES = (8, 16, 32)
-DEFAULTS = yaml.safe_load((ROOT / "config/config.yaml").read_text())
 
 
 def cases(method, gain, patients=12):
@@ -42,7 +40,7 @@ def test_fewer_training_patients_are_among_more_and_the_same_are_held_out():
 
 
 def test_the_folds_of_the_curve_end_with_those_of_the_study():
-    config = DEFAULTS | {"learning": {"methods": ["pinnochio"], "patients": [128, 16, 8, 32], "folds": 2}}
+    config = CONFIG | {"learning": {"methods": ["pinnochio"], "patients": [128, 16, 8, 32], "folds": 2}}
     study = Study(config, "results")
     assert study.learning_folds == {8: ["1of8", "2of8"], 16: ["1of16", "2of16"], 32: ["1", "2"]}
     for fold in ("1of8", "1of16"):

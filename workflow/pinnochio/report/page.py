@@ -19,7 +19,7 @@ from pinnochio.json_text import read_stored_json, read_stored_text
 from pinnochio.methods.names import written
 from pinnochio.metrics.columns import CASES, scanned
 from pinnochio.report.answer import sentences
-from pinnochio.report.parts import FOLDED, PARTS
+from pinnochio.report.parts import FOLDED
 from pinnochio.statistics.ranking import rank
 from pinnochio.tables.formats import STYLE
 
@@ -28,6 +28,7 @@ SMALL = 480  # pixels, the width of a picture that is one of many
 
 
 def write_page(
+    titles: Mapping[str, str],
     captions: Mapping[str, str],
     tables: Mapping[str, str],
     figures: Mapping[str, Mapping[str, str]],
@@ -41,11 +42,11 @@ def write_page(
 ) -> None:
     """Write the page.
 
-    captions: of each part, of a `picture` and of a `volume`, plain paragraphs. tables: HTML twins by part; figures: PNG
-    files by part and name; patients: by case the files of its `picture`, its `view` and, where there is one, its
-    `volume`. cases: the table of CASES that the three sentences on top are made from, with the methods that they
-    compare; chart: the picture under them; these are absent where no patient has a scan. qualities: by case the
-    picture of its model.
+    titles: of the parts, in the order of the page. captions: of each part, of a `picture` and of a `volume`, plain
+    paragraphs. tables: HTML twins by part; figures: PNG files by part and name; patients: by case the files of its
+    `picture`, its `view` and, where there is one, its `volume`. cases: the table of CASES that the three sentences on
+    top are made from, with the methods that they compare; chart: the picture under them; these are absent where no
+    patient has a scan. qualities: by case the picture of its model.
     """
     record = read_stored_json(provenance)
     settings, study = record["config"], _cohort(record["config"])
@@ -59,7 +60,7 @@ def write_page(
             "table": rounded(read_body(tables[name])) if name in tables else "",
             "pictures": {written(label): _picture(file) for label, file in figures.get(name, {}).items()},
         }
-        for name, title in PARTS.items()
+        for name, title in titles.items()
         if name in tables or name in figures
     ]
     shown = {

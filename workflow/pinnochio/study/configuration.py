@@ -59,7 +59,6 @@ def check_config(config: Mapping) -> None:
         "design.base": [config["design"]["base"]],
         "corrections.methods": config["corrections"]["methods"],
         "tradeoff.networks": config["tradeoff"]["networks"],
-        "scaling.methods": config["scaling"]["methods"],
         "stability.networks": config["stability"]["networks"],
     }
     for section, names in named.items():

@@ -25,7 +25,20 @@ INTEGER = re.compile(r"[-+]?\d+")
 NUMBER = re.compile(r"[-+]?((\d+\.?\d*|\.\d+)(e[-+]?\d+)?|\.?inf|\.?nan)", re.IGNORECASE)
 BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 LARGEST = 1e300  # a number beyond it is taken for infinite
+SECTIONS = "workflow/studies/*/schema.yaml"
 SHOWN = 5  # wrong keys that are explained
+
+
+def read_schema(folder: str | os.PathLike) -> dict:
+    """The schema of a study's configuration: workflow/schemas below the project's folder, and each study's section.
+
+    A section's defaults stand in its schema, so that a configuration need not hold it.
+    """
+    core, *sections = [Path(folder, "workflow/schemas/config.schema.yaml"), *sorted(Path(folder).glob(SECTIONS))]
+    schema = yaml.load(core.read_text(encoding="utf-8"), yaml.CSafeLoader)
+    for path in sections:
+        schema["properties"] |= yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
+    return schema
 
 
 def checked(config: Mapping, schema: Mapping) -> dict:
@@ -97,7 +110,8 @@ def _typed(value: Any, entry: Mapping, validator: Draft202012Validator) -> Any:
         named = {str(key): item for key, item in value.items()}  # YAML knows keys that are numbers, or nothing
         items = {key: _typed(item, _child(entry, key, validator.schema), validator) for key, item in named.items()}
         known = entry.get("properties", {}).items()
-        return {key: own["default"] for key, own in known if "default" in own and key not in value} | items
+        absent = {key: own for key, own in known if "default" in own and key not in value}
+        return {key: _typed(own["default"], own, validator) for key, own in absent.items()} | items
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_typed(item, entry.get("items", {}), validator) for item in value]
     kind = entry.get("type")

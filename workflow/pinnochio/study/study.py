@@ -14,7 +14,6 @@ from pinnochio.manifest import MANIFEST
 from pinnochio.methods.names import BASELINE, FLOOR, few
 from pinnochio.methods.registry import GRAPH_NETWORK, Method, graph_networks, registry
 from pinnochio.patients.archive import configuration_hash
-from pinnochio.report.parts import PARTS
 from pinnochio.statistics.attainable import attainable
 from pinnochio.study.cases import assign_folds, external_file, of_fewer, some, virtual_cases, whole_fold
 from pinnochio.study.choice import Choice, choose
@@ -371,12 +370,6 @@ class Study:
         return ["stages", *(["training"] if self.learned else [])]
 
     @property
-    def reported(self) -> list[str]:
-        """Parts of the report, in its order: the study's own tables and what the configuration adds."""
-        parts = {*self.tables, *self.costs, "quality", *self.config["report"]["further"]}
-        return [part for part in PARTS if part in parts]
-
-    @property
     def card_tables(self) -> list[str]:
         """Tables of the data card; the effects are measured on as many patients as the configuration says. A locked
         cohort's say nothing of its outcomes."""
@@ -490,34 +483,6 @@ class Study:
         """The patient's model of a part of the sweep; nothing for the block."""
         case = self.extremes[wildcards.part]["case"]
         return [] if case == "block" else self.sized(self.config["stability"]["nodes"], "model.h5").format(case=case)
-
-    # Scaling and model reduction.
-
-    @property
-    def measured(self) -> str:
-        """The patient that is carried through every size of mesh."""
-        return next(iter(self.scanned or self.cases))
-
-    @cached_property
-    def counts(self) -> list[int]:
-        """Numbers of patients whose stages are added up."""
-        return sorted({min(count, len(self.cases)) for count in self.config["scaling"]["patients"]})
-
-    @property
-    def counted(self) -> list[str]:
-        """Patients whose stages are added up."""
-        return list(self.cases)[: self.counts[-1]]
-
-    @property
-    def reduced_cases(self) -> list[str]:
-        """Patients on whom it is measured what solving only what a plan requires saves."""
-        return list(self.cases)[: self.config["scene"]["patients"]]
-
-    @property
-    def reduced_methods(self) -> dict[str, dict]:
-        """Settings and mesh of the methods that it is measured with."""
-        own = {name: self.registry[name] for name in ("fem_bonded", "fem_sliding", "fem_rlse")}
-        return {name: {**method.settings, "mesh": method.mesh} for name, method in own.items()}
 
     @property
     def inverted(self) -> list[str]:

@@ -1,1 +1,0 @@
-"""What solving only what a plan requires saves."""
