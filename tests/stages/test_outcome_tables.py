@@ -41,7 +41,7 @@ def test_the_deviation_is_that_of_the_outcome_from_sliding_finite_elements(job, 
         **{name: job[name] for name in ("case", "inputs", "segments", "seed")}, labels=CONFIG["labels"], outcome=outcome
     )
     patient = meshed(operation, resolve(NOMINAL))
-    field = simulate(patient, operation.plan, "mucosa", operation.settings.fem).displacement
+    field = simulate(patient, [operation.plan], operation.settings.fem)[0].displacement
 
     def deviation(forward):
         truth = tmp_path / "truth.h5"

@@ -79,7 +79,8 @@ def test_mechanics_is_built_from_its_elements_up():
 def test_the_door_of_mechanics_is_imported_from_its_module():
     """What the package gives on demand, the hash of the code that a stage uses does not see."""
     lazy = {f"pinnochio.mechanics.{name}" for name in ("simulate", "Simulator")}
-    for path in [*MODULES, *(ROOT / "scripts").rglob("*.py")]:
+    others = [*(ROOT / "scripts").rglob("*.py"), *(ROOT / "workflow/studies").rglob("*.py")]
+    for path in [*MODULES, *others]:
         assert not lazy & imported(path), path
 
 
