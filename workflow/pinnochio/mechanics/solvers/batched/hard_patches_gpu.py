@@ -67,7 +67,7 @@ class GpuHardPatches(hard_patches.PatchNeighbours):
         self._energies = empty(2, hard_patches.SHARES, plans, self._tiles[0], dtype=torch.float64)
         self._sums = empty(2, plans, self._tiles[1], dtype=torch.float64)
         self._states, self._records = empty(2, plans, dtype=torch.float64), empty(2, 6, plans, dtype=torch.float64)
-        self._told = empty(3, dtype=torch.int64)
+        self._remaining = empty(3, dtype=torch.int64)
         cores = torch.cuda.get_device_properties(device).multi_processor_count
         self._grid = (8 * cores,)
         self._shape = {"K": max(triton.next_power_of_2(plans), 32), "num_warps": 4}
@@ -93,11 +93,11 @@ class GpuHardPatches(hard_patches.PatchNeighbours):
         self._vectors[:2].masked_fill_(~moves[None, :, :, None], 0)  # the rest stays
 
     def settle(self, u: Tensor, across: Tensor, goal: Tensor, lowest: Tensor, running: Tensor) -> None:
-        self._given = u, across, goal, lowest, running  # always the same ones
+        self._inputs = u, across, goal, lowest, running  # always the same ones
         self._start()
         made = CHUNK
         while True:
-            running, waiting, active = self._told.tolist()
+            running, waiting, active = self._remaining.tolist()
             if waiting <= PATIENCE * running:
                 break
             if active > waiting // 8 and made < hard_patches.GRADIENTS:
@@ -110,12 +110,12 @@ class GpuHardPatches(hard_patches.PatchNeighbours):
 
     def _started(self) -> None:
         """Begin with the plans that run and are not open, then as :meth:`_stepped`."""
-        u, across, goal, lowest, running = self._given
+        u, across, goal, lowest, running = self._inputs
         self._field.copy_(u.permute(2, 0, 1))
         self._across.copy_(across.permute(2, 0, 1))
         self._goal.copy_(goal)
         self._lowest.copy_(lowest)
-        self._told[0] = running.sum()
+        self._remaining[0] = running.sum()
         new = running & ~self.open
         _begin(self._flags, self._extension, self._counts, new, self._law)
         self._stepped()
@@ -169,7 +169,7 @@ class GpuHardPatches(hard_patches.PatchNeighbours):
                     then, hard_patches.FORCING**2, node_tiles=self._tiles[1], N=NODES, **sizes, **self._shape,
                 )  # fmt: skip
         pending = self._flags[PENDING.value] > 0
-        self._told[1:] = torch.stack([self.open.sum(), (pending & (self._records[0, 0] > 0)).sum()])
+        self._remaining[1:] = torch.stack([self.open.sum(), (pending & (self._records[0, 0] > 0)).sum()])
 
 
 @fused
