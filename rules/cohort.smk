@@ -234,14 +234,14 @@ rule measure_outcome:
         mem_mb=lambda wildcards: 12000 if wildcards.measured == "refinement" else 6000,
         runtime=120,
     params:
-        module=lambda wildcards: f"pinnochio.virtual.{wildcards.measured}",
+        module=lambda wildcards: MODULES[wildcards.measured],
         arguments=lambda wildcards: MEASURED[wildcards.measured][1],
         outcome=config["virtual"]["outcome"],
         segments=config["segments"],
         labels=STUDY.label_values,
         seed=SEED,
         code=lambda wildcards: code_of(
-            "scripts.cohort.measure_outcome", f"pinnochio.virtual.{wildcards.measured}"
+            "scripts.cohort.measure_outcome", MODULES[wildcards.measured]
         ),
     message:
         "Measure {wildcards.measured} of the outcome on {wildcards.case}"

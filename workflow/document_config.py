@@ -50,9 +50,9 @@ TABLES = {
     "ablation": ("pinnochio.tables.ablation", "ABLATION", "one row per variant"),
     "training": ("pinnochio.tables.training", "TRAINING", "one row per learned method"),
     "stages": ("pinnochio.tables.stages", "STAGES", "one row per stage"),
-    "tradeoff": ("pinnochio.tables.tradeoff", "TRADEOFF", "one row per setting"),
-    "learning": ("pinnochio.tables.learning", "LEARNING", "one row per method and number of training patients"),
-    "corrections": ("pinnochio.tables.corrections", "CORRECTIONS", "one row per method and number of corrections"),
+    "tradeoff": ("studies.tradeoff.table", "TRADEOFF", "one row per setting"),
+    "learning": ("studies.learning.table", "LEARNING", "one row per method and number of training patients"),
+    "corrections": ("studies.corrections.table", "CORRECTIONS", "one row per method and number of corrections"),
     "coverage": ("pinnochio.tables.coverage", "COVERAGE", "one row per method and region"),
 }
 

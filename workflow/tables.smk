@@ -19,14 +19,22 @@ COMPARED = NAMED | {
 }
 MODULES = {
     "better": "pinnochio.tables.accuracy",
+    "corrections": "studies.corrections.table",
+    "learning": "studies.learning.table",
+    "design": "studies.design.table",
+    "stability": "studies.stability.table",
+    "tradeoff": "studies.tradeoff.table",
+    "tradeoff_cases": "studies.tradeoff.cases",
+    "choices": "studies.tradeoff.choices",
+    "inverse": "studies.inverse.table",
     "thickness": "pinnochio.virtual.thickness",
     "anatomy": "pinnochio.virtual.description",
     "effects": "pinnochio.virtual.effects",
     "ratios": "pinnochio.virtual.ratios",
     "nasolabial": "pinnochio.virtual.nasolabial",
-    "reality": "pinnochio.virtual.reality",
-    "learnable": "pinnochio.virtual.learnable",
-    "refinement": "pinnochio.virtual.refinement",
+    "reality": "studies.cohort_checks.reality",
+    "learnable": "studies.cohort_checks.learnable",
+    "refinement": "studies.cohort_checks.refinement",
 }
 # Files by argument, and the other arguments.
 TABLES = {
@@ -258,9 +266,9 @@ FURTHER = {
     "stability": "Stability at the extremes",
 }
 CAPTIONS = {}
-FIGURES = {
-    name: f"pinnochio.figures.{name}"
-    for name in ("cases", "corrections", "learning", "stability", "tradeoff")
+FIGURES = {"cases": "pinnochio.figures.cases"} | {
+    name: f"studies.{name}.figure"
+    for name in ("corrections", "learning", "stability", "tradeoff")
 }
 
 

@@ -13,11 +13,11 @@ from pinnochio.metrics.validity import equilibrium_of
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.networks.building import build
-from pinnochio.tables.corrections import CORRECTIONS
 from pinnochio.training.checkpoint import save_network
 from scripts.tables.evaluate import evaluate
 from scripts.tables.render_table import render_table
 from studies.corrections.correct import correct
+from studies.corrections.table import CORRECTIONS
 from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.tables import make
 from tests.helpers.training import predict_by

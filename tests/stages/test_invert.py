@@ -12,7 +12,6 @@ from pinnochio.inverse.alternatives import answers, contradictions
 from pinnochio.inverse.columns import COMBINATIONS, FACES, MOTIONS, PROPOSALS, REACHED, RECOVERED, SENSITIVITY
 from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import freedom
-from pinnochio.inverse.measuring import EXACT, apart
 from pinnochio.inverse.proposal import InverseSettings
 from pinnochio.inverse.reading import read_wish
 from pinnochio.inverse.wish import Marks, MeasureWish, PlaceWish, SurfaceWish, stacked
@@ -24,6 +23,7 @@ from pinnochio.statistics.intervals import Calibration
 from scripts.patients.measure_sensitivity import measure_sensitivity
 from scripts.patients.propose import propose_plans
 from studies.inverse.measure_inverse import measure_inverse
+from studies.inverse.measuring import EXACT, apart
 from tests.helpers.settings import CONFIG, SEED
 from tests.helpers.tables import make
 

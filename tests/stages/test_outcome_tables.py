@@ -6,10 +6,11 @@ import pytest
 from pinnochio.columns import read_table
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.overlays import overlaid
-from pinnochio.virtual import learnable, nasolabial, reality, refinement
+from pinnochio.virtual import nasolabial
 from pinnochio.virtual.ground_truth import NOMINAL, REALITIES, resolve
 from pinnochio.virtual.outcome import Operation, Outcome, meshed
 from scripts.cohort.measure_outcome import measure_outcome
+from studies.cohort_checks import learnable, reality, refinement
 from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
 
 

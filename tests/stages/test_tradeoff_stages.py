@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from pinnochio.columns import read_table
-from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.patients.archive import network_file
-from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
+from studies.tradeoff.cases import TRADEOFF_CASES
 from studies.tradeoff.measure_fem import measure_fem
 from studies.tradeoff.measure_networks import measure_networks
 from studies.tradeoff.measure_study import measure_study
+from studies.tradeoff.settings import Setting
 
 NODES = 700
 FEM = [

@@ -22,7 +22,6 @@ ORDER = (
     {"statistics"},
     {"inverse"},
     {"tables"},
-    {"experiments"},
     {"figures"},
     {"virtual"},
     {"patients"},

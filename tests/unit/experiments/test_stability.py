@@ -9,22 +9,6 @@ import torch
 
 from pinnochio.columns import read_table, write_csv
 from pinnochio.errors import InputError
-from pinnochio.experiments import stability_judge
-from pinnochio.experiments import stability_problems as problems
-from pinnochio.experiments.stability import Sweep, attempt, slope_of
-from pinnochio.experiments.stability_judge import (
-    Balance,
-    against_quadratic,
-    entered,
-    judge_correction,
-    judge_elastic,
-    judge_loss,
-    judge_raw,
-    judge_repair,
-    judge_solution,
-    moved_most,
-)
-from pinnochio.figures.stability import draw
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.contact import ContactSet
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, Elements, jacobians
@@ -37,7 +21,25 @@ from pinnochio.methods.pinnochio.losses import physics_loss
 from pinnochio.methods.pinnochio.predictor import RawField
 from pinnochio.methods.registry import BUILT_IN
 from pinnochio.metrics.validity import off_bone
-from pinnochio.tables.stability import (
+from studies.stability import judging as stability_judge
+from studies.stability import problems
+from studies.stability.check_stability import check_stability
+from studies.stability.figure import draw
+from studies.stability.judging import (
+    Balance,
+    against_quadratic,
+    entered,
+    judge_correction,
+    judge_elastic,
+    judge_loss,
+    judge_raw,
+    judge_repair,
+    judge_solution,
+    moved_most,
+)
+from studies.stability.measure_stability import stability
+from studies.stability.sweep import Sweep, attempt, slope_of
+from studies.stability.table import (
     CLEAN,
     CONVERGED,
     FAMILIES,
@@ -49,8 +51,6 @@ from pinnochio.tables.stability import (
     tabulate,
     unmarked,
 )
-from studies.stability.check_stability import check_stability
-from studies.stability.measure_stability import stability
 from tests.helpers.patients import tiny_patient
 from tests.helpers.settings import ROOT, fem_settings, network_settings
 

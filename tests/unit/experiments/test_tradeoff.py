@@ -6,17 +6,17 @@ import pytest
 
 from pinnochio.columns import check, write_csv
 from pinnochio.errors import InputError
-from pinnochio.experiments.tradeoff import Reference, judge, predict_fem
-from pinnochio.experiments.tradeoff_settings import Setting, as_in_the_study, fem_settings, network_settings
-from pinnochio.figures.tradeoff import draw
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.methods.registry import registry
 from pinnochio.metrics.judged import choose
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.plans.plan import Plan
-from pinnochio.tables.choices import SAFETY, check_choices, choose_setting
-from pinnochio.tables.tradeoff import answers, pareto, summarise
-from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
+from studies.tradeoff.cases import TRADEOFF_CASES
+from studies.tradeoff.choices import SAFETY, check_choices, choose_setting
+from studies.tradeoff.figure import draw
+from studies.tradeoff.measuring import Reference, judge, predict_fem
+from studies.tradeoff.settings import Setting, as_in_the_study, fem_settings, network_settings
+from studies.tradeoff.table import answers, pareto, summarise
 from tests.helpers import settings
 from tests.helpers.patients import tiny_patient
 from tests.helpers.settings import CONFIG

@@ -12,7 +12,7 @@ from pinnochio.patients.archive import Archive, configuration_hash
 from pinnochio.plans.plan import Plan
 from pinnochio.study.choice import choose
 from pinnochio.study.new_patients import markups_in, other_cases, read_patients
-from pinnochio.tables.tradeoff import TRADEOFF, summarise
+from studies.tradeoff.table import TRADEOFF, summarise
 from tests.helpers.settings import CONFIG
 
 

@@ -6,9 +6,10 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.overlays import changes
-from pinnochio.tables import ablation, design
+from pinnochio.tables import ablation
 from pinnochio.tables.ablation import ABLATION
-from pinnochio.tables.design import DESIGN
+from studies.design import table as design
+from studies.design.table import DESIGN
 from tests.helpers.rows import row
 from tests.helpers.tables import write
 

@@ -6,9 +6,9 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
-from pinnochio.figures.corrections import draw
 from pinnochio.statistics.significance import holm, wilcoxon
-from pinnochio.tables.corrections import CORRECTIONS, summarise, table
+from studies.corrections.figure import draw
+from studies.corrections.table import CORRECTIONS, summarise, table
 from tests.helpers.rows import row
 from tests.helpers.tables import texts, write
 

@@ -7,8 +7,8 @@ import pytest
 from pinnochio.columns import read_table, write_csv
 from pinnochio.inverse.columns import FACES, MARKED, RECOVERED, SEEN
 from pinnochio.inverse.freedom import QUANTITIES
-from pinnochio.inverse.measuring import EXACT
-from pinnochio.tables.inverse import CHOSEN, INVERSE, INVERSES, REGRESSION, SURE
+from studies.inverse.measuring import EXACT
+from studies.inverse.table import CHOSEN, INVERSE, INVERSES, REGRESSION, SURE
 from tests.helpers.patients import bony_patient
 from tests.helpers.tables import make
 

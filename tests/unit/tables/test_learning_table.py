@@ -6,10 +6,10 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
-from pinnochio.figures.learning import draw
 from pinnochio.study.cases import of_fewer, some, whole_fold
 from pinnochio.study.study import Study
-from pinnochio.tables.learning import LEARNING, enough, summarise, table
+from studies.learning.figure import draw
+from studies.learning.table import LEARNING, enough, summarise, table
 from tests.helpers.rows import row
 from tests.helpers.settings import CONFIG
 from tests.helpers.tables import write

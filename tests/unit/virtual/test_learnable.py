@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pinnochio.virtual.learnable import CASE, FACE, KNOWN, REGIONS, expected, summarise
+from studies.cohort_checks.learnable import CASE, FACE, KNOWN, REGIONS, expected, summarise
 
 
 def cohort(mean_of, count=40, inside=0.0):

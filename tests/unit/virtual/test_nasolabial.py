@@ -2,7 +2,8 @@
 
 import pandas as pd
 
-from pinnochio.virtual import nasolabial, refinement
+from pinnochio.virtual import nasolabial
+from studies.cohort_checks import refinement
 
 
 def test_our_angle_stands_beside_the_published_ones():

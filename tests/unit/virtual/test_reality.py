@@ -6,7 +6,7 @@ import pytest
 
 from pinnochio.metrics.regions import REGIONS
 from pinnochio.virtual.ground_truth import NOMINAL, REALITIES
-from pinnochio.virtual.reality import CASE, SCALES, at_scale, scale_for, summarise
+from studies.cohort_checks.reality import CASE, SCALES, at_scale, scale_for, summarise
 
 
 @pytest.fixture

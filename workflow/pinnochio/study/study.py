@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 from pinnochio.code import ROOT
 from pinnochio.errors import InputError
-from pinnochio.experiments.tradeoff_settings import Setting, fem_settings, network_settings
 from pinnochio.importing.cohort import Case, read_cases
 from pinnochio.manifest import MANIFEST
 from pinnochio.methods.names import BASELINE, FLOOR, few
@@ -19,11 +18,12 @@ from pinnochio.study.cases import assign_folds, external_file, of_fewer, some, v
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, markups_in, read_patients
 from pinnochio.study.provenance import PLACES
-from pinnochio.tables.stability import FAMILIES, OF_PATIENTS
 from pinnochio.training.archive import NetworkArchive
 from pinnochio.training.settings import PHASES
 from pinnochio.virtual.case_files import CHECKSUMS, FILES, INPUTS, LOCKED, OUTCOME_CHECKSUMS, OUTCOMES
 from pinnochio.virtual.procedures import Procedure, dealt
+from studies.stability.table import FAMILIES, OF_PATIENTS
+from studies.tradeoff.settings import Setting, fem_settings, network_settings
 
 STUDY_FILES = "<results>/cases/{case}"
 PICTURED = 6  # methods side by side in a picture

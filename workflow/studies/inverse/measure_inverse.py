@@ -10,7 +10,15 @@ from pinnochio.geometry.interpolation import interpolate
 from pinnochio.inverse.columns import FACES, MARKED, RECOVERED, SEEN
 from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import QUANTITIES
-from pinnochio.inverse.measuring import (
+from pinnochio.inverse.proposal import InverseSettings
+from pinnochio.inverse.wish import Marks, SurfaceWish, misfit
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.postop import PostopSkin
+from pinnochio.model.truth import read_truth
+from pinnochio.plans.plan import Plan
+from studies.inverse.measuring import (
     EXACT,
     LANDMARKS,
     OUTCOME,
@@ -22,14 +30,6 @@ from pinnochio.inverse.measuring import (
     sought,
     widest,
 )
-from pinnochio.inverse.proposal import InverseSettings
-from pinnochio.inverse.wish import Marks, SurfaceWish, misfit
-from pinnochio.logs import attach_log
-from pinnochio.mechanics.settings import FemSettings
-from pinnochio.model.patient import PatientModel
-from pinnochio.model.postop import PostopSkin
-from pinnochio.model.truth import read_truth
-from pinnochio.plans.plan import Plan
 
 
 def measure_inverse(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pinnochio.columns import read_table
 from pinnochio.logs import attach_log
-from pinnochio.tables.stability import OUTCOMES, STABILITY, unmarked
+from studies.stability.table import OUTCOMES, STABILITY, unmarked
 
 
 def check_stability(table: str, verdict: str) -> None:

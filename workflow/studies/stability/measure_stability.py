@@ -6,11 +6,11 @@ import torch
 from tqdm import tqdm
 
 from pinnochio.columns import write_rows
-from pinnochio.experiments.stability import Sweep
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
-from pinnochio.tables.stability import STABILITY
+from studies.stability.sweep import Sweep
+from studies.stability.table import STABILITY
 
 
 def stability(

@@ -5,8 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from pinnochio.columns import write_rows
-from pinnochio.experiments.tradeoff import Reference, judge, predict_fem
-from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.judged import Judged
@@ -14,7 +12,9 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import write_predictions
 from pinnochio.plans.plan import Plan
-from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
+from studies.tradeoff.cases import TRADEOFF_CASES
+from studies.tradeoff.measuring import Reference, judge, predict_fem
+from studies.tradeoff.settings import Setting
 
 BEFOREHAND = 0.05  # s; a solve begun and stopped, so that no timing holds the loading of compiled code
 

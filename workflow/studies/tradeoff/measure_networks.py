@@ -4,8 +4,6 @@ import logging
 from collections.abc import Mapping, Sequence
 
 from pinnochio.columns import write_rows
-from pinnochio.experiments.tradeoff import Reference, judge, predict_network
-from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
@@ -15,8 +13,10 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
 from pinnochio.plans.plan import Plan
-from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
 from pinnochio.training.device import choose_device
+from studies.tradeoff.cases import TRADEOFF_CASES
+from studies.tradeoff.measuring import Reference, judge, predict_network
+from studies.tradeoff.settings import Setting
 
 
 def measure_networks(

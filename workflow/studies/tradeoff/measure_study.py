@@ -3,15 +3,15 @@
 from collections.abc import Mapping
 
 from pinnochio.columns import write_rows
-from pinnochio.experiments.tradeoff import Reference, judge
-from pinnochio.experiments.tradeoff_settings import as_in_the_study
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
-from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
+from studies.tradeoff.cases import TRADEOFF_CASES
+from studies.tradeoff.measuring import Reference, judge
+from studies.tradeoff.settings import as_in_the_study
 
 
 def measure_study(

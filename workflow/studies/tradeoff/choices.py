@@ -9,8 +9,8 @@ import pandas as pd
 from pinnochio.columns import Column, check, number, read_table
 from pinnochio.errors import InputError
 from pinnochio.tables.document import Block, Table, views
-from pinnochio.tables.tradeoff import LEVEL, summarise
-from pinnochio.tables.tradeoff_cases import TRADEOFF_CASES
+from studies.tradeoff.cases import TRADEOFF_CASES
+from studies.tradeoff.table import LEVEL, summarise
 
 # Of the longest time measured on a patient: another one may take longer [X: docs/lab/tradeoff.md].
 SAFETY = 1.5

@@ -9,17 +9,6 @@ import numpy as np
 import torch
 
 from pinnochio.errors import InputError
-from pinnochio.experiments import stability_problems as problems
-from pinnochio.experiments.stability_judge import (
-    Verdict,
-    judge_correction,
-    judge_elastic,
-    judge_loss,
-    judge_raw,
-    judge_repair,
-    judge_solution,
-)
-from pinnochio.experiments.stability_problems import PRECISIONS, Problem
 from pinnochio.mechanics.elements.residual import Operator
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
 from pinnochio.mechanics.lift import Lift, make_lift, motion_amplitudes
@@ -37,7 +26,18 @@ from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
-from pinnochio.tables.stability import CLEAN, CONVERGED, FAMILIES, OF_PATIENTS, WRONG
+from studies.stability import problems
+from studies.stability.judging import (
+    Verdict,
+    judge_correction,
+    judge_elastic,
+    judge_loss,
+    judge_raw,
+    judge_repair,
+    judge_solution,
+)
+from studies.stability.problems import PRECISIONS, Problem
+from studies.stability.table import CLEAN, CONVERGED, FAMILIES, OF_PATIENTS, WRONG
 
 LOG = logging.getLogger(__name__)
 WHOLE = VOLUMETRIC[0]

@@ -11,7 +11,6 @@ from pinnochio.columns import Column, check, number, read_tables, words
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.inverse.columns import FACES, MARKED, RECOVERED, SEEN, TASK
 from pinnochio.inverse.freedom import LPS, QUANTITIES
-from pinnochio.inverse.measuring import EXACT, LANDMARKS, OUTCOME, SIMULATED, TASKS, apart
 from pinnochio.methods.pca_linear import ridge
 from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
@@ -20,6 +19,7 @@ from pinnochio.seeds import derive_seed
 from pinnochio.statistics.conformal import half_width
 from pinnochio.statistics.significance import compare, holm
 from pinnochio.tables.document import Block, Table, View, views
+from studies.inverse.measuring import EXACT, LANDMARKS, OUTCOME, SIMULATED, TASKS, apart
 
 METHODS = INVERSE, SURE, CHOSEN, REGRESSION = "inverse", "inverse, exact", "inverse, tolerance chosen", "regression"
 ALL = "all"

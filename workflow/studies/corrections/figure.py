@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from pinnochio.figures.style import MEAN, add_grid, save_figure, say
 from pinnochio.methods.names import BASELINE, in_sentence, written
 from pinnochio.statistics.attainable import SMALLEST_N
-from pinnochio.tables.corrections import CORRECTIONS
+from studies.corrections.table import CORRECTIONS
 
 COLUMNS = CORRECTIONS
 ROW = 0.3  # inches

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from pinnochio.figures.style import add_grid, save_figure
 from pinnochio.methods.names import BASELINE, FLOOR, written
-from pinnochio.tables.learning import LEARNING
+from studies.learning.table import LEARNING
 
 COLUMNS = LEARNING
 # Told apart by shape and line, not by colour alone.

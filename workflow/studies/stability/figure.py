@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from pinnochio.figures.style import save_figure
 from pinnochio.methods.names import spoken
-from pinnochio.tables.stability import CLEAN, CONVERGED, FAMILIES, STABILITY, WRONG, label
+from studies.stability.table import CLEAN, CONVERGED, FAMILIES, STABILITY, WRONG, label
 
 COLUMNS = STABILITY
 COLOURS = {CONVERGED: "#cfe8cf", CLEAN: "#f7d58b", WRONG: "#e06c60"}

@@ -10,7 +10,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 from pinnochio.figures.style import BAND, MEAN, PATIENT, add_grid, label_apart, name_line, save_figure, say
 from pinnochio.methods.names import BASELINE, FLOOR, in_sentence, written
 from pinnochio.statistics.attainable import SMALLEST_N
-from pinnochio.tables.tradeoff import TRADEOFF, as_studied
+from studies.tradeoff.table import TRADEOFF, as_studied
 
 COLUMNS = TRADEOFF
 STILL, NAMED = "no_change", 6

@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 import torch
 
-from pinnochio.experiments.tradeoff_settings import Setting
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.elements.mixed import MIXED
@@ -28,6 +27,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.plans.plan import Plan
 from pinnochio.timing import repeated
+from studies.tradeoff.settings import Setting
 
 PATIENCE = 5.0  # s; a solve that takes longer is not repeated
 
@@ -70,7 +70,7 @@ def judge(
     reference: Reference | None,
     fem: FemSettings,
 ) -> dict:
-    """One row of :data:`~pinnochio.tables.tradeoff_cases.TRADEOFF_CASES`; a field that is not finite has no metrics.
+    """One row of :data:`~studies.tradeoff.cases.TRADEOFF_CASES`; a field that is not finite has no metrics.
 
     target: points and faces of the registered post-operative skin; judged: where; fem: of the study, whose residual is
     reported. Without a reference there is no distance from it.

@@ -11,7 +11,7 @@ from pinnochio.seeds import derive_seed
 from pinnochio.statistics.conformal import half_width
 from pinnochio.tables.comparison import AGAINST_BASELINE, against_baseline
 from pinnochio.tables.document import Block, Table, View, read_blocks, views
-from pinnochio.tables.tradeoff_cases import BASE, SETTING, TRADEOFF_CASES
+from studies.tradeoff.cases import BASE, SETTING, TRADEOFF_CASES
 
 LEVEL = 0.9  # of further patients that lie within `cd_within`
 TRADEOFF = (

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from pinnochio.overlays import changes
-from pinnochio.tables.tradeoff_cases import BASE
+from studies.tradeoff.cases import BASE
 
 NEWTON = "Newton's method"
 UNKEPT = {"kept_factors": False}  # Newton's method, which knows increments and precision of factors

@@ -13,7 +13,6 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from pinnochio.experiments.stability_problems import Problem
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.sliding import SlidingSurfaces
@@ -25,7 +24,8 @@ from pinnochio.mechanics.solvers.mixed_newton import solve_mixed
 from pinnochio.mechanics.solvers.newton import SolveResult
 from pinnochio.mechanics.solvers.newton_corrections import Correction
 from pinnochio.metrics.validity import OFF_BONE, off_bone
-from pinnochio.tables.stability import CLEAN, CONVERGED, WRONG
+from studies.stability.problems import Problem
+from studies.stability.table import CLEAN, CONVERGED, WRONG
 
 # What is asked of a field. Prescribed nodes: share of the mesh's extent. Sliding nodes and fields that must agree: mm;
 # two equilibria differ by tenths of a millimetre. Elastic: forces on free unknowns over those on the others; of a map

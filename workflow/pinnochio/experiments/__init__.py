@@ -1,1 +1,0 @@
-"""Studies beyond the comparison of methods: stability, scaling, trade-off, model reduction."""

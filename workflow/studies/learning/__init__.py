@@ -1,0 +1,1 @@
+"""What more training patients are worth."""
