@@ -10,6 +10,7 @@ from pinnochio.errors import refusal
 from pinnochio.importing.head_parts import HeadParts
 from pinnochio.importing.markups import Markups
 from pinnochio.importing.presets import LOWER, LOWER_TEETH, MANDIBLE, MUSCLE, SKULL, SOFT, UPPER, UPPER_TEETH
+from pinnochio.importing.soft_tissue import largest
 from pinnochio.importing.thresholding import Plane
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, TOUCHING, segment_code
 from pinnochio.model.labels import MUSCLE as MUSCLE_CODE
@@ -183,7 +184,7 @@ def _lefort(parts, upper, places, landmarks, plane, spacing, refuse):
         below &= (y < rear) & (np.abs(x - centre) < (at[:, 0].max() - at[:, 0].min()) / 2 + BESIDE_MOLARS)
     elif "PNS" in landmarks:
         below &= y < landmarks["PNS"][0][1] + BEHIND_MOLARS
-    return _largest(below) | teeth, why
+    return largest(below, TOUCHING) | teeth, why
 
 
 def _occlusal(teeth) -> np.ndarray:
@@ -233,9 +234,9 @@ def _split(parts, lower, places, landmarks, sign: float, plane):
 def _tidy(lower, rami: dict[str, np.ndarray]) -> None:
     """Leave each piece of the mandible whole: crumbs of a ramus go to the body, crumbs of the body to the rami."""
     for mask in rami.values():
-        mask &= _largest(mask)
+        mask &= largest(mask, TOUCHING)
     body = lower & ~np.logical_or.reduce(list(rami.values()))
-    crumbs, _ = ndimage.label(body & ~_largest(body), TOUCHING)
+    crumbs, _ = ndimage.label(body & ~largest(body, TOUCHING), TOUCHING)
     for number, box in enumerate(ndimage.find_objects(crumbs), 1):
         wide = tuple(slice(max(part.start - 1, 0), part.stop + 1) for part in box)
         crumb = crumbs[wide] == number
@@ -263,8 +264,3 @@ def _chin(parts, body, places, landmarks, plane):
             top, why = roots - BELOW_ROOTS, f"{BELOW_ROOTS:g} mm below the roots of the lower front teeth"
     near = (z < top) & (np.abs(x - menton[0]) < CHIN_WIDTH)
     return body & (parts == MANDIBLE) & near & (y < menton[1] + 2 * FRONT), why
-
-
-def _largest(mask) -> np.ndarray:
-    pieces, count = ndimage.label(mask, TOUCHING)
-    return pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:]) if count else mask

@@ -44,9 +44,9 @@ def morphology(filter_, mask, radius: float) -> np.ndarray:
     return sitk.GetArrayFromImage(filter_(padded, [radius] * 3))[inner].astype(bool)
 
 
-def largest(mask) -> np.ndarray:
-    """The largest connected piece of a mask."""
-    pieces, count = ndimage.label(mask)
+def largest(mask, structure=None) -> np.ndarray:
+    """The largest connected piece of a mask; structure (3, 3, 3) bool: what is connected, by default by a face."""
+    pieces, count = ndimage.label(mask, structure)
     return pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:]) if count else mask
 
 

@@ -140,7 +140,7 @@ def jaw_motion(before: Skeleton, after: Skeleton):
 
 def _carried(face, before, after, axes, upper, jaw, motion) -> np.ndarray:
     """Displacement (n, 3) mm of the points of a face."""
-    x, y, z = (axis[tuple(np.s_[:] if i == j else None for j in range(3))] for i, axis in enumerate(axes))
+    x, y, z = np.ix_(*axes)
     inside = face_solid(face, axes) | behind_lips(face.line, x, y, z)
     bone = np.minimum(upper.values, jaw.values)
     mouth = oral(before, x, y, z) & (ndimage.distance_transform_edt(inside, sampling=SPACING) > WALL)

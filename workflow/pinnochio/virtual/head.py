@@ -68,8 +68,7 @@ def build_head(
     s = Skeleton(parameters)
     soft = _scanned(s, spacing) if parameters.scanned else _procedural(s, spacing)
     axes = soft.axes
-    x, y, z = (axis.astype(np.float32) for axis in axes)
-    x, y, z = x[:, None, None], y[None, :, None], z[None, None, :]
+    x, y, z = np.ix_(*(axis.astype(np.float32) for axis in axes))
 
     bone = cut(s, soft.skull, soft.jaw, (x, y, z), procedure)
     mouth = oral(s, x, y, z)
@@ -114,7 +113,7 @@ def _scanned(s: Skeleton, spacing: float) -> _Soft:
     carried = anatomy(s.p)
     face = carried.face
     axes = face_grid(s, face, spacing)
-    x, y, z = (axis[tuple(np.s_[:] if i == j else None for j in range(3))] for i, axis in enumerate(axes))
+    x, y, z = np.ix_(*axes)
     upper, _ = upper_skull(s, axes, reach=12)
     jaw = mandible(s, axes, reach=12)
     carried.sculpt(upper, jaw)

@@ -138,8 +138,7 @@ class Field:
         index = tuple(
             slice(*np.searchsorted(axis, (a, b), side="left")) for axis, a, b in zip(self.axes, low, high, strict=True)
         )
-        x, y, z = (axis[s] for axis, s in zip(self.axes, index, strict=True))
-        return index, (x[:, None, None], y[None, :, None], z[None, None, :])
+        return index, np.ix_(*(axis[part] for axis, part in zip(self.axes, index, strict=True)))
 
     def sample(self, values: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Values (nx, ny, nz) on the field's grid, linearly interpolated at points (n, 3) mm."""

@@ -194,7 +194,7 @@ def solid(points: np.ndarray, triangles: np.ndarray, axes) -> np.ndarray:
 def face_solid(face: ModelFace, axes) -> np.ndarray:
     """The head of a face, closed at the eyes by the eyeballs; small gaps and specks of the scan conversion mended."""
     inside = solid(face.points, face.triangles, axes)
-    x, y, z = (np.asarray(axis)[tuple(np.s_[:] if i == j else None for j in range(3))] for i, axis in enumerate(axes))
+    x, y, z = np.ix_(*axes)
     for eye in face.eyes:
         inside |= (x - eye[0]) ** 2 + (y - eye[1]) ** 2 + (z - eye[2]) ** 2 < face.eye_radius**2
     return ndimage.median_filter(inside.astype(np.uint8), 3).astype(bool) | (inside & ndimage.binary_erosion(inside))
