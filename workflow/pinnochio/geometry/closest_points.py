@@ -20,7 +20,7 @@ class Closest:
 
     @cached_property
     def border(self) -> np.ndarray:
-        """Whether each closest point (k,) lies on an open border; found when it is asked for."""
+        """Whether each closest point (k,) lies on an open border."""
         return _on_border(self.weights, self.face, *self.surface)
 
     @cached_property

@@ -121,7 +121,7 @@ def _drop_loose(values, limit: float, refuse) -> None:
 
 
 def _read_parts(path, preset: str, orientation: str, regions, refuse):
-    """Parts [ix, iy, iz] on the grid, the grid, the axes of the file, and whether left and right are told."""
+    """Parts [ix, iy, iz] on the grid, the grid, the axes of the file, and whether labels tell left from right."""
     tool = PRESETS[preset]
     direction = None if orientation == HEADER else axes_of(orientation)
     grid, values, centre = None, None, {}

@@ -217,7 +217,7 @@ def _cost(source: VisibleBone, target: ScannedBone, motion: RigidMotion) -> floa
 def _judged(
     name: str, source: VisibleBone, target: ScannedBone, motion: RigidMotion, planned: RigidMotion, frame: RigidMotion
 ) -> SegmentFit:
-    """How well a motion explains the scan; of the cranium the frame is told."""
+    """How well a motion explains the scan; the motion of the cranium is the frame."""
     placed = motion.apply(source.points)
     off = np.abs(target.pairs(placed, source.normals @ motion.rotation.T, CUT)[2])
     return SegmentFit(

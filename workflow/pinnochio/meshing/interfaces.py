@@ -37,7 +37,7 @@ class LabelMap(NamedTuple):
     origin: np.ndarray
 
 
-class Boundary(NamedTuple):
+class MeshBoundary(NamedTuple):
     """Outward triangles (f, 3) of a mesh; tissue (f,) of their cells; normals (f, 3); areas (f,) mm2;
     code beyond (f, k) some points of each."""
 
@@ -88,7 +88,7 @@ def label_interfaces(
     faces, owner = mesh.boundary_faces()
     normals, areas = face_normals(points, faces)
     beyond, ends = _beyond(points, faces, normals, *label_map, reach, contact_gap)
-    boundary = Boundary(faces, mesh.tissue[owner], normals, areas, beyond)
+    boundary = MeshBoundary(faces, mesh.tissue[owner], normals, areas, beyond)
     node_beyond, contact = _nodes_beyond(boundary, len(points), len(segments), contact_share)
     pairs = opposing_pairs(bone, *label_map, segments, sliding_band)
     LOG.info("opposing bones: %s", [tuple(segment_name(i, segments) for i in pair) for pair in pairs])
@@ -127,7 +127,9 @@ def label_interfaces(
     )
 
 
-def _nodes_beyond(boundary: Boundary, nodes: int, segments: int, contact_share: float) -> tuple[np.ndarray, np.ndarray]:
+def _nodes_beyond(
+    boundary: MeshBoundary, nodes: int, segments: int, contact_share: float
+) -> tuple[np.ndarray, np.ndarray]:
     """What lies beyond each node (n,) int16, and which nodes (n,) bool touch bone.
 
     From points on every boundary triangle a ray goes outward to the first label that is not tissue. A node on a cut
@@ -186,7 +188,7 @@ def _node_types(
     return node_type, node_segment
 
 
-def _kinds(mesh: TetMesh, boundary: Boundary, contact) -> np.ndarray:
+def _kinds(mesh: TetMesh, boundary: MeshBoundary, contact) -> np.ndarray:
     """Interface (n,) int8 of each node: contact with bone belongs to muscle if muscle owns at least half of the area
     against bone, else to superficial tissue; any other node between both tissues is MUSCLE_SUPERFICIAL."""
     count, beyond = len(mesh.points), boundary.beyond
@@ -386,7 +388,7 @@ def _skin(faces, beyond, ends, areas, labels, spacing, origin, opening_mm) -> np
     return outer
 
 
-def _node_normals(boundary: Boundary, node_beyond) -> np.ndarray:
+def _node_normals(boundary: MeshBoundary, node_beyond) -> np.ndarray:
     """Outward unit normal (n, 3): area-weighted over the triangles that see what lies beyond the node; zero inside."""
     count, areas = len(node_beyond), boundary.areas
     total, every = np.zeros((count, 3)), np.zeros((count, 3))

@@ -16,9 +16,9 @@ LONGEST_OVER_MEAN = 1.6  # of the edges of a part bisected to a longest edge [X]
 def refine(mesh: TetMesh, size: Callable[[np.ndarray], np.ndarray]) -> TetMesh:
     """The mesh with every edge bisected until none is longer than size(its middle).
 
-    size: wanted edges (k,) in mm at points (k, 3) mm; infinite where nothing is asked for. Of a cell with an edge that
+    size: wanted edges (k,) in mm at points (k, 3) mm; infinite where any edge will do. Of a cell with an edge that
     is too long the longest is bisected, after those of its neighbours around that edge if theirs are longer (Rivara
-    1997); so cells beyond those asked for are bisected too, as few as keep the mesh conforming and its angles bounded.
+    1997); so their neighbours may be bisected too, as few as keep the mesh conforming and its angles bounded.
 
     The old nodes come first, where they were; new ones are middles of edges, so planes stay planes, and faces that
     share no node stay apart. Cells inherit their tissue. The same input gives the same bytes. Raises InputError for
