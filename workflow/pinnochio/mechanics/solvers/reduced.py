@@ -10,7 +10,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import known_role
 
 # Largest share of the cells that is solved alone: more pays little for factors of its own, and with both jaws moving
-# far the linear field errs by tenths of millimetres where the cut would be [X: docs/lab/scene.md].
+# far the linear field errs by tenths of millimetres where the cut would be [X: docs/explanation/scene.md].
 WORTH = 0.5
 
 
