@@ -16,9 +16,9 @@ def write(table: Table, path: Path) -> None:
 
 
 def make(path: Path, module: str, **arguments) -> None:
-    """The same of the table that a module of the library makes of files and arguments."""
+    """The same of the table that a module makes of files and arguments."""
     document = path.with_suffix(".json")
-    tabulate(f"pinnochio.{module}", arguments, str(path), str(document))
+    tabulate(module, arguments, str(path), str(document))
     write_twins(document)
 
 

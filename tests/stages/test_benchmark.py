@@ -93,9 +93,9 @@ def test_patients_without_a_scan_do_not_count_as_failed(patient, solved, tmp_pat
     frame = measure(patient, solved, "fem_bonded", unscanned, {})
     frame.assign(case="unscanned").to_csv(unscanned, index=False)
     cases, table = tmp_path / "cases.csv", tmp_path / "accuracy.csv"
-    make(cases, "tables.cases", metrics=[scanned, unscanned], cohort="test clinic")
+    make(cases, "pinnochio.tables.cases", metrics=[scanned, unscanned], cohort="test clinic")
     compared = {"methods": ["fem_bonded"], "bounds": [], "reference": None, "published": False}
-    make(table, "tables.accuracy", cases=cases, cohort="test clinic", seed=SEED, **compared)
+    make(table, "pinnochio.tables.accuracy", cases=cases, cohort="test clinic", seed=SEED, **compared)
     accuracy = pd.read_csv(table)
     assert len(pd.read_csv(cases)) == 2 and accuracy.loc[0, ["n", "failed"]].tolist() == [1, 0]
     assert accuracy.loc[0, "cd_mean"] == pytest.approx(pd.read_csv(scanned).loc[0, "cd"], abs=1e-4)

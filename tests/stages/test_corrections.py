@@ -129,11 +129,11 @@ def test_the_table_and_the_picture_come_from_the_fields(patient, corrected, tmp_
     assert last["raw_eqres_rel"] == first["eqres_rel"] > 1e3 * last["eqres_rel"]
     assert first["interface_error"] > 0.05 and first["damping"] == 1
     arguments = {"methods": ["pinnochio"], "corrections": list(corrected), "cohort": "virtual cohort", "seed": SEED}
-    make(tmp_path / "corrections.csv", "tables.corrections", metrics=metrics, **arguments)
+    make(tmp_path / "corrections.csv", "studies.corrections.table", metrics=metrics, **arguments)
     table = read_table(tmp_path / "corrections.csv", CORRECTIONS)
     assert list(table["corrections"]) == [0, *COUNTS] and (table["inverted"] == 0).all()
     residual = table["eqres_rel_mean"].to_numpy()
     assert residual[0] > 0.1 > 1e-3 > residual[2] >= residual[3] and residual[3] < 1e-6
     assert table["interface_error_mean"][1:].max() < 1e-9
-    render_table(str(tmp_path / "corrections.csv"), "corrections", [str(tmp_path / "corrections.png")])
+    render_table(str(tmp_path / "corrections.csv"), "studies.corrections.figure", [str(tmp_path / "corrections.png")])
     assert (tmp_path / "corrections.png").stat().st_size > 20_000

@@ -285,7 +285,7 @@ def test_the_motion_of_an_outcome_is_sought_and_tabulated(patient, tmp_path):
     exact = rows[(rows["task"] == "simulated") & (rows["tolerance"] == EXACT)]
     assert exact["error"].max() < 0.3 < rows.loc[rows["task"] == "outcome", "error"].max()
     table = tmp_path / "inverse.csv"
-    make(table, "tables.inverse", **{name: [path] for name, path in files.items()}, models=[patient.model],
+    make(table, "studies.inverse.table", **{name: [path] for name, path in files.items()}, models=[patient.model],
          cases=[patient.case], held_out={"1": [patient.case]}, tolerance=INVERT["tolerance"], cohort="virtual cohort",
          seed=SEED)  # fmt: skip
     text = table.with_suffix(".md").read_text()

@@ -233,10 +233,10 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
             SEED,
             metrics[-1],
         )
-    make(tmp_path / "cases.csv", "tables.cases", metrics=metrics, cohort="virtual cohort")
+    make(tmp_path / "cases.csv", "pinnochio.tables.cases", metrics=metrics, cohort="virtual cohort")
     compared = {"cases": tmp_path / "cases.csv", "methods": list(predicted), "bounds": [], "reference": "pinnochio"}
     compared |= {"cohort": "virtual cohort", "seed": SEED}
-    make(tmp_path / "accuracy.csv", "tables.accuracy", published=True, **compared)
+    make(tmp_path / "accuracy.csv", "pinnochio.tables.accuracy", published=True, **compared)
     cases = pd.read_csv(tmp_path / "cases.csv").set_index("method")
     assert cases.loc["fem_sliding", "cd"] < cases.loc["no_change", "cd"]
     assert cases.loc["fem_sliding", "eqres_rel"] < 1e-5 < cases.loc["pinnochio", "eqres_rel"]
@@ -247,7 +247,7 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
     assert "virtual cohort" in text and "Not in our table: ACMT-Net, DGCFP, FEM-RLSE." in text
     for kind, count in (("regions", 6), ("landmarks", 13)):
         path = tmp_path / f"{kind}.csv"
-        make(path, f"tables.{kind}", **compared)
+        make(path, f"pinnochio.tables.{kind}", **compared)
         places = pd.read_csv(path, keep_default_na=False)
         assert len(places) == count * len(predicted) and (places["n"] == 1).all()
         assert (places.loc[~places["reference"], "test"] == "n = 1 < 6: not tested").all()
@@ -271,12 +271,12 @@ def test_the_cost_is_read_from_networks_and_benchmark_files(predicted, tmp_path)
     training, stages = tmp_path / "training.csv", tmp_path / "stages.csv"
     measured = {"benchmarks": tmp_path / "benchmarks", "cohort": "virtual cohort"}
     about = {"settings": {"pinnochio": phases}, "folds": ["1"], "rule": CONFIG["convergence"]}
-    make(training, "tables.training", networks=files, histories=curves, **about, **measured)
+    make(training, "pinnochio.tables.training", networks=files, histories=curves, **about, **measured)
     row = pd.read_csv(training).loc[0]
     network, _ = load_network(files[0])
     assert row["parameters"] == sum(value.numel() for value in network.parameters())
     assert (row["pretraining_samples"], row["pretraining_seconds"], row["finetuning_seconds"]) == (15, 12.5, 2.5)
-    make(stages, "tables.stages", **measured)
+    make(stages, "pinnochio.tables.stages", **measured)
     assert pd.read_csv(stages)["seconds"].tolist() == [12.5, 2.5, 15.0]
 
 

@@ -154,7 +154,7 @@ def test_the_half_width_covers_half_of_both_patients(patients, ensembles, calibr
 
 def test_the_table_of_coverage_is_written(calibration, tmp_path):
     table = tmp_path / "coverage.csv"
-    make(table, "tables.coverage", parts=[calibration[1], calibration[1]], cohort="virtual cohort")
+    make(table, "pinnochio.tables.coverage", parts=[calibration[1], calibration[1]], cohort="virtual cohort")
     rows = pd.read_csv(table)
     assert len(rows) == 2 * (len(NAMES) + 1) and (rows["n"] == 2).all()
     assert rows["coverage_mean"].between(0, 100).all()

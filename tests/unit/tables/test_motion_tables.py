@@ -30,7 +30,7 @@ def test_the_cost_of_the_plan_is_the_mean_of_paired_differences(tmp_path):
         write_csv(pd.DataFrame(rows_of(cost)), files[arm], CASES)
     table, cases = tmp_path / "planned.csv", [f"V{i}" for i in range(7)]  # V7 has no achieved motion
     arms = {arm: [path] for arm, path in files.items()}
-    make(table, "tables.planned", **arms, cases=cases, methods=["b", "a"], cohort="test cohort", seed=3)
+    make(table, "pinnochio.tables.planned", **arms, cases=cases, methods=["b", "a"], cohort="test cohort", seed=3)
     made = read_table(table, PLANNED).set_index("method")
     assert list(made.index) == ["b", "a"] and (made["n"] == 7).all()
     assert made.loc["a", "cost"] == pytest.approx(0.4 * 1.03, abs=1e-4)
@@ -80,7 +80,7 @@ def test_segments_are_judged_where_the_truth_is_known(tmp_path, virtual):
             files[kind].append(path)
     asked = files if virtual else {"fits": files["fits"]}
     table = tmp_path / "segments.csv"
-    make(table, "tables.segments", **asked, cases=["P1", "P2"], cohort="test cohort")
+    make(table, "pinnochio.tables.segments", **asked, cases=["P1", "P2"], cohort="test cohort")
     made = read_table(table, SEGMENTS)
     assert len(made) == 5  # P1 has one segment, P2 two
     errors = made.set_index(["case", "segment"])["error_max"]

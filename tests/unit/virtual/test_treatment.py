@@ -200,7 +200,7 @@ def test_description_says_what_was_sampled_and_what_the_plan_does(tmp_path):
     files = [tmp_path / f"{number}.json" for number in range(len(rows))]
     for file, row in zip(files, rows, strict=True):
         file.write_text(json.dumps(row))
-    make(tmp_path / "anatomy.csv", "virtual.description", anatomies=files, cohort="virtual cohort (locked)")
+    make(tmp_path / "anatomy.csv", "pinnochio.virtual.description", anatomies=files, cohort="virtual cohort (locked)")
     lines = (tmp_path / "anatomy.csv").read_text().splitlines()
     assert len(lines) == 5 and lines[1].startswith("V0,") and "class_ii," in lines[1]
     assert "virtual cohort (locked)" in (tmp_path / "anatomy.md").read_text()

@@ -55,7 +55,7 @@ def made(tmp_path_factory):
     bony_patient(("lefort1",)).write(folder / "model.h5")
     models = [str(folder / "model.h5")] * len(CASES)
     table = folder / "inverse.csv"
-    make(table, "tables.inverse", **files, models=models, cases=CASES, held_out=FOLDS, tolerance=0.1,
+    make(table, "studies.inverse.table", **files, models=models, cases=CASES, held_out=FOLDS, tolerance=0.1,
          cohort="virtual cohort", seed=1)  # fmt: skip
     return read_table(table, INVERSES).set_index(["task", "method", "bone"]), table.with_suffix(".md").read_text()
 

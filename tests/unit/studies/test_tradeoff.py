@@ -146,14 +146,14 @@ def test_a_patient_whose_reference_does_not_converge_stays_but_for_its_distances
     write_csv(own, tmp_path / "rows.csv", TRADEOFF_CASES)
     make(
         tmp_path / "choices.csv",
-        "tables.choices",
+        "studies.tradeoff.choices",
         cases=tmp_path / "rows.csv",
         budgets=[1.0],
         tolerances=[0.3],
         cohort="",
     )
     made = {"cases": tmp_path / "rows.csv", "choices": tmp_path / "choices.json", "cohort": "virtual cohort"}
-    make(tmp_path / "tradeoff.csv", "tables.tradeoff", **made)
+    make(tmp_path / "tradeoff.csv", "studies.tradeoff.table", **made)
     assert "since the reference did not converge: B." in (tmp_path / "tradeoff.md").read_text()
 
 
@@ -264,10 +264,10 @@ def test_table_and_pictures_are_written(tmp_path):
     write_csv(rows(), tmp_path / "rows.csv", TRADEOFF_CASES)
     paths = {name: tmp_path / f"{name}.csv" for name in ("tradeoff_cases", "choices", "tradeoff")}
     cohort = {"cohort": "virtual cohort"}
-    make(paths["tradeoff_cases"], "tables.tradeoff_cases", rows=[tmp_path / "rows.csv"], **cohort)
+    make(paths["tradeoff_cases"], "studies.tradeoff.cases", rows=[tmp_path / "rows.csv"], **cohort)
     own = {"cases": paths["tradeoff_cases"]} | cohort
-    make(paths["choices"], "tables.choices", budgets=[1.0], tolerances=[0.1], **own)
-    make(paths["tradeoff"], "tables.tradeoff", choices=tmp_path / "choices.json", **own)
+    make(paths["choices"], "studies.tradeoff.choices", budgets=[1.0], tolerances=[0.1], **own)
+    make(paths["tradeoff"], "studies.tradeoff.table", choices=tmp_path / "choices.json", **own)
     text = (tmp_path / "tradeoff.md").read_text()
     assert "virtual cohort, n = 3 held-out patients" in text and "What the last 0.1 mm cost" in text
     assert text.index("**Budgets and tolerances**") < text.index("| tolerance_mm 0.1 |") < text.index("What the last")
