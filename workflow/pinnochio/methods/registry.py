@@ -149,8 +149,8 @@ def graph_networks(config: Mapping) -> dict[str, dict]:
     """
     sections = {name: config[name] for name in GRAPH_NETWORK.sections if name != "fem"}
     networks = {name: overlaid(sections, overlay) for name, overlay in config["variants"].items()}
-    design = config["design"]
-    if base := networks.get(design["base"]):
+    design = config.get("design", {})
+    if base := networks.get(design.get("base")):
         networks |= {f"design_{name}": overlaid(base, overlay) for name, overlay in design["switches"].items()}
     return networks
 
