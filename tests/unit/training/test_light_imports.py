@@ -33,7 +33,7 @@ ABSENT = (
         "pandas",
         "pypardiso",
     ),
-    *("snakemake", "nibabel", "highdicom", "pydicom", "matplotlib", "jsonschema", "felupe", "pytest"),
+    *("snakemake", "highdicom", "pydicom", "matplotlib", "jsonschema", "felupe", "pytest"),
 )
 CHILD = """
 import json, sys

@@ -1,12 +1,13 @@
 """Measures on a patient of the study how well the motion is found that made a face."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from pinnochio.columns import write_rows
 from pinnochio.geometry.interpolation import interpolate
+from pinnochio.inverse.alternatives import Answer
 from pinnochio.inverse.columns import FACES, MARKED, RECOVERED, SEEN
 from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import QUANTITIES
@@ -54,18 +55,17 @@ def measure_inverse(
     seen.
     """
     patient = PatientModel.read(model)
-    own = InverseSettings.of(settings)
+    chosen = InverseSettings.of(settings)
     operation, free = widest(patient, settings["bounds"])
-    tried = sorted({own.tolerance, *tolerances})
-    marks, rest = Marks.of(patient), np.zeros_like(patient.points)
-    face = ElasticFace(patient, fem)
+    tried = sorted({chosen.tolerance, *tolerances})
+    marks, face = Marks.of(patient), ElasticFace(patient, fem)
+    recovered, faces, features, marked = [], [], [], []
     try:
         planned = free.plan(case, free.nearest(Plan.read(plan, case)))
         field = solved(face, planned)
         surface = SurfaceWish.of("face", patient, patient.moved_skin(field), patient.skin_faces)
         skin = patient.moved_skin(field) - patient.skin_points
-        tasks = {SIMULATED: ([surface], planned, [EXACT, own.tolerance], skin)}
-        marked = []
+        tasks = {SIMULATED: ([surface], planned, [EXACT, chosen.tolerance], skin)}
         if achieved and postop:
             reference, scan = Plan.read(achieved, case), PostopSkin.read(postop)
             wish = SurfaceWish.of("face", patient, *scan.surface)
@@ -76,54 +76,19 @@ def measure_inverse(
                 skin = interpolate(patient.skin_points, points, cells, displacement)
                 tasks[LANDMARKS] = places_at(marks, moved), reference, tried, skin
                 forward = marks.moved(solved(face, reference)) - marks.rest - moved
-        recovered, faces, features = [], [], []
         for task, (wish, reference, charged, shown) in tasks.items():
-            features += [
-                {"case": case, "task": task, "feature": number, "value": value}
-                for number, value in enumerate(seen(patient, marks, shown))
-            ]
+            values = enumerate(seen(patient, marks, shown))
+            features += [{"case": case, "task": task, "feature": number, "value": value} for number, value in values]
             for tolerance in charged:
-                answer = sought(face, wish, operation, free, own, tolerance, case)
-                found = answer.proposal
-                logging.info("%s at %g: %.3f mm", task, tolerance, found.misfit)
-                for row in motion_rows(answer, reference):
-                    index = patient.segments.index(row["segment"])
-                    middle = patient.bone_points[patient.bone_segment == index].mean(axis=0)
-                    true = as_vector(reference.motion(row["segment"]), middle)
-                    values = {f"true_{name}": value for name, value in zip(QUANTITIES, true, strict=True)}
-                    recovered.append({"case": case, "task": task, "tolerance": tolerance} | row | values)
-                faces.append(
-                    {
-                        "case": case,
-                        "task": task,
-                        "tolerance": tolerance,
-                        "operation": operation,
-                        "asked": misfit(wish, rest),
-                        "misfit": found.misfit,
-                        "elastic_gap": found.gap,
-                        "untold": int(answer.combinations.hidden.sum()),
-                        "parameters": len(found.x),
-                        "bounded": len(found.at_bounds),
-                        "solved": found.solved,
-                        "corrections": found.corrections,
-                        "seconds_elastic": found.seconds_elastic,
-                        "seconds": found.seconds,
-                        "seed": seed,
-                        "code": code,
-                    }
-                )
-                if task == LANDMARKS and tolerance == own.tolerance:
-                    errors = [item.error(found.displacement) for item in wish]
-                    marked += [
-                        {
-                            "case": case,
-                            "place": name,
-                            "moved": float(np.linalg.norm(moved[number])),
-                            "error": errors[number],
-                            "forward_error": float(np.linalg.norm(forward[number])),
-                        }
-                        for number, name in enumerate(marks.names)
-                    ]
+                answer = sought(face, wish, operation, free, chosen, tolerance, case)
+                logging.info("%s at %g: %.3f mm", task, tolerance, answer.proposal.misfit)
+                key = {"case": case, "task": task, "tolerance": tolerance}
+                recovered += [key | row for row in recovered_rows(patient, answer, reference)]
+                wished = misfit(wish, np.zeros_like(patient.points))
+                faces.append(key | face_row(answer, operation, wished) | {"seed": seed, "code": code})
+                if task == LANDMARKS and tolerance == chosen.tolerance:
+                    errors = [item.error(answer.proposal.displacement) for item in wish]
+                    marked = marked_rows(case, marks, moved, errors, forward)
     finally:
         face.close()
     write_rows(recovered, out["recovered"], RECOVERED)
@@ -131,6 +96,47 @@ def measure_inverse(
     write_rows(features, out["seen"], SEEN)
     empty = {"case": case, "place": "-", "moved": np.nan, "error": np.nan, "forward_error": np.nan}
     write_rows(marked or [empty], out["marked"], MARKED)
+
+
+def recovered_rows(patient: PatientModel, answer: Answer, reference: Plan) -> Iterator[dict]:
+    """Rows of RECOVERED without their key: errors of each segment's motion, and its true motion."""
+    for row in motion_rows(answer, reference):
+        index = patient.segments.index(row["segment"])
+        middle = patient.bone_points[patient.bone_segment == index].mean(axis=0)
+        true = as_vector(reference.motion(row["segment"]), middle)
+        yield row | {f"true_{name}": value for name, value in zip(QUANTITIES, true, strict=True)}
+
+
+def face_row(answer: Answer, operation: str, wished: float) -> dict:
+    """A row of FACES without its key; wished: misfit (mm) of the face at rest."""
+    proposal = answer.proposal
+    return {
+        "operation": operation,
+        "asked": wished,
+        "misfit": proposal.misfit,
+        "elastic_gap": proposal.gap,
+        "untold": int(answer.combinations.hidden.sum()),
+        "parameters": len(proposal.x),
+        "bounded": len(proposal.at_bounds),
+        "solved": proposal.solved,
+        "corrections": proposal.corrections,
+        "seconds_elastic": proposal.seconds_elastic,
+        "seconds": proposal.seconds,
+    }
+
+
+def marked_rows(case: str, marks: Marks, moved: np.ndarray, errors: Sequence[float], forward: np.ndarray) -> list[dict]:
+    """Rows of MARKED: how far each mark moved, its error in mm, and that of the true motion's own face."""
+    return [
+        {
+            "case": case,
+            "place": name,
+            "moved": float(np.linalg.norm(moved[number])),
+            "error": errors[number],
+            "forward_error": float(np.linalg.norm(forward[number])),
+        }
+        for number, name in enumerate(marks.names)
+    ]
 
 
 def solved(face: ElasticFace, plan: Plan) -> np.ndarray:
