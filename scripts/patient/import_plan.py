@@ -32,7 +32,7 @@ def import_plan(
     surface = BoneSurface.read(bone)
     if is_image(source):
         points, faces = read_postop_bones(source, case, surface.points, label_values)
-        cranium, found = register_bones(
+        cranium, fits = register_bones(
             head=read_labels(labels),
             segments=surface.segments,
             plan=Plan(case, {}),
@@ -41,10 +41,10 @@ def import_plan(
             case=case,
             file=source,
         )
-        for fit in (cranium, *found):
+        for fit in (cranium, *fits):
             logging.info("%s: median %.3f mm, %.0f %% matched", fit.segment, fit.median, fit.matched)
-        check_fits((cranium, *found), limit=limit, share=share, case=case, file=source)
-        checked = Plan(case, {fit.segment: fit.motion for fit in found})
+        check_fits((cranium, *fits), limit=limit, share=share, case=case, file=source)
+        checked = Plan(case, {fit.segment: fit.motion for fit in fits})
     elif matrices(source):
         checked = read_areg(source, case, surface.segments)
     else:

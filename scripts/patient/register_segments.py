@@ -29,7 +29,7 @@ def register_segments(
     """
     surface = BoneSurface.read(bone)
     points, faces = read_postop_bones(postop_bones, case, surface.points)
-    cranium, found = register_bones(
+    cranium, registered = register_bones(
         head=read_labels(labels),
         segments=surface.segments,
         plan=Plan.read(plan, case),
@@ -38,12 +38,12 @@ def register_segments(
         case=case,
         file=postop_bones,
     )
-    rows = [{name: value for name, value in vars(fit).items() if name != "motion"} for fit in (cranium, *found)]
+    rows = [{name: value for name, value in vars(fit).items() if name != "motion"} for fit in (cranium, *registered)]
     for row in rows:
         logging.info("%(segment)s: median %(median).3f mm, p90 %(p90).3f mm, %(matched).0f %% matched", row)
-    check_fits((cranium, *found), limit=limit, share=share, case=case, file=postop_bones)
+    check_fits((cranium, *registered), limit=limit, share=share, case=case, file=postop_bones)
     write_rows([{"case": case} | row for row in rows], fits, FITS)
-    Plan(case, {fit.segment: fit.motion for fit in found}).write(achieved)
+    Plan(case, {fit.segment: fit.motion for fit in registered}).write(achieved)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ def pack(
             shutil.copyfile(path, temporary)
     described = {}
     for method, settings in methods.items():
-        files = [path for (own, _), path in metrics.items() if own == method]
+        files = [path for (values, _), path in metrics.items() if values == method]
         held_out = pd.concat(read_csv(path, usecols=USUAL, dtype=float) for path in files)
         described[method] = dict(settings) | {"usual": usual(held_out)}
     Archive(**about, methods=described).write(archive)
@@ -43,7 +43,11 @@ def pack(
 def usual(held_out: pd.DataFrame) -> dict[str, Sequence[float]]:
     """Smallest, middle and largest value of each metric of USUAL that some row has."""
     known = {name: held_out[name].dropna() for name in USUAL}
-    return {name: [float(x) for x in (own.min(), own.median(), own.max())] for name, own in known.items() if len(own)}
+    return {
+        name: [float(x) for x in (values.min(), values.median(), values.max())]
+        for name, values in known.items()
+        if len(values)
+    }
 
 
 if __name__ == "__main__":

@@ -16,17 +16,17 @@ from pinnochio.report.plans import ComparedPlan, write_plans
 def show_plans(case: str, method: str, model: str, files: Mapping[str, Mapping[str, str]], page: str) -> None:
     """Write the page. files: by the plan's name its `plan`, `result`, `certificate` and `measures`."""
     patient, plans, level = PatientModel.read(model), [], None
-    for name, own in files.items():
-        certificate = read_stored_json(own["certificate"])
+    for name, paths in files.items():
+        certificate = read_stored_json(paths["certificate"])
         level = certificate["interval"]["level"] if certificate["interval"] else None
         plans.append(
             ComparedPlan(
                 name=name,
-                plan=Plan.read(own["plan"], case),
+                plan=Plan.read(paths["plan"], case),
                 page=f"{name}/{method}/index.html",
                 verdict=certificate["verdict"]["grade"],
-                displacement=read_result(own["result"], case, patient).displacement,
-                measures=read_table(own["measures"], TABLE),
+                displacement=read_result(paths["result"], case, patient).displacement,
+                measures=read_table(paths["measures"], TABLE),
             )
         )
     write_plans(case=case, method=method, patient=patient, plans=plans, level=level, path=page)
@@ -42,8 +42,8 @@ if __name__ == "__main__":
         method=snakemake.wildcards.method,
         model=snakemake.input.model,
         files={
-            name: dict(zip(("plan", "result", "certificate", "measures"), own, strict=True))
-            for name, own in zip(names, columns, strict=True)
+            name: dict(zip(("plan", "result", "certificate", "measures"), paths, strict=True))
+            for name, paths in zip(names, columns, strict=True)
         },
         page=snakemake.output.page,
     )

@@ -27,7 +27,7 @@ def fit(
 
     covariates: empty for a method that does not read them; settings: values of the sections that it reads.
     """
-    more = {name: FemSettings(**own) for name, own in settings.items()}
+    more = {name: FemSettings(**section) for name, section in settings.items()}
     if covariates:
         more["covariates"] = [read_stored_json(path) for path in covariates]
     resolve(learner)(

@@ -20,13 +20,13 @@ def verify_cohort(made: Sequence[str], frozen: str, table: str) -> None:
     made: files of checksums of this run; frozen: the checksums of the version, in the same form. Frozen files that
     this run did not make, such as outcomes that are not revealed, are left out.
     """
-    own = {}
+    made_sums = {}
     for path in made:
-        own |= read_sums(path)
+        made_sums |= read_sums(path)
     wanted = read_sums(frozen)
     rows = [
         {"file": name, "state": "same" if wanted.get(name) == value else "differs" if name in wanted else "missing"}
-        for name, value in sorted(own.items())
+        for name, value in sorted(made_sums.items())
     ]
     with replacing(table) as temporary:
         pd.DataFrame(rows).to_csv(temporary, index=False)

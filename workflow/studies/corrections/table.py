@@ -57,18 +57,18 @@ def summarise(
     for (method, corrections), cases in rows.items():
         if (method, 0) not in rows:
             raise InputError("-", "corrections", f"{method!r} has no rows without correction", "add its own metrics")
-        own = check(cases, CASES)
-        row = {"method": method, "corrections": corrections, "n": len(own)}
+        group = check(cases, CASES)
+        row = {"method": method, "corrections": corrections, "n": len(group)}
         for name in AVERAGED:
-            row |= {f"{name}_mean": own[name].mean(), f"{name}_sd": own[name].std()}
-        row |= {"eqres_rel_max": own["eqres_rel"].max(), "min_jacobian_min": own["min_jacobian"].min()}
-        row |= {"inverted": own["inverted"].sum()}
+            row |= {f"{name}_mean": group[name].mean(), f"{name}_sd": group[name].std()}
+        row |= {"eqres_rel_max": group["eqres_rel"].max(), "min_jacobian_min": group["min_jacobian"].min()}
+        row |= {"inverted": group["inverted"].sum()}
         row |= dict.fromkeys(("pairs", "cd_difference", "cd_low", "cd_high", "p"), np.nan)
         row["test"] = "reference"
         draws = derive_seed(seed, "bootstrap", f"{method}/{corrections}")
-        row |= against_baseline(own, own[:0] if baseline is None else baseline, draws)
+        row |= against_baseline(group, group[:0] if baseline is None else baseline, draws)
         if corrections:
-            test = by_patient(own, rows[method, 0], draws)
+            test = by_patient(group, rows[method, 0], draws)
             row |= {"pairs": test.n, "cd_difference": test.mean, "cd_low": test.low, "cd_high": test.high}
             row |= {"p": test.p, "test": test.statement}
         summaries.append(row)

@@ -26,8 +26,8 @@ EXACT = 0.002  # mm: tolerance of a search for the motion that made a simulated 
 def widest(model: PatientModel, bounds) -> tuple[str, Freedom]:
     """The operation that moves most of what the patient's segments allow, and its freedom."""
     free = {name: freedom(model, name, bounds) for name in OPERATIONS}
-    known = {name: own for name, own in free.items() if own is not None}
-    name = max(known, key=lambda own: len(known[own].low))
+    known = {name: part for name, part in free.items() if part is not None}
+    name = max(known, key=lambda part: len(known[part].low))
     return name, known[name]
 
 
@@ -45,21 +45,21 @@ def motion_rows(answer: Answer, reference: Plan) -> list[dict]:
     error: mean distance, mm, of the segment's bone under the two; degrees: angle between their rotations. told: the
     same of the difference without the combinations that the wish cannot tell. moved: mean motion of the reference.
     """
-    own = answer.freedom
-    x = own.nearest(reference)
-    told = own.plan("-", x + answer.combinations.visible(answer.proposal.x - x, own.lever))
-    admitted, rows = own.plan("-", x), []
-    for name, bone in segment_points(own.model).items():
+    part = answer.freedom
+    x = part.nearest(reference)
+    shown_plan = part.plan("-", x + answer.combinations.visible(answer.proposal.x - x, part.lever))
+    admitted, rows = part.plan("-", x), []
+    for name, bone in segment_points(part.model).items():
         error, degrees = apart(answer.proposal.plan.motion(name), reference.motion(name), bone)
-        told_error, told_degrees = apart(told.motion(name), admitted.motion(name), bone)
+        visible_error, visible_degrees = apart(shown_plan.motion(name), admitted.motion(name), bone)
         rows.append(
             {
                 "segment": name,
                 "moved": float(np.linalg.norm(reference.motion(name).displacement(bone), axis=1).mean()),
                 "error": error,
                 "degrees": degrees,
-                "told_error": told_error,
-                "told_degrees": told_degrees,
+                "told_error": visible_error,
+                "told_degrees": visible_degrees,
             }
         )
     return rows
@@ -99,5 +99,5 @@ def seen(model: PatientModel, marks: Marks, skin: SurfaceWish | np.ndarray) -> n
     at_marks = np.einsum("lc,lcx->lx", near.weights, moved[corners])
     codes = regions(model)
     parts: Sequence[np.ndarray] = [moved[codes == number] for number in range(len(NAMES))]
-    means = [own.mean(axis=0) if len(own) else np.zeros(3) for own in parts]
+    means = [part.mean(axis=0) if len(part) else np.zeros(3) for part in parts]
     return np.concatenate([at_marks.ravel(), *means])

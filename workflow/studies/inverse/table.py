@@ -71,15 +71,15 @@ def tabulate(
 ) -> Table:
     """One file of each kind per patient, in the order of `cases`; held_out: patients of each fold; tolerance: that of
     the configuration, mm."""
-    found, looked = read_tables(recovered, RECOVERED), read_tables(seen, SEEN)
+    results, looked = read_tables(recovered, RECOVERED), read_tables(seen, SEEN)
     bones = {case: segment_points(PatientModel.read(path)) for case, path in zip(cases, models, strict=True)}
-    own = found[np.isclose(found["tolerance"], tolerance)]
-    sure = found[(found["task"] == SIMULATED) & np.isclose(found["tolerance"], EXACT)]
+    subset = results[np.isclose(results["tolerance"], tolerance)]
+    sure = results[(results["task"] == SIMULATED) & np.isclose(results["tolerance"], EXACT)]
     parts = [
         sure.assign(method=SURE),
-        own.assign(method=INVERSE),
-        chosen(found, held_out, tolerance),
-        regressed(own, looked, bones, held_out).assign(method=REGRESSION),
+        subset.assign(method=INVERSE),
+        chosen(results, held_out, tolerance),
+        regressed(subset, looked, bones, held_out).assign(method=REGRESSION),
     ]
     rows = pd.concat([part for part in parts if len(part)], ignore_index=True)
     frame = summarise(rows, seed)
@@ -96,11 +96,11 @@ def tabulate(
     return Table(frame, INVERSES, blocks, [about])
 
 
-def chosen(found: pd.DataFrame, held_out: Mapping[str, Sequence[str]], tolerance: float) -> pd.DataFrame:
+def chosen(results: pd.DataFrame, held_out: Mapping[str, Sequence[str]], tolerance: float) -> pd.DataFrame:
     """Rows of the real faces with the tolerance that finds the motions of the training patients of a fold best."""
     parts = []
     for task in (OUTCOME, LANDMARKS):
-        rows = found[found["task"] == task]
+        rows = results[results["task"] == task]
         errors = rows.groupby(["case", "tolerance"])["error"].mean().unstack()
         for cases in held_out.values():
             training = errors[~errors.index.isin(cases)]
@@ -110,14 +110,14 @@ def chosen(found: pd.DataFrame, held_out: Mapping[str, Sequence[str]], tolerance
 
 
 def regressed(
-    own: pd.DataFrame, looked: pd.DataFrame, bones: Mapping[str, Mapping], held_out: Mapping[str, Sequence[str]]
+    subset: pd.DataFrame, looked: pd.DataFrame, bones: Mapping[str, Mapping], held_out: Mapping[str, Sequence[str]]
 ) -> pd.DataFrame:
     """Motions by ridge regression on where landmarks and regions go: one model per fold, task and bone.
 
     own: rows of RECOVERED, whose true motions are learned; looked: rows of SEEN; bones: points by case and segment.
     """
     rows = []
-    for (task, segment), group in own.groupby(["task", "segment"], sort=False):
+    for (task, segment), group in subset.groupby(["task", "segment"], sort=False):
         group = group.set_index("case")
         features = looked[looked["task"] == task].pivot(index="case", columns="feature", values="value")
         motions = group[[f"true_{name}" for name in QUANTITIES]]
@@ -138,19 +138,19 @@ def regressed(
 
 def _off(guess: np.ndarray, true: np.ndarray, bone: np.ndarray) -> tuple[float, float]:
     """Mean distance (mm) of a bone (b, 3) under two motions given as QUANTITIES (6,), and the angle between them."""
-    one, other = (RigidMotion.from_degrees(own[3:], LPS * own[:3], bone.mean(axis=0)) for own in (guess, true))
+    one, other = (RigidMotion.from_degrees(subset[3:], LPS * subset[:3], bone.mean(axis=0)) for subset in (guess, true))
     return apart(one, other, bone)
 
 
 def summarise(rows: pd.DataFrame, seed: int) -> pd.DataFrame:
     """One row of INVERSES per task, method and kind of bone, and of all bones."""
     rows = rows.assign(bone=rows["segment"].map(known_role))
-    found = []
+    results = []
     for task in TASKS:
         for method in METHODS:
-            own = rows[(rows["task"] == task) & (rows["method"] == method)]
-            for bone in (ALL, *dict.fromkeys(own["bone"])) if len(own) else ():
-                part = own if bone == ALL else own[own["bone"] == bone]
+            subset = rows[(rows["task"] == task) & (rows["method"] == method)]
+            for bone in (ALL, *dict.fromkeys(subset["bone"])) if len(subset) else ():
+                part = subset if bone == ALL else subset[subset["bone"] == bone]
                 row = {"task": task, "method": method, "bone": bone, "patients": part["case"].nunique()}
                 row |= {"bones": len(part), "moved": part["moved"].median()}
                 for name in ERRORS:
@@ -166,12 +166,12 @@ def summarise(rows: pd.DataFrame, seed: int) -> pd.DataFrame:
                 both = one.index.intersection(other.index)
                 one, other = (each.loc[both].groupby("case").mean() for each in (one, other))
                 if method == REGRESSION:
-                    found.append(row | {"test": "the regression itself"})
+                    results.append(row | {"test": "the regression itself"})
                     continue
                 test = compare(one, other, derive_seed(seed, "inverse regression", f"{task} {bone}"))
                 row |= {"pairs": test.n, "difference": test.mean, "difference_low": test.low}
-                found.append(row | {"difference_high": test.high, "p": test.p, "test": test.statement})
-    frame = pd.DataFrame(found)
+                results.append(row | {"difference_high": test.high, "p": test.p, "test": test.statement})
+    frame = pd.DataFrame(results)
     if "p" in frame:
         frame["p"] = holm(frame["p"].to_numpy(float))
     return check(frame.reindex(columns=[column.name for column in INVERSES]), INVERSES)
@@ -182,8 +182,8 @@ def _interval(values: np.ndarray, seed: int) -> tuple[float, float]:
     if len(values) < 2:
         return np.nan, np.nan
     rng = np.random.default_rng(seed)
-    own = stats.bootstrap((values,), np.median, n_resamples=2000, method="percentile", rng=rng).confidence_interval
-    return float(own.low), float(own.high)
+    subset = stats.bootstrap((values,), np.median, n_resamples=2000, method="percentile", rng=rng).confidence_interval
+    return float(subset.low), float(subset.high)
 
 
 def recovered_block(frame: pd.DataFrame, simulated: pd.DataFrame, cohort: str) -> Block:
@@ -198,7 +198,7 @@ def recovered_block(frame: pd.DataFrame, simulated: pd.DataFrame, cohort: str) -
 
         return text
 
-    def told(name: str):
+    def visible_part(name: str):
         def text(row) -> str:
             middle, worst = (by_name[f"{name}{end}"].text(row[f"{name}{end}"]) for end in ("", "_worst"))
             return f"{middle} ({worst})" if middle else ""
@@ -223,8 +223,8 @@ def recovered_block(frame: pd.DataFrame, simulated: pd.DataFrame, cohort: str) -
         ),  # fmt: skip
         View("Error mm", spread("error")),
         View("Error deg", spread("degrees")),
-        View("Told mm", told("told_error")),
-        View("Told deg", told("told_degrees")),
+        View("Told mm", visible_part("told_error")),
+        View("Told deg", visible_part("told_degrees")),
         View("Minus regression mm", against),
         View("p", lambda row: by_name["p"].text(row["p"]) or row["test"]),
     ]
@@ -248,8 +248,8 @@ def recovered_block(frame: pd.DataFrame, simulated: pd.DataFrame, cohort: str) -
 
 def faces_block(faces: pd.DataFrame, tolerance: float) -> Block:
     """How near the faces come, and what it takes, with the tolerance of the configuration."""
-    own = faces[np.isclose(faces["tolerance"], tolerance)]
-    groups = own.groupby("task", sort=False)
+    subset = faces[np.isclose(faces["tolerance"], tolerance)]
+    groups = subset.groupby("task", sort=False)
 
     def middle(name: str, form: str):
         return lambda row: "{} ({})".format(*(format(value, form) for value in (row[name].median(), row[name].max())))

@@ -38,10 +38,10 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     for axes, (middle, low, high, label) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
         share = middle == "explained"
         ends = (LOWEST, 1.05) if share else (0, HIGHEST * untrained.loc[BASELINE, middle])
-        for number, (method, own) in enumerate(trained.groupby("method", sort=False)):
+        for number, (method, group) in enumerate(trained.groupby("method", sort=False)):
             mark, line, colour = STYLES[number % len(STYLES)]
-            x, y = own["patients"].astype(float) * SHIFT**number, own[middle]
-            way = [(y - own[low]).fillna(0), (own[high] - y).fillna(0)]
+            x, y = group["patients"].astype(float) * SHIFT**number, group[middle]
+            way = [(y - group[low]).fillna(0), (group[high] - y).fillna(0)]
             style = {"marker": mark, "linestyle": line, "color": colour, "markersize": 5.5, "capsize": 2}
             axes.errorbar(x, y, way, elinewidth=0.8, label=written(method), **style)
             edge, side = (ends[0], (0, 3)) if share else (ends[1], (0, -3))

@@ -57,20 +57,20 @@ def summarise(rows: Mapping[tuple[str, int], pd.DataFrame], seed: int = 0) -> pd
     by_case = {key: check(cases, CASES).set_index("case") for key, cases in rows.items()}
     baseline, floor = by_case[BASELINE, 0], by_case.get((FLOOR, 0))
     summaries = []
-    for (method, patients), own in by_case.items():
-        row = {"method": method, "patients": patients, "n": int(own["cd"].notna().sum())}
+    for (method, patients), group in by_case.items():
+        row = {"method": method, "patients": patients, "n": int(group["cd"].notna().sum())}
         for name in ERRORS:
             key = f"{method}/{patients}/{name}"
-            values = own[name].dropna()
+            values = group[name].dropna()
             low, high = bootstrap_interval(values, derive_seed(seed, "learning", key))
             row |= {f"{name}_mean": values.mean(), f"{name}_low": low, f"{name}_high": high}
-            both = pd.concat([own[name], baseline[name]], axis=1, keys=("own", "baseline")).dropna()
+            both = pd.concat([group[name], baseline[name]], axis=1, keys=("own", "baseline")).dropna()
             if len(both) and method not in (BASELINE, FLOOR):
                 test = compare(both["own"], both["baseline"], derive_seed(seed, "difference", key))
                 ends = {"": test.mean, "_low": test.low, "_high": test.high}
                 row |= {f"{name}_difference{end}": value for end, value in ends.items()}
         if floor is not None:
-            common = pd.concat([own["cd"], baseline["cd"], floor["cd"]], axis=1).dropna().to_numpy().T
+            common = pd.concat([group["cd"], baseline["cd"], floor["cd"]], axis=1).dropna().to_numpy().T
             share = explained(*common, derive_seed(seed, "explained", f"{method}/{patients}"))
             row |= {"explained": share.share, "explained_low": share.low, "explained_high": share.high}
         summaries.append(row)
@@ -125,13 +125,13 @@ def table(frame: pd.DataFrame, cohort: str) -> Table:
 def enough(frame: pd.DataFrame) -> list[str]:
     """How many patients each method wants before it is better than BASELINE, in words."""
     said = []
-    for method, own in frame[frame["patients"] > 0].groupby("method", sort=False):
+    for method, group in frame[frame["patients"] > 0].groupby("method", sort=False):
         for name, words in ERRORS.items():
-            if own[f"{name}_difference"].isna().all():
+            if group[f"{name}_difference"].isna().all():
                 continue
-            better = own[f"{name}_difference_high"] < 0
-            lasting = own["patients"][better[::-1].cummin()[::-1].astype(bool)]
-            until = f"with up to {own['patients'].max()} training patients it is not told apart or worse"
-            found = f"better from {lasting.min()} training patients on, as far as measured" if len(lasting) else until
-            said.append(f"{method} against {BASELINE} by {words}: {found}.")
+            better = group[f"{name}_difference_high"] < 0
+            lasting = group["patients"][better[::-1].cummin()[::-1].astype(bool)]
+            until = f"with up to {group['patients'].max()} training patients it is not told apart or worse"
+            verdict = f"better from {lasting.min()} training patients on, as far as measured" if len(lasting) else until
+            said.append(f"{method} against {BASELINE} by {words}: {verdict}.")
     return said

@@ -36,20 +36,20 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     A field gathers all cases, segments, ways and precisions: it is coloured in the shares of their outcomes, from the
     left, and says how many converged and, under them, the least J.
     """
-    ordered = frame.sort_values("family", key=lambda own: own.map(list(FAMILIES).index), kind="stable")
+    ordered = frame.sort_values("family", key=lambda group: group.map(list(FAMILIES).index), kind="stable")
     rows = []
-    for family, own in ordered.groupby("family", sort=False):
-        rows += [(family, setting, own["unit"].iloc[0]) for setting in sorted(own["setting"].unique())]
+    for family, group in ordered.groupby("family", sort=False):
+        rows += [(family, setting, group["unit"].iloc[0]) for setting in sorted(group["setting"].unique())]
     columns = list(dict.fromkeys(zip(ordered["method"], ordered["element"], strict=True)))
     methods = list(dict.fromkeys(method for method, _ in columns))
     columns.sort(key=lambda column: methods.index(column[0]))
-    cells = {key: own for key, own in ordered.groupby(["family", "setting", "method", "element"])}
+    cells = {key: group for key, group in ordered.groupby(["family", "setting", "method", "element"])}
     figure = Figure(figsize=(4 + 0.8 * len(columns), 2.5 + 0.34 * len(rows)), dpi=110, layout="constrained")
     axes = figure.add_subplot()
     for y, (family, setting, _) in enumerate(rows):
         for x, column in enumerate(columns):
-            own = cells.get((family, setting, *column))
-            _paint(axes, x, y, own)
+            group = cells.get((family, setting, *column))
+            _paint(axes, x, y, group)
     axes.set_xlim(-0.5, len(columns) - 0.5)
     axes.set_ylim(len(rows) - 0.5, -0.5)
     names = [f"{spoken(method).replace(', ', chr(10))}\n{element}" for method, element in columns]
@@ -77,17 +77,17 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     save_figure(figure, *paths)
 
 
-def _paint(axes, x: int, y: int, own: pd.DataFrame | None) -> None:
+def _paint(axes, x: int, y: int, group: pd.DataFrame | None) -> None:
     """One field of the picture."""
     left = x - 0.48
-    if own is None:
+    if group is None:
         axes.barh(y, 0.96, 0.94, left, color=ABSENT)
         return
     for outcome, colour in COLOURS.items():
-        share = 0.96 * float((own["outcome"] == outcome).mean())
+        share = 0.96 * float((group["outcome"] == outcome).mean())
         axes.barh(y, share, 0.94, left, color=matplotlib.colors.to_rgb(colour))
         left += share
-    done = own[own["outcome"] == CONVERGED]
+    done = group[group["outcome"] == CONVERGED]
     least = done["min_jacobian"].min()
     ratio = "" if not np.isfinite(least) else f"{least:.2f}" if abs(least) < 100 else f"{least:.0f}"
-    axes.text(x, y, f"{len(done)}/{len(own)}  {ratio}", ha="center", va="center", fontsize=7)
+    axes.text(x, y, f"{len(done)}/{len(group)}  {ratio}", ha="center", va="center", fontsize=7)

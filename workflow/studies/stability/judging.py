@@ -156,7 +156,7 @@ class Balance:
         # A piece that is cut off by patches around it may stay small.
         odd = sizes.max() > 32 or small.mean() > 0.05
         wrong = {"of several tissues": mixed, "in pieces": torn, "too small or too large": odd}
-        return [f"patches are {what}" for what, found in wrong.items() if found]
+        return [f"patches are {what}" for what, differing in wrong.items() if differing]
 
 
 def judged(
@@ -457,20 +457,20 @@ def judge_loss(
     balance = Balance.of(problem, element, replace(problem.material, extension=extension))
     scale = balance.modulus * balance.edge**2
 
-    def own(displacement) -> float:
+    def energy(displacement) -> float:
         return float(((balance.force(displacement)[problem.free] / scale) ** 2).sum(axis=1).mean())
 
     least, (value, gradient) = float(balance.ratios(state).min()), slope
     if not (np.isfinite(value) and np.isfinite(gradient).all()):
         return Verdict(WRONG, "the loss or its gradient is not finite", least)
     if precision == "float64":
-        truth, size, gap = own(state), np.linalg.norm(gradient), 0.0
+        truth, size, gap = energy(state), np.linalg.norm(gradient), 0.0
         errors = {"value": (abs(value - truth) / max(truth, TINY), VALUE)}
         for _ in range(3):
             way = rng.normal(size=state.shape)
             # Where an element passes the extension of its energy on the way, the gradient has a kink, and the longer
             # step is off.
-            differences = [difference(own, state, way, step * balance.edge) for step in (1e-6, 1e-7)]
+            differences = [difference(energy, state, way, step * balance.edge) for step in (1e-6, 1e-7)]
             gap = max(gap, min(abs((gradient * way).sum() - value) for value in differences))
         errors["gradient"] = (gap / max(size, TINY), DIFFERENCE)
     else:

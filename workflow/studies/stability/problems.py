@@ -70,8 +70,8 @@ def moved(model: PatientModel, segment: str, way: str, amount: float) -> Plan:
         raise InputError("-", "configuration", f"there is no segment {segment!r}", f"choose one of {model.segments}")
     if way in DIRECTIONS:
         return Plan("-", {segment: RigidMotion(translation=amount * np.array(DIRECTIONS[way]))})
-    own = model.bone_points[model.bone_segment == model.segments.index(segment)]
-    turn = RigidMotion.from_degrees(amount * np.array(AXES[way]), np.zeros(3), own.mean(axis=0))
+    bone = model.bone_points[model.bone_segment == model.segments.index(segment)]
+    turn = RigidMotion.from_degrees(amount * np.array(AXES[way]), np.zeros(3), bone.mean(axis=0))
     return Plan("-", {segment: turn})
 
 

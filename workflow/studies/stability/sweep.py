@@ -45,7 +45,7 @@ WHOLE = VOLUMETRIC[0]
 EVERY = tuple((element, precision) for element in VOLUMETRIC for precision in PRECISIONS)
 OF_MOVEMENTS = ((WHOLE, "float64"), (WHOLE, "float32"), ("p1", "float64"))
 # mm or degrees: ten-node elements are asked of motions of a patient up to here; beyond, they seldom get there [X].
-ASKED = 15
+QUADRATIC_LIMIT = 15
 CORRECTIONS, CONTROLS = 5, 32  # Newton corrections of a field; control points of a map
 
 
@@ -149,8 +149,8 @@ class Sweep:
         known: dict[str, dict[str, np.ndarray]] = {}
         for element, precision in forms.get(self.family, OF_MOVEMENTS):
             problem = problems.movement(model, plan, self.fem, precision)
-            own = known.setdefault(element, {})
-            yield from self.solved(problem, value, element, precision, own, segment)
+            local = known.setdefault(element, {})
+            yield from self.solved(problem, value, element, precision, local, segment)
         problem = problems.movement(model, plan, self.fem, "float64")
         yield from self.mapped(problem, model, plan, known[WHOLE])
         if self.family == "field":
@@ -190,8 +190,8 @@ class Sweep:
         same = problems.moved(elsewhere.model, segment, self.way, value)
         for number, name in enumerate(self.networks):
 
-            def predict(sweep=self, own=plan, name=name, number=number):
-                return sweep.network(name, number)(own)
+            def predict(sweep=self, local=plan, name=name, number=number):
+                return sweep.network(name, number)(local)
 
             def judge(field, _, predict=predict):
                 return judge_raw(problem, field.displacement, predict(elsewhere, same).displacement)
@@ -260,8 +260,8 @@ class Sweep:
         # A long movement has several equilibria: sliding nodes can settle on either side of an edge of the bone.
         unique = self.family not in OF_PATIENTS
         cold = (precision == "float64" and element == WHOLE) and self.family not in ("inverted", "field")
-        asked = value <= ASKED if self.family in OF_PATIENTS else self.family != "size"
-        yield self.solution(problem, "solver", element, precision, known, unique, start, cold and asked)
+        compared = value <= QUADRATIC_LIMIT if self.family in OF_PATIENTS else self.family != "size"
+        yield self.solution(problem, "solver", element, precision, known, unique, start, cold and compared)
         if precision == "float64" and self.family not in ("inverted", "field"):
             yield self.kept(problem, element, known, unique)
         if self.family in ("inverted", "field"):

@@ -74,24 +74,26 @@ def tabulate(parts: Sequence[str | os.PathLike]) -> Table:
 def table(frame: pd.DataFrame) -> Table:
     """The table of all cells: counts by family and method, and how far each method may go."""
     order = {name: place for place, name in enumerate(FAMILIES)}
-    frame = frame.sort_values(KEY, key=lambda own: own.map(order) if own.name == "family" else own, kind="stable")
+    frame = frame.sort_values(
+        KEY, key=lambda group: group.map(order) if group.name == "family" else group, kind="stable"
+    )
     frame = frame.reset_index(drop=True)
     form = {column.name: column for column in STABILITY}
     groups = []
-    for (family, method), own in frame.groupby(["family", "method"], sort=False):
-        done = own[own["outcome"] == CONVERGED]
-        settings = own.drop_duplicates("setting").sort_values("setting")
+    for (family, method), group in frame.groupby(["family", "method"], sort=False):
+        done = group[group["outcome"] == CONVERGED]
+        settings = group.drop_duplicates("setting").sort_values("setting")
         groups.append(
             {
                 "Family": family,
                 "Settings": ", ".join(label(row.setting, row.unit) for row in settings.itertuples()),
                 "Method": method,
-                **{outcome: int((own["outcome"] == outcome).sum()) for outcome in OUTCOMES},
+                **{outcome: int((group["outcome"] == outcome).sum()) for outcome in OUTCOMES},
                 "Least J": form["min_jacobian"].text(done["min_jacobian"].min()),
                 "Largest residual or error": form["residual"].text(done["residual"].max()),
                 "From ten-node elements [mm]": form["difference"].text(done["difference"].max()),
-                "Failed cleanly at": ends(own[own["outcome"] == CLEAN]),
-                "Wrong at": ends(own[own["outcome"] == WRONG]),
+                "Failed cleanly at": ends(group[group["outcome"] == CLEAN]),
+                "Wrong at": ends(group[group["outcome"] == WRONG]),
             }
         )
     counts = frame["outcome"].value_counts()
@@ -107,8 +109,8 @@ def table(frame: pd.DataFrame) -> Table:
         "next setting all is well."
     )
     blocks = [Block.of(pd.DataFrame(groups), shown(groups), caption)]
-    if found := envelope(frame):
-        blocks.append(Block.of(pd.DataFrame(found), shown(found), reach, "Envelope"))
+    if reach_rows := envelope(frame):
+        blocks.append(Block.of(pd.DataFrame(reach_rows), shown(reach_rows), reach, "Envelope"))
     return Table(frame, STABILITY, blocks, wrong_in_words(frame))
 
 
@@ -117,28 +119,28 @@ def shown(rows: Sequence[dict]) -> list[View]:
     return [View(header, lambda row, header=header: row[header]) for header in rows[0]]
 
 
-def ends(own: pd.DataFrame) -> str:
+def ends(group: pd.DataFrame) -> str:
     """Settings of some cells, and how many there are at each."""
-    counts = own.groupby(["setting", "unit"]).size()
+    counts = group.groupby(["setting", "unit"]).size()
     return ", ".join(f"{label(setting, unit)} ({count})" for (setting, unit), count in counts.items())
 
 
 def envelope(frame: pd.DataFrame) -> list[dict]:
     """Of each method that makes a field and each family that moves segments: the largest setting up to which every
     cell converged to a field that tissue could have."""
-    found = []
+    reach_rows = []
     moved = frame[frame["family"].isin(["translation", "rotation", "rough"]) & (frame["method"] != "loss")]
     moved = moved.assign(good=(moved["outcome"] == CONVERGED) & ~(moved["min_jacobian"] <= 0))
-    for (method, family), own in moved.groupby(["method", "family"], sort=False):
-        shares = own.groupby("setting")["good"]
-        share, unit = shares.mean(), own["unit"].iloc[0]
+    for (method, family), group in moved.groupby(["method", "family"], sort=False):
+        shares = group.groupby("setting")["good"]
+        share, unit = shares.mean(), group["unit"].iloc[0]
         bad = share[share < 1]
         below = share[share.index < bad.index.min()] if len(bad) else share
         beyond = ""
         if len(bad):
             good, count = shares.sum()[bad.index.min()], shares.size()[bad.index.min()]
             beyond = f"{label(bad.index.min(), unit)}: {int(good)} of {count}"
-        found.append(
+        reach_rows.append(
             {
                 "Method": method,
                 "Family": family,
@@ -146,7 +148,7 @@ def envelope(frame: pd.DataFrame) -> list[dict]:
                 "Beyond": beyond,
             }
         )
-    return found
+    return reach_rows
 
 
 def wrong_in_words(frame: pd.DataFrame) -> list[str]:

@@ -27,12 +27,15 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     BASELINE; the others and every changed setting are small marks. The band holds what is not told apart from BASELINE.
     """
     sound = frame[(frame["failed"] == 0) & frame["cd"].notna()]
-    own = sound[as_studied(sound)].set_index("method")
-    lines = own["cd"].reindex(LINES).dropna()
+    base = sound[as_studied(sound)].set_index("method")
+    lines = base["cd"].reindex(LINES).dropna()
     timed = sound[sound["seconds"].notna() & (sound["method"] != STILL)]
-    own = own.loc[own["seconds"].notna() & (own.index != STILL)]
-    order = [*(name for name in WANTED if name in own.index), *(name for name in own.index if name not in WANTED)]
-    shown = own.loc[order[:NAMED]]
+    base = base.loc[base["seconds"].notna() & (base.index != STILL)]
+    order = [
+        *(name for name in WANTED if name in base.index),
+        *(name for name in base.index if name not in WANTED),
+    ]
+    shown = base.loc[order[:NAMED]]
     ends = shown[["sliding_low", "sliding_high"]].sub(shown["sliding_difference"], axis=0).fillna(0)
     ends = ends.add(shown["cd"], axis=0).assign(seconds=shown["seconds"].clip(lower=FASTEST))
     bars = {written(name): (x, low, high) for name, low, high, x in ends.itertuples()}
@@ -61,24 +64,24 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     axes.set_xlabel("one plan, warm (grey: other methods, and one setting changed)")
     axes.set_ylabel("distance of prediction and outcome, mm (Chamfer)")
     add_grid(axes)
-    say(figure, _message(own, int(sound["n"].max()), tested))
+    say(figure, _message(base, int(sound["n"].max()), tested))
     label_apart(axes, bars)
     save_figure(figure, *paths)
 
 
-def _message(own: pd.DataFrame, patients: int, tested: bool) -> str:
+def _message(base: pd.DataFrame, patients: int, tested: bool) -> str:
     """What the picture says, of the methods as in the study."""
-    if patients < SMALLEST_N or own.empty:
+    if patients < SMALLEST_N or base.empty:
         return f"A demonstration: {patients} patients do not tell methods apart"
-    best = own.loc[own["cd"].idxmin()]
+    best = base.loc[base["cd"].idxmin()]
 
     def said(row) -> str:
         return f"{row['cd']:.2f} mm in {_spoken(row['seconds'])}"
 
     text = f"{written(best.name)} comes nearest over {patients} patients: {said(best)}"
-    if BASELINE not in own.index or best.name == BASELINE:
+    if BASELINE not in base.index or best.name == BASELINE:
         return text
-    text += f"; {in_sentence(BASELINE)} has {said(own.loc[BASELINE])}"
+    text += f"; {in_sentence(BASELINE)} has {said(base.loc[BASELINE])}"
     if not tested:
         return f"{text}, not tested"
     return text + (", not told apart" if best["sliding_high"] >= 0 else ", told apart")

@@ -67,7 +67,7 @@ if __name__ == "__main__":
         plan=snakemake.input.plan,
         postop=snakemake.input.postop,
         judged=snakemake.input.judged,
-        settings=[Setting(**own) for own in snakemake.params.settings],
+        settings=[Setting(**values) for values in snakemake.params.settings],
         nodes=snakemake.params.nodes,
         fem=FemSettings(**snakemake.params.fem),
         threads=snakemake.threads,

@@ -59,7 +59,7 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     measure_networks(
         case=snakemake.wildcards.case,
-        settings=[Setting(**own) for own in snakemake.params.settings],
+        settings=[Setting(**values) for values in snakemake.params.settings],
         networks=dict(zip(snakemake.params.methods, snakemake.input.networks, strict=True)),
         kinds=snakemake.params.kinds,
         models=dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),

@@ -48,14 +48,14 @@ class Reference:
         """Distance (k,) mm of the judged points of the patient's skin, moved (s, 3) mm, from where they are here."""
         judged = patient.judged_points
         here = self.patient.moved_skin(self.displacement) - self.patient.skin_points
-        own = self.patient.skin_at(patient.skin_points[judged])
+        local = self.patient.skin_at(patient.skin_points[judged])
         there = (moved - patient.skin_points)[judged]
-        return np.linalg.norm(there - here[own], axis=1)[own >= 0]
+        return np.linalg.norm(there - here[local], axis=1)[local >= 0]
 
     def volume_error(self, patient: PatientModel, displacement: np.ndarray) -> float:
         """Mean distance in mm of a displacement (n, 3) mm of the patient from the one here, over the tissue."""
-        own = self.patient
-        there = interpolate(patient.points, own.points, own.cells, self.displacement)
+        local = self.patient
+        there = interpolate(patient.points, local.points, local.cells, self.displacement)
         errors = np.linalg.norm(displacement - there, axis=1)
         return float(np.average(errors, weights=node_volumes(patient.points, patient.cells)))
 
@@ -99,18 +99,18 @@ def judge(
 
 def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSettings, threads: int) -> Prediction:
     """The plan by finite elements with the setting's parameter; warm, median of repeats unless a solve takes long."""
-    own, setup = replace(fem, **setting.fem), 0.0
+    local, setup = replace(fem, **setting.fem), 0.0
     if not setting.contact:
-        return Prediction(*linear_field(patient, plan, own), threads)
-    if own.volumetric in MIXED:
+        return Prediction(*linear_field(patient, plan, local), threads)
+    if local.volumetric in MIXED:
         mesh = patient.points, patient.cells, fem.material(patient.tissue)
         boundary = partial(boundary_conditions, patient, plan, setting.contact)
         limits = fem.increments, fem.tolerance, fem.max_iterations
-        solved, seconds = repeated(lambda: solve_mixed(*mesh, boundary(), own.volumetric, *limits), PATIENCE)
+        solved, seconds = repeated(lambda: solve_mixed(*mesh, boundary(), local.volumetric, *limits), PATIENCE)
     else:
         if setting.double:
-            own = replace(own, reuse=False, kept_factors=False)
-        with Simulator(patient, own, setting.contact) as simulator:
+            local = replace(local, reuse=False, kept_factors=False)
+        with Simulator(patient, local, setting.contact) as simulator:
             solved, seconds = repeated(lambda: simulator.solve([plan])[0], PATIENCE)
             setup = simulator.preparation
     return Prediction(solved.displacement, seconds, setup, threads, converged=solved.converged, reason=solved.reason)

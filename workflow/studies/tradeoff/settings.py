@@ -47,8 +47,8 @@ def fem_settings(
     """
 
     def setting(method: str, parameter: str, value: str, size: int = nodes, **more) -> list[Setting]:
-        own = Setting(method, parameter, value, size, contacts.get(method, ""), **more)
-        return [own] if parameter in varied[method] else []
+        single = Setting(method, parameter, value, size, contacts.get(method, ""), **more)
+        return [single] if parameter in varied[method] else []
 
     settings = setting("fem_sliding", "nodes", str(config["reference"]), config["reference"])
     for method in varied:
@@ -75,16 +75,16 @@ def network_settings(nodes: int, config: Mapping, variants: Mapping[str, Mapping
     """
     settings = []
     for method in config["networks"]:
-        own = variants[method]["newton_corrections"]
-        for count in sorted({own, *config["corrections"]}):
-            value = f"{count}, {BASE}" if count == own else str(count)
+        usual = variants[method]["newton_corrections"]
+        for count in sorted({usual, *config["corrections"]}):
+            value = f"{count}, {BASE}" if count == usual else str(count)
             settings.append(Setting(method, "corrections", value, nodes, corrections=count))
         settings += [
-            Setting(method, "nodes", str(size), size, corrections=own)
+            Setting(method, "nodes", str(size), size, corrections=usual)
             for size in config["nodes"]
             if size != nodes and size <= config["largest_network"]
         ]
-        settings.append(Setting(method, "precision", "double", nodes, corrections=own, double=True, repeatable=False))
+        settings.append(Setting(method, "precision", "double", nodes, corrections=usual, double=True, repeatable=False))
     for method in config["further"]:
         base = nearest(variants[method], {name: variants[name] for name in config["networks"]})
         differences = " and ".join(

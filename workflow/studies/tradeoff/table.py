@@ -45,15 +45,15 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     """One row of TRADEOFF per setting, in the order of their first appearance, of rows of TRADEOFF_CASES."""
     rows = check(rows, TRADEOFF_CASES)
     summaries, baseline = [], rows[(rows["method"] == BASELINE) & as_studied(rows)]
-    for key, own in rows.groupby([column.name for column in SETTING], sort=False):
+    for key, group in rows.groupby([column.name for column in SETTING], sort=False):
         row = dict(zip((column.name for column in SETTING), key, strict=True))
-        row |= {"n": len(own), "failed": int((~own["converged"]).sum())}
+        row |= {"n": len(group), "failed": int((~group["converged"]).sum())}
         names = ("nodes", "seconds", "setup_seconds", "cd", "face_error", "volume_error", "eqres_rel")
-        row |= {name: own[name].mean() for name in names}
-        row |= {"seconds_max": own["seconds"].max(), "cd_sd": own["cd"].std(), "inverted": own["inverted"].sum()}
-        row |= {"cd_within": _within(own["cd"].dropna())}
-        row |= against_baseline(own[own["seconds"].notna()], baseline, derive_seed(0, "bootstrap", "/".join(key)))
-        row |= {"face_error_max": own["face_error_max"].max(), "min_jacobian": own["min_jacobian"].min()}
+        row |= {name: group[name].mean() for name in names}
+        row |= {"seconds_max": group["seconds"].max(), "cd_sd": group["cd"].std(), "inverted": group["inverted"].sum()}
+        row |= {"cd_within": _within(group["cd"].dropna())}
+        row |= against_baseline(group[group["seconds"].notna()], baseline, derive_seed(0, "bootstrap", "/".join(key)))
+        row |= {"face_error_max": group["face_error_max"].max(), "min_jacobian": group["min_jacobian"].min()}
         summaries.append(row)
     frame = pd.DataFrame(summaries)
     frame.loc[frame["min_jacobian"].isna(), "inverted"] = np.nan
@@ -100,9 +100,9 @@ def answers(frame: pd.DataFrame, cohort: str) -> list[str]:
             if ratio > 1
             else f"against {what} nothing faster comes so near to the best, {_shown(last, error)}"
         )
-    for _, own in sound.groupby("method", sort=False):
-        if not own[list(FRONTS.values())].to_numpy().any():
-            one = own.sort_values("cd").iloc[0]
+    for _, group in sound.groupby("method", sort=False):
+        if not group[list(FRONTS.values())].to_numpy().any():
+            one = group.sort_values("cd").iloc[0]
             better = sound[(sound["seconds"] <= one["seconds"]) & (sound["cd"] < one["cd"])]
             beaten = f", beaten by {_best(better, 'cd')}" if len(better) else ""
             worse.append(f"{_shown(one, 'cd')}{beaten}")
