@@ -60,7 +60,7 @@ def test_the_motion_of_a_noisy_partial_scan_with_moved_jaws_is_found(angles, shi
     assert registration.count > 500
 
 
-def test_moved_jaws_would_spoil_a_registration_of_the_whole_face():
+def test_moved_jaws_would_spoil_a_registration_of_the_whole_face(from_in_place):
     """The plane is what makes the result right: without it the jaws pull the scan away."""
     skin, faces = head()
     points, scan_faces = scan(noise=0.0)

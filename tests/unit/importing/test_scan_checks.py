@@ -94,7 +94,7 @@ def test_a_fine_volume_gives_the_surfaces_of_a_coarse_one():
         assert np.abs(fine.mean(axis=0)).max() < 0.1
 
 
-def test_the_mirror_image_of_a_nearly_symmetric_face_is_refused_by_its_name():
+def test_the_mirror_image_of_a_nearly_symmetric_face_is_refused_by_its_name(from_in_place):
     """It registers well below the limit, so that the residual alone would let it in."""
     points, faces = face(noise=0.1)
     check_scan(points, faces, *face(), PLANE, IN_PLACE, **NAMES)
@@ -105,7 +105,7 @@ def test_the_mirror_image_of_a_nearly_symmetric_face_is_refused_by_its_name():
         check_scan(*mirrored, *face(), PLANE, found, **NAMES)
 
 
-def test_a_strip_of_the_upper_face_is_refused_with_the_share_that_it_shows():
+def test_a_strip_of_the_upper_face_is_refused_with_the_share_that_it_shows(from_in_place):
     """One side of the brow registers as well as a face does; both sides show enough."""
     points, faces = face(noise=0.1)
     brow = (points[:, 2] > PLANE - 8) & (points[:, 2] < PLANE + 22)
@@ -129,7 +129,7 @@ def test_a_cylinder_that_fits_a_part_of_the_forehead_is_refused_with_the_share_t
         check_scan(points, faces, *face(), PLANE, found, **NAMES)
 
 
-def test_the_back_of_a_head_is_refused_for_the_nose_that_it_lacks():
+def test_the_back_of_a_head_is_refused_for_the_nose_that_it_lacks(from_in_place):
     """Its dome registers on the forehead well below the limit, over more of it than is asked."""
     points, faces = face()
     outward = points / np.linalg.norm(points, axis=1, keepdims=True)
@@ -147,7 +147,7 @@ def test_the_back_of_a_head_is_refused_for_the_nose_that_it_lacks():
 
 
 @pytest.mark.parametrize("scale", [0.9, 0.97, 1.03])
-def test_a_face_of_another_size_is_refused_with_its_scale(scale):
+def test_a_face_of_another_size_is_refused_with_its_scale(scale, from_in_place):
     points, faces = face(noise=0.1)
     points = scale * points
     found = register(points, faces, *face(), PLANE, **NAMES, limit=3 * LIMIT)
@@ -158,7 +158,7 @@ def test_a_face_of_another_size_is_refused_with_its_scale(scale):
     assert abs(float(re.search(r"made ([\d.]+)", str(error.value))[1]) * scale - 1) < 0.005
 
 
-def test_half_a_face_and_a_coarse_scan_have_the_right_size():
+def test_half_a_face_and_a_coarse_scan_have_the_right_size(from_in_place):
     points, faces = face(noise=0.4)
     for scan in ((points, faces), part(points, faces, points[:, 0] > -10), part(points, faces, points[:, 0] < 10)):
         found = register(*scan, *face(), PLANE, **NAMES, limit=LIMIT)
@@ -186,7 +186,7 @@ def test_a_scan_without_area_is_refused():
         register(points * [0, 0, 1], faces, *face(), PLANE, **NAMES, limit=LIMIT)
 
 
-def test_a_limit_that_is_no_number_registers_no_scan():
+def test_a_limit_that_is_no_number_registers_no_scan(from_in_place):
     with pytest.raises(InputError, match=r"median residual of 0\.\d\d mm \(limit nan mm\)"):
         register(*face(noise=0.1), *face(), PLANE, **NAMES, limit=np.nan)
 

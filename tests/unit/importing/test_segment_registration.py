@@ -86,7 +86,7 @@ def largest(errors, key="error_max"):
     return max(own[key] for own in errors.values())
 
 
-def test_clean_bones_give_the_motions_back(head, bone, clean):
+def test_clean_bones_give_the_motions_back(head, bone, clean, from_in_place):
     off, fits = errors(head, bone, *clean)
     assert set(off) == set(SEGMENTS)
     assert largest(off) < 0.25 and largest(off, "error_degrees") < 0.5
@@ -110,7 +110,7 @@ def test_noise_plates_callus_and_streaks_in_any_frame(head, bone, noisy, turn, p
         assert fits[1].from_plan == pytest.approx(2, abs=1) and fits[1].from_plan_degrees == pytest.approx(1.5, abs=0.8)
 
 
-def test_a_third_out_of_view_costs_little_and_what_is_not_seen_is_refused(head, bone, tmp_path):
+def test_a_third_out_of_view_costs_little_and_what_is_not_seen_is_refused(head, bone, tmp_path, from_in_place):
     """The left of the head is missing up to the left orbit, and with it the left proximal segment."""
 
     def cut(labels):
@@ -122,7 +122,7 @@ def test_a_third_out_of_view_costs_little_and_what_is_not_seen_is_refused(head, 
         check_fits([fit for fit in fits if fit.segment == "proximal_left"], **LIMITS)
 
 
-def test_a_segment_that_the_case_does_not_have_has_no_motion(head, tmp_path):
+def test_a_segment_that_the_case_does_not_have_has_no_motion(head, tmp_path, from_in_place):
     labels = np.where(head.labels == segment_code(0), CRANIUM, head.labels)
     still = Plan("P1", {name: own for name, own in TRUE.motions.items() if name != "lefort1"})
     own = Segmentation(labels, head.spacing, head.origin)
@@ -130,12 +130,18 @@ def test_a_segment_that_the_case_does_not_have_has_no_motion(head, tmp_path):
     assert [fit.segment for fit in fits] == list(SEGMENTS[1:])
 
 
-def test_another_patient_and_a_mirrored_one_are_refused(head, bone, noisy, tmp_path):
+def assert_refused(fits):
+    with pytest.raises(InputError, match=r"'P1'.*bones.*median distance of [0-9.]+ mm .limit 0.45.*Remedy: .+"):
+        check_fits(fits, **LIMITS)
+
+
+def test_a_mirrored_patient_is_refused(head, bone, noisy):
     points, faces = noisy
-    for wrong in (surface(head_of(11, "class_ii"), tmp_path, 1.0), (points * [-1, 1, 1], faces[:, ::-1])):
-        _, fits = errors(head, bone, *wrong)
-        with pytest.raises(InputError, match=r"'P1'.*bones.*median distance of [0-9.]+ mm .limit 0.45.*Remedy: .+"):
-            check_fits(fits, **LIMITS)
+    assert_refused(errors(head, bone, points * [-1, 1, 1], faces[:, ::-1])[1])
+
+
+def test_another_patient_is_refused(head, bone, tmp_path, from_in_place):
+    assert_refused(errors(head, bone, *surface(head_of(11, "class_ii"), tmp_path, 1.0))[1])
 
 
 @pytest.mark.parametrize("wrong", ["limit", "share", "median", "matched"])
@@ -186,7 +192,7 @@ def test_a_volume_whose_bone_has_no_surface_is_refused(bone, tmp_path):
         read_postop_bones(tmp_path / "bones.nrrd", "P1", np.zeros((0, 3)))
 
 
-def test_surfaces_in_centimetres_and_folders_of_them_are_the_same_bones(head, bone, clean, tmp_path):
+def test_surfaces_in_centimetres_and_folders_of_them_are_the_same_bones(head, bone, clean, tmp_path, from_in_place):
     points, faces = clean
     write_surface(points / 10, faces, tmp_path / "bones.ply")
     (tmp_path / "parts").mkdir()
