@@ -9,7 +9,8 @@ unexport PYTHONDONTWRITEBYTECODE
 FINISHED := $(if $(wildcard results/provenance.json),,$(if $(wildcard results/quick/provenance.json),config/quick.yaml))
 OF := $(addprefix --configfile ,$(or $(CONFIG),$(FINISHED)))
 
-.PHONY: env quick study unlock report figures predict planner test test-study test-unit test-stages test-workflow test-full docs
+.PHONY: env quick study unlock report figures predict planner docs lint check check-house check-0 check-1 \
+	test test-study test-unit test-stages test-workflow test-full
 
 env: .venv/installed
 
@@ -54,11 +55,24 @@ planner: env
 docs: env
 	$(BIN)/python workflow/document_config.py
 
-test: env
+lint: env
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/snakefmt --check Snakefile rules workflow
 	$(BIN)/snakemake --lint
+
+# Minutes: lint, rooms, configuration and pages, and the unit tests that import what has changed since main.
+check: lint
+	$(MAKE) --jobs 2 --keep-going --output-sync=target check-0 check-1 check-house
+
+check-house:
+	$(BIN)/pytest tests/config tests/unit/test_rooms.py --ignore tests/config/test_commands.py
+
+check-0 check-1: check-%:
+	@files=$$($(BIN)/python tests/changed.py $* 2); test -z "$$files" || $(BIN)/pytest $$files
+
+# All that protects a behaviour; half of it runs beside the quick study that the others share.
+test: lint
 	$(MAKE) --jobs 2 --keep-going --output-sync=target $(TESTS)
 
 # The longest first: the others fill what is left of two cores.
@@ -78,6 +92,7 @@ test-stages:
 test-workflow:
 	$(BIN)/pytest --ignore tests/unit --ignore tests/stages -m "not full and not studied"
 
-# Needs what apt-get install munge slurm-wlm chromium brings; a test whose service is absent says so.
+# Slow variants, sweeps and services. Needs what apt-get install munge slurm-wlm chromium brings; a test whose service is
+# absent says so.
 test-full: env
 	$(BIN)/pytest -m full -rs

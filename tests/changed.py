@@ -11,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "workflow"))
 
-from pinnochio import code
+from pinnochio import code  # noqa: E402 - its path stands above
 
 SETTINGS = ROOT / "tests/helpers/settings.py"  # reads the configuration for all others
 

@@ -1,6 +1,8 @@
 """Every command of the README and the pages is understood: planned by Snakemake or make, or its options known."""
 
 import functools
+import re
+import shlex
 import subprocess
 import sys
 
@@ -9,10 +11,13 @@ import yaml
 
 from pinnochio.patients.archive import RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
 from tests.helpers.documents import PAGES, commands, named_blocks
+from tests.helpers.rules import RULE_FILES
 from tests.helpers.settings import ROOT
-from tests.helpers.study import Project
+from tests.helpers.study import Project, jobs
 
 PATIENTS, FOLDS = 10, 2  # the plan of a study grows with them, and so does the time that it takes
+RULE = r"^(?:use rule \w+ as|rule) (\w+)"
+ARCHIVED = {"take_network", "take_pretraining"}  # by `networks: archive`, planned in tests/study/test_job_lists.py
 WRITTEN = sorted(set().union(*map(commands, PAGES)))
 
 
@@ -27,7 +32,9 @@ def project(tmp_path_factory) -> Project:
     archive = project.folder / "results/archive"
     names = [RANGES, calibration_file(method), *(network_file(method, fold) for fold in folds)]
     files = [archive / name for name in names]
-    files += [project.folder / f"P01/{name}" for name in ("segmentation.nii.gz", "plan.json", "wish.csv")]
+    names = ("segmentation.nii.gz", "plan.json", "wish.csv")
+    files += [project.folder / f"{home}/{name}" for home in ("P01", "results/virtual/V01") for name in names]
+    files.append(project.folder / "P01/plans/further.json")
     rows = ["case\tsegmentation\tplan\tpostop"]
     for number in range(PATIENTS):
         parts = [f"C{number}.{suffix}" for suffix in ("nii.gz", "json", "ply")]
@@ -70,16 +77,31 @@ def test_after_the_quick_study_its_report_is_shown_but_patients_are_predicted_as
     assert "--configfile own.yaml" in run(*planned[:-1], "CONFIG=own.yaml", "predict")
 
 
+def rules_planned(project, words) -> set[str]:
+    """Rules of the jobs that a command line of Snakemake would run; it must be understood."""
+    if "--report" in words:  # needs the results
+        words = words[: words.index("--report")] + words[words.index("--report") + 2 :]
+    done = project.dry_run("--quiet=rules", *words)
+    assert done.returncode == 0, done.stdout[-3000:]
+    return set(jobs(done.stdout)) if "Job stats:" in done.stdout else set()
+
+
+@pytest.fixture(scope="module")
+def planned() -> dict[tuple[str, ...], set[str]]:
+    """Rules that each documented command plans, as far as the commands have been tried."""
+    return {}
+
+
 @pytest.mark.parametrize("command", WRITTEN, ids=" ".join)
-def test_a_documented_command_is_understood(project, command):
+def test_a_documented_command_is_understood(project, planned, command):
     program, *words = command
+    planned[command] = set()
     if program == "snakemake":
-        if "--report" in words:  # needs the results
-            words = words[: words.index("--report")] + words[words.index("--report") + 2 :]
-        done = project.dry_run("--quiet=all", *words)
-        assert done.returncode == 0, done.stdout[-3000:]
+        planned[command] = rules_planned(project, words)
     elif program == "make":
-        run("make", "--dry-run", *words)
+        for line in run("make", "--dry-run", *words).splitlines():
+            if line.startswith(".venv/bin/snakemake --cores"):
+                planned[command] |= rules_planned(project, shlex.split(line)[3:])
     elif program == "python":
         script, *arguments = words
         said = run(sys.executable, script, "--help")
@@ -87,6 +109,16 @@ def test_a_documented_command_is_understood(project, command):
             assert not word.startswith("--") or word in said, word
     elif program not in ("mkdir", "cp", "git"):
         assert command == ("source", ".venv/bin/activate") and "-m venv --clear .venv" in run("make", "-nB", "env")
+
+
+def test_every_rule_is_planned_by_a_documented_command(planned):
+    if len(planned) < len(WRITTEN):
+        pytest.skip("not every command was tried")
+    texts = [file.read_text(encoding="utf-8") for file in (ROOT / "Snakefile", *RULE_FILES)]
+    rules = {name for text in texts for name in re.findall(RULE, text, re.M)}
+    parts = {name for text in texts for name in re.findall(r"rules\.(\w+)\.input", text)}  # of another target
+    unused = rules.difference(*planned.values(), parts, ARCHIVED)
+    assert not unused, " ".join(sorted(unused))
 
 
 def test_an_environment_that_is_elsewhere_is_not_emptied(tmp_path):
