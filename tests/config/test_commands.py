@@ -17,7 +17,7 @@ from tests.helpers.study import Project, jobs
 
 PATIENTS, FOLDS = 10, 2  # the plan of a study grows with them, and so does the time that it takes
 RULE = r"^(?:use rule \w+ as|rule) (\w+)"
-ARCHIVED = {"take_network", "take_pretraining"}  # by `networks: archive`, planned in tests/study/test_job_lists.py
+ARCHIVED = {"take_network", "take_pretraining"}  # by `networks: archive`, in tests/unit/training/test_archive.py
 WRITTEN = sorted(set().union(*map(commands, PAGES)))
 
 
