@@ -195,23 +195,6 @@ rule virtual_postop_bones:
         "../scripts/cohort/virtual_postop_bones.py"
 
 
-# What the library's modules about the outcome measure on one patient, each for the table of its name.
-TRUTH = {"truth": "<results>/virtual/{case}/truth.h5"}
-MEASURED = {  # by module: further inputs, further arguments
-    "effects": (TRUTH, {}),
-    "nasolabial": ({}, {}),
-    "learnable": (TRUTH, {}),
-    "reality": (
-        {},
-        {
-            "effects": config["virtual"]["outcome"]["effects"],
-            "samples": config["evaluation"]["samples"],
-        },
-    ),
-    "refinement": ({}, {}),
-}
-
-
 rule measure_outcome:
     input:
         unpack(lambda wildcards: MEASURED[wildcards.measured][0]),

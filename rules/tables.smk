@@ -208,23 +208,6 @@ rule render_table:
         "../scripts/tables/render_table.py"
 
 
-# What more training patients are worth; not part of `all`.
-rule learning:
-    input:
-        recorded("learning"),
-        "<results>/figures/learning.png",
-    message:
-        "The learning curve is measured"
-
-
-# What each switch of the better network is worth, on the first folds; not part of `all`.
-rule design:
-    input:
-        recorded("design"),
-    message:
-        "The design study is done"
-
-
 # Read from the benchmark files of the study's jobs; these differ from run to run and are no input.
 rule cost:
     input:

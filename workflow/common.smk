@@ -104,6 +104,18 @@ def any_of(names):
     return "|".join(names) or "none"
 
 
+def check_networks(key, names):
+    """End the run where a key of the configuration names what is not among `variants`."""
+    with plainly():
+        if unknown := [name for name in names if name not in config["variants"]]:
+            raise InputError(
+                "-",
+                "configuration",
+                f"{key} names {unknown[0]!r}, which is not among 'variants'",
+                "name a learned method",
+            )
+
+
 def captioned(path, name=None):
     """An output that `snakemake --report` shows: with the caption of that name, by default the file's own."""
     name = name or Path(path).stem

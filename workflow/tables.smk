@@ -6,7 +6,6 @@
 TWINS = ["md", "tex", "html"]
 METRICS = "<results>/folds/{fold}/{method}/metrics.csv"
 JUDGED = {"cases": "<results>/tables/cases.csv"}
-TRADED_CASES = {"cases": "<results>/tables/tradeoff_cases.csv"}
 ANATOMIES = {
     "anatomies": expand("<results>/virtual/{case}/anatomy.json", case=STUDY.cases)
 }
@@ -19,22 +18,11 @@ COMPARED = NAMED | {
 }
 MODULES = {
     "better": "pinnochio.tables.accuracy",
-    "corrections": "studies.corrections.table",
-    "learning": "studies.learning.table",
-    "design": "studies.design.table",
-    "stability": "studies.stability.table",
-    "tradeoff": "studies.tradeoff.table",
-    "tradeoff_cases": "studies.tradeoff.cases",
-    "choices": "studies.tradeoff.choices",
-    "inverse": "studies.inverse.table",
     "thickness": "pinnochio.virtual.thickness",
     "anatomy": "pinnochio.virtual.description",
     "effects": "pinnochio.virtual.effects",
     "ratios": "pinnochio.virtual.ratios",
     "nasolabial": "pinnochio.virtual.nasolabial",
-    "reality": "studies.cohort_checks.reality",
-    "learnable": "studies.cohort_checks.learnable",
-    "refinement": "studies.cohort_checks.refinement",
 }
 # Files by argument, and the other arguments.
 TABLES = {
@@ -46,7 +34,7 @@ TABLES = {
     # The same with every method tested against the better network.
     "better": (
         JUDGED,
-        COMPARED | {"reference": config["design"]["base"], "published": False},
+        COMPARED | {"reference": config["better"], "published": False},
     ),
     "regions": (JUDGED, COMPARED),
     # The same networks and solvers, given the plan instead of the achieved motion.
@@ -95,56 +83,6 @@ TABLES = {
         JUDGED,
         NAMED | {"seed": SEED},
     ),
-    "design": (
-        {
-            "metrics": expand(
-                METRICS,
-                fold=list(STUDY.held_out)[: config["design"]["folds"]],
-                method=STUDY.design,
-            )
-        },
-        NAMED | {"variants": {m: NETWORKS[m] for m in STUDY.design}, "seed": SEED},
-    ),
-    "learning": (
-        lambda wildcards: STUDY.learning_metrics,
-        NAMED
-        | {
-            "methods": config["learning"]["methods"],
-            "untaught": STUDY.untaught,
-            "patients": list(STUDY.learning_folds),
-            "seed": SEED,
-        },
-    ),
-    "corrections": (
-        {
-            "metrics": STUDY.corrected_metrics,
-            "baseline": expand(
-                METRICS,
-                fold=STUDY.held_out,
-                method=[BASELINE] if BASELINE in STUDY.methods else [],
-            ),
-        },
-        NAMED
-        | {
-            "methods": STUDY.asked("corrections"),
-            "corrections": [0, *config["corrections"]["counts"]],
-            "seed": SEED,
-        },
-    ),
-    "inverse": (
-        {
-            kind: expand(f"<results>/inverse/{{case}}/{kind}.csv", case=STUDY.inverted)
-            for kind in ("recovered", "faces", "marked", "seen")
-        }
-        | {"models": expand("<results>/cases/{case}/model.h5", case=STUDY.inverted)},
-        NAMED
-        | {
-            "cases": STUDY.inverted,
-            "held_out": STUDY.held_out,
-            "tolerance": config["invert"]["tolerance"],
-            "seed": SEED,
-        },
-    ),
     "coverage": (
         {
             "parts": expand(
@@ -153,26 +91,6 @@ TABLES = {
             )
         },
         NAMED,
-    ),
-    "tradeoff_cases": (
-        lambda wildcards: {"rows": STUDY.rows_of_traded(wildcards)},
-        NAMED,
-    ),
-    "choices": (
-        TRADED_CASES,
-        NAMED
-        | {
-            "budgets": config["tradeoff"]["budgets"],
-            "tolerances": config["tradeoff"]["allowed"],
-        },
-    ),
-    "tradeoff": (
-        TRADED_CASES | {"choices": "<results>/tables/choices.json"},
-        NAMED,
-    ),
-    "stability": (
-        {"parts": expand("<results>/stability/{part}.csv", part=STUDY.extremes)},
-        {},
     ),
     "training": (
         {
@@ -226,24 +144,11 @@ TABLES = {
         },
         NAMED,
     ),
-    "reality": (
-        {"rows": expand("<results>/virtual/{case}/reality.csv", case=STUDY.cases)},
-        NAMED,
-    ),
-    "learnable": (
-        {"rows": expand("<results>/virtual/{case}/learnable.csv", case=STUDY.cases)},
-        NAMED,
-    ),
-    "refinement": (
-        {
-            "rows": expand(
-                "<results>/virtual/{case}/refinement.csv",
-                case=list(STUDY.cases)[: config["virtual"]["refinement"]],
-            )
-        },
-        NAMED,
-    ),
 }
+# What the library's modules about the outcome measure on one patient, each for the table of its name: further inputs
+# and further arguments.
+TRUTH = {"truth": "<results>/virtual/{case}/truth.h5"}
+MEASURED = {"effects": (TRUTH, {}), "nasolabial": ({}, {})}
 # What must be there before a table beside its files; the benchmark files differ from run to run and are no input.
 BEFORE = {
     "stages": [
@@ -257,19 +162,9 @@ BEFORE = {
 
 
 # What further studies add: titles of their parts of the report, captions, and the modules that draw a table.
-FURTHER = {
-    "tradeoff": "Seconds against accuracy",
-    "corrections": "Newton corrections after the network",
-    "learning": "Error against training patients",
-    "design": "Switches of PINNOCHIO plus",
-    "coverage": "Coverage of the intervals",
-    "stability": "Stability at the extremes",
-}
+FURTHER = {"coverage": "Coverage of the intervals"}
 CAPTIONS = {}
-FIGURES = {"cases": "pinnochio.figures.cases"} | {
-    name: f"studies.{name}.figure"
-    for name in ("corrections", "learning", "stability", "tradeoff")
-}
+FIGURES = {"cases": "pinnochio.figures.cases"}
 
 
 def add_table(name, module, caption, files, arguments, title="", figure=""):

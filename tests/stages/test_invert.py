@@ -9,7 +9,7 @@ import pytest
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
 from pinnochio.inverse.alternatives import answers, contradictions
-from pinnochio.inverse.columns import COMBINATIONS, FACES, MOTIONS, PROPOSALS, REACHED, RECOVERED, SENSITIVITY
+from pinnochio.inverse.columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED, SENSITIVITY
 from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import freedom
 from pinnochio.inverse.proposal import InverseSettings
@@ -22,6 +22,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration
 from scripts.patients.measure_sensitivity import measure_sensitivity
 from scripts.patients.propose import propose_plans
+from studies.inverse.columns import FACES, RECOVERED
 from studies.inverse.measure_inverse import measure_inverse
 from studies.inverse.measuring import EXACT, apart
 from tests.helpers.settings import CONFIG, SEED

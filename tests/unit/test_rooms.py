@@ -1,5 +1,6 @@
 """The library's rooms stand in one order, and no module imports from a room above its own."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -86,3 +87,10 @@ def test_the_door_of_mechanics_is_imported_from_its_module():
 def test_the_library_knows_neither_snakemake_nor_the_scripts():
     for path in MODULES:
         assert not {name.split(".")[0] for name in imported(path)} & {"snakemake", "scripts", "rules", "tests"}, path
+
+
+def test_the_core_knows_no_study():
+    for path in [*MODULES, *(ROOT / "scripts").rglob("*.py")]:
+        assert "studies" not in {name.split(".")[0] for name in imported(path)}, path
+    for path in [*(ROOT / "rules").glob("*.smk"), *(ROOT / "workflow").glob("*.smk")]:
+        assert not re.search(r"\bstudies\.", path.read_text(encoding="utf-8")), path

@@ -67,17 +67,11 @@ def test_bounds_are_predicted_and_never_compared_with():
     made = Study(CONFIG, "results")
     assert made.bounds == BOUNDS and not set(BOUNDS) & set(made.compared)
     assert set(made.compared) | set(BOUNDS) == set(made.methods)
-    for others in (made.as_they_are, made.packed, made.learned, made.traded_networks, made.volumes):
+    for others in (made.packed, made.learned, made.volumes):
         assert not set(BOUNDS) & set(others)
-    assert not {own.method for own in made.fem_settings} & set(BOUNDS)
     assert not any(registry(CONFIG)[name].new_patients for name in BOUNDS)
     plain, oracle = (registry(CONFIG)[name] for name in ("fem_sliding", "oracle"))
     assert (plain.predictor, plain.settings) == (oracle.predictor, oracle.settings)
-
-
-def test_the_tradeoff_has_the_noise_of_the_scan_beside_the_methods():
-    made = Study(CONFIG, "results")
-    assert made.judged_as_they_are == [*made.as_they_are, "floor_scan"]
 
 
 @pytest.mark.parametrize("bound", BOUNDS)

@@ -11,6 +11,7 @@ from pinnochio.methods.registry import (
     registry,
     surface_networks,
 )
+from studies.design.switches import switched
 from tests.helpers.settings import CONFIG
 
 
@@ -53,7 +54,7 @@ def test_variants_are_overlays_and_leave_the_rest_alone():
     silent = networks["pinnochio_no_physics"]
     assert silent["pretraining"]["weights"] == CONFIG["pretraining"]["weights"] | {"physics": 0}
     assert silent["network"] == CONFIG["network"]
-    plus, wide = networks["pinnochio_plus"], networks["design_wide"]
+    plus, wide = networks["pinnochio_plus"], switched(CONFIG["design"], networks)["design_wide"]
     assert wide == plus | {"network": plus["network"] | {"channels": 128}}
     assert CONFIG["network"]["lift"] == "none" and plus["network"]["lift"] == "elastic"
 

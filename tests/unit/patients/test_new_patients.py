@@ -9,10 +9,11 @@ import pytest
 from pinnochio.columns import write_csv
 from pinnochio.errors import InputError
 from pinnochio.patients.archive import Archive, configuration_hash
+from pinnochio.patients.pareto_front import TRADEOFF
 from pinnochio.plans.plan import Plan
 from pinnochio.study.choice import choose
 from pinnochio.study.new_patients import markups_in, other_cases, read_patients
-from studies.tradeoff.table import TRADEOFF, summarise
+from studies.tradeoff.table import summarise
 from tests.helpers.settings import CONFIG
 
 

@@ -1,5 +1,7 @@
 """The learning curve: its folds hold the same patients out, its table compares the same patients, its picture."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +11,7 @@ from pinnochio.errors import InputError
 from pinnochio.study.cases import of_fewer, some, whole_fold
 from pinnochio.study.study import Study
 from studies.learning.figure import draw
+from studies.learning.inputs import Learning
 from studies.learning.table import LEARNING, enough, summarise, table
 from tests.helpers.rows import row
 from tests.helpers.settings import CONFIG
@@ -40,18 +43,20 @@ def test_fewer_training_patients_are_among_more_and_the_same_are_held_out():
 
 
 def test_the_folds_of_the_curve_end_with_those_of_the_study():
-    config = CONFIG | {"learning": {"methods": ["pinnochio"], "patients": [128, 16, 8, 32], "folds": 2}}
-    study = Study(config, "results")
-    assert study.learning_folds == {8: ["1of8", "2of8"], 16: ["1of16", "2of16"], 32: ["1", "2"]}
+    study = Study(CONFIG, "results")
+    section = {"methods": ["pinnochio"], "patients": [128, 16, 8, 32], "folds": 2}
+    curve = Learning(section, {fold: len(study.training(fold)) for fold in study.held_out}, study.methods, study.taken)
+    assert curve.folds == {8: ["1of8", "2of8"], 16: ["1of16", "2of16"], 32: ["1", "2"]}
     for fold in ("1of8", "1of16"):
         assert study.kept_from(fold) == study.held_out["1"] == study.judged(fold)
         assert set(study.training(fold)) < set(study.training("1"))
-    files = study.learning_metrics
+    files = curve.metrics(None)
     assert files["untrained"][0] == "<results>/folds/1/floor_scan/metrics.csv" and len(files["untrained"]) == 4
     assert files["trained"][0] == "<results>/folds/1of8/pinnochio/metrics.csv" and len(files["trained"]) == 6
-    without = Study(config | {"methods": ["no_change", "pinnochio"]}, "results")
     with pytest.raises(InputError, match="fem_sliding.*add it to 'methods'"):
-        without.learning_metrics  # noqa: B018 - what it refuses
+        replace(curve, methods=["no_change", "pinnochio"]).metrics(None)
+    with pytest.raises(InputError, match="no network of 'pinnochio' of fewer patients"):
+        replace(curve, taken=["pinnochio"]).metrics(None)
 
 
 def test_each_number_is_compared_over_the_same_patients(rows):

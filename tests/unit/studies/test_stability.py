@@ -25,6 +25,7 @@ from studies.stability import judging as stability_judge
 from studies.stability import problems
 from studies.stability.check_stability import check_stability
 from studies.stability.figure import draw
+from studies.stability.inputs import parts
 from studies.stability.judging import (
     Balance,
     against_quadratic,
@@ -52,7 +53,7 @@ from studies.stability.table import (
     unmarked,
 )
 from tests.helpers.patients import tiny_patient
-from tests.helpers.settings import ROOT, fem_settings, network_settings
+from tests.helpers.settings import CONFIG, ROOT, fem_settings, network_settings
 
 STEPS = (6, 4, 4)
 FEM = fem_settings(time_limit=60)
@@ -572,3 +573,11 @@ def test_picture_shows_every_outcome(tmp_path):
     frame.loc[1, ["min_jacobian", "residual"]] = np.nan
     draw(frame, [tmp_path / "stability.png"])
     assert (tmp_path / "stability.png").stat().st_size > 10_000
+
+
+def test_the_sweep_is_a_job_per_family_case_and_way():
+    section = CONFIG["stability"] | {"patients": 1, "directions": ["back"], "axes": ["yaw"], "unit": []}
+    made = parts(section, ["P1", "P2"])
+    moved = ["translation_P1_back", "rotation_P1_yaw", "rough_P1_back", "field_P1"]
+    assert list(made) == [*moved, "poisson", "stiffness", "dihedral", "inverted", "size"]
+    assert made[moved[1]] == {"family": "rotation", "case": "P1", "way": "yaw"}

@@ -7,15 +7,17 @@ import pytest
 from pinnochio.columns import check, write_csv
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.methods.registry import registry
+from pinnochio.methods.registry import graph_networks, registry
 from pinnochio.metrics.judged import choose
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.plans.plan import Plan
+from pinnochio.study.study import Study
 from studies.tradeoff.cases import TRADEOFF_CASES
 from studies.tradeoff.choices import SAFETY, check_choices, choose_setting
 from studies.tradeoff.figure import draw
+from studies.tradeoff.inputs import Tradeoff
 from studies.tradeoff.measuring import Reference, judge, predict_fem
-from studies.tradeoff.settings import Setting, as_in_the_study, fem_settings, network_settings
+from studies.tradeoff.settings import VARIED, Setting, as_in_the_study, fem_settings, network_settings
 from studies.tradeoff.table import answers, pareto, summarise
 from tests.helpers import settings
 from tests.helpers.patients import tiny_patient
@@ -179,12 +181,33 @@ def test_a_budget_that_nothing_keeps_is_said_so():
     assert (row["n"], row["kept"], row["setting"]) == (0, 0, "none") and np.isnan(row["cd"])
 
 
+def traded(**changes) -> Tradeoff:
+    """The trade-off of six patients of the default study."""
+    study = Study(CONFIG | {"tradeoff": CONFIG["tradeoff"] | changes}, "results")
+    judged = [case for fold in study.held_out for case in study.judged(fold)]
+    variants = graph_networks(CONFIG)
+    return Tradeoff(study.config, judged, study.registry, study.compared, study.bounds, variants)
+
+
+def test_what_is_not_varied_is_judged_as_it_is_and_no_bound_but_the_noise_of_the_scan_is():
+    made = traded(further=["pinnochio_narrow"])
+    assert made.networks == ["pinnochio", "pinnochio_plus", "pinnochio_narrow"] and len(made.cases) == 6
+    assert made.fixed[-1] == "floor_scan" and "oracle" not in made.fixed
+    assert not {*VARIED, *made.networks} & {*made.fixed} and {"no_change", "acmt", "fem_rlse"} <= {*made.fixed}
+    assert {setting.method for setting in made.fem_settings} == {*VARIED, "fem_lips"}
+    assert made.lifts == [("elastic", nodes) for nodes in (1500, 3000, 5000, 10000, 20000)]
+    assert len(made.rows(None)["rows"]) == 18
+
+
+def test_an_unknown_network_is_refused_where_the_tradeoff_is_asked_for():
+    with pytest.raises(InputError, match="tradeoff.further names 'design_other'"):
+        traded(further=["design_other"]).rows(None)
+
+
 def test_the_settings_vary_one_parameter_at_a_time():
     config = {"reference": 9000, "nodes": [500, 1000], "mixed": ["taylor_hood"], "increments": [4], "tolerances": [0.1]}
-    methods = {name: own for name, own in registry(CONFIG).items() if own.varied and own.trains == "no"}
-    varied = {name: own.varied for name, own in methods.items()}
-    contacts = {name: own.options.get("contact", "") for name, own in methods.items()}
-    own = fem_settings(1000, config, varied, contacts)
+    contacts = {name: registry(CONFIG)[name].options.get("contact", "") for name in VARIED}
+    own = fem_settings(1000, config, VARIED, contacts)
     assert (own[0].method, own[0].nodes) == ("fem_sliding", 9000)
     assert len({(s.method, s.parameter, s.value) for s in own}) == len(own)
     base = [s for s in own if s.parameter == "nodes" and s.nodes == 1000]

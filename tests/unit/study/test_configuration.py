@@ -119,7 +119,7 @@ def test_seed_depends_on_base_stage_and_key():
         (("surface", "networks", "dgcfp", "softmax"), True, "'dgcfp' cannot be built"),
         (("ablation",), ["pinnochio", "other"], "ablation names 'other'"),
         (("planned", "without"), ["fem_rsle"], "planned.without names 'fem_rsle'"),
-        (("design", "base"), "other", "design.base names 'other'"),
+        (("better",), "other", "better names 'other'"),
         (("network", "heads"), 7, "multiple"),
         (("variants", "pinnochio_unified", "network", "lift"), "elastic", "'pinnochio_unified' cannot be built"),
         (("virtual", "patients"), 3, "fewer virtual patients"),

@@ -149,12 +149,6 @@ def test_new_patients_by_finite_elements_need_no_archive(tmp_path):
     assert batch.models == ["<results>/patients/anna/model.h5"] and batch.settings["contact"] == "mucosa"
 
 
-def test_the_tradeoff_takes_as_they_are_what_it_changes_nothing_of():
-    names = study().as_they_are
-    assert {"no_change", "ratio", "fem_rlse", "pinnochio_unified"} <= set(names)
-    assert not {"elastic", "fem_bonded", "fem_sliding", "pinnochio"} & set(names)
-
-
 def test_a_method_that_only_an_archive_knows_is_a_graph_network():
     made = study()
     assert made.predictor(job(method="of_an_archive")) == made.predictor(job(method="pinnochio"))
@@ -180,14 +174,3 @@ def test_networks_are_taken_from_an_archive_of_the_same_folds(tmp_path):
         _ = study(11, networks="archive", networks_archive=str(folder)).taken
     with pytest.raises(InputError, match="there is no archive of trained networks"):
         _ = study(networks="archive", networks_archive=str(tmp_path)).taken
-
-
-def test_the_extremes_are_a_job_per_family_case_and_way():
-    own = CONFIG["stability"] | {"patients": 1, "directions": ["back"], "axes": ["yaw"], "unit": []}
-    made = study(stability=own)
-    first = next(iter(made.cases))
-    moved = [f"translation_{first}_back", f"rotation_{first}_yaw", f"rough_{first}_back", f"field_{first}"]
-    assert list(made.extremes) == [*moved, "poisson", "stiffness", "dihedral", "inverted", "size"]
-    assert made.extremes[moved[1]] == {"family": "rotation", "case": first, "way": "yaw"}
-    assert made.swept_model(SimpleNamespace(part="poisson")) == []
-    assert made.swept_model(SimpleNamespace(part=moved[0])) == f"<results>/cases/{first}/nodes_1500/model.h5"

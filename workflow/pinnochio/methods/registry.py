@@ -19,11 +19,10 @@ class Method:
     predictor: reference, `module:name`, of the class that predicts. learner: that of the function `fit` (trains at
     once) or of the class (by steps) that trains. sections: of the configuration that it reads; options: further values,
     fixed. mesh: "study", or "lips" for the mesh that resolves the lips. trains: "no", "at once" or "by steps".
-    new_patients: whether it predicts
-    patients of no study. varied: what the trade-off changes of it. reduced: whether it can solve what a plan requires
-    alone. truth: what a bound reads of the virtual truth, "motion" or "field"; empty for every method proper.
-    covariates: whether it reads what else is known of a patient. settings: values of the sections and options, by
-    section, once the configuration is known.
+    new_patients: whether it predicts patients of no study. reduced: whether it can solve what a plan requires alone.
+    truth: what a bound reads of the virtual truth, "motion" or "field"; empty for every method proper. covariates:
+    whether it reads what else is known of a patient. settings: values of the sections and options, by section, once the
+    configuration is known.
     """
 
     name: str
@@ -35,7 +34,6 @@ class Method:
     mesh: str = "study"
     trains: str = "no"
     new_patients: bool = False
-    varied: tuple[str, ...] = ()
     reduced: bool = False
     truth: str = ""
     covariates: bool = False
@@ -58,7 +56,6 @@ def _finite_elements(name: str, contact: str, **more) -> Method:
     return Method(name, "finite elements", predictor, sections=("fem",), options={"contact": contact}, **more)
 
 
-_VARIED = ("nodes", "element", "solver", "tolerance")
 BUILT_IN = (
     Method("no_change", "floor", "pinnochio.methods.no_change:NoChangePredictor"),
     Method("ratio", "floor", "pinnochio.methods.ratio:RatioPredictor"),
@@ -74,13 +71,10 @@ BUILT_IN = (
         "finite elements",
         "pinnochio.methods.elastic:ElasticPredictor",
         sections=("fem",),
-        varied=("nodes",),
         new_patients=True,
     ),
-    _finite_elements(
-        "fem_bonded", "bonded", varied=("nodes", "element", "mixed", "solver"), new_patients=True, reduced=True
-    ),
-    _finite_elements("fem_sliding", "mucosa", varied=_VARIED, new_patients=True, reduced=True),
+    _finite_elements("fem_bonded", "bonded", new_patients=True, reduced=True),
+    _finite_elements("fem_sliding", "mucosa", new_patients=True, reduced=True),
     Method(
         "fem_learned",
         "finite elements",
@@ -96,7 +90,7 @@ BUILT_IN = (
     _finite_elements("oracle", "mucosa", truth="motion"),
     Method("floor_scan", "scan", "pinnochio.methods.floor_scan:ScanFloorPredictor", truth="field"),
 )
-# Those that the configuration names: in `variants` and `design.switches`, in `surface.networks`, in `external`.
+# Those that the configuration names: in `variants`, in `surface.networks`, in `external`.
 GRAPH_NETWORK = Method(
     "",
     "graph network",
@@ -105,7 +99,6 @@ GRAPH_NETWORK = Method(
     ("network", "pretraining", "finetuning", "newton_corrections", "fem"),
     trains="by steps",
     new_patients=True,
-    varied=("corrections", "nodes", "precision"),
 )
 SURFACE_NETWORK = Method(
     "",
@@ -121,13 +114,16 @@ def registry(config: Mapping) -> dict[str, Method]:
     """Every method that the configuration knows by its name, with its settings."""
     methods = {method.name: replace(method, settings=_settings(method, config)) for method in BUILT_IN}
     for name, settings in graph_networks(config).items():
-        sections = settings | {"fem": config["fem"]}
-        methods[name] = replace(
-            GRAPH_NETWORK, name=name, settings=sections, covariates=sections["finetuning"]["sources"]
-        )
+        methods[name] = graph_network(name, settings, config["fem"])
     for name, settings in surface_networks(config).items():
         methods[name] = replace(SURFACE_NETWORK, name=name, settings=settings)
     return methods | {name: replace(EXTERNAL, name=name) for name in config["external"]}
+
+
+def graph_network(name: str, settings: Mapping, fem: Mapping) -> Method:
+    """The graph network of these settings; fem: section of the configuration."""
+    covariates = settings["finetuning"]["sources"]
+    return replace(GRAPH_NETWORK, name=name, settings={**settings, "fem": fem}, covariates=covariates)
 
 
 def _settings(method: Method, config: Mapping) -> dict:
@@ -144,15 +140,10 @@ def _settings(method: Method, config: Mapping) -> dict:
 def graph_networks(config: Mapping) -> dict[str, dict]:
     """Settings of every graph network by its name: network, pretraining, finetuning, newton_corrections.
 
-    Those of `variants` are overlays of the configuration's own sections, those of `design.switches`, named
-    design_{switch}, overlays of the variant `design.base`.
+    Overlays of the configuration's sections.
     """
     sections = {name: config[name] for name in GRAPH_NETWORK.sections if name != "fem"}
-    networks = {name: overlaid(sections, overlay) for name, overlay in config["variants"].items()}
-    design = config.get("design", {})
-    if base := networks.get(design.get("base")):
-        networks |= {f"design_{name}": overlaid(base, overlay) for name, overlay in design["switches"].items()}
-    return networks
+    return {name: overlaid(sections, overlay) for name, overlay in config["variants"].items()}
 
 
 def surface_networks(config: Mapping) -> dict[str, dict]:

@@ -60,8 +60,7 @@ def choose(config: Mapping, models: str | os.PathLike, pareto_front: str | os.Pa
 def _offered(config: Mapping, folder: Path, pareto_front: str | os.PathLike) -> Choice:
     """What the Pareto front offers among the methods that need no models and those of the archive, if there is one."""
     from pinnochio.columns import read_table  # these take a second, which other choices are spared
-    from studies.tradeoff.choices import choose_setting
-    from studies.tradeoff.table import TRADEOFF
+    from pinnochio.patients.pareto_front import TRADEOFF, choose_setting
 
     if not Path(pareto_front).is_file():
         raise InputError(

@@ -56,16 +56,11 @@ def check_config(config: Mapping) -> None:
         refuse(f"reference {config['reference']!r} is a bound, which knows what happened", "choose a method")
     named = {
         "ablation": config["ablation"],
-        "design.base": [config["design"]["base"]],
-        "corrections.methods": config["corrections"]["methods"],
-        "tradeoff.networks": config["tradeoff"]["networks"],
-        "stability.networks": config["stability"]["networks"],
+        "better": [config["better"]],
     }
     for section, names in named.items():
         if unknown := [name for name in names if name not in learned]:
             refuse(f"{section} names {unknown[0]!r}, which is not among 'variants'", "name a learned method")
-    if unknown := [name for name in config["tradeoff"]["further"] if name not in graph_networks(config)]:
-        refuse(f"tradeoff.further names {unknown[0]!r}, which is no variant and no design_ switch", "correct its name")
     for name, settings in surface.items():
         try:
             SurfaceSettings(**settings["network"])

@@ -10,11 +10,11 @@ from pinnochio.code import ROOT
 from pinnochio.errors import InputError
 from pinnochio.importing.cohort import Case, read_cases
 from pinnochio.manifest import MANIFEST
-from pinnochio.methods.names import BASELINE, FLOOR, few
-from pinnochio.methods.registry import GRAPH_NETWORK, Method, graph_networks, registry
+from pinnochio.methods.names import few
+from pinnochio.methods.registry import GRAPH_NETWORK, Method, registry
 from pinnochio.patients.archive import configuration_hash
 from pinnochio.statistics.attainable import attainable
-from pinnochio.study.cases import assign_folds, external_file, of_fewer, some, virtual_cases, whole_fold
+from pinnochio.study.cases import assign_folds, external_file, some, virtual_cases, whole_fold
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, markups_in, read_patients
 from pinnochio.study.provenance import PLACES
@@ -22,8 +22,6 @@ from pinnochio.training.archive import NetworkArchive
 from pinnochio.training.settings import PHASES
 from pinnochio.virtual.case_files import CHECKSUMS, FILES, INPUTS, LOCKED, OUTCOME_CHECKSUMS, OUTCOMES
 from pinnochio.virtual.procedures import Procedure, dealt
-from studies.stability.table import FAMILIES, OF_PATIENTS
-from studies.tradeoff.settings import Setting, fem_settings, network_settings
 
 STUDY_FILES = "<results>/cases/{case}"
 PICTURED = 6  # methods side by side in a picture
@@ -261,67 +259,13 @@ class Study:
     @property
     def better(self) -> bool:
         """Whether the better network is there to be compared with, by patients enough for a test to say something."""
-        return self.config["design"]["base"] in self.methods and attainable(len(self.scanned), len(self.compared) - 1)
+        return self.config["better"] in self.methods and attainable(len(self.scanned), len(self.compared) - 1)
 
     @property
     def ablated(self) -> bool:
         """Whether the ablation has all of its variants."""
         names = self.config["ablation"]
         return bool(self.scanned and names) and set(names) <= set(self.learned)
-
-    @cached_property
-    def design(self) -> list[str]:
-        """The variants of the design study."""
-        names = graph_networks(self.config)
-        return [self.config["design"]["base"], *(name for name in names if name.startswith("design_"))]
-
-    @property
-    def corrected_metrics(self) -> list[str]:
-        """Metrics of the corrected methods, first without correction, then after each number of them."""
-        counts = self.config["corrections"]["counts"]
-        return [
-            f"<results>/folds/{fold}/{method}{corrected}/metrics.csv"
-            for method in self.asked("corrections")
-            for corrected in ("", *(f"/corrected_{count}" for count in counts))
-            for fold in self.held_out
-        ]
-
-    # The learning curve: the first folds again, each on a part of its training patients.
-
-    @cached_property
-    def learning_folds(self) -> dict[int, list[str]]:
-        """Folds by the number of training patients, smallest first; last those of the study, which train on all."""
-        own = list(self.held_out)[: self.config["learning"]["folds"]]
-        most = min((len(self.training(fold)) for fold in own), default=0)
-        sizes = [size for size in sorted(self.config["learning"]["patients"]) if size < most]
-        return {size: [of_fewer(fold, size) for fold in own] for size in sizes} | {most: own}
-
-    @property
-    def untaught(self) -> list[str]:
-        """What the learning curve is seen against: the noise floor where it is known, and finite elements."""
-        return [name for name in (FLOOR, BASELINE) if name in self.methods]
-
-    @property
-    def learning_metrics(self) -> dict[str, list[str]]:
-        """Metrics of the learning curve: of what is not trained, then of each method, number by number."""
-        methods, every = self.config["learning"]["methods"], self.learning_folds
-        if BASELINE not in self.methods:
-            raise InputError(
-                "-", "configuration", f"the learning curve is seen against {BASELINE!r}", "add it to 'methods'"
-            )
-        if taken := [name for name in methods if name in self.taken]:
-            raise InputError(
-                "-",
-                "configuration",
-                f"the archive {self.config['networks_archive']!r} has no network of {taken[0]!r} of fewer patients",
-                "train all of them here (networks: train), or leave it out of learning.methods",
-            )
-        *_, whole = every.values()
-        pattern = "<results>/folds/{}/{}/metrics.csv"
-        return {
-            "untrained": [pattern.format(fold, name) for name in self.untaught for fold in whole],
-            "trained": [pattern.format(fold, name) for name in methods for folds in every.values() for fold in folds],
-        }
 
     @cached_property
     def packed(self) -> list[str]:
@@ -347,7 +291,7 @@ class Study:
     @property
     def volumes(self) -> list[str]:
         """Networks whose volume the report shows: with and without physics, and the better one."""
-        names = dict.fromkeys([*self.config["ablation"], self.config["design"]["base"]])
+        names = dict.fromkeys([*self.config["ablation"], self.config["better"]])
         return [name for name in names if name in self.learned]
 
     @property
@@ -403,99 +347,6 @@ class Study:
     @property
     def first_fold(self) -> str:
         return next(iter(self.held_out))
-
-    # The trade-off measures held-out patients, fold after fold, each by the networks of its own.
-
-    @cached_property
-    def traded(self) -> list[str]:
-        """Patients of the trade-off."""
-        every = [case for fold in self.held_out for case in self.judged(fold)]
-        return every[: self.config["tradeoff"]["patients"]]
-
-    @cached_property
-    def traded_networks(self) -> list[str]:
-        tradeoff = self.config["tradeoff"]
-        return [*tradeoff["networks"], *tradeoff["further"]] if self.traded else []
-
-    @cached_property
-    def as_they_are(self) -> list[str]:
-        """Methods that the trade-off takes as the study predicts by them, for it changes nothing of them."""
-        varied = [name for name, method in self.registry.items() if method.varied and method.trains == "no"]
-        return [name for name in self.compared if name not in (*varied, *self.traded_networks)]
-
-    @cached_property
-    def judged_as_they_are(self) -> list[str]:
-        """These and the noise of the scan, which is no method: a line of the trade-off's picture."""
-        return [*self.as_they_are, *(name for name in self.bounds if name == FLOOR)]
-
-    @cached_property
-    def sizes(self) -> list[int]:
-        """Nodes of the meshes of the trade-off."""
-        tradeoff = self.config["tradeoff"]
-        return sorted({self.config["mesh"]["nodes"], tradeoff["reference"], *tradeoff["nodes"]})
-
-    @cached_property
-    def fem_settings(self) -> list[Setting]:
-        """Finite elements along the parameters that the registry names."""
-        varied = {name: method for name, method in self.registry.items() if method.varied and method.trains == "no"}
-        return fem_settings(
-            nodes=self.config["mesh"]["nodes"],
-            config=self.config["tradeoff"],
-            varied={name: method.varied for name, method in varied.items()},
-            contacts={name: method.options.get("contact", "") for name, method in varied.items()},
-        )
-
-    @cached_property
-    def network_settings(self) -> list[Setting]:
-        """Networks along their parameters."""
-        if not self.traded:
-            return []
-        return network_settings(self.config["mesh"]["nodes"], self.config["tradeoff"], graph_networks(self.config))
-
-    @cached_property
-    def traded_lifts(self) -> list[tuple[str, int]]:
-        """Kind and nodes of the lifts that the trade-off's networks want."""
-        kinds = {(self.registry[own.method].lift, own.nodes) for own in self.network_settings}
-        return sorted(pair for pair in kinds if pair[0] != "none")
-
-    # The extremes.
-
-    @cached_property
-    def extremes(self) -> dict[str, dict[str, str]]:
-        """Parts of the stability sweep by name: family, case and way of each; a job each."""
-        own = self.config["stability"]
-        ways = {
-            "translation": own["directions"],
-            "rotation": own["axes"],
-            "rough": ["back"],
-            "field": ["-"],
-        }
-        parts = {}
-        for family in FAMILIES:
-            moved = family in OF_PATIENTS
-            for case in list(self.cases)[: own["patients"]] if moved else ["block"]:
-                for way in ways.get(family, ["-"]) if own[family] else []:
-                    name = "_".join([family, *([case, way] if moved else [])]).removesuffix("_-")
-                    parts[name] = {"family": family, "case": case, "way": way}
-        return parts
-
-    def swept_model(self, wildcards) -> str | list:
-        """The patient's model of a part of the sweep; nothing for the block."""
-        case = self.extremes[wildcards.part]["case"]
-        return [] if case == "block" else self.sized(self.config["stability"]["nodes"], "model.h5").format(case=case)
-
-    @property
-    def inverted(self) -> list[str]:
-        """Patients on whom it is measured how well the motion is found that made a face."""
-        return list(self.cases)[: self.config["invert"]["patients"]]
-
-    def after_surgery(self, file: str) -> Callable:
-        """Input function: a file that scan and bones after surgery give, where a patient has both."""
-        return lambda wildcards: (
-            [file.replace("{case}", wildcards.case)]
-            if wildcards.case in self.registered and wildcards.case in self.scanned
-            else []
-        )
 
     # New patients.
 
@@ -605,7 +456,7 @@ class Study:
     def wildcards(self) -> dict[str, str]:
         """What each wildcard of the rules may be; where there is nothing, a name that nothing bears."""
         plans = "|".join(self.plans) or "none"
-        folds = "|".join([*self.held_out, *(fold for own in self.learning_folds.values() for fold in own)])
+        folds = rf"(?:{'|'.join(self.held_out)})(?:of\d+)?"
         return {
             "home": "cases|patients",
             "case": "|".join([*self.cases, *self.patients]),
@@ -755,10 +606,6 @@ class Study:
     def of_held_out(self, pattern: str) -> Callable:
         """`pattern` for each held-out case of the fold."""
         return lambda wildcards: filled(pattern, self.kept_from(wildcards.fold))
-
-    def of_own_fold(self, file: str, methods: Iterable[str]) -> Callable:
-        """A file of each method, of the fold that holds the case out."""
-        return lambda wildcards: [f"<results>/folds/{self.fold_of(wildcards.case)}/{name}/{file}" for name in methods]
 
     def of_judged(self, pattern: str) -> Callable:
         """`pattern` for each held-out case of the fold that can be judged."""
@@ -921,18 +768,6 @@ class Study:
         """The files in which an external method delivers the held-out cases of the fold."""
         folder = self.config["external"][wildcards.method]
         return [external_file(folder, case) for case in self.kept_from(wildcards.fold)]
-
-    def rows_of_traded(self, wildcards) -> list[str]:
-        """The rows of the trade-off; InputError where it has too few patients."""
-        if len(self.traded) < 2:
-            raise InputError(
-                "-",
-                self.config["cohort"],
-                f"{len(self.traded)} patients have a post-operative scan, and the trade-off wants two",
-                "give more scans",
-            )
-        families = ("fem", "networks", "study")
-        return [f"<results>/tradeoff/{case}/{family}.csv" for case in self.traded for family in families]
 
 
 def _predicting(settings: Mapping) -> dict:

@@ -1,5 +1,43 @@
 # What checks the virtual cohort beyond making it; not part of `all`.
 
+MEASURED |= {
+    "learnable": (TRUTH, {}),
+    "reality": (
+        {},
+        {
+            "effects": config["virtual"]["outcome"]["effects"],
+            "samples": config["evaluation"]["samples"],
+        },
+    ),
+    "refinement": ({}, {}),
+}
+add_table(
+    "reality",
+    "studies.cohort_checks.reality",
+    caption="Scale of the outcome's changes, and sliding finite elements there beside the literature.",
+    files={"rows": expand("<results>/virtual/{case}/reality.csv", case=STUDY.cases)},
+    arguments=NAMED,
+)
+add_table(
+    "learnable",
+    "studies.cohort_checks.learnable",
+    caption="Share of the outcome's deviation from nominal mechanics that plan, anatomy and covariates explain.",
+    files={"rows": expand("<results>/virtual/{case}/learnable.csv", case=STUDY.cases)},
+    arguments=NAMED,
+)
+add_table(
+    "refinement",
+    "studies.cohort_checks.refinement",
+    caption="Discretisation error of the outcome beside that of the methods' mesh.",
+    files={
+        "rows": expand(
+            "<results>/virtual/{case}/refinement.csv",
+            case=list(STUDY.cases)[: config["virtual"]["refinement"]],
+        )
+    },
+    arguments=NAMED,
+)
+
 
 # Whether the cohort as it is made here is the one that was frozen; its outcomes too, once they are revealed.
 rule verify_cohort:

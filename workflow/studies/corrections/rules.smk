@@ -1,5 +1,35 @@
 # Newton corrections between a network's field and equilibrium on its interface; not part of `all`.
 
+check_networks("corrections.methods", config["corrections"]["methods"])
+COUNTS = config["corrections"]["counts"]
+# First without correction, then after each number of them.
+add_table(
+    "corrections",
+    "studies.corrections.table",
+    title="Newton corrections after the network",
+    caption="From a network's field to equilibrium, one Newton correction after another.",
+    figure="studies.corrections.figure",
+    files={
+        "metrics": [
+            f"<results>/folds/{fold}/{method}{corrected}/metrics.csv"
+            for method in STUDY.asked("corrections")
+            for corrected in ("", *(f"/corrected_{count}" for count in COUNTS))
+            for fold in STUDY.held_out
+        ],
+        "baseline": expand(
+            METRICS,
+            fold=STUDY.held_out,
+            method=[BASELINE] if BASELINE in STUDY.methods else [],
+        ),
+    },
+    arguments=NAMED
+    | {
+        "methods": STUDY.asked("corrections"),
+        "corrections": [0, *COUNTS],
+        "seed": SEED,
+    },
+)
+
 
 # Timed, so each of these jobs has the machine for itself.
 rule correct:
@@ -9,7 +39,7 @@ rule correct:
     output:
         corrected=expand(
             "<results>/folds/{fold}/{method}/corrected_{corrections}/predictions.h5",
-            corrections=config["corrections"]["counts"],
+            corrections=COUNTS,
             allow_missing=True,
         ),
     log:
@@ -26,7 +56,7 @@ rule correct:
         runtime=60,
     params:
         cases=STUDY.held_out_cases,
-        corrections=config["corrections"]["counts"],
+        corrections=COUNTS,
         fem=config["fem"],
         code=code_of("studies.corrections.correct"),
     message:

@@ -8,7 +8,6 @@ import numpy as np
 from pinnochio.columns import write_rows
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.inverse.alternatives import Answer
-from pinnochio.inverse.columns import FACES, MARKED, RECOVERED, SEEN
 from pinnochio.inverse.face import ElasticFace
 from pinnochio.inverse.freedom import QUANTITIES
 from pinnochio.inverse.proposal import InverseSettings
@@ -19,6 +18,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.truth import read_truth
 from pinnochio.plans.plan import Plan
+from studies.inverse.columns import FACES, MARKED, RECOVERED, SEEN
 from studies.inverse.measuring import (
     EXACT,
     LANDMARKS,

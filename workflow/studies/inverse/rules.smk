@@ -1,16 +1,40 @@
 # How well the motion is found that made a face; not part of `all`.
 
+INVERTED = list(STUDY.cases)[: config["invert"]["patients"]]
+# Patients of whom scan and bones after surgery are there.
+OUTCOMES = [name for name in STUDY.registered if name in STUDY.scanned]
+add_table(
+    "inverse",
+    "studies.inverse.table",
+    caption="How well the motion of the bones is found that made a face, against an inverse regression, and which landmarks of an outcome are reached.",
+    files={
+        kind: expand(f"<results>/inverse/{{case}}/{kind}.csv", case=INVERTED)
+        for kind in ("recovered", "faces", "marked", "seen")
+    }
+    | {"models": expand("<results>/cases/{case}/model.h5", case=INVERTED)},
+    arguments=NAMED
+    | {
+        "cases": INVERTED,
+        "held_out": STUDY.held_out,
+        "tolerance": config["invert"]["tolerance"],
+        "seed": SEED,
+    },
+)
+
 
 rule measure_inverse:
     input:
         model="<results>/cases/{case}/model.h5",
         plan="<results>/cases/{case}/plan.json",
-        achieved=STUDY.after_surgery("<results>/cases/{case}/achieved.json"),
-        postop=STUDY.after_surgery("<results>/cases/{case}/postop.h5"),
-        truth=(
-            STUDY.after_surgery("<results>/virtual/{case}/truth.h5")
-            if STUDY.virtual
-            else []
+        achieved=lambda wildcards: expand(
+            "<results>/cases/{case}/achieved.json", case={wildcards.case} & {*OUTCOMES}
+        ),
+        postop=lambda wildcards: expand(
+            "<results>/cases/{case}/postop.h5", case={wildcards.case} & {*OUTCOMES}
+        ),
+        truth=lambda wildcards: expand(
+            "<results>/virtual/{case}/truth.h5",
+            case={wildcards.case} & {*OUTCOMES} if STUDY.virtual else [],
         ),
     output:
         recovered=ensure("<results>/inverse/{case}/recovered.csv", non_empty=True),

@@ -1,7 +1,27 @@
 # What every method does at the extremes, family by family; wrong cells stand in the table, and fail the target.
+
+from studies.stability.inputs import parts
+
+check_networks("stability.networks", config["stability"]["networks"])
+EXTREMES = parts(config["stability"], list(STUDY.cases))
+add_table(
+    "stability",
+    "studies.stability.table",
+    title="Stability at the extremes",
+    caption="What the mechanics does at the extremes: each cell converged, failed cleanly, or is wrong.",
+    figure="studies.stability.figure",
+    files={"parts": expand("<results>/stability/{part}.csv", part=EXTREMES)},
+    arguments={},
+)
+
+
 rule measure_stability:
     input:
-        model=STUDY.swept_model,
+        # Of the block there is none.
+        model=lambda wildcards: expand(
+            STUDY.sized(config["stability"]["nodes"], "model.h5"),
+            case={EXTREMES[wildcards.part]["case"]} - {"block"},
+        ),
     output:
         table=ensure("<results>/stability/{part}.csv", non_empty=True),
     log:
@@ -9,16 +29,16 @@ rule measure_stability:
     benchmark:
         "<benchmarks>/measure_stability/{part}.tsv"
     wildcard_constraints:
-        part=any_of(STUDY.extremes),
+        part=any_of(EXTREMES),
     conda:
         "../../../envs/pinnochio.yaml"
     resources:
         mem_mb=8000,
         runtime=60,
     params:
-        family=lambda wildcards: STUDY.extremes[wildcards.part]["family"],
-        case=lambda wildcards: STUDY.extremes[wildcards.part]["case"],
-        way=lambda wildcards: STUDY.extremes[wildcards.part]["way"],
+        family=lambda wildcards: EXTREMES[wildcards.part]["family"],
+        case=lambda wildcards: EXTREMES[wildcards.part]["case"],
+        way=lambda wildcards: EXTREMES[wildcards.part]["way"],
         stability=config["stability"],
         fem=config["fem"],
         networks={

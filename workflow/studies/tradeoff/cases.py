@@ -5,15 +5,10 @@ from collections.abc import Sequence
 
 from pinnochio.columns import Column, number, read_tables
 from pinnochio.metrics.columns import BY_NAME
+from pinnochio.patients.pareto_front import SETTING
 from pinnochio.tables.document import Block, Table, views
 
 BASE = "as in the study"  # ends the value of a setting that changes nothing
-SETTING = (
-    Column("method", str, "", "method"),
-    Column("parameter", str, "", "varied: nodes, element, solver, tolerance, precision, corrections, network"),
-    Column("value", str, "", "what it is set to"),
-    Column("recipe", str, "", "setting as JSON for a prediction; empty where none can use it", optional=True),
-)
 TRADEOFF_CASES = (
     Column("case", str, "", "patient"),
     *SETTING,

@@ -8,12 +8,11 @@ import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_table
 from pinnochio.errors import InputError
+from pinnochio.patients.pareto_front import LEVEL, SAFETY, choose_setting
 from pinnochio.tables.document import Block, Table, views
 from studies.tradeoff.cases import TRADEOFF_CASES
-from studies.tradeoff.table import LEVEL, summarise
+from studies.tradeoff.table import summarise
 
-# Of the longest time measured on a patient: another one may take longer [X: docs/lab/tradeoff.md].
-SAFETY = 1.5
 NEAR = 0.25  # of the measured error
 
 CHOICES = (
@@ -30,33 +29,6 @@ CHOICES = (
     number("face_error_expected", "mm", "mean distance from the reference solution expected"),
     number("face_error", "mm", "mean distance from the reference solution measured"),
 )
-
-
-def choose_setting(
-    frame: pd.DataFrame, budget_seconds: float | None = None, tolerance_mm: float | None = None
-) -> pd.Series:
-    """The row of TRADEOFF to predict by: of those that can be repeated, turn no element inside out and kept the budget
-    with a margin on every patient and the tolerance (mean distance of the face from the reference solution) in the
-    mean, the nearest to the outcome, or, without a budget, the fastest.
-
-    InputError, with what can be had, if there is none.
-    """
-    sound = frame[(frame["recipe"] != "") & (frame["failed"] == 0) & ~(frame["inverted"] > 0)]
-    offered = sound
-    if budget_seconds is not None:
-        offered = offered[SAFETY * offered["seconds_max"] <= budget_seconds]
-    if tolerance_mm is not None:
-        offered = offered[offered["face_error"] <= tolerance_mm]
-    if offered.empty:
-        fastest, nearest = SAFETY * sound["seconds_max"].min(), sound["face_error"].min()
-        raise InputError(
-            "-",
-            "tables/tradeoff.csv",
-            f"no setting keeps budget_seconds {budget_seconds} and tolerance_mm {tolerance_mm}",
-            f"ask for {fastest:.2g} s or more, and {nearest:.2g} mm or more",
-        )
-    order = ["seconds", "cd"] if budget_seconds is None else ["cd", "seconds"]
-    return offered.sort_values(order).iloc[0]
 
 
 def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequence[float]) -> pd.DataFrame:

@@ -1,10 +1,50 @@
 # What a second of computing buys, on held-out patients; not part of `all`.
 
+from studies.tradeoff.inputs import Tradeoff
+
+check_networks("tradeoff.networks", config["tradeoff"]["networks"])
+TRADED = Tradeoff(
+    config=config,
+    judged=[case for fold in STUDY.held_out for case in STUDY.judged(fold)],
+    registry=STUDY.registry,
+    compared=STUDY.compared,
+    bounds=STUDY.bounds,
+    variants=NETWORKS,
+)
+TRADED_CASES = {"cases": "<results>/tables/tradeoff_cases.csv"}
+add_table(
+    "tradeoff_cases",
+    "studies.tradeoff.cases",
+    caption="Every setting of the trade-off on every patient.",
+    files=TRADED.rows,
+    arguments=NAMED,
+)
+add_table(
+    "choices",
+    "studies.tradeoff.choices",
+    caption="What a budget of seconds or a tolerance allows, tried on each patient with the Pareto front of all the others.",
+    files=TRADED_CASES,
+    arguments=NAMED
+    | {
+        "budgets": config["tradeoff"]["budgets"],
+        "tolerances": config["tradeoff"]["allowed"],
+    },
+)
+add_table(
+    "tradeoff",
+    "studies.tradeoff.table",
+    title="Seconds against accuracy",
+    caption="What a second of computing buys: every method with one setting changed at a time, on held-out patients of the first fold.",
+    figure="studies.tradeoff.figure",
+    files=TRADED_CASES | {"choices": "<results>/tables/choices.json"},
+    arguments=NAMED,
+)
+
 
 # Timed, so each of these jobs has the machine for itself.
 rule measure_fem:
     input:
-        models=[STUDY.sized(nodes, "model.h5") for nodes in STUDY.sizes],
+        models=[STUDY.sized(nodes, "model.h5") for nodes in TRADED.sizes],
         plan=STUDY.motion,
         postop="<results>/cases/{case}/postop.h5",
         judged="<results>/cases/{case}/judged.h5",
@@ -22,8 +62,8 @@ rule measure_fem:
         mem_mb=8000,
         runtime=60,
     params:
-        settings=[vars(setting) for setting in STUDY.fem_settings],
-        sizes=STUDY.sizes,
+        settings=[vars(setting) for setting in TRADED.fem_settings],
+        sizes=TRADED.sizes,
         nodes=config["mesh"]["nodes"],
         fem=config["fem"],
         code=code_of("studies.tradeoff.measure_fem"),
@@ -35,11 +75,13 @@ rule measure_fem:
 
 rule measure_networks:
     input:
-        networks=STUDY.of_own_fold("network.pt", STUDY.traded_networks),
-        models=[STUDY.sized(nodes, "model.h5") for nodes in STUDY.sizes],
-        lifts=[
-            STUDY.sized(nodes, f"lift_{kind}.h5") for kind, nodes in STUDY.traded_lifts
-        ],
+        networks=lambda wildcards: expand(
+            "<results>/folds/{fold}/{method}/network.pt",
+            fold=STUDY.fold_of(wildcards.case),
+            method=TRADED.networks,
+        ),
+        models=[STUDY.sized(nodes, "model.h5") for nodes in TRADED.sizes],
+        lifts=[STUDY.sized(nodes, f"lift_{kind}.h5") for kind, nodes in TRADED.lifts],
         plan=STUDY.motion,
         postop="<results>/cases/{case}/postop.h5",
         judged="<results>/cases/{case}/judged.h5",
@@ -58,11 +100,11 @@ rule measure_networks:
         runtime=60,
         gpu=GPU,
     params:
-        methods=STUDY.traded_networks,
-        settings=[vars(setting) for setting in STUDY.network_settings],
-        kinds={method: STUDY.registry[method].lift for method in STUDY.traded_networks},
-        lifts=STUDY.traded_lifts,
-        sizes=STUDY.sizes,
+        methods=TRADED.networks,
+        settings=[vars(setting) for setting in TRADED.network_settings],
+        kinds={method: STUDY.registry[method].lift for method in TRADED.networks},
+        lifts=TRADED.lifts,
+        sizes=TRADED.sizes,
         reference_nodes=config["tradeoff"]["reference"],
         fem=config["fem"],
         code=code_of("studies.tradeoff.measure_networks"),
@@ -74,10 +116,13 @@ rule measure_networks:
 
 rule measure_study:
     input:
-        predictions=STUDY.of_own_fold("predictions.h5", STUDY.judged_as_they_are),
+        predictions=lambda wildcards: expand(
+            "<results>/folds/{fold}/{method}/predictions.h5",
+            fold=STUDY.fold_of(wildcards.case),
+            method=TRADED.fixed,
+        ),
         models=lambda wildcards: [
-            STUDY.model_of(wildcards.case, method)
-            for method in STUDY.judged_as_they_are
+            STUDY.model_of(wildcards.case, method) for method in TRADED.fixed
         ],
         postop="<results>/cases/{case}/postop.h5",
         judged="<results>/cases/{case}/judged.h5",
@@ -95,7 +140,7 @@ rule measure_study:
         mem_mb=4000,
         runtime=20,
     params:
-        methods=STUDY.judged_as_they_are,
+        methods=TRADED.fixed,
         fem=config["fem"],
         code=code_of("studies.tradeoff.measure_study"),
     message:

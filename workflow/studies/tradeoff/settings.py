@@ -7,6 +7,12 @@ from dataclasses import dataclass, field
 from pinnochio.overlays import changes
 from studies.tradeoff.cases import BASE
 
+# What is varied of each method by finite elements.
+VARIED = {
+    "elastic": ("nodes",),
+    "fem_bonded": ("nodes", "element", "mixed", "solver"),
+    "fem_sliding": ("nodes", "element", "solver", "tolerance"),
+}
 NEWTON = "Newton's method"
 UNKEPT = {"kept_factors": False}  # Newton's method, which knows increments and precision of factors
 

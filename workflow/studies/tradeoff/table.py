@@ -5,36 +5,15 @@ import os
 import numpy as np
 import pandas as pd
 
-from pinnochio.columns import Column, check, number, read_table
+from pinnochio.columns import check, read_table
 from pinnochio.methods.names import BASELINE
+from pinnochio.patients.pareto_front import LEVEL, SETTING, TRADEOFF
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.conformal import half_width
-from pinnochio.tables.comparison import AGAINST_BASELINE, against_baseline
+from pinnochio.tables.comparison import against_baseline
 from pinnochio.tables.document import Block, Table, View, read_blocks, views
-from studies.tradeoff.cases import BASE, SETTING, TRADEOFF_CASES
+from studies.tradeoff.cases import BASE, TRADEOFF_CASES
 
-LEVEL = 0.9  # of further patients that lie within `cd_within`
-TRADEOFF = (
-    *SETTING,
-    Column("n", int, "", "patients"),
-    Column("failed", int, "", "patients without convergence"),
-    number("nodes", "", "mean number of nodes", ".0f"),
-    number("seconds", "s", "one plan, warm: mean of patients' medians"),
-    number("seconds_max", "s", "largest of the patients' medians"),
-    number("setup_seconds", "s", "mean preparation of a patient beside the mesh"),
-    number("cd", "mm", "mean Chamfer distance to the outcome"),
-    number("cd_sd", "mm", "standard deviation of cd"),
-    number("cd_within", "mm", f"half-width about cd that holds {LEVEL:.0%} of further patients; empty below 9"),
-    *AGAINST_BASELINE,
-    number("face_error", "mm", "mean distance of the judged face from the reference solution"),
-    number("face_error_max", "mm", "largest face_error"),
-    number("volume_error", "mm", "mean distance from the reference solution over the tissue's volume"),
-    number("eqres_rel", "", "mean of eqres_rel"),
-    number("min_jacobian", "", "smallest volume ratio of an element", ".3f"),
-    number("inverted", "", "inverted elements over all patients", ".0f"),
-    Column("front_outcome", bool, "", "nothing is both faster and nearer to the outcome"),
-    Column("front_reference", bool, "", "nothing is both faster and nearer to the reference solution"),
-)
 FRONTS = {"cd": "front_outcome", "face_error": "front_reference"}
 ERRORS = {"cd": "the outcome", "face_error": "the reference solution"}
 LIMITS = (0.1, 1.0, 10.0)  # s

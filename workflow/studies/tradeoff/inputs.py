@@ -1,0 +1,89 @@
+"""What the trade-off measures: held-out patients, fold after fold, each by the networks of its own fold."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from pinnochio.errors import InputError
+from pinnochio.methods.names import FLOOR
+from pinnochio.methods.registry import Method
+from studies.tradeoff.settings import VARIED, Setting, fem_settings, network_settings
+
+FAMILIES = ("fem", "networks", "study")
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """config: of the study; judged: its patients with a scan, fold after fold; registry: every method by its name;
+    compared, bounds: of the study; variants: settings of every graph network."""
+
+    config: Mapping
+    judged: Sequence[str]
+    registry: Mapping[str, Method]
+    compared: Sequence[str]
+    bounds: Sequence[str]
+    variants: Mapping[str, Mapping]
+
+    @property
+    def section(self) -> Mapping:
+        return self.config["tradeoff"]
+
+    @cached_property
+    def cases(self) -> list[str]:
+        """Patients that are measured."""
+        return list(self.judged)[: self.section["patients"]]
+
+    @cached_property
+    def networks(self) -> list[str]:
+        """Those that are varied, and the further ones that are known."""
+        further = [name for name in self.section["further"] if name in self.variants]
+        return [*self.section["networks"], *further] if self.cases else []
+
+    @cached_property
+    def fixed(self) -> list[str]:
+        """Methods that are taken as the study predicts by them, for nothing of them is varied; last the noise of the
+        scan, which is no method: a line of the picture."""
+        names = [name for name in self.compared if name not in (*VARIED, *self.networks)]
+        return [*names, *(name for name in self.bounds if name == FLOOR)]
+
+    @cached_property
+    def sizes(self) -> list[int]:
+        """Nodes of the meshes."""
+        return sorted({self.config["mesh"]["nodes"], self.section["reference"], *self.section["nodes"]})
+
+    @cached_property
+    def fem_settings(self) -> list[Setting]:
+        """Finite elements along their parameters."""
+        return fem_settings(
+            nodes=self.config["mesh"]["nodes"],
+            config=self.section,
+            varied=VARIED,
+            contacts={name: self.registry[name].options.get("contact", "") for name in VARIED},
+        )
+
+    @cached_property
+    def network_settings(self) -> list[Setting]:
+        """Networks along their parameters."""
+        further = [name for name in self.networks if name not in self.section["networks"]]
+        section = {**self.section, "further": further}
+        return network_settings(self.config["mesh"]["nodes"], section, self.variants) if self.cases else []
+
+    @cached_property
+    def lifts(self) -> list[tuple[str, int]]:
+        """Kind and nodes of the lifts that the networks want."""
+        kinds = {(self.registry[setting.method].lift, setting.nodes) for setting in self.network_settings}
+        return sorted(pair for pair in kinds if pair[0] != "none")
+
+    def rows(self, wildcards) -> dict[str, list[str]]:
+        """The files of measured rows; InputError where there are too few patients or a network is unknown."""
+        if unknown := [name for name in self.section["further"] if name not in self.variants]:
+            problem = f"tradeoff.further names {unknown[0]!r}, which is no variant and no design_ switch"
+            raise InputError("-", "configuration", problem, "correct its name")
+        if len(self.cases) < 2:
+            raise InputError(
+                "-",
+                self.config["cohort"],
+                f"{len(self.cases)} patients have a post-operative scan, and the trade-off wants two",
+                "give more scans",
+            )
+        return {"rows": [f"<results>/tradeoff/{case}/{family}.csv" for case in self.cases for family in FAMILIES]}
