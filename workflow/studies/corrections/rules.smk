@@ -11,10 +11,14 @@ add_table(
     figure="studies.corrections.figure",
     files={
         "metrics": [
-            f"<results>/folds/{fold}/{method}{corrected}/metrics.csv"
+            file
             for method in STUDY.asked("corrections")
-            for corrected in ("", *(f"/corrected_{count}" for count in COUNTS))
-            for fold in STUDY.held_out
+            for name in ("", *(f"corrected_{count}/" for count in COUNTS))
+            for file in expand(
+                METRICS.replace("metrics", f"{name}metrics"),
+                fold=STUDY.held_out,
+                method=method,
+            )
         ],
         "baseline": expand(
             METRICS,

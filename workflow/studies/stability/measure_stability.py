@@ -50,7 +50,7 @@ if __name__ == "__main__":
         family=snakemake.params.family,
         case=snakemake.params.case,
         way=snakemake.params.way,
-        model=snakemake.input.get("model"),
+        model=next(iter(snakemake.input.model), None),
         config=snakemake.params.stability,
         fem=FemSettings(**snakemake.params.fem),
         networks=snakemake.params.networks,
