@@ -62,12 +62,12 @@ def document(schema: dict, defaults: dict) -> str:
     lines = [
         "# Configuration",
         "",
-        "Generated from the schemas (`workflow/schemas`, `workflow/studies`) and `config/config.yaml` by `make docs`; do "
-        "not edit.",
+        "Generated from the schemas (`workflow/schemas`, `workflow/studies`) and `config/config.yaml` by `make docs`; "
+        "do not edit.",
         "",
         schema["description"],
-        "`[0, 1]` allows both ends, `(0, 1)` neither. Long defaults stand in `config.yaml`, those of a further study in "
-        "its `schema.yaml`. "
+        "`[0, 1]` allows both ends, `(0, 1)` neither. Long defaults stand in `config.yaml`, those of a study in its "
+        "`schema.yaml`. "
         'An overlay (`--configfile config/quick.yaml`), `--config seed=2` or `--config fem="{poisson: 0.45}"` replaces '
         "single values.",
         "",
