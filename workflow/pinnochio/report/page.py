@@ -8,7 +8,6 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import jinja2
 import PIL.Image
 from plotly.offline import get_plotlyjs
 
@@ -21,7 +20,7 @@ from pinnochio.metrics.columns import CASES, scanned
 from pinnochio.report.answer import sentences
 from pinnochio.report.parts import FOLDED
 from pinnochio.statistics.ranking import rank
-from pinnochio.tables.formats import STYLE
+from pinnochio.web_pages import render
 
 TEMPLATE, PROGRAM = "page.html", "view.js"  # beside this module; the template includes the program
 SMALL = 480  # pixels, the width of a picture that is one of many
@@ -70,9 +69,8 @@ def write_page(
         }
         for case, files in patients.items()
     }
-    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True)
-    text = environment.get_template(TEMPLATE).render(
-        style=STYLE,
+    text = render(
+        Path(__file__).with_name(TEMPLATE),
         said=sentences(ranking, study[0].lower() + study[1:], settings["folds"], settings["motion"]) if ranking else [],
         demonstration=ranking is not None and not ranking.tested,
         chart=_picture(chart) if chart else "",

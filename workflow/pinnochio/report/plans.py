@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import jinja2
 import numpy as np
 import pandas as pd
 from matplotlib import colormaps
@@ -21,6 +20,7 @@ from pinnochio.patients.certificate import RESEARCH
 from pinnochio.patients.face import written
 from pinnochio.patients.page import motions_in_words
 from pinnochio.plans.plan import Plan
+from pinnochio.web_pages import render
 
 TEMPLATE = "plans.html"  # beside this module; it includes plans.js
 STEP = 0.01  # mm, of displacements
@@ -64,8 +64,8 @@ def write_plans(
         "colours": colours,
         "farthest": FARTHEST,
     }
-    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True)
-    text = environment.get_template(TEMPLATE).render(
+    text = render(
+        Path(__file__).with_name(TEMPLATE),
         case=case,
         method=method_name(method),
         research=RESEARCH,

@@ -9,13 +9,9 @@ import jinja2
 from pinnochio.files import replacing
 from pinnochio.json_text import read_stored_json
 from pinnochio.methods.names import spoken
+from pinnochio.web_pages import write_page
 
-STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem;color:#222;background:#fff}
-.scroll{overflow-x:auto}h2{font-size:1.1rem;margin:2.5rem 0 .5rem}p{max-width:60rem;margin-top:1.5rem}
-table{border-collapse:collapse;font-variant-numeric:tabular-nums}
-caption{text-align:left;padding-bottom:.8rem;max-width:60rem}th{border-bottom:2px solid #444;text-align:left}
-th,td{padding:.3rem .8rem;white-space:nowrap}td:not(:first-child){text-align:right}
-tbody tr:nth-child(even){background:#f4f4f2}details{margin-top:1.5rem}dt{font-weight:600;margin-top:.4rem}"""
+HTML = "table.html"  # beside this module
 
 MARKDOWN = """\
 {% for block in blocks -%}
@@ -59,33 +55,6 @@ LATEX = r"""
 << paragraph >>
 <% endfor -%>
 """
-HTML = """\
-<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{{ blocks[0].caption.split(":")[0].split(";")[0] }}</title>
-<style>{{ style | safe }}</style></head><body>
-{% for block in blocks -%}
-{% if block.title %}<h2>{{ block.title }}</h2>
-{% endif -%}
-<div class='scroll'><table><caption>{{ block.caption }}</caption>
-<thead><tr>{% for header in block.headers %}<th>{{ header }}</th>{% endfor %}</tr></thead>
-<tbody>
-{% for row in block.rows -%}
-<tr>{% for text, bold, own in row -%}
-<td{% if own != text %} title="{{ own }}"{% endif %}>{% if bold %}<b>{{ text }}</b>{% else %}{{ text }}{% endif %}</td>
-{%- endfor %}</tr>
-{% endfor -%}
-</tbody></table></div>
-{% endfor -%}
-{% for paragraph in paragraphs -%}
-<p>{{ paragraph }}</p>
-{% endfor -%}
-<details><summary>Columns of the CSV file</summary><dl>
-{%- for column in columns -%}
-<dt>{{ column.name }}</dt><dd>{{ column.description }}{{ " [%s]" % column.unit if column.unit }}</dd>
-{%- endfor -%}
-</dl></details>
-</body></html>
-"""
 SPECIAL = str.maketrans(
     {character: f"\\{character}" for character in "&%$#_{}"}
     | {"\\": r"\textbackslash{}", "±": r"$\pm$", "<": "$<$", ">": "$>$"}
@@ -111,11 +80,7 @@ def _latex() -> jinja2.Template:
     ).from_string(LATEX)
 
 
-def _html() -> jinja2.Template:
-    return jinja2.Environment(keep_trailing_newline=True, autoescape=True).from_string(HTML)
-
-
-FORMATS = {".md": _markdown, ".tex": _latex, ".html": _html}
+FORMATS = {".md": _markdown, ".tex": _latex}
 
 
 def write_twins(document: str | os.PathLike) -> None:
@@ -128,7 +93,8 @@ def write_twins(document: str | os.PathLike) -> None:
     }
     for suffix, template in FORMATS.items():
         with replacing(Path(document).with_suffix(suffix)) as temporary:
-            temporary.write_text(template().render(shown, style=STYLE), encoding="utf-8")
+            temporary.write_text(template().render(shown), encoding="utf-8")
+    write_page(Path(document).with_suffix(".html"), Path(__file__).with_name(HTML), **shown)
 
 
 def _spoken(block: Mapping) -> dict:
