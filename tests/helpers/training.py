@@ -71,7 +71,7 @@ def run_and_hang(phase: str, inputs: str, folder: str, threads: str, at: str) ->
 def learn_loads(patients, fitted: str) -> SourceModel:
     """What sliding finite elements leave of the patients' faces, learned; written to `fitted`, too."""
     fit(
-        module="pinnochio.methods.fem_learned",
+        learner="pinnochio.methods.fem_learned:fit",
         cases=[own.case for own in patients],
         models=[own.model for own in patients],
         fem_samples=[own.fem_samples for own in patients],
@@ -84,10 +84,10 @@ def learn_loads(patients, fitted: str) -> SourceModel:
     return SourceModel.read(fitted)
 
 
-def predict_by(module: str, patient, predictions: str, model: str | None = None, trained=None, **settings):
+def predict_by(predictor: str, patient, predictions: str, model: str | None = None, trained=None, **settings):
     """Write the predictions of a patient by the method of a module, on its model or another one."""
     predict(
-        module=f"pinnochio.methods.{module}",
+        predictor=f"pinnochio.methods.{predictor}",
         settings=settings,
         trained=trained,
         cases=[patient.case],

@@ -47,7 +47,7 @@ def test_a_surface_network_from_fields_and_skin_to_a_row_of_the_table(patient, t
     outcome = {"plans": [patient.plan], "postops": [patient.postop], "covariates": [], "pretrained": first["network"]}
     finetune(**own, **outcome, seed=2, outputs=last)
     predictions, metrics = str(tmp_path / "predictions.h5"), str(tmp_path / "metrics.csv")
-    predict_by("surface.predictor", patient, predictions, trained=last["network"])
+    predict_by("surface.predictor:SurfacePredictor", patient, predictions, trained=last["network"])
     row = measured(patient, predictions, metrics)
     assert row["cd"] > 0 and row["skin_error_mean"] > 0 and row["seconds"] > 0
     assert row[["min_jacobian", "eqres_rel", "volume_error_mean", "moving_error", "eqres_element"]].isna().all()
@@ -61,7 +61,7 @@ def test_what_finite_elements_leave_is_learned_as_loads(patients, tmp_path):
     taught.write(tmp_path / "taught.h5")
     for name, file in (("learned", fitted), ("taught", str(tmp_path / "taught.h5"))):
         predictions = str(tmp_path / f"{name}.h5")
-        predict_by("fem_learned", patients[0], predictions, trained=file, fem=CONFIG["fem"])
+        predict_by("fem_learned:LearnedLoadPredictor", patients[0], predictions, trained=file, fem=CONFIG["fem"])
         metrics[name] = measured(patients[0], predictions, str(tmp_path / f"{name}.csv"))
         made = read_prediction(predictions, patients[0].case)
         assert made.converged and made.forces.any()
@@ -104,7 +104,7 @@ def test_what_a_network_leaves_is_learned_as_loads_too(patients, tmp_path):
     assert all(torch.equal(weights[name], same[name]) for name in weights)
     predictions, metrics = str(tmp_path / "predictions.h5"), str(tmp_path / "metrics.csv")
     own = {"fem": CONFIG["fem"], "newton_corrections": 3}
-    predict_by("pinnochio.predictor", patients[0], predictions, trained=last["network"], **own)
+    predict_by("pinnochio.predictor:GraphPredictor", patients[0], predictions, trained=last["network"], **own)
     row, made = measured(patients[0], predictions, metrics), read_prediction(predictions, patients[0].case)
     assert made.forces.any() and row["load_rel"] > 0
     assert row["eqres_rel"] < 0.1 * row["raw_eqres_rel"]
@@ -113,7 +113,7 @@ def test_what_a_network_leaves_is_learned_as_loads_too(patients, tmp_path):
 def test_floors_need_no_network(patient, tmp_path):
     fitted, rows = str(tmp_path / "fitted.h5"), {}
     fit(
-        module="pinnochio.methods.pca_linear",
+        learner="pinnochio.methods.pca_linear:fit",
         cases=[patient.case],
         models=[patient.model],
         fem_samples=[patient.fem_samples],
@@ -123,8 +123,9 @@ def test_floors_need_no_network(patient, tmp_path):
         settings={},
         fitted=fitted,
     )
-    for name in ("ratio", "pca_linear", "elastic", "no_change"):
-        predict_by(name, patient, str(tmp_path / f"{name}.h5"), trained=fitted, fem=CONFIG["fem"])
+    classes = {"ratio": "Ratio", "pca_linear": "Pca", "elastic": "Elastic", "no_change": "NoChange"}
+    for name, start in classes.items():
+        predict_by(f"{name}:{start}Predictor", patient, str(tmp_path / f"{name}.h5"), trained=fitted, fem=CONFIG["fem"])
         rows[name] = measured(patient, str(tmp_path / f"{name}.h5"), str(tmp_path / f"{name}.csv"))
     for name, most in (("ratio", 1.0), ("elastic", 0.8)):
         assert rows[name]["skin_error_mean"] < most * rows["no_change"]["skin_error_mean"], name

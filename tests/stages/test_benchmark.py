@@ -41,7 +41,7 @@ def measure(patient, predictions, method, table, postops, truths=(), case=None):
 @pytest.fixture(scope="module")
 def solved(patient, tmp_path_factory) -> str:
     path = str(tmp_path_factory.mktemp("solved") / "predictions.h5")
-    predict_by("finite_elements", patient, path, fem=CONFIG["fem"], contact="bonded")
+    predict_by("finite_elements:FiniteElementPredictor", patient, path, fem=CONFIG["fem"], contact="bonded")
     return path
 
 

@@ -43,7 +43,7 @@ def wild_network(tmp_path_factory):
 def test_no_prediction_leaves_with_an_inverted_element(patient, wild_network, corrections, tmp_path):
     path = tmp_path / "predictions.h5"
     settings = {"fem": CONFIG["fem"], "newton_corrections": corrections}
-    predict_by("pinnochio.predictor", patient, str(path), trained=wild_network, **settings)
+    predict_by("pinnochio.predictor:GraphPredictor", patient, str(path), trained=wild_network, **settings)
     prediction, model = read_prediction(path, patient.case), PatientModel.read(patient.model)
     assert jacobians(model.points, model.cells, prediction.raw).min() < 0
     assert jacobians(model.points, model.cells, prediction.displacement).min() > 0

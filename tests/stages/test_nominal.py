@@ -77,13 +77,13 @@ def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, t
     motion = str(tmp_path / "true_motion.h5")
     carry_truth(patient.case, nominal["truth"], patient.model, motion)
     rows = {}
-    for name, module, settings, truths in (
-        ("floor_scan", "floor_scan", {}, [nominal["truth"]]),
-        ("oracle", "finite_elements", {"fem": CONFIG["fem"], "contact": "mucosa"}, []),
+    for name, predictor, settings, truths in (
+        ("floor_scan", "floor_scan:ScanFloorPredictor", {}, [nominal["truth"]]),
+        ("oracle", "finite_elements:FiniteElementPredictor", {"fem": CONFIG["fem"], "contact": "mucosa"}, []),
     ):
         predictions, metrics = str(tmp_path / f"{name}.h5"), str(tmp_path / f"{name}.csv")
         predict(
-            module=f"pinnochio.methods.{module}",
+            predictor=f"pinnochio.methods.{predictor}",
             settings=settings,
             trained=None,
             cases=[patient.case],

@@ -32,7 +32,7 @@ def test_a_forecast_is_the_prediction_of_the_workflow(prepared, forecaster, pati
     assert list(prepared.plans) == ["set"]
     plan = prepared.plans["set"]
     predict_ensemble(
-        module="pinnochio.methods.pinnochio.predictor",
+        predictor="pinnochio.methods.pinnochio.predictor:GraphPredictor",
         settings={"fem": vars(patient.fem), "newton_corrections": 1},
         networks=networks,
         case=prepared.case,

@@ -118,7 +118,7 @@ def test_the_mesh_that_resolves_the_lips(patient, tmp_path):
     for arm in ("bonded", "mucosa", "mucosa+lip"):
         file = str(tmp_path / "predictions.h5")
         settings = {"fem": CONFIG["fem"], "contact": arm}
-        predict_by("finite_elements", patient, file, made["model.h5"], **settings)
+        predict_by("finite_elements:FiniteElementPredictor", patient, file, made["model.h5"], **settings)
         fields[arm] = read_prediction(file, patient.case)
         assert fields[arm].converged, (arm, fields[arm].reason)
     contact = boundary_conditions(model, Plan.read(patient.plan, patient.case), "mucosa+lip").contact
@@ -188,9 +188,16 @@ def predicted(patients, tmp_path_factory) -> dict[str, str]:
     last = {"network": str(folder / "network.pt"), "history": str(folder / "finetuning.csv")}
     finetune(**own, plans=[two.plan], postops=[two.postop], covariates=[], pretrained=first["network"], outputs=last)
     files = {method: str(folder / f"{method}.h5") for method in ("no_change", "fem_sliding", "pinnochio")}
-    predict_by("no_change", one, files["no_change"])
-    predict_by("finite_elements", one, files["fem_sliding"], fem=fem, contact="mucosa")
-    predict_by("pinnochio.predictor", one, files["pinnochio"], trained=last["network"], fem=fem, newton_corrections=0)
+    predict_by("no_change:NoChangePredictor", one, files["no_change"])
+    predict_by("finite_elements:FiniteElementPredictor", one, files["fem_sliding"], fem=fem, contact="mucosa")
+    predict_by(
+        "pinnochio.predictor:GraphPredictor",
+        one,
+        files["pinnochio"],
+        trained=last["network"],
+        fem=fem,
+        newton_corrections=0,
+    )
     return files
 
 

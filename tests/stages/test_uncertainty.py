@@ -72,7 +72,7 @@ def ensembles(patients, networks, tmp_path_factory):
     for patient in patients:
         paths[patient.case] = str(folder / f"{patient.case}.h5")
         predict_ensemble(
-            module="pinnochio.methods.pinnochio.predictor",
+            predictor="pinnochio.methods.pinnochio.predictor:GraphPredictor",
             settings={"fem": CONFIG["fem"], "newton_corrections": 0},
             networks=networks,
             case=patient.case,
