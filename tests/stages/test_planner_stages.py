@@ -130,7 +130,7 @@ def test_the_picture_follows_the_plan(prepared, forecaster):
 
 
 def test_a_wish_is_fitted_at_once_and_then_by_finite_elements(patient, monkeypatch):
-    for place in ("repeated", "simulation"):  # kept factors leave nothing to Newton's method
+    for place in ("solvers.kept_factors", "simulation"):  # kept factors leave nothing to Newton's method
         monkeypatch.setattr(f"pinnochio.mechanics.{place}.solve", None)
     model = PatientModel.read(patient.model)
     wishing, own = Wishing(model, patient.case, patient.fem, CONFIG["invert"]), MEASURES["pog_forward"]

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pinnochio.planner.page import _warning
+from pinnochio.planner.page_words import warning
 
 
 @pytest.mark.parametrize(
@@ -21,4 +21,4 @@ from pinnochio.planner.page import _warning
 def test_what_speaks_against_a_forecast_is_said(own, words):
     none = {"damping": 1.0, "repaired": 0, "off_bone": 0.4, "beyond": 0.0, "out_of_distribution": ()}
     forecast = SimpleNamespace(**none | own)
-    assert _warning(forecast).startswith(words) and bool(_warning(forecast)) == bool(words)
+    assert warning(forecast).startswith(words) and bool(warning(forecast)) == bool(words)

@@ -1,0 +1,96 @@
+"""What the page of the planner says of forecasts, plans and fits."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pinnochio.metrics.validity import OFF_BONE
+from pinnochio.model.measures import MEASURES
+from pinnochio.patients.certificate import FAR
+from pinnochio.patients.face import FaceMeasures, written
+from pinnochio.planner.forecast import Forecast
+from pinnochio.planner.jaws import Jaws, named
+from pinnochio.planner.wishing import Fit
+from pinnochio.plans.surgery import amount, segment_in_words
+
+FIRST_LOOK = "first look"
+OUTSIDE = "Unlike the training in {}: do not rely on the interval."
+DAMPED = "Not usable: the field turned tissue inside out and was scaled to {:.2g} %; the plan is not carried out."
+OFF = "Not usable: tissue that slides is {:.1f} mm off its bone, beyond its rim."
+FAR_BEYOND = "Not usable: {:.1f} widths of the training's range beyond it."
+REPAIR = "{} elements were turned inside out and solved again."
+COLLIDE = "Bones run into each other: {} (up to {:.1f} mm deep; red points)."
+PRACTICE = "Beyond what is practised: {}."
+STILL = "Nothing is moved, so nothing changes."
+
+
+def about(forecast: Forecast, deep: Mapping[tuple[str, str], float], jaws: Jaws, level: float) -> dict[str, str]:
+    """A forecast in words; deep (mm): how deep pairs of segments run into each other; level: of the interval."""
+    half_width = forecast.interval.half_width
+    size = f"± {np.nanmedian(half_width):.2f} mm median, {np.nanmax(half_width):.2f} mm at most"
+    words = f"{100 * level:g} % interval {size}; "
+    words += FIRST_LOOK if forecast.least is None else f"smallest volume ratio {forecast.least:.2f}"
+    marks = [COLLIDE.format(named(list(deep)), max(deep.values()))] if deep else []
+    if far := jaws.beyond(forecast.plan):
+        said = (f"{segment_in_words(name)} {word(part, name)}" for name, parts in far.items() for part in parts)
+        marks.append(PRACTICE.format(", ".join(said)))
+    moved = f"face moves {forecast.mean:.2f} mm in the mean, {forecast.most:.2f} mm at most"
+    return {
+        "moved": f"{moved}. {STILL}" if forecast.plan.still else moved,
+        "more": f"{words}; after {forecast.seconds:.2f} s",
+        "outside": warning(forecast),
+        "marks": " ".join(marks),
+    }
+
+
+def rows(forecast: Forecast, face: FaceMeasures) -> dict[str, list[dict]]:
+    """The measures of a forecast, and the displacements of landmarks, as the tables show them."""
+    half_width = None if forecast.plan.still else forecast.interval.half_width
+    measures, moved = [], {}
+    for row in face.rows(forecast.interval.displacement, half_width):
+        if row.name in MEASURES:
+            digits = 0 if row.unit == "degree" else 1
+            numbers = {"before": written(row.before, digits), "after": written(row.after, digits)}
+            numbers |= {"change": written(row.change, 1, "+"), "half": written(row.half_width, 1)}
+            unit = "°" if row.unit == "degree" else "mm"
+            measures.append({"name": row.name, "title": f"{row.title}, {unit}"} | numbers)
+        else:
+            place = moved.setdefault(row.title, {"title": row.title, "half": written(row.half_width, 1)})
+            place[row.positive.split()[-1]] = written(row.change, 1, "+")
+    return {"measures": measures, "landmarks": list(moved.values())}
+
+
+def fitted(fit: Fit) -> str:
+    """How near the plan that is sought comes to the wish, in words."""
+    by = "Finite elements" if fit.verified else "Proposal by the elastic map, which finite elements now verify"
+    off = [f"{MEASURES[name].title} by {error:.1f}" for name, error in fit.missed.items() if not error <= fit.met]
+    return f"{by}: " + (f"missed are {', '.join(off)} (mm or degrees)." if off else "every wish is met.")
+
+
+def label(name: str, segment: str) -> str:
+    """What a slider moves, and which way its positive end is."""
+    part = amount(name, segment)
+    title, less = (f"{name}: ", part.less.split()[-1]) if part.unit == "°" else ("", part.less)
+    return f"{title}{part.more} (+) / {less} (−), {part.unit}"
+
+
+def word(name: str, segment: str) -> str:
+    """A part of a segment's motion in words."""
+    part = amount(name, segment)
+    return name if part.unit == "°" else f"{part.more} / {part.less}"
+
+
+def warning(forecast: Forecast) -> str:
+    """What speaks against a forecast, in words; empty where nothing does."""
+    said = []
+    if forecast.damping < 1:
+        said.append(DAMPED.format(100 * forecast.damping))
+    elif forecast.repaired:
+        said.append(REPAIR.format(forecast.repaired))
+    if not forecast.off_bone <= OFF_BONE:
+        said.append(OFF.format(forecast.off_bone))
+    if forecast.beyond > FAR:
+        said.append(FAR_BEYOND.format(forecast.beyond))
+    if forecast.out_of_distribution:
+        said.append(OUTSIDE.format(", ".join(forecast.out_of_distribution)))
+    return " ".join(said)
