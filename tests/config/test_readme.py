@@ -108,7 +108,7 @@ def test_readme_is_short():
 @pytest.mark.parametrize("name", ["thickness", "ratios", "effects"])
 def test_docs_hold_the_tables_of_the_cohort(name):
     table = (ROOT / f"results/reference/{name}.md").read_text(encoding="utf-8").strip()
-    assert table in (ROOT / "docs/explanation/cohort.md").read_text(encoding="utf-8")
+    assert table in (ROOT / "docs/lab/cohort.md").read_text(encoding="utf-8")
 
 
 def anchors(page: Path) -> set[str]:

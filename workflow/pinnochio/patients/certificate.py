@@ -37,7 +37,7 @@ RESIDUALS = 10.0  # times the largest usual residual from which nothing is usabl
 EDGES = 15.0  # % of the face beside the edge of the scan from which care is due; of the virtual patients 6 to 9 [X]
 REPAIRED = 0.01  # share of the elements above which the repair is no small matter
 # mm and degrees of a bone up to which the stability sweep confirms every result on smooth bone, but for tissue that has
-# left its bone [X: docs/explanation/mechanics.md].
+# left its bone [X: docs/lab/stability.md].
 SWEPT = 10.0, 15.0
 FAR = 1.0  # widths of the training's range beyond what is usual from which nothing is usable
 

@@ -32,7 +32,7 @@ STABILITY = (
     Column("unit", str, "", "unit of the setting, - without one"),
     Column("way", str, "", "direction or axis of a motion, - without one"),
     Column("segment", str, "", "what moves, - of the block or if all do"),
-    Column("method", str, "", "what is asked: see docs/explanation/mechanics.md"),
+    Column("method", str, "", "what is swept: see docs/lab/stability.md"),
     Column("element", str, "", "volume term"),
     Column("precision", str, "", "of the arrays handed over; loss, map and networks compute in it, solvers in float64"),
     Column(

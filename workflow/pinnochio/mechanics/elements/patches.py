@@ -5,7 +5,7 @@ import numpy as np
 from pinnochio.compiled import COMPILED, compiled
 from pinnochio.geometry.mesh_topology import adjacency
 
-SIZE = 8  # elements in a patch; the table of elements in docs/explanation/mechanics.md shows why
+SIZE = 8  # elements in a patch; the table of elements in docs/lab/mechanics.md shows why
 TIE = 1e-4  # distances nearer to each other count as equal: above the rounding of coordinates in single precision
 
 
