@@ -13,7 +13,7 @@ from pinnochio.errors import InputError
 from pinnochio.files import check_writable
 from pinnochio.methods.names import BASELINE
 from pinnochio.methods.registry import graph_networks
-from pinnochio.patients.archive import READ_BY_NETWORKS
+from pinnochio.patients.model_archive import READ_BY_NETWORKS
 from pinnochio.report.parts import FOLDED, PARTS
 from pinnochio.study.configuration import check_config
 from pinnochio.study.console import Progress, expected_seconds, quieten

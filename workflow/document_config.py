@@ -42,7 +42,7 @@ RECIPES = (
 )
 # Tables of a study and where their columns are declared.
 TABLES = {
-    "cases": ("pinnochio.metrics.columns", "CASES", "one row per patient and method"),
+    "cases": ("pinnochio.metrics.case_columns", "CASES", "one row per patient and method"),
     "accuracy, better": ("pinnochio.tables.comparison", "COMPARISON", "one row per method"),
     "planned": ("pinnochio.tables.planned", "PLANNED", "one row per method, with both motions"),
     "regions, landmarks": ("pinnochio.tables.places", "PLACES", "one row per method and place"),

@@ -11,7 +11,7 @@ from pinnochio.overlays import read_merged
 from pinnochio.study.configuration import check_config
 from pinnochio.study.schema import checked, read_schema
 from pinnochio.study.study import Study
-from pinnochio.training.archive import NETWORK, NetworkArchive, pack
+from pinnochio.training.network_archive import NETWORK, NetworkArchive, pack
 from pinnochio.training.settings import PHASES
 
 

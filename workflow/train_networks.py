@@ -33,7 +33,7 @@ from pinnochio.overlays import read_merged
 from pinnochio.references import resolve
 from pinnochio.seeds import derive_seed
 from pinnochio.study.cases import assign_folds, virtual_cases
-from pinnochio.training.cases import case_files
+from pinnochio.training.case_files import case_files
 from pinnochio.training.device import choose_device
 from pinnochio.training.fold import train_fold
 from pinnochio.training.settings import PHASES

@@ -6,7 +6,7 @@ from pinnochio.figures.quality import quality_picture
 from pinnochio.files import replacing
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
-from pinnochio.metrics.quality import quality
+from pinnochio.metrics.model_quality import quality
 from pinnochio.model.patient import PatientModel
 
 

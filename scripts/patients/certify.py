@@ -10,9 +10,9 @@ from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
-from pinnochio.patients.archive import RANGES, Archive, calibration_file
 from pinnochio.patients.certificate import RESEARCH, in_distribution, interval_measures, measures, plain, verdict
 from pinnochio.patients.in_distribution import Ranges, widening
+from pinnochio.patients.model_archive import RANGES, Archive, calibration_file
 from pinnochio.patients.result import read_result, read_solution
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration

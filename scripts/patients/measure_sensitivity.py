@@ -6,9 +6,9 @@ import numpy as np
 
 from pinnochio.columns import write_csv
 from pinnochio.figures.sensitivity import sensitivity_figure
-from pinnochio.inverse.columns import SENSITIVITY
-from pinnochio.inverse.face import ElasticFace
+from pinnochio.inverse.elastic_face import ElasticFace
 from pinnochio.inverse.sensitivity import sensitivity
+from pinnochio.inverse.wish_columns import SENSITIVITY
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel

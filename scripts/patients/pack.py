@@ -9,8 +9,8 @@ import pandas as pd
 from pinnochio.columns import read_csv
 from pinnochio.files import replacing
 from pinnochio.logs import attach_log
-from pinnochio.patients.archive import RANGES, Archive, calibration_file, network_file
 from pinnochio.patients.certificate import USUAL
+from pinnochio.patients.model_archive import RANGES, Archive, calibration_file, network_file
 
 
 def pack(

@@ -7,13 +7,13 @@ import numpy as np
 
 from pinnochio.columns import write_rows
 from pinnochio.inverse.alternatives import Answer, answers, contradictions
-from pinnochio.inverse.columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED
 from pinnochio.inverse.combinations import LARGEST, as_motions, differences
-from pinnochio.inverse.face import ElasticFace
+from pinnochio.inverse.elastic_face import ElasticFace
 from pinnochio.inverse.freedom import QUANTITIES
 from pinnochio.inverse.proposal import InverseSettings
 from pinnochio.inverse.reading import read_wish
 from pinnochio.inverse.wish import Wish, misfit, regions_of
+from pinnochio.inverse.wish_columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel

@@ -7,7 +7,7 @@ from pinnochio.columns import read_table
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.model.patient import PatientModel
-from pinnochio.patients.face import TABLE
+from pinnochio.patients.face_measures import TABLE
 from pinnochio.patients.result import read_result
 from pinnochio.plans.plan import Plan
 from pinnochio.report.plans import ComparedPlan, write_plans

@@ -5,8 +5,8 @@ import numpy as np
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.model.patient import PatientModel
-from pinnochio.patients.face import face_rows, write_face
-from pinnochio.patients.page import write_page
+from pinnochio.patients.face_measures import face_rows, write_face
+from pinnochio.patients.prediction_page import write_page
 from pinnochio.patients.result import read_result
 from pinnochio.plans.plan import Plan
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pinnochio.logs import attach_log
-from pinnochio.report.page import write_page
+from pinnochio.report.study_page import write_page
 
 
 def write_report(

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pinnochio.columns import write_rows
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.metrics.cases import evaluate_case
-from pinnochio.metrics.columns import CASES
+from pinnochio.metrics.case_columns import CASES
+from pinnochio.metrics.evaluation import evaluate_case
 from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin

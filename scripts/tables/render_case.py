@@ -12,7 +12,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
 from pinnochio.plans.plan import Plan
-from pinnochio.report.view import judged_errors, make_view
+from pinnochio.report.skin_view import judged_errors, make_view
 
 
 def render_case(

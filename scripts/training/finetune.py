@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pinnochio.logs import attach_log
 from pinnochio.references import resolve
 from pinnochio.seeds import derive_seed
-from pinnochio.training.cases import case_files
+from pinnochio.training.case_files import case_files
 from pinnochio.training.device import choose_device
 from pinnochio.training.fold import train_fold
 

@@ -9,7 +9,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.plans.plan import Plan
 from pinnochio.references import resolve
-from pinnochio.training.cases import read_fem_samples
+from pinnochio.training.case_files import read_fem_samples
 
 
 def fit(

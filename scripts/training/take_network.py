@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from pinnochio.logs import attach_log
-from pinnochio.training.archive import take
+from pinnochio.training.network_archive import take
 
 
 def take_network(archive: str, names: Sequence[str], outputs: Sequence[str]) -> None:

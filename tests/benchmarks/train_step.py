@@ -30,8 +30,8 @@ from pinnochio.methods.pinnochio.losses import boundary_loss, physics_loss, volu
 from pinnochio.methods.pinnochio.patient import tensors
 from pinnochio.model.patient import PatientModel
 from pinnochio.networks import boundary
-from pinnochio.networks.attention import Attention
 from pinnochio.networks.building import build
+from pinnochio.networks.gatv2 import Attention
 from pinnochio.overlays import read_merged
 from pinnochio.plans.plan import Plan
 from tests.helpers.settings import network_settings

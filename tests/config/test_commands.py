@@ -9,7 +9,7 @@ import sys
 import pytest
 import yaml
 
-from pinnochio.patients.archive import RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
+from pinnochio.patients.model_archive import RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
 from tests.helpers.documents import PAGES, commands, named_blocks
 from tests.helpers.rules import RULE_FILES
 from tests.helpers.settings import ROOT

@@ -23,8 +23,8 @@ from pinnochio.importing.segmentation import read_postop, read_segmentation, wri
 from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.lift import Lift
 from pinnochio.meshing.mesh import TetMesh
-from pinnochio.metrics.columns import CASES
-from pinnochio.metrics.quality import quality
+from pinnochio.metrics.case_columns import CASES
+from pinnochio.metrics.model_quality import quality
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
@@ -33,7 +33,7 @@ from pinnochio.model.surfaces import BoneSurface, bone_surface, read_surface, sk
 from pinnochio.model.truth import read_truth
 from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.patients.archive import Archive
+from pinnochio.patients.model_archive import Archive
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.transforms import read_transforms
 from pinnochio.statistics.intervals import Interval

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pinnochio.metrics.columns import CASES
+from pinnochio.metrics.case_columns import CASES
 
 
 def row(case, method, cd, **more):

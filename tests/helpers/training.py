@@ -11,7 +11,7 @@ from pinnochio.methods.pinnochio.learner import GraphLearner
 from pinnochio.methods.sources import SourceModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.training import loop
-from pinnochio.training.cases import CaseFiles
+from pinnochio.training.case_files import CaseFiles
 from pinnochio.training.fold import train_fold
 from pinnochio.training.settings import TrainingSettings
 from scripts.prediction.predict import predict

@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.metrics.quality import quality
+from pinnochio.metrics.model_quality import quality
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
 from pinnochio.networks.building import build
-from pinnochio.patients.archive import Archive, calibration_file, network_file
+from pinnochio.patients.model_archive import Archive, calibration_file, network_file
 from pinnochio.planner.prepared import Prepared
 from pinnochio.statistics.intervals import Calibration
 from pinnochio.training.checkpoint import save_network

@@ -8,7 +8,7 @@ import pytest
 import pyvista as pv
 
 from pinnochio.errors import InputError
-from pinnochio.metrics.regions import LANDMARKS, REGIONS
+from pinnochio.metrics.region_errors import LANDMARKS, REGIONS
 from pinnochio.model.predictions import read_prediction
 from scripts.prediction.list_folds import list_folds
 from scripts.prediction.predict_external import predict_external

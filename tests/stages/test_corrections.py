@@ -8,7 +8,7 @@ import torch
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
 from pinnochio.mechanics.elements.tetrahedra import jacobians
-from pinnochio.metrics.columns import CASES
+from pinnochio.metrics.case_columns import CASES
 from pinnochio.metrics.validity import equilibrium_of
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions

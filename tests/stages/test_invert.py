@@ -9,12 +9,12 @@ import pytest
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
 from pinnochio.inverse.alternatives import answers, contradictions
-from pinnochio.inverse.columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED, SENSITIVITY
-from pinnochio.inverse.face import ElasticFace
+from pinnochio.inverse.elastic_face import ElasticFace
 from pinnochio.inverse.freedom import freedom
 from pinnochio.inverse.proposal import InverseSettings
 from pinnochio.inverse.reading import read_wish
 from pinnochio.inverse.wish import Marks, MeasureWish, PlaceWish, SurfaceWish, stacked
+from pinnochio.inverse.wish_columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED, SENSITIVITY
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import write_surface

@@ -13,13 +13,13 @@ import pyvista as pv
 
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
-from pinnochio.metrics.quality import quality
+from pinnochio.metrics.model_quality import quality
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.model.regions import NAMES, regions
-from pinnochio.patients.archive import Archive
 from pinnochio.patients.certificate import in_words
-from pinnochio.patients.face import TABLE
+from pinnochio.patients.face_measures import TABLE
+from pinnochio.patients.model_archive import Archive
 from pinnochio.patients.result import Solution
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import in_words as in_words_of

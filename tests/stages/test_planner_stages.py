@@ -7,8 +7,8 @@ from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.inverse.wish import Marks
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
-from pinnochio.patients.archive import RANGES, calibration_file, network_file
-from pinnochio.patients.face import FaceMeasures
+from pinnochio.patients.face_measures import FaceMeasures
+from pinnochio.patients.model_archive import RANGES, calibration_file, network_file
 from pinnochio.planner.forecast import Forecaster
 from pinnochio.planner.view import FaceView
 from pinnochio.planner.wishing import Wishing

@@ -14,13 +14,13 @@ import pytest
 from pinnochio.columns import Column, number, write_csv
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import signed_distances
-from pinnochio.metrics.columns import CASES
+from pinnochio.metrics.case_columns import CASES
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, write_predictions
-from pinnochio.report.page import read_body, rounded
 from pinnochio.report.parts import PARTS
-from pinnochio.report.view import decode, encode
+from pinnochio.report.skin_view import decode, encode
+from pinnochio.report.study_page import read_body, rounded
 from pinnochio.tables.document import Block, Table, views
 from scripts.report.render_volume import render_volume
 from scripts.report.write_report import write_report

@@ -10,7 +10,7 @@ import pytest
 from pinnochio.columns import read_table
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction, write_predictions
-from pinnochio.patients.archive import network_file
+from pinnochio.patients.model_archive import network_file
 from studies.tradeoff.cases import TRADEOFF_CASES
 from studies.tradeoff.measure_fem import measure_fem
 from studies.tradeoff.measure_networks import measure_networks

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 
-from pinnochio.report.page import rounded
+from pinnochio.report.study_page import rounded
 from tests.helpers.study import VERBOSE, jobs
 
 

@@ -11,8 +11,8 @@ from pinnochio.errors import InputError
 from pinnochio.methods.floor_scan import ScanFloorPredictor
 from pinnochio.methods.protocol import Planned
 from pinnochio.methods.registry import registry
+from pinnochio.metrics.chamfer import surface_metrics
 from pinnochio.metrics.judged import choose
-from pinnochio.metrics.surface import surface_metrics
 from pinnochio.study.configuration import check_config
 from pinnochio.study.study import Study
 from tests.helpers.patients import tiny_patient, tiny_plan

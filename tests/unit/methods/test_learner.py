@@ -18,7 +18,7 @@ from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.training import loop
-from pinnochio.training.cases import CaseFiles
+from pinnochio.training.case_files import CaseFiles
 from pinnochio.training.fold import train_fold
 from pinnochio.training.loop import sample_at, schedule
 from pinnochio.training.settings import PHASES

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from pinnochio.errors import InputError
 from pinnochio.geometry.alignment import carried
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.metrics.cases import evaluate_case
+from pinnochio.metrics.evaluation import evaluate_case
 from pinnochio.metrics.judged import Judged, choose
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.predictions import Prediction

@@ -10,7 +10,7 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.importing.repair import KEPT
-from pinnochio.metrics.quality import contact, off_mesh, quality, thickness
+from pinnochio.metrics.model_quality import contact, off_mesh, quality, thickness
 from pinnochio.model.patient import FIXED, FREE, INTERIOR, MOVING, SLIDING
 from pinnochio.model.regions import CHIN, NOSE, NOT_JUDGED, UPPER_LIP
 from pinnochio.tables.quality import quality_columns, table
@@ -84,7 +84,7 @@ def test_skin_off_the_mesh_is_measured_where_the_face_is_judged(monkeypatch):
     points[np.setdiff1d(np.arange(len(points)), face), 2] += 50.0  # is not judged
     codes[face] = np.where(np.arange(len(face)) < len(face) // 8, CHIN, NOSE)
     codes[face[-1]] = UPPER_LIP
-    monkeypatch.setattr("pinnochio.metrics.quality.known_regions", lambda patient: codes)
+    monkeypatch.setattr("pinnochio.metrics.model_quality.known_regions", lambda patient: codes)
     said = off_mesh(replace(model, skin_points=points))
     assert said["off_mesh_mean_mm"] == pytest.approx(2) and said["off_mesh_p95_mm"] == pytest.approx(3.8)
     assert list(said["off_mesh_regions_mm"]) == ["upper_lip", "nose"]  # the chin lies within a millimetre

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.geometry.triangles import sample_surface
-from pinnochio.metrics.regions import LANDMARKS, REGIONS, landmark_errors, region_errors
+from pinnochio.metrics.region_errors import LANDMARKS, REGIONS, landmark_errors, region_errors
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.regions import CHIN, NAMES, NOT_JUDGED, regions
 from pinnochio.virtual.head import build_head

@@ -6,7 +6,7 @@ import pyvista as pv
 
 from pinnochio.geometry.closest_points import closest_points, signed_distances
 from pinnochio.geometry.triangles import sample_surface, vertex_areas
-from pinnochio.metrics.surface import surface_metrics
+from pinnochio.metrics.chamfer import surface_metrics
 
 
 def sphere(radius, subdivisions=4):

@@ -11,8 +11,8 @@ from pinnochio.errors import InputError
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.mechanics.elements.tetrahedra import jacobians, node_volumes, shape_gradients
 from pinnochio.mechanics.simulation import simulate
-from pinnochio.metrics.cases import evaluate_case
-from pinnochio.metrics.columns import CASES
+from pinnochio.metrics.case_columns import CASES
+from pinnochio.metrics.evaluation import evaluate_case
 from pinnochio.metrics.judged import choose
 from pinnochio.metrics.validity import (
     EDGE,

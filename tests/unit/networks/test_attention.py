@@ -5,19 +5,19 @@ import pytest
 import torch
 from torch_geometric.nn import GATv2Conv
 
-from pinnochio.networks import attention
-from pinnochio.networks.attention import Attention, Encoder
+from pinnochio.networks import gatv2
 from pinnochio.networks.boundary import max_pool
+from pinnochio.networks.gatv2 import Attention, Encoder
 from pinnochio.networks.graph import EDGE, Graph
 from pinnochio.networks.layout import Layout
 
-numba = pytest.mark.skipif(attention.attention_cpu is None, reason="the compiled loops need numba")
+numba = pytest.mark.skipif(gatv2.gatv2_cpu is None, reason="the compiled loops need numba")
 DEVICES = [
     pytest.param("cpu", marks=numba),
     pytest.param(
         "cuda",
         marks=pytest.mark.skipif(
-            attention.attention_gpu is None or not torch.cuda.is_available(), reason="the kernels need a GPU and Triton"
+            gatv2.gatv2_gpu is None or not torch.cuda.is_available(), reason="the kernels need a GPU and Triton"
         ),
     ),
 ]

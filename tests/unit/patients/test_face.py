@@ -7,7 +7,7 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.model.measures import LANDMARKS, MEASURES, derivatives
-from pinnochio.patients.face import SHOWN, TABLE, FaceMeasures, face_rows, write_face, written
+from pinnochio.patients.face_measures import SHOWN, TABLE, FaceMeasures, face_rows, write_face, written
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import sample_parameters
 from tests.helpers.patients import as_model

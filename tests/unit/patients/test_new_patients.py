@@ -8,7 +8,7 @@ import pytest
 
 from pinnochio.columns import write_csv
 from pinnochio.errors import InputError
-from pinnochio.patients.archive import Archive, configuration_hash
+from pinnochio.patients.model_archive import Archive, configuration_hash
 from pinnochio.patients.pareto_front import TRADEOFF
 from pinnochio.plans.plan import Plan
 from pinnochio.study.choice import choose

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from pinnochio.columns import read_table
-from pinnochio.patients.face import TABLE, face_rows, write_face
+from pinnochio.patients.face_measures import TABLE, face_rows, write_face
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS, motion_of
 from pinnochio.report.plans import ComparedPlan, write_plans

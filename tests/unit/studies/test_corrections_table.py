@@ -6,7 +6,7 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
-from pinnochio.statistics.significance import holm, wilcoxon
+from pinnochio.statistics.wilcoxon import holm, wilcoxon
 from studies.corrections.figure import draw
 from studies.corrections.table import CORRECTIONS, summarise, table
 from tests.helpers.rows import row

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pinnochio.metrics.regions import REGIONS
+from pinnochio.metrics.region_errors import REGIONS
 from pinnochio.virtual.ground_truth import NOMINAL, REALITIES
 from studies.cohort_checks.reality import CASE, SCALES, at_scale, scale_for, summarise
 

@@ -7,7 +7,7 @@ import pytest
 from pinnochio.errors import InputError
 from pinnochio.importing.cohort import Case
 from pinnochio.study.study import Study
-from pinnochio.training.archive import pack
+from pinnochio.training.network_archive import pack
 from tests.helpers.settings import CONFIG
 
 

@@ -11,8 +11,8 @@ from scipy import stats
 
 from pinnochio.columns import check, read_table, write_csv, write_rows
 from pinnochio.errors import InputError
-from pinnochio.metrics.columns import CASES
-from pinnochio.statistics.significance import bootstrap_interval, compare, holm, wilcoxon
+from pinnochio.metrics.case_columns import CASES
+from pinnochio.statistics.wilcoxon import bootstrap_interval, compare, holm, wilcoxon
 from pinnochio.tables.accuracy import table
 from pinnochio.tables.cases import same_samples
 from pinnochio.tables.comparison import COMPARISON, summarise

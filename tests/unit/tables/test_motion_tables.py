@@ -7,7 +7,7 @@ import pytest
 from pinnochio.columns import read_table, write_csv
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.importing.segment_registration import FITS
-from pinnochio.metrics.columns import CASES
+from pinnochio.metrics.case_columns import CASES
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.planned import PLANNED

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 
 from pinnochio.columns import read_table
-from pinnochio.metrics.columns import CASES
-from pinnochio.metrics.regions import LANDMARKS, REGIONS
-from pinnochio.statistics.significance import holm, wilcoxon
+from pinnochio.metrics.case_columns import CASES
+from pinnochio.metrics.region_errors import LANDMARKS, REGIONS
+from pinnochio.statistics.wilcoxon import holm, wilcoxon
 from pinnochio.tables import landmarks, regions
 from pinnochio.tables.places import PLACES, Place, summarise, table
 from tests.helpers.rows import row

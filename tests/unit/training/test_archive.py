@@ -6,7 +6,7 @@ import pytest
 
 from pinnochio.errors import InputError
 from pinnochio.manifest import MANIFEST
-from pinnochio.training.archive import SHOWN, NetworkArchive, pack, take
+from pinnochio.training.network_archive import SHOWN, NetworkArchive, pack, take
 from tests.helpers.settings import CONFIG
 
 FOLDS = {"1": ["V01", "V03"], "2": ["V02"]}

@@ -57,7 +57,7 @@ from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.elements.patches import make_patches
 from pinnochio.methods.pinnochio.learner import GraphLearner
-from pinnochio.training.cases import CaseFiles
+from pinnochio.training.case_files import CaseFiles
 from pinnochio.training.device import choose_device
 from pinnochio.training.fold import train_fold
 

@@ -9,7 +9,7 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 
 from pinnochio.methods.pinnochio.learner import GraphLearner
 from pinnochio.methods.pinnochio.losses import SurfaceLoss
-from pinnochio.networks.attention import Attention
+from pinnochio.networks.gatv2 import Attention
 from pinnochio.training.loop import Step
 from pinnochio.training.recording import RecordedGradients
 from tests.helpers.training import FEM, SMALL, TRAINING, make_cases, run

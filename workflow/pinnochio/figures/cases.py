@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from pinnochio.figures.style import BAND, MEAN, PATIENT, save_figure, say
 from pinnochio.methods.names import written
-from pinnochio.metrics.columns import CASES, scanned
+from pinnochio.metrics.case_columns import CASES, scanned
 from pinnochio.statistics.ranking import Ranking, rank
 
 COLUMNS = CASES

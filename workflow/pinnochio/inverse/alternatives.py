@@ -9,7 +9,7 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.inverse.combinations import Combinations, combinations
-from pinnochio.inverse.face import ElasticFace
+from pinnochio.inverse.elastic_face import ElasticFace
 from pinnochio.inverse.freedom import OPERATIONS, Freedom, freedoms
 from pinnochio.inverse.proposal import InverseSettings, Proposal, Search, propose
 from pinnochio.inverse.wish import Wish

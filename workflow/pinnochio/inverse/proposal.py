@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from pinnochio.inverse.face import ElasticFace
+from pinnochio.inverse.elastic_face import ElasticFace
 from pinnochio.inverse.freedom import Freedom
 from pinnochio.inverse.wish import Wish, misfit, stacked
 from pinnochio.plans.plan import Plan

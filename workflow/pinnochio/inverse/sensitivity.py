@@ -7,10 +7,10 @@ import pandas as pd
 
 from pinnochio.columns import check
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.inverse.columns import SENSITIVITY
-from pinnochio.inverse.face import ElasticFace
+from pinnochio.inverse.elastic_face import ElasticFace
 from pinnochio.inverse.freedom import LPS, QUANTITIES
 from pinnochio.inverse.wish import Marks
+from pinnochio.inverse.wish_columns import SENSITIVITY
 from pinnochio.mechanics.lift import motion_amplitudes
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES, regions

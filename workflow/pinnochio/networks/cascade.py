@@ -14,7 +14,7 @@ from pinnochio.networks.boundary import BoundaryNetwork
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.signals import InterfaceAndVolume, PlanSignal, TissueGraphs
 from pinnochio.networks.tissues import Added, InterfaceSource, TwoTissues
-from pinnochio.networks.volume import VolumeNetwork
+from pinnochio.networks.volume_network import VolumeNetwork
 
 
 class Cascade(TwoTissues):

@@ -11,7 +11,7 @@ from torch import Tensor
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.signals import InterfaceAndVolume, PlanSignal, TissueGraphs
 from pinnochio.networks.tissues import Added, TwoTissues
-from pinnochio.networks.volume import VolumeNetwork
+from pinnochio.networks.volume_network import VolumeNetwork
 
 
 class Lifted(TwoTissues):

@@ -9,7 +9,7 @@ from pinnochio.networks.boundary import BoundaryNetwork
 from pinnochio.networks.graph import Graph
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.signals import Interface, PlanSignal, TissueGraphs, mirror_signs
-from pinnochio.networks.volume import VolumeNetwork
+from pinnochio.networks.volume_network import VolumeNetwork
 
 
 @dataclass(frozen=True)

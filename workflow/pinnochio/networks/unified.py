@@ -4,7 +4,7 @@ from torch import Tensor, nn
 
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.signals import InterfaceAndVolume, PlanSignal, TissueGraphs, mirror_signs
-from pinnochio.networks.volume import VolumeNetwork
+from pinnochio.networks.volume_network import VolumeNetwork
 
 
 class Unified(nn.Module):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.metrics.quality import DETAIL, off_mesh
+from pinnochio.metrics.model_quality import DETAIL, off_mesh
 from pinnochio.metrics.validity import (
     EDGE,
     OFF_BONE,

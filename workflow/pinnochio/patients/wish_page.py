@@ -17,7 +17,7 @@ from pinnochio.inverse.proposal import InverseSettings
 from pinnochio.inverse.wish import PlaceWish, SurfaceWish, Wish
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import RESEARCH, verdict
-from pinnochio.patients.page import _png
+from pinnochio.patients.prediction_page import _png
 from pinnochio.web_pages import write_page
 
 SHOWN = 6  # combinations of motions that are named

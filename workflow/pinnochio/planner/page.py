@@ -10,7 +10,7 @@ from trame.decorators import change
 
 from pinnochio.errors import InputError, StorageError
 from pinnochio.figures.interval import scale
-from pinnochio.patients.face import FaceMeasures
+from pinnochio.patients.face_measures import FaceMeasures
 from pinnochio.planner.forecast import Forecast, Forecaster
 from pinnochio.planner.page_layout import build
 from pinnochio.planner.page_words import about, fitted, label, rows

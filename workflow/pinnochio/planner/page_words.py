@@ -7,7 +7,7 @@ import numpy as np
 from pinnochio.metrics.validity import OFF_BONE
 from pinnochio.model.measures import MEASURES
 from pinnochio.patients.certificate import FAR
-from pinnochio.patients.face import FaceMeasures, written
+from pinnochio.patients.face_measures import FaceMeasures, written
 from pinnochio.planner.forecast import Forecast
 from pinnochio.planner.jaws import Jaws, named
 from pinnochio.planner.wishing import Fit

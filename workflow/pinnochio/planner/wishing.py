@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from pinnochio.inverse.face import ElasticFace
+from pinnochio.inverse.elastic_face import ElasticFace
 from pinnochio.inverse.freedom import freedoms
 from pinnochio.inverse.proposal import InverseSettings, propose
 from pinnochio.inverse.reading import measure_wish

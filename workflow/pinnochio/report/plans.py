@@ -17,8 +17,8 @@ from pinnochio.files import replacing
 from pinnochio.methods.names import written as method_name
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import RESEARCH
-from pinnochio.patients.face import written
-from pinnochio.patients.page import motions_in_words
+from pinnochio.patients.face_measures import written
+from pinnochio.patients.prediction_page import motions_in_words
 from pinnochio.plans.plan import Plan
 from pinnochio.web_pages import render
 

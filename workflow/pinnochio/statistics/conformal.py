@@ -26,7 +26,7 @@ from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
 from pinnochio.seeds import derive_seed
-from pinnochio.statistics.significance import bootstrap_interval
+from pinnochio.statistics.wilcoxon import bootstrap_interval
 
 FACE = "face"  # all regions together, each by its own half-width
 

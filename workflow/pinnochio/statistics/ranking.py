@@ -7,7 +7,7 @@ import pandas as pd
 
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.attainable import attainable
-from pinnochio.statistics.significance import Comparison, compare, holm
+from pinnochio.statistics.wilcoxon import Comparison, compare, holm
 
 LEVEL = 0.05
 

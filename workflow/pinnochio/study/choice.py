@@ -10,7 +10,7 @@ from pinnochio.json_text import parse_stored_json
 from pinnochio.manifest import MANIFEST
 from pinnochio.methods.registry import BUILT_IN
 from pinnochio.overlays import overlaid
-from pinnochio.patients.archive import RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
+from pinnochio.patients.model_archive import RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
 
 WITHOUT_MODELS = [method.name for method in BUILT_IN if method.new_patients and method.trains == "no"]
 

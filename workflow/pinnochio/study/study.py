@@ -12,13 +12,13 @@ from pinnochio.importing.cohort import Case, read_cases
 from pinnochio.manifest import MANIFEST
 from pinnochio.methods.names import few
 from pinnochio.methods.registry import GRAPH_NETWORK, Method, registry
-from pinnochio.patients.archive import configuration_hash
+from pinnochio.patients.model_archive import configuration_hash
 from pinnochio.statistics.attainable import attainable
 from pinnochio.study.cases import assign_folds, external_file, some, virtual_cases, whole_fold
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.new_patients import NewPatient, markups_in, read_patients
 from pinnochio.study.provenance import PLACES
-from pinnochio.training.archive import NetworkArchive
+from pinnochio.training.network_archive import NetworkArchive
 from pinnochio.training.settings import PHASES
 from pinnochio.virtual.case_files import CHECKSUMS, FILES, INPUTS, LOCKED, OUTCOME_CHECKSUMS, OUTCOMES
 from pinnochio.virtual.procedures import Procedure, dealt

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from pinnochio.columns import Column, check, read_table
-from pinnochio.metrics.columns import CASES, scanned
+from pinnochio.metrics.case_columns import CASES, scanned
 from pinnochio.tables.comparison import COMPARISON, significance, spread, starred, summarise
 from pinnochio.tables.document import Block, Table, View
 from pinnochio.tables.published import published_ablation

@@ -8,7 +8,7 @@ import pandas as pd
 
 from pinnochio.columns import read_table
 from pinnochio.methods.names import BASELINE, FLOOR
-from pinnochio.metrics.columns import CASES, scanned
+from pinnochio.metrics.case_columns import CASES, scanned
 from pinnochio.statistics.attainable import attainable
 from pinnochio.tables.comparison import (
     COMPARISON,

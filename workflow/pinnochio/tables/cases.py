@@ -7,7 +7,7 @@ import pandas as pd
 
 from pinnochio.columns import check, read_tables
 from pinnochio.errors import InputError
-from pinnochio.metrics.columns import CASES
+from pinnochio.metrics.case_columns import CASES
 from pinnochio.tables.document import Block, Table, views
 
 

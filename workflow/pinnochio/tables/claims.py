@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_table
-from pinnochio.metrics.columns import BY_NAME, CASES, scanned
+from pinnochio.metrics.case_columns import BY_NAME, CASES, scanned
 from pinnochio.seeds import derive_seed
-from pinnochio.statistics.significance import holm
+from pinnochio.statistics.wilcoxon import holm
 from pinnochio.tables.comparison import paired
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.tables.published import OURS, SOURCE, TABLE_1, TABLE_2, VARIANTS

@@ -8,10 +8,10 @@ import pandas as pd
 from pinnochio.columns import Column, check, number
 from pinnochio.errors import InputError
 from pinnochio.methods.names import BASELINE, FLOOR, in_sentence, written
-from pinnochio.metrics.columns import BY_NAME, CASES
+from pinnochio.metrics.case_columns import BY_NAME, CASES
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.shares import explained
-from pinnochio.statistics.significance import Comparison, compare, holm
+from pinnochio.statistics.wilcoxon import Comparison, compare, holm
 
 # What bounds the methods, beside its name.
 BOUNDS = {

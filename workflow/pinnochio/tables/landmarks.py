@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from pinnochio.metrics.regions import LANDMARKS
+from pinnochio.metrics.region_errors import LANDMARKS
 from pinnochio.tables.places import Group, Place, of_places
 
 GROUPS = (

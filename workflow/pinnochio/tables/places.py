@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_table, words
-from pinnochio.metrics.columns import CASES, scanned
+from pinnochio.metrics.case_columns import CASES, scanned
 from pinnochio.seeds import derive_seed
-from pinnochio.statistics.significance import holm
+from pinnochio.statistics.wilcoxon import holm
 from pinnochio.tables.comparison import bounds_caption, count, paired, starred
 from pinnochio.tables.document import Block, Table, View, views
 

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_tables
-from pinnochio.metrics.columns import BY_NAME, CASES
+from pinnochio.metrics.case_columns import BY_NAME, CASES
 from pinnochio.seeds import derive_seed
-from pinnochio.statistics.significance import compare, holm
+from pinnochio.statistics.wilcoxon import compare, holm
 from pinnochio.tables.comparison import count, spread
 from pinnochio.tables.document import Block, Table, View, views
 

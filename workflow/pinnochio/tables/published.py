@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.seeds import derive_seed
-from pinnochio.statistics.significance import holm
+from pinnochio.statistics.wilcoxon import holm
 from pinnochio.tables.comparison import paired, spread
 from pinnochio.tables.document import Block, View
 

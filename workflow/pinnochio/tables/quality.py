@@ -44,7 +44,7 @@ def quality_columns(segments: Sequence[str]) -> tuple[Column, ...]:
 
 
 def tabulate(reports: Sequence[str | os.PathLike], segments: Sequence[str], cohort: str) -> Table:
-    """One row per report of :func:`pinnochio.metrics.quality.quality`, sorted by case."""
+    """One row per report of :func:`pinnochio.metrics.model_quality.quality`, sorted by case."""
     return table([read_stored_json(path) for path in reports], segments, cohort)
 
 

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from pinnochio.metrics.regions import REGIONS
+from pinnochio.metrics.region_errors import REGIONS
 from pinnochio.tables.places import Group, Place, of_places
 
 GROUPS = (

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from pinnochio.seeds import derive_seed
-from pinnochio.training.cases import CaseFiles, File
+from pinnochio.training.case_files import CaseFiles, File
 from pinnochio.training.checkpoint import read_network, save_network
 from pinnochio.training.loop import Step, train
 from pinnochio.training.recording import Piece, RecordedGradients

@@ -11,9 +11,9 @@ import pandas as pd
 from pinnochio.columns import Column, check, number, read_tables, words
 from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.mechanics.simulation import simulate
+from pinnochio.metrics.chamfer import surface_metrics
 from pinnochio.metrics.judged import choose
-from pinnochio.metrics.regions import REGIONS, region_errors
-from pinnochio.metrics.surface import surface_metrics
+from pinnochio.metrics.region_errors import REGIONS, region_errors
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
 from pinnochio.tables.document import Block, Table, View, views

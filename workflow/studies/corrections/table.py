@@ -8,9 +8,9 @@ import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_tables
 from pinnochio.errors import InputError
-from pinnochio.metrics.columns import BY_NAME, CASES
+from pinnochio.metrics.case_columns import BY_NAME, CASES
 from pinnochio.seeds import derive_seed
-from pinnochio.statistics.significance import holm
+from pinnochio.statistics.wilcoxon import holm
 from pinnochio.tables.comparison import AGAINST_BASELINE, against_baseline, by_patient, count, spread
 from pinnochio.tables.document import Block, Table, View, views
 

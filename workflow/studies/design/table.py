@@ -7,7 +7,7 @@ import pandas as pd
 
 from pinnochio import overlays
 from pinnochio.columns import Column, check, read_tables
-from pinnochio.metrics.columns import CASES, scanned
+from pinnochio.metrics.case_columns import CASES, scanned
 from pinnochio.tables.comparison import COMPARISON, significance, spread, starred, summarise
 from pinnochio.tables.document import Block, Table, View
 

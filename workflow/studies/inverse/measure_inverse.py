@@ -8,7 +8,7 @@ import numpy as np
 from pinnochio.columns import write_rows
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.inverse.alternatives import Answer
-from pinnochio.inverse.face import ElasticFace
+from pinnochio.inverse.elastic_face import ElasticFace
 from pinnochio.inverse.freedom import QUANTITIES
 from pinnochio.inverse.proposal import InverseSettings
 from pinnochio.inverse.wish import Marks, SurfaceWish, misfit

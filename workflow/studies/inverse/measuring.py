@@ -9,7 +9,7 @@ from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.inverse.alternatives import Answer
 from pinnochio.inverse.combinations import combinations
-from pinnochio.inverse.face import ElasticFace
+from pinnochio.inverse.elastic_face import ElasticFace
 from pinnochio.inverse.freedom import LPS, OPERATIONS, Freedom, freedom
 from pinnochio.inverse.proposal import InverseSettings, propose
 from pinnochio.inverse.wish import Marks, PlaceWish, SurfaceWish, Wish

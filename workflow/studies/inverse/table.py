@@ -16,7 +16,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.plans.roles import known_role
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.conformal import half_width
-from pinnochio.statistics.significance import compare, holm
+from pinnochio.statistics.wilcoxon import compare, holm
 from pinnochio.tables.document import Block, Table, View, views
 from studies.inverse.columns import FACES, MARKED, RECOVERED, SEEN, TASK
 from studies.inverse.measuring import EXACT, LANDMARKS, OUTCOME, SIMULATED, TASKS, apart

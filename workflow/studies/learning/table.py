@@ -7,10 +7,10 @@ import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_tables
 from pinnochio.methods.names import BASELINE, FLOOR
-from pinnochio.metrics.columns import BY_NAME, CASES
+from pinnochio.metrics.case_columns import BY_NAME, CASES
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.shares import explained
-from pinnochio.statistics.significance import bootstrap_interval, compare
+from pinnochio.statistics.wilcoxon import bootstrap_interval, compare
 from pinnochio.tables.comparison import count
 from pinnochio.tables.document import Block, Table, View, views
 

@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 
 from pinnochio.columns import Column, number, read_tables
-from pinnochio.metrics.columns import BY_NAME
+from pinnochio.metrics.case_columns import BY_NAME
 from pinnochio.patients.pareto_front import SETTING
 from pinnochio.tables.document import Block, Table, views
 

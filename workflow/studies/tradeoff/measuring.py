@@ -20,8 +20,8 @@ from pinnochio.methods.elastic import linear_field
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.methods.pinnochio.predictor import GraphPredictor
 from pinnochio.methods.protocol import Planned
+from pinnochio.metrics.chamfer import surface_metrics
 from pinnochio.metrics.judged import Judged
-from pinnochio.metrics.surface import surface_metrics
 from pinnochio.metrics.validity import equilibrium_of, volume_metrics
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction

@@ -13,7 +13,7 @@ from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.methods.pinnochio.predictor import PatientGraphNetwork
 from pinnochio.model.postop import PostopSkin
 from pinnochio.plans.plan import Plan
-from pinnochio.training.cases import CaseFiles
+from pinnochio.training.case_files import CaseFiles
 
 
 def learned_sources(

@@ -18,7 +18,7 @@ from pinnochio.networks.building import build, matched
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.signals import PlanSignal
 from pinnochio.plans.plan import Plan
-from pinnochio.training.cases import CaseFiles, File, read_fem_samples
+from pinnochio.training.case_files import CaseFiles, File, read_fem_samples
 from pinnochio.training.loop import Step
 from pinnochio.training.recording import Piece
 from pinnochio.training.settings import PHASES, TrainingSettings

@@ -22,7 +22,7 @@ from pinnochio.networks.clouds import SurfaceInputs, SurfaceStage, per_patient, 
 from pinnochio.networks.contrast import contrast
 from pinnochio.networks.signals import mirror_signs
 from pinnochio.plans.plan import Plan
-from pinnochio.training.cases import CaseFiles, read_fem_samples
+from pinnochio.training.case_files import CaseFiles, read_fem_samples
 from pinnochio.training.loop import Step
 from pinnochio.training.settings import PHASES, TrainingSettings
 

@@ -6,7 +6,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 from pinnochio.columns import TESTED, Column, number, words
-from pinnochio.metrics.regions import LANDMARKS, REGIONS
+from pinnochio.metrics.region_errors import LANDMARKS, REGIONS
 
 CASES = (
     Column("case", str, "", "patient"),

@@ -9,10 +9,10 @@ from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.mechanics.elements.tetrahedra import node_volumes
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.metrics.columns import CASES
+from pinnochio.metrics.case_columns import CASES
+from pinnochio.metrics.chamfer import surface_metrics
 from pinnochio.metrics.judged import Judged
-from pinnochio.metrics.regions import landmark_errors, region_errors
-from pinnochio.metrics.surface import surface_metrics
+from pinnochio.metrics.region_errors import landmark_errors, region_errors
 from pinnochio.metrics.validity import boundary_metrics, equilibrium_of, volume_metrics
 from pinnochio.metrics.volume import mean_and_p95
 from pinnochio.model.patient import FREE, NO_INTERFACE, PatientModel

@@ -17,14 +17,14 @@ from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import in_words
 from pinnochio.patients.exports import SPACE
-from pinnochio.patients.face import MeasureRow, written
+from pinnochio.patients.face_measures import MeasureRow, written
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import in_words as motion_in_words
 from pinnochio.plans.surgery import near_bone, segment_in_words
 
 VIEWS = {"front": FRONT, "oblique": OBLIQUE, "left side": SIDE}
 
-TEMPLATE = Path(__file__).with_name("page.html")
+TEMPLATE = Path(__file__).with_name("prediction_page.html")
 FILES = {
     "deformed.vtu": "tetrahedra after the plan; displacement and type of nodes, tissue and volume ratio of elements",
     "skin.vtp": "predicted skin; displacement and half_width of the interval (NaN where there is none) of its points",

@@ -16,13 +16,13 @@ from pinnochio.errors import InputError, damaged
 from pinnochio.files import replacing
 from pinnochio.json_text import read_stored_json, read_stored_text
 from pinnochio.methods.names import written
-from pinnochio.metrics.columns import CASES, scanned
+from pinnochio.metrics.case_columns import CASES, scanned
 from pinnochio.report.answer import sentences
 from pinnochio.report.parts import FOLDED
 from pinnochio.statistics.ranking import rank
 from pinnochio.web_pages import render
 
-TEMPLATE, PROGRAM = "page.html", "view.js"  # beside this module; the template includes the program
+TEMPLATE, PROGRAM = "study_page.html", "view.js"  # beside this module; the template includes the program
 SMALL = 480  # pixels, the width of a picture that is one of many
 
 

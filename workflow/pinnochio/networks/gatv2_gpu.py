@@ -1,6 +1,6 @@
 """The graph-attention layer on a GPU: one Triton program per node, forward and backward, without atomic operations.
 
-The formulas are those of :mod:`pinnochio.networks.attention_cpu`. The gradient of a node as a target is summed over the
+The formulas are those of :mod:`pinnochio.networks.gatv2_cpu`. The gradient of a node as a target is summed over the
 edges into it, as a source over those out of it, and those of the weights over fixed groups of nodes: two runs give the
 same bits. Kernels are compiled once per width, not per graph.
 """
@@ -19,7 +19,7 @@ _GROUPS = 4096  # of nodes whose gradients of the weights are summed one after a
 
 
 def forward(x, inputs: Inputs, layout: Layout, slope: float) -> tuple[Tensor, ...]:
-    """As :func:`pinnochio.networks.attention_cpu.forward`."""
+    """As :func:`pinnochio.networks.gatv2_cpu.forward`."""
     heads = len(inputs.a)
     before, out = torch.empty_like(x), torch.empty_like(x)
     score, norm = x.new_empty(len(inputs.d), heads), x.new_empty(len(x), heads)
@@ -31,7 +31,7 @@ def forward(x, inputs: Inputs, layout: Layout, slope: float) -> tuple[Tensor, ..
 
 
 def backward(g, inputs: Inputs, kept, layout: Layout, slope: float) -> tuple[Tensor, ...]:
-    """As :func:`pinnochio.networks.attention_cpu.backward`."""
+    """As :func:`pinnochio.networks.gatv2_cpu.backward`."""
     (n, width), (score, norm, before) = g.shape, kept
     st, shift, w, a, _, d = inputs
     order, leaving = layout.leaving

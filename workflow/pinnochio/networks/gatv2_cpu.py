@@ -106,7 +106,7 @@ def _spread_over_threads(part, count):
 
 
 _inline = njit(error_model="numpy", forceinline=True)
-_compile = compiled(error_model="numpy")
+_jit = compiled(error_model="numpy")
 
 
 @_inline
@@ -123,7 +123,7 @@ def _loops(heads, c):
     """The two loops, compiled for this number of heads and of channels per head."""
     width = heads * c
 
-    @_compile
+    @_jit
     def forward(x, inputs, source, rows, slope, first, last, alpha, before, out):
         st, shift, w, a, bias, d = inputs
         edges = len(d)
@@ -162,7 +162,7 @@ def _loops(heads, c):
             below, _ = _normal(o)
             store(out, k, load(x, k, c) + o * below)
 
-    @_compile
+    @_jit
     def backward(inputs, source, rows, slope, alpha, before, g, mean, gradients):
         st, shift, w, a, bias, d = inputs
         gst, gshift, gw, ga, gb = gradients

@@ -10,13 +10,13 @@ from torch.autograd.function import once_differentiable
 from pinnochio.networks.layout import Inputs, Layout
 
 try:
-    from pinnochio.networks import attention_cpu
+    from pinnochio.networks import gatv2_cpu
 except ImportError:  # numba is absent
-    attention_cpu = None
+    gatv2_cpu = None
 try:
-    from pinnochio.networks import attention_gpu
+    from pinnochio.networks import gatv2_gpu
 except ImportError:  # triton is absent
-    attention_gpu = None
+    gatv2_gpu = None
 
 
 SLOPE = 0.2  # of the leaky ReLU, torch_geometric's
@@ -44,7 +44,7 @@ class Attention(nn.Module):
 
     def forward(self, x: Tensor, edges: Tensor, attributes: Tensor) -> Tensor:
         """Nodes (n, width) to (n, width); edges (2, e) sorted by target, self-loops included; attributes (e, 4)."""
-        loops = {"cpu": attention_cpu, "cuda": attention_gpu}.get(x.device.type)
+        loops = {"cpu": gatv2_cpu, "cuda": gatv2_gpu}.get(x.device.type)
         if loops is None or x.dtype != torch.float32 or not len(x):
             return self.general(x, edges, attributes)
         return _Compiled.apply(
@@ -83,7 +83,7 @@ def _glorot(weight: Tensor) -> None:
 
 
 class _Compiled(torch.autograd.Function):
-    """The layer around the loops of `attention_cpu` or `attention_gpu`; the attributes get no gradient."""
+    """The layer around the loops of `gatv2_cpu` or `gatv2_gpu`; the attributes get no gradient."""
 
     @staticmethod
     def forward(ctx, loops, layout, slope, x, attributes, left, left_shift, right, right_shift, w, a, bias):

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor, nn
 
-from pinnochio.networks.attention import Decoder, Encoder
+from pinnochio.networks.gatv2 import Decoder, Encoder
 from pinnochio.networks.graph import DISPLACEMENT, LENGTH, Graph
 from pinnochio.networks.settings import NetworkSettings
 
