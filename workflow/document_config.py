@@ -193,7 +193,7 @@ def columns_page() -> str:
             if shared:
                 lines[-1] += f" As in {home.split(',')[0]}: {'all its columns' if whole else ', '.join(shared)}."
         table = [column for column in columns if homes[column.name] == name]
-        lines += ["", "| column | unit | meaning |", "|---|---|---|", *_column_rows(table)]
+        lines += ["", "| column | meaning |", "|---|---|", *_column_rows(table)]
         explained, sizes[name] = {_said_of(column): name for column in columns} | explained, len(columns)
     return "\n".join(lines) + "\n"
 
@@ -213,7 +213,7 @@ def _column_rows(columns: Sequence[Column]) -> Iterator[str]:
         groups.setdefault(tuple(reading), []).append(stem or column.name)
     for (name, unit, description), members in groups.items():
         shown = f"`{name}` ({', '.join(members)})" if name else f"`{', '.join(members)}`"
-        yield f"| {shown} | {unit} | {description.replace('|', '/')} |"
+        yield f"| {shown}{f' [{unit}]' if unit else ''} | {description.replace('|', '/')} |"
 
 
 def _patterns(column: Column) -> Iterator[tuple[str, str, str, str]]:

@@ -22,7 +22,7 @@ PROPOSALS = (
     number("elastic_gap", "mm", "root mean square distance of that face from the elastic map's", ".3f"),
     number("motion_max", "mm", "largest motion of any bone point", ".2f"),
     Column("at_bounds", str, "", "quantities that lie on a bound", optional=True),
-    Column("null_space", int, "", "combinations of motions that the wish cannot tell apart"),
+    Column("null_space", int, "", "combinations of motions in the null space of the wish"),
     Column("solved", bool, "", "whether finite elements converged; otherwise the face is the elastic map's"),
     number("min_jacobian", "", "smallest volume ratio of an element", ".3f"),
     Column("grade", str, "", "verdict of the certificate: usable, with care, not usable"),
@@ -51,9 +51,9 @@ MOTIONS = (CASE, OPERATION, Column("segment", str, "", "bone"), *MOVES)
 COMBINATIONS = (
     CASE,
     OPERATION,
-    Column("number", int, "", "combination of motions, 1 the one that the wish feels least"),
+    Column("number", int, "", "combination of motions, the wish depending least on 1"),
     number("bone", "mm", "root mean square motion of the bones that changes the wish by the tolerance", ".2f"),
-    Column("null_space", bool, "", "whether that is so much that the wish cannot tell it"),
+    Column("null_space", bool, "", "whether the combination lies in the null space of the wish"),
     Column("segment", str, "", "bone"),
     *MOVES,
 )

@@ -13,12 +13,12 @@ RECOVERED = (
     TASK,
     TOLERANCE,
     Column("segment", str, "", "bone"),
-    number("moved", "mm", "mean motion of its bone that made the face: of the plan, or achieved", ".3f"),
-    number("error", "mm", "mean distance of its bone from there under the motion found", ".4f"),
+    number("moved", "mm", "mean true motion of its bone: planned, or achieved", ".3f"),
+    number("error", "mm", "mean distance of its bone from the true motion", ".4f"),
     number("degrees", "deg", "angle between the rotations", ".4f"),
-    number("told_error", "mm", "the same without what the wish cannot tell", ".4f"),
-    number("told_degrees", "deg", "the same without what the wish cannot tell", ".4f"),
-    *(number(f"true_{name}", UNITS[name], f"{name} of the motion that made the face", ".4f") for name in QUANTITIES),
+    number("told_error", "mm", "error without the null space of the wish", ".4f"),
+    number("told_degrees", "deg", "degrees without the null space of the wish", ".4f"),
+    *(number(f"true_{name}", UNITS[name], f"{name} of the true motion", ".4f") for name in QUANTITIES),
 )
 FACES = (
     CASE,
@@ -28,7 +28,7 @@ FACES = (
     number("asked", "mm", "weighted root mean square of the wishes' errors before surgery", ".3f"),
     number("misfit", "mm", "the same of the finite-element face of the proposal", ".4f"),
     number("elastic_gap", "mm", "root mean square distance of that face from the elastic map's", ".3f"),
-    Column("untold", int, "", "combinations of motions that the wish cannot tell apart"),
+    Column("untold", int, "", "combinations of motions in the null space of the wish"),
     Column("parameters", int, "", "quantities that may change"),
     Column("bounded", int, "", "quantities that lie on a bound"),
     Column("solved", bool, "", "whether finite elements converged"),
@@ -42,8 +42,8 @@ MARKED = (
     CASE,
     Column("place", str, "", "landmark"),
     number("moved", "mm", "way of the landmark to the outcome", ".3f"),
-    number("error", "mm", "distance of the proposal's finite-element face from there", ".3f"),
-    number("forward_error", "mm", "distance of the finite-element face of the achieved motion from there", ".3f"),
+    number("error", "mm", "distance of the proposal's finite-element face from the outcome", ".3f"),
+    number("forward_error", "mm", "distance of the achieved motion's finite-element face from the outcome", ".3f"),
 )
 SEEN = (
     CASE,

@@ -27,7 +27,7 @@ FAMILIES = {
 OF_PATIENTS = ("translation", "rotation", "rough", "field")  # the others are of the block
 KEY = ["family", "case", "way", "segment", "setting", "method", "element", "precision"]
 STABILITY = (
-    Column("family", str, "", f"what is taken to its extreme: {', '.join(FAMILIES)}"),
+    Column("family", str, "", f"what is swept: {', '.join(FAMILIES)}"),
     Column("setting", float, "", "how far", "g"),
     Column("unit", str, "", "unit of the setting, - without one"),
     Column("way", str, "", "direction or axis of a motion, - without one"),
@@ -35,15 +35,13 @@ STABILITY = (
     Column("method", str, "", "what is swept: see docs/lab/stability.md"),
     Column("element", str, "", "volume term"),
     Column("precision", str, "", "of the arrays handed over; loss, map and networks compute in it, solvers in float64"),
-    Column(
-        "outcome", str, "", "converged and confirmed, failed cleanly, or wrong, in the eyes of an independent judge"
-    ),
+    Column("outcome", str, "", "converged and confirmed, failed cleanly, or wrong by an independent assembly"),
     Column("reason", str, "", "why"),
     number("min_jacobian", "", "smallest det F of the state"),
     number("residual", "", "relative force on free unknowns; of the loss, its largest error", ".1e"),
-    number("difference", "mm", "mean distance from ten-node elements, where these were asked"),
+    number("difference", "mm", "mean distance from ten-node elements, where solved"),
     Column("marked", bool, "", "wrong, and `predict` calls such a field not usable or refuses the method"),
-    Column("seconds", float, "s", "of the method, without the judge", ".3f"),
+    Column("seconds", float, "s", "time of the method, without the check", ".3f"),
     Column("case", str, "", "patient, or block"),
     Column("seed", int, "", "seed of the study"),
     Column("device", str, "", "device that computed"),
