@@ -138,9 +138,12 @@ def test_patient_without_muscle_is_solved():
     model = tiny_patient()
     kind = np.array([0, 2, 2, 0], np.int8)[model.interface_kind]
     model = replace(model, tissue=np.full_like(model.tissue, SUPERFICIAL), interface_kind=kind)
-    patient = tensors(model)
-    displacement = shaken()(patient.anatomy, patient.signal(tiny_plan())).displacement
-    assert torch.isfinite(displacement).all() and displacement.abs().min() > 0
+    patient, network, outputs = tensors(model), shaken(), {}
+    network.superficial.register_forward_hook(lambda *a: outputs.update(superficial=a[2]))
+    displacement = network(patient.anatomy, patient.signal(tiny_plan())).displacement
+    assert sorted(patient.anatomy.superficial_nodes.tolist()) == list(range(len(model.points)))
+    assert torch.equal(displacement[patient.anatomy.superficial_nodes], outputs["superficial"])
+    assert displacement.abs().min() > 0
 
 
 @pytest.mark.parametrize("lift", ["harmonic", "elastic"])
