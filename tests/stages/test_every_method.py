@@ -165,7 +165,20 @@ def test_every_method_has_what_can_be_measured_of_it(rows):
     assert rows["target_samples"].nunique() == rows["skin_samples"].nunique() == 1
     assert np.isfinite(rows.loc[NETWORKS, GUARD]).all(None) and rows.drop(NETWORKS)[GUARD].isna().all(None)
     times = rows[["seconds", "setup_seconds"]]
-    assert np.isfinite(times.drop("floor_scan")).all(None) and times.loc["floor_scan"].isna().all()
+    assert (times.drop("floor_scan") >= 0).all(None) and times.loc["floor_scan"].isna().all()
+
+
+def test_measures_agree_with_each_other(rows):
+    """Shares lie in order and within 100 %, and no mean above its 95th percentile."""
+    assert (rows["pwr1"] <= rows["pwr2"]).all() and rows[["pwr1", "pwr2"]].stack().between(0, 100).all()
+    assert (rows["cd"] < rows["hd95"]).all()
+    volume = rows.drop(SKIN_ALONE)
+    assert (volume.loc[FEM, "moving_error"] < 0.01).all() and volume.loc["no_change", "moving_error"] > 1
+    assert volume["volume_error_mean"].idxmin() == "oracle"
+    raw = rows.loc[NETWORKS]
+    assert (raw["min_jacobian"] >= raw["raw_min_jacobian"] - 1e-9).all() and (
+        raw["raw_inverted"] >= raw["inverted"]
+    ).all()
 
 
 def test_physics_of_every_method(rows):

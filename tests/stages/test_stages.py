@@ -201,19 +201,23 @@ def predicted(patients, tmp_path_factory) -> dict[str, str]:
     return files
 
 
-def test_training_logs_its_losses(predicted):
+def test_training_lowers_its_losses(predicted):
     folder = Path(predicted["pinnochio"]).parent
-    for name, terms in (("pretraining.csv", 15), ("finetuning.csv", 15)):
+    for name in ("pretraining.csv", "finetuning.csv"):
         history = pd.read_csv(folder / name).drop(columns="validation")  # nobody is held back of one patient
-        assert len(history) == terms and np.isfinite(history.select_dtypes("number")).all(axis=None)
+        assert history["step"].tolist() == list(range(15)) and np.isfinite(history).all(axis=None)
+        assert history["data"].tail(7).min() < 0.97 * history["data"].head(3).min()
 
 
-def test_predictions_are_finite_and_timed(predicted, patient):
-    still = read_prediction(predicted["no_change"], patient.case)
-    solved = read_prediction(predicted["fem_sliding"], patient.case)
-    learned = read_prediction(predicted["pinnochio"], patient.case)
+def test_predictions_say_what_they_are(predicted, patient):
+    """Nothing moves; finite elements are solved; a network's field leaves with no inverted element."""
+    still, solved, learned = (
+        read_prediction(predicted[name], patient.case) for name in ("no_change", "fem_sliding", "pinnochio")
+    )
+    model = PatientModel.read(patient.model)
     assert not still.displacement.any() and solved.converged and solved.seconds > 0
-    assert np.isfinite(learned.displacement).all() and 0 < learned.seconds < solved.seconds + learned.setup_seconds + 60
+    assert jacobians(model.points, model.cells, learned.displacement).min() > 0 and learned.seconds > 0
+    assert 1 < np.linalg.norm(learned.displacement, axis=1).max() < 30
 
 
 def test_a_failed_write_leaves_no_predictions(tmp_path):

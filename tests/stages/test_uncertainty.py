@@ -124,7 +124,12 @@ def test_an_ensemble_holds_what_each_folds_network_predicts(patient, networks, e
     for fold, field in zip(FOLDS, fields, strict=True):
         alone = str(tmp_path / f"{fold}.h5")
         predict_by(
-            "pinnochio.predictor", patient, alone, trained=networks[fold], fem=CONFIG["fem"], newton_corrections=0
+            "pinnochio.predictor:GraphPredictor",
+            patient,
+            alone,
+            trained=networks[fold],
+            fem=CONFIG["fem"],
+            newton_corrections=0,
         )
         np.testing.assert_allclose(field, read_prediction(alone, patient.case).displacement, atol=1e-6)
     assert min(np.abs(one - two).max() for one, two in combinations(fields, 2)) > 0.1
