@@ -14,11 +14,11 @@ rule virtual_patient:
         mem_mb=4000,
         runtime=10,
     params:
-        number=lambda wildcards: list(STUDY.procedures).index(wildcards.case),
+        number=lambda wildcards: INPUTS.cohort.drawn[wildcards.case]["number"],
         anatomy=config["virtual"]["anatomy"],
         spacing=config["virtual"]["spacing"],
-        labels=STUDY.label_values,
-        procedure=lambda wildcards: vars(STUDY.procedures[wildcards.case]),
+        labels=INPUTS.cohort.label_values,
+        procedure=lambda wildcards: INPUTS.cohort.drawn[wildcards.case]["procedure"],
         muscles=config["virtual"]["muscles"],
         seed=SEED,
         code=code_of("scripts.cohort.virtual_patient"),
@@ -32,10 +32,11 @@ rule virtual_patient:
 rule render_cohort:
     input:
         segmentations=expand(
-            "<results>/virtual/{case}/segmentation.nii.gz", case=list(STUDY.cases)[:12]
+            "<results>/virtual/{case}/segmentation.nii.gz",
+            case=list(STUDY.cohort.cases)[:12],
         ),
         anatomies=expand(
-            "<results>/virtual/{case}/anatomy.json", case=list(STUDY.cases)[:12]
+            "<results>/virtual/{case}/anatomy.json", case=list(STUDY.cohort.cases)[:12]
         ),
     output:
         cohort="<results>/figures/cohort.png",
@@ -50,8 +51,8 @@ rule render_cohort:
         mem_mb=4000,
         runtime=10,
     params:
-        cases=list(STUDY.cases)[:12],
-        labels=STUDY.label_values,
+        cases=list(STUDY.cohort.cases)[:12],
+        labels=INPUTS.cohort.label_values,
         segments=config["segments"],
         code=code_of("scripts.cohort.render_cohort"),
     message:
@@ -86,12 +87,15 @@ rule sample_covariates:
 rule render_faces:
     input:
         segmentations=expand(
-            "<results>/virtual/{case}/segmentation.nii.gz", case=list(STUDY.cases)[:24]
+            "<results>/virtual/{case}/segmentation.nii.gz",
+            case=list(STUDY.cohort.cases)[:24],
         ),
         anatomies=expand(
-            "<results>/virtual/{case}/anatomy.json", case=list(STUDY.cases)[:24]
+            "<results>/virtual/{case}/anatomy.json", case=list(STUDY.cohort.cases)[:24]
         ),
-        truths=expand("<results>/virtual/{case}/truth.h5", case=list(STUDY.cases)[:24]),
+        truths=expand(
+            "<results>/virtual/{case}/truth.h5", case=list(STUDY.cohort.cases)[:24]
+        ),
     output:
         sheet="<results>/figures/faces.png",
     log:
@@ -104,8 +108,8 @@ rule render_faces:
         mem_mb=4000,
         runtime=20,
     params:
-        cases=list(STUDY.cases)[:24],
-        labels=STUDY.label_values,
+        cases=list(STUDY.cohort.cases)[:24],
+        labels=INPUTS.cohort.label_values,
         segments=config["segments"],
         code=code_of("scripts.cohort.render_faces"),
     message:
@@ -137,7 +141,7 @@ rule virtual_outcome:
     params:
         outcome=config["virtual"]["outcome"],
         segments=config["segments"],
-        labels=STUDY.label_values,
+        labels=INPUTS.cohort.label_values,
         seed=SEED,
         code=code_of("scripts.cohort.virtual_outcome"),
     message:
@@ -184,7 +188,7 @@ rule virtual_postop_bones:
         mem_mb=4000,
         runtime=10,
     params:
-        labels=STUDY.label_values,
+        labels=INPUTS.cohort.label_values,
         segments=config["segments"],
         artefacts=config["virtual"]["bone_scan"],
         seed=SEED,
@@ -221,7 +225,7 @@ rule measure_outcome:
         arguments=lambda wildcards: MEASURED[wildcards.measured][1],
         outcome=config["virtual"]["outcome"],
         segments=config["segments"],
-        labels=STUDY.label_values,
+        labels=INPUTS.cohort.label_values,
         seed=SEED,
         code=lambda wildcards: code_of(
             "scripts.cohort.measure_outcome", MODULES[wildcards.measured]
@@ -235,8 +239,8 @@ rule measure_outcome:
 # What stands beside the cohort for those who take it elsewhere.
 rule data_card:
     input:
-        files=STUDY.virtual_files("anatomy.json", "covariates.json", "plan.json"),
-        tables=expand("<results>/virtual/{table}.md", table=STUDY.card_tables),
+        files=INPUTS.cohort.files("anatomy.json", "covariates.json", "plan.json"),
+        tables=expand("<results>/virtual/{table}.md", table=INPUTS.cohort.card_tables),
     output:
         card="<results>/virtual/README.md",
     log:
@@ -247,8 +251,8 @@ rule data_card:
         mem_mb=1000,
         runtime=10,
     params:
-        cases=list(STUDY.cases),
-        tables=STUDY.card_tables,
+        cases=list(STUDY.cohort.cases),
+        tables=INPUTS.cohort.card_tables,
         settings={
             "seed": SEED,
             "code": code_of(
@@ -260,7 +264,7 @@ rule data_card:
             "virtual": config["virtual"],
             "labels": {
                 name: value
-                for name, value in STUDY.label_values.items()
+                for name, value in INPUTS.cohort.label_values.items()
                 if name in ("superficial", "muscle", "cranium", *config["segments"])
             },
         },
@@ -274,7 +278,7 @@ rule data_card:
 # Of a locked cohort the outcomes are summed up apart.
 rule sum_up:
     input:
-        files=STUDY.summed_up,
+        files=INPUTS.cohort.summed_up,
     output:
         checksums="<results>/virtual/{sums}",
     log:
@@ -296,10 +300,10 @@ rule sum_up:
 
 rule cohort:
     input:
-        rules.data_card.output if STUDY.virtual else [],
-        "<results>/virtual/SHA256SUMS" if STUDY.virtual else [],
-        table_and_twins("anatomy", *STUDY.card_tables, folder="virtual")
-        if STUDY.virtual
+        rules.data_card.output if STUDY.cohort.virtual else [],
+        "<results>/virtual/SHA256SUMS" if STUDY.cohort.virtual else [],
+        table_and_twins("anatomy", *INPUTS.cohort.card_tables, folder="virtual")
+        if STUDY.cohort.virtual
         else [],
     message:
         "The virtual cohort is made"
@@ -307,7 +311,7 @@ rule cohort:
 
 rule reveal:
     input:
-        "<results>/virtual/SHA256SUMS.outcomes" if STUDY.locked else [],
-        table_and_twins("ratios", folder="virtual") if STUDY.locked else [],
+        "<results>/virtual/SHA256SUMS.outcomes" if STUDY.cohort.locked else [],
+        table_and_twins("ratios", folder="virtual") if STUDY.cohort.locked else [],
     message:
         "The outcomes of the locked cohort are made"

@@ -55,13 +55,13 @@ rule solve_plan:
 
 rule fem:
     input:
-        expand("<results>/cases/{case}/fem/mucosa.json", case=STUDY.cases),
+        expand("<results>/cases/{case}/fem/mucosa.json", case=STUDY.cohort.cases),
     message:
         "Every patient's plan is solved by finite elements"
 
 
 rule unscanned:
     input:
-        expand("<results>/cases/{case}/fem/mucosa.json", case=STUDY.unscanned),
+        expand("<results>/cases/{case}/fem/mucosa.json", case=STUDY.cohort.unscanned),
     message:
         "The patients without a scan are solved by finite elements"

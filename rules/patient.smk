@@ -3,9 +3,9 @@
 
 rule import_segmentation:
     input:
-        segmentation=STUDY.segmentation,
-        volume=STUDY.volume,
-        markups=STUDY.markups,
+        segmentation=INPUTS.patient.file("segmentation"),
+        volume=INPUTS.patient.file("volume"),
+        markups=INPUTS.patient.markups,
     output:
         labels="<results>/{home}/{case}/labels.nii.gz",
         bone="<results>/{home}/{case}/bone.vtp",
@@ -27,7 +27,7 @@ rule import_segmentation:
         repair=config["repair"],
         cuts=config["osteotomy"]["cuts"],
         unlabelled_muscle=config["unlabelled_muscle"],
-        bone_edge=STUDY.of_patient("mesh", "bone_edge"),
+        bone_edge=INPUTS.patient.setting("mesh", "bone_edge"),
         code=code_of("scripts.patient.import_segmentation"),
     message:
         "Import the segmentation of {wildcards.case}"
@@ -61,7 +61,7 @@ rule show_segments:
 # Before the dearer stages: a wrong plan is refused at once.
 rule import_plan:
     input:
-        source=STUDY.plan,
+        source=INPUTS.patient.plan,
         bone="<results>/{home}/{case}/bone.vtp",
         labels="<results>/{home}/{case}/labels.nii.gz",
     output:
@@ -89,7 +89,7 @@ rule import_plan:
 
 rule register_postop:
     input:
-        postop=STUDY.postop,
+        postop=INPUTS.patient.postop,
         skin="<results>/cases/{case}/skin.vtp",
         bone="<results>/cases/{case}/bone.vtp",
     output:
@@ -116,7 +116,7 @@ rule register_postop:
 # The motion that surgery gave each segment; what explains the scanned bones badly is refused.
 rule register_segments:
     input:
-        postop_bones=STUDY.postop_bones,
+        postop_bones=INPUTS.patient.postop_bones,
         labels="<results>/cases/{case}/labels.nii.gz",
         bone="<results>/cases/{case}/bone.vtp",
         plan="<results>/cases/{case}/plan.json",
@@ -144,7 +144,7 @@ rule register_segments:
 
 rule import_covariates:
     input:
-        source=STUDY.covariates_file,
+        source=INPUTS.patient.file("covariates_file"),
     output:
         covariates="<results>/{home}/{case}/covariates.json",
     log:
@@ -155,7 +155,7 @@ rule import_covariates:
         mem_mb=500,
         runtime=5,
     params:
-        known=STUDY.covariates,
+        known=INPUTS.patient.covariates,
         code=code_of("scripts.patient.import_covariates"),
     message:
         "Write down what else is known of {wildcards.case}"
@@ -166,15 +166,15 @@ rule import_covariates:
 # Every file that a user gave has been read and checked before any heavy work starts.
 rule check_cohort:
     input:
-        imports=expand("<results>/cases/{case}/import.json", case=STUDY.cases),
-        plans=expand("<results>/cases/{case}/plan.json", case=STUDY.cases),
+        imports=expand("<results>/cases/{case}/import.json", case=STUDY.cohort.cases),
+        plans=expand("<results>/cases/{case}/plan.json", case=STUDY.cohort.cases),
         postops=expand(
             "<results>/cases/{case}/postop.h5",
-            case=[] if STUDY.virtual else STUDY.scanned,
+            case=[] if STUDY.cohort.virtual else STUDY.cohort.scanned,
         ),
         achieved=expand(
             "<results>/cases/{case}/achieved.json",
-            case=[] if STUDY.virtual else STUDY.registered,
+            case=[] if STUDY.cohort.virtual else STUDY.cohort.registered,
         ),
     output:
         table=ensure("<results>/cohort.csv", non_empty=True),
@@ -186,7 +186,7 @@ rule check_cohort:
         mem_mb=1000,
         runtime=5,
     params:
-        cases=list(STUDY.cases),
+        cases=list(STUDY.cohort.cases),
         code=code_of("scripts.patient.check_cohort"),
     message:
         "All {input.imports} are read and checked"
@@ -197,7 +197,7 @@ rule check_cohort:
 rule tetrahedralize:
     input:
         labels="<results>/{home}/{case}/labels.nii.gz",
-        checked=ancient(STUDY.checked),
+        checked=ancient(INPUTS.patient.file("checked")),
     output:
         mesh="<results>/{home}/{case}{mesh}/mesh.vtu",
     log:
@@ -212,8 +212,8 @@ rule tetrahedralize:
         mem_mb=4000,
         runtime=20,
     params:
-        nodes=STUDY.nodes,
-        minimum_dihedral=STUDY.of_patient("mesh", "minimum_dihedral"),
+        nodes=INPUTS.patient.nodes,
+        minimum_dihedral=INPUTS.patient.setting("mesh", "minimum_dihedral"),
         code=code_of("scripts.patient.tetrahedralize"),
     message:
         "Mesh muscle and superficial tissue of {wildcards.case} with {params.nodes} nodes"
@@ -267,7 +267,7 @@ rule label_interfaces:
         mem_mb=2000,
         runtime=10,
     params:
-        interfaces=STUDY.of_patient("interfaces"),
+        interfaces=INPUTS.patient.setting("interfaces"),
         code=code_of("scripts.patient.label_interfaces"),
     message:
         "Label the interfaces of {wildcards.case}{wildcards.mesh}"
@@ -279,7 +279,7 @@ rule label_interfaces:
 rule choose_samples:
     input:
         model="<results>/cases/{case}/model.h5",
-        plan=STUDY.motion,
+        plan=INPUTS.patient.motion,
         postop="<results>/cases/{case}/postop.h5",
     output:
         judged="<results>/cases/{case}/judged.h5",
@@ -304,7 +304,7 @@ rule choose_samples:
 
 rule meshes:
     input:
-        expand("<results>/cases/{case}/model.h5", case=STUDY.cases),
+        expand("<results>/cases/{case}/model.h5", case=STUDY.cohort.cases),
     message:
         "All patients are meshed and labelled"
 
@@ -326,8 +326,8 @@ rule make_lift:
         mem_mb=4000,
         runtime=30,
     params:
-        controls=STUDY.of_patient("lift", "controls"),
-        fem=STUDY.of_patient("fem"),
+        controls=INPUTS.patient.setting("lift", "controls"),
+        fem=INPUTS.patient.setting("fem"),
         code=code_of("scripts.patient.make_lift"),
     message:
         "Make the {wildcards.kind} lift of {wildcards.case}{wildcards.mesh}"
@@ -362,6 +362,6 @@ rule report_quality:
 rule quality:
     input:
         table_and_twins("quality"),
-        expand("<results>/cases/{case}/quality.png", case=STUDY.cases),
+        expand("<results>/cases/{case}/quality.png", case=STUDY.cohort.cases),
     message:
         "The quality of every patient's model is reported"

@@ -3,9 +3,11 @@
 
 rule describe_training:
     input:
-        models=expand("<results>/cases/{case}/model.h5", case=STUDY.scanned),
-        plans=expand("<results>/cases/{case}/plan.json", case=STUDY.scanned),
-        qualities=expand("<results>/cases/{case}/quality.json", case=STUDY.scanned),
+        models=expand("<results>/cases/{case}/model.h5", case=STUDY.cohort.scanned),
+        plans=expand("<results>/cases/{case}/plan.json", case=STUDY.cohort.scanned),
+        qualities=expand(
+            "<results>/cases/{case}/quality.json", case=STUDY.cohort.scanned
+        ),
     output:
         ranges="<results>/methods/ranges.json",
     log:
@@ -16,7 +18,7 @@ rule describe_training:
         mem_mb=1000,
         runtime=10,
     params:
-        cases=STUDY.scanned,
+        cases=STUDY.cohort.scanned,
         code=code_of("scripts.patients.describe_training"),
     message:
         "Describe anatomy and plans of the training patients"
@@ -28,17 +30,17 @@ rule pack:
     input:
         networks=expand(
             "<results>/folds/{fold}/{method}/network.pt",
-            method=STUDY.packed,
-            fold=STUDY.held_out,
+            method=INPUTS.patients.packed,
+            fold=STUDY.folds.held_out,
         ),
         metrics=expand(
             "<results>/folds/{fold}/{method}/metrics.csv",
-            method=STUDY.packed,
-            fold=STUDY.held_out,
+            method=INPUTS.patients.packed,
+            fold=STUDY.folds.held_out,
         ),
         calibrations=expand(
             "<results>/methods/{method}/calibration.json",
-            method=STUDY.packed_intervals,
+            method=INPUTS.patients.packed_intervals,
         ),
         ranges="<results>/methods/ranges.json",
     output:
@@ -46,12 +48,12 @@ rule pack:
         ranges="<results>/archive/ranges.json",
         networks=expand(
             "<results>/archive/{method}/{fold}.pt",
-            method=STUDY.packed,
-            fold=STUDY.held_out,
+            method=INPUTS.patients.packed,
+            fold=STUDY.folds.held_out,
         ),
         calibrations=expand(
             "<results>/archive/{method}/calibration.json",
-            method=STUDY.packed_intervals,
+            method=INPUTS.patients.packed_intervals,
         ),
     log:
         "<logs>/pack.log",
@@ -63,20 +65,22 @@ rule pack:
     params:
         about={
             "cohort": COHORT,
-            "patients": len(STUDY.scanned),
+            "patients": len(STUDY.cohort.scanned),
             "segments": config["segments"],
-            "folds": list(STUDY.held_out),
+            "folds": list(STUDY.folds.held_out),
             "settings": {name: config[name] for name in READ_BY_NETWORKS},
-            "configuration": STUDY.configuration,
+            "configuration": INPUTS.patients.configuration,
             "code": PREDICTS,
         },
-        calibrated=STUDY.packed_intervals,
+        calibrated=INPUTS.patients.packed_intervals,
         methods={
             name: {
-                "corrections": STUDY.registry[name].settings["newton_corrections"],
-                "lift": STUDY.registry[name].lift,
+                "corrections": STUDY.methods.registry[name].settings[
+                    "newton_corrections"
+                ],
+                "lift": STUDY.methods.registry[name].lift,
             }
-            for name in STUDY.packed
+            for name in INPUTS.patients.packed
         },
         code=code_of("scripts.patients.pack"),
     message:
@@ -87,7 +91,7 @@ rule pack:
 
 rule archive:
     input:
-        STUDY.archived,
+        INPUTS.patients.archive,
     message:
         "The models are packed: see {config[pathvars][results]}/archive"
 
@@ -96,7 +100,7 @@ rule archive:
 use rule check_cohort as check_patient with:
     input:
         imports=["<results>/patients/{case}/import.json"],
-        plans=STUDY.plans_of_patient,
+        plans=INPUTS.patients.plans,
     output:
         table=ensure("<results>/patients/{case}/imported.csv", non_empty=True),
     log:
@@ -112,7 +116,7 @@ rule export_prediction:
     input:
         model="<results>/{home}/{case}/model.h5",
         plan="<results>/{home}/{case}{plan}/plan.json",
-        result=STUDY.result_of_patient,
+        result=INPUTS.patients.result,
     output:
         mesh="<results>/{home}/{case}{plan}/{method}/deformed.vtu",
         skin=expand(
@@ -142,7 +146,7 @@ rule certify:
         model="<results>/{home}/{case}/model.h5",
         plan="<results>/{home}/{case}{plan}/plan.json",
         quality="<results>/{home}/{case}/quality.json",
-        result=STUDY.result_of_patient,
+        result=INPUTS.patients.result,
         archive=lambda wildcards: STUDY.choice.files,
     output:
         certificate="<results>/{home}/{case}{plan}/{method}/certificate.json",
@@ -157,7 +161,7 @@ rule certify:
         corrections=lambda wildcards: STUDY.choice.corrections,
         expected=lambda wildcards: STUDY.choice.expected,
         archive=lambda wildcards: STUDY.choice.folder,
-        fem=STUDY.of_patient("fem"),
+        fem=INPUTS.patient.setting("fem"),
         predicts=PREDICTS,
         code=code_of("scripts.patients.certify"),
     message:
@@ -170,7 +174,7 @@ rule show_prediction:
     input:
         model="<results>/{home}/{case}/model.h5",
         plan="<results>/{home}/{case}{plan}/plan.json",
-        result=STUDY.result_of_patient,
+        result=INPUTS.patients.result,
         certificate="<results>/{home}/{case}{plan}/{method}/certificate.json",
     output:
         page="<results>/{home}/{case}{plan}/{method}/index.html",
@@ -195,10 +199,10 @@ rule show_prediction:
 rule show_plans:
     input:
         model="<results>/{home}/{case}/model.h5",
-        plans=STUDY.plans_of_patient,
-        results=STUDY.of_plans("{result}.h5"),
-        certificates=STUDY.of_plans("certificate.json"),
-        measures=STUDY.of_plans("measures.csv"),
+        plans=INPUTS.patients.plans,
+        results=INPUTS.patients.results,
+        certificates=INPUTS.patients.of_plans("certificate.json"),
+        measures=INPUTS.patients.of_plans("measures.csv"),
     output:
         page="<results>/{home}/{case}/plans_{method}.html",
     log:
@@ -218,7 +222,7 @@ rule show_plans:
 
 rule predict:
     input:
-        STUDY.results_of_patients,
+        INPUTS.patients.predictions,
     params:
         pages=lambda wildcards, input: " ".join(
             item for item in input if item.endswith(".html")
@@ -231,10 +235,10 @@ rule predict:
 rule prepare_planner:
     input:
         model="<results>/{home}/{case}/model.h5",
-        lifts=STUDY.of_ensemble("lifts"),
+        lifts=INPUTS.prediction.of_ensemble("lifts"),
         covariates="<results>/{home}/{case}/covariates.json",
         quality="<results>/{home}/{case}/quality.json",
-        plans=STUDY.plans_of_patient,
+        plans=INPUTS.patients.plans,
         archive=lambda wildcards: STUDY.choice.files,
     output:
         prepared="<results>/{home}/{case}/planner.json",
@@ -246,7 +250,7 @@ rule prepare_planner:
         mem_mb=1000,
         runtime=5,
     params:
-        settings=STUDY.planner_settings,
+        settings=INPUTS.patients.planner_settings,
         code=code_of("scripts.patients.prepare_planner"),
     message:
         "Prepare {wildcards.case} for the planner"
@@ -256,7 +260,7 @@ rule prepare_planner:
 
 rule planner:
     input:
-        STUDY.planners_of_patients,
+        INPUTS.patients.planners,
     message:
         "Open the planner: python workflow/plan.py {input}"
 
@@ -265,10 +269,10 @@ rule planner:
 rule propose:
     input:
         model="<results>/{home}/{case}/model.h5",
-        wish=STUDY.wish,
-        markups=STUDY.markups,
-        occlusion=STUDY.occlusion,
-        calibration=STUDY.calibration_of_wishes,
+        wish=INPUTS.wishes.files,
+        markups=INPUTS.patient.markups,
+        occlusion=INPUTS.wishes.occlusion,
+        calibration=INPUTS.wishes.calibration,
     output:
         proposals=ensure("<results>/{home}/{case}/invert/proposals.csv", non_empty=True),
         reached="<results>/{home}/{case}/invert/reached.csv",
@@ -290,7 +294,7 @@ rule propose:
         mem_mb=4000,
         runtime=30,
     params:
-        fem=STUDY.of_patient("fem"),
+        fem=INPUTS.patient.setting("fem"),
         settings=config["invert"],
         code=code_of("scripts.patients.propose"),
     message:
@@ -316,7 +320,7 @@ rule measure_sensitivity:
         mem_mb=4000,
         runtime=10,
     params:
-        fem=STUDY.of_patient("fem"),
+        fem=INPUTS.patient.setting("fem"),
         code=code_of("scripts.patients.measure_sensitivity"),
     message:
         "Measure which move matters where on the face of {wildcards.case}"
@@ -326,6 +330,6 @@ rule measure_sensitivity:
 
 rule invert:
     input:
-        STUDY.proposals_of_patients,
+        INPUTS.wishes.proposals,
     message:
         "The wishes are answered: see {config[pathvars][results]}/patients"

@@ -1,12 +1,12 @@
 # One core each, so that their seconds compare; undisturbed ones are those of the trade-off.
 rule predict_cases:
     input:
-        trained=STUDY.of_batch("trained"),
-        models=STUDY.of_batch("models"),
-        lifts=STUDY.of_batch("lifts"),
-        covariates=STUDY.of_batch("covariates"),
-        plans=STUDY.of_batch("plans"),
-        truths=STUDY.of_batch("truths"),
+        trained=INPUTS.prediction.of_batch("trained"),
+        models=INPUTS.prediction.of_batch("models"),
+        lifts=INPUTS.prediction.of_batch("lifts"),
+        covariates=INPUTS.prediction.of_batch("covariates"),
+        plans=INPUTS.prediction.of_batch("plans"),
+        truths=INPUTS.prediction.of_batch("truths"),
     output:
         predictions="<results>/{batch}/{method}/predictions.h5",
     log:
@@ -14,19 +14,19 @@ rule predict_cases:
     benchmark:
         "<benchmarks>/predict/{batch}_{method}.tsv"
     wildcard_constraints:
-        method=any_of(STUDY.predicting),
+        method=any_of(STUDY.methods.predicting),
     conda:
         "../envs/pinnochio.yaml"
     resources:
         mem_mb=4000,
         runtime=60,
         gpu=lambda wildcards: (
-            GPU if wildcards.method in STUDY.trained("by steps") else 0
+            GPU if wildcards.method in STUDY.methods.trained("by steps") else 0
         ),
     params:
-        cases=STUDY.of_batch("cases"),
-        predictor=STUDY.predictor,
-        settings=STUDY.of_batch("settings"),
+        cases=INPUTS.prediction.of_batch("cases"),
+        predictor=INPUTS.prediction.predictor,
+        settings=INPUTS.prediction.of_batch("settings"),
         code=code_with_method("scripts.prediction.predict"),
     message:
         "Predict {wildcards.batch} by {wildcards.method}"
@@ -37,8 +37,8 @@ rule predict_cases:
 # Made by others with the files of `inputs`; the timings in the files are their authors'.
 rule predict_external:
     input:
-        files=STUDY.external_files,
-        meshes=STUDY.of_held_out("<results>/cases/{case}/mesh.vtu"),
+        files=INPUTS.prediction.external_files,
+        meshes=INPUTS.prediction.of_held_out("<results>/cases/{case}/mesh.vtu"),
     output:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
     log:
@@ -51,7 +51,7 @@ rule predict_external:
         mem_mb=1000,
         runtime=5,
     params:
-        cases=STUDY.held_out_cases,
+        cases=INPUTS.prediction.held_out,
         code=code_of("scripts.prediction.predict_external"),
     message:
         "Read what {wildcards.method} predicts for fold {wildcards.fold}"
@@ -63,8 +63,8 @@ rule predictions:
     input:
         expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=STUDY.held_out,
-            method=STUDY.methods,
+            fold=STUDY.folds.held_out,
+            method=STUDY.methods.used,
         ),
     message:
         "Every held-out patient is predicted by every method"
@@ -81,8 +81,8 @@ rule list_folds:
         mem_mb=500,
         runtime=5,
     params:
-        held_out=STUDY.held_out,
-        scanned=STUDY.scanned,
+        held_out=STUDY.folds.held_out,
+        scanned=STUDY.cohort.scanned,
         code=code_of("scripts.prediction.list_folds"),
     message:
         "List the fold that holds each patient out"
@@ -95,12 +95,12 @@ rule inputs:
     input:
         expand(
             "<results>/cases/{case}/{file}",
-            case=STUDY.cases,
+            case=STUDY.cohort.cases,
             file=["mesh.vtu", "model.h5", "plan.json"],
         ),
-        expand("<results>/cases/{case}/postop.h5", case=STUDY.scanned),
-        expand("<results>/cases/{case}/achieved.json", case=STUDY.registered),
-        expand("<results>/cases/{case}/covariates.json", case=STUDY.described),
+        expand("<results>/cases/{case}/postop.h5", case=STUDY.cohort.scanned),
+        expand("<results>/cases/{case}/achieved.json", case=STUDY.cohort.registered),
+        expand("<results>/cases/{case}/covariates.json", case=STUDY.cohort.described),
         "<results>/folds.csv",
     message:
         "Everything is there that a method may read"
@@ -113,10 +113,10 @@ rule inputs:
 rule predict_ensemble:
     input:
         model="<results>/{home}/{case}/model.h5",
-        plan=STUDY.motion,
-        lifts=STUDY.of_ensemble("lifts"),
-        covariates=STUDY.of_ensemble("covariates"),
-        networks=STUDY.of_ensemble("networks"),
+        plan=INPUTS.patient.motion,
+        lifts=INPUTS.prediction.of_ensemble("lifts"),
+        covariates=INPUTS.prediction.of_ensemble("covariates"),
+        networks=INPUTS.prediction.of_ensemble("networks"),
     output:
         ensemble="<results>/{home}/{case}{plan}/{method}/ensemble.h5",
     log:
@@ -132,9 +132,9 @@ rule predict_ensemble:
         runtime=20,
         gpu=GPU,
     params:
-        folds=STUDY.of_ensemble("folds"),
-        predictor=STUDY.predictor,
-        settings=STUDY.of_ensemble("settings"),
+        folds=INPUTS.prediction.of_ensemble("folds"),
+        predictor=INPUTS.prediction.predictor,
+        settings=INPUTS.prediction.of_ensemble("settings"),
         code=code_with_method("scripts.prediction.predict_ensemble"),
     message:
         "Predict {wildcards.case}{wildcards.plan} by every fold's {wildcards.method}"
@@ -145,18 +145,18 @@ rule predict_ensemble:
 rule calibrate:
     input:
         models=lambda wildcards: [
-            STUDY.model_of(case, wildcards.method) for case in STUDY.scanned
+            STUDY.model_of(case, wildcards.method) for case in STUDY.cohort.scanned
         ],
-        postops=expand("<results>/cases/{case}/postop.h5", case=STUDY.scanned),
-        judged=expand("<results>/cases/{case}/judged.h5", case=STUDY.scanned),
+        postops=expand("<results>/cases/{case}/postop.h5", case=STUDY.cohort.scanned),
+        judged=expand("<results>/cases/{case}/judged.h5", case=STUDY.cohort.scanned),
         predictions=expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=[STUDY.fold_of(case) for case in STUDY.scanned],
+            fold=[STUDY.folds.by_case[case] for case in STUDY.cohort.scanned],
             allow_missing=True,
         ),
         ensembles=lambda wildcards: expand(
             "<results>/cases/{case}/{method}/ensemble.h5",
-            case=STUDY.scanned if wildcards.method in NETWORKS else [],
+            case=STUDY.cohort.scanned if wildcards.method in NETWORKS else [],
             method=wildcards.method,
         ),
     output:
@@ -167,15 +167,15 @@ rule calibrate:
     benchmark:
         "<benchmarks>/calibrate/{method}.tsv"
     wildcard_constraints:
-        method=any_of(STUDY.methods),
+        method=any_of(STUDY.methods.used),
     conda:
         "../envs/pinnochio.yaml"
     resources:
         mem_mb=2000,
         runtime=20,
     params:
-        cases=STUDY.scanned,
-        folds=[STUDY.fold_of(case) for case in STUDY.scanned],
+        cases=STUDY.cohort.scanned,
+        folds=[STUDY.folds.by_case[case] for case in STUDY.cohort.scanned],
         level=config["uncertainty"]["level"],
         seed=SEED,
         code=code_of("scripts.prediction.calibrate"),
@@ -192,8 +192,8 @@ rule predict_interval:
         plan="<results>/{home}/{case}{plan}/plan.json",
         quality="<results>/{home}/{case}/quality.json",
         ensemble="<results>/{home}/{case}{plan}/{method}/ensemble.h5",
-        calibration=STUDY.of_ensemble("calibration"),
-        ranges=STUDY.of_ensemble("ranges"),
+        calibration=INPUTS.prediction.of_ensemble("calibration"),
+        ranges=INPUTS.prediction.of_ensemble("ranges"),
     output:
         interval="<results>/{home}/{case}{plan}/{method}/interval.h5",
         picture="<results>/{home}/{case}{plan}/{method}/interval.png",
@@ -202,7 +202,7 @@ rule predict_interval:
     benchmark:
         "<benchmarks>/predict_interval/{home}/{case}{plan}_{method}.tsv"
     wildcard_constraints:
-        case=any_of([*STUDY.unscanned, *STUDY.patients]),
+        case=any_of([*STUDY.cohort.unscanned, *STUDY.new_patients]),
         method=any_of([*NETWORKS, config["predict"]["method"]]),
     conda:
         "../envs/pinnochio.yaml"
@@ -210,7 +210,7 @@ rule predict_interval:
         mem_mb=2000,
         runtime=10,
     params:
-        fem=STUDY.of_patient("fem"),
+        fem=INPUTS.patient.setting("fem"),
         code=code_of("scripts.prediction.predict_interval"),
     message:
         "Predict {wildcards.case}{wildcards.plan} by {wildcards.method}, with its interval"
@@ -220,11 +220,13 @@ rule predict_interval:
 
 rule uncertainty:
     input:
-        recorded("coverage") if STUDY.covered else [],
+        recorded("coverage") if STUDY.methods.calibrated else [],
         expand(
             "<results>/cases/{case}/{method}/interval.{kind}",
-            case=STUDY.unscanned,
-            method=[method for method in STUDY.covered if method in NETWORKS],
+            case=STUDY.cohort.unscanned,
+            method=[
+                method for method in STUDY.methods.calibrated if method in NETWORKS
+            ],
             kind=["h5", "png"],
         ),
     message:

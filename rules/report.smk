@@ -7,8 +7,8 @@ rule render_volume:
         model="<results>/cases/{case}/model.h5",
         predictions=lambda wildcards: expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=STUDY.fold_of(wildcards.case),
-            method=STUDY.volumes,
+            fold=STUDY.folds.by_case[wildcards.case],
+            method=INPUTS.report.volumes,
         ),
     output:
         picture=captioned("<results>/figures/{case}_volume.png", "volume"),
@@ -20,7 +20,7 @@ rule render_volume:
         mem_mb=2000,
         runtime=10,
     params:
-        methods=STUDY.volumes,
+        methods=INPUTS.report.volumes,
         code=code_of("scripts.report.render_volume"),
     message:
         "Draw the tissue of {wildcards.case} from behind"
@@ -41,19 +41,19 @@ rule write_report:
         ),
         curves=expand(
             "<results>/folds/{fold}/{method}/training.png",
-            fold=STUDY.first_fold,
-            method=STUDY.learned,
+            fold=STUDY.folds.first,
+            method=STUDY.methods.learned,
         ),
-        pictures=expand("<results>/figures/{case}.png", case=STUDY.shown),
-        views=expand("<results>/figures/{case}.json", case=STUDY.shown),
+        pictures=expand("<results>/figures/{case}.png", case=INPUTS.report.shown),
+        views=expand("<results>/figures/{case}.json", case=INPUTS.report.shown),
         volumes=(
-            expand("<results>/figures/{case}_volume.png", case=STUDY.shown)
-            if STUDY.volumes
+            expand("<results>/figures/{case}_volume.png", case=INPUTS.report.shown)
+            if INPUTS.report.volumes
             else []
         ),
-        qualities=expand("<results>/cases/{case}/quality.png", case=STUDY.cases),
-        cases="<results>/tables/cases.csv" if STUDY.scanned else [],
-        chart="<results>/figures/cases.png" if STUDY.scanned else [],
+        qualities=expand("<results>/cases/{case}/quality.png", case=STUDY.cohort.cases),
+        cases="<results>/tables/cases.csv" if STUDY.cohort.scanned else [],
+        chart="<results>/figures/cases.png" if STUDY.cohort.scanned else [],
         provenance="<results>/provenance.json",
     output:
         page="<results>/report.html",
@@ -65,10 +65,10 @@ rule write_report:
         mem_mb=2000,
         runtime=10,
     params:
-        cases=STUDY.shown,
-        everyone=list(STUDY.cases),
-        methods=STUDY.compared,
-        learned=STUDY.learned,
+        cases=INPUTS.report.shown,
+        everyone=list(STUDY.cohort.cases),
+        methods=STUDY.methods.compared,
+        learned=STUDY.methods.learned,
         titles=REPORTED,
         captions={part: caption(part) for part in [*REPORTED, "picture", "volume"]},
         code=code_of("scripts.report.write_report"),
@@ -81,8 +81,8 @@ rule write_report:
 # Pictures of what a study has found.
 rule figures:
     input:
-        "<results>/figures/cases.png" if STUDY.scanned else [],
-        expand("<results>/figures/{case}.png", case=STUDY.shown),
+        "<results>/figures/cases.png" if STUDY.cohort.scanned else [],
+        expand("<results>/figures/{case}.png", case=INPUTS.report.shown),
     message:
         "The pictures are drawn: see {config[pathvars][results]}/figures"
 

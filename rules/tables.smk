@@ -1,11 +1,11 @@
 rule evaluate:
     input:
         predictions="<results>/{arm}/{fold}/{method}{corrected}/predictions.h5",
-        models=STUDY.models_of_held_out,
-        plans=STUDY.motions_of_held_out,
-        postops=STUDY.of_judged("<results>/cases/{case}/postop.h5"),
-        judged=STUDY.of_judged("<results>/cases/{case}/judged.h5"),
-        truths=STUDY.truths_of_held_out if STUDY.virtual else [],
+        models=INPUTS.tables.models,
+        plans=INPUTS.tables.motions,
+        postops=INPUTS.tables.of_judged("<results>/cases/{case}/postop.h5"),
+        judged=INPUTS.tables.of_judged("<results>/cases/{case}/judged.h5"),
+        truths=INPUTS.tables.truths,
     output:
         metrics=ensure(
             "<results>/{arm}/{fold}/{method}{corrected}/metrics.csv", non_empty=True
@@ -22,8 +22,8 @@ rule evaluate:
         mem_mb=4000,
         runtime=30,
     params:
-        cases=STUDY.held_out_cases,
-        scanned=STUDY.judged_cases,
+        cases=INPUTS.prediction.held_out,
+        scanned=INPUTS.tables.judged,
         fem=config["fem"],
         seed=SEED,
         code=code_of("scripts.tables.evaluate"),
@@ -36,7 +36,7 @@ rule evaluate:
 rule provenance:
     input:
         "<results>/tables/cases.csv",
-        "<results>/tables/accuracy.csv" if STUDY.scanned else [],
+        "<results>/tables/accuracy.csv" if STUDY.cohort.scanned else [],
     output:
         "<results>/provenance.json",
     log:
@@ -85,14 +85,14 @@ rule provenance_of_table:
 rule render_case:
     input:
         models=lambda wildcards: [
-            STUDY.model_of(wildcards.case, method) for method in STUDY.pictured
+            STUDY.model_of(wildcards.case, method) for method in INPUTS.tables.pictured
         ],
-        plan=STUDY.motion,
+        plan=INPUTS.patient.motion,
         postop="<results>/cases/{case}/postop.h5",
         predictions=lambda wildcards: expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=STUDY.fold_of(wildcards.case),
-            method=STUDY.pictured,
+            fold=STUDY.folds.by_case[wildcards.case],
+            method=INPUTS.tables.pictured,
         ),
     output:
         picture=captioned("<results>/figures/{case}.png", "picture"),
@@ -105,7 +105,7 @@ rule render_case:
         mem_mb=2000,
         runtime=10,
     params:
-        methods=STUDY.pictured,
+        methods=INPUTS.tables.pictured,
         code=code_of("scripts.tables.render_case"),
     message:
         "Draw {wildcards.case}: before, outcome and methods"
@@ -115,7 +115,7 @@ rule render_case:
 
 rule tables:
     input:
-        table_and_twins(*STUDY.tables),
+        table_and_twins(*INPUTS.tables.measured),
     message:
         "The tables are made"
 
@@ -211,6 +211,6 @@ rule render_table:
 # Read from the benchmark files of the study's jobs; these differ from run to run and are no input.
 rule cost:
     input:
-        table_and_twins(*STUDY.costs),
+        table_and_twins(*INPUTS.tables.costs),
     message:
         "The cost of the study is known"

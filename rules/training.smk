@@ -1,9 +1,9 @@
 # Training comes first where it can, pretraining before all: short jobs fill the cores at the end.
 rule pretrain:
     input:
-        models=STUDY.of_training("<results>/cases/{case}/model.h5"),
-        lifts=STUDY.lifts_of_training,
-        fem_samples=STUDY.of_training("<results>/cases/{case}/fem_samples.h5"),
+        models=INPUTS.training.of_cases("<results>/cases/{case}/model.h5"),
+        lifts=INPUTS.training.lifts,
+        fem_samples=INPUTS.training.of_cases("<results>/cases/{case}/fem_samples.h5"),
     output:
         network="<results>/folds/{fold}/{method}/pretrained.pt",
         history="<results>/folds/{fold}/{method}/pretraining.csv",
@@ -12,7 +12,7 @@ rule pretrain:
     benchmark:
         "<benchmarks>/pretrain/{fold}_{method}.tsv"
     wildcard_constraints:
-        method=any_of(STUDY.pretrained_first),
+        method=any_of(STUDY.methods.pretrained_here),
     priority: 2
     conda:
         "../envs/pinnochio.yaml"
@@ -21,11 +21,11 @@ rule pretrain:
         runtime=240,
         gpu=GPU,
     params:
-        cases=STUDY.training_cases,
-        learner=STUDY.learner,
-        settings=STUDY.settings("network", "pretraining", "fem"),
+        cases=INPUTS.training.cases,
+        learner=INPUTS.training.learner,
+        settings=INPUTS.training.settings("network", "pretraining", "fem"),
         seed=SEED,
-        code=code_with_method("scripts.training.pretrain", "learner"),
+        code=code_with_method("scripts.training.pretrain", INPUTS.training.learner),
     message:
         "Pretrain {wildcards.method} on the finite-element samples of fold {wildcards.fold}"
     script:
@@ -34,12 +34,12 @@ rule pretrain:
 
 rule finetune:
     input:
-        network=STUDY.pretrained,
-        models=STUDY.of_training("<results>/cases/{case}/model.h5"),
-        lifts=STUDY.lifts_of_training,
-        plans=STUDY.motions_of_training,
-        postops=STUDY.of_training("<results>/cases/{case}/postop.h5"),
-        covariates=STUDY.covariates_of_training,
+        network=INPUTS.training.pretrained,
+        models=INPUTS.training.of_cases("<results>/cases/{case}/model.h5"),
+        lifts=INPUTS.training.lifts,
+        plans=INPUTS.training.motions,
+        postops=INPUTS.training.of_cases("<results>/cases/{case}/postop.h5"),
+        covariates=INPUTS.training.covariates,
     output:
         network="<results>/folds/{fold}/{method}/network.pt",
         history="<results>/folds/{fold}/{method}/finetuning.csv",
@@ -48,7 +48,7 @@ rule finetune:
     benchmark:
         "<benchmarks>/finetune/{fold}_{method}.tsv"
     wildcard_constraints:
-        method=any_of(STUDY.trained_here),
+        method=any_of(STUDY.methods.trained_here),
     priority: 1
     conda:
         "../envs/pinnochio.yaml"
@@ -57,11 +57,13 @@ rule finetune:
         runtime=240,
         gpu=GPU,
     params:
-        cases=STUDY.training_cases,
-        learner=STUDY.learner,
-        settings=STUDY.settings("network", "finetuning", "fem", "newton_corrections"),
+        cases=INPUTS.training.cases,
+        learner=INPUTS.training.learner,
+        settings=INPUTS.training.settings(
+            "network", "finetuning", "fem", "newton_corrections"
+        ),
         seed=SEED,
-        code=code_with_method("scripts.training.finetune", "learner"),
+        code=code_with_method("scripts.training.finetune", INPUTS.training.learner),
     message:
         "Adapt {wildcards.method} to the post-operative skins of fold {wildcards.fold}"
     script:
@@ -71,14 +73,14 @@ rule finetune:
 # Where the configuration says `networks: archive`, in place of both.
 rule take_network:
     input:
-        manifest=STUDY.manifest_of_networks,
+        manifest=INPUTS.training.manifest,
     output:
         network="<results>/folds/{fold}/{method}/network.pt",
         history="<results>/folds/{fold}/{method}/finetuning.csv",
     log:
         "<logs>/take_network/{fold}_{method}.log",
     wildcard_constraints:
-        method=any_of(STUDY.taken),
+        method=any_of(STUDY.methods.taken),
     conda:
         "../envs/pinnochio.yaml"
     resources:
@@ -86,7 +88,7 @@ rule take_network:
         runtime=5,
     params:
         archive=config["networks_archive"],
-        names=STUDY.of_archive("network.pt", "finetuning.csv"),
+        names=INPUTS.training.archived("network.pt", "finetuning.csv"),
         code=code_of("scripts.training.take_network"),
     message:
         "Take {wildcards.method} of fold {wildcards.fold} from the archive"
@@ -96,11 +98,11 @@ rule take_network:
 
 rule fit:
     input:
-        models=STUDY.of_training("<results>/cases/{case}/model.h5"),
-        fem_samples=STUDY.of_training("<results>/cases/{case}/fem_samples.h5"),
-        plans=STUDY.motions_of_training,
-        postops=STUDY.of_training("<results>/cases/{case}/postop.h5"),
-        covariates=STUDY.covariates_of_training,
+        models=INPUTS.training.of_cases("<results>/cases/{case}/model.h5"),
+        fem_samples=INPUTS.training.of_cases("<results>/cases/{case}/fem_samples.h5"),
+        plans=INPUTS.training.motions,
+        postops=INPUTS.training.of_cases("<results>/cases/{case}/postop.h5"),
+        covariates=INPUTS.training.covariates,
     output:
         fitted="<results>/folds/{fold}/{method}/fitted.h5",
     log:
@@ -108,17 +110,17 @@ rule fit:
     benchmark:
         "<benchmarks>/fit/{fold}_{method}.tsv"
     wildcard_constraints:
-        method=any_of(STUDY.trained("at once")),
+        method=any_of(STUDY.methods.trained("at once")),
     conda:
         "../envs/pinnochio.yaml"
     resources:
         mem_mb=4000,
         runtime=30,
     params:
-        cases=STUDY.training_cases,
-        learner=STUDY.learner,
-        settings=STUDY.settings("fem"),
-        code=code_with_method("scripts.training.fit", "learner"),
+        cases=INPUTS.training.cases,
+        learner=INPUTS.training.learner,
+        settings=INPUTS.training.settings("fem"),
+        code=code_with_method("scripts.training.fit", INPUTS.training.learner),
     message:
         "Fit {wildcards.method} to the training patients of fold {wildcards.fold}"
     script:
@@ -129,8 +131,8 @@ rule networks:
     input:
         expand(
             "<results>/folds/{fold}/{method}/network.pt",
-            fold=STUDY.held_out,
-            method=STUDY.learned,
+            fold=STUDY.folds.held_out,
+            method=STUDY.methods.learned,
         ),
     message:
         "All networks are trained"
@@ -143,7 +145,7 @@ use rule take_network as take_pretraining with:
         "<logs>/take_pretraining/{fold}_{method}.log",
     params:
         archive=config["networks_archive"],
-        names=STUDY.of_archive("pretraining.csv"),
+        names=INPUTS.training.archived("pretraining.csv"),
         code=code_of("scripts.training.take_network"),
     message:
         "Take the pretraining of {wildcards.method} of fold {wildcards.fold} from the archive"
@@ -153,7 +155,7 @@ rule plot_training:
     input:
         pretraining=lambda wildcards: (
             "<results>/folds/{fold}/{method}/pretraining.csv"
-            if STUDY.phases(wildcards.method)["pretraining"]
+            if STUDY.methods.phases(wildcards.method)["pretraining"]
             else []
         ),
         finetuning="<results>/folds/{fold}/{method}/finetuning.csv",
@@ -162,7 +164,7 @@ rule plot_training:
     log:
         "<logs>/plot_training/{fold}_{method}.log",
     wildcard_constraints:
-        method=any_of(STUDY.of_family("graph network", "surface network")),
+        method=any_of(STUDY.methods.of_family("graph network", "surface network")),
     conda:
         "../envs/pinnochio.yaml"
     resources:
@@ -181,8 +183,8 @@ rule curves:
     input:
         expand(
             "<results>/folds/{fold}/{method}/training.png",
-            fold=STUDY.held_out,
-            method=STUDY.learned,
+            fold=STUDY.folds.held_out,
+            method=STUDY.methods.learned,
         ),
     message:
         "The trainings are drawn"

@@ -16,12 +16,13 @@ from pinnochio.methods.registry import graph_networks
 from pinnochio.patients.model_archive import READ_BY_NETWORKS
 from pinnochio.report.parts import FOLDED, PARTS
 from pinnochio.study.configuration import check_config
-from pinnochio.study.console import Progress, expected_seconds, quieten
-from pinnochio.study.new_patients import other_cases
+from pinnochio.study.console import JobProgress, expected_seconds, quieten
+from pinnochio.study.inputs.rules import RuleInputs
+from pinnochio.study.patients import other_cases
 from pinnochio.study.provenance import changed_since, forgotten
 from pinnochio.study.schema import checked, read_schema, refuse_doubled
 from pinnochio.study.study import Study
-from pinnochio.study.unasked import refuse_unasked
+from pinnochio.study.unfinished import refuse_unfinished
 from pinnochio.volume_size import millions
 
 # Jobs keep what Python compiles of their modules: else each of them takes seconds to compile all that it imports.
@@ -65,21 +66,22 @@ with plainly():
                 "What lies there counts as up to date. Delete it, or name what shall be made again with --forcerun."
             )
     BENCHMARKS = f"{RESULTS}/benchmarks"
-    STUDY = Study(config, RESULTS)
+    STUDY = Study.of(config)
+    INPUTS = RuleInputs(STUDY)
     NETWORKS = graph_networks(config)
-    SEED, COHORT = config["seed"], STUDY.cohort
+    SEED, COHORT = config["seed"], STUDY.cohort.name
     # Jobs that are timed have the machine for themselves; no number of cores is given where nothing runs, as by --list.
     ALL_CORES = workflow.resource_settings.cores or 1
     # A job of a cluster does not hear of --resources: it asks its step for a GPU only where SLURM has granted it one.
     GPU = int(not workflow.remote_exec or "SLURM_GPUS_ON_NODE" in os.environ)
-    if workflow.is_main_process and STUDY.unbounded:
+    if workflow.is_main_process and STUDY.methods.unbounded:
         logger.warning(
-            f"Left out: {', '.join(STUDY.unbounded)}. Bounds read the truth, which is known of the virtual cohort alone."
+            f"Left out: {', '.join(STUDY.methods.unbounded)}. Bounds read the truth, which is known of the virtual cohort alone."
         )
-    if workflow.is_main_process and STUDY.untrained:
+    if workflow.is_main_process and STUDY.methods.untrained:
         logger.warning(
-            f"Left out: {', '.join(STUDY.untrained)}. Training by cross-validation needs a post-operative scan of at least "
-            f"one patient per fold; {len(STUDY.scanned)} of {len(STUDY.cases)} patients have one, and 'folds' is "
+            f"Left out: {', '.join(STUDY.methods.untrained)}. Training by cross-validation needs a post-operative scan of at least "
+            f"one patient per fold; {len(STUDY.cohort.scanned)} of {len(STUDY.cohort.cases)} patients have one, and 'folds' is "
             f"{config['folds']}."
         )
     if workflow.is_main_process and STUDY.choice and STUDY.choice.archive:
@@ -95,7 +97,7 @@ with plainly():
         )
 
     if workflow.is_main_process:
-        for odd in other_cases(STUDY.patients.values()):
+        for odd in other_cases(STUDY.new_patients.values()):
             logger.warning(f"{odd} Is it the right patient's?")
 
 
@@ -132,9 +134,9 @@ def code_of(*names):
     return code_hash(*map(source_file, names))
 
 
-def code_with_method(script, role="predictor"):
+def code_with_method(script, reference=INPUTS.prediction.predictor):
     """Params function: the same with a module of the job's method, which the script imports by its name."""
-    return lambda wildcards: code_of(script, getattr(STUDY, role)(wildcards))
+    return lambda wildcards: code_of(script, reference(wildcards))
 
 
 # Of what predicts a new patient, for archive and certificate.
@@ -156,7 +158,7 @@ if workflow.is_main_process and not (
 ):
     quieten(
         logger,
-        begin=lambda counts: Progress(counts, seconds_of(counts), ALL_CORES),
+        begin=lambda counts: JobProgress(counts, seconds_of(counts), ALL_CORES),
         runs=lambda: not workflow.dryrun,
     )
 
@@ -164,7 +166,7 @@ if workflow.is_main_process and not (
 onstart:
     check_writable(RESULTS)
     counts = workflow.dag.stats()[1]
-    refuse_unasked(
+    refuse_unfinished(
         targets=list(workflow.dag_settings.targets),
         counts=counts,
         expected=seconds_of(counts),

@@ -25,21 +25,21 @@ def read_config(paths: Sequence[str]) -> dict:
 def pack_networks(config: Mapping, trained: str, methods: Sequence[str], out: str, made_on: str) -> NetworkArchive:
     """Write the archive of the methods, or of all whose networks are there for every fold, from
     {trained}/{fold}/{method}/."""
-    study = Study(config, config["pathvars"]["results"])
-    folds = study.held_out
+    study = Study.of(config)
+    folds = study.folds.held_out
     whole = [
         name
-        for name in study.trained("by steps")
+        for name in study.methods.trained("by steps")
         if all(Path(trained, fold, name, NETWORK).is_file() for fold in folds)
     ]
     names = list(methods) or whole
     if not names:
         raise InputError("-", trained, "no method has a network of every fold", "train them first")
     settings = {
-        name: {key: own for key, own in study.registry[name].settings.items() if key in ("network", *PHASES.values())}
+        name: {key: own for key, own in study.methods[name].settings.items() if key in ("network", *PHASES.values())}
         for name in names
     }
-    learners = [source_file(study.registry[name].learner) for name in names]
+    learners = [source_file(study.methods[name].learner) for name in names]
     provenance = {"made_on": made_on, "code": code_hash(*learners)}
     return pack(trained=trained, out=out, methods=settings, held_out=folds, shown=config, provenance=provenance)
 

@@ -7,13 +7,15 @@ TWINS = ["md", "tex", "html"]
 METRICS = "<results>/folds/{fold}/{method}/metrics.csv"
 JUDGED = {"cases": "<results>/tables/cases.csv"}
 ANATOMIES = {
-    "anatomies": expand("<results>/virtual/{case}/anatomy.json", case=STUDY.cases)
+    "anatomies": expand(
+        "<results>/virtual/{case}/anatomy.json", case=STUDY.cohort.cases
+    )
 }
 NAMED = {"cohort": COHORT}
 COMPARED = NAMED | {
-    "reference": STUDY.reference,
-    "methods": STUDY.compared,
-    "bounds": STUDY.bounds,
+    "reference": STUDY.methods.reference,
+    "methods": STUDY.methods.compared,
+    "bounds": STUDY.methods.bounds,
     "seed": SEED,
 }
 MODULES = {
@@ -27,7 +29,11 @@ MODULES = {
 # Files by argument, and the other arguments.
 TABLES = {
     "cases": (
-        {"metrics": expand(METRICS, fold=STUDY.held_out, method=STUDY.methods)},
+        {
+            "metrics": expand(
+                METRICS, fold=STUDY.folds.held_out, method=STUDY.methods.used
+            )
+        },
         NAMED,
     ),
     "accuracy": (JUDGED, COMPARED | {"published": True}),
@@ -42,7 +48,7 @@ TABLES = {
         {
             arm: expand(
                 METRICS.replace("folds", folder, 1),
-                fold=STUDY.held_out,
+                fold=STUDY.folds.held_out,
                 method=STUDY.planned,
             )
             for arm, folder in (("achieved", "folds"), ("planned", "planned"))
@@ -52,26 +58,27 @@ TABLES = {
     "segments": (
         {
             "fits": expand(
-                "<results>/cases/{case}/segments.csv", case=STUDY.registered
+                "<results>/cases/{case}/segments.csv", case=STUDY.cohort.registered
             ),
             **(
                 {
                     "achieved": expand(
-                        "<results>/cases/{case}/achieved.json", case=STUDY.registered
+                        "<results>/cases/{case}/achieved.json",
+                        case=STUDY.cohort.registered,
                     ),
                     "executed": expand(
                         "<results>/virtual/{case}/executed.json",
-                        case=STUDY.registered,
+                        case=STUDY.cohort.registered,
                     ),
                     "bones": expand(
-                        "<results>/cases/{case}/bone.vtp", case=STUDY.registered
+                        "<results>/cases/{case}/bone.vtp", case=STUDY.cohort.registered
                     ),
                 }
-                if STUDY.virtual
+                if STUDY.cohort.virtual
                 else {}
             ),
         },
-        NAMED | {"cases": STUDY.registered},
+        NAMED | {"cases": STUDY.cohort.registered},
     ),
     "landmarks": (JUDGED, COMPARED),
     "ablation": (
@@ -87,7 +94,7 @@ TABLES = {
         {
             "parts": expand(
                 "<results>/methods/{method}/coverage.csv",
-                method=STUDY.covered,
+                method=STUDY.methods.calibrated,
             )
         },
         NAMED,
@@ -96,22 +103,28 @@ TABLES = {
         {
             "networks": expand(
                 "<results>/folds/{fold}/{method}/network.pt",
-                method=STUDY.learned,
-                fold=STUDY.held_out,
+                method=STUDY.methods.learned,
+                fold=STUDY.folds.held_out,
             ),
-            "histories": STUDY.histories,
+            "histories": INPUTS.training.histories,
         },
         NAMED
         | {
-            "settings": {method: STUDY.phases(method) for method in STUDY.learned},
-            "folds": list(STUDY.held_out),
+            "settings": {
+                method: STUDY.methods.phases(method) for method in STUDY.methods.learned
+            },
+            "folds": list(STUDY.folds.held_out),
             "benchmarks": BENCHMARKS,
             "rule": config["convergence"],
         },
     ),
     "stages": ({}, NAMED | {"benchmarks": BENCHMARKS}),
     "quality": (
-        {"reports": expand("<results>/cases/{case}/quality.json", case=STUDY.cases)},
+        {
+            "reports": expand(
+                "<results>/cases/{case}/quality.json", case=STUDY.cohort.cases
+            )
+        },
         NAMED | {"segments": config["segments"]},
     ),
     "thickness": (ANATOMIES, NAMED),
@@ -120,7 +133,7 @@ TABLES = {
         {
             "rows": expand(
                 "<results>/virtual/{case}/effects.csv",
-                case=list(STUDY.cases)[: config["virtual"]["effects"]],
+                case=list(STUDY.cohort.cases)[: config["virtual"]["effects"]],
             )
         },
         NAMED
@@ -129,17 +142,19 @@ TABLES = {
     "ratios": (
         {
             "landmarks": expand(
-                "<results>/virtual/{case}/landmarks.json", case=STUDY.cases
+                "<results>/virtual/{case}/landmarks.json", case=STUDY.cohort.cases
             ),
-            "truths": expand("<results>/virtual/{case}/truth.h5", case=STUDY.cases),
+            "truths": expand(
+                "<results>/virtual/{case}/truth.h5", case=STUDY.cohort.cases
+            ),
         },
-        NAMED | {"cases": list(STUDY.cases)},
+        NAMED | {"cases": list(STUDY.cohort.cases)},
     ),
     "nasolabial": (
         {
             "rows": expand(
                 "<results>/virtual/{case}/nasolabial.csv",
-                case=list(STUDY.cases)[: config["virtual"]["effects"]],
+                case=list(STUDY.cohort.cases)[: config["virtual"]["effects"]],
             )
         },
         NAMED,
@@ -154,9 +169,9 @@ BEFORE = {
     "stages": [
         *expand(
             "<results>/tables/{table}.csv",
-            table=[*STUDY.tables, "quality", *STUDY.costs[1:]],
+            table=[*INPUTS.tables.measured, "quality", *INPUTS.tables.costs[1:]],
         ),
-        *expand("<results>/cases/{case}/fem/mucosa.json", case=STUDY.unscanned),
+        *expand("<results>/cases/{case}/fem/mucosa.json", case=STUDY.cohort.unscanned),
     ]
 }
 
@@ -188,7 +203,12 @@ def reported():
             f"report.further names {min(unknown)!r}, which is no further study",
             f"known are {', '.join(FURTHER)}",
         )
-    names = {*STUDY.tables, *STUDY.costs, "quality", *config["report"]["further"]}
+    names = {
+        *INPUTS.tables.measured,
+        *INPUTS.tables.costs,
+        "quality",
+        *config["report"]["further"],
+    }
     first = {name: title for name, title in PARTS.items() if name not in FOLDED}
     return {
         name: title

@@ -32,7 +32,8 @@ from pinnochio.methods.registry import SURFACE_NETWORK, registry
 from pinnochio.overlays import read_merged
 from pinnochio.references import resolve
 from pinnochio.seeds import derive_seed
-from pinnochio.study.cases import assign_folds, virtual_cases
+from pinnochio.study.cohort import virtual_cases
+from pinnochio.study.folds import assign_folds
 from pinnochio.training.case_files import case_files
 from pinnochio.training.device import choose_device
 from pinnochio.training.fold import train_fold

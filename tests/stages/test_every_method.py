@@ -10,6 +10,8 @@ from pinnochio.importing.cohort import Case
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import read_prediction
 from pinnochio.overlays import overlaid
+from pinnochio.study.cohort import Cohort
+from pinnochio.study.inputs.rules import RuleInputs
 from pinnochio.study.study import Study
 from pinnochio.tables.comparison import summarise
 from scripts.cohort.carry_truth import carry_truth
@@ -63,18 +65,19 @@ class Fold:
     def __init__(self, patients, files, folder):
         self.held_out, self.training = patients
         self.files, self.folder = files, folder
-        self.study = Study(overlaid(CONFIG, CHANGES) | {"cohort": "virtual"}, "results")
-        vars(self.study)["cases"] = {name: Case(name, "", "", "scan.ply") for name in ("A", "B", "C", "D", "E")}
+        cases = {name: Case(name, "", "", "scan.ply") for name in ("A", "B", "C", "D", "E")}
+        study = Study(overlaid(CONFIG, CHANGES), "results", Cohort("virtual", cases, virtual=True))
+        self.methods, self.inputs = study.methods, RuleInputs(study)
 
     def lift(self, patient, method: str) -> list[str]:
-        return [self.files[patient.case]["lift.h5"]] if self.study.registry[method].lift == "elastic" else []
+        return [self.files[patient.case]["lift.h5"]] if self.methods[method].lift == "elastic" else []
 
     def known(self, patient, method: str) -> list[str]:
-        return [patient.covariates] if self.study.registry[method].covariates else []
+        return [patient.covariates] if self.methods[method].covariates else []
 
     def train(self, method: str) -> str | None:
         """The file that the method's training leaves."""
-        own, job = self.study.registry[method], SimpleNamespace(method=method)
+        own, job = self.methods[method], SimpleNamespace(method=method)
         one, phase = self.training, {"cases": [self.training.case], "models": [self.training.model]}
         if own.trains == "no":
             return None
@@ -83,7 +86,7 @@ class Fold:
             plans = {"plans": [one.plan], "postops": [one.postop]}
             own = {
                 "learner": own.learner,
-                "settings": self.study.settings("fem")(job),
+                "settings": self.inputs.training.settings("fem")(job),
                 "covariates": self.known(one, method),
             }
             fit(**own, **phase, fem_samples=[one.fem_samples], **plans, fitted=fitted)
@@ -94,10 +97,10 @@ class Fold:
         ]
         first = None
         if "pretraining" in own.settings:
-            settings = self.study.settings("network", "pretraining", "fem")(job)
+            settings = self.inputs.training.settings("network", "pretraining", "fem")(job)
             pretrain(**phase, settings=settings, fem_samples=[one.fem_samples], outputs=outputs[0])
             first = outputs[0]["network"]
-        settings = self.study.settings("network", "finetuning", "fem", "newton_corrections")(job)
+        settings = self.inputs.training.settings("network", "finetuning", "fem", "newton_corrections")(job)
         outcome = {"plans": [one.plan], "postops": [one.postop], "covariates": self.known(one, method)}
         outcome["pretrained"] = first
         finetune(**phase, settings=settings, **outcome, outputs=outputs[1])
@@ -105,8 +108,8 @@ class Fold:
 
     def predicted(self, method: str, trained: str | None) -> str:
         """The file of the prediction of the patient that is held out."""
-        own, one = self.study.registry[method], self.held_out
-        batch = self.study.predicted(SimpleNamespace(method=method, batch="folds/1"))
+        own, one = self.methods[method], self.held_out
+        batch = self.inputs.prediction.batch("folds/1", method)
         predictions = str(self.folder / f"{method}_predictions.h5")
         predict(
             predictor=own.predictor,
@@ -125,12 +128,12 @@ class Fold:
         return predictions
 
     def model(self, method: str) -> str:
-        lips = self.study.registry[method].mesh == "lips"
+        lips = self.methods[method].mesh == "lips"
         return self.files[self.held_out.case]["lips.h5"] if lips else self.held_out.model
 
     def motion(self, method: str) -> str:
         """The plan; of a bound the motion that was carried out."""
-        return self.held_out.executed if self.study.registry[method].truth == "motion" else self.held_out.plan
+        return self.held_out.executed if self.methods[method].truth == "motion" else self.held_out.plan
 
     def row(self, method: str) -> pd.DataFrame:
         """The row of the table of cases."""

@@ -1,7 +1,5 @@
 """The bounds: they know what happened, and nothing else does."""
 
-from types import SimpleNamespace
-
 import h5py
 import numpy as np
 import pytest
@@ -14,6 +12,8 @@ from pinnochio.methods.registry import registry
 from pinnochio.metrics.chamfer import surface_metrics
 from pinnochio.metrics.judged import choose
 from pinnochio.study.configuration import check_config
+from pinnochio.study.inputs.prediction import PredictionInputs
+from pinnochio.study.inputs.rules import RuleInputs
 from pinnochio.study.study import Study
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import CONFIG
@@ -46,12 +46,11 @@ def test_the_true_skin_against_a_scan_without_noise_is_nothing_off(tmp_path):
 
 def test_no_method_but_the_bounds_reads_the_truth():
     """Neither by its files, which reach one job each, nor by its code."""
-    made, truth = Study(CONFIG, "results"), source_file("pinnochio.model.truth")
-    for name, method in made.registry.items():
-        if name not in made.methods:
+    made, truth = Study.of(CONFIG), source_file("pinnochio.model.truth")
+    for name, method in made.methods.registry.items():
+        if name not in made.methods.used:
             continue
-        job = SimpleNamespace(method=name, batch="folds/1", fold="1")
-        batch = made.predicted(job)
+        batch = PredictionInputs(made).batch("folds/1", name)
         files = [file for own in (batch.models, batch.plans, batch.lifts, batch.truths) for file in own]
         secret = {file.split("/")[-1] for file in files if "virtual/" in file}
         assert secret == {"floor_scan": {"truth.h5"}, "oracle": {"executed.json"}}.get(name, set()), name
@@ -64,10 +63,11 @@ def test_no_method_but_the_bounds_reads_the_truth():
 
 
 def test_bounds_are_predicted_and_never_compared_with():
-    made = Study(CONFIG, "results")
-    assert made.bounds == BOUNDS and not set(BOUNDS) & set(made.compared)
-    assert set(made.compared) | set(BOUNDS) == set(made.methods)
-    for others in (made.packed, made.learned, made.volumes):
+    made = Study.of(CONFIG)
+    assert made.methods.bounds == BOUNDS and not set(BOUNDS) & set(made.methods.compared)
+    assert set(made.methods.compared) | set(BOUNDS) == set(made.methods.used)
+    inputs = RuleInputs(made)
+    for others in (inputs.patients.packed, made.methods.learned, inputs.report.volumes):
         assert not set(BOUNDS) & set(others)
     assert not any(registry(CONFIG)[name].new_patients for name in BOUNDS)
     plain, oracle = (registry(CONFIG)[name] for name in ("fem_sliding", "oracle"))

@@ -6,7 +6,7 @@ import pyvista as pv
 
 from pinnochio.errors import InputError
 from pinnochio.model.predictions import Prediction, read_external, read_prediction, write_predictions
-from pinnochio.study.cases import external_file
+from pinnochio.study.inputs.prediction import external_file
 
 # Two tetrahedra that face each other across a closed slit: nodes 0-2 and 4-6 share their places.
 TOP = np.array([[0.0, 0, 0], [10, 0, 0], [0, 10, 0], [3, 3, 10]])

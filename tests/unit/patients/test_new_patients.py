@@ -12,7 +12,7 @@ from pinnochio.patients.model_archive import Archive, configuration_hash
 from pinnochio.patients.pareto_front import TRADEOFF
 from pinnochio.plans.plan import Plan
 from pinnochio.study.choice import choose
-from pinnochio.study.new_patients import markups_in, other_cases, read_patients
+from pinnochio.study.patients import markups_in, other_cases, read_patients
 from studies.tradeoff.table import summarise
 from tests.helpers.settings import CONFIG
 
@@ -53,7 +53,7 @@ def test_a_folder_holds_one_plan_or_several(folder):
         "plan": "plan.json", "setback": "plans/setback.json", "slicer": "plans/slicer"
     }  # fmt: skip
     patient = read_patients(f"{folder}/")["P01"]
-    assert patient.segmentation == str(folder / "segmentation.nii.gz") and patient.home == str(folder)
+    assert patient.segmentation == str(folder / "segmentation.nii.gz") and patient.source == str(folder)
 
 
 def test_a_patient_may_have_no_plan_yet(folder):
@@ -80,7 +80,7 @@ def test_a_table_names_several_patients(folder):
     table.write_text("\n".join([*rows, "P02\tP01/segmentation.nii.gz\tP01/plans/a.json\t"]) + "\n")
     patients = read_patients(table)
     assert {name: sorted(patient.plans) for name, patient in patients.items()} == {"P01": ["a", "b"], "P02": ["a"]}
-    assert {patient.home for patient in patients.values()} == {str(folder), str(folder.parent / "P02")}
+    assert {patient.source for patient in patients.values()} == {str(folder), str(folder.parent / "P02")}
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from pinnochio.importing.segmentation import check_plan
 from pinnochio.planner.prepared import Prepared
 from pinnochio.planner.session import REST, SIDES, Session
 from pinnochio.plans.plan import Plan
-from pinnochio.study.new_patients import read_patients
+from pinnochio.study.patients import read_patients
 from tests.helpers.patients import tiny_patient, tiny_plan
 
 PATIENT = tiny_patient()

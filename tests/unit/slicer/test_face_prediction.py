@@ -9,7 +9,7 @@ import pytest
 import SimpleITK as sitk
 
 from pinnochio.plans.plan import Plan
-from pinnochio.study.new_patients import read_patients
+from pinnochio.study.patients import read_patients
 from tests.helpers.settings import ROOT
 
 sys.path.insert(0, str(ROOT / "slicer"))

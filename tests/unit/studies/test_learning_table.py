@@ -8,7 +8,7 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
-from pinnochio.study.cases import of_fewer, some, whole_fold
+from pinnochio.study.folds import of_fewer, some, whole_fold
 from pinnochio.study.study import Study
 from studies.learning.figure import draw
 from studies.learning.inputs import Learning
@@ -43,13 +43,14 @@ def test_fewer_training_patients_are_among_more_and_the_same_are_held_out():
 
 
 def test_the_folds_of_the_curve_end_with_those_of_the_study():
-    study = Study(CONFIG, "results")
+    study = Study.of(CONFIG)
+    folds, methods = study.folds, study.methods
     section = {"methods": ["pinnochio"], "patients": [128, 16, 8, 32], "folds": 2}
-    curve = Learning(section, {fold: len(study.training(fold)) for fold in study.held_out}, study.methods, study.taken)
+    curve = Learning(section, {fold: len(folds.training(fold)) for fold in folds.held_out}, methods.used, methods.taken)
     assert curve.folds == {8: ["1of8", "2of8"], 16: ["1of16", "2of16"], 32: ["1", "2"]}
     for fold in ("1of8", "1of16"):
-        assert study.kept_from(fold) == study.held_out["1"] == study.judged(fold)
-        assert set(study.training(fold)) < set(study.training("1"))
+        assert folds.kept_from(fold) == folds.held_out["1"] == folds.judged(fold)
+        assert set(folds.training(fold)) < set(folds.training("1"))
     files = curve.metrics(None)
     assert files["untrained"][0] == "<results>/folds/1/floor_scan/metrics.csv" and len(files["untrained"]) == 4
     assert files["trained"][0] == "<results>/folds/1of8/pinnochio/metrics.csv" and len(files["trained"]) == 6

@@ -183,10 +183,12 @@ def test_a_budget_that_nothing_keeps_is_said_so():
 
 def traded(**changes) -> Tradeoff:
     """The trade-off of six patients of the default study."""
-    study = Study(CONFIG | {"tradeoff": CONFIG["tradeoff"] | changes}, "results")
-    judged = [case for fold in study.held_out for case in study.judged(fold)]
+    study = Study.of(CONFIG | {"tradeoff": CONFIG["tradeoff"] | changes})
+    judged = [case for fold in study.folds.held_out for case in study.folds.judged(fold)]
     variants = graph_networks(CONFIG)
-    return Tradeoff(study.config, judged, study.registry, study.compared, study.bounds, variants)
+    return Tradeoff(
+        study.config, judged, study.methods.registry, study.methods.compared, study.methods.bounds, variants
+    )
 
 
 def test_what_is_not_varied_is_judged_as_it_is_and_no_bound_but_the_noise_of_the_scan_is():

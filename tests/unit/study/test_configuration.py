@@ -8,8 +8,9 @@ import pytest
 from pinnochio.errors import InputError
 from pinnochio.importing.cohort import read_cases
 from pinnochio.seeds import derive_seed
-from pinnochio.study.cases import assign_folds, virtual_cases
+from pinnochio.study.cohort import virtual_cases
 from pinnochio.study.configuration import check_config
+from pinnochio.study.folds import assign_folds
 from tests.helpers.settings import CONFIG
 
 HEADER = "case\tsegmentation\tplan\tpostop\n"

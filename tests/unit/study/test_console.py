@@ -7,15 +7,15 @@ from types import SimpleNamespace
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.study.console import LONG, SHORT, Console, Progress, expected_seconds, in_words, quieten
-from pinnochio.study.unasked import refuse_unasked
+from pinnochio.study.console import LONG, SHORT, Console, JobProgress, expected_seconds, in_words, quieten
+from pinnochio.study.unfinished import refuse_unfinished
 
 COUNTS = {"mesh": 4, "train": 2}
 EXPECTED = {"mesh": 10.0, "train": 100.0}
 
 
-def progress(cores=2) -> Progress:
-    return Progress(COUNTS, EXPECTED, cores)
+def progress(cores=2) -> JobProgress:
+    return JobProgress(COUNTS, EXPECTED, cores)
 
 
 def test_the_time_left_is_that_of_the_jobs_that_are_not_done():
@@ -78,7 +78,7 @@ def logger():
 
 
 def test_progress_and_errors_are_shown_and_nothing_else(logger):
-    quieten(logger.logger, lambda counts: Progress(counts, EXPECTED, 1), lambda: True)
+    quieten(logger.logger, lambda counts: JobProgress(counts, EXPECTED, 1), lambda: True)
     logger.handle(record(event="run_info", stats=COUNTS | {"total": 6}, message="Job stats"))
     logger.handle(record(message="Select jobs to execute..."))
     logger.handle(
@@ -98,14 +98,14 @@ def test_progress_and_errors_are_shown_and_nothing_else(logger):
 
 
 def test_the_message_of_a_target_says_where_to_look(logger):
-    quieten(logger.logger, lambda counts: Progress(counts, {}, 1), lambda: True)
+    quieten(logger.logger, lambda counts: JobProgress(counts, {}, 1), lambda: True)
     logger.handle(record(event="run_info", stats={"report": 1}))
     logger.handle(record(event="job_info", jobid=1, rule_name="report", rule_msg="see report.html", output=[]))
     assert logger.said() == "see report.html\n"
 
 
 def test_a_list_of_jobs_is_left_as_it_is(logger):
-    quieten(logger.logger, lambda counts: Progress(counts, EXPECTED, 1), lambda: False)
+    quieten(logger.logger, lambda counts: JobProgress(counts, EXPECTED, 1), lambda: False)
     logger.handle(record(event="run_info", stats=COUNTS, message="Job stats"))
     logger.handle(record(event="job_info", message="Reason: missing"))
     assert "Job stats" in logger.said() and "Reason" in logger.said() and "jobs done" not in logger.said()
@@ -127,7 +127,7 @@ def test_one_line_changes_on_a_terminal():
 
 
 def refuse(targets, counts, expected=EXPECTED):
-    refuse_unasked(targets, counts | {"total": sum(counts.values())}, expected, 2, "results")
+    refuse_unfinished(targets, counts | {"total": sum(counts.values())}, expected, 2, "results")
 
 
 @pytest.mark.parametrize("target", ["report", "figures", "results/figures/V01.png"])

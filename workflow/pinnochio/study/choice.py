@@ -21,7 +21,7 @@ class Choice:
 
     Of a learned method also lift, the kind that its network wants; the archive and its folder; networks, one of each
     fold in the order of archive.folds; calibration and ranges. These are plain files: no rule makes them.
-    expected: what was asked of the measured Pareto front, what it offered, and the seconds and errors to expect.
+    expected: the limits for the measured Pareto front, what it offered, and the seconds and errors to expect.
     """
 
     method: str
@@ -77,16 +77,16 @@ def _offered(config: Mapping, folder: Path, pareto_front: str | os.PathLike) -> 
     # The networks of all folds predict a new patient; the Pareto front was measured with one.
     times = ["seconds", "seconds_max"]
     frame.loc[learned, times] *= len(archive.folds) if archive else 1
-    asked = {name: config["predict"][name] or None for name in ("budget_seconds", "tolerance_mm")}
-    row = choose_setting(frame, **asked)
+    limits = {name: config["predict"][name] or None for name in ("budget_seconds", "tolerance_mm")}
+    row = choose_setting(frame, **limits)
     recipe = parse_stored_json(row["recipe"], pareto_front)
-    own = _as_in_the_study(config, folder, recipe["method"])
-    expected = {name: limit for name, limit in asked.items() if limit}
+    choice = _as_in_the_study(config, folder, recipe["method"])
+    expected = {name: limit for name, limit in limits.items() if limit}
     expected |= {"setting": f"{row['method']}, {row['parameter']} {row['value']}", "patients": int(row["n"])}
     errors = ["cd", "cd_within", "face_error"]  # not known: the second of few patients, the last without a reference
     expected |= row[[*times, *errors]].dropna().astype(float).to_dict()
-    settings = overlaid(own.settings, {"mesh": {"nodes": recipe["nodes"]}, "fem": recipe["fem"]})
-    return replace(own, settings=settings, corrections=recipe["corrections"] or 0, expected=expected)
+    settings = overlaid(choice.settings, {"mesh": {"nodes": recipe["nodes"]}, "fem": recipe["fem"]})
+    return replace(choice, settings=settings, corrections=recipe["corrections"] or 0, expected=expected)
 
 
 def _as_in_the_study(config: Mapping, folder: Path, method: str) -> Choice:
@@ -109,12 +109,12 @@ def _as_in_the_study(config: Mapping, folder: Path, method: str) -> Choice:
             "label and name them so, or set predict.other_segments to 'predict'; the certificate then says that the "
             "patient is unlike the training",
         )
-    own = archive.methods[method]
+    trained = archive.methods[method]
     return Choice(
         method=method,
         settings=archive.settings,
-        corrections=own["corrections"],
-        lift=own["lift"],
+        corrections=trained["corrections"],
+        lift=trained["lift"],
         archive=archive,
         folder=str(folder),
         networks=[str(folder / network_file(method, fold)) for fold in archive.folds],

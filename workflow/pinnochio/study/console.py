@@ -49,7 +49,7 @@ def in_words(seconds: float) -> str:
 
 
 @dataclass
-class Progress:
+class JobProgress:
     """Jobs of a run: waiting, running and done.
 
     counts: jobs by rule; expected: seconds of one job by rule, elsewhere or at another size; what is measured here
@@ -84,8 +84,8 @@ class Progress:
         here = sum(sum(self.taken[rule]) for rule in known)
         scale = (TRUSTED + here) / (TRUSTED + before)
         each = {rule: scale * self.expected.get(rule, SHORT) for rule in self.counts}
-        each |= {rule: sum(own) / len(own) for rule, own in self.taken.items()}
-        waiting = Counter(self.counts) - Counter({rule: len(own) for rule, own in self.taken.items()})
+        each |= {rule: sum(times) / len(times) for rule, times in self.taken.items()}
+        waiting = Counter(self.counts) - Counter({rule: len(times) for rule, times in self.taken.items()})
         seconds = sum(each[rule] * count for rule, count in waiting.items())
         under_way = sum(min(now - began, each.get(rule, SHORT)) for rule, began in self.running.values())
         return max(seconds - under_way, 0.0) / self.cores
@@ -100,11 +100,11 @@ class Progress:
 class Console(logging.Handler):
     """Shows the progress of Snakemake's jobs: on a terminal on one line that changes, else on a line now and then."""
 
-    def __init__(self, begin: Callable[[Mapping[str, int]], Progress], runs: Callable[[], bool], stream: TextIO):
+    def __init__(self, begin: Callable[[Mapping[str, int]], JobProgress], runs: Callable[[], bool], stream: TextIO):
         """begin: the progress of a run of so many jobs by rule; runs: whether jobs are run, not only listed."""
         super().__init__()
         self.begin, self.runs, self.stream = begin, runs, stream
-        self.progress: Progress | None = None
+        self.progress: JobProgress | None = None
         self.changing = stream.isatty() and os.environ.get("TERM") != "dumb"
         self.said, self.drawn = -EVERY, False
 
@@ -160,18 +160,20 @@ class Quiet(logging.Filter):
             return True
         event = getattr(record, "event", None)
         words = str(record.msg)
-        own = record.pathname.endswith(".smk") or words.startswith("Nothing to be done")
-        own = own or (self.failed and words.startswith("Complete log"))
+        ours = record.pathname.endswith(".smk") or words.startswith("Nothing to be done")
+        ours = ours or (self.failed and words.startswith("Complete log"))
         wrong = record.levelno >= logging.ERROR or event in ("job_error", "group_error")
         self.failed |= wrong
-        shown = wrong or record.levelno >= logging.WARNING or (event is None and own)
+        shown = wrong or record.levelno >= logging.WARNING or (event is None and ours)
         if shown:
             self.console.clear()
         return shown
 
 
-def quieten(logger: logging.Logger, begin: Callable[[Mapping[str, int]], Progress], runs: Callable[[], bool]) -> None:
-    """Show progress instead of all that Snakemake says on its console; without one of its own it is left alone."""
+def quieten(
+    logger: logging.Logger, begin: Callable[[Mapping[str, int]], JobProgress], runs: Callable[[], bool]
+) -> None:
+    """Show progress instead of all that Snakemake says on its console; without a console it is left alone."""
     for handler in logger.handlers:
         if handler.name == "DefaultStreamHandler":
             console = Console(begin, runs, handler.stream)

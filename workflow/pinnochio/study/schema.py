@@ -93,8 +93,8 @@ def allowed(entry: Mapping) -> str:
 def resolved(entry: Mapping, schema: Mapping) -> dict:
     """An entry of the schema with what it refers to in `$defs`."""
     while "$ref" in entry:
-        own = {key: value for key, value in entry.items() if key != "$ref"}
-        entry = reduce(getitem, entry["$ref"].removeprefix("#/").split("/"), schema) | own
+        beside = {key: value for key, value in entry.items() if key != "$ref"}
+        entry = reduce(getitem, entry["$ref"].removeprefix("#/").split("/"), schema) | beside
     return dict(entry)
 
 
@@ -110,8 +110,8 @@ def _typed(value: Any, entry: Mapping, validator: Draft202012Validator) -> Any:
         named = {str(key): item for key, item in value.items()}  # YAML knows keys that are numbers, or nothing
         items = {key: _typed(item, _child(entry, key, validator.schema), validator) for key, item in named.items()}
         known = entry.get("properties", {}).items()
-        absent = {key: own for key, own in known if "default" in own and key not in value}
-        return {key: _typed(own["default"], own, validator) for key, own in absent.items()} | items
+        absent = {key: part for key, part in known if "default" in part and key not in value}
+        return {key: _typed(part["default"], part, validator) for key, part in absent.items()} | items
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_typed(item, entry.get("items", {}), validator) for item in value]
     kind = entry.get("type")
@@ -168,8 +168,9 @@ def _explained(error: ValidationError, schema: Mapping) -> list[str]:
     if error.validator == "required":
         missing = [(*place, key) for key in error.validator_value if key not in value]
         return [f"{_name(key)} is missing: {_meaning(_child(entry, key[-1], schema), schema)}" for key in missing]
-    own = {"type", "enum", "const", "oneOf", *BOUNDS}  # what `allowed` tells; else jsonschema does: "[] is too short"
-    problem = f" is {_short(value)}" if error.validator in own else f": {shorten(error.message, 160)}"
+    # `allowed` says the rest of these; of others jsonschema does: "[] is too short".
+    explained = error.validator in {"type", "enum", "const", "oneOf", *BOUNDS}
+    problem = f" is {_short(value)}" if explained else f": {shorten(error.message, 160)}"
     return [f"{_name(place)}{problem}; allowed: {_meaning(entry, schema)}"]
 
 

@@ -15,14 +15,20 @@ add_table(
     "reality",
     "studies.cohort_checks.reality",
     caption="Scale of the outcome's changes, and sliding finite elements there beside the literature.",
-    files={"rows": expand("<results>/virtual/{case}/reality.csv", case=STUDY.cases)},
+    files={
+        "rows": expand("<results>/virtual/{case}/reality.csv", case=STUDY.cohort.cases)
+    },
     arguments=NAMED,
 )
 add_table(
     "learnable",
     "studies.cohort_checks.learnable",
     caption="Share of the outcome's deviation from nominal mechanics that plan, anatomy and covariates explain.",
-    files={"rows": expand("<results>/virtual/{case}/learnable.csv", case=STUDY.cases)},
+    files={
+        "rows": expand(
+            "<results>/virtual/{case}/learnable.csv", case=STUDY.cohort.cases
+        )
+    },
     arguments=NAMED,
 )
 add_table(
@@ -32,7 +38,7 @@ add_table(
     files={
         "rows": expand(
             "<results>/virtual/{case}/refinement.csv",
-            case=list(STUDY.cases)[: config["virtual"]["refinement"]],
+            case=list(STUDY.cohort.cases)[: config["virtual"]["refinement"]],
         )
     },
     arguments=NAMED,
@@ -42,7 +48,7 @@ add_table(
 # Whether the cohort as it is made here is the one that was frozen; its outcomes too, once they are revealed.
 rule verify_cohort:
     input:
-        made=expand("<results>/virtual/{sums}", sums=STUDY.sums),
+        made=expand("<results>/virtual/{sums}", sums=INPUTS.cohort.sums),
         frozen=f"results/reference/SHA256SUMS.{config['virtual']['role']}",
     output:
         table=ensure("<results>/virtual/verified.csv", non_empty=True),

@@ -12,23 +12,23 @@ add_table(
     files={
         "metrics": [
             file
-            for method in STUDY.asked("corrections")
+            for method in STUDY.methods.learned_in("corrections")
             for name in ("", *(f"corrected_{count}/" for count in COUNTS))
             for file in expand(
                 METRICS.replace("metrics", f"{name}metrics"),
-                fold=STUDY.held_out,
+                fold=STUDY.folds.held_out,
                 method=method,
             )
         ],
         "baseline": expand(
             METRICS,
-            fold=STUDY.held_out,
-            method=[BASELINE] if BASELINE in STUDY.methods else [],
+            fold=STUDY.folds.held_out,
+            method=[BASELINE] if BASELINE in STUDY.methods.used else [],
         ),
     },
     arguments=NAMED
     | {
-        "methods": STUDY.asked("corrections"),
+        "methods": STUDY.methods.learned_in("corrections"),
         "corrections": [0, *COUNTS],
         "seed": SEED,
     },
@@ -39,7 +39,7 @@ add_table(
 rule correct:
     input:
         predictions="<results>/folds/{fold}/{method}/predictions.h5",
-        models=STUDY.of_held_out("<results>/cases/{case}/model.h5"),
+        models=INPUTS.prediction.of_held_out("<results>/cases/{case}/model.h5"),
     output:
         corrected=expand(
             "<results>/folds/{fold}/{method}/corrected_{corrections}/predictions.h5",
@@ -59,7 +59,7 @@ rule correct:
         mem_mb=4000,
         runtime=60,
     params:
-        cases=STUDY.held_out_cases,
+        cases=INPUTS.prediction.held_out,
         corrections=COUNTS,
         fem=config["fem"],
         code=code_of("studies.corrections.correct"),

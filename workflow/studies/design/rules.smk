@@ -8,7 +8,7 @@ with plainly():
     SWITCHED = switched(config["design"], NETWORKS)
 # Methods that the core trains and predicts by like any other.
 NETWORKS |= SWITCHED
-STUDY.registry.update(
+STUDY.methods.registry.update(
     {
         name: graph_network(name, settings, config["fem"])
         for name, settings in SWITCHED.items()
@@ -23,7 +23,7 @@ add_table(
     files={
         "metrics": expand(
             METRICS,
-            fold=list(STUDY.held_out)[: config["design"]["folds"]],
+            fold=list(STUDY.folds.held_out)[: config["design"]["folds"]],
             method=DESIGNED,
         )
     },

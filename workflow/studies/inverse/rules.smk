@@ -1,8 +1,8 @@
 # How well the motion is found that made a face; not part of `all`.
 
-INVERTED = list(STUDY.cases)[: config["invert"]["patients"]]
+INVERTED = list(STUDY.cohort.cases)[: config["invert"]["patients"]]
 # Patients of whom scan and bones after surgery are there.
-OUTCOMES = [name for name in STUDY.registered if name in STUDY.scanned]
+OUTCOMES = [name for name in STUDY.cohort.registered if name in STUDY.cohort.scanned]
 add_table(
     "inverse",
     "studies.inverse.table",
@@ -15,7 +15,7 @@ add_table(
     arguments=NAMED
     | {
         "cases": INVERTED,
-        "held_out": STUDY.held_out,
+        "held_out": STUDY.folds.held_out,
         "tolerance": config["invert"]["tolerance"],
         "seed": SEED,
     },
@@ -34,7 +34,7 @@ rule measure_inverse:
         ),
         truth=lambda wildcards: expand(
             "<results>/virtual/{case}/truth.h5",
-            case={wildcards.case} & {*OUTCOMES} if STUDY.virtual else [],
+            case={wildcards.case} & {*OUTCOMES} if STUDY.cohort.virtual else [],
         ),
     output:
         recovered=ensure("<results>/inverse/{case}/recovered.csv", non_empty=True),

@@ -6,7 +6,7 @@ from functools import cached_property
 
 from pinnochio.errors import InputError
 from pinnochio.methods.names import BASELINE, FLOOR
-from pinnochio.study.cases import of_fewer
+from pinnochio.study.folds import of_fewer
 
 METRICS = "<results>/folds/{}/{}/metrics.csv"
 

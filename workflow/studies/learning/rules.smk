@@ -4,9 +4,9 @@ from studies.learning.inputs import Learning
 
 LEARNING = Learning(
     section=config["learning"],
-    training={fold: len(STUDY.training(fold)) for fold in STUDY.held_out},
-    methods=STUDY.methods,
-    taken=STUDY.taken,
+    training={fold: len(STUDY.folds.training(fold)) for fold in STUDY.folds.held_out},
+    methods=STUDY.methods.used,
+    taken=STUDY.methods.taken,
 )
 add_table(
     "learning",

@@ -1,7 +1,7 @@
 # What a finer mesh costs, stage by stage; not part of `all`.
 
 SCALED = [
-    STUDY.sized(nodes, "{file}").replace("{case}", next(iter(STUDY.cases)))
+    STUDY.sized(nodes, "{file}").replace("{case}", next(iter(STUDY.cohort.cases)))
     for nodes in config["scaling"]["nodes"]
 ]
 add_table(

@@ -3,7 +3,7 @@
 from studies.stability.inputs import parts
 
 check_networks("stability.networks", config["stability"]["networks"])
-EXTREMES = parts(config["stability"], list(STUDY.cases))
+EXTREMES = parts(config["stability"], list(STUDY.cohort.cases))
 add_table(
     "stability",
     "studies.stability.table",

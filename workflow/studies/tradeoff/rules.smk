@@ -5,10 +5,10 @@ from studies.tradeoff.inputs import Tradeoff
 check_networks("tradeoff.networks", config["tradeoff"]["networks"])
 TRADED = Tradeoff(
     config=config,
-    judged=[case for fold in STUDY.held_out for case in STUDY.judged(fold)],
-    registry=STUDY.registry,
-    compared=STUDY.compared,
-    bounds=STUDY.bounds,
+    judged=[case for fold in STUDY.folds.held_out for case in STUDY.folds.judged(fold)],
+    registry=STUDY.methods.registry,
+    compared=STUDY.methods.compared,
+    bounds=STUDY.methods.bounds,
     variants=NETWORKS,
 )
 TRADED_CASES = {"cases": "<results>/tables/tradeoff_cases.csv"}
@@ -45,7 +45,7 @@ add_table(
 rule measure_fem:
     input:
         models=[STUDY.sized(nodes, "model.h5") for nodes in TRADED.sizes],
-        plan=STUDY.motion,
+        plan=INPUTS.patient.motion,
         postop="<results>/cases/{case}/postop.h5",
         judged="<results>/cases/{case}/judged.h5",
     output:
@@ -77,12 +77,12 @@ rule measure_networks:
     input:
         networks=lambda wildcards: expand(
             "<results>/folds/{fold}/{method}/network.pt",
-            fold=STUDY.fold_of(wildcards.case),
+            fold=STUDY.folds.by_case[wildcards.case],
             method=TRADED.networks,
         ),
         models=[STUDY.sized(nodes, "model.h5") for nodes in TRADED.sizes],
         lifts=[STUDY.sized(nodes, f"lift_{kind}.h5") for kind, nodes in TRADED.lifts],
-        plan=STUDY.motion,
+        plan=INPUTS.patient.motion,
         postop="<results>/cases/{case}/postop.h5",
         judged="<results>/cases/{case}/judged.h5",
         reference="<results>/tradeoff/{case}/reference.h5",
@@ -102,7 +102,9 @@ rule measure_networks:
     params:
         methods=TRADED.networks,
         settings=[vars(setting) for setting in TRADED.network_settings],
-        kinds={method: STUDY.registry[method].lift for method in TRADED.networks},
+        kinds={
+            method: STUDY.methods.registry[method].lift for method in TRADED.networks
+        },
         lifts=TRADED.lifts,
         sizes=TRADED.sizes,
         reference_nodes=config["tradeoff"]["reference"],
@@ -118,7 +120,7 @@ rule measure_study:
     input:
         predictions=lambda wildcards: expand(
             "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=STUDY.fold_of(wildcards.case),
+            fold=STUDY.folds.by_case[wildcards.case],
             method=TRADED.fixed,
         ),
         models=lambda wildcards: [

@@ -1,4 +1,4 @@
-"""The files of new patients: a segmentation and one or several plans each."""
+"""Patients of a study and new ones: a segmentation, one or several plans, and what else is known of each."""
 
 import json
 import os
@@ -8,8 +8,9 @@ from pathlib import Path
 
 from pinnochio.errors import InputError
 from pinnochio.files import check_name
-from pinnochio.importing.cohort import COVARIATES, covariates_of, read_cases
+from pinnochio.importing.cohort import COVARIATES, Case, covariates_of, read_cases
 from pinnochio.json_text import read_json
+from pinnochio.study.choice import Choice
 from pinnochio.volume_size import IMAGE_FORMATS
 
 VOLUMES = ("volume", "ct", "cbct")  # names of the scan, before its ending
@@ -21,22 +22,44 @@ WISHES = (ENDING, ".ply", ".stl", ".vtp", ".obj", ".csv", ".tsv")
 
 
 @dataclass(frozen=True)
-class NewPatient:
-    """A patient to predict: segmentation, a file or a folder of surfaces; plan files or folders by the plan's name.
+class Patient:
+    """A patient of a study or a new one: what the user, or the virtual cohort, brings, and where its files go.
 
-    home: the folder that what is planned for the patient is saved in; volume: the scan; markups: a file or folder of
-    them; both empty where there is none. covariates: what else is known, by name; wishes: files that say how the face
-    shall be.
+    folder: of its files, below the results; segmentation: a file or a folder of surfaces; plans: files or folders by
+    the plan's name, which is empty for the one plan of a patient of a study; source: the folder that what is planned
+    for a new patient is saved in; checked: the table that says that all of it has been read and checked.
+    volume: the scan; markups: a file or folder of them; postop, postop_bones: skin and bones after surgery; all empty
+    where there is none. covariates: what else is known, by name; covariates_file: JSON that holds it instead; wishes:
+    files that say how the face shall be. config: the configuration that the patient's files are made with; choice:
+    what predicts it, where that is chosen: of a new one.
     """
 
     name: str
+    folder: str
     segmentation: str
     plans: Mapping[str, str]
-    home: str
+    checked: str
+    source: str = ""
     volume: str = ""
     markups: str = ""
+    postop: str = ""
+    postop_bones: str = ""
     covariates: Mapping[str, str | float | bool] = field(default_factory=dict)
+    covariates_file: str = ""
     wishes: Sequence[str] = ()
+    config: Mapping = field(default_factory=dict)
+    choice: Choice | None = None
+
+
+def of_study(case: Case, config: Mapping) -> Patient:
+    """The patient of a cohort."""
+    return Patient(
+        folder=f"<results>/cases/{case.name}",
+        plans={"": case.plan},
+        checked="<results>/cohort.csv",
+        config=config,
+        **{key: value for key, value in vars(case).items() if key != "plan"},
+    )
 
 
 def markups_in(folder: str | os.PathLike) -> list[str]:
@@ -45,8 +68,8 @@ def markups_in(folder: str | os.PathLike) -> list[str]:
     return [str(path) for path in files if not _is_wish(path)]
 
 
-def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
-    """The patients by name: the one of a folder, or those of a table with the columns of a cohort table.
+def read_patients(path: str | os.PathLike) -> dict[str, Patient]:
+    """The new patients by name: the one of a folder, or those of a table with the columns of a cohort table.
 
     A folder bears the patient's name and holds `segmentation.*` (or the folder `segmentation` of surfaces or of several
     images) and, unless there is no plan yet, `plan.json`, the folder `plan` of transforms, or `plans/` with several of
@@ -59,11 +82,11 @@ def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
         patients = [_of_folder(path)]
     elif os.path.isfile(path):
         patients = [
-            NewPatient(
-                name=case.name,
+            _new(
+                case.name,
                 segmentation=case.segmentation,
                 plans=_plans(case.name, case.plan),
-                home=str(path.parent / case.name),
+                source=str(path.parent / case.name),
                 volume=case.volume,
                 markups=case.markups,
                 covariates=case.covariates,
@@ -75,7 +98,7 @@ def read_patients(path: str | os.PathLike) -> dict[str, NewPatient]:
     return {patient.name: patient for patient in patients}
 
 
-def other_cases(patients: Iterable[NewPatient]) -> list[str]:
+def other_cases(patients: Iterable[Patient]) -> list[str]:
     """What is odd of plans that name another case than the patient that they lie with; what cannot be read is skipped,
     because importing it says why."""
     odd = []
@@ -90,7 +113,12 @@ def other_cases(patients: Iterable[NewPatient]) -> list[str]:
     return odd
 
 
-def _of_folder(folder: Path) -> NewPatient:
+def _new(name: str, **files) -> Patient:
+    folder = f"<results>/patients/{name}"
+    return Patient(name, folder, checked=f"{folder}/imported.csv", **files)
+
+
+def _of_folder(folder: Path) -> Patient:
     name = folder.resolve().name
     check_name(name, name, folder)
     images = [path for path in sorted(folder.iterdir()) if path.name.split(".")[0] == "segmentation"]
@@ -105,19 +133,19 @@ def _of_folder(folder: Path) -> NewPatient:
         ["plan.json", "plan", "plans", *(name for name in second if _is_segmentation(Path(name)))]
     ):
         if (folder / entry).exists():
-            own = _plans(name, folder / entry)
-            if twice := sorted(own.keys() & plans.keys()):
+            further = _plans(name, folder / entry)
+            if twice := sorted(further.keys() & plans.keys()):
                 raise InputError(name, folder, f"plan {twice[0]!r} is there twice", "give each plan a name of its own")
-            plans |= own
+            plans |= further
     volumes = [path for path in sorted(folder.iterdir()) if path.name.split(".")[0] in VOLUMES]
     if len(volumes) > 1:
         listed = ", ".join(path.name for path in volumes)
         raise InputError(name, folder, f"it holds {listed}", "keep one scan: the one that was segmented")
-    return NewPatient(
-        name=name,
+    return _new(
+        name,
         segmentation=str(images[0]),
         plans=plans,
-        home=str(folder),
+        source=str(folder),
         volume=str(volumes[0]) if volumes else "",
         markups=str(folder) if markups_in(folder) else "",
         wishes=tuple(str(path) for path in sorted(folder.iterdir()) if _is_wish(path)),
@@ -133,24 +161,25 @@ def _covariates(case: str, path: Path) -> dict[str, str | float | bool]:
     def refuse(problem: str, remedy: str):
         raise InputError(case, path, problem, remedy)
 
-    told = read_json(path, refuse)
-    if not isinstance(told, dict) or (unknown := [name for name in told if name not in COVARIATES]):
-        refuse("it holds " + (repr(unknown[0]) if isinstance(told, dict) else "no object"), f"keep {[*COVARIATES]}")
-    said = {name: "" if value is None else WORDS.get(str(value), str(value)) for name, value in told.items()}
-    return covariates_of(said, case, path)
+    content = read_json(path, refuse)
+    if not isinstance(content, dict) or (unknown := [name for name in content if name not in COVARIATES]):
+        problem = repr(unknown[0]) if isinstance(content, dict) else "no object"
+        refuse(f"it holds {problem}", f"keep {[*COVARIATES]}")
+    words = {name: "" if value is None else WORDS.get(str(value), str(value)) for name, value in content.items()}
+    return covariates_of(words, case, path)
 
 
 def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
     """Plans by name: of a file, of a folder of transforms, or of a folder with several of either."""
     path = Path(path)
-    own = [path]
+    files = [path]
     if path.is_dir():
         several = [
-            own for own in sorted(path.iterdir()) if own.suffix == ".json" or own.is_dir() or _is_segmentation(own)
+            file for file in sorted(path.iterdir()) if file.suffix == ".json" or file.is_dir() or _is_segmentation(file)
         ]
-        own = several if path.name == "plans" else several or own
+        files = several if path.name == "plans" else several or files
     plans = {}
-    for plan in own:
+    for plan in files:
         name = plan.name.split(".")[0] if _is_segmentation(plan) else plan.stem
         check_name(case, name, plan)
         if name.lower() in map(str.lower, plans):

@@ -1,4 +1,4 @@
-"""Looking at a study does not begin one: what is to be refused before it starts."""
+"""Looking at a study does not begin one: a report of a study that is not finished is refused before it starts."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,7 +8,7 @@ from pinnochio.study.console import in_words
 LONGEST = 120.0  # s, of what a report or a picture may make first
 
 
-def refuse_unasked(
+def refuse_unfinished(
     targets: Sequence[str], counts: Mapping[str, int], expected: Mapping[str, float], cores: int, results: str
 ) -> None:
     """InputError where all targets show what a study found and the study itself would be made for them.

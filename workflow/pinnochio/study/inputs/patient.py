@@ -1,0 +1,70 @@
+"""What the rules of one patient ask, of the study or new."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pinnochio.errors import InputError
+from pinnochio.study.patients import markups_in
+from pinnochio.study.study import Study
+
+
+@dataclass(frozen=True)
+class PatientInputs:
+    study: Study
+
+    def file(self, name: str) -> Callable:
+        """Input function: what is brought of the patient under that name, where it is."""
+        return lambda wildcards: getattr(self.study.patient(wildcards), name) or []
+
+    def setting(self, *keys: str) -> Callable:
+        """Params function: a value of the patient's configuration."""
+
+        def value(wildcards):
+            section = self.study.patient(wildcards).config
+            for key in keys:
+                section = section[key]
+            return section
+
+        return value
+
+    def markups(self, wildcards) -> list[str]:
+        """The files of the patient's markups: landmarks, planes, regions."""
+        markups = self.study.patient(wildcards).markups
+        if markups and Path(markups).is_dir():
+            return markups_in(markups)
+        return [markups] if markups else []
+
+    def plan(self, wildcards) -> str:
+        """The plan as the user, or the virtual cohort, brings it."""
+        return self.study.patient(wildcards).plans[wildcards.plan.removeprefix("/")]
+
+    def postop(self, wildcards) -> str:
+        return self._after_surgery(
+            wildcards, "postop", "there is no post-operative scan", "ask for fem/mucosa.png, or give a scan"
+        )
+
+    def postop_bones(self, wildcards) -> str:
+        return self._after_surgery(wildcards, "postop_bones", "there are no post-operative bones", "give them")
+
+    def _after_surgery(self, wildcards, name: str, problem: str, remedy: str) -> str:
+        file = getattr(self.study.patient(wildcards), name)
+        if not file:
+            raise InputError(wildcards.case, self.study.config["cohort"], problem, remedy)
+        return file
+
+    def covariates(self, wildcards) -> dict | None:
+        """What is said of the patient beside the files; None where a file says it."""
+        patient = self.study.patient(wildcards)
+        return None if patient.covariates_file else dict(patient.covariates)
+
+    def nodes(self, wildcards) -> int:
+        """Nodes of the mesh."""
+        nodes = wildcards.mesh.removeprefix("/nodes_")
+        return int(nodes) if nodes else self.study.patient(wildcards).config["mesh"]["nodes"]
+
+    def motion(self, wildcards) -> str:
+        """The motion that predictions of a patient take: of the study's as everywhere, of a new one the plan."""
+        if plan := getattr(wildcards, "plan", ""):
+            return f"{self.study.patient(wildcards).folder}{plan}/plan.json"
+        return self.study.motion_of(wildcards.case, getattr(wildcards, "method", ""))

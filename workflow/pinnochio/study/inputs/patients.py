@@ -1,0 +1,125 @@
+"""What the rules of new patients ask, and of the archive that predicts them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from pinnochio.errors import InputError
+from pinnochio.patients.model_archive import configuration_hash
+from pinnochio.study.patients import Patient
+from pinnochio.study.provenance import PLACES
+from pinnochio.study.study import Study
+
+
+@dataclass(frozen=True)
+class NewPatientInputs:
+    study: Study
+
+    @cached_property
+    def packed(self) -> list[str]:
+        """What is packed for new patients: every method with an interval, and the one that shall predict them."""
+        config, methods = self.study.config, self.study.methods
+        names = dict.fromkeys([*config["uncertainty"]["methods"], config["predict"]["method"]])
+        return [name for name in names if name in methods.of_family("graph network") and name in methods.learned]
+
+    @property
+    def packed_intervals(self) -> list[str]:
+        """Methods whose calibration is packed: those above, and finite elements, whose faces answer wishes."""
+        return [*self.packed, *(name for name in self.study.methods.calibrated if name == "fem_sliding")]
+
+    @property
+    def configuration(self) -> str:
+        """Hash of what decides about the models, not of where files lie and who is predicted."""
+        return configuration_hash({name: value for name, value in self.study.config.items() if name not in PLACES})
+
+    def archive(self, wildcards) -> list[str]:
+        """The archive of the study, where it trains what is to be packed."""
+        if not self.packed:
+            raise InputError(
+                "-",
+                "configuration",
+                "no method of uncertainty.methods and predict.method is trained here",
+                "add one to 'methods', with a scan of at least one patient per fold",
+            )
+        return ["<results>/archive/archive.json"]
+
+    @property
+    def named(self) -> list[Patient]:
+        """The new patients; InputError where none is named."""
+        if not self.study.new_patients:
+            raise InputError("-", "configuration", "no new patient is named", "add --config patient=FOLDER")
+        return list(self.study.new_patients.values())
+
+    def plans(self, wildcards) -> list[str]:
+        """The checked plans of a new patient."""
+        patient = self.study.new_patients[wildcards.case]
+        return [f"{patient.folder}/{plan}/plan.json" for plan in patient.plans]
+
+    @property
+    def result_name(self) -> str:
+        """What the file of a new patient's prediction is called: it holds the interval of a learned method."""
+        return "interval.h5" if self.study.choice.archive else "predictions.h5"
+
+    def result(self, wildcards) -> str:
+        """The file that holds a new patient's displacement, and the interval of a learned method."""
+        folder = self.study.new_patients[wildcards.case].folder
+        return f"{folder}{wildcards.plan}/{wildcards.method}/{self.result_name}"
+
+    def results(self, wildcards) -> list[str]:
+        """These files of every plan of a new patient."""
+        return self.of_plans(self.result_name)(wildcards)
+
+    def of_plans(self, name: str) -> Callable:
+        """Input function: a file of every plan of a new patient."""
+
+        def files(wildcards) -> list[str]:
+            patient = self.study.new_patients[wildcards.case]
+            return [f"{patient.folder}/{plan}/{wildcards.method}/{name}" for plan in patient.plans]
+
+        return files
+
+    def predictions(self, wildcards) -> list[str]:
+        """What is handed over of every new patient and plan."""
+        patients, method = self.named, self.study.choice.method
+        for patient in patients:
+            if not patient.plans:
+                raise InputError(
+                    patient.name,
+                    patient.source,
+                    "there is no plan",
+                    "add plan.json, or plans/NAME.json for several, or make one with the planner (make planner)",
+                )
+        return [
+            f"{patient.folder}/{plan}/{method}/{name}"
+            for patient in patients
+            for plan in patient.plans
+            for name in ("certificate.json", "index.html", "deformed.vtu")
+        ] + [
+            f"{patient.folder}/{name}"
+            for patient in patients
+            for name in ["segments.png", *([f"plans_{method}.html"] if len(patient.plans) > 1 else [])]
+        ]
+
+    def planners(self, wildcards) -> list[str]:
+        """What the planner needs of every new patient."""
+        files = [f"{patient.folder}/planner.json" for patient in self.named]
+        if not self.study.choice.archive:
+            raise InputError(
+                "-",
+                "configuration",
+                f"the planner shows the interval of a trained method, and {self.study.choice.method} has none",
+                "leave predict.method, budget_seconds and tolerance_mm as they are, or name a method of the archive",
+            )
+        return files
+
+    def planner_settings(self, wildcards) -> dict:
+        """What the planner needs to know of the patient and its models."""
+        choice = self.study.choice
+        return {
+            "home": self.study.new_patients[wildcards.case].source,
+            "archive": choice.folder,
+            "method": choice.method,
+            "corrections": choice.corrections,
+            "fem": choice.settings["fem"],
+            "invert": self.study.config["invert"],
+        }

@@ -1,0 +1,143 @@
+"""What the rules of prediction ask: the held-out patients of a fold, or the plans of a new patient."""
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pinnochio.errors import InputError
+from pinnochio.methods.registry import GRAPH_NETWORK, registry
+from pinnochio.study.study import Study, filled
+
+TRAINED = {"no": "", "at once": "fitted.h5", "by steps": "network.pt"}  # what training leaves
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What is predicted in one job: cases with their files, the trained file, and what it reads of the settings.
+
+    truths are the files of the virtual truth: of a bound that is it, of nothing else.
+    """
+
+    cases: list[str]
+    models: list[str]
+    plans: list[str]
+    settings: dict
+    truths: list[str] = field(default_factory=list)
+    lifts: list[str] = field(default_factory=list)
+    covariates: list[str] = field(default_factory=list)
+    trained: str | list = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """The networks that predict a patient together, and what they and the interval around them read."""
+
+    folds: list[str]
+    networks: list[str]
+    lifts: list[str]
+    covariates: list[str]
+    settings: dict
+    calibration: str
+    ranges: str
+
+
+@dataclass(frozen=True)
+class PredictionInputs:
+    study: Study
+    _batches: dict[tuple[str, str], Batch] = field(default_factory=dict)  # once they have been asked for
+
+    def predictor(self, wildcards) -> str:
+        """Reference of the predictor of the job's method; one that an archive alone knows is a graph network."""
+        return self.study.methods.registry.get(wildcards.method, GRAPH_NETWORK).predictor
+
+    def held_out(self, wildcards) -> list[str]:
+        return self.study.folds.kept_from(wildcards.fold)
+
+    def of_held_out(self, pattern: str) -> Callable:
+        """`pattern` for each held-out case of the fold."""
+        return lambda wildcards: filled(pattern, self.held_out(wildcards))
+
+    def external_files(self, wildcards) -> list[str]:
+        """The files in which an external method delivers the held-out cases of the fold."""
+        folder = self.study.config["external"][wildcards.method]
+        return [external_file(folder, case) for case in self.held_out(wildcards)]
+
+    def of_batch(self, name: str) -> Callable:
+        """Input or params function: one entry of :meth:`batch`."""
+        return lambda wildcards: getattr(self.batch(wildcards.batch, wildcards.method), name)
+
+    def batch(self, batch: str, method: str) -> Batch:
+        """A batch, folds/N, planned/N or patients/NAME/PLAN, as the method predicts it."""
+        key = batch, method
+        if key not in self._batches:
+            kind, name, *plan = batch.split("/")
+            self._batches[key] = self._new(name, *plan, method) if plan else self._held_out(batch, name, method)
+        return self._batches[key]
+
+    def _held_out(self, batch: str, fold: str, name: str) -> Batch:
+        study, method = self.study, self.study.methods[name]
+        cases, trained = study.folds.kept_from(fold), TRAINED[method.trains]
+        return Batch(
+            cases=cases,
+            models=[study.model_of(case, name) for case in cases],
+            plans=[study.motion_of(case, name, batch) for case in cases],
+            settings=predicting(method.settings),
+            truths=filled("<results>/virtual/{case}/truth.h5", cases) if method.truth == "field" else [],
+            lifts=study.lifts(name, cases),
+            covariates=study.covariates(name, cases),
+            trained=f"<results>/folds/{fold}/{name}/{trained}" if trained else [],
+        )
+
+    def _new(self, name: str, plan: str, method: str) -> Batch:
+        patient = self.study.new_patient(name)
+        return Batch(
+            cases=[name],
+            models=[f"{patient.folder}/model.h5"],
+            plans=[f"{patient.folder}/{plan}/plan.json"],
+            settings=predicting(registry(patient.config)[method].settings),
+        )
+
+    def of_ensemble(self, name: str) -> Callable:
+        """Input or params function: one entry of :meth:`ensemble`."""
+        return lambda wildcards: getattr(self.ensemble(wildcards), name)
+
+    def ensemble(self, wildcards) -> Ensemble:
+        """Of every fold of the study, or of the archive that was chosen for the patient."""
+        patient = self.study.patient(wildcards)
+        if choice := patient.choice:
+            return Ensemble(
+                folds=choice.archive.folds,
+                networks=choice.networks,
+                lifts=[] if choice.lift == "none" else [f"{patient.folder}/lift_{choice.lift}.h5"],
+                covariates=[f"{patient.folder}/covariates.json"],
+                settings={"fem": choice.settings["fem"], "newton_corrections": choice.corrections},
+                calibration=choice.calibration,
+                ranges=choice.ranges,
+            )
+        study, method, folds = self.study, wildcards.method, list(self.study.folds.held_out)
+        return Ensemble(
+            folds=folds,
+            networks=[f"<results>/folds/{fold}/{method}/network.pt" for fold in folds],
+            lifts=study.lifts(method, [patient.name]),
+            covariates=study.covariates(method, [patient.name]),
+            settings=predicting(study.methods[method].settings),
+            calibration=f"<results>/methods/{method}/calibration.json",
+            ranges="<results>/methods/ranges.json",
+        )
+
+
+def predicting(settings: Mapping) -> dict:
+    """What a prediction reads of a method's settings: a trained network knows its own form, and needs no training."""
+    return {name: value for name, value in settings.items() if name not in ("network", "pretraining", "finetuning")}
+
+
+def external_file(folder: str | os.PathLike, case: str) -> str:
+    """The file in which a method made elsewhere delivers a case: {case}.npz, else {case}.vtu."""
+    names = [f"{case}.npz", f"{case}.vtu"]
+    for name in names:
+        if (Path(folder) / name).is_file():
+            return str(Path(folder) / name)
+    raise InputError(
+        case, folder, f"there is neither {names[0]} nor {names[1]}", "put the prediction of every case into the folder"
+    )

@@ -1,0 +1,63 @@
+"""What the rules of training ask: the patients of a fold that it does not hold out, and settings of the method."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pinnochio.manifest import MANIFEST
+from pinnochio.study.study import Study, filled
+
+
+@dataclass(frozen=True)
+class TrainingInputs:
+    study: Study
+
+    def cases(self, wildcards) -> list[str]:
+        return self.study.folds.training(wildcards.fold)
+
+    def of_cases(self, pattern: str) -> Callable:
+        """`pattern` for each training case of the fold, which no held-out case is."""
+        return lambda wildcards: filled(pattern, self.cases(wildcards))
+
+    def lifts(self, wildcards) -> list[str]:
+        return self.study.lifts(wildcards.method, self.cases(wildcards))
+
+    def covariates(self, wildcards) -> list[str]:
+        return self.study.covariates(wildcards.method, self.cases(wildcards))
+
+    def motions(self, wildcards) -> list[str]:
+        """The motions that made the skins which the method trains on."""
+        return [self.study.motion_of(case, wildcards.method) for case in self.cases(wildcards)]
+
+    def pretrained(self, wildcards) -> str | list:
+        """The network that finite-element fields have pretrained, where the method has such a phase."""
+        pretrains = "pretraining" in self.study.methods[wildcards.method].settings
+        return f"<results>/folds/{wildcards.fold}/{wildcards.method}/pretrained.pt" if pretrains else []
+
+    def learner(self, wildcards) -> str:
+        """Reference of the learner, or of the function `fit`, of the job's method."""
+        return self.study.methods[wildcards.method].learner
+
+    def settings(self, *names: str) -> Callable:
+        """Params function: of the settings of the job's method those of the names."""
+        return lambda wildcards: {
+            name: value for name, value in self.study.methods[wildcards.method].settings.items() if name in names
+        }
+
+    def archived(self, *names: str) -> Callable:
+        """Params function: the archive's names of these files of the job's network."""
+        return lambda wildcards: [f"{wildcards.fold}/{wildcards.method}/{name}" for name in names]
+
+    def manifest(self, wildcards) -> str:
+        """The manifest of the archive that networks are taken from."""
+        return f"{self.study.config['networks_archive']}/{MANIFEST}"
+
+    @property
+    def histories(self) -> list[str]:
+        """The loss histories of the study's networks: of each method, phase by phase, fold by fold."""
+        return [
+            f"<results>/folds/{fold}/{method}/{phase}.csv"
+            for method in self.study.methods.learned
+            for phase, settings in self.study.methods.phases(method).items()
+            if settings
+            for fold in self.study.folds.held_out
+        ]

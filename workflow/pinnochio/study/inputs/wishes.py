@@ -1,0 +1,52 @@
+"""What the rules from a wished face to a plan ask."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pinnochio.errors import InputError
+from pinnochio.study.inputs.patients import NewPatientInputs
+from pinnochio.study.study import Study
+
+
+@dataclass(frozen=True)
+class WishInputs:
+    study: Study
+    patients: NewPatientInputs
+
+    def files(self, wildcards) -> list[str]:
+        """The files that say how the patient's face shall be."""
+        return list(self.study.new_patients[wildcards.case].wishes)
+
+    def occlusion(self, wildcards) -> list[str]:
+        """The plan of a new patient whose relation of the jaws every proposal keeps, if there is one."""
+        name = self.study.config["invert"]["occlusion"]
+        if name in ("free", "rest"):
+            return []
+        patient = self.study.new_patients[wildcards.case]
+        if name not in patient.plans:
+            known = ", ".join(patient.plans) or "none"
+            raise InputError(
+                wildcards.case,
+                "configuration",
+                f"invert.occlusion names the plan {name!r}, and the patient's plans are: {known}",
+                "name one of them, or 'rest' for the occlusion as it is, or 'free'",
+            )
+        return [f"{patient.folder}/{name}/plan.json"]
+
+    def calibration(self, wildcards) -> list[str]:
+        """The calibration of the intervals of finite elements: a plain file of the archive or the study, if there."""
+        folders = [folder for folder in (self.study.choice.folder, f"{self.study.results}/methods") if folder]
+        files = [Path(folder, "fem_sliding", "calibration.json").resolve() for folder in folders]
+        return [str(file) for file in files if file.is_file()][:1]
+
+    def proposals(self, wildcards) -> list[str]:
+        """What is handed over of every new patient of whom a face is wished."""
+        wished = [patient.folder for patient in self.patients.named if patient.wishes]
+        if not wished:
+            raise InputError(
+                "-",
+                self.study.config["patient"],
+                "nobody's face is wished otherwise",
+                "add wish.mrk.json or wish.ply",
+            )
+        return [f"{folder}/{file}" for folder in wished for file in ("invert/index.html", "sensitivity.png")]
