@@ -5,6 +5,8 @@ import shutil
 import subprocess
 import sys
 
+import pytest
+
 from pinnochio.code import LIBRARY
 
 
@@ -22,11 +24,29 @@ def run(folder) -> tuple[float, int]:
     return float(result), int(hits)
 
 
-def test_an_edit_of_an_imported_module_drops_the_kept_code(tmp_path):
+@pytest.fixture
+def package(tmp_path):
+    """A library of nothing but what keeps compiled code."""
     package = tmp_path / "workflow/pinnochio"
     package.mkdir(parents=True)
     for name in ("__init__.py", "code.py", "compiled.py"):
         shutil.copy(LIBRARY / name, package / name)
+    return package
+
+
+def test_kept_code_that_names_a_class_which_is_gone_is_compiled_anew(package, tmp_path):
+    for name, hits in (("Pair", 0), ("Pair", 1), ("Two", 0), ("Two", 1)):
+        (package / "inner.py").write_text(
+            f"from typing import NamedTuple\n\n\nclass {name}(NamedTuple):\n    a: float\n"
+        )
+        (package / "outer.py").write_text(
+            f"from pinnochio.compiled import compiled\nfrom pinnochio.inner import {name}\n\n\n"
+            f"@compiled\ndef g(x):\n    return x.a\n\n\ndef f(x):\n    return g({name}(x))\n\n\nf.stats = g.stats\n"
+        )
+        assert run(tmp_path / "workflow") == (2.0, hits)
+
+
+def test_an_edit_of_an_imported_module_drops_the_kept_code(package, tmp_path):
     (package / "inner.py").write_text("FACTOR = 2.0\n")
     (package / "outer.py").write_text(
         "from pinnochio.compiled import compiled\nfrom pinnochio.inner import FACTOR\n\n\n"
