@@ -36,7 +36,7 @@ def pack_networks(config: Mapping, trained: str, methods: Sequence[str], out: st
     if not names:
         raise InputError("-", trained, "no method has a network of every fold", "train them first")
     settings = {
-        name: {key: own for key, own in study.methods[name].settings.items() if key in ("network", *PHASES.values())}
+        name: {key: part for key, part in study.methods[name].settings.items() if key in ("network", *PHASES.values())}
         for name in names
     }
     learners = [source_file(study.methods[name].learner) for name in names]
@@ -51,14 +51,14 @@ if __name__ == "__main__":
     parser.add_argument("--methods", nargs="*", default=[], help="methods; all that have every fold, if none is named")
     parser.add_argument("--config", nargs="+", default=["config/config.yaml"], help="what they were trained with")
     parser.add_argument("--made-on", default="", help="machine, date and versions, for the record")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     try:
         packed = pack_networks(
-            config=read_config(asked.config),
-            trained=asked.trained,
-            methods=asked.methods,
-            out=asked.out,
-            made_on=asked.made_on,
+            config=read_config(arguments.config),
+            trained=arguments.trained,
+            methods=arguments.methods,
+            out=arguments.out,
+            made_on=arguments.made_on,
         )
     except InputError as error:
         sys.exit(str(error))
