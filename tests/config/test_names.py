@@ -1,4 +1,4 @@
-"""Names of the project's code are the field's words, and classes, functions and paragraphs keep to their budgets."""
+"""Names of the project's code are the field's words, and classes, functions and pages keep to their budgets."""
 
 import ast
 import builtins
@@ -18,9 +18,11 @@ REFUSED_WORDS = re.compile(r"(?<![a-z])(put_back)(?![a-z])|(?:^|_|(?<=[a-z0-9]))
 STANDARD = {"Path", "Counter", "Enum", "Event", "Process", "Queue", "Thread", "Lock", "Random", "Logger", "Decimal"}
 STANDARD |= {"Fraction", "Mapping", "Sequence", "Iterable", "Iterator", "Callable", "Any", *vars(builtins)}
 MEMBERS, LINES, WORDS = 30, 80, 100
+PAGE_WORDS, ALL_WORDS, TABLES = 800, 30_000, 1  # as `wc -w` counts; lines of dashes below the head of a table
 SHIPPED = [path for folder in ("workflow", "scripts") for path in sorted((ROOT / folder).rglob("*.py"))]
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 TEXTS = [page for page in PAGES if "lab" not in page.relative_to(ROOT).parts]
+LISTS = {"config/README.md", "docs/reference/columns.md", "docs/reference/glossary.md"}  # looked up, not read
 # Files that do not keep to a rule yet, by rule: this list only shrinks.
 TO_DO = yaml.safe_load((ROOT / "tests/config/to_do.yaml").read_text(encoding="utf-8")) or {}
 FUNCTION = ast.FunctionDef | ast.AsyncFunctionDef
@@ -116,6 +118,19 @@ def broken(rule: str) -> dict[str, list[str]]:
 def test_names_and_sizes(rule):
     offences = broken(rule)
     assert not {file: names for file, names in offences.items() if file not in TO_DO.get(rule, ())}
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=short)
+def test_a_page_is_short_and_has_one_table(page):
+    """The README has two: what to type, and what came out."""
+    text = page.read_text(encoding="utf-8")
+    if short(page) not in LISTS:
+        assert len(text.split()) <= PAGE_WORDS
+        assert len(re.findall(r"^\|[ :|-]+\|$", text, re.M)) <= TABLES + (short(page) == "README.md")
+
+
+def test_all_pages_can_be_read_in_a_day():
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in TEXTS) <= ALL_WORDS
 
 
 @pytest.mark.parametrize("name", ["own", "of_own_fold", "TOLD", "put_back", "Way", "_loud", "OneWay", "asked_for"])
