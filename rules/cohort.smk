@@ -15,7 +15,6 @@ rule virtual_patient:
         runtime=10,
     params:
         number=lambda wildcards: INPUTS.cohort.drawn[wildcards.case]["number"],
-        anatomy=config["virtual"]["anatomy"],
         spacing=config["virtual"]["spacing"],
         labels=INPUTS.cohort.label_values,
         procedure=lambda wildcards: INPUTS.cohort.drawn[wildcards.case]["procedure"],

@@ -13,8 +13,7 @@ from pinnochio.model.labels import AIR, internal_codes
 from pinnochio.seeds import generator
 from pinnochio.virtual.description import describe
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import DEFORMITIES, sample_parameters
-from pinnochio.virtual.procedures import Procedure
+from pinnochio.virtual.procedures import DEFORMITIES, Procedure
 from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.treatment import treatment_plan
 
@@ -23,7 +22,6 @@ def virtual_patient(
     case: str,
     number: int,
     seed: int,
-    anatomy: str,
     spacing: float,
     label_values: dict[str, int],
     procedure: Procedure,
@@ -32,14 +30,13 @@ def virtual_patient(
 ) -> None:
     """Sample the anatomy and the plan, and write them as a clinic would deliver them.
 
-    number picks the deformity class in turn; procedure is the operation; anatomy is "scanned" or "procedural"; spacing
+    number picks the deformity class in turn; procedure is the operation; spacing
     is the voxel edge (mm); label_values maps each structure to its voxel value; muscles are those that are labelled.
     The landmarks (mm, LPS) and the anatomy serve the simulated outcome and the tables alone. outputs: segmentation,
     plan, landmarks, anatomy. Raises InputError for label values that it cannot write.
     """
     rng = generator(seed, "virtual_patient", case)
-    sample = {"scanned": sample_patient, "procedural": sample_parameters}[anatomy]
-    parameters = sample(rng, DEFORMITIES[number % len(DEFORMITIES)])
+    parameters = sample_patient(rng, DEFORMITIES[number % len(DEFORMITIES)])
     head = build_head(parameters=parameters, spacing=spacing, procedure=procedure, muscles=muscles)
     try:
         values = np.full(256, AIR, np.uint16)
@@ -65,7 +62,6 @@ if __name__ == "__main__":
         case=snakemake.wildcards.case,
         number=snakemake.params.number,
         seed=snakemake.params.seed,
-        anatomy=snakemake.params.anatomy,
         spacing=snakemake.params.spacing,
         label_values=snakemake.params.labels,
         procedure=Procedure(**snakemake.params.procedure),

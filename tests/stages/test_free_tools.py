@@ -13,7 +13,7 @@ from pinnochio.importing.segmentation import read_labels
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 from scripts.patient.import_plan import import_plan
 from scripts.patient.show_segments import show_segments
 from tests.helpers import tools
@@ -24,7 +24,7 @@ FOUR = ["lefort1", "mandible_distal", "proximal_left", "proximal_right"]
 
 @pytest.fixture(scope="module")
 def head():
-    return build_head(sample_parameters(np.random.default_rng(3), "class_iii"), 2.5)
+    return build_head(sample_patient(np.random.default_rng(3), "class_iii"), 2.5)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from pinnochio.errors import InputError
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 from tests.helpers import tools
 from tests.helpers.settings import ROOT
 from tests.helpers.tools import run
@@ -19,7 +19,7 @@ SPACING = 3.0
 
 @pytest.fixture(scope="module")
 def head():
-    return build_head(sample_parameters(np.random.default_rng(3), "class_iii"), SPACING)
+    return build_head(sample_patient(np.random.default_rng(3), "class_iii"), SPACING)
 
 
 @pytest.fixture(scope="module")

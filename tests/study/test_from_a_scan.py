@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 from tests.helpers import tools
 from tests.helpers.documents import bash_blocks
 from tests.helpers.settings import DATA, ROOT
@@ -77,7 +77,7 @@ def predicted(project):
 
 
 def test_a_virtual_head_is_predicted_by_the_commands_of_the_page(project):
-    head = build_head(sample_parameters(np.random.default_rng(3), "class_iii"), 3.0)
+    head = build_head(sample_patient(np.random.default_rng(3), "class_iii"), 3.0)
     tools.write(project.folder / "segmentation.nii.gz", tools.dental(head), head)
     tools.write(project.folder / "ct.nii.gz", tools.scan(head), head)
     mesh_of(project, 1500)  # for speed

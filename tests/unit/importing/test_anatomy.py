@@ -11,7 +11,7 @@ from pinnochio.errors import InputError
 from pinnochio.importing.anatomy import check_anatomy
 from pinnochio.model.labels import internal_codes
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 from scripts.patient.import_segmentation import import_segmentation
 
 SPACING = 3.0
@@ -20,7 +20,7 @@ UNCUT = ("lefort1", "mandible")
 
 @pytest.fixture(scope="module")
 def head():
-    return build_head(sample_parameters(np.random.default_rng(3), "class_iii"), SPACING)
+    return build_head(sample_patient(np.random.default_rng(3), "class_iii"), SPACING)
 
 
 def imported(folder, head, labels=None, spacing=(SPACING,) * 3, direction=None, segments=None, values=None, **settings):

@@ -23,7 +23,8 @@ from pinnochio.model.surfaces import bone_surface, skin_surface
 from pinnochio.networks.building import build
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import DEFORMITIES, sample_parameters
+from pinnochio.virtual.procedures import DEFORMITIES
+from pinnochio.virtual.scanned import sample_patient
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import fem_settings, network_settings
 
@@ -86,7 +87,7 @@ def test_the_word_says_where_the_layer_comes_from():
 @pytest.fixture(scope="module")
 def heads():
     """Two virtual heads at 2 mm."""
-    return [build_head(sample_parameters(np.random.default_rng(i), DEFORMITIES[i]), 2.0) for i in (0, 1)]
+    return [build_head(sample_patient(np.random.default_rng(i), DEFORMITIES[i]), 2.0) for i in (0, 1)]
 
 
 def upper_top(head):

@@ -14,7 +14,7 @@ from pinnochio.importing.cohort import read_cases
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
 from pinnochio.study.configuration import check_config
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 from scripts.patient.import_plan import import_plan
 from scripts.patient.import_segmentation import import_segmentation
 from scripts.patient.register_postop import register_postop
@@ -169,7 +169,7 @@ def open_surfaces(folder):
 @cache
 def patient(number):
     """Bone and skin of a coarse virtual patient whose brow is wavy, so that left and right differ."""
-    made = build_head(sample_parameters(np.random.default_rng(number), "asymmetry"), 3.0)
+    made = build_head(sample_patient(np.random.default_rng(number), "asymmetry"), 3.0)
     grid = made.spacing, made.origin
     points, faces = skin_surface(made.labels, *grid, 4.0)
     points[:, 1] += 4 * np.sin(points[:, 0] / 12)

@@ -9,7 +9,7 @@ from pinnochio.importing.repair import KEPT, LARGEST_HOLE, repair, repaired_voxe
 from pinnochio.importing.segmentation import read_segmentation
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SPECK_VOXELS, SUPERFICIAL, TOUCHING, segment_code
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 from tests.helpers.settings import DATA
 
 SEGMENTS = ("lefort1", "mandible")
@@ -175,6 +175,6 @@ def test_the_artisynth_face_keeps_its_shells():
 
 
 def test_a_virtual_head_is_clean():
-    made = build_head(sample_parameters(np.random.default_rng(5), "class_iii"), 1.5)
+    made = build_head(sample_patient(np.random.default_rng(5), "class_iii"), 1.5)
     mended, statements = repair(made.labels, made.segments, 0.0, "V", "v.nii.gz", 1.5**3)
     assert mended.tobytes() == made.labels.tobytes() and repaired_voxels(statements) == 0

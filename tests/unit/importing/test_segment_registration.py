@@ -18,7 +18,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.tables.segments import motion_errors
 from pinnochio.virtual.bone_scan import scan_bones
 from pinnochio.virtual.head import SEGMENTS, build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 
 TRUE = Plan(
     "P1",
@@ -43,7 +43,7 @@ PLANNED = Plan(
 
 
 def head_of(seed: int, deformity: str):
-    head = build_head(sample_parameters(np.random.default_rng(seed), deformity), spacing=1.5)
+    head = build_head(sample_patient(np.random.default_rng(seed), deformity), spacing=1.5)
     return Segmentation(head.labels, head.spacing, head.origin, head.segments)
 
 

@@ -183,9 +183,9 @@ def test_bone_of_unknown_segments_is_refused(face):
 
 def test_virtual_head_has_every_kind_of_node():
     from pinnochio.virtual.head import build_head
-    from pinnochio.virtual.parameters import sample_parameters
+    from pinnochio.virtual.scanned import sample_patient
 
-    head = build_head(sample_parameters(np.random.default_rng(1), "class_ii"))
+    head = build_head(sample_patient(np.random.default_rng(1), "class_ii"))
     mesh = tetrahedralize(head.labels, head.spacing, head.origin, 3000)
     bone = bone_surface(head.labels, head.spacing, head.origin, head.segments)
     model = label_interfaces(mesh, head.labels, head.spacing, head.origin, head.segments, bone)

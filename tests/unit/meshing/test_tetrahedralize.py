@@ -273,9 +273,9 @@ def test_real_head():
 @pytest.mark.parametrize("deformity", ["class_iii", "open_bite"])
 def test_virtual_head(deformity):
     from pinnochio.virtual.head import build_head
-    from pinnochio.virtual.parameters import sample_parameters
+    from pinnochio.virtual.scanned import sample_patient
 
-    head = build_head(sample_parameters(np.random.default_rng(0), deformity))
+    head = build_head(sample_patient(np.random.default_rng(0), deformity))
     mesh = tetrahedralize(head.labels, head.spacing, head.origin, 3000)
     check(mesh, 3000)
     stomion = (head.landmarks["labrale_superius"] + head.landmarks["labrale_inferius"]) / 2

@@ -10,7 +10,7 @@ from pinnochio.methods.ratio import RATIOS, RatioRule
 from pinnochio.model.regions import NAMES, regions
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 from tests.helpers.patients import as_model
 
 FORWARD = np.array([0.0, -4.0, 0.0])
@@ -24,7 +24,7 @@ def shift(segment, way=FORWARD):
 def models():
     """Three heads whose skin is the mesh."""
     rng = np.random.default_rng(5)
-    return [as_model(build_head(sample_parameters(rng, "class_iii"), spacing=2.5)) for _ in range(3)]
+    return [as_model(build_head(sample_patient(rng, "class_iii"), spacing=2.5)) for _ in range(3)]
 
 
 def test_regions_follow_their_jaw_by_their_share(models):

@@ -16,7 +16,7 @@ from pinnochio.model.predictions import Prediction
 from pinnochio.model.regions import LOWER_LIP, NAMES, UPPER_LIP, regions
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 from tests.helpers.patients import as_model, tiny_patient
 from tests.helpers.settings import fem_settings
 
@@ -26,7 +26,7 @@ WAY = np.array([1.0, -8.0, -6.0])  # of the lower face, 10 mm
 
 @pytest.fixture(scope="module")
 def patient():
-    return as_model(build_head(sample_parameters(np.random.default_rng(3), "class_ii"), spacing=2.0))
+    return as_model(build_head(sample_patient(np.random.default_rng(3), "class_ii"), spacing=2.0))
 
 
 @pytest.fixture(scope="module")

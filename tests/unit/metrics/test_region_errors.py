@@ -13,13 +13,13 @@ from pinnochio.metrics.region_errors import LANDMARKS, REGIONS, landmark_errors,
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.regions import CHIN, NAMES, NOT_JUDGED, regions
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 from tests.helpers.patients import as_model
 
 
 @pytest.fixture(scope="module")
 def patient():
-    return as_model(build_head(sample_parameters(np.random.default_rng(3), "class_ii"), spacing=2.0))
+    return as_model(build_head(sample_patient(np.random.default_rng(3), "class_ii"), spacing=2.0))
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.surfaces import bone_surface
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import sample_parameters
 from pinnochio.virtual.procedures import MANDIBLE, MAXILLA, Procedure
+from pinnochio.virtual.scanned import sample_patient
 from tests.helpers.patients import as_model
 
 PROCEDURES = Procedure(), Procedure(MANDIBLE, chin=True), Procedure(MAXILLA), Procedure(pieces=3), Procedure(MAXILLA, 2)
@@ -22,7 +22,7 @@ PROCEDURES = Procedure(), Procedure(MANDIBLE, chin=True), Procedure(MAXILLA), Pr
 @pytest.fixture(scope="module")
 def models():
     """One person, cut in several ways; the skin is the same."""
-    parameters, made = sample_parameters(np.random.default_rng(5), "class_iii"), {}
+    parameters, made = sample_patient(np.random.default_rng(5), "class_iii"), {}
     for procedure in PROCEDURES:
         head = build_head(parameters, 2.0, procedure)
         bone = bone_surface(head.labels, head.spacing, head.origin, head.segments, 4.0)

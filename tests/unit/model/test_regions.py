@@ -14,7 +14,7 @@ from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import CHEEK_LEFT, CHEEK_RIGHT, NAMES, NOT_JUDGED, OTHER, divide, regions
 from pinnochio.virtual.head import SEGMENTS, build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 from tests.helpers.patients import as_model
 
 DEFORMITIES = ("class_ii", "class_iii", "asymmetry", "open_bite")
@@ -33,7 +33,7 @@ def heads():
     """Head, model and regions of a patient of each deformity."""
     by_deformity = {}
     for number, deformity in enumerate(DEFORMITIES):
-        head = build_head(sample_parameters(np.random.default_rng(3 + number), deformity), spacing=2.0)
+        head = build_head(sample_patient(np.random.default_rng(3 + number), deformity), spacing=2.0)
         model = as_model(head)
         by_deformity[deformity] = head, model, regions(model)
     return by_deformity

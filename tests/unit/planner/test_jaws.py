@@ -8,7 +8,7 @@ from pinnochio.planner.session import PRESETS, Session
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS, amounts, motion_of
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 from tests.helpers.patients import as_model
 
 JAW = "mandible_distal"
@@ -17,7 +17,7 @@ RAMI = ("proximal_left", "proximal_right")
 
 @pytest.fixture(scope="module")
 def patient():
-    return as_model(build_head(sample_parameters(np.random.default_rng(3), "class_ii"), spacing=2.0))
+    return as_model(build_head(sample_patient(np.random.default_rng(3), "class_ii"), spacing=2.0))
 
 
 @pytest.fixture

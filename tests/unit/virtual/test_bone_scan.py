@@ -10,14 +10,14 @@ from pinnochio.model.labels import CRANIUM, segment_code
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.bone_scan import ANGLE, SPACING, plate_sites, scan_bones
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import sample_parameters
+from pinnochio.virtual.scanned import sample_patient
 
 MOVED = Plan("P1", {"mandible_distal": RigidMotion.from_degrees((3, 0, 1), (0, -8, 2), (0, -60, -60))})
 
 
 @pytest.fixture(scope="module")
 def head():
-    made = build_head(sample_parameters(np.random.default_rng(2), "class_ii"), spacing=2.0)
+    made = build_head(sample_patient(np.random.default_rng(2), "class_ii"), spacing=2.0)
     return Segmentation(made.labels, made.spacing, made.origin, made.segments)
 
 

@@ -4,7 +4,6 @@ import hashlib
 import json
 import re
 import subprocess
-from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -16,9 +15,11 @@ from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
 from pinnochio.virtual.card import data_card, markdown_table, spread
 from pinnochio.virtual.case_files import FILES, INPUTS, LOCKED, OUTCOME_CHECKSUMS, OUTCOMES
+from pinnochio.virtual.description import numbers
 from pinnochio.virtual.ground_truth import EFFECTS
-from pinnochio.virtual.parameters import DEFORMITIES, SHIFTS, TABLE, sample_parameters
-from pinnochio.virtual.procedures import Procedure
+from pinnochio.virtual.parameters import FITTED, NAMES, SHIFTS, TABLE
+from pinnochio.virtual.procedures import DEFORMITIES, Procedure
+from pinnochio.virtual.scanned import sample_patient
 from scripts.cohort.data_card import describe_cohort
 from scripts.cohort.sum_up import sum_up
 from studies.cohort_checks.verify_cohort import verify_cohort
@@ -30,7 +31,6 @@ OUTCOME = {"reality": "clinic", "effects": ALL}
 VIRTUAL = {
     "role": "development",
     "patients": 10,
-    "anatomy": "procedural",
     "spacing": 1.5,
     "muscles": ["masseter", "mentalis"],
     "outcome": OUTCOME,
@@ -41,7 +41,7 @@ LABELS = {"superficial": 1, "muscle": 2, "cranium": 10}
 @pytest.fixture(scope="module")
 def anatomies():
     return [
-        asdict(sample_parameters(generator(3, "card", case), DEFORMITIES[number % 4]))
+        numbers(sample_patient(generator(3, "card", case), DEFORMITIES[number % 4]))
         | {"procedure": Procedure(chin=number == 2).name}
         for number, case in enumerate(CASES)
     ]
@@ -79,14 +79,15 @@ def test_the_card_counts_patients_by_deformity_and_sex(card, anatomies):
 
 
 def test_every_sampled_number_stands_with_its_distribution_and_what_the_cohort_has(card, anatomies):
-    for name, entry in TABLE.items():
+    for name in NAMES:
+        entry = TABLE[name]
         (row,) = cells(card, f"`{name}`")
         values = np.array([a[name] for a in anatomies])
         numbers_shown = [float(text) for text in re.findall(r"-?\d+\.\d+", row[-1])]
         numbers = [values.mean(), values.std(ddof=1), values.min(), values.max()]
         np.testing.assert_allclose(numbers_shown, numbers, atol=0.1 * entry.sd)
-        assert row[2] == entry.unit and row[3] == f"{entry.mean:g} ± {entry.sd:g}" and row[6] == entry.source
-        assert row[5] == f"{entry.low:g} to {entry.high:g}"
+        drawn = [f"{entry.mean:g} ± {entry.sd:g}", f"{entry.low:g} to {entry.high:g}", entry.source]
+        assert row[2] == entry.unit and [row[3], *row[5:7]] == (["the face", "", ""] if name in FITTED else drawn)
     for deformity, changes in SHIFTS.items():
         shown = {row[1]: row[2] for row in cells(card, deformity) if row[1].startswith("`")}
         assert shown.keys() == {f"`{name}`" for name in changes}

@@ -4,8 +4,17 @@ from collections import Counter
 
 import pytest
 
-from pinnochio.virtual.parameters import DEFORMITIES
-from pinnochio.virtual.procedures import GENIOPLASTY, JAWS, MANDIBLE, MAXILLA, SEGMENTAL, SUITED, Procedure, dealt
+from pinnochio.virtual.procedures import (
+    DEFORMITIES,
+    GENIOPLASTY,
+    JAWS,
+    MANDIBLE,
+    MAXILLA,
+    SEGMENTAL,
+    SUITED,
+    Procedure,
+    dealt,
+)
 from tests.helpers.settings import CONFIG
 
 SHARES = CONFIG["virtual"]["procedures"]

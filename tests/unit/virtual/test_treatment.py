@@ -12,8 +12,9 @@ from pinnochio.plans.sampling import AUTOROTATION, LIMITS
 from pinnochio.virtual import treatment
 from pinnochio.virtual.description import describe, magnitudes, summarise
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import DEFORMITIES, NORMAL_OVERJET, TABLE, sample_parameters
-from pinnochio.virtual.procedures import MANDIBLE, MAXILLA, Procedure
+from pinnochio.virtual.parameters import NAMES, NORMAL_OVERJET, TABLE
+from pinnochio.virtual.procedures import DEFORMITIES, MANDIBLE, MAXILLA, Procedure
+from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.treatment import (
     CONTACT,
@@ -31,7 +32,7 @@ from tests.helpers.tables import make
 def test_plan_corrects_the_bite(deformity):
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        head = build_head(sample_parameters(rng, deformity), spacing=2.5)
+        head = build_head(sample_patient(rng, deformity), spacing=2.5)
         plan = treatment_plan(head, rng, "V01")
         after, p = bite(head.parameters, plan), head.parameters
         assert abs(after["overjet"] - NORMAL_OVERJET) < 1.6
@@ -47,7 +48,7 @@ def test_plan_straightens_an_asymmetric_jaw():
     """Chin nearer the midline, and the jaw angles nearer one height, than before."""
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        head = build_head(sample_parameters(rng, "asymmetry"), spacing=2.5)
+        head = build_head(sample_patient(rng, "asymmetry"), spacing=2.5)
         s = Skeleton(head.parameters)
         move = treatment_plan(head, rng, "V01").motion("mandible_distal")
         assert abs(move.apply(s.pogonion[None])[0, 0]) < 0.6 * abs(s.pogonion[0])
@@ -57,14 +58,14 @@ def test_plan_straightens_an_asymmetric_jaw():
 
 
 def test_same_seed_same_plan():
-    head = build_head(sample_parameters(np.random.default_rng(0), "class_iii"), spacing=2.5)
+    head = build_head(sample_patient(np.random.default_rng(0), "class_iii"), spacing=2.5)
     texts = [treatment_plan(head, np.random.default_rng(s), "V").to_json() for s in (1, 1, 2)]
     assert texts[0] == texts[1] != texts[2]
 
 
 def test_overlap_is_the_volume_of_the_shared_voxels():
     """A copy of the maxilla moved by whole voxels shares with the mandible what shifting the array shares."""
-    head = build_head(sample_parameters(np.random.default_rng(3), "class_ii"), spacing=2.0)
+    head = build_head(sample_patient(np.random.default_rng(3), "class_ii"), spacing=2.0)
     still = Plan("V", {})
     assert jaw_overlap(head, still) == 0 and set(split_overlaps(head, still).values()) == {0.0}
     up = Plan("V", {"mandible_distal": RigidMotion(translation=np.array([0.0, 0, 8]))})
@@ -81,7 +82,7 @@ def test_overlap_is_the_volume_of_the_shared_voxels():
 def test_jaws_do_not_overlap_after_the_plan(deformity):
     for seed in range(3):
         rng = np.random.default_rng(10 + seed)
-        head = build_head(sample_parameters(rng, deformity), spacing=2.0, procedure=Procedure(chin=True))
+        head = build_head(sample_patient(rng, deformity), spacing=2.0, procedure=Procedure(chin=True))
         plan = treatment_plan(head, rng, "V01")
         assert jaw_overlap(head, plan) <= CONTACT
         assert max(split_overlaps(head, plan).values()) < 6000
@@ -95,7 +96,7 @@ def test_jaws_do_not_overlap_after_the_plan(deformity):
 
 def test_teeth_that_would_overlap_are_parted_just_enough(monkeypatch):
     """Asked to set the lower incisors 2 mm into the upper ones, the plan stops where the teeth touch."""
-    head = build_head(sample_parameters(np.random.default_rng(1), "class_iii"), spacing=1.5)
+    head = build_head(sample_patient(np.random.default_rng(1), "class_iii"), spacing=1.5)
     monkeypatch.setattr(treatment, "REST_GAP", -2.0)
     monkeypatch.setattr(treatment, "NORMAL_OVERJET", 0.0)
     parted = treatment_plan(head, np.random.default_rng(1), "V")
@@ -115,7 +116,7 @@ def replace_translation(plan, segment, up):
 
 
 def test_genioplasty_gives_the_chin_what_it_lacks():
-    p = sample_parameters(np.random.default_rng(5), "class_ii")
+    p = sample_patient(np.random.default_rng(5), "class_ii")
     mean = TABLE["chin_prominence"].mean + p.male * TABLE["chin_prominence"].male
     for lacking, expected in ((4.0, 4.0), (-2.0, treatment.LEAST_ADVANCE)):
         head = build_head(replace(p, chin_prominence=mean - lacking), spacing=2.5, procedure=Procedure(chin=True))
@@ -129,7 +130,7 @@ def test_without_a_maxilla_the_mandible_alone_closes_the_bite():
     """Against teeth that belong to the cranium, which it does not enter."""
     for deformity in ("class_ii", "class_iii"):
         rng = np.random.default_rng(4)
-        head = build_head(sample_parameters(rng, deformity), spacing=2.0, procedure=Procedure(MANDIBLE))
+        head = build_head(sample_patient(rng, deformity), spacing=2.0, procedure=Procedure(MANDIBLE))
         plan = treatment_plan(head, rng, "V")
         assert set(plan.motions) == {"mandible_distal", "proximal_left", "proximal_right"}
         assert abs(bite(head.parameters, plan)["overjet"] - NORMAL_OVERJET) < 1.6
@@ -142,7 +143,7 @@ def test_without_a_maxilla_the_mandible_alone_closes_the_bite():
 def test_without_a_cut_the_mandible_turns_about_its_condyles_to_meet_the_maxilla(deformity):
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        head = build_head(sample_parameters(rng, deformity), spacing=2.0, procedure=Procedure(MAXILLA))
+        head = build_head(sample_patient(rng, deformity), spacing=2.0, procedure=Procedure(MAXILLA))
         plan = treatment_plan(head, rng, "V")
         assert set(plan.motions) == {"lefort1", "mandible"}
         after, before = bite(head.parameters, plan), bite(head.parameters)
@@ -158,7 +159,7 @@ def test_without_a_cut_the_mandible_turns_about_its_condyles_to_meet_the_maxilla
 
 @pytest.mark.parametrize("pieces", [2, 3])
 def test_pieces_of_the_maxilla_part_at_the_molars_and_stay_together_in_front(pieces):
-    head = build_head(sample_parameters(np.random.default_rng(1), "open_bite"), 2.0, Procedure(pieces=pieces))
+    head = build_head(sample_patient(np.random.default_rng(1), "open_bite"), 2.0, Procedure(pieces=pieces))
     upper = [name for name in head.segments if name.startswith("lefort1_")]
     assert len(upper) == pieces
     for seed in range(5):
@@ -183,11 +184,11 @@ def test_description_says_what_was_sampled_and_what_the_plan_does(tmp_path):
     rows = []
     for number, deformity in enumerate(DEFORMITIES):
         rng = np.random.default_rng(number)
-        head = build_head(sample_parameters(rng, deformity), spacing=2.5, procedure=Procedure(chin=number == 0))
+        head = build_head(sample_patient(rng, deformity), spacing=2.5, procedure=Procedure(chin=number == 0))
         plan = treatment_plan(head, rng, "V")
         described = describe(head, plan)
         p, move = head.parameters, plan.motion("lefort1").displacement(head.landmarks["upper_incisor"][None])[0]
-        assert {name: described[name] for name in TABLE} == {name: getattr(p, name) for name in TABLE}
+        assert {name: described[name] for name in NAMES} == {name: getattr(p, name) for name in NAMES}
         assert described["cephalometry"]["face_height"] == pytest.approx(p.face_height)
         assert described["bite_before"] == bite(p) and described["bite_before"]["overjet"] == pytest.approx(p.overjet)
         assert described["plan"]["maxilla_forward"] == pytest.approx(-move[1])

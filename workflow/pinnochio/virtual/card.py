@@ -10,9 +10,8 @@ from pinnochio.plans.plan import Plan
 from pinnochio.virtual.case_files import CHECKSUMS, FILES, INPUTS, LOCKED, OUTCOME_CHECKSUMS, OUTCOMES
 from pinnochio.virtual.covariates import MEANING
 from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, REALITIES, in_reality
-from pinnochio.virtual.parameters import FITTED, SHIFTS, TABLE
+from pinnochio.virtual.parameters import FITTED, NAMES, SHIFTS, TABLE
 from pinnochio.virtual.procedures import DEFORMITIES
-from pinnochio.virtual.skin import SITES
 
 # Tables that the card shows where they have been made, with their headings.
 TABLES = {
@@ -44,23 +43,22 @@ LIMITS = """\
 * Given sex and deformity the numbers are drawn independently of each other.
 * Segmentations before surgery are free of artefacts: no metal, no motion, no wrong label. Those after surgery have
   metal, streaks and noise of our own making, not those of a scanner.
-* The scan lacks what two cameras do not see, and some millimetres around every open border."""
+* The scan lacks what two cameras do not see, and some millimetres around every open border.
+* The face model is one of neutral expressions without hair; its teeth are modelled, not scanned, and of its sample
+  sexes, ages and origins are not stated. Women and men are told apart by size and proportion alone.
+* The lips of the deformed head stay closed, however far apart the jaws are; the airway is a pair of plain passages.
+* The skull is a parametric one in every patient: only the landmarks follow the person."""
 ATTRIBUTION = (
     "The faces are drawn from a model derived from ICT-FaceKit, light-stage scans of real persons (Copyright (c) 2020 "
     "USC Institute for Creative Technologies, MIT licence; `workflow/pinnochio/virtual/face_model/`)."
 )
-SCANNED = """\
+FACES = """\
 Each patient starts as a normal person. The face is a draw of the model's coordinates (standard normal within 2.5; women
 and men differ by what the table of differences in `virtual/morphable_model.py` says [R]); the skull is fitted inside
 it, so that the bone lies the drawn thickness below the skin at the landmarks; height and arch of the teeth are the
 model's, the incisors lie the lips' thickness behind the lips. Then the jaws are moved and grown as the deformity has
 it, and the skin goes with them as elastic tissue that slides over teeth and gums (Poisson's ratio 0.45, small strains).
 Numbers marked *the face* follow from the draw; thicknesses hold before the deformity."""
-SCANNED_LIMITS = """
-* The face model is one of neutral expressions without hair; its teeth are modelled, not scanned, and of its sample
-  sexes, ages and origins are not stated. Women and men are told apart by size and proportion alone.
-* The lips of the deformed head stay closed, however far apart the jaws are; the airway is a pair of plain passages.
-* The skull is a parametric one in every patient: only the landmarks follow the person."""
 EVALUATION = """\
 1. `snakemake inputs --cores 2` makes what a method may read, per case `mesh.vtu` and `model.h5` (tetrahedra, tissues,
    interfaces, bone), `achieved.json` (the motions registered on the bones after surgery, with which every method is
@@ -108,25 +106,22 @@ def patients_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
 def parameters_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
     """Each number: its distribution, or that the scanned face decides it, and what this cohort has of it."""
     rows = []
-    for name, entry in TABLE.items():
-        if name not in anatomies[0]:
-            continue
+    for name in NAMES:
+        entry = TABLE[name]
         drawn = f"{entry.mean:g} ± {entry.sd:g}", f"{entry.male:+g}" if entry.male else ""
         drawn += f"{entry.low:g} to {entry.high:g}", entry.source
         cohort = spread([anatomy[name] for anatomy in anatomies], max(1, 1 - int(np.floor(np.log10(entry.sd)))))
-        fitted = name in FITTED and anatomies[0].get("scanned")
-        rows.append((f"`{name}`", entry.meaning, entry.unit, *(("the face", "", "", "") if fitted else drawn), cohort))
+        about = ("the face", "", "", "") if name in FITTED else drawn
+        rows.append((f"`{name}`", entry.meaning, entry.unit, *about, cohort))
     headers = ("name", "meaning", "unit", "women: mean ± SD", "men", "bounds", "source", "this cohort")
     return markdown_table(headers, rows)
 
 
-def shifts_table(scanned: bool) -> str:
-    """What each deformity changes of the distributions; of a scanned face it moves bone alone."""
+def shifts_table() -> str:
+    """What each deformity changes of the distributions."""
     rows = []
     for deformity, changes in SHIFTS.items():
         for name, change in changes.items():
-            if scanned and name in ("face_height", *SITES):
-                continue
             if change[0] == "+":
                 text = f"mean {change[1]:+g}"
             else:
@@ -193,10 +188,10 @@ def data_card(
 ) -> str:
     """The card as Markdown.
 
-    anatomies: per patient `deformity`, `male` and the numbers of :data:`TABLE`; plans in the same order; virtual: that
+    anatomies: per patient `deformity`, `male` and the numbers of :data:`NAMES`; plans in the same order; virtual: that
     section of the configuration; labels: voxel value of each structure; tables: Markdown of any of :data:`TABLES`.
     """
-    count, scanned = len(anatomies), virtual["anatomy"] == "scanned"
+    count = len(anatomies)
     men = sum(bool(anatomy["male"]) for anatomy in anatomies)
     sections = [
         "# Data card: virtual cohort for facial soft-tissue prediction",
@@ -204,20 +199,20 @@ def data_card(
         "that treats it in one jaw or both, and the face after surgery: a benchmark with a volumetric truth for "
         "methods that predict how soft tissue follows bone. **Virtual, not clinical**: no patient is a person. "
         "Licence: MIT.",
-        *([ATTRIBUTION] if scanned else []),
+        ATTRIBUTION,
         "Tags of sources: **[S]** sourced, **[R]** recalled from the literature, **[I]** our choice. Units are mm, kPa "
         "and degrees; the frame is LPS (+x the patient's left, +y posterior, +z up).",
         "## How it was made",
         origin_table(count, seed, code, virtual),
         "The same configuration, seed and code give the same patients.",
-        *_patients(anatomies, plans, scanned),
+        *_patients(anatomies, plans),
         *_outcome(virtual["outcome"]),
         *(part for name, title in TABLES.items() if name in tables for part in (f"## {title}", tables[name].strip())),
         *_files(labels, virtual["role"] == LOCKED),
         "## Evaluate your own method",
         EVALUATION,
         "## Limits",
-        LIMITS + (SCANNED_LIMITS if scanned else ""),
+        LIMITS,
         "## Cite",
         "Cite this software by its `CITATION.cff`, with seed and code hash from above, and the paper whose task it "
         'poses: Lee et al. 2026, PINNOCHIO, arXiv 2606.01572. Say "virtual cohort" beside every number.',
@@ -233,25 +228,24 @@ def origin_table(count: int, seed: int, code: str, virtual: Mapping[str, Any]) -
         ("role", ROLES[virtual["role"]]),
         ("code", f"`{code}` (content hash of the modules that made it, whatever the commit)"),
         ("patients", count),
-        ("anatomy", f"{virtual['anatomy']} (`virtual.anatomy` of the configuration)"),
         ("voxel edge", f"{virtual['spacing']:g} mm"),
         ("muscles labelled", ", ".join(virtual["muscles"])),
     ]
     return markdown_table(("what", "value"), rows)
 
 
-def _patients(anatomies: Sequence[Mapping[str, Any]], plans: Sequence[Plan], scanned: bool) -> list[str]:
+def _patients(anatomies: Sequence[Mapping[str, Any]], plans: Sequence[Plan]) -> list[str]:
     """Who they are, from which distributions, and how they are operated on."""
     return [
         "## Patients",
         patients_table(anatomies),
         "## Sampled numbers",
-        *([SCANNED] if scanned else []),
+        FACES,
         "Truncated normal distributions; a man's mean differs by the column *men*. The last column is what this cohort "
         "has: mean ± SD [lowest, highest], all deformities together.",
         parameters_table(anatomies),
         "A deformity has distributions of its own for some of them (same meaning and source):",
-        shifts_table(scanned),
+        shifts_table(),
         "## Operations",
         "Dealt by the shares of `virtual.procedures` among those that suit the deformity. A patient's segments are "
         "those that its operation cuts free; a mandible that is not cut turns about its condyles.",

@@ -20,8 +20,8 @@ from pinnochio.virtual.cavities import WALL, behind_lips, oral
 from pinnochio.virtual.implicit import Field
 from pinnochio.virtual.morphable_model import ModelFace, face_solid, first_hit, make_face
 from pinnochio.virtual.parameters import HeadParameters
+from pinnochio.virtual.rays import REACH, SITES, STEP, sites
 from pinnochio.virtual.skeleton import SIDES, Skeleton, mandible, upper_skull
-from pinnochio.virtual.skin import REACH, SITES, STEP, sites
 
 SPACING, NODES = 2.0, 3500  # mm, nodes: the coarse head on which the skin is carried
 BELOW, ABOVE = 45.0, 30.0  # mm of it below the chin and above nasion
@@ -60,11 +60,11 @@ class CarriedFace:
 
 @lru_cache(maxsize=8)
 def anatomy(parameters: HeadParameters) -> CarriedFace:
-    """The face of a scanned patient, carried from the normal person's by the motion of the jaws."""
+    """The face of a patient, carried from the normal person's by the motion of the jaws."""
     normal = parameters.scanned.normal
     face, before, after = make_face(parameters.scanned.identity), Skeleton(normal), Skeleton(parameters)
     axes = _axes(face, before)
-    upper, jaw = upper_skull(before, axes, reach=12)[0], mandible(before, axes, reach=12)
+    upper, jaw = upper_skull(before, axes, reach=12), mandible(before, axes, reach=12)
     strokes = fit_bone(upper, jaw, face, before)
     motion = jaw_motion(before, after)
     field = _carried(face, before, after, axes, upper, jaw, motion)

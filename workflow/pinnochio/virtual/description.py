@@ -16,7 +16,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import carriers, displacement_at
 from pinnochio.tables.document import Block, Table, View
 from pinnochio.virtual.head import Head
-from pinnochio.virtual.parameters import SCULPTED, TABLE, HeadParameters
+from pinnochio.virtual.parameters import NAMES, HeadParameters
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.thickness import measure
 from pinnochio.virtual.treatment import bite, jaw_overlap, split_overlaps
@@ -75,19 +75,15 @@ def magnitudes(head: Head, plan: Plan) -> dict[str, float]:
 
 
 def numbers(p: HeadParameters) -> dict[str, Any]:
-    """The numbers of a patient; of a scanned face without those of a sculpted skin, and with `scanned`:
-
-    its coordinates in the face model, where its skull lies, and what the deformity changed as it was before.
-    """
-    if not p.scanned:
-        return {name: value for name, value in asdict(p).items() if name != "scanned"}
-    drawn = {name: value for name, value in asdict(p).items() if name not in (*SCULPTED, "relief_seed", "scanned")}
+    """The numbers of a patient, and with `scanned` its coordinates in the face model, where its skull lies, and what
+    the deformity changed as it was before."""
+    drawn = {name: value for name, value in asdict(p).items() if name != "scanned"}
     before = vars(p.scanned.normal)
     return drawn | {
         "scanned": {
             "identity": p.scanned.identity,
             "anchors": asdict(p.scanned.anchors),
-            "normal": {name: before[name] for name in TABLE if name in drawn and before[name] != drawn[name]},
+            "normal": {name: before[name] for name in NAMES if before[name] != drawn[name]},
         }
     }
 

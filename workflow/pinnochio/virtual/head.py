@@ -15,7 +15,6 @@ from pinnochio.virtual.muscles import MUSCLES, muscle_region
 from pinnochio.virtual.parameters import HeadParameters
 from pinnochio.virtual.procedures import Procedure
 from pinnochio.virtual.skeleton import Skeleton, mandible, upper_skull
-from pinnochio.virtual.skin import mouth_line, profile, skin
 
 USUAL = Procedure()
 SEGMENTS = USUAL.segments
@@ -43,17 +42,6 @@ class Head:
         return self.procedure.segments
 
 
-def grid(s: Skeleton, spacing: float) -> list[np.ndarray]:
-    """Axes of the volume: cut at the tragi, 25 mm above nasion, 20 mm below the chin; air in front and beside."""
-    p = s.p
-    side = 0.5 * p.face_width + 14
-    front = s.spine[1] - p.subnasale - p.nose_length - 9
-    low, high = s.menton[2] - p.menton - 20, s.nasion[2] + 26
-    half = np.ceil(side / spacing) * spacing
-    ends = ((-half, half), (front, 1.0), (low, high))
-    return [np.arange(np.floor(a / spacing), np.floor(b / spacing) + 1) * spacing for a, b in ends]
-
-
 def build_head(
     parameters: HeadParameters,
     spacing: float = 1.0,
@@ -66,14 +54,12 @@ def build_head(
     rest is superficial tissue. Raises ValueError for other names.
     """
     s = Skeleton(parameters)
-    soft = _scanned(s, spacing) if parameters.scanned else _procedural(s, spacing)
+    soft = _soft(s, spacing)
     axes = soft.axes
     x, y, z = np.ix_(*(axis.astype(np.float32) for axis in axes))
 
     bone = cut(s, soft.skull, soft.jaw, (x, y, z), procedure)
-    mouth = oral(s, x, y, z)
-    if parameters.scanned:
-        mouth &= soft.depth > WALL
+    mouth = oral(s, x, y, z) & (soft.depth > WALL)
     inside = (soft.depth > 0) & ~soft.air & ~mouth & ~slit(s, soft.line, x, y, z, spacing)
     labels = np.where(bone > 0, bone, np.where(inside, SUPERFICIAL, AIR)).astype(np.uint8)
     _clean(labels)
@@ -88,33 +74,24 @@ def build_head(
 
 @dataclass(frozen=True)
 class _Soft:
-    """What an anatomy gives: axes; depth below the skin (mm), bones and further air on the grid; points and mouth."""
+    """What a face gives: axes; depth below the skin (mm), bones and further air on the grid; points and mouth."""
 
     axes: list[np.ndarray]
     depth: np.ndarray
     skull: np.ndarray
     jaw: np.ndarray
-    air: np.ndarray | bool
+    air: np.ndarray
     points: dict[str, np.ndarray]
     line: np.ndarray
 
 
-def _procedural(s: Skeleton, spacing: float) -> _Soft:
-    axes = grid(s, spacing)
-    upper, cheeks = upper_skull(s, axes, reach=12)
-    jaw = mandible(s, axes, reach=12)
-    points = profile(s)
-    face = skin(s, points, upper, cheeks, jaw)
-    return _Soft(axes, -face.values, upper.values < 0, jaw.values < 0, False, points, mouth_line(s, points, 41))
-
-
-def _scanned(s: Skeleton, spacing: float) -> _Soft:
+def _soft(s: Skeleton, spacing: float) -> _Soft:
     """The face carried into the deformity, the skull sculpted below it, the nasal airway open."""
     carried = anatomy(s.p)
     face = carried.face
     axes = face_grid(s, face, spacing)
     x, y, z = np.ix_(*axes)
-    upper, _ = upper_skull(s, axes, reach=12)
+    upper = upper_skull(s, axes, reach=12)
     jaw = mandible(s, axes, reach=12)
     carried.sculpt(upper, jaw)
     upper.subtract(*airway(s, face.nostrils, MUCOSA))
@@ -126,7 +103,7 @@ def _scanned(s: Skeleton, spacing: float) -> _Soft:
 
 
 def face_grid(s: Skeleton, face: ModelFace, spacing: float) -> list[np.ndarray]:
-    """Axes of the volume round a scanned face, cut where :func:`grid` cuts."""
+    """Axes of the volume: cut at the tragi, 26 mm above nasion, 20 mm below the chin; air in front and beside."""
     anterior = face.points[(face.points[:, 1] < 3) & (face.points[:, 2] > s.menton[2] - 40)]
     half = np.ceil((np.abs(anterior[:, 0]).max() + 6) / spacing) * spacing
     low, high = face.marks["menton_soft"][2] - 20, s.nasion[2] + 26
@@ -186,12 +163,9 @@ def landmarks(s: Skeleton, soft: _Soft, labels: np.ndarray) -> dict[str, np.ndar
     marks["menton_soft"] = points["menton_soft"]
     marks["cheilion_left"], marks["cheilion_right"] = on_skin(line[-1] + [2, 0, 0]), on_skin(line[0] - [2, 0, 0])
     for name, side in (("left", 1.0), ("right", -1.0)):
-        column = np.flatnonzero(solid[:, -1, int(np.argmin(np.abs(axes[2])))])
-        marks[f"tragus_{name}"] = np.array([axes[0][column[-1 if side > 0 else 0]], 0.0, 0.0])
+        marks[f"tragus_{name}"] = points[f"tragus_{name}"]
         marks[f"condyle_{name}"] = s.condyle_of(side)
     marks["upper_incisor"], marks["lower_incisor"] = s.upper_incisor, s.lower_incisor
     marks["pogonion_bone"], marks["a_point"] = s.pogonion, s.a_point
     marks["b_point"] = points["mentolabial"] + [0, s.p.mentolabial, 0]
-    if s.p.scanned:
-        marks |= {name: points[name] for name in ("tragus_left", "tragus_right")}
     return marks

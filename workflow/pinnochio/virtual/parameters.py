@@ -1,16 +1,11 @@
 """The numbers that make one virtual patient, and the distributions from which they are drawn.
 
 Means and spreads are adult figures recalled from anthropometry and cephalometry [R], soft-tissue thicknesses those of
-the thickness literature [R], the effect of the bite on lip thickness [S: KJO 42:23]; entries marked [I] are choices.
+the thickness literature [R]; entries marked [I] are choices.
 """
 
-from dataclasses import dataclass, field, make_dataclass
+from dataclasses import dataclass, make_dataclass
 from typing import NamedTuple
-
-import numpy as np
-
-from pinnochio.plans.sampling import truncated
-from pinnochio.virtual.procedures import DEFORMITIES
 
 NORMAL = "normal"
 NORMAL_OVERJET = 2.5  # mm [R]
@@ -92,15 +87,12 @@ SHIFTS: dict[str, dict[str, tuple]] = {
         "overjet": (7.5, 1.6, 5.0, 12.0),
         "mandible_length": ("+", -5.0),
         "maxilla_position": ("+", 1.0),
-        "labrale_inferius": ("+", 1.5),  # [S: KJO 42:23] thickest in Class II
     },
     "class_iii": {
         "overjet": (-4.5, 1.8, -9.0, -1.5),
         "mandible_length": ("+", 4.0),
         "gonial_angle": ("+", 2.0),
         "maxilla_position": ("+", -2.5),
-        "labrale_superius": ("+", 1.5),  # [S: KJO 42:23] thickest in Class III
-        "labrale_inferius": ("+", -1.5),  # [S: KJO 42:23] thinnest in Class III
     },
     "asymmetry": {
         "chin_deviation": (6.0, 1.2, 4.0, 9.0),
@@ -109,7 +101,6 @@ SHIFTS: dict[str, dict[str, tuple]] = {
     },
     "open_bite": {
         "open_bite": (4.0, 1.0, 2.5, 7.0),
-        "face_height": ("+", 5.0),
         "ramus_height": ("+", -5.0),
         "gonial_angle": ("+", 6.0),
         "overjet": (3.0, 1.5, 0.0, 6.0),
@@ -119,7 +110,7 @@ SHIFTS: dict[str, dict[str, tuple]] = {
 
 @dataclass(frozen=True)
 class Anchors:
-    """Where the skull of a scanned face lies, mm: what a procedural skull derives from its other numbers.
+    """Where the skull lies below the face, mm.
 
     tall scales the cranium; heights of nasion, nasal spine and upper incisor edge; how far that edge lies ahead of the
     A point; half width and depth of the upper dental arch; height of pogonion above menton.
@@ -144,21 +135,21 @@ class Scanned:
     normal: "HeadParameters | None" = None
 
 
-# What shapes a procedural skin alone; a scanned face has its own.
-SCULPTED = ("nose_length", "nose_width", "nose_rotation", "dorsal_hump", "mouth_width", "lip_fullness",
-            "malar_fullness", "neck_width", "skin_asymmetry")  # fmt: skip
-# What a scanned face decides; all else of TABLE but the above is drawn.
+# Drawn and not used, so that the other numbers of a seed stay as they are: a face has its own.
+UNUSED = ("nose_length", "nose_width", "nose_rotation", "dorsal_hump", "mouth_width", "lip_fullness",
+          "malar_fullness", "neck_width", "skin_asymmetry")  # fmt: skip
+# What the face decides; all else of TABLE but the above is drawn.
 FITTED = ("face_height", "lower_share", "face_width", "face_depth", "maxilla_position", "gonial_width",
           "chin_prominence", "eye_spacing")  # fmt: skip
-_CLASS = [("deformity", str), ("male", bool), ("relief_seed", int)]
-_SCANNED = ("scanned", Scanned | None, field(default=None))
-_Numbers = make_dataclass("_Numbers", [*_CLASS, *((name, float) for name in TABLE), _SCANNED], frozen=True)
+NAMES = tuple(name for name in TABLE if name not in UNUSED)
+_CLASS = [("deformity", str), ("male", bool), ("scanned", Scanned)]
+_Numbers = make_dataclass("_Numbers", [*_CLASS, *((name, float) for name in NAMES)], frozen=True)
 
 
 class HeadParameters(_Numbers):
-    """One virtual patient: its deformity, sex, seed of the skin's relief, and every number of :data:`TABLE` by name.
+    """One virtual patient: its deformity, sex, and every number of :data:`NAMES` by name.
 
-    scanned: the face model's coordinates and what was fitted to them; None for a procedural head.
+    scanned: the face model's coordinates and what was fitted to them.
     """
 
 
@@ -170,18 +161,3 @@ def distribution(name: str, male: bool, deformity: str) -> tuple[float, float, f
     if shift is None:
         return mean, sd, low, high
     return (mean + shift[1], sd, low, high) if shift[0] == "+" else shift
-
-
-def sample_parameters(rng: np.random.Generator, deformity: str) -> HeadParameters:
-    """Draw one patient of a deformity class (one of :data:`DEFORMITIES`)."""
-    if deformity not in DEFORMITIES:
-        raise ValueError(f"unknown deformity {deformity!r}; choose one of {', '.join(DEFORMITIES)}")
-    male = bool(rng.random() < 0.5)
-    side = 1.0 if rng.random() < 0.5 else -1.0
-    relief_seed = int(rng.integers(2**31))
-    values = {name: truncated(rng, *distribution(name, male, deformity)) for name in TABLE}
-    if deformity == "asymmetry":
-        # The chin deviates away from the longer, lower side.
-        values["chin_deviation"] *= side
-        values["occlusal_cant"] *= -side
-    return HeadParameters(deformity=deformity, male=male, relief_seed=relief_seed, **values)

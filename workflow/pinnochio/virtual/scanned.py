@@ -7,8 +7,8 @@ import numpy as np
 from pinnochio.plans.sampling import truncated
 from pinnochio.virtual.morphable_model import ModelFace, first_hit, make_face, sample_identity
 from pinnochio.virtual.parameters import (
+    NAMES,
     NORMAL,
-    SCULPTED,
     TABLE,
     Anchors,
     HeadParameters,
@@ -16,8 +16,8 @@ from pinnochio.virtual.parameters import (
     distribution,
 )
 from pinnochio.virtual.procedures import DEFORMITIES
+from pinnochio.virtual.rays import REACH, sites
 from pinnochio.virtual.skeleton import Skeleton
-from pinnochio.virtual.skin import REACH, sites
 
 OVERJETS = (1.0, 4.0)  # mm of a normal bite, within which the lower lip's thickness decides [R]
 LABIAL = 1.5  # mm from the upper incisor's labial face, at the height of the lip's border, to its edge [I]
@@ -69,8 +69,7 @@ def fit(identity: tuple[float, ...], male: bool, values: dict[str, float]) -> He
         arch_depth=float(teeth[[1, 14], 1].mean() + 5.0 - teeth[7:9, 1].mean()),
         chin_height=chin[2] - menton,
     )
-    numbers = values | dict.fromkeys(SCULPTED, 0.0)
-    numbers |= {
+    numbers = {name: values[name] for name in NAMES} | {
         "face_height": height,
         "lower_share": (spine - menton) / height,
         "face_width": _cheek_width(face),
@@ -85,7 +84,7 @@ def fit(identity: tuple[float, ...], male: bool, values: dict[str, float]) -> He
     }
     numbers = {name: round(float(value), 4) for name, value in numbers.items()}
     anchors = Anchors(**{name: round(float(value), 4) for name, value in vars(anchors).items()})
-    normal = HeadParameters(deformity=NORMAL, male=male, relief_seed=0, scanned=Scanned(identity, anchors), **numbers)
+    normal = HeadParameters(deformity=NORMAL, male=male, scanned=Scanned(identity, anchors), **numbers)
     return replace(normal, gonial_width=_gonial_width(normal, face))
 
 

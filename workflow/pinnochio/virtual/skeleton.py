@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from pinnochio.virtual.implicit import Field, Shape, ellipsoid, plate, rounded, smooth_minimum, tube, wall
-from pinnochio.virtual.parameters import REST_GAP, TABLE, Anchors, HeadParameters
+from pinnochio.virtual.parameters import REST_GAP, TABLE, HeadParameters
 
 SIDES = (1.0, -1.0)  # left, right
 
@@ -32,7 +32,7 @@ class Skeleton:
         self.p = p
         self.wide = p.face_width / 134.0
         self.deep = p.face_depth / 90.0
-        here = p.scanned.anchors if p.scanned else self._anchors()
+        here = p.scanned.anchors
         self.tall, top, spine_z = here.tall, here.nasion, here.spine
         a_y = -p.face_depth - p.maxilla_position
         self.nasion = np.array([0.0, -p.face_depth, top])
@@ -54,21 +54,6 @@ class Skeleton:
         line = arch(lower[1] + 3, here.arch_half_width - self.wide, self.molar_y - lower[1])
         line[:, 0] += 0.8 * p.chin_deviation * self.jaw_share(line[:, 1])
         self.arch_lower = line
-
-    def _anchors(self) -> Anchors:
-        """What the other numbers make of a procedural skull."""
-        p, tall = self.p, self.p.face_height / 119.0
-        spine = 28.0 * tall - (1 - p.lower_share) * p.face_height
-        return Anchors(
-            tall=tall,
-            nasion=28.0 * tall,
-            spine=spine,
-            incisor=spine - 0.43 * p.lower_share * p.face_height,
-            incisor_ahead=4.0,
-            arch_half_width=25.5 * self.wide,
-            arch_depth=45.0 * self.deep,
-            chin_height=9.0,
-        )
 
     def _gonion(self) -> np.ndarray:
         """Sagittal place (y, z) of the gonion that suits ramus, body and angle best, each weighted by its spread.
@@ -185,8 +170,8 @@ def _crown(tip: np.ndarray, along: np.ndarray, half: np.ndarray, up: float, fron
     return Shape(centre - extent, centre + extent, distance)
 
 
-def upper_skull(s: Skeleton, axes, reach: float) -> tuple[Field, Field]:
-    """Cranium with the whole maxilla (not yet cut), and the cheek bones alone (the soft tissue needs those)."""
+def upper_skull(s: Skeleton, axes, reach: float) -> Field:
+    """Cranium with the whole maxilla (not yet cut)."""
     w, d, t = s.wide, s.deep, s.tall
     nasion, spine, floor = s.nasion, s.spine, s.spine[2]
     mid = spine[1] + 3 + s.p.face_depth  # maxilla behind the nasion vertical
@@ -238,7 +223,7 @@ def upper_skull(s: Skeleton, axes, reach: float) -> tuple[Field, Field]:
         field.union(tube(flank, [3.4, 2.4]), k=4)
     field.union(tube([spine + [0, 20, 14], spine + [0, 16, 0], spine + [0, 2.2, 0]], [1.4, 2.4, 2.2]), k=2)
     field.union(*tooth_row(s.arch_upper - [0, 3], s.upper_edge(s.arch_upper[:, 1]), UPPER_TEETH, 1.0))
-    return field, cheeks
+    return field
 
 
 def mandible(s: Skeleton, axes, reach: float) -> Field:

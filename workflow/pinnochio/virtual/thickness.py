@@ -13,8 +13,8 @@ from pinnochio.model.labels import AIR, CRANIUM
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.virtual.head import Head
 from pinnochio.virtual.published_thickness import PUBLISHED
+from pinnochio.virtual.rays import Ray, sites
 from pinnochio.virtual.skeleton import Skeleton
-from pinnochio.virtual.skin import Ray, sites
 
 TABLE = (
     Column("landmark", str, "", "landmark"),
