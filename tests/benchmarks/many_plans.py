@@ -1,11 +1,11 @@
 """Many plans of one patient by kept factors, against Newton's method from rest, side by side in one run.
 
-python tests/benchmarks/many_plans.py MODEL [MODEL ...] [--plans 8] [--newton 8] [--arms bonded mucosa] [--batch 8]
+python tests/benchmarks/many_plans.py MODEL [MODEL ...] [--plans 8] [--newton 8] [--arms bonded mucosa]
 
 MODEL: a `model.h5` of a study. The plans are sampled. They take turns: each is solved by Newton's method (the first
-ones, where it would take too long) and by the kept factors alone; then all together in batches, two at a time. A line
-per model and arm: seconds of the patient's preparation and per plan, median / most of Newton's method and of the kept
-factors, mean in batches; iterations, median / most; median / largest difference of two fields in mm (of the largest
+ones, where it would take too long) and by the kept factors. A line per model
+and arm: seconds of the patient's preparation and per plan, median / most of Newton's method and of the kept
+factors; iterations, median / most; median / largest difference of two fields in mm (of the largest
 node) and largest one of their least J; plans without fallback; plans of either way that failed.
 """
 
@@ -30,7 +30,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.plans.sampling import sample_plan
 from tests.helpers.settings import fem_settings
 
-HEAD = ("nodes", "arm", "plans", "preparation s", "Newton s", "kept s", "in batches s", "iterations", "field mm")
+HEAD = ("nodes", "arm", "plans", "preparation s", "Newton s", "kept s", "iterations", "field mm")
 HEAD += ("least J", "without fallback", "failed: Newton, kept")
 
 
@@ -40,7 +40,7 @@ def timed(call):
     return result, time.perf_counter() - began
 
 
-def measured(patient: PatientModel, plans: list, arm: str, newton: int, batch: int) -> list[str]:
+def measured(patient: PatientModel, plans: list, arm: str, newton: int) -> list[str]:
     settings = fem_settings()
     boundaries = [boundary_conditions(patient, plan, arm) for plan in plans]
     law, options = settings.material(patient.tissue), settings
@@ -60,8 +60,6 @@ def measured(patient: PatientModel, plans: list, arm: str, newton: int, batch: i
             off = np.linalg.norm(one.displacement - other.displacement, axis=1).max()
             said += f"; Newton {seconds:.2f} s, {one.reason}, {off:.1e} mm off"
         print(said, file=sys.stderr, flush=True)
-    parts = [boundaries[start : start + batch] for start in range(0, len(boundaries), batch)]
-    together = sum(timed(lambda part=part: solver.solve(part, threads=2))[1] for part in parts)
     solver.close()
     good = [(one, other) for one, other in zip(exact, kept, strict=False) if one.converged and other.converged]
     off = [np.linalg.norm(one.displacement - other.displacement, axis=1).max() for one, other in good] or [np.nan]
@@ -75,7 +73,6 @@ def measured(patient: PatientModel, plans: list, arm: str, newton: int, batch: i
         f"{preparation:.2f}",
         f"{np.median(exact_seconds or np.nan):.2f} / {max(exact_seconds, default=np.nan):.1f}",
         f"{np.median(kept_seconds):.3f} / {max(kept_seconds):.2f}",
-        f"{together / len(plans):.3f}",
         f"{np.median(iterations):.0f} / {max(iterations)}",
         f"{np.median(off):.0e} / {max(off):.0e}",
         f"{max(least):.0e}",
@@ -88,7 +85,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("models", nargs="+", type=Path)
     parser.add_argument("--plans", type=int, default=8)
-    parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--arms", nargs="+", default=["bonded", "mucosa"])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--newton", type=int, default=8, help="plans that Newton's method solves too")
@@ -108,7 +104,7 @@ def main() -> None:
             for _ in range(options.plans)
         ]
         for arm in options.arms:
-            row = measured(patient, plans, arm, options.newton, options.batch)
+            row = measured(patient, plans, arm, options.newton)
             print(f"| {model.parent.name} | " + " | ".join(row) + " |", flush=True)
 
 

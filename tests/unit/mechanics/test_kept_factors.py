@@ -354,18 +354,6 @@ def test_bend_under_held_nodes_is_that_of_the_sliding_condition():
     assert np.abs(curvature).max() > 0.1
 
 
-def test_plans_by_two_threads_are_those_of_one():
-    points, cells, boundary = bent_block()
-    boundaries = [
-        BoundaryConditions(boundary.prescribed_nodes, share * boundary.displacement(1.0)) for share in (0.2, 0.5, 1.0)
-    ]
-    solver = KeptFactors(points, cells, material(len(cells)), boundary, fem_settings())
-    for one, two in zip(solver.solve(boundaries), solver.solve(boundaries, threads=2), strict=True):
-        assert one.kept and two.kept
-        np.testing.assert_array_equal(one.displacement, two.displacement)
-    solver.close()
-
-
 def test_what_fails_at_once_is_reached_in_increments(monkeypatch):
     """A plan that may have ended elsewhere takes the way over smaller loads, by the kept factors still."""
     points, cells, boundary = bent_block()

@@ -154,7 +154,7 @@ def test_lips_in_contact_are_always_solved(monkeypatch):
 
 def test_what_does_not_go_with_a_part_of_the_cells_is_refused(long):
     forces = np.zeros(long.points.shape)
-    for wrong in ({"unilateral": True}, {"loads": Loads(forces)}, {"linear": True}, {"device": "cuda"}):
+    for wrong in ({"unilateral": True}, {"loads": Loads(forces)}, {"linear": True}):
         with pytest.raises(InputError, match="a part of the cells"):
             Simulator(long, FEM, amplitude=LIMIT, **wrong)
     with Simulator(long, FEM, amplitude=LIMIT) as simulator, pytest.raises(InputError, match="leave out the forces"):

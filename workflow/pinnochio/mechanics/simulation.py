@@ -43,15 +43,13 @@ class Simulator:
 
     * linear: linear elasticity alone, milliseconds per plan; the field may hold inverted elements.
     * settings.kept_factors: steps on the factors of the stiffness at rest (:mod:`solvers.kept_factors`), and by
-      Newton's method what they do not solve. On a device "cuda" in whole batches (:mod:`solvers.batched`), but for
-      plans with loads. Contact is left to Newton's method.
+      Newton's method what they do not solve. Contact is left to Newton's method.
     * else Newton's method (:mod:`solvers.newton`), one plan after the other.
     * amplitude, in mm, if not 0: of each plan only the cells are solved that linear elasticity moves by more, with
       those of lips in contact, and all else moves by the linear field. Where that does not pay, or does not converge,
       all cells are (:mod:`solvers.reduced`).
 
-    preparation: seconds that the patient took. InputError where what is wished does not go together, or a device is
-    absent.
+    preparation: seconds that the patient took. InputError where what is wished does not go together.
     """
 
     def __init__(
@@ -64,12 +62,10 @@ class Simulator:
         loads: Loads | None = None,
         linear: bool = False,
         amplitude: float = 0.0,
-        device: str = "cpu",
     ):
         began = time.perf_counter()
-        if amplitude and (unilateral or loads or linear or device != "cpu"):
-            raise InputError("-", "options", "a part of the cells is solved", "leave out loads, unilateral, device")
-        _check_device(device)
+        if amplitude and (unilateral or loads or linear):
+            raise InputError("-", "options", "a part of the cells is solved", "leave out loads, unilateral, linear")
         self._patient, self._settings, self._arm = patient, settings, arm
         self._unilateral, self._loads, self._linear, self._amplitude = unilateral, loads, linear, amplitude
         self._law = settings.material(patient.tissue)
@@ -78,7 +74,7 @@ class Simulator:
         self._keeps = settings.kept_factors and not (linear or contact)
         self._elastic: ElasticSolver | None = None
         self._singular = False  # whether the stiffness at rest was found to have no factors
-        self._kept = self._keep(device) if self._keeps else None
+        self._kept = self._keep() if self._keeps else None
         self.preparation = time.perf_counter() - began
 
     def __enter__(self) -> "Simulator":
@@ -119,20 +115,13 @@ class Simulator:
         boundary = boundary_conditions(self._patient, plan, self._arm, self._unilateral)
         return replace(boundary, loads=self._loads)
 
-    def _keep(self, device: str):
+    def _keep(self) -> KeptFactors | None:
         """The solver by kept factors, None where the stiffness at rest has none."""
         rest = self._boundary(Plan("rest", {}))
-        problem = self._patient.points, self._patient.cells, self._law, rest, self._settings
-        if device == "cpu" or self._loads:
-            elastic = self._factors(rest)
-            return None if elastic is None else KeptFactors(*problem, elastic)
-        from pinnochio.mechanics.solvers.batched.plan_batches import BatchSolver  # loads torch
-
-        try:
-            return BatchSolver(*problem, device)
-        except RuntimeError as error:
-            logging.warning("no kept factors: %s", error)
+        elastic = self._factors(rest)
+        if elastic is None:
             return None
+        return KeptFactors(self._patient.points, self._patient.cells, self._law, rest, self._settings, elastic)
 
     def _factors(self, boundary: BoundaryConditions) -> ElasticSolver | None:
         """The stiffness at rest with its factors, made once; None where it has none."""
@@ -203,12 +192,3 @@ class Simulator:
         if self._kept is not None:
             return self._kept.solve([boundary], linear=[field])[0]
         return solve(self._patient.points, self._patient.cells, self._law, boundary, self._settings)
-
-
-def _check_device(device: str) -> None:
-    if device == "cpu":
-        return
-    import torch  # takes long to load
-
-    if torch.device(device).type != "cuda" or not torch.cuda.is_available():
-        raise InputError("-", "options", f"torch has no device {device!r} for plans", "choose cpu, or cuda where it is")

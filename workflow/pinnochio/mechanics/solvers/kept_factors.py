@@ -33,7 +33,6 @@ from pinnochio.mechanics.boundary.sliding import SlidingNodes, bones_of
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import Elements, least_reaction, lumped
 from pinnochio.mechanics.settings import SolverSettings
-from pinnochio.mechanics.solvers.linear_algebra import Workers
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.local_equilibrium import LocalEquilibrium, touching
 from pinnochio.mechanics.solvers.newton import SolveResult, solve
@@ -120,20 +119,19 @@ class KeptFactors:
         self._shell = touching(elements, nodes)
 
     def solve(
-        self, boundaries: Sequence[BoundaryConditions], threads: int = 1, linear: Sequence[np.ndarray] | None = None
+        self, boundaries: Sequence[BoundaryConditions], linear: Sequence[np.ndarray] | None = None
     ) -> list[SolveResult]:
         """The solution of each boundary condition, which differs from the first one in motion and dead forces alone;
         linear: their linear fields (n, 3) mm, where they are known.
 
-        All advance together, `threads` at a time, so that their loads meet the factors together; a plan that fails does
-        not stop others.
+        All advance together, so that their loads meet the factors together; a plan that fails does not stop others.
         """
         began = time.perf_counter()
         quick = [not item.contact for item in boundaries]
         trajectories = [self._trajectory(item) for item, fast in zip(boundaries, quick, strict=True) if fast]
         starts = None if linear is None else [field for field, fast in zip(linear, quick, strict=True) if fast]
         self._end = began + self._settings.time_limit * len(trajectories)
-        self._advance(trajectories, threads, starts)
+        self._advance(trajectories, starts)
         share = (time.perf_counter() - began) / max(len(trajectories), 1)
         done, results = iter(trajectories), []
         for boundary, fast in zip(boundaries, quick, strict=True):
@@ -153,7 +151,7 @@ class KeptFactors:
         forces = boundary.loads.forces if boundary.loads else None
         return Trajectory(self._constraints.under(boundary), self._rest.outer.under(forces))
 
-    def _advance(self, trajectories: Sequence[Trajectory], threads: int, starts: Sequence[np.ndarray] | None) -> None:
+    def _advance(self, trajectories: Sequence[Trajectory], starts: Sequence[np.ndarray] | None) -> None:
         if not trajectories:
             return
         if starts is None:
@@ -161,15 +159,14 @@ class KeptFactors:
             if any(trajectory.outer.act for trajectory in trajectories):
                 starts += self._rest.under(np.stack([trajectory.outer.forces for trajectory in trajectories]))
         walks = [self._walk(trajectory, start) for trajectory, start in zip(trajectories, starts, strict=True)]
-        with Workers(min(threads, len(trajectories))) as workers:
-            numbers, answers = list(range(len(trajectories))), [None] * len(trajectories)
-            while numbers:
-                sends = [(walks[at], trajectories[at], answer) for at, answer in zip(numbers, answers, strict=True)]
-                loads = dict(zip(numbers, workers.each(self._sent, sends), strict=True))
-                numbers = [number for number in numbers if loads[number] is not None]
-                if numbers:
-                    answers = self._rest.respond(np.stack([loads[number] for number in numbers]))
-                    answers = answers.reshape(len(numbers), -1)
+        numbers, answers = list(range(len(trajectories))), [None] * len(trajectories)
+        while numbers:
+            pairs = zip(numbers, answers, strict=True)
+            loads = {at: self._sent(walks[at], trajectories[at], answer) for at, answer in pairs}
+            numbers = [number for number in numbers if loads[number] is not None]
+            if numbers:
+                answers = self._rest.respond(np.stack([loads[number] for number in numbers]))
+                answers = answers.reshape(len(numbers), -1)
 
     @staticmethod
     def _sent(walk: Generator, trajectory: Trajectory, answer: np.ndarray | None) -> np.ndarray | None:
@@ -359,33 +356,25 @@ class KeptFactors:
         return float(np.linalg.norm(iterate.force[self._free]) / self._reaction(iterate))
 
     def _result(self, trajectory: Trajectory, seconds: float) -> SolveResult:
-        iterate, history = trajectory.iterate, [{"step": 1.0} | entry for entry in trajectory.history]
-        measured = iterate.u, history, iterate.least, trajectory.residual, trajectory.iterations, seconds
-        return kept_result(*measured, violation=trajectory.held.violation(iterate.u))
-
-
-def kept_result(
-    displacement, history, min_jacobian: float, residual: float, iterations: int, seconds: float, violation: float = 0.0
-) -> SolveResult:
-    """The solution of a plan by kept factors, without contact; all as in SolveResult."""
-    return SolveResult(
-        displacement=displacement,
-        converged=True,
-        reason="converged",
-        history=[{"kind": "kept"} | entry for entry in history],
-        min_jacobian=min_jacobian,
-        fraction=1.0,
-        residual=residual,
-        violation=violation,
-        penetration=0.0,
-        gap=0.0,
-        increments=1,
-        iterations=iterations,
-        factorizations=0,
-        linear_iterations=iterations,
-        seconds=seconds,
-        kept=True,
-    )
+        iterate = trajectory.iterate
+        return SolveResult(
+            displacement=iterate.u,
+            converged=True,
+            reason="converged",
+            history=[{"kind": "kept", "step": 1.0} | entry for entry in trajectory.history],
+            min_jacobian=iterate.least,
+            fraction=1.0,
+            residual=trajectory.residual,
+            violation=trajectory.held.violation(iterate.u),
+            penetration=0.0,
+            gap=0.0,
+            increments=1,
+            iterations=trajectory.iterations,
+            factorizations=0,
+            linear_iterations=trajectory.iterations,
+            seconds=seconds,
+            kept=True,
+        )
 
 
 def mean_gradients(elements: Elements) -> sparse.csr_array:
