@@ -9,15 +9,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # to wake a second one costs
 
 from pinnochio.errors import InputError  # noqa: E402
 from pinnochio.mechanics.settings import FemSettings  # noqa: E402
-from pinnochio.planner.forecast import Forecaster  # noqa: E402
-from pinnochio.planner.page import Page  # noqa: E402
-from pinnochio.planner.prepared import Prepared  # noqa: E402
-from pinnochio.planner.scan import read_scan  # noqa: E402
-from pinnochio.planner.serving import check_free  # noqa: E402
-from pinnochio.planner.session import Session  # noqa: E402
-from pinnochio.planner.wishing import Wishing  # noqa: E402
 from pinnochio.plans.plan import Plan  # noqa: E402
 from pinnochio.training.device import choose_device  # noqa: E402
+from studies.planner.forecast import Forecaster  # noqa: E402
+from studies.planner.page import Page  # noqa: E402
+from studies.planner.prepared import Prepared  # noqa: E402
+from studies.planner.scan import read_scan  # noqa: E402
+from studies.planner.serving import check_free  # noqa: E402
+from studies.planner.session import Session  # noqa: E402
+from studies.planner.wishing import Wishing  # noqa: E402
 
 
 def open_planner(prepared: Prepared, port: int, browser: bool) -> None:

@@ -13,7 +13,6 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
 from pinnochio.networks.building import build
 from pinnochio.patients.model_archive import Archive, calibration_file, network_file
-from pinnochio.planner.prepared import Prepared
 from pinnochio.statistics.intervals import Calibration
 from pinnochio.training.checkpoint import save_network
 from pinnochio.virtual.head import USUAL
@@ -29,7 +28,8 @@ from scripts.patient.make_lift import write_lift
 from scripts.patient.register_postop import register_postop
 from scripts.patient.tetrahedralize import mesh_case
 from scripts.patients.describe_training import describe_training
-from scripts.patients.prepare_planner import prepare_planner
+from studies.planner.prepare_planner import prepare_planner
+from studies.planner.prepared import Prepared
 from tests.helpers.coarse_head import make_head
 from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS, network_settings
 from tests.helpers.training import learn_loads

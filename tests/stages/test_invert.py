@@ -8,23 +8,23 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
-from pinnochio.inverse.alternatives import answers, contradictions
-from pinnochio.inverse.elastic_face import ElasticFace
-from pinnochio.inverse.freedom import freedom
-from pinnochio.inverse.proposal import InverseSettings
-from pinnochio.inverse.reading import read_wish
-from pinnochio.inverse.wish import Marks, MeasureWish, PlaceWish, SurfaceWish, stacked
-from pinnochio.inverse.wish_columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED, SENSITIVITY
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import write_surface
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration
-from scripts.patients.measure_sensitivity import measure_sensitivity
-from scripts.patients.propose import propose_plans
+from studies.inverse.alternatives import answers, contradictions
 from studies.inverse.columns import FACES, RECOVERED
+from studies.inverse.elastic_face import ElasticFace
+from studies.inverse.freedom import freedom
 from studies.inverse.measure_inverse import measure_inverse
+from studies.inverse.measure_sensitivity import measure_sensitivity
 from studies.inverse.measuring import EXACT, apart
+from studies.inverse.proposal import InverseSettings
+from studies.inverse.propose import propose_plans
+from studies.inverse.reading import read_wish
+from studies.inverse.wish import Marks, MeasureWish, PlaceWish, SurfaceWish, stacked
+from studies.inverse.wish_columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED, SENSITIVITY
 from tests.helpers.settings import CONFIG, SEED
 from tests.helpers.tables import make
 

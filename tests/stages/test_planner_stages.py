@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.inverse.wish import Marks
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.face_measures import FaceMeasures
 from pinnochio.patients.model_archive import RANGES, calibration_file, network_file
-from pinnochio.planner.forecast import Forecaster
-from pinnochio.planner.view import FaceView
-from pinnochio.planner.wishing import Wishing
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Interval
 from scripts.prediction.predict_ensemble import predict_ensemble
 from scripts.prediction.predict_interval import predict_interval
+from studies.inverse.wish import Marks
+from studies.planner.forecast import Forecaster
+from studies.planner.view import FaceView
+from studies.planner.wishing import Wishing
 from tests.helpers.settings import CONFIG
 
 METHOD = "pinnochio_plus"

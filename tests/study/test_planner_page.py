@@ -17,9 +17,9 @@ import pytest
 from PIL import Image
 
 from pinnochio.model.patient import PatientModel
-from pinnochio.planner.forecast import Forecaster
-from pinnochio.planner.prepared import Prepared
 from pinnochio.plans.plan import Plan
+from studies.planner.forecast import Forecaster
+from studies.planner.prepared import Prepared
 from tests.helpers.browser import uncaught
 from tests.helpers.settings import ROOT
 from tests.helpers.study import Project

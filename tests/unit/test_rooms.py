@@ -21,12 +21,10 @@ ORDER = (
     {"methods"},
     {"metrics"},
     {"statistics"},
-    {"inverse"},
     {"tables"},
     {"figures"},
     {"virtual"},
     {"patients"},
-    {"planner"},
     {"report"},
     {"study"},
 )

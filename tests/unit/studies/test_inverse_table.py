@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from pinnochio.columns import read_table, write_csv
-from pinnochio.inverse.freedom import QUANTITIES
 from studies.inverse.columns import FACES, MARKED, RECOVERED, SEEN
+from studies.inverse.freedom import QUANTITIES
 from studies.inverse.measuring import EXACT
 from studies.inverse.table import CHOSEN, INVERSE, INVERSES, REGRESSION, SURE
 from tests.helpers.patients import bony_patient

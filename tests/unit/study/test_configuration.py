@@ -126,11 +126,6 @@ def test_seed_depends_on_base_stage_and_key():
         (("virtual", "patients"), 3, "fewer virtual patients"),
         (("virtual", "without"), ["V40", "V41"], r"virtual.without names \['V41'\], and the patients are V01 to V40"),
         (("virtual", "without"), [f"V{number:02d}" for number in range(5, 41)], "fewer virtual patients"),
-        (
-            ("invert", "bounds", "mandible", "forward"),
-            [1, 8],
-            "invert.bounds.mandible.forward is",
-        ),
     ],
 )
 def test_contradictions_in_the_configuration_are_refused(keys, value, problem):

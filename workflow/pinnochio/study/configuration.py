@@ -19,7 +19,6 @@ def check_config(config: Mapping) -> None:
     _check_reference(config)
     _check_named_networks(config)
     _check_settings(config)
-    _check_bounds(config["invert"]["bounds"])
     if config["cohort"] == "virtual":
         _check_virtual(config)
 
@@ -92,15 +91,6 @@ def _check_settings(config: Mapping) -> None:
                 build(**settings["network"])
             except ValueError as error:
                 _refuse(f"the network of {name!r} cannot be built: {error}", f"change its keys in {sections}")
-
-
-def _check_bounds(bounds: Mapping[str, Mapping]) -> None:
-    for kind, intervals in bounds.items():
-        if shut := [name for name, (low, high) in intervals.items() if not low <= 0 <= high]:
-            _refuse(
-                f"invert.bounds.{kind}.{shut[0]} is {intervals[shut[0]]}, which shuts out the bone where it is",
-                "let it reach from 0 or less to 0 or more: a proposal begins with nothing moved",
-            )
 
 
 def _check_virtual(config: Mapping) -> None:

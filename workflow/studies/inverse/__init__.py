@@ -1,1 +1,1 @@
-"""How well a motion is recovered from the face that it made."""
+"""From a wished face to a plan, and how well a motion is recovered from the face that it made."""

@@ -1,8 +1,8 @@
 """Columns of what is measured of the inverse."""
 
 from pinnochio.columns import Column, number
-from pinnochio.inverse.freedom import QUANTITIES
-from pinnochio.inverse.wish_columns import CASE, CODE, OPERATION, UNITS
+from studies.inverse.freedom import QUANTITIES
+from studies.inverse.wish_columns import CASE, CODE, OPERATION, UNITS
 
 TASK = Column(
     "task", str, "", "what was wished: simulated (finite-element face of the plan), outcome (its scan), landmarks"

@@ -7,18 +7,16 @@ import numpy as np
 
 from pinnochio.columns import write_rows
 from pinnochio.geometry.interpolation import interpolate
-from pinnochio.inverse.alternatives import Answer
-from pinnochio.inverse.elastic_face import ElasticFace
-from pinnochio.inverse.freedom import QUANTITIES
-from pinnochio.inverse.proposal import InverseSettings
-from pinnochio.inverse.wish import Marks, SurfaceWish, misfit
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.truth import read_truth
 from pinnochio.plans.plan import Plan
+from studies.inverse.alternatives import Answer
 from studies.inverse.columns import FACES, MARKED, RECOVERED, SEEN
+from studies.inverse.elastic_face import ElasticFace
+from studies.inverse.freedom import QUANTITIES
 from studies.inverse.measuring import (
     EXACT,
     LANDMARKS,
@@ -31,6 +29,8 @@ from studies.inverse.measuring import (
     sought,
     widest,
 )
+from studies.inverse.proposal import InverseSettings
+from studies.inverse.wish import Marks, SurfaceWish, misfit
 
 
 def measure_inverse(

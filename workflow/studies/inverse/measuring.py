@@ -7,16 +7,16 @@ import numpy as np
 
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.inverse.alternatives import Answer
-from pinnochio.inverse.combinations import combinations
-from pinnochio.inverse.elastic_face import ElasticFace
-from pinnochio.inverse.freedom import LPS, OPERATIONS, Freedom, freedom
-from pinnochio.inverse.proposal import InverseSettings, propose
-from pinnochio.inverse.wish import Marks, PlaceWish, SurfaceWish, Wish
 from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES, regions
 from pinnochio.plans.plan import Plan
+from studies.inverse.alternatives import Answer
+from studies.inverse.combinations import combinations
+from studies.inverse.elastic_face import ElasticFace
+from studies.inverse.freedom import LPS, OPERATIONS, Freedom, freedom
+from studies.inverse.proposal import InverseSettings, propose
+from studies.inverse.wish import Marks, PlaceWish, SurfaceWish, Wish
 
 # What was wished: the finite-element face of the plan; the scanned outcome; the places of its landmarks.
 SIMULATED, OUTCOME, LANDMARKS = TASKS = ("simulated", "outcome", "landmarks")

@@ -1,5 +1,10 @@
-# How well the motion is found that made a face; not part of `all`.
+# From a wished face to a plan, and how well the motion is found that made a face; not part of `all`.
 
+from studies.inverse.inputs import WishInputs, check_bounds
+
+with plainly():
+    check_bounds(config["invert"]["bounds"])
+WISHES = WishInputs(STUDY, INPUTS.patients)
 INVERTED = list(STUDY.cohort.cases)[: config["invert"]["patients"]]
 # Patients of whom scan and bones after surgery are there.
 OUTCOMES = [name for name in STUDY.cohort.registered if name in STUDY.cohort.scanned]
@@ -66,3 +71,72 @@ rule inverse:
         recorded("inverse"),
     message:
         "It is measured how well the motion is found that made a face"
+
+
+rule propose:
+    input:
+        model="<results>/{home}/{case}/model.h5",
+        wish=WISHES.files,
+        markups=INPUTS.patient.markups,
+        occlusion=WISHES.occlusion,
+        calibration=WISHES.calibration,
+    output:
+        proposals=ensure("<results>/{home}/{case}/invert/proposals.csv", non_empty=True),
+        reached="<results>/{home}/{case}/invert/reached.csv",
+        motions="<results>/{home}/{case}/invert/motions.csv",
+        combinations="<results>/{home}/{case}/invert/combinations.csv",
+        # One per operation that the patient's segments allow.
+        plans=directory("<results>/{home}/{case}/invert/plans"),
+        transforms=directory("<results>/{home}/{case}/invert/transforms"),
+        page="<results>/{home}/{case}/invert/index.html",
+    log:
+        "<logs>/propose/{home}/{case}.log",
+    benchmark:
+        "<benchmarks>/propose/{home}/{case}.tsv"
+    wildcard_constraints:
+        home="patients",
+    conda:
+        "../../../envs/pinnochio.yaml"
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        fem=INPUTS.patient.setting("fem"),
+        settings=config["invert"],
+        code=code_of("studies.inverse.propose"),
+    message:
+        "Seek plans that bring {wildcards.case} to the wished face"
+    script:
+        "propose.py"
+
+
+# Of every patient, new or of the study: which move of which bone moves which place of the face.
+rule measure_sensitivity:
+    input:
+        model="<results>/{home}/{case}/model.h5",
+    output:
+        table=ensure("<results>/{home}/{case}/sensitivity.csv", non_empty=True),
+        picture="<results>/{home}/{case}/sensitivity.png",
+    log:
+        "<logs>/measure_sensitivity/{home}/{case}.log",
+    benchmark:
+        "<benchmarks>/measure_sensitivity/{home}/{case}.tsv"
+    conda:
+        "../../../envs/pinnochio.yaml"
+    resources:
+        mem_mb=4000,
+        runtime=10,
+    params:
+        fem=INPUTS.patient.setting("fem"),
+        code=code_of("studies.inverse.measure_sensitivity"),
+    message:
+        "Measure which move matters where on the face of {wildcards.case}"
+    script:
+        "measure_sensitivity.py"
+
+
+rule invert:
+    input:
+        WISHES.proposals,
+    message:
+        "The wishes are answered: see {config[pathvars][results]}/patients"

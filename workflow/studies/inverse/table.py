@@ -9,7 +9,6 @@ from scipy import stats
 
 from pinnochio.columns import Column, check, number, read_tables, words
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.inverse.freedom import LPS, QUANTITIES
 from pinnochio.methods.pca_linear import ridge
 from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
@@ -19,6 +18,7 @@ from pinnochio.statistics.conformal import half_width
 from pinnochio.statistics.wilcoxon import compare, holm
 from pinnochio.tables.document import Block, Table, View, views
 from studies.inverse.columns import FACES, MARKED, RECOVERED, SEEN, TASK
+from studies.inverse.freedom import LPS, QUANTITIES
 from studies.inverse.measuring import EXACT, LANDMARKS, OUTCOME, SIMULATED, TASKS, apart
 
 METHODS = INVERSE, SURE, CHOSEN, REGRESSION = "inverse", "inverse, exact", "inverse, tolerance chosen", "regression"

@@ -99,27 +99,3 @@ class NewPatientInputs:
             for patient in patients
             for name in ["segments.png", *([f"plans_{method}.html"] if len(patient.plans) > 1 else [])]
         ]
-
-    def planners(self, wildcards) -> list[str]:
-        """What the planner needs of every new patient."""
-        files = [f"{patient.folder}/planner.json" for patient in self.named]
-        if not self.study.choice.archive:
-            raise InputError(
-                "-",
-                "configuration",
-                f"the planner shows the interval of a trained method, and {self.study.choice.method} has none",
-                "leave predict.method, budget_seconds and tolerance_mm as they are, or name a method of the archive",
-            )
-        return files
-
-    def planner_settings(self, wildcards) -> dict:
-        """What the planner needs to know of the patient and its models."""
-        choice = self.study.choice
-        return {
-            "home": self.study.new_patients[wildcards.case].source,
-            "archive": choice.folder,
-            "method": choice.method,
-            "corrections": choice.corrections,
-            "fem": choice.settings["fem"],
-            "invert": self.study.config["invert"],
-        }

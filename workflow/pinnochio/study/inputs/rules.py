@@ -10,7 +10,6 @@ from pinnochio.study.inputs.prediction import PredictionInputs
 from pinnochio.study.inputs.report import ReportInputs
 from pinnochio.study.inputs.tables import TableInputs
 from pinnochio.study.inputs.training import TrainingInputs
-from pinnochio.study.inputs.wishes import WishInputs
 from pinnochio.study.study import Study
 
 
@@ -43,10 +42,6 @@ class RuleInputs:
     @cached_property
     def patients(self) -> NewPatientInputs:
         return NewPatientInputs(self.study)
-
-    @cached_property
-    def wishes(self) -> WishInputs:
-        return WishInputs(self.study, self.patients)
 
     @cached_property
     def report(self) -> ReportInputs:

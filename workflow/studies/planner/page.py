@@ -11,15 +11,15 @@ from trame.decorators import change
 from pinnochio.errors import InputError, StorageError
 from pinnochio.figures.interval import scale
 from pinnochio.patients.face_measures import FaceMeasures
-from pinnochio.planner.forecast import Forecast, Forecaster
-from pinnochio.planner.page_layout import build
-from pinnochio.planner.page_words import about, fitted, label, rows
-from pinnochio.planner.serving import serve
-from pinnochio.planner.session import SIDES, Session
-from pinnochio.planner.view import MAPS, FaceView
-from pinnochio.planner.wishing import Wishing
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS
+from studies.planner.forecast import Forecast, Forecaster
+from studies.planner.page_layout import build
+from studies.planner.page_words import about, fitted, label, rows
+from studies.planner.serving import serve
+from studies.planner.session import SIDES, Session
+from studies.planner.view import MAPS, FaceView
+from studies.planner.wishing import Wishing
 
 SAME = 1e-6  # mm or degrees that a value of the page may be off without having been changed by the person
 REACH = 20.0  # mm or degrees that a slider goes either way; farther where an opened plan does

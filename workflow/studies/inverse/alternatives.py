@@ -8,12 +8,12 @@ from itertools import combinations as pairs
 import numpy as np
 
 from pinnochio.errors import InputError
-from pinnochio.inverse.combinations import Combinations, combinations
-from pinnochio.inverse.elastic_face import ElasticFace
-from pinnochio.inverse.freedom import OPERATIONS, Freedom, freedoms
-from pinnochio.inverse.proposal import InverseSettings, Proposal, Search, propose
-from pinnochio.inverse.wish import Wish
 from pinnochio.plans.plan import Plan
+from studies.inverse.combinations import Combinations, combinations
+from studies.inverse.elastic_face import ElasticFace
+from studies.inverse.freedom import OPERATIONS, Freedom, freedoms
+from studies.inverse.proposal import InverseSettings, Proposal, Search, propose
+from studies.inverse.wish import Wish
 
 MOST_PAIRED = 20  # wishes of which every pair is tried
 

@@ -12,10 +12,10 @@ from pinnochio.geometry.rigid import LARGEST_TRANSLATION, RigidMotion
 from pinnochio.importing.segmentation import check_travel
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import BoneSurface
-from pinnochio.planner.jaws import Jaws, plan_with
 from pinnochio.plans.plan import FARTHEST, Plan
 from pinnochio.plans.surgery import AMOUNTS, amounts, motion_of, near_bone
 from pinnochio.plans.transforms import write_transforms
+from studies.planner.jaws import Jaws, plan_with
 
 SIDES = ("A", "B")
 LARGEST_TURN = 90.0  # degrees about an axis; no bone is turned farther

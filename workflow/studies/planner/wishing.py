@@ -3,14 +3,14 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from pinnochio.inverse.elastic_face import ElasticFace
-from pinnochio.inverse.freedom import freedoms
-from pinnochio.inverse.proposal import InverseSettings, propose
-from pinnochio.inverse.reading import measure_wish
-from pinnochio.inverse.wish import Marks, MeasureWish
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
+from studies.inverse.elastic_face import ElasticFace
+from studies.inverse.freedom import freedoms
+from studies.inverse.proposal import InverseSettings, propose
+from studies.inverse.reading import measure_wish
+from studies.inverse.wish import Marks, MeasureWish
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,15 @@ import pandas as pd
 
 from pinnochio.columns import check
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.inverse.elastic_face import ElasticFace
-from pinnochio.inverse.freedom import LPS, QUANTITIES
-from pinnochio.inverse.wish import Marks
-from pinnochio.inverse.wish_columns import SENSITIVITY
 from pinnochio.mechanics.lift import motion_amplitudes
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES, regions
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.sampling import JawAnatomy
+from studies.inverse.elastic_face import ElasticFace
+from studies.inverse.freedom import LPS, QUANTITIES
+from studies.inverse.wish import Marks
+from studies.inverse.wish_columns import SENSITIVITY
 
 
 def sensitivity(face: ElasticFace, case: str, code: str, spots: Sequence[tuple[str, str]] = ()) -> pd.DataFrame:

@@ -22,9 +22,9 @@ from pinnochio.model.regions import regions
 from pinnochio.patients.certificate import PARTS, in_distribution
 from pinnochio.patients.in_distribution import Ranges, beyond, widening
 from pinnochio.patients.model_archive import RANGES, Archive, calibration_file, network_file
-from pinnochio.planner.prepared import Prepared
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.statistics.intervals import Calibration, Interval, interval, repaired_interval, widened
+from studies.planner.prepared import Prepared
 
 
 @dataclass(frozen=True)

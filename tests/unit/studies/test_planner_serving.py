@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.planner import serving
+from studies.planner import serving
 from tests.helpers.clients import ask, hello
 from tests.helpers.settings import ROOT
 
@@ -20,7 +20,7 @@ import sys
 from trame.app import get_server
 from trame.ui.html import DivLayout
 from pinnochio.errors import InputError
-from pinnochio.planner.serving import serve
+from studies.planner.serving import serve
 server = get_server("guarded")
 server.state.patient = "P01"
 with DivLayout(server):

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pinnochio.logs import attach_log
-from pinnochio.planner.prepared import Prepared
+from studies.planner.prepared import Prepared
 
 
 def prepare_planner(

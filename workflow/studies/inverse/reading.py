@@ -15,10 +15,10 @@ from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.importing.markups import ENDING, read_markups
 from pinnochio.importing.segmentation import read_postop
-from pinnochio.inverse.wish import Marks, MeasureWish, PlaceWish, SurfaceWish, Wish
 from pinnochio.json_text import Refuse, read_text
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
+from studies.inverse.wish import Marks, MeasureWish, PlaceWish, SurfaceWish, Wish
 
 SURFACES = (".ply", ".stl", ".vtp", ".obj")
 FARTHEST = 30.0  # mm that a place of the face is wished away from where it is, at most [I: soft tissue follows by less]

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from pinnochio.planner.jaws import OVERBITE, OVERJET, Jaws
-from pinnochio.planner.session import PRESETS, Session
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS, amounts, motion_of
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.scanned import sample_patient
+from studies.planner.jaws import OVERBITE, OVERJET, Jaws
+from studies.planner.session import PRESETS, Session
 from tests.helpers.patients import as_model
 
 JAW = "mandible_distal"

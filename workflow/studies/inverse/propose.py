@@ -6,22 +6,22 @@ from pathlib import Path
 import numpy as np
 
 from pinnochio.columns import write_rows
-from pinnochio.inverse.alternatives import Answer, answers, contradictions
-from pinnochio.inverse.combinations import LARGEST, as_motions, differences
-from pinnochio.inverse.elastic_face import ElasticFace
-from pinnochio.inverse.freedom import QUANTITIES
-from pinnochio.inverse.proposal import InverseSettings
-from pinnochio.inverse.reading import read_wish
-from pinnochio.inverse.wish import Wish, misfit, regions_of
-from pinnochio.inverse.wish_columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import measures, plain, verdict
-from pinnochio.patients.wish_page import WishTables, write_wish_page
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.transforms import write_transforms
 from pinnochio.statistics.intervals import Calibration
+from studies.inverse.alternatives import Answer, answers, contradictions
+from studies.inverse.combinations import LARGEST, as_motions, differences
+from studies.inverse.elastic_face import ElasticFace
+from studies.inverse.freedom import QUANTITIES
+from studies.inverse.proposal import InverseSettings
+from studies.inverse.reading import read_wish
+from studies.inverse.wish import Wish, misfit, regions_of
+from studies.inverse.wish_columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED
+from studies.inverse.wish_page import WishTables, write_wish_page
 
 
 def propose_plans(

@@ -9,8 +9,8 @@ from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
 from pinnochio.figures.patient import BONE, OBLIQUE, SEGMENTS, SKIN
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.model.patient import PatientModel
-from pinnochio.planner.forecast import Forecast
-from pinnochio.planner.session import SIDES
+from studies.planner.forecast import Forecast
+from studies.planner.session import SIDES
 
 VIEWS = {"front": (0, -1, 0.05), "oblique": OBLIQUE, "left": (1, 0, 0.05), "right": (-1, 0, 0.05)}
 BACKGROUND = "#eef1f4"

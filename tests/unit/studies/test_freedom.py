@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.inverse.freedom import LPS, OPERATIONS, QUANTITIES, freedom
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.sampling import JawAnatomy, composed
+from studies.inverse.freedom import LPS, OPERATIONS, QUANTITIES, freedom
+from studies.inverse.inputs import check_bounds
 from tests.helpers.patients import bony_patient
 from tests.helpers.settings import CONFIG
 
@@ -114,3 +116,10 @@ def test_a_lever_is_the_motion_of_the_bones_per_unit():
     assert np.sqrt((moved**2).sum(axis=1).mean()) == pytest.approx(0.1 * own.lever[number], rel=1e-3)
     assert own.lever[own.names.index(("lefort1", "up"))] == 1
     np.testing.assert_array_equal(LPS * [0, 1, 0], [0, -1, 0])
+
+
+def test_bounds_that_shut_out_the_place_at_rest_are_refused():
+    check_bounds(BOUNDS)
+    shut = BOUNDS | {"mandible": BOUNDS["mandible"] | {"forward": [1, 8]}}
+    with pytest.raises(InputError, match=r"invert.bounds.mandible.forward is \[1, 8\]"):
+        check_bounds(shut)

@@ -10,15 +10,15 @@ import numpy as np
 import pyvista as pv
 
 from pinnochio.figures.patient import FRONT, SIDE, SKIN, UNKNOWN, add_bone, finish, skin_of
-from pinnochio.inverse.alternatives import Answer
-from pinnochio.inverse.combinations import LARGEST, as_motions, differences, in_words
-from pinnochio.inverse.freedom import operation_in_words
-from pinnochio.inverse.proposal import InverseSettings
-from pinnochio.inverse.wish import PlaceWish, SurfaceWish, Wish
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import RESEARCH, verdict
 from pinnochio.patients.prediction_page import _png
 from pinnochio.web_pages import write_page
+from studies.inverse.alternatives import Answer
+from studies.inverse.combinations import LARGEST, as_motions, differences, in_words
+from studies.inverse.freedom import operation_in_words
+from studies.inverse.proposal import InverseSettings
+from studies.inverse.wish import PlaceWish, SurfaceWish, Wish
 
 SHOWN = 6  # combinations of motions that are named
 

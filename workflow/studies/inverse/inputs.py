@@ -1,11 +1,24 @@
 """What the rules from a wished face to a plan ask."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from pinnochio.errors import InputError
 from pinnochio.study.inputs.patients import NewPatientInputs
 from pinnochio.study.study import Study
+
+
+def check_bounds(bounds: Mapping[str, Mapping]) -> None:
+    """InputError where bounds of a bone shut out the place where it is."""
+    for kind, intervals in bounds.items():
+        if shut := [name for name, (low, high) in intervals.items() if not low <= 0 <= high]:
+            raise InputError(
+                "-",
+                "configuration",
+                f"invert.bounds.{kind}.{shut[0]} is {intervals[shut[0]]}, which shuts out the bone where it is",
+                "let it reach from 0 or less to 0 or more: a proposal begins with nothing moved",
+            )
 
 
 @dataclass(frozen=True)

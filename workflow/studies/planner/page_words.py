@@ -8,10 +8,10 @@ from pinnochio.metrics.validity import OFF_BONE
 from pinnochio.model.measures import MEASURES
 from pinnochio.patients.certificate import FAR
 from pinnochio.patients.face_measures import FaceMeasures, written
-from pinnochio.planner.forecast import Forecast
-from pinnochio.planner.jaws import Jaws, named
-from pinnochio.planner.wishing import Fit
 from pinnochio.plans.surgery import amount, segment_in_words
+from studies.planner.forecast import Forecast
+from studies.planner.jaws import Jaws, named
+from studies.planner.wishing import Fit
 
 FIRST_LOOK = "first look"
 OUTSIDE = "Unlike the training in {}: do not rely on the interval."

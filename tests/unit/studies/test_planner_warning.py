@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pinnochio.planner.page_words import warning
+from studies.planner.page_words import warning
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,13 @@ import logging
 import numpy as np
 
 from pinnochio.columns import write_csv
-from pinnochio.figures.sensitivity import sensitivity_figure
-from pinnochio.inverse.elastic_face import ElasticFace
-from pinnochio.inverse.sensitivity import sensitivity
-from pinnochio.inverse.wish_columns import SENSITIVITY
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
+from studies.inverse.elastic_face import ElasticFace
+from studies.inverse.sensitivity import sensitivity
+from studies.inverse.sensitivity_figure import sensitivity_figure
+from studies.inverse.wish_columns import SENSITIVITY
 
 SPOTS = ("forward", "pitch")  # of every segment, solved by finite elements too
 

@@ -1,7 +1,7 @@
 """The columns of what is found for a wish."""
 
 from pinnochio.columns import Column, number
-from pinnochio.inverse.freedom import QUANTITIES
+from studies.inverse.freedom import QUANTITIES
 
 CASE = Column("case", str, "", "patient")
 OPERATION = Column(

@@ -7,10 +7,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from pinnochio.inverse.elastic_face import ElasticFace
-from pinnochio.inverse.freedom import Freedom
-from pinnochio.inverse.wish import Wish, misfit, stacked
 from pinnochio.plans.plan import Plan
+from studies.inverse.elastic_face import ElasticFace
+from studies.inverse.freedom import Freedom
+from studies.inverse.wish import Wish, misfit, stacked
 
 ITERATIONS = 30  # Gauss-Newton steps
 SMALL = 1e-3  # mm of bone: a smaller step ends the search

@@ -8,10 +8,10 @@ import pytest
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.importing.segmentation import check_plan
-from pinnochio.planner.prepared import Prepared
-from pinnochio.planner.session import REST, SIDES, Session
 from pinnochio.plans.plan import Plan
 from pinnochio.study.patients import read_patients
+from studies.planner.prepared import Prepared
+from studies.planner.session import REST, SIDES, Session
 from tests.helpers.patients import tiny_patient, tiny_plan
 
 PATIENT = tiny_patient()

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.inverse.freedom import LPS, QUANTITIES, Freedom
-from pinnochio.inverse.proposal import Search
-from pinnochio.inverse.wish import stacked
 from pinnochio.model.bones import segment_points
 from pinnochio.plans.surgery import segment_in_words
+from studies.inverse.freedom import LPS, QUANTITIES, Freedom
+from studies.inverse.proposal import Search
+from studies.inverse.wish import stacked
 
 MOST_BONE = 1.0  # mm of bone that change the wish by the tolerance: a combination that needs more is not told apart [I]
 LARGEST = 5.0  # mm of bone by which a combination is shown, at most
