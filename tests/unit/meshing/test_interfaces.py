@@ -193,9 +193,10 @@ def test_virtual_head_has_every_kind_of_node():
     assert set(model.interface_kind) == {0, m.BONE_MUSCLE, m.BONE_SUPERFICIAL, m.MUSCLE_SUPERFICIAL}
     assert set(model.node_segment[model.node_type == m.SLIDING]) == {0, 1}
     assert set(model.node_segment[model.node_type == m.MOVING]) == {0, 1, 2, 3}
-    # Bone under the skin never holds the skin itself.
+    # Bone under the skin never holds the skin itself; the lining of the open nose lies on bone.
     skin = np.unique(model.skin_faces)
-    inner = skin[np.isin(model.node_beyond[skin], (AIR, m.CUT_PLANE), invert=True)]
+    nose = (np.abs(model.points[:, 0]) < 18) & (model.points[:, 2] > head.landmarks["labrale_superius"][2])
+    inner = skin[np.isin(model.node_beyond[skin], (AIR, m.CUT_PLANE), invert=True) & ~nose[skin]]
     assert len(inner) <= 0.005 * len(skin)
     for name in ("pronasale", "pogonion_soft", "labrale_superius"):
         centres = model.points[model.skin_faces].mean(axis=1)

@@ -11,7 +11,6 @@ from pinnochio.methods.surface.learner import supervised
 from pinnochio.methods.surface.patient import SurfacePatient
 from pinnochio.methods.surface.settings import ARCHITECTURES
 from pinnochio.networks.clouds import SurfaceInputs, per_patient, scaled
-from pinnochio.networks.contrast import contrast
 from pinnochio.networks.dgcfp import EdgeConvolution
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import surface_settings
@@ -117,15 +116,14 @@ def test_each_learns_two_patients_by_heart(architecture):
     assert np.median(losses[-5:]) < 0.03 * max(losses[0], 0.003)
 
 
-def test_attention_divides_by_the_bone_points_unless_a_softmax_is_asked_for():
-    """With features all alike, the softmax is the mean movement code, and the published weights a multiple of it."""
-    for softmax in (False, True):
-        network, own = random_weights("acmt", softmax=softmax).eval(), inputs(patient("acmt"))
-        network.features = lambda inputs: (torch.full((1, 64, 64), 0.5), torch.ones(1, 64, 64))
-        with torch.no_grad():
-            code = network.movement(torch.cat([own.bone.points, own.movement], 1)).mean(0)
-            expected = network.displacement((1 if softmax else 32) * code)
-            assert torch.allclose(network(own)[0].displacement[0], torch.sigmoid(expected) - 0.5, atol=1e-5)
+def test_attention_divides_by_the_bone_points():
+    """With features all alike, the weights are a multiple of the mean movement code."""
+    network, own = random_weights("acmt").eval(), inputs(patient("acmt"))
+    network.features = lambda inputs: (torch.full((1, 64, 64), 0.5), torch.ones(1, 64, 64))
+    with torch.no_grad():
+        code = network.movement(torch.cat([own.bone.points, own.movement], 1)).mean(0)
+        expected = network.displacement(32 * code)
+        assert torch.allclose(network(own)[0].displacement[0], torch.sigmoid(expected) - 0.5, atol=1e-5)
 
 
 @pytest.mark.parametrize("difference", [False, True])
@@ -148,16 +146,6 @@ def test_mixed_precision_is_near_full_precision():
             fields.append(network(own)[-1].displacement)
     assert fields[1].dtype == torch.float32
     assert (fields[0] - fields[1]).abs().max() < 0.05 * fields[0].abs().max()
-
-
-def test_contrast_is_least_where_face_and_bone_agree():
-    torch.manual_seed(0)
-    network, own = random_weights("acmt"), inputs(patient("acmt"))
-    place = torch.nn.functional.normalize(torch.cat([own.face.points, own.bone.points]) @ torch.randn(3, 64), dim=1)
-    network.features = lambda inputs: (place[None, :64], place[None, 64:])
-    alike = contrast(network, own)
-    network.features = lambda inputs: (place[None, :64], -place[None, 64:])
-    assert alike < contrast(network, own)
 
 
 def test_mirroring_flips_places_and_movement_everywhere():

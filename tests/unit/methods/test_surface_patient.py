@@ -145,7 +145,6 @@ def test_settings_that_cannot_be_are_refused():
     for wrong, words in (
         ({"architecture": "other"}, "not one of"),
         ({"architecture": "acmt", "points": 32}, "too few"),
-        ({"architecture": "dgcfp", "softmax": True}, "belongs to 'acmt'"),
         ({"architecture": "acmt", "distance_guided": 20.0}, "belongs to 'fscnet'"),
     ):
         with pytest.raises(ValueError, match=words):

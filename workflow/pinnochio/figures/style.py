@@ -2,13 +2,11 @@
 
 import os
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from pinnochio.files import replacing
 
@@ -16,13 +14,6 @@ EVERY = (1, 2, 5)  # times powers of ten, where a logarithmic axis has its marks
 MEAN, PATIENT, BAND = "#1f4e79", "#9aa5b1", "#f1e3c6"  # means, single patients, what is not told apart: also in grey
 # Of a label, in points from its mark.
 PLACES = [(aside, side * far) for far in (11, 24, 37) for aside in (0, -25, 25, -50, 50) for side in (1, -1)]
-
-
-def label_log(axis: Axis, marks: Sequence[int] = EVERY, form: str = "{x:g}") -> None:
-    """Plain numbers on a logarithmic axis."""
-    axis.set_major_locator(LogLocator(subs=marks))
-    axis.set_major_formatter(StrMethodFormatter(form))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def add_grid(axes: Axes) -> None:

@@ -24,12 +24,11 @@ class AcmtNet(nn.Module):
     """Encoders of face and bone, attention of each face point over the bone, and the movement that it brings along.
 
     The attention is the product of the features by the number of bone points, without a softmax, which the published
-    code has commented out; `softmax` puts it back.
+    code has commented out.
     """
 
-    def __init__(self, softmax: bool = False):
+    def __init__(self):
         super().__init__()
-        self.softmax = softmax
         self.face, self.bone = PointNet2(DOWN, UP, WHOLE), PointNet2(DOWN, UP, WHOLE)
         self.face_features, self.bone_features = perceptron(UP[-1][-1], 64), perceptron(UP[-1][-1], 64)
         self.movement = perceptron(6, 64)
@@ -45,9 +44,8 @@ class AcmtNet(nn.Module):
         """The displacement of every face point."""
         face, bone = self.features(inputs)
         alike = face @ bone.transpose(1, 2)
-        weights = alike.softmax(2) if self.softmax else alike / bone.shape[1]
         moved = self.movement(torch.cat([inputs.bone.points, inputs.movement], 1))
-        brought = (weights @ moved.view(inputs.count, -1, 64)).flatten(0, 1)
+        brought = (alike / bone.shape[1] @ moved.view(inputs.count, -1, 64)).flatten(0, 1)
         return [SurfaceStage(inputs.face.points, bounded(self.displacement(brought)), inputs.batch)]
 
 

@@ -40,6 +40,8 @@ class NetworkArchive:
         """Read the manifest alone; InputError where the folder has none, or one that is not as it was packed."""
         absent = f"there is no archive of trained networks ({MANIFEST})", "name it in 'networks_archive', or train them"
         content = read_manifest(folder, absent, AGAIN, whole=False)
+        if isinstance(content.get("shown"), dict) and content["shown"].get("virtual", {}).get("anatomy") == "scanned":
+            del content["shown"]["virtual"]["anatomy"]  # older archives name the one anatomy that there is
         try:
             return cls(**content)
         except TypeError as error:

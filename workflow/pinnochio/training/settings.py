@@ -19,7 +19,7 @@ class TrainingSettings:
     each patient left-right mirrored half of the time. surface_samples, surface_cutoff (mm): see SurfaceLoss.
 
     physics_ramp: share of the steps over which the physics weight rises from zero, because a raw network
-    violates equilibrium at nu 0.49 so badly that nothing else would be learnt [X]. physics_robust: see physics_loss.
+    violates equilibrium at nu 0.49 so badly that nothing else would be learnt [X].
 
     sources: in fine-tuning, learn what the network leaves of the post-operative skins as loads on the tissue
     (:mod:`pinnochio.methods.sources`); not in the paper.
@@ -49,7 +49,6 @@ class TrainingSettings:
     validate_every: int
     patience: int
     physics_ramp: float = 0.0
-    physics_robust: float = 0.0
     sources: bool = False
     surface_samples: int = 0
     surface_cutoff: float = 0.0

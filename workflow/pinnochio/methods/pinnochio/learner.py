@@ -132,8 +132,7 @@ class GraphLearner:
                 "boundary": boundary_loss(prediction, anchor, anchored),
             }
             if step.physics:
-                u, robust = prediction.displacement, self.training.physics_robust
-                terms["physics"] = physics_loss(patient.operator, patient.free, u, robust)
+                terms["physics"] = physics_loss(patient.operator, patient.free, prediction.displacement)
             return terms
 
         inputs = (sample.anchor, sample.anchored, *shown.values(), *sample.draw(step.rng))

@@ -22,25 +22,14 @@ def volume_loss(displacement: Tensor, target: Tensor) -> Tensor:
     return (displacement - target).square().sum(1).mean()
 
 
-def physics_loss(operator: Operator, free: Tensor, displacement: Tensor, robust: float = 0.0) -> Tensor:
+def physics_loss(operator: Operator, free: Tensor, displacement: Tensor) -> Tensor:
     """Mean over V_free, nodes (f,), of |f_int|^2 / (mu h^2)^2: zero in equilibrium, nondimensional.
 
     The paper's term is the mean of |f_int|^2, whose size depends on units and mesh; mu is the mean shear
     modulus and h the mean edge length of the patient's mesh.
-
-    robust: if not 0, the size |f_int| / (mu h^2) above which a node counts in proportion to its force and no more
-    to its square (pseudo-Huber loss). Of a raw field with an inverted element, five nodes of 5,000 make up four
-    fifths of the mean, which then is anything up to 5e7, beside 2 in a usual step. It is not the default, because
-    the clipped gradient bounds what such a step does, while the square is what keeps elements apart: after 120
-    steps the mean residual and the least J of twelve fields were 2.6 and 0.14 with the square, 3.0 and 0.06 with
-    robust 10, 6.0 and -0.22 with 3, 16 and -0.55 with 1, at a volumetric error of 3.3, 3.1, 2.7 and 2.6 mm^2: less
-    physics for more data, as with a smaller weight [X].
     """
     force = operator.force(displacement) / operator.force_scale
-    square = force.index_select(0, free).square().sum(1)
-    if robust:
-        square = 2 * square / (1 + (1 + square / robust**2).sqrt())  # 2 d^2 (sqrt(1 + s / d^2) - 1), uncancelled
-    return square.mean()
+    return force.index_select(0, free).square().sum(1).mean()
 
 
 def boundary_loss(prediction: InterfaceAndVolume, target: Tensor, anchored: Tensor) -> Tensor:

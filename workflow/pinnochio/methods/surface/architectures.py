@@ -25,7 +25,7 @@ class AcmtArchitecture:
 
     def build(self) -> nn.Module:
         """The network, freshly initialised from torch's random state."""
-        return acmt.AcmtNet(self.settings.softmax)
+        return acmt.AcmtNet()
 
     def unit(self, skin: np.ndarray, bone: np.ndarray) -> float:
         """Millimetres that are one inside the network; skin (s, 3), bone (b, 3) mm about the middle of the face."""

@@ -6,7 +6,6 @@ checkpoints, held-back patient and early stopping. What differs is the network, 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import torch
@@ -19,7 +18,6 @@ from pinnochio.methods.surface.settings import SurfaceSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.networks.clouds import SurfaceInputs, SurfaceStage, per_patient, scaled, to_device
-from pinnochio.networks.contrast import contrast
 from pinnochio.networks.signals import mirror_signs
 from pinnochio.plans.plan import Plan
 from pinnochio.training.case_files import CaseFiles, read_fem_samples
@@ -31,13 +29,12 @@ from pinnochio.training.settings import PHASES, TrainingSettings
 class FieldDraw:
     """A draw of a patient, and the displacement (n, 3) in units of its face points in a finite-element sample.
 
-    unit in mm; contrast: weight of the contrastive term.
+    unit in mm.
     """
 
     inputs: SurfaceInputs
     target: Tensor
     unit: float
-    contrast: float
 
     def loss(self, stages: Sequence[SurfaceStage], flip: Tensor, step: Step) -> Tensor:
         """Of pretraining: mean squared error of the displacement, mm^2."""
@@ -54,7 +51,6 @@ class SkinDraw:
     points: Tensor
     weight: Tensor
     architecture: AcmtArchitecture
-    contrast: ClassVar[float] = 0.0
 
     def loss(self, stages: Sequence[SurfaceStage], flip: Tensor, step: Step) -> Tensor:
         """Of fine-tuning: the published loss against points drawn from the target."""
@@ -97,14 +93,12 @@ class SurfaceLearner:
 
     def _fem_samples(self, files: CaseFiles) -> list[list[FieldDraw]]:
         """How the skin moves in each finite-element sample."""
-        patient, weight, samples = self._patient(files), self.network.contrast, []
+        patient, samples = self._patient(files), []
         for plan, field in read_fem_samples(files.fem_samples, files.case):
             skin = patient.model.moved_skin(field) - patient.model.skin_points
+            draws = patient.draws
             samples.append(
-                [
-                    FieldDraw(patient.inputs(draw, plan), patient.carried(draw, skin), patient.unit, weight)
-                    for draw in patient.draws
-                ]
+                [FieldDraw(patient.inputs(one, plan), patient.carried(one, skin), patient.unit) for one in draws]
             )
         return [[to_device(draw, self.device) for draw in draws] for draws in samples]
 
@@ -125,14 +119,12 @@ class SurfaceLearner:
         return SurfacePatient.build(PatientModel.read(files.model), self.network, files.case, self.network.repeats)
 
     def _data(self, network: nn.Module, draws: Sequence[FieldDraw | SkinDraw], step: Step) -> Tensor:
-        """Mean loss of the patients of a step, with the contrastive term where it is asked for."""
+        """Mean loss of the patients of a step."""
         flip = self._flips[int(step.mirror)]
         inputs = scaled(SurfaceInputs.join([draw.inputs for draw in draws]), flip)
         torch.manual_seed(int(step.rng.integers(2**31)))  # DGCFP drops edges and draws triangles
         parts = per_patient(run_network(network, self.network, inputs), len(draws))
-        data = torch.stack([draw.loss(part, flip, step) for part, draw in zip(parts, draws, strict=True)]).mean()
-        weight = draws[0].contrast
-        return data + weight * contrast(network, inputs) if weight else data
+        return torch.stack([draw.loss(part, flip, step) for part, draw in zip(parts, draws, strict=True)]).mean()
 
 
 def supervised(stages: Sequence[SurfaceStage], target: Tensor) -> Tensor:
