@@ -64,8 +64,8 @@ def make_patient(case: str, number: int, folder: Path, procedure=USUAL) -> Patie
         "landmarks": file("landmarks.json"),
         "anatomy": file("anatomy.json"),
     }
-    anatomy, muscles = CONFIG["virtual"]["anatomy"], CONFIG["virtual"]["muscles"]
-    make_head(case, number, SEED, anatomy, 2.0, CONFIG["labels"], procedure, muscles, sources)
+    muscles = CONFIG["virtual"]["muscles"]
+    make_head(case, number, SEED, 2.0, CONFIG["labels"], procedure, muscles, sources)
     covariates = file("covariates.json")
     draw_covariates(case, sources["anatomy"], OUTCOME["reality"], SEED, covariates)
     made = {"postop": file("scan.ply"), "truth": file("truth.h5"), "executed": file("executed.json")}

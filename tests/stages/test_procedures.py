@@ -43,8 +43,8 @@ def case(request, tmp_path_factory):
     folder, case = tmp_path_factory.mktemp(request.param), request.param
     sources = {name: file(folder, f"{name}.json") for name in ("landmarks", "anatomy")}
     sources |= {"segmentation": file(folder, "segmentation.nii.gz"), "plan": file(folder, "input.json")}
-    anatomy, muscles = CONFIG["virtual"]["anatomy"], CONFIG["virtual"]["muscles"]
-    make_head(case, number, SEED, anatomy, 2.0, CONFIG["labels"], procedure, muscles, sources)
+    muscles = CONFIG["virtual"]["muscles"]
+    make_head(case, number, SEED, 2.0, CONFIG["labels"], procedure, muscles, sources)
     imported = {key: file(folder, name) for key, name in NAMES.items()}
     values, vocabulary = CONFIG["labels"], tuple(CONFIG["segments"])
     import_segmentation(case, sources["segmentation"], values, vocabulary, "header", 2.0, "derived", 6.0, imported)

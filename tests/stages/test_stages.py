@@ -47,11 +47,11 @@ def test_virtual_patient_is_its_seed(patient, tmp_path):
     names = {"segmentation": "segmentation.nii.gz", "plan": "input_plan.json"}
     names |= {"landmarks": "landmarks.json", "anatomy": "anatomy.json"}
     again = {key: str(tmp_path / name) for key, name in names.items()}
-    anatomy, rest = CONFIG["virtual"]["anatomy"], (CONFIG["labels"], USUAL, CONFIG["virtual"]["muscles"], again)
-    make_head(patient.case, 0, SEED, anatomy, 2.0, *rest)
+    rest = CONFIG["labels"], USUAL, CONFIG["virtual"]["muscles"], again
+    make_head(patient.case, 0, SEED, 2.0, *rest)
     for name in names.values():
         assert (tmp_path / name).read_bytes() == (patient.folder / name).read_bytes()
-    make_head(patient.case, 0, SEED + 1, anatomy, 2.0, *rest)
+    make_head(patient.case, 0, SEED + 1, 2.0, *rest)
     assert (tmp_path / "input_plan.json").read_bytes() != (patient.folder / "input_plan.json").read_bytes()
 
 

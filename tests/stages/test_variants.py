@@ -175,7 +175,8 @@ VARIANTS = {
     "turned by 180 degrees (face backwards)": (
         lambda p: header(p, direction=np.diag([-1, -1, 1])), {}, "looks backwards", None),
     "slices reversed (upside down)": (lambda p: header(p, direction=np.diag([1, 1, -1])), {}, "upside down", None),
-    "lying on its side": (lambda p: header(p, direction=turned((0, 1, 0), 90)), {}, "lies on its side|upper teeth lie below", None),
+    "lying on its side": (
+        lambda p: header(p, direction=turned((0, 1, 0), 90)), {}, "lies on its side|upper teeth lie below", None),
     "mirrored, and teeth tell the sides": (
         lambda p: header(changed(p, sided), direction=np.diag([-1, 1, 1])),
         {"preset": "universal"}, "left and right are exchanged", None),
