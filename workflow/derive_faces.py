@@ -69,14 +69,14 @@ def derive(source: Path, target: Path) -> None:
     fields = np.stack([modes[:, group].mean(axis=1) for group in groups], axis=1)
 
     front = (points[: len(used), 1] < 0)[:, None] * vertex_areas(points, triangles)[: len(used), None]
-    own, weights = basis(fields, np.repeat(np.sqrt(front), 3, axis=1).ravel(), len(used))
+    modes, weights = basis(fields, np.repeat(np.sqrt(front), 3, axis=1).ravel(), len(used))
     eyeball = np.mean([np.linalg.norm(mean[a:b] - mean[a:b].mean(axis=0), axis=1).mean() for a, b in EYES])
-    largest = np.abs(own).max(axis=(1, 2))
-    scales = np.full(len(own), STEP)
+    largest = np.abs(modes).max(axis=(1, 2))
+    scales = np.full(len(modes), STEP)
     assert (largest / STEP < 32767).all()
     arrays = {
         "mean": points.astype(np.float32),
-        "modes": np.round(own / scales[:, None, None]).astype(np.int16),
+        "modes": np.round(modes / scales[:, None, None]).astype(np.int16),
         "scales": scales.astype(np.float32),
         "share": weights.astype(np.float32),
         "triangles": triangles.astype(np.uint16),
@@ -90,7 +90,7 @@ def derive(source: Path, target: Path) -> None:
             buffer = BytesIO()
             np.lib.format.write_array(buffer, np.asarray(values))
             file.writestr(zipfile.ZipInfo(f"{name}.npy", STAMP), buffer.getvalue(), zipfile.ZIP_DEFLATED)
-    print(f"{len(used)} vertices, {len(points)} points, {len(own)} modes, {Path(target).stat().st_size / 1e6:.2f} MB")
+    print(f"{len(used)} vertices, {len(points)} points, {len(modes)} modes, {Path(target).stat().st_size / 1e6:.2f} MB")
 
 
 def _axes(vectors: np.ndarray) -> np.ndarray:
@@ -126,8 +126,10 @@ def rims(triangles: np.ndarray, points: np.ndarray) -> list[np.ndarray]:
 
 def tooth_rows(triangles: np.ndarray, points: np.ndarray) -> list[list[tuple[np.ndarray, np.ndarray]]]:
     """Of the upper and of the lower teeth, left to right: vertices of the biting edge and of the outer face."""
-    own = triangles[(triangles >= 17039).all(axis=1) & (triangles < 21451).all(axis=1)]
-    graph = coo_array((np.ones(len(own) * 2), (own[:, :2].T.ravel(), own[:, 1:].T.ravel())), shape=(len(points),) * 2)
+    teeth = triangles[(triangles >= 17039).all(axis=1) & (triangles < 21451).all(axis=1)]
+    graph = coo_array(
+        (np.ones(len(teeth) * 2), (teeth[:, :2].T.ravel(), teeth[:, 1:].T.ravel())), shape=(len(points),) * 2
+    )
     _, piece = connected_components(graph, directed=False)
     teeth = [np.flatnonzero(piece == label) for label in np.unique(piece[17039:21451])]
     teeth = sorted(teeth, key=lambda tooth: tooth[0])

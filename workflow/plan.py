@@ -47,8 +47,8 @@ if __name__ == "__main__":
     parser.add_argument("prepared", help="planner.json of the patient, written by `snakemake planner`")
     parser.add_argument("--port", type=int, default=8050, help="port on 127.0.0.1; 0 for any that is free")
     parser.add_argument("--no-browser", action="store_true", help="only print the address")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     try:
-        open_planner(prepared=Prepared.read(asked.prepared), port=asked.port, browser=not asked.no_browser)
+        open_planner(prepared=Prepared.read(options.prepared), port=options.port, browser=not options.no_browser)
     except InputError as error:
         sys.exit(str(error))

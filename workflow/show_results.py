@@ -17,16 +17,16 @@ def lines(results: Path) -> list[str]:
     """Five methods of the study's table of accuracy, what they are of, and where the report lies."""
     names = ["method", "bound", "n", *COLUMNS]
     table = read_csv(results / "tables/accuracy.csv", usecols=names, dtype={"bound": bool}).set_index("method")
-    own = table[~table["bound"]]
-    shown = own.loc[few(own.index, ROWS)]
+    methods = table[~table["bound"]]
+    shown = methods.loc[few(methods.index, ROWS)]
     width = max(map(len, map(written, shown.index)))
     head = f"{'':{width}}" + "".join(f"{title:>19}" for title in COLUMNS.values())
     said = [head]
     for method, row in shown.iterrows():
         values = f"{row['cd_mean']:.2f}", f"{row['pwr2_mean']:.1f} %", f"{row['seconds_mean']:.3f}"
         said.append(f"{written(method):{width}}" + "".join(f"{value:>19}" for value in values))
-    patients = int(own["n"].max())
-    if not attainable(patients, len(own) - 1):
+    patients = int(methods["n"].max())
+    if not attainable(patients, len(methods) - 1):
         said.append(f"A demonstration: {patients} patients are too few to tell methods apart.")
     page = results / "report.html"
     return [*said, f"Report: {page}" if page.is_file() else f"Tables: {results / 'tables'}"]

@@ -17,16 +17,16 @@ PATIENCE = 10.0  # seconds until a job that does not end is killed
 
 def processes(folder: Path) -> dict[int, list[str]]:
     """Words of the command of each process of this user that works in the folder, by its number."""
-    found = {}
+    running = {}
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             if entry.stat().st_uid == os.getuid() and Path(os.readlink(entry / "cwd")) == folder:
                 words = (entry / "cmdline").read_bytes().decode("utf-8", "replace").split("\0")
                 if words != [""]:  # of one that has ended there is none
-                    found[int(entry.name)] = words
+                    running[int(entry.name)] = words
         except OSError:
             continue  # it has ended, or is another user's
-    return found
+    return running
 
 
 def of_study(words: list[str]) -> bool:

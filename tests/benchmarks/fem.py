@@ -118,28 +118,28 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--one", choices=SOLVERS, help=argparse.SUPPRESS)
     parser.add_argument("--field", help=argparse.SUPPRESS)
-    asked = parser.parse_args()
-    if asked.one:
+    options = parser.parse_args()
+    if options.one:
         from pinnochio.mechanics.problems import BLOCK, BLOCK_STEPS, box
 
-        points, cells = box(BLOCK, BLOCK_STEPS[asked.nodes[0]])
-        result = peer(points, cells) if asked.one == SOLVERS[0] else ours(points, cells, *asked.one.split())
-        np.save(asked.field, result.pop("u"))
+        points, cells = box(BLOCK, BLOCK_STEPS[options.nodes[0]])
+        result = peer(points, cells) if options.one == SOLVERS[0] else ours(points, cells, *options.one.split())
+        np.save(options.field, result.pop("u"))
         print(json.dumps(result))
         return
     print("| nodes | solver | seconds | times felupe's speed | floor s | over the floor | factorisations | CG "
           "iterations | peak memory MB | max difference mm |")  # fmt: skip
     print("|---" * 10 + "|")
-    for nodes in asked.nodes:
+    for nodes in options.nodes:
         runs = {solver: [] for solver in SOLVERS}
-        for _ in range(asked.repeats):
+        for _ in range(options.repeats):
             for solver in SOLVERS:
                 runs[solver].append(once(solver, nodes))
-        for solver, own in runs.items():
-            first, seconds = own[0], float(np.median([run["seconds"] for run in own]))
-            ratios = [a["seconds"] / b["seconds"] for a, b in zip(runs[SOLVERS[0]], own, strict=True)]
-            floor = float(np.median([run.get("floor", np.nan) for run in own]))
-            over = float(np.median([run["seconds"] / run.get("floor", np.nan) for run in own]))
+        for solver, repeats in runs.items():
+            first, seconds = repeats[0], float(np.median([run["seconds"] for run in repeats]))
+            ratios = [a["seconds"] / b["seconds"] for a, b in zip(runs[SOLVERS[0]], repeats, strict=True)]
+            floor = float(np.median([run.get("floor", np.nan) for run in repeats]))
+            over = float(np.median([run["seconds"] / run.get("floor", np.nan) for run in repeats]))
             same = np.abs(first["u"] - runs[SOLVERS[0]][0]["u"]).max() if "patch" not in solver else np.nan
             print(
                 f"| {nodes}k | {solver} | {seconds:.2f} | {np.median(ratios):.2f} | {floor:.2f} | {over:.2f} | "

@@ -34,8 +34,8 @@ def test_the_main_of_a_script_passes_every_argument_by_keyword(name):
     tree = ast.parse(source_file(name).read_text(encoding="utf-8"))
     (main,) = [node for node in tree.body if isinstance(node, ast.If)]
     assert ast.unparse(main.body[0]) == "attach_log(snakemake.log[0])"
-    own = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
-    calls = [node for node in ast.walk(main) if isinstance(node, ast.Call) and ast.unparse(node.func) in own]
+    public = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    calls = [node for node in ast.walk(main) if isinstance(node, ast.Call) and ast.unparse(node.func) in public]
     assert calls and not any(call.args for call in calls)
 
 
@@ -45,7 +45,7 @@ def test_every_stage_script_is_run_by_a_rule():
 
 
 @pytest.mark.parametrize("path", RULE_FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
-def test_every_rule_carries_the_hash_of_its_own_script(path):
+def test_every_rule_carries_the_hash_of_its_script(path):
     for rule, body in bodies(path).items():
         if script := scripts_of_rules().get(rule):
             hashed = re.search(CODE, body)

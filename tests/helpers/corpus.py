@@ -205,8 +205,8 @@ def labels(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         image.SetSpacing((4.0, 4.0, 4.0))
         image.SetOrigin((-60.0, -64.0, -70.0))
         for index, (name, code) in enumerate(CODES.items()):
-            own = {"ID": name, "Name": name, "LabelValue": str(code), "Layer": "0"}
-            for key, value in (own | (changed if index == 1 else {})).items():
+            segment = {"ID": name, "Name": name, "LabelValue": str(code), "Layer": "0"}
+            for key, value in (segment | (changed if index == 1 else {})).items():
                 image.SetMetaData(f"Segment{index}_{key}", value)
         sitk.WriteImage(image, str(folder / "a.seg.nrrd"))
         made = read_segmentation(folder / "a.seg.nrrd", "P1", {name: name for name in CODES}, SEGMENTS)
@@ -347,9 +347,9 @@ def dicom(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         ),
     }
     for size in ([0, 0], [-4, 4], [1e9, 4], [1e-9, 1e-9], [4]):
-        changes[f"pixels of {size}"] = lambda *own, size=size: setattr(own[2], "PixelSpacing", size)
+        changes[f"pixels of {size}"] = lambda *parts, size=size: setattr(parts[2], "PixelSpacing", size)
     for axes in ([1, 0, 0, 1, 0, 0], [0, 0, 0, 0, 0, 0], [2, 0, 0, 0, 2, 0]):
-        changes[f"axes {axes}"] = lambda *own, axes=axes: setattr(own[3], "ImageOrientationPatient", axes)
+        changes[f"axes {axes}"] = lambda *parts, axes=axes: setattr(parts[3], "ImageOrientationPatient", axes)
     for name, change in changes.items():
         yield Tried(f"dicom: {name}", partial(act, change))
 
@@ -373,12 +373,12 @@ def scans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         lines = ["ply", "format ascii 1.0", f"element vertex {len(points)}", *(f"property float {x}" for x in "xyz")]
         lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
         lines += [" ".join(f"{x:.3f}" for x in point) for point in points]
-        lines += ["3 " + " ".join(map(str, own)) for own in faces]
+        lines += ["3 " + " ".join(map(str, corners)) for corners in faces]
         path.write_text("\n".join(lines) + "\n")
 
     def obj(path: Path) -> None:
         lines = ["v " + " ".join(f"{x:.3f}" for x in point) for point in points]
-        lines += ["f " + " ".join(str(corner + 1) for corner in own) for own in faces]
+        lines += ["f " + " ".join(str(corner + 1) for corner in corners) for corners in faces]
         path.write_text("\n".join(lines) + "\n")
 
     # None of these formats has a checksum: what is cut off is noticed, a turned digit is not; OBJ may end anywhere.
@@ -408,10 +408,10 @@ def scans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         written(write, f"b.{kind}").decode()
         for write, kind in ((ascii_ply, "ply"), (obj, "obj"), (partial(write_surface, points, faces), "vtp"))
     )
-    triangle, corner = "3 " + " ".join(map(str, faces[-1])), "f " + " ".join(str(own + 1) for own in faces[-1])
+    triangle, corner = "3 " + " ".join(map(str, faces[-1])), "f " + " ".join(str(corner + 1) for corner in faces[-1])
     nothing = plain.replace(triangle, "3 0 0 0")
-    for own in faces:
-        nothing = nothing.replace("\n3 " + " ".join(map(str, own)) + "\n", "\n3 0 0 0\n")
+    for corners in faces:
+        nothing = nothing.replace("\n3 " + " ".join(map(str, corners)) + "\n", "\n3 0 0 0\n")
     for name, old, new in (
         ("b.ply", triangle, triangle + ".5"),
         ("b.ply", triangle, triangle.replace("3 ", "3.5 ", 1)),
@@ -435,19 +435,19 @@ def scans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     yield Tried("scan: a face before the points", partial(_read_bytes, read, "a.ply", bytes(wild)))
 
     mixed = rng.permutation(len(points))
-    for name, own, drawn in (
+    for name, scattered, drawn in (
         ("points in another order than its faces", points[mixed], faces),
         ("triangles anywhere", points, mixed[faces]),
     ):
-        data = written(partial(write_surface, own, drawn), "a.stl")
+        data = written(partial(write_surface, scattered, drawn), "a.stl")
         yield Tried(f"scan: {name}", partial(_read_bytes, read, "a.stl", data))
     spiked = points.copy()
     spiked[len(spiked) // 2] += [0, 400.0, 0]
 
     def read_spiked(folder: Path):
         write_surface(spiked, faces, folder / "a.ply")
-        found, triangles = read(folder / "a.ply")
-        return bool(len(found) >= len(points) - 3 and np.ptp(found, axis=0).max() < 150 and len(triangles))
+        placed, triangles = read(folder / "a.ply")
+        return bool(len(placed) >= len(points) - 3 and np.ptp(placed, axis=0).max() < 150 and len(triangles))
 
     yield Tried("scan: a spike of 400 mm", read_spiked, True)
     for factor, right in ((0.1, True), (0.001, True), (30.0, None), (0.0, None), (np.inf, None)):
@@ -474,7 +474,7 @@ def plan_of(**parts) -> dict:
 
 
 def motions(plan: Plan):
-    return {name: (own.rotation, own.translation, own.pivot) for name, own in plan.motions.items()}
+    return {name: (motion.rotation, motion.translation, motion.pivot) for name, motion in plan.motions.items()}
 
 
 def plans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
@@ -556,13 +556,13 @@ def plans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
 
 def markups(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     def read(path: Path):
-        found = read_markups([path], "P1")
-        return found.points, found.regions
+        markups_read = read_markups([path], "P1")
+        return markups_read.points, markups_read.regions
 
     def text_of(**parts) -> bytes:
-        own = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm"}
-        own["controlPoints"] = [{"label": "A", "position": [1, 2.5, -3]}]
-        return json.dumps({"markups": [own | parts]}).encode()
+        markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm"}
+        markup["controlPoints"] = [{"label": "A", "position": [1, 2.5, -3]}]
+        return json.dumps({"markups": [markup | parts]}).encode()
 
     yield from of_bytes("markups", "a.mrk.json", text_of(), read, rng, count, sealed=np.inf)
     for place in (
@@ -601,7 +601,7 @@ def transforms(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         folder = path.parent / "plan"
         folder.mkdir()
         path.rename(folder / f"lefort1{path.suffix}")
-        return {key: (own.rotation, own.translation) for key, own in read_transforms(folder, "P1").items()}
+        return {key: (motion.rotation, motion.translation) for key, motion in read_transforms(folder, "P1").items()}
 
     contents = {}
     for name in ("a.tfm", "a.txt", "a.h5", "a.mat"):
@@ -662,8 +662,8 @@ def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         for name in ("a.nii.gz", "a.json"):
             (folder / name).touch()
         (folder / "cases.tsv").write_bytes(data)
-        found = read_cases(folder / "cases.tsv")
-        return [(case.name, Path(case.plan).name, dict(case.covariates)) for case in found]
+        cases = read_cases(folder / "cases.tsv")
+        return [(case.name, Path(case.plan).name, dict(case.covariates)) for case in cases]
 
     right = [("P1", "a.json", {"age": 30.0})]
     cases: dict[str, tuple[bytes, object]] = {
@@ -729,18 +729,18 @@ def configuration() -> tuple[dict, dict]:
 def places(value, place=()) -> Iterator[tuple]:
     """The place of every plain value of a configuration."""
     if isinstance(value, dict):
-        for key, own in value.items():
-            yield from places(own, (*place, key))
+        for key, part in value.items():
+            yield from places(part, (*place, key))
     else:
         yield place
 
 
 def configs(rng: np.random.Generator, count: int) -> Iterator[Tried]:
-    own, _ = configuration()
-    every = list(places(own))
-    numbers = [place for place in every if isinstance(_at(own, place), int | float)]
+    config, _ = configuration()
+    every = list(places(config))
+    numbers = [place for place in every if isinstance(_at(config, place), int | float)]
     # A text in 'labels' is a name like any other.
-    numbers = [place for place in numbers if not isinstance(_at(own, place), bool) and place[0] != "labels"]
+    numbers = [place for place in numbers if not isinstance(_at(config, place), bool) and place[0] != "labels"]
     for value in (float("nan"), float("inf"), float("-inf"), ".nan", "-.inf", "nan", 1e301, 10**400, "1e999"):
         for index in rng.choice(len(numbers), min(count, len(numbers)), replace=False):
             yield _config(numbers[index], value, None)
@@ -748,7 +748,7 @@ def configs(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         for index in rng.choice(len(numbers), min(count, len(numbers)), replace=False):
             yield _config(numbers[index], value, ... if value is None else None)
     for place in numbers[:: max(1, len(numbers) // (10 * count))]:
-        yield _config(place, _at(own, place), ...)  # as it stands
+        yield _config(place, _at(config, place), ...)  # as it stands
     yield _config(("registration", "limit"), float("nan"), None)
     for place in (("convergence", 1), ("fem", None), ("mesh", True), ("virtual", 2.5)):
         yield _config(place, 1, None)
@@ -764,8 +764,8 @@ def _at(value, place):
 
 def _config(place: tuple, value, right) -> Tried:
     def act(_folder: Path):
-        own, schema = configuration()
-        changed = json.loads(json.dumps(own))
+        config, schema = configuration()
+        changed = json.loads(json.dumps(config))
         _at(changed, place[:-1])[place[-1]] = value
         read = checked(changed, schema)
         check_config(read)
@@ -799,8 +799,8 @@ def intermediates(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         return {item.name: getattr(value, item.name) for item in fields(value)}
 
     def read_tensors(path: Path):
-        found, own = read_network(path, NetworkSettings, build, "cpu")
-        return {name: value.numpy() for name, value in found.state_dict().items()} | {"settings": str(asdict(own))}
+        network, form = read_network(path, NetworkSettings, build, "cpu")
+        return {name: value.numpy() for name, value in network.state_dict().items()} | {"settings": str(asdict(form))}
 
     def read_outcome(path: Path):
         *field, executed = read_truth(path, "tiny")
@@ -921,8 +921,8 @@ def archives(rng: np.random.Generator, count: int) -> Iterator[Tried]:
 
 
 KINDS = {
-    own.__name__: own
-    for own in (
+    kind.__name__: kind
+    for kind in (
         *(labels, scans, plans, markups, transforms, tables),
         *(configs, intermediates, external, archives),
         *(headers, dicom),

@@ -73,6 +73,6 @@ def outcomes(inputs: Sequence[Tried], folder: Path) -> dict[str, str]:
         if len(done) < len(inputs):
             done.append([inputs[len(done)].name, f"crash: exit code {child.exitcode}"])
             report.write_text("".join(json.dumps(row) + "\n" for row in done), encoding="utf-8")
-    found = dict(done)
-    assert len(found) == len(inputs), "two inputs have one name"
-    return found
+    result = dict(done)
+    assert len(result) == len(inputs), "two inputs have one name"
+    return result

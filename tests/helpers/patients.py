@@ -167,11 +167,11 @@ def bony_patient(segments: tuple[str, ...]) -> PatientModel:
     size = {"mandible": (50, 40, 20)}
     parts = [grid * size.get(name, (12, 14, 10)) + places[name] for name in segments]
     bone = np.vstack(parts)
-    own = {
+    changes = {
         "bone_points": bone,
         "bone_normals": np.tile([0.0, 0, 1], (len(bone), 1)),
         "bone_faces": np.zeros((0, 3), np.int32),
         "bone_segment": np.repeat(np.arange(len(segments)), len(grid)).astype(np.int8),
         "segments": segments,
     }
-    return PatientModel(**(vars(tiny_patient()) | own))
+    return PatientModel(**(vars(tiny_patient()) | changes))

@@ -26,7 +26,7 @@ def structures(head: Head) -> dict[str, np.ndarray]:
     height = max(2, round(18 / head.spacing[2]))
     level = np.arange(labels.shape[2])
     body = labels == codes["mandible_distal"]
-    found = {
+    made = {
         "skull": upper | (labels == CRANIUM),
         "mandible": lower,
         "upper_teeth": upper & (level < edge + height),
@@ -34,27 +34,27 @@ def structures(head: Head) -> dict[str, np.ndarray]:
         "muscle": labels == 2,
         "tissue": labels > 0,
     }
-    found["skull"] &= ~found["upper_teeth"]
-    found["mandible"] &= ~found["lower_teeth"]
-    found["canal"] = ndimage.binary_erosion(found["mandible"], iterations=1) & (level < edge - height)
-    return found
+    made["skull"] &= ~made["upper_teeth"]
+    made["mandible"] &= ~made["lower_teeth"]
+    made["canal"] = ndimage.binary_erosion(made["mandible"], iterations=1) & (level < edge - height)
+    return made
 
 
 def dental(head: Head) -> np.ndarray:
     """Label map as DentalSegmentator writes it."""
-    own = structures(head)
+    masks = structures(head)
     values = np.zeros(head.labels.shape, np.uint8)
     for value, name in enumerate(("skull", "mandible", "upper_teeth", "lower_teeth", "canal"), 1):
-        values[own[name]] = value
+        values[masks[name]] = value
     return values
 
 
 def scan(head: Head, air=-1000.0, tissue=40.0, bone=900.0, noise=40.0) -> np.ndarray:
     """Grey values of a CT of the head: all of it inside the skin, teeth as bone, a little blurred, with noise."""
-    own = structures(head)
-    grey = np.where(own["tissue"], tissue, air)
+    masks = structures(head)
+    grey = np.where(masks["tissue"], tissue, air)
     for name in ("skull", "mandible", "upper_teeth", "lower_teeth"):
-        grey[own[name]] = bone
+        grey[masks[name]] = bone
     grey = ndimage.gaussian_filter(grey, 0.5) + np.random.default_rng(0).normal(0, noise, grey.shape)
     return grey.astype(np.float32)
 
@@ -62,8 +62,8 @@ def scan(head: Head, air=-1000.0, tissue=40.0, bone=900.0, noise=40.0) -> np.nda
 def write(path, values, head: Head, direction=None, spacing=None, origin=None):
     """Write values (nx, ny, nz) on the head's grid, or with this header."""
     image = sitk.GetImageFromArray(np.ascontiguousarray(np.asarray(values).transpose(2, 1, 0)))
-    image.SetSpacing([float(own) for own in (head.spacing if spacing is None else spacing)])
-    image.SetOrigin([float(own) for own in (head.origin if origin is None else origin)])
+    image.SetSpacing([float(size) for size in (head.spacing if spacing is None else spacing)])
+    image.SetOrigin([float(start) for start in (head.origin if origin is None else origin)])
     if direction is not None:
         image.SetDirection(np.ravel(np.asarray(direction, float)).tolist())
     sitk.WriteImage(image, str(path))
@@ -102,7 +102,7 @@ def run(
     """Import what a tool segmented; returns the report and the labels."""
     outputs = {name: str(folder / "out" / f"{name}{end}") for name, end in
                (("labels", ".nii.gz"), ("bone", ".vtp"), ("skin", ".vtp"), ("report", ".json"))}  # fmt: skip
-    given = {
+    usual = {
         "orientation": "header",
         "repair_limit": CONFIG["repair"]["limit"],
         "unlabelled_muscle": "derived",
@@ -115,8 +115,8 @@ def run(
         segments=SEGMENTS,
         volume=volume,
         cuts=cuts,
-        markups=[str(own) for own in markups],
+        markups=[str(markup) for markup in markups],
         outputs=outputs,
-        **(given | settings),
+        **(usual | settings),
     )
     return json.loads((folder / "out/report.json").read_text()), read_labels(outputs["labels"])

@@ -72,12 +72,12 @@ def learn_loads(patients, fitted: str) -> SourceModel:
     """What sliding finite elements leave of the patients' faces, learned; written to `fitted`, too."""
     fit(
         learner="pinnochio.methods.fem_learned:fit",
-        cases=[own.case for own in patients],
-        models=[own.model for own in patients],
-        fem_samples=[own.fem_samples for own in patients],
-        plans=[own.plan for own in patients],
-        postops=[own.postop for own in patients],
-        covariates=[own.covariates for own in patients],
+        cases=[patient.case for patient in patients],
+        models=[patient.model for patient in patients],
+        fem_samples=[patient.fem_samples for patient in patients],
+        plans=[patient.plan for patient in patients],
+        postops=[patient.postop for patient in patients],
+        covariates=[patient.covariates for patient in patients],
         settings={"fem": vars(patients[0].fem)},
         fitted=fitted,
     )

@@ -9,11 +9,11 @@ GOOD = ("accepted", REFUSED)
 
 
 def check(kind: str, seed: int, count: int, folder) -> dict[str, str]:
-    found = outcomes(inputs(kind, seed, count), folder)
-    wrong = {name: what for name, what in found.items() if what not in GOOD}
-    assert not wrong, f"{len(wrong)} of {len(found)}: {wrong}"
-    assert set(found.values()) == set(GOOD)  # a corpus that is all refused, or all accepted, tries nothing
-    return found
+    results = outcomes(inputs(kind, seed, count), folder)
+    wrong = {name: what for name, what in results.items() if what not in GOOD}
+    assert not wrong, f"{len(wrong)} of {len(results)}: {wrong}"
+    assert set(results.values()) == set(GOOD)  # a corpus that is all refused, or all accepted, tries nothing
+    return results
 
 
 @pytest.mark.parametrize("kind", KINDS)

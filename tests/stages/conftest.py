@@ -117,11 +117,11 @@ def prepared(patients, tmp_path_factory):
     """The first of two patients, prepared for the planner with an archive of two networks that nobody has trained."""
     patient, folder = patients[0], tmp_path_factory.mktemp("planner")
     reports = []
-    for own in patients:
-        reports.append(str(folder / f"{own.case}.json"))
-        report = quality(PatientModel.read(own.model), json.loads(Path(own.report).read_text()))
+    for other in patients:
+        reports.append(str(folder / f"{other.case}.json"))
+        report = quality(PatientModel.read(other.model), json.loads(Path(other.report).read_text()))
         Path(reports[-1]).write_text(json.dumps(report))
-    columns = ([getattr(own, name) for own in patients] for name in ("case", "model", "plan"))
+    columns = ([getattr(other, name) for other in patients] for name in ("case", "model", "plan"))
     archive = folder / "archive"
     archive.mkdir()
     describe_training(*columns, reports, str(archive / "ranges.json"))

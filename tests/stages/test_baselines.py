@@ -36,16 +36,16 @@ def test_a_surface_network_from_fields_and_skin_to_a_row_of_the_table(patient, t
     settings = {"network": {"architecture": architecture, "points": 64, "neighbours": 8, "repeats": 1}}
     settings |= {"pretraining": phase, "finetuning": phase}
     first, last = ({name: str(tmp_path / f"{phase}_{name}") for name in ("network", "history")} for phase in "ab")
-    own = {
+    common = {
         "learner": "pinnochio.methods.surface.learner:SurfaceLearner",
         "settings": settings,
         "code": "x",
         "device": "cpu",
     }
-    own |= {"cases": [patient.case], "models": [patient.model], "lifts": []}
-    pretrain(**own, fem_samples=[patient.fem_samples], seed=1, outputs=first)
+    common |= {"cases": [patient.case], "models": [patient.model], "lifts": []}
+    pretrain(**common, fem_samples=[patient.fem_samples], seed=1, outputs=first)
     outcome = {"plans": [patient.plan], "postops": [patient.postop], "covariates": [], "pretrained": first["network"]}
-    finetune(**own, **outcome, seed=2, outputs=last)
+    finetune(**common, **outcome, seed=2, outputs=last)
     predictions, metrics = str(tmp_path / "predictions.h5"), str(tmp_path / "metrics.csv")
     predict_by("surface.predictor:SurfacePredictor", patient, predictions, trained=last["network"])
     row = measured(patient, predictions, metrics)
@@ -88,12 +88,12 @@ def test_what_a_network_leaves_is_learned_as_loads_too(patients, tmp_path):
     finetune(
         learner="pinnochio.methods.pinnochio.learner:GraphLearner",
         settings=settings,
-        cases=[own.case for own in patients],
-        models=[own.model for own in patients],
+        cases=[patient.case for patient in patients],
+        models=[patient.model for patient in patients],
         lifts=[],
-        plans=[own.plan for own in patients],
-        postops=[own.postop for own in patients],
-        covariates=[own.covariates for own in patients],
+        plans=[patient.plan for patient in patients],
+        postops=[patient.postop for patient in patients],
+        covariates=[patient.covariates for patient in patients],
         pretrained=str(first),
         seed=SEED,
         code="x",
@@ -103,8 +103,8 @@ def test_what_a_network_leaves_is_learned_as_loads_too(patients, tmp_path):
     weights, same = (load_network(path)[0].state_dict() for path in (first, last["network"]))
     assert all(torch.equal(weights[name], same[name]) for name in weights)
     predictions, metrics = str(tmp_path / "predictions.h5"), str(tmp_path / "metrics.csv")
-    own = {"fem": CONFIG["fem"], "newton_corrections": 3}
-    predict_by("pinnochio.predictor:GraphPredictor", patients[0], predictions, trained=last["network"], **own)
+    settings = {"fem": CONFIG["fem"], "newton_corrections": 3}
+    predict_by("pinnochio.predictor:GraphPredictor", patients[0], predictions, trained=last["network"], **settings)
     row, made = measured(patients[0], predictions, metrics), read_prediction(predictions, patients[0].case)
     assert made.forces.any() and row["load_rel"] > 0
     assert row["eqres_rel"] < 0.1 * row["raw_eqres_rel"]

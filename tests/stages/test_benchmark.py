@@ -17,7 +17,7 @@ from tests.helpers.settings import CONFIG, SEED
 from tests.helpers.tables import make
 from tests.helpers.training import predict_by
 
-OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
+PREDICTOR = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
 ACCURACY = ["cd", "cd_sum", "cd_sq", "cd_vertex", "hd95", "hdmax", "hd_mean_oneway"]
 ACCURACY += ["pwr1", "pwr2", "pwr1_target", "pwr2_target", "target_samples", "skin_samples"]
 ACCURACY += ["registration_residual"]
@@ -62,12 +62,12 @@ def test_a_field_made_elsewhere_gets_the_same_row(patient, solved, tmp_path):
     mesh = pv.read(patient.mesh)
     assert len(np.unique(mesh.points, axis=0)) < mesh.n_points  # the mouth slit: places do not tell all nodes apart
     postops = {patient.case: patient.postop}
-    own = measure(patient, solved, "fem_bonded", str(tmp_path / "own.csv"), postops, [patient.true_motion])
+    solved_here = measure(patient, solved, "fem_bonded", str(tmp_path / "own.csv"), postops, [patient.true_motion])
     for number, file in enumerate(export(patient, solved, tmp_path)):
         predictions = str(tmp_path / f"{number}.h5")
         predict_external([patient.case], [file], [patient.mesh], predictions)
         row = measure(patient, predictions, "mine", str(tmp_path / f"{number}.csv"), postops, [patient.true_motion])
-        pd.testing.assert_frame_equal(row.drop(columns=OWN), own.drop(columns=OWN))
+        pd.testing.assert_frame_equal(row.drop(columns=PREDICTOR), solved_here.drop(columns=PREDICTOR))
         assert row.loc[0, "device"] == "external" and row["setup_seconds"].isna().all()
         assert row.loc[0, "seconds"] == 0.25 if number == 0 else row["seconds"].isna().all()
 

@@ -50,12 +50,12 @@ def files(patients, tmp_path_factory) -> dict[str, dict[str, str]]:
     made = {}
     for patient in patients:
         folder = tmp_path_factory.mktemp(patient.case)
-        own = {name: str(folder / name) for name in ("lips.vtu", "lips.h5", "lift.h5")}
-        refine_lips(patient.mesh, patient.labels, patient.bone, 18.0, 5.0, own["lips.vtu"])
-        given = patient.labels, patient.bone, patient.skin, patient.report, CONFIG["interfaces"]
-        label_case(own["lips.vtu"], *given, own["lips.h5"])
-        write_lift(patient.model, "elastic", 32, patient.fem, own["lift.h5"])
-        made[patient.case] = own
+        outputs = {name: str(folder / name) for name in ("lips.vtu", "lips.h5", "lift.h5")}
+        refine_lips(patient.mesh, patient.labels, patient.bone, 18.0, 5.0, outputs["lips.vtu"])
+        imported = patient.labels, patient.bone, patient.skin, patient.report, CONFIG["interfaces"]
+        label_case(outputs["lips.vtu"], *imported, outputs["lips.h5"])
+        write_lift(patient.model, "elastic", 32, patient.fem, outputs["lift.h5"])
+        made[patient.case] = outputs
     return made
 
 
@@ -77,26 +77,26 @@ class Fold:
 
     def train(self, method: str) -> str | None:
         """The file that the method's training leaves."""
-        own, job = self.methods[method], SimpleNamespace(method=method)
+        entry, job = self.methods[method], SimpleNamespace(method=method)
         one, phase = self.training, {"cases": [self.training.case], "models": [self.training.model]}
-        if own.trains == "no":
+        if entry.trains == "no":
             return None
-        if own.trains == "at once":
+        if entry.trains == "at once":
             fitted = str(self.folder / f"{method}.h5")
             plans = {"plans": [one.plan], "postops": [one.postop]}
-            own = {
-                "learner": own.learner,
+            common = {
+                "learner": entry.learner,
                 "settings": self.inputs.training.settings("fem")(job),
                 "covariates": self.known(one, method),
             }
-            fit(**own, **phase, fem_samples=[one.fem_samples], **plans, fitted=fitted)
+            fit(**common, **phase, fem_samples=[one.fem_samples], **plans, fitted=fitted)
             return fitted
-        phase |= {"learner": own.learner, "lifts": self.lift(one, method), "seed": SEED, "code": "x", "device": "cpu"}
+        phase |= {"learner": entry.learner, "lifts": self.lift(one, method), "seed": SEED, "code": "x", "device": "cpu"}
         outputs = [
             {name: str(self.folder / f"{method}_{number}_{name}") for name in ("network", "history")} for number in "12"
         ]
         first = None
-        if "pretraining" in own.settings:
+        if "pretraining" in entry.settings:
             settings = self.inputs.training.settings("network", "pretraining", "fem")(job)
             pretrain(**phase, settings=settings, fem_samples=[one.fem_samples], outputs=outputs[0])
             first = outputs[0]["network"]
@@ -108,18 +108,18 @@ class Fold:
 
     def predicted(self, method: str, trained: str | None) -> str:
         """The file of the prediction of the patient that is held out."""
-        own, one = self.methods[method], self.held_out
+        entry, one = self.methods[method], self.held_out
         batch = self.inputs.prediction.batch("folds/1", method)
         predictions = str(self.folder / f"{method}_predictions.h5")
         predict(
-            predictor=own.predictor,
+            predictor=entry.predictor,
             settings=batch.settings,
             trained=trained,
             cases=[one.case],
             models=[self.model(method)],
             lifts=self.lift(one, method),
             plans=[self.motion(method)],
-            truths=[one.truth] if own.truth == "field" else [],
+            truths=[one.truth] if entry.truth == "field" else [],
             covariates=self.known(one, method),
             device="cpu",
             threads=1,

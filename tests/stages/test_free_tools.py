@@ -37,10 +37,10 @@ def agreement(one, other) -> float:
     return 2 * (one & other).sum() / (one.sum() + other.sum())
 
 
-def as_tool(preset, own) -> np.ndarray:
+def as_tool(preset, masks) -> np.ndarray:
     """The head as the one label map of a tool."""
-    tissue = own["tissue"]
-    below = np.cumsum(own["upper_teeth"].any(axis=(0, 1))[::-1])[::-1] == 0
+    tissue = masks["tissue"]
+    below = np.cumsum(masks["upper_teeth"].any(axis=(0, 1))[::-1])[::-1] == 0
     layers = {
         "dentalsegmentator": [("skull", 1), ("mandible", 2), ("upper_teeth", 3), ("lower_teeth", 4), ("canal", 5)],
         "nasomaxilla": [("skull", 1), ("mandible", 2), ("upper_teeth", 4), ("lower_teeth", 5), ("canal", 6)],
@@ -50,21 +50,21 @@ def as_tool(preset, own) -> np.ndarray:
     }[preset]
     values = np.zeros(tissue.shape, np.uint8)
     for name, value in layers:
-        values[own[name]] = value
+        values[masks[name]] = value
     if preset == "nasomaxilla":  # its skull without the maxilla, which has a value of its own
         values[
-            own["skull"] & ~below & (np.arange(tissue.shape[2]) < np.argwhere(own["upper_teeth"])[:, 2].max() + 4)
+            masks["skull"] & ~below & (np.arange(tissue.shape[2]) < np.argwhere(masks["upper_teeth"])[:, 2].max() + 4)
         ] = 3
     if preset == "universal":  # each tooth has its own; here right and left of both jaws
         left = np.arange(tissue.shape[0])[:, None, None] > tissue.shape[0] / 2
-        values[own["upper_teeth"] & left], values[own["lower_teeth"] & left] = 9, 24
+        values[masks["upper_teeth"] & left], values[masks["lower_teeth"] & left] = 9, 24
     return values
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_each_preset_becomes_segments(head, scan, preset, tmp_path):
-    own = tools.structures(head)
-    path = tools.write(tmp_path / "P1.nii.gz", as_tool(preset, own), head)
+    masks = tools.structures(head)
+    path = tools.write(tmp_path / "P1.nii.gz", as_tool(preset, masks), head)
     labelled = preset in ("amasss", "totalsegmentator")
     cuts = ("split",) if preset == "amasss" else ("lefort1", "split")  # its teeth are bone: no roots to see
     said, made = run(tmp_path, path, preset, None if labelled else scan, cuts)
@@ -73,7 +73,7 @@ def test_each_preset_becomes_segments(head, scan, preset, tmp_path):
     jaw = np.isin(made.labels, [11 + i for i in range(4)][preset != "amasss" :])
     if preset == "amasss":
         jaw = np.isin(made.labels, (11, 12, 13))
-    assert agreement(jaw, own["mandible"] | own["lower_teeth"]) > 0.95
+    assert agreement(jaw, masks["mandible"] | masks["lower_teeth"]) > 0.95
     bone = made.labels >= 10
     assert agreement(bone, head.labels >= 10) > 0.95
 
@@ -106,7 +106,7 @@ def test_grey_values_of_any_scale_give_the_same_face(head, scan, air, tissue, bo
     path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head)
     other = tools.scan(head, air, tissue, bone, noise=0.03 * (bone - air))
     volume = str(tools.write(tmp_path / "cbct.nii.gz", other, head))
-    made, first = (run(tmp_path, path, volume=own)[1].labels > 0 for own in (volume, scan))
+    made, first = (run(tmp_path, path, volume=grey)[1].labels > 0 for grey in (volume, scan))
     assert agreement(made, first) > 0.98
 
 
@@ -114,11 +114,11 @@ def test_landmarks_and_planes_decide_and_are_said(head, scan, tmp_path):
     path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head)
     said = run(tmp_path, path, volume=scan, cuts=("lefort1", "split", "chin"))[0]
     menton = np.array(said["landmarks"]["Me"]["place"])
-    given = [tools.points(tmp_path / "a.mrk.json", frame="RAS", Me=menton + [0, 0, 4])]
+    points = [tools.points(tmp_path / "a.mrk.json", frame="RAS", Me=menton + [0, 0, 4])]
     level = float(np.array(said["landmarks"]["ANS"]["place"])[2])
     for how in ("normal", "matrix"):
         cut = [tools.plane(tmp_path / "b.mrk.json", "lefort1", [0, -60, level], [0, 0.1, -1], how)]
-        moved, made = run(tmp_path, path, volume=scan, cuts=("lefort1", "split", "chin"), markups=given + cut)
+        moved, made = run(tmp_path, path, volume=scan, cuts=("lefort1", "split", "chin"), markups=points + cut)
         assert moved["cuts"]["lefort1"] == "the plane that was given"
         top = np.argwhere(made.labels == 11)[:, 2].max() * made.spacing[2] + made.origin[2]
         assert top < level + 6
@@ -140,26 +140,26 @@ def test_without_the_split_the_mandible_stays_whole(head, scan, tmp_path):
 
 
 def test_several_files_are_one_segmentation(head, tmp_path):
-    own = tools.structures(head)
+    masks = tools.structures(head)
     folder = tmp_path / "segmentation"
     folder.mkdir()
-    values = as_tool("totalsegmentator", own)
+    values = as_tool("totalsegmentator", masks)
     tools.write(folder / "P1_craniofacial_structures.nii.gz", values, head)
     muscle = np.zeros(values.shape, np.uint8)
     left = np.arange(values.shape[0])[:, None, None] > values.shape[0] / 2
-    muscle[own["muscle"] & left], muscle[own["muscle"] & ~left] = 2, 1
+    muscle[masks["muscle"] & left], muscle[masks["muscle"] & ~left] = 2, 1
     tools.write(folder / "P1_head_muscles.nii.gz", muscle, head)
     said, made = run(tmp_path, folder, "totalsegmentator")
     assert said["muscle"] == "labelled" and said["frame"]["sides"] == "as it should be"
-    assert agreement(made.labels == 2, own["muscle"]) > 0.8
+    assert agreement(made.labels == 2, masks["muscle"]) > 0.8
 
     single = tmp_path / "single"
     single.mkdir()
     names = {"skull": "skull", "mandible": "mandible", "upper_teeth": "teeth_upper", "lower_teeth": "teeth_lower"}
     for name, stem in (names | {"tissue": "head"}).items():
-        tools.write(single / f"{stem}.nii.gz", own[name].astype(np.uint8), head)
-    tools.write(single / "masseter_left.nii.gz", (own["muscle"] & left).astype(np.uint8), head)
-    tools.write(single / "masseter_right.nii.gz", (own["muscle"] & ~left).astype(np.uint8), head)
+        tools.write(single / f"{stem}.nii.gz", masks[name].astype(np.uint8), head)
+    tools.write(single / "masseter_left.nii.gz", (masks["muscle"] & left).astype(np.uint8), head)
+    tools.write(single / "masseter_right.nii.gz", (masks["muscle"] & ~left).astype(np.uint8), head)
     apart = run(tmp_path, single, "totalsegmentator")[1]
     assert agreement(apart.labels == 2, made.labels == 2) > 0.99
     for code in (1, 10, 11, 12, 13, 14):
@@ -235,16 +235,16 @@ def test_matrices_of_areg_are_the_plan_that_was_carried_out(head, scan, tmp_path
 def test_a_second_segmentation_is_the_plan_that_was_carried_out(head, scan, tmp_path):
     """The same head after surgery, in another frame, with all that the tool labels; motions of whole voxels."""
     run(tmp_path, tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head), volume=scan)
-    own = read_labels(str(tmp_path / "out/labels.nii.gz"))
-    upper, lower = own.labels == 11, own.labels == 12
-    after = np.zeros(own.labels.shape, np.uint8)
-    after[own.labels == 10] = 1
-    after[(own.labels == 13) | (own.labels == 14)] = 2
+    before = read_labels(str(tmp_path / "out/labels.nii.gz"))
+    upper, lower = before.labels == 11, before.labels == 12
+    after = np.zeros(before.labels.shape, np.uint8)
+    after[before.labels == 10] = 1
+    after[(before.labels == 13) | (before.labels == 14)] = 2
     after[np.roll(upper, -2, axis=1)] = 1  # 5 mm forward
     after[np.roll(np.roll(lower, 2, axis=1), 1, axis=2)] = 2  # 5 mm back, 2.5 mm up
     turn = np.array([[np.cos(0.2), -np.sin(0.2), 0], [np.sin(0.2), np.cos(0.2), 0], [0, 0, 1]])
-    path = tools.write(tmp_path / "post.gipl.gz", after, own, origin=own.origin + [12, -7, 30])
-    turned = tools.write(tmp_path / "post.nrrd", after, own, direction=turn)
+    path = tools.write(tmp_path / "post.gipl.gz", after, before, origin=before.origin + [12, -7, 30])
+    turned = tools.write(tmp_path / "post.nrrd", after, before, direction=turn)
     for source in (path, turned):
         import_plan(
             "P1",
@@ -264,7 +264,7 @@ def test_a_second_segmentation_is_the_plan_that_was_carried_out(head, scan, tmp_
         after[after == 1] = 44
         import_plan(
             "P1",
-            str(tools.write(tmp_path / "post.nii.gz", after, own)),
+            str(tools.write(tmp_path / "post.nii.gz", after, before)),
             str(tmp_path / "out/bone.vtp"),
             str(tmp_path / "plan.json"),
             str(tmp_path / "out/labels.nii.gz"),

@@ -39,9 +39,9 @@ def model(patient):
 
 @pytest.fixture(scope="module")
 def face(patient, model):
-    own = ElasticFace(model, patient.fem)
-    yield own
-    own.close()
+    elastic = ElasticFace(model, patient.fem)
+    yield elastic
+    elastic.close()
 
 
 @pytest.fixture(scope="module")
@@ -58,13 +58,13 @@ def made(patient, face, free):
 
 def markups(path, points, frame="LPS", unit="mm"):
     turn = [-1, -1, 1] if frame == "RAS" else [1, 1, 1]
-    own = [{"label": name, "position": (np.array(place) * turn).tolist()} for name, place in points.items()]
-    content = {"type": "Fiducial", "coordinateSystem": frame, "coordinateUnits": unit, "controlPoints": own}
+    listed = [{"label": name, "position": (np.array(place) * turn).tolist()} for name, place in points.items()]
+    content = {"type": "Fiducial", "coordinateSystem": frame, "coordinateUnits": unit, "controlPoints": listed}
     path.write_text(json.dumps({"markups": [content]}))
     return str(path)
 
 
-def found(face, wish, case, operation="two_jaw", settings=SETTINGS, **bounds):
+def answered(face, wish, case, operation="two_jaw", settings=SETTINGS, **bounds):
     return answers(face, wish, [operation], INVERT["bounds"] | bounds, settings, case)[operation]
 
 
@@ -101,14 +101,14 @@ def test_a_surface_is_met_by_itself_and_missed_by_as_much_as_it_is_moved(model):
     assert np.nanmedian(np.abs(change)) > 0.02 and np.nanmedian(np.abs(change - expected)) < 2e-3
 
 
-def test_the_motion_that_made_a_face_is_found_from_its_surface(patient, model, face, made):
+def test_a_surface_gives_back_the_motion_that_made_it(patient, model, face, made):
     plan, field = made
     wish = [SurfaceWish.of("face", model, model.moved_skin(field), model.skin_faces)]
-    answer = found(face, wish, patient.case, settings=replace(SETTINGS, tolerance=EXACT))
+    answer = answered(face, wish, patient.case, settings=replace(SETTINGS, tolerance=EXACT))
     assert answer.proposal.solved and answer.proposal.misfit < 0.02
-    usual = found(face, wish, patient.case)
+    usual = answered(face, wish, patient.case)
     assert usual.proposal.misfit < SETTINGS.tolerance + 0.02
-    size = [np.linalg.norm(own.freedom.lever * own.proposal.x) for own in (answer, usual)]
+    size = [np.linalg.norm(one.freedom.lever * one.proposal.x) for one in (answer, usual)]
     assert size[1] < size[0]
     for index, name in enumerate(model.segments):
         bone = model.bone_points[model.bone_segment == index]
@@ -122,8 +122,8 @@ def test_landmarks_are_reached_and_what_they_cannot_tell_is_said(patient, model,
     wish = [
         PlaceWish(name, marks.chosen([name]), target, 1.0) for name, target in zip(marks.names, targets, strict=True)
     ]
-    answer = found(face, wish, patient.case)
-    assert all(own.error(answer.proposal.displacement) < 0.2 for own in wish)
+    answer = answered(face, wish, patient.case)
+    assert all(one.error(answer.proposal.displacement) < 0.2 for one in wish)
     hidden = answer.combinations.hidden
     assert hidden.sum() >= len(hidden) - 6  # two points say six numbers
     x, change = answer.proposal.x, answer.combinations.directions[0]
@@ -138,7 +138,7 @@ def test_bounds_hold_and_what_lies_beyond_them_is_not_reached(patient, model, fa
     marks = Marks.of(model).chosen(["pogonion"])
     wish = [PlaceWish("pogonion", marks, marks.rest[0] + [0, -9, 0], 1.0)]
     tight = INVERT["bounds"]["mandible"] | {"forward": [-1, 2]}
-    answer = found(face, wish, patient.case, "mandible", mandible=tight)
+    answer = answered(face, wish, patient.case, "mandible", mandible=tight)
     assert answer.proposal.plan.motion("mandible_distal").translation[1] > -12
     assert ("mandible_distal", "forward") in answer.proposal.at_bounds
     assert wish[0].error(answer.proposal.displacement) > 3
@@ -160,14 +160,14 @@ def test_wishes_are_read_from_markups_surfaces_and_measures(patient, model, tmp_
     (tmp_path / "wish.csv").write_text("measure,value,change,weight\nnasolabial,105,,2\npog_forward,,+4,\n")
     files = [markups(tmp_path / "wish.mrk.json", wished, "RAS"), str(tmp_path / "wish.ply"), str(tmp_path / "wish.csv")]
     read = read_wish(files, model, INVERT["weights"], patient.case)
-    assert [own.name for own in read] == ["pogonion", "subnasale", "wish.ply", "nasolabial", "pog_forward"]
+    assert [measure.name for measure in read] == ["pogonion", "subnasale", "wish.ply", "nasolabial", "pog_forward"]
     np.testing.assert_allclose(read[0].target, wished["Pog'"])
     assert read[3].target == 105 and read[3].weight == 2
     rest = np.zeros_like(model.points)
     assert read[4].error(rest) == pytest.approx(4) and read[2].error(rest) < 1e-3
-    own = markups(tmp_path / "mine.mrk.json", {"mole": model.skin_points[model.judged_points[0]]})
+    file = markups(tmp_path / "mine.mrk.json", {"mole": model.skin_points[model.judged_points[0]]})
     wish = markups(tmp_path / "wish_mole.mrk.json", {"mole": model.skin_points[model.judged_points[0]] + [0, -1.0, 0]})
-    (mole,) = read_wish([wish], model, INVERT["weights"], patient.case, [own])
+    (mole,) = read_wish([wish], model, INVERT["weights"], patient.case, [file])
     assert mole.error(rest) == pytest.approx(1)
 
 
@@ -194,9 +194,9 @@ def test_a_wish_that_cannot_be_meant_is_refused(patient, model, tmp_path, points
 
 def test_a_landmark_that_is_marked_off_the_face_is_refused(patient, model, tmp_path):
     off = model.points.mean(axis=0) + [0, 60, 0]
-    own, wish = (markups(tmp_path / f"{name}.mrk.json", {"mole": off}) for name in ("mine", "wish"))
+    mine, wish = (markups(tmp_path / f"{name}.mrk.json", {"mole": off}) for name in ("mine", "wish"))
     with pytest.raises(InputError, match="off the face"):
-        read_wish([wish], model, INVERT["weights"], patient.case, [own])
+        read_wish([wish], model, INVERT["weights"], patient.case, [mine])
 
 
 @pytest.mark.parametrize(
@@ -259,7 +259,7 @@ def test_the_stage_writes_plans_that_read_back_and_a_page(patient, model, made, 
         again = Plan.read(f"{out['transforms']}/{name}", patient.case)
         for segment in plan.motions:
             points = model.bone_points[model.bone_segment == model.segments.index(segment)]
-            places = [own.motion(segment).apply(points) for own in (plan, again)]
+            places = [one.motion(segment).apply(points) for one in (plan, again)]
             np.testing.assert_allclose(*places, atol=1e-6)
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "both jaws" in text and "labrale superius" in text and text.count("<img") == 2

@@ -21,10 +21,10 @@ from tests.helpers.settings import CONFIG, SEED, SEGMENTS
 def bones(patients, tmp_path_factory) -> list[str]:
     """The scanned bones of both patients."""
     folder, files = tmp_path_factory.mktemp("bones"), []
-    for own in patients:
-        files.append(str(folder / f"{own.case}.nii.gz"))
+    for one in patients:
+        files.append(str(folder / f"{one.case}.nii.gz"))
         virtual_postop_bones(
-            own.case, own.segmentation, own.executed, CONFIG["labels"], CONFIG["segments"], 1.0, SEED, files[-1]
+            one.case, one.segmentation, one.executed, CONFIG["labels"], CONFIG["segments"], 1.0, SEED, files[-1]
         )  # fmt: skip
     return files
 
@@ -39,14 +39,14 @@ def register(patient, bones, folder, limit=0.45, share=70.0) -> list[Path]:
 
 def test_the_achieved_motion_is_the_executed_one_not_the_plan(patient, bones, tmp_path):
     achieved, fits = register(patient, bones[0], tmp_path)
-    found = Plan.read(achieved, patient.case)
-    assert set(found.motions) == set(SEGMENTS)
+    plan = Plan.read(achieved, patient.case)
+    assert set(plan.motions) == set(SEGMENTS)
     surface, true = BoneSurface.read(patient.bone), Plan.read(patient.executed, patient.case)
     planned = motion_errors(Plan.read(patient.plan, patient.case), true, surface)
-    errors = motion_errors(found, true, surface)
-    for name, own in errors.items():
-        assert own["error_mean"] < 0.6 and own["error_degrees"] < 1.5, (name, own)
-    assert sum(own["error_mean"] for own in errors.values()) < 0.4 * sum(own["error_mean"] for own in planned.values())
+    errors = motion_errors(plan, true, surface)
+    for name, fit in errors.items():
+        assert fit["error_mean"] < 0.6 and fit["error_degrees"] < 1.5, (name, fit)
+    assert sum(fit["error_mean"] for fit in errors.values()) < 0.4 * sum(fit["error_mean"] for fit in planned.values())
     rows = read_table(fits, FITS)
     assert rows["segment"].tolist() == ["cranium", *SEGMENTS] and (rows["case"] == patient.case).all()
     assert rows["median"].between(0.05, 0.5).all() and (rows["matched"] > 60).all()

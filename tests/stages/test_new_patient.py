@@ -69,8 +69,8 @@ def result(patient, tmp_path_factory):
     model, path = PatientModel.read(patient.model), tmp_path_factory.mktemp("result") / "interval.h5"
     region = regions(model)
     width = np.where(region >= 0, 1.5, np.nan)
-    own = Interval(np.tile([0.0, -2, 0], (len(model.points), 1)), np.zeros(len(model.points)), width, region)
-    own.write(path, **asdict(Solution()))
+    interval = Interval(np.tile([0.0, -2, 0], (len(model.points), 1)), np.zeros(len(model.points)), width, region)
+    interval.write(path, **asdict(Solution()))
     return str(path)
 
 
@@ -132,7 +132,7 @@ def test_the_certificate_of_a_patient_of_the_training(patient, archive, result, 
     assert certified(patient, archive, result, tmp_path / "again") == said
 
 
-def test_a_plan_of_its_own_kind_is_called_unlike(patient, archive, result, tmp_path):
+def test_a_plan_of_an_unknown_kind_is_called_unlike(patient, archive, result, tmp_path):
     plan = json.loads(Path(patient.plan).read_text())
     plan["segments"]["lefort1"]["translation"] = [0, 40, 0]  # beyond what two patients differ from each other by
     (tmp_path / "plan.json").write_text(json.dumps(plan))

@@ -52,10 +52,10 @@ def address(home):
             command, cwd=home, env=os.environ | {"PYTHONUNBUFFERED": "1"}, stdout=stream, stderr=subprocess.STDOUT,
             start_new_session=True,
         )  # fmt: skip
-    while not (found := re.search(r"Local: +(http://\S+)", said.read_text())):
+    while not (address := re.search(r"Local: +(http://\S+)", said.read_text())):
         assert process.poll() is None, said.read_text()[-4000:]
         time.sleep(0.5)
-    yield found[1]
+    yield address[1]
     os.killpg(process.pid, signal.SIGTERM)
     process.wait()
     assert "Traceback" not in re.sub(r"Traceback(?:(?!Traceback).)*Cannot write to closing transport", "",

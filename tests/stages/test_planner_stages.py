@@ -133,8 +133,8 @@ def test_a_wish_is_fitted_at_once_and_then_by_finite_elements(patient, monkeypat
     for place in ("solvers.kept_factors", "simulation"):  # kept factors leave nothing to Newton's method
         monkeypatch.setattr(f"pinnochio.mechanics.{place}.solve", None)
     model = PatientModel.read(patient.model)
-    wishing, own = Wishing(model, patient.case, patient.fem, CONFIG["invert"]), MEASURES["pog_forward"]
-    now = own.rule(Marks.of(model).chosen(own.points).rest)[0]
+    wishing, measure = Wishing(model, patient.case, patient.fem, CONFIG["invert"]), MEASURES["pog_forward"]
+    now = measure.rule(Marks.of(model).chosen(measure.points).rest)[0]
     operation = wishing.operations[0]
     fits = list(wishing.fits({"pog_forward": now + 3}, operation))
     assert [fit.verified for fit in fits] == [False, True]

@@ -55,7 +55,7 @@ def case(request, tmp_path_factory):
     return folder, procedure, PatientModel.read(file(folder, "model.h5"))
 
 
-def test_a_case_has_its_own_segments_in_the_order_of_the_vocabulary(case):
+def test_a_case_has_the_segments_of_its_cuts_in_the_order_of_the_vocabulary(case):
     folder, procedure, model = case
     assert model.segments == tuple(name for name in CONFIG["segments"] if name in procedure.segments)
     report = json.loads((folder / "report.json").read_text())
@@ -68,7 +68,7 @@ def test_the_jaws_slide_past_each_other_whichever_is_cut(case):
     _, procedure, model = case
     kinds = np.bincount(model.node_type, minlength=4)
     assert kinds[[FIXED, MOVING, SLIDING]].min() > 5
-    sliding = {(-1 if own < 0 else model.segments[own]) for own in model.node_segment[model.node_type == SLIDING]}
+    sliding = {(-1 if code < 0 else model.segments[code]) for code in model.node_segment[model.node_type == SLIDING]}
     lower = "mandible" if procedure.jaws == MAXILLA else "mandible_distal"
     assert lower in sliding
     assert (-1 in sliding) == (procedure.jaws == MANDIBLE)  # its upper teeth are cranium
@@ -77,7 +77,7 @@ def test_the_jaws_slide_past_each_other_whichever_is_cut(case):
 
 def test_its_plan_and_sampled_ones_are_solved(case):
     folder, procedure, model = case
-    name = next(name for name, (_, own) in KINDS.items() if own == procedure)
+    name = next(name for name, (_, kind) in KINDS.items() if kind == procedure)
     plan = Plan.read(folder / "plan.json", name)
     for arm in ("bonded", "mucosa"):
         (result,) = simulate(model, [plan], FEM, arm=arm)
@@ -93,12 +93,12 @@ def test_a_plan_that_misses_a_segment_or_names_another_is_refused(case, tmp_path
     folder, _, model = case
     whole = json.loads((folder / "plan.json").read_text())
     lacking, foreign = json.loads(json.dumps(whole)), json.loads(json.dumps(whole))
-    own = model.segments[0]
-    del lacking["segments"][own]
+    missing = model.segments[0]
+    del lacking["segments"][missing]
     other = next(name for name in CONFIG["segments"] if name not in model.segments)
-    foreign["segments"][other] = whole["segments"][own]
+    foreign["segments"][other] = whole["segments"][missing]
     for plan, words in (
-        (lacking, f"nothing of '{own}'"),
+        (lacking, f"nothing of '{missing}'"),
         (foreign, f"'{other}', which the segmentation does not hold"),
     ):
         (tmp_path / "plan.json").write_text(json.dumps(plan))

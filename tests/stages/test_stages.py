@@ -173,7 +173,7 @@ def predicted(patients, tmp_path_factory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("fold")
     one, two = patients
     phase, fem = vars(training_settings(steps=15, learning_rate=2e-3)), CONFIG["fem"]
-    own = {
+    common = {
         "learner": "pinnochio.methods.pinnochio.learner:GraphLearner",
         "settings": {"network": asdict(NETWORK), "pretraining": phase, "finetuning": phase, "fem": fem},
         "cases": [two.case],
@@ -184,9 +184,9 @@ def predicted(patients, tmp_path_factory) -> dict[str, str]:
         "device": "cpu",
     }
     first = {"network": str(folder / "pretrained.pt"), "history": str(folder / "pretraining.csv")}
-    pretrain(**own, fem_samples=[two.fem_samples], outputs=first)
+    pretrain(**common, fem_samples=[two.fem_samples], outputs=first)
     last = {"network": str(folder / "network.pt"), "history": str(folder / "finetuning.csv")}
-    finetune(**own, plans=[two.plan], postops=[two.postop], covariates=[], pretrained=first["network"], outputs=last)
+    finetune(**common, plans=[two.plan], postops=[two.postop], covariates=[], pretrained=first["network"], outputs=last)
     files = {method: str(folder / f"{method}.h5") for method in ("no_change", "fem_sliding", "pinnochio")}
     predict_by("no_change:NoChangePredictor", one, files["no_change"])
     predict_by("finite_elements:FiniteElementPredictor", one, files["fem_sliding"], fem=fem, contact="mucosa")

@@ -71,8 +71,8 @@ def test_every_setting_has_a_row_beside_the_reference(patient, rows):
 
 def test_a_reference_that_does_not_converge_leaves_its_distances_out(patient, tmp_path):
     files = {"rows": tmp_path / "fem.csv", "reference": tmp_path / "r.h5"}
-    given_up = replace(patient.fem, max_systems=0, kept_factors=False)
-    known = {"case": patient.case, "postop": patient.postop, "judged": patient.judged, "fem": given_up}
+    no_solver = replace(patient.fem, max_systems=0, kept_factors=False)
+    known = {"case": patient.case, "postop": patient.postop, "judged": patient.judged, "fem": no_solver}
     measure_fem(
         **known, plan=patient.plan, models={NODES: patient.model}, threads=1, settings=FEM[:2], nodes=NODES, **files
     )

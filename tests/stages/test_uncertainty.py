@@ -95,8 +95,8 @@ def calibrated(patients, ensembles, folder, level=LEVEL, networks=True):
     for fold, patient in zip(FOLDS, patients, strict=False):
         held_out = str(folder / f"predictions_{fold}.h5")
         write_predictions(held_out, {patient.case: read_prediction(ensembles[patient.case], fold)})
-        own = patient.model, patient.postop, patient.judged, held_out, ensembles[patient.case] if networks else None
-        cases.append(ScannedCase(patient.case, fold, *own))
+        paths = patient.model, patient.postop, patient.judged, held_out, ensembles[patient.case] if networks else None
+        cases.append(ScannedCase(patient.case, fold, *paths))
     files = str(folder / "calibration.json"), str(folder / "part.csv")
     calibrate(cases, "pinnochio_plus", level, SEED, *files)
     return files

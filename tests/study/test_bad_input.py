@@ -74,7 +74,7 @@ def test_a_duplicate_case_is_refused(project):
     check(project, [row, row], "'P1'", "cases.tsv", "two rows carry this name")
 
 
-def test_a_case_without_muscle_goes_in_by_rule_and_is_refused_where_asked(project):
+def test_a_case_without_muscle_goes_in_by_rule_and_is_refused_where_wished(project):
     row = write_case(project.folder, labels=without(2))
     check(project, [row], "'P1'", "P1.nii.gz", "no muscle is labelled", config=["unlabelled_muscle=refuse"])
     done = run(project, [row], target="results/cases/P1/import.json")

@@ -18,7 +18,7 @@ pytestmark = [
     pytest.mark.skipif(bool(MISSING), reason=f"a SLURM on loopback lacks {MISSING}: apt-get install munge slurm-wlm"),
 ]
 STUDY = ["--configfile", "config/quick.yaml", "own.yaml"]
-OWN = "methods: [no_change, pinnochio]\nablation: []\nvirtual: {patients: 4}\npretraining: {steps: 250}\n"
+CHANGES = "methods: [no_change, pinnochio]\nablation: []\nvirtual: {patients: 4}\npretraining: {steps: 250}\n"
 
 
 @pytest.fixture(scope="module")
@@ -43,17 +43,17 @@ def last_job(rule: str) -> dict[str, str]:
 def test_the_quick_study_through_sbatch_with_a_job_killed(slurm, project, tmp_path_factory):
     results, alone = project.folder / "results/quick", type(project)(tmp_path_factory.mktemp("alone"))
     for copy in (project, alone):
-        (copy.folder / "own.yaml").write_text(OWN)
+        (copy.folder / "own.yaml").write_text(CHANGES)
     arguments = ["--workflow-profile", "profiles/slurm", "--cores", "2", "--slurm-status-command", "squeue"]
     arguments += ["--slurm-init-seconds-before-status-checks", "2", "--seconds-between-status-checks", "2"]
     run, checkpoint = project.start(*arguments, *STUDY), results / "folds/1/pinnochio/pretrained.resume.pt"
     while run.poll() is None and not checkpoint.exists():
         time.sleep(0.5)
-    own = [job["JobId"] for job in jobs() if job["JobState"] == "RUNNING" and "pretrain" in job["Comment"]]
-    for job in own:
+    running = [job["JobId"] for job in jobs() if job["JobState"] == "RUNNING" and "pretrain" in job["Comment"]]
+    for job in running:
         subprocess.run(["scancel", "--full", "--signal=KILL", job], check=True)
     assert run.wait() == 0, project.said[-3000:]
-    assert own and "Error in rule pretrain" in project.said and "Trying to restart" in project.said
+    assert running and "Error in rule pretrain" in project.said and "Trying to restart" in project.said
     logs = "".join(path.read_text() for path in (results / "logs/pretrain").glob("*.log"))
     assert "resumed at step" in logs
 
@@ -63,8 +63,8 @@ def test_the_quick_study_through_sbatch_with_a_job_killed(slurm, project, tmp_pa
 
     assert alone.snakemake(*STUDY).returncode == 0
     for table in ("cases", "accuracy"):
-        own, expected = (study.repeatable(f"quick/tables/{table}.csv") for study in (project, alone))
-        pd.testing.assert_frame_equal(own, expected)
+        rows, expected = (study.repeatable(f"quick/tables/{table}.csv") for study in (project, alone))
+        pd.testing.assert_frame_equal(rows, expected)
 
     # A GPU is asked for where one is offered. This one has no driver, so the training falls back on the processor.
     again = "results/quick/folds/1/pinnochio/pretrained.pt"

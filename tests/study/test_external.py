@@ -12,7 +12,7 @@ import pyvista as pv
 from pinnochio.model.predictions import read_prediction
 from tests.helpers.study import jobs, made_tables
 
-OWN = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
+PREDICTOR = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
 
 
 @pytest.fixture
@@ -46,15 +46,15 @@ def test_predictions_of_others_get_the_rows_they_deserve(finished):
     made = {"predict_external": 4, "evaluate": 4, "tabulate": 5, "format_table": 5, "provenance": 1, "all": 1}
     assert jobs(said) == made
     cases = pd.read_csv(results / "tables/cases.csv").set_index("case")
-    rows = {method: own.drop(columns=OWN) for method, own in cases.groupby("method")}
+    rows = {method: part.drop(columns=PREDICTOR) for method, part in cases.groupby("method")}
     assert len(rows["fem_sliding"]) == 4 and (cases.loc[cases["method"] == "mine_npz", "seconds"] == 1.5).all()
     for method in ("mine_npz", "mine_vtu"):
         pd.testing.assert_frame_equal(rows[method], rows["fem_sliding"])
     accuracy = pd.read_csv(results / "tables/accuracy.csv").set_index("method")
     compared = ["n", "failed", "cd_mean", "hd95_sd", "pwr1_mean", "skin_error_mean_mean"]
     for method in ("mine_npz", "mine_vtu"):
-        own = accuracy.loc[["fem_sliding"], compared].to_numpy(float)
-        np.testing.assert_array_equal(accuracy.loc[[method], compared].to_numpy(float), own)
+        solved = accuracy.loc[["fem_sliding"], compared].to_numpy(float)
+        np.testing.assert_array_equal(accuracy.loc[[method], compared].to_numpy(float), solved)
     # A new prediction of one patient is measured anew, with its fold alone.
     np.savez(npz / f"{case}.npz", displacement=0 * field)
     said = finished.quick("-n", *added)

@@ -15,7 +15,7 @@ from workflow.unlock import unlock
 
 pytestmark = pytest.mark.full
 STUDY = ["--configfile", "config/quick.yaml", "own.yaml"]
-OWN = "methods: [no_change, pinnochio_plus]\nreference: pinnochio_plus\nablation: []\nvirtual: {patients: 4}\n"
+CHANGES = "methods: [no_change, pinnochio_plus]\nreference: pinnochio_plus\nablation: []\nvirtual: {patients: 4}\n"
 UNTRAINED = "methods: [no_change, fem_bonded]\nreference: fem_bonded\nvirtual: {patients: 2}\n"
 # Scripts in the order in which the study comes to them.
 STAGES = [
@@ -58,7 +58,7 @@ def killed_in(project, script: str) -> bool:
 def test_a_study_killed_in_every_stage_ends_as_an_unbroken_one(project, tmp_path_factory):
     alone, missed = type(project)(tmp_path_factory.mktemp("alone")), []
     for copy in (project, alone):
-        (copy.folder / "own.yaml").write_text(OWN)
+        (copy.folder / "own.yaml").write_text(CHANGES)
     for script in STAGES:
         if not killed_in(project, script):
             missed.append(script)
@@ -71,8 +71,8 @@ def test_a_study_killed_in_every_stage_ends_as_an_unbroken_one(project, tmp_path
 
     assert alone.snakemake(*STUDY).returncode == 0
     for table in ("cases", "accuracy"):
-        own, expected = (study.repeatable(f"quick/tables/{table}.csv") for study in (project, alone))
-        pd.testing.assert_frame_equal(own, expected)
+        rows, expected = (study.repeatable(f"quick/tables/{table}.csv") for study in (project, alone))
+        pd.testing.assert_frame_equal(rows, expected)
 
 
 def seeded(seed: int) -> list[str]:
@@ -97,6 +97,6 @@ def test_two_studies_in_two_result_folders_do_not_disturb_each_other(project, tm
     assert [run.returncode for run in runs] == [0, 0], said[0][-2000:] + said[1][-2000:]
     done = alone.snakemake(*options, *seeded(2))
     assert done.returncode == 0, done.stdout[-2000:]
-    own, expected = (study.repeatable("2/tables/cases.csv") for study in (project, alone))
-    pd.testing.assert_frame_equal(own, expected)
-    assert not own["cd"].equals(project.repeatable("1/tables/cases.csv")["cd"])
+    rows, expected = (study.repeatable("2/tables/cases.csv") for study in (project, alone))
+    pd.testing.assert_frame_equal(rows, expected)
+    assert not rows["cd"].equals(project.repeatable("1/tables/cases.csv")["cd"])

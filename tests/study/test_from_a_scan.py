@@ -84,7 +84,7 @@ def test_a_virtual_head_is_predicted_by_the_commands_of_the_page(project):
     typed(PREDICT, project)
     imported, measures = predicted(project)
     assert imported["tool"] == "dentalsegmentator" and set(imported["cuts"]) == {"lefort1", "split_left", "split_right"}
-    assert all(own["min_jacobian"] > 0.1 and 1200 < own["nodes"] < 1800 for own in measures.values())
+    assert all(measure["min_jacobian"] > 0.1 and 1200 < measure["nodes"] < 1800 for measure in measures.values())
 
 
 @pytest.mark.full
@@ -99,6 +99,6 @@ def test_a_real_skull_is_predicted_without_a_hand_made_label(project, nodes, lea
     typed(PREDICT, project)
     imported, measures = predicted(project)
     assert "nothing labelled tells left from right" in imported["frame"]["sides"]
-    for own in measures.values():
-        assert own["min_jacobian"] > least and abs(own["nodes"] / nodes - 1) < 0.1
-        assert (own["off_mesh_p95_mm"] < 1) == detail  # the coarser mesh lacks the form of the lips
+    for measure in measures.values():
+        assert measure["min_jacobian"] > least and abs(measure["nodes"] / nodes - 1) < 0.1
+        assert (measure["off_mesh_p95_mm"] < 1) == detail  # the coarser mesh lacks the form of the lips

@@ -20,7 +20,7 @@ def write_cohort(project, scanned, unscanned):
     (project.folder / "cases.tsv").write_text("\n".join(rows) + "\n")
 
 
-def asked(project, *arguments, folds=3):
+def plan_jobs(project, *arguments, folds=3):
     """Input files of each output that the study would make (paths below results/), and all that was said."""
     done = project.dry_run("--config", "cohort=cases.tsv", f"folds={folds}", *arguments, cores=1)
     assert done.returncode == 0, done.stdout[-3000:]
@@ -49,7 +49,7 @@ def test_bones_after_surgery_decide_what_motion_a_case_is_trained_and_predicted_
     (project.folder / "bones.stl").touch()
     rows = [f"{row}\t{'bones.stl' if row[:2] in with_bones else ''}\t30" for row in rows]
     table.write_text("\n".join([f"{header}\tpostop_bones\tage", *rows]) + "\n")
-    jobs, _ = asked(project)
+    jobs, _ = plan_jobs(project)
     assert cases_read(jobs["cohort.csv"], "achieved.json") == with_bones
     for fold in "123":
         held_out = cases_read(jobs[f"folds/{fold}/pinnochio/predictions.h5"], "model.h5")
@@ -64,10 +64,10 @@ def test_bones_after_surgery_decide_what_motion_a_case_is_trained_and_predicted_
         assert cases_read(jobs[f"planned/{fold}/pinnochio/metrics.csv"], "plan.json") == held_out
     assert {"tables/planned.csv", "tables/segments.md"} <= set(jobs)
     assert cases_read(jobs["tables/segments.csv"], "segments.csv") == with_bones
-    planned, _ = asked(project, "motion=planned")
+    planned, _ = plan_jobs(project, "motion=planned")
     assert "tables/planned.csv" not in planned and not any(path.startswith("planned/") for path in planned)
     assert not cases_read(planned["folds/1/pinnochio/predictions.h5"], "achieved.json")
-    inputs, _ = asked(project, "--", "inputs")
+    inputs, _ = plan_jobs(project, "--", "inputs")
     assert {f"cases/{name}/covariates.json" for name in [*SCANNED, *UNSCANNED]} <= set(inputs)
 
 
@@ -77,7 +77,7 @@ SCANNED, UNSCANNED = [f"S{i}" for i in range(6)], ["A1", "U1", "U2", "U3"]
 
 def test_patients_without_a_scan_are_predicted_and_measured_but_never_trained_on(project):
     write_cohort(project, SCANNED, UNSCANNED)
-    jobs, _ = asked(project)
+    jobs, _ = plan_jobs(project)
     held_out = {}
     for fold in "123":
         for method in ("no_change", "fem_bonded", "fem_sliding", "pinnochio"):
@@ -95,7 +95,7 @@ def test_patients_without_a_scan_are_predicted_and_measured_but_never_trained_on
     assert sorted(name for cases in held_out.values() for name in cases) == sorted([*SCANNED, *UNSCANNED])
     assert "tables/accuracy.csv" in jobs and not any(f"cases/{name}/postop.h5" in jobs for name in UNSCANNED)
     write_cohort(project, SCANNED, [])
-    alone, _ = asked(project)
+    alone, _ = plan_jobs(project)
     for path, files in alone.items():
         if path.endswith(".pt"):
             assert jobs[path] == files
@@ -106,7 +106,7 @@ def test_patients_without_a_scan_are_predicted_and_measured_but_never_trained_on
 @pytest.mark.parametrize(("scanned", "judged"), [([], False), (["S0", "S1"], True)])
 def test_too_few_scans_leave_the_learned_method_out_and_nothing_else(project, scanned, judged):
     write_cohort(project, scanned, UNSCANNED)
-    jobs, said = asked(project)
+    jobs, said = plan_jobs(project)
     learned = "pca_linear, fem_learned, acmt, acmt_pretrained, dgcfp, dgcfp_pretrained, "
     learned += "pinnochio_unified, pinnochio_no_physics, pinnochio, pinnochio_plus"
     assert f"Left out: {learned}. Training by cross-validation needs a post-operative scan of" in said
@@ -122,7 +122,7 @@ def test_too_few_scans_leave_the_learned_method_out_and_nothing_else(project, sc
 
 def test_an_ablation_of_no_variants_is_no_table(project):
     write_cohort(project, SCANNED, UNSCANNED)
-    jobs, _ = asked(project, "ablation=[]")
+    jobs, _ = plan_jobs(project, "ablation=[]")
     assert "tables/accuracy.csv" in jobs and "tables/ablation.csv" not in jobs
 
 
@@ -140,14 +140,14 @@ def test_an_interval_is_made_of_unscanned_patients_alone(project):
         assert (done.returncode == 0) == made, done.stdout[-2000:]
 
 
-def test_an_external_method_is_asked_for_its_held_out_cases_and_a_missing_file_is_named(project):
+def test_an_external_method_reads_its_held_out_cases_and_a_missing_file_is_named(project):
     write_cohort(project, SCANNED, UNSCANNED)
     folder = project.folder / "elsewhere"
     folder.mkdir()
     for number, name in enumerate([*SCANNED, *UNSCANNED]):
         (folder / f"{name}.{('npz', 'vtu')[number % 2]}").touch()
     mine = ("external={mine: elsewhere}", "reference=mine", "methods=[no_change]")
-    jobs, said = asked(project, *mine)
+    jobs, said = plan_jobs(project, *mine)
     read = [name for fold in "123" for name in cases_read(jobs[f"folds/{fold}/mine/predictions.h5"], "mesh.vtu")]
     assert sorted(read) == sorted([*SCANNED, *UNSCANNED])
     assert "Left out" not in said and "folds/1/fem_sliding/predictions.h5" not in jobs
@@ -161,15 +161,15 @@ def test_an_external_method_is_asked_for_its_held_out_cases_and_a_missing_file_i
 
 def test_a_further_study_records_what_made_its_table(project):
     write_cohort(project, SCANNED, UNSCANNED)
-    jobs, _ = asked(project, "--", "corrections", "design", "uncertainty")
+    jobs, _ = plan_jobs(project, "--", "corrections", "design", "uncertainty")
     for table in ("corrections", "design", "coverage"):
         assert jobs[f"tables/{table}.provenance.json"] == {f"tables/{table}.csv"}
 
 
 @pytest.mark.parametrize(("patients", "folds"), [(2, "1"), (3, "12")])
-def test_the_tradeoff_judges_the_first_folds_patients_by_the_networks_of_their_own(project, patients, folds):
+def test_the_tradeoff_judges_the_first_folds_patients_by_the_networks_of_their_fold(project, patients, folds):
     write_cohort(project, SCANNED, UNSCANNED)
-    jobs, _ = asked(project, f"tradeoff={{patients: {patients}}}", "--", "tradeoff")
+    jobs, _ = plan_jobs(project, f"tradeoff={{patients: {patients}}}", "--", "tradeoff")
     networks = [path for path in jobs if path.endswith("network.pt")]
     assert {path.split("/")[1] for path in networks} == set(folds)
     judged = {path.split("/")[1] for path in jobs if path.startswith("tradeoff/")}
@@ -177,11 +177,11 @@ def test_the_tradeoff_judges_the_first_folds_patients_by_the_networks_of_their_o
     for fold in folds:
         for name in ("pinnochio", "pinnochio_plus", "pinnochio_narrow", "design_wide", "acmt"):
             assert f"folds/{fold}/{name}/network.pt" in networks
-        own = judged & cases_read(jobs[f"folds/{fold}/no_change/predictions.h5"], "model.h5")
-        for case in own:
+        held_out = judged & cases_read(jobs[f"folds/{fold}/no_change/predictions.h5"], "model.h5")
+        for case in held_out:
             read = jobs[f"tradeoff/{case}/networks.csv"] | jobs[f"tradeoff/{case}/study.csv"]
             assert {path.split("/")[1] for path in read if path.startswith("folds/")} == {fold}
-        judged -= own
+        judged -= held_out
     assert not judged
     sizes = {size[1] for path in jobs if (size := re.search(r"/nodes_(\d+)/", path))}
     assert sizes == {"1500", "3000", "10000", "20000", "30000"}  # the study's own 5,000 are there
@@ -196,16 +196,16 @@ def test_a_tradeoff_of_one_patient_is_refused(project):
 
 def test_scaling_asks_for_every_size_of_one_patient(project):
     write_cohort(project, SCANNED, UNSCANNED)
-    jobs, _ = asked(project, "scaling={nodes: [500, 900, 5000]}", "--", "scaling")
+    jobs, _ = plan_jobs(project, "scaling={nodes: [500, 900, 5000]}", "--", "scaling")
     meshes = {f"cases/S0/{size}model.h5" for size in ("nodes_500/", "nodes_900/", "")}
     lifts = {path.replace("model.h5", "lift_elastic.h5") for path in meshes}
     assert jobs["tables/scaling.csv"] == meshes | lifts and "tables/scaling.md" in jobs
 
 
-@pytest.mark.parametrize("asked", ["--list", "--rulegraph"])
-def test_what_runs_nothing_needs_no_number_of_cores(project, asked):
+@pytest.mark.parametrize("option", ["--list", "--rulegraph"])
+def test_what_runs_nothing_needs_no_number_of_cores(project, option):
     done = subprocess.run(
-        [sys.executable, "-m", "snakemake", asked], cwd=project.folder, capture_output=True, text=True, check=False
+        [sys.executable, "-m", "snakemake", option], cwd=project.folder, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr[-2000:]
     assert "simulate_fem" in done.stdout
@@ -233,7 +233,7 @@ def test_the_learning_curve_trains_on_fewer_and_holds_out_the_same(project):
     """Metrics of fewer patients come from jobs that read only these; those of all are the study's own."""
     write_cohort(project, SCANNED, UNSCANNED)
     chosen = "learning={methods: [pinnochio_plus, pca_linear], patients: [2, 3, 500], folds: 2}"
-    jobs, _ = asked(project, chosen, "--", "learning")
+    jobs, _ = plan_jobs(project, chosen, "--", "learning")
     held_out = cases_read(jobs["folds/1/pinnochio_plus/predictions.h5"], "model.h5")
     training = cases_read(jobs["folds/1/pinnochio_plus/pretrained.pt"], "fem_samples.h5")
     before = set()
@@ -253,5 +253,5 @@ def test_the_learning_curve_trains_on_fewer_and_holds_out_the_same(project):
         for method in ("pinnochio_plus", "pca_linear")
     }
     assert "folds/1/pinnochio/network.pt" not in jobs and not any(
-        re.match(r"folds/\dof", path) for path in asked(project)[0]
+        re.match(r"folds/\dof", path) for path in plan_jobs(project)[0]
     )

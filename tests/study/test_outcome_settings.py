@@ -61,7 +61,7 @@ def cohort(tmp_path_factory) -> Project:
     return project
 
 
-def asked(project: Project, section: str, changes: dict) -> set[str]:
+def planned_rules(project: Project, section: str, changes: dict) -> set[str]:
     """Rules of the jobs that making the cohort would run, and what is measured on it alone."""
     changed = f"{section}={json.dumps(changes)}"
     done = project.dry_run("--configfile", "config/quick.yaml", "--config", changed, "--", "cohort", "learnable")
@@ -73,7 +73,7 @@ def asked(project: Project, section: str, changes: dict) -> set[str]:
 def test_no_setting_of_the_methods_makes_an_outcome_again(cohort, section):
     different = {key for key, value in CHANGED[section].items() if value != CONFIG[section][key]}
     assert section == "network" or different == set(CONFIG[section])
-    assert asked(cohort, section, CHANGED[section]) == set()
+    assert planned_rules(cohort, section, CHANGED[section]) == set()
 
 
 @pytest.mark.parametrize(
@@ -87,5 +87,5 @@ def test_no_setting_of_the_methods_makes_an_outcome_again(cohort, section):
     ],
     ids=lambda changes: next(iter(changes)),
 )
-def test_the_outcomes_own_settings_do(cohort, changes):
-    assert {"virtual_outcome", "measure_outcome"} <= asked(cohort, "virtual", {"outcome": changes})
+def test_a_setting_of_the_outcomes_does(cohort, changes):
+    assert {"virtual_outcome", "measure_outcome"} <= planned_rules(cohort, "virtual", {"outcome": changes})

@@ -76,8 +76,8 @@ def page(address):
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1360, "height": 860})
-        page.asked, page.wrong = [], uncaught(page)
-        page.on("request", lambda request: page.asked.append(request.url))
+        page.addresses, page.wrong = [], uncaught(page)
+        page.on("request", lambda request: page.addresses.append(request.url))
         page.goto(address)
         yield page
         browser.close()
@@ -169,10 +169,10 @@ def test_a_person_moves_compares_undoes_and_saves(clinic, page, tmp_path):
 
 def test_it_listens_on_the_loopback_alone_and_asks_nobody_else(address, page):
     port = int(re.search(r":(\d+)/", address)[1])
-    listening = [own.laddr for own in psutil.net_connections() if own.status == psutil.CONN_LISTEN]
+    listening = [entry.laddr for entry in psutil.net_connections() if entry.status == psutil.CONN_LISTEN]
     assert {place.ip for place in listening if place.port == port} == {"127.0.0.1"}
-    assert page.asked and not page.wrong
-    assert all(url.startswith((f"http://127.0.0.1:{port}/", "data:", "blob:")) for url in page.asked)
+    assert page.addresses and not page.wrong
+    assert all(url.startswith((f"http://127.0.0.1:{port}/", "data:", "blob:")) for url in page.addresses)
 
 
 @pytest.mark.parametrize(

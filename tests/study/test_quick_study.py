@@ -112,16 +112,16 @@ def test_the_floor_bounds(studied):
 def test_rules_that_the_quick_study_leaves_out(studied):
     """What is fitted at once, what needs a mesh of the lips, what has a network of the skin: one fold of each."""
     small = {"pretraining": {"steps": 2}, "finetuning": {"steps": 2}}
-    own = studied.folder / "further.yaml"
+    overlay = studied.folder / "further.yaml"
     further = ["pca_linear", "fem_rlse_mucosa", "acmt_pretrained", "oracle"]
     surface = {"networks": {"acmt": small}}
-    own.write_text(json.dumps({"methods": [*METHODS, *further], "surface": surface}))
+    overlay.write_text(json.dumps({"methods": [*METHODS, *further], "surface": surface}))
     metrics = [f"results/quick/folds/1/{method}/metrics.csv" for method in further]
     made = jobs(studied.quick("further.yaml", "--", *metrics))
     expected = {"fit": 1, "pretrain": 1, "finetune": 1, "refine_lips": 2, "label_interfaces": 2, "carry_truth": 2}
     assert made == expected | {"predict_cases": 4, "evaluate": 4}
     rows = [pd.read_csv(studied.folder / path) for path in metrics]
-    assert all(len(own) == PATIENTS / 2 and own["converged"].all() and (own["cd"] > 0).all() for own in rows)
+    assert all(len(table) == PATIENTS / 2 and table["converged"].all() and (table["cd"] > 0).all() for table in rows)
     sliding = pd.read_csv(studied.folder / "results/quick/folds/1/fem_sliding/metrics.csv")
     assert abs(rows[-1]["cd"].mean() - sliding["cd"].mean()) < 0.05  # the registered motion costs little
 
@@ -184,8 +184,8 @@ def test_rerunning_one_fold_changes_that_fold_and_the_aggregates_alone(studied):
     assert before.keys() == after.keys()
     assert {name for name in before if before[name] != after[name]} <= written
     assert "folds/1/pinnochio_plus/network.pt" in written
-    own = ("folds/1/pinnochio_plus/", "planned/1/pinnochio_plus/")
-    assert all(name.startswith((*own, "tables/", "provenance")) for name in written), written
+    remade = ("folds/1/pinnochio_plus/", "planned/1/pinnochio_plus/")
+    assert all(name.startswith((*remade, "tables/", "provenance")) for name in written), written
     assert before["folds/1/pinnochio_plus/network.pt"] == after["folds/1/pinnochio_plus/network.pt"]
     for one, two in zip(old, tables(results), strict=True):
         pd.testing.assert_frame_equal(without_timings(one), without_timings(two))

@@ -42,7 +42,7 @@ def test_the_report_shows_what_has_been_measured(studied):
     assert further == {"measure_stability": 11} | dict.fromkeys(once, 1)
 
 
-def test_snakemakes_own_report_has_the_captions(studied):
+def test_the_report_of_snakemake_has_the_captions(studied):
     made(studied)
     made(studied, "--report", "own.html")
     page = (studied.folder / "own.html").read_text(encoding="utf-8")
@@ -79,8 +79,8 @@ def test_the_report_is_made_where_the_workflow_is_a_module_of_another(studied, t
     run("--touch")  # what other tests have touched is up to date
     (tmp_path / "results/quick/report.html").unlink()
     assert jobs(run()) == {"face_write_report": 1, "face_report": 1}
-    ours, own = ((folder / "results/quick/report.html").read_text() for folder in (studied.folder, tmp_path))
-    assert re.findall(r"<section id=.*", ours) == re.findall(r"<section id=.*", own) != []
+    ours, theirs = ((folder / "results/quick/report.html").read_text() for folder in (studied.folder, tmp_path))
+    assert re.findall(r"<section id=.*", ours) == re.findall(r"<section id=.*", theirs) != []
 
 
 def test_the_report_is_quiet_and_does_not_begin_a_study(project):

@@ -37,7 +37,7 @@ def said(**changes):
 
 
 @pytest.mark.parametrize("overlay", ["config", "quick", "paper"])
-def test_a_whole_study_given_as_text_is_the_one_of_the_file(overlay):
+def test_a_whole_study_as_text_is_the_one_of_the_file(overlay):
     config = overlaid(CONFIG, yaml.safe_load((ROOT / f"config/{overlay}.yaml").read_text(encoding="utf-8")))
     read = checked(as_text(config), SCHEMA)
     assert read == config and checked(config, SCHEMA) == config
@@ -65,7 +65,7 @@ def test_a_whole_study_given_as_text_is_the_one_of_the_file(overlay):
         ("variants.pinnochio", {"network": {"heads": "2"}}, {"network": {"heads": 2}}),
     ],
 )
-def test_text_is_read_as_the_schema_asks_and_stays_text_where_text_is_asked_for(place, text, value):
+def test_text_is_read_as_the_schema_asks_and_stays_text_where_text_is_wanted(place, text, value):
     *sections, key = place.split(".")
     config = copy.deepcopy(CONFIG)
     section = config
@@ -141,11 +141,11 @@ def test_many_wrong_keys_are_counted():
 def test_a_key_that_stands_twice_is_refused(tmp_path, text, words):
     file = tmp_path / "mine.yaml"
     file.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=words) as told:
+    with pytest.raises(InputError, match=words) as caught:
         refuse_doubled(file)
-    assert "mine.yaml" in str(told.value)
+    assert "mine.yaml" in str(caught.value)
 
 
-def test_the_projects_own_configurations_hold_no_key_twice():
+def test_the_configurations_of_the_project_hold_no_key_twice():
     for file in (ROOT / "config").glob("*.yaml"):
         refuse_doubled(file)

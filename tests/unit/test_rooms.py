@@ -50,9 +50,9 @@ def test_every_room_has_its_place():
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(LIBRARY)))
 def test_no_module_imports_upwards(path):
-    own = room(path)
-    for other in rooms_imported(path) - {own}:
-        assert FLOOR[other] < FLOOR.get(own, 0), f"{own or 'the root'} imports {other}"
+    home = room(path)
+    for other in rooms_imported(path) - {home}:
+        assert FLOOR[other] < FLOOR.get(home, 0), f"{home or 'the root'} imports {other}"
 
 
 def test_networks_know_geometry_alone():

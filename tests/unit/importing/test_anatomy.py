@@ -33,7 +33,7 @@ def imported(folder, head, labels=None, spacing=(SPACING,) * 3, direction=None, 
     sitk.WriteImage(image, str(folder / "P1.nii.gz"))
     outputs = {name: str(folder / "out" / f"{name}{end}") for name, end in
                (("labels", ".nii.gz"), ("bone", ".vtp"), ("skin", ".vtp"), ("report", ".json"))}  # fmt: skip
-    given = {
+    usual = {
         "label_values": internal_codes(head.segments) if values is None else values,
         "orientation": "header",
         "repair_limit": 2.0,
@@ -45,7 +45,7 @@ def imported(folder, head, labels=None, spacing=(SPACING,) * 3, direction=None, 
         segmentation=str(folder / "P1.nii.gz"),
         segments=segments,
         outputs=outputs,
-        **(given | settings),
+        **(usual | settings),
     )
     return json.loads((folder / "out/report.json").read_text())
 
@@ -111,8 +111,8 @@ def piece(head, value=77):
     """The head whose chin, some 16 % of the distal segment, has a value of its own."""
     labels = head.labels.copy()
     jaw = np.argwhere(labels == 12)
-    own = jaw[np.argsort(jaw[:, 1])[: round(0.16 * len(jaw))]]
-    labels[tuple(own.T)] = value
+    front = jaw[np.argsort(jaw[:, 1])[: round(0.16 * len(jaw))]]
+    labels[tuple(front.T)] = value
     return labels
 
 
@@ -121,7 +121,7 @@ def test_a_piece_of_bone_that_nothing_names_is_refused(head, tmp_path):
         imported(tmp_path, head, piece(head))
 
 
-def test_a_label_that_is_no_segment_has_its_own_message(head, tmp_path):
+def test_a_label_that_is_no_segment_has_a_message_for_it(head, tmp_path):
     values = internal_codes(head.segments) | {"chin": 77}
     with pytest.raises(InputError, match="'labels' calls them 'chin', which is not among 'segments'"):
         imported(tmp_path, head, piece(head), values=values)

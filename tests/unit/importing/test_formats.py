@@ -278,7 +278,7 @@ ALL = [(NAMES[name], VALUES[name], 0) for name in STRUCTURES]
 
 
 @pytest.mark.parametrize("labels", [NAMES, VALUES, NAMES | {"cranium": VALUES["cranium"]}])
-def test_slicer_segments_are_found_by_name_and_by_value(tmp_path, labels, caplog):
+def test_slicer_segments_are_read_by_name_and_by_value(tmp_path, labels, caplog):
     path = seg_nrrd(tmp_path, [*ALL, ("Airway", 99, 0)])
     head = read_segmentation(path, "P1", labels, SEGMENTS)
     np.testing.assert_array_equal(head.labels, expected(head, UPRIGHT[2]))
@@ -418,7 +418,7 @@ def test_a_folder_of_closed_surfaces_comes_in(surface_folder, reference, referen
     check_mesh(head, UPRIGHT[2], reference_mesh)
 
 
-def test_surfaces_are_found_by_their_own_names_and_in_ras(surface_folder, reference, caplog):
+def test_surfaces_are_read_by_the_names_of_their_files_and_in_ras(surface_folder, reference, caplog):
     (surface_folder / "mandible.stl").rename(surface_folder / "Lower jaw.stl")
     shown = pv.read(surface_folder / "muscle.ply")
     shown.save(surface_folder / "sketch.ply")

@@ -44,7 +44,7 @@ def scan(resolution=240, noise=0.3):
     ("angles", "shift"),
     [((2, -3, 4), (5, -6, 3)), ((90, 0, 0), (300, -50, 900)), ((20, 165, -70), (-400, 100, 20))],
 )
-def test_the_motion_of_a_noisy_partial_scan_with_moved_jaws_is_found(angles, shift):
+def test_a_noisy_partial_scan_with_moved_jaws_gives_the_motion_back(angles, shift):
     skin, faces = head()
     points, scan_faces = scan()
     rotation = Rotation.from_rotvec(angles, degrees=True).as_matrix()

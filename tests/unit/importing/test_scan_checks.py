@@ -99,10 +99,10 @@ def test_the_mirror_image_of_a_nearly_symmetric_face_is_refused_by_its_name(from
     points, faces = face(noise=0.1)
     check_scan(points, faces, *face(), PLANE, IN_PLACE, **NAMES)
     mirrored = points * [-1, 1, 1], faces[:, ::-1]
-    found = register(*mirrored, *face(), PLANE, **NAMES, limit=LIMIT)
-    assert found.median < 0.5 * LIMIT
+    fit = register(*mirrored, *face(), PLANE, **NAMES, limit=LIMIT)
+    assert fit.median < 0.5 * LIMIT
     with pytest.raises(InputError, match=r"'P1': scan.ply: its mirror image fits the upper face better \(0"):
-        check_scan(*mirrored, *face(), PLANE, found, **NAMES)
+        check_scan(*mirrored, *face(), PLANE, fit, **NAMES)
 
 
 def test_a_strip_of_the_upper_face_is_refused_with_the_share_that_it_shows(from_in_place):
@@ -111,22 +111,22 @@ def test_a_strip_of_the_upper_face_is_refused_with_the_share_that_it_shows(from_
     brow = (points[:, 2] > PLANE - 8) & (points[:, 2] < PLANE + 22)
     for seen, enough in ((brow & (points[:, 0] > 10), False), (brow, True)):
         strip = part(points, faces, seen)
-        found = register(*strip, *face(), PLANE, **NAMES, limit=LIMIT)
-        assert found.median < 0.2 * LIMIT
+        fit = register(*strip, *face(), PLANE, **NAMES, limit=LIMIT)
+        assert fit.median < 0.2 * LIMIT
         if enough:
-            check_scan(*strip, *face(), PLANE, found, **NAMES)
+            check_scan(*strip, *face(), PLANE, fit, **NAMES)
         else:
             words = r"'P1': scan.ply: it shows 1[0-4] % of the upper face \(at least 15 % is asked\)"
             with pytest.raises(InputError, match=words):
-                check_scan(*strip, *face(), PLANE, found, **NAMES)
+                check_scan(*strip, *face(), PLANE, fit, **NAMES)
 
 
 def test_a_cylinder_that_fits_a_part_of_the_forehead_is_refused_with_the_share_that_it_shows():
     points, faces = dome(51)
     points = np.stack([82 * np.sin(points[:, 0] / 70), -82 * np.cos(points[:, 0] / 70), points[:, 2]], axis=1)
-    found = register(points, faces, *face(), PLANE, **NAMES, limit=LIMIT)
+    fit = register(points, faces, *face(), PLANE, **NAMES, limit=LIMIT)
     with pytest.raises(InputError, match=r"it shows 1\d % of the upper face"):
-        check_scan(points, faces, *face(), PLANE, found, **NAMES)
+        check_scan(points, faces, *face(), PLANE, fit, **NAMES)
 
 
 def test_the_back_of_a_head_is_refused_for_the_nose_that_it_lacks(from_in_place):
@@ -140,29 +140,29 @@ def test_the_back_of_a_head_is_refused_for_the_nose_that_it_lacks(from_in_place)
     scan = points + rng.normal(scale=0.1, size=points.shape)
     check_scan(scan, faces, points, faces, PLANE, IN_PLACE, **NAMES)
     back = dome(51)[0] * [1.0, 1.02, 1.0] + rng.normal(scale=0.1, size=points.shape)
-    found = register(back, faces, points, faces, PLANE, **NAMES, limit=LIMIT)
+    fit = register(back, faces, points, faces, PLANE, **NAMES, limit=LIMIT)
     words = r"'P1': scan.ply: it lies within 5 mm of [12]\d % of the bridge of the nose .*it is no face, .*Remedy: give"
     with pytest.raises(InputError, match=words):
-        check_scan(back, faces, points, faces, PLANE, found, **NAMES)
+        check_scan(back, faces, points, faces, PLANE, fit, **NAMES)
 
 
 @pytest.mark.parametrize("scale", [0.9, 0.97, 1.03])
 def test_a_face_of_another_size_is_refused_with_its_scale(scale, from_in_place):
     points, faces = face(noise=0.1)
     points = scale * points
-    found = register(points, faces, *face(), PLANE, **NAMES, limit=3 * LIMIT)
+    fit = register(points, faces, *face(), PLANE, **NAMES, limit=3 * LIMIT)
     with pytest.raises(
         InputError, match=r"'P1': scan.ply: made ([\d.]+) times as large it fits .*its true size"
     ) as error:
-        check_scan(points, faces, *face(), PLANE, found, **NAMES)
+        check_scan(points, faces, *face(), PLANE, fit, **NAMES)
     assert abs(float(re.search(r"made ([\d.]+)", str(error.value))[1]) * scale - 1) < 0.005
 
 
 def test_half_a_face_and_a_coarse_scan_have_the_right_size(from_in_place):
     points, faces = face(noise=0.4)
     for scan in ((points, faces), part(points, faces, points[:, 0] > -10), part(points, faces, points[:, 0] < 10)):
-        found = register(*scan, *face(), PLANE, **NAMES, limit=LIMIT)
-        check_scan(*scan, *face(), PLANE, found, **NAMES)
+        fit = register(*scan, *face(), PLANE, **NAMES, limit=LIMIT)
+        check_scan(*scan, *face(), PLANE, fit, **NAMES)
 
 
 def test_a_surface_that_touches_the_upper_face_here_and_there_is_refused():

@@ -35,9 +35,9 @@ PLANNED = Plan(
     "P1",
     {
         name: RigidMotion.from_degrees(
-            own.degrees + [1.2, -0.6, 0.6], own.translation + [0.8, 1.5, -1.0], own.pivot
+            motion.degrees + [1.2, -0.6, 0.6], motion.translation + [0.8, 1.5, -1.0], motion.pivot
         )
-        for name, own in TRUE.motions.items()
+        for name, motion in TRUE.motions.items()
     },
 )  # fmt: skip
 
@@ -78,12 +78,12 @@ def noisy(head, tmp_path_factory):
 def errors(head, bone, points, faces, planned=PLANNED):
     """Errors of the motions by segment, and all fits."""
     cranium, fits = register_bones(head, SEGMENTS, planned, points, faces, case="P1", file="bones")
-    found = Plan("P1", {fit.segment: fit.motion for fit in fits})
-    return motion_errors(found, TRUE, bone), [cranium, *fits]
+    plan = Plan("P1", {fit.segment: fit.motion for fit in fits})
+    return motion_errors(plan, TRUE, bone), [cranium, *fits]
 
 
 def largest(errors, key="error_max"):
-    return max(own[key] for own in errors.values())
+    return max(error[key] for error in errors.values())
 
 
 def test_clean_bones_give_the_motions_back(head, bone, clean, from_in_place):
@@ -117,16 +117,16 @@ def test_a_third_out_of_view_costs_little_and_what_is_not_seen_is_refused(head, 
         return labels[: int(0.7 * len(labels))]
 
     off, fits = errors(head, bone, *surface(head, tmp_path, 1.0, change=cut))
-    assert max(own["error_max"] for name, own in off.items() if name != "proximal_left") < 0.9
+    assert max(error["error_max"] for name, error in off.items() if name != "proximal_left") < 0.9
     with pytest.raises(InputError, match=r"'P1'.*bones.*'proximal_left'.* [0-9.]+ mm .*Remedy"):
         check_fits([fit for fit in fits if fit.segment == "proximal_left"], **LIMITS)
 
 
 def test_a_segment_that_the_case_does_not_have_has_no_motion(head, tmp_path, from_in_place):
     labels = np.where(head.labels == segment_code(0), CRANIUM, head.labels)
-    still = Plan("P1", {name: own for name, own in TRUE.motions.items() if name != "lefort1"})
-    own = Segmentation(labels, head.spacing, head.origin)
-    _, fits = register_bones(own, SEGMENTS, still, *surface(own, tmp_path, 0.0, still), case="P1", file="bones")
+    still = Plan("P1", {name: motion for name, motion in TRUE.motions.items() if name != "lefort1"})
+    changed = Segmentation(labels, head.spacing, head.origin)
+    _, fits = register_bones(changed, SEGMENTS, still, *surface(changed, tmp_path, 0.0, still), case="P1", file="bones")
     assert [fit.segment for fit in fits] == list(SEGMENTS[1:])
 
 
@@ -200,8 +200,8 @@ def test_surfaces_in_centimetres_and_folders_of_them_are_the_same_bones(head, bo
     for name, half in (("upper", middle), ("lower", ~middle)):
         write_surface(points, faces[half], tmp_path / f"parts/{name}.stl")
     for name in ("bones.ply", "parts"):
-        own, _ = errors(head, bone, *read_postop_bones(tmp_path / name, "P1", bone.points))
-        assert largest(own) < 0.25, name
+        off, _ = errors(head, bone, *read_postop_bones(tmp_path / name, "P1", bone.points))
+        assert largest(off) < 0.25, name
 
 
 def test_what_is_read_is_open_at_the_border_and_looks_outward(tmp_path):
@@ -213,9 +213,9 @@ def test_what_is_read_is_open_at_the_border_and_looks_outward(tmp_path):
         image.SetDirection(direction.ravel())
         sitk.WriteImage(image, str(tmp_path / "block.nrrd"))
         points, faces = read_postop_bones(tmp_path / "block.nrrd", "P1", np.zeros((0, 3)))
-        own = points @ direction
-        assert own[:, 2].max() < 19.6 and np.isclose(own[:, 2].min(), 7.5, atol=0.3)
+        upright = points @ direction
+        assert upright[:, 2].max() < 19.6 and np.isclose(upright[:, 2].min(), 7.5, atol=0.3)
         corners = points[faces]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        lower = own[faces].mean(axis=1)[:, 2] < 8
+        lower = upright[faces].mean(axis=1)[:, 2] < 8
         assert lower.sum() > 50 and ((normals @ direction)[lower, 2] < 0).mean() > 0.95

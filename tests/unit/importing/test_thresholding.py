@@ -15,7 +15,7 @@ from pinnochio.importing.thresholding import Cuts, Plane, Thresholds, read_ct, s
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, segment_code
 
 SPACING, SHAPE = np.array([2.0, 2.0, 1.25]), (70, 80, 112)
-GIVEN = Thresholds(skin=500, bone=1500, opening=4.5, depth=50, aperture=10, margin=5)
+THRESHOLDS = Thresholds(skin=500, bone=1500, opening=4.5, depth=50, aperture=10, margin=5)
 CUTS = {
     "occlusal": {"point": [70, 50, 62], "normal": [0, 0, 1]},
     "lefort": {"point": [70, 50, 72], "normal": [0, 0, 2]},
@@ -94,7 +94,7 @@ def cuts(tmp_path_factory) -> str:
 
 @pytest.fixture(scope="module")
 def segmented(ct, cuts):
-    return segment_ct(ct, Cuts.read(cuts), GIVEN)
+    return segment_ct(ct, Cuts.read(cuts), THRESHOLDS)
 
 
 @pytest.fixture(scope="module")
@@ -152,14 +152,14 @@ def test_tissue_between_the_dental_arches_is_left_out(segmented):
 def test_the_box_cuts_the_map_and_changes_nothing_inside(ct, cuts, segmented):
     whole = Cuts.read(cuts)
     part = segment_ct(
-        ct, replace(whole, low=np.array([-np.inf, 25, -np.inf]), high=np.array([np.inf, 140, 150])), GIVEN
+        ct, replace(whole, low=np.array([-np.inf, 25, -np.inf]), high=np.array([np.inf, 140, 150])), THRESHOLDS
     )
     assert part.origin == pytest.approx([-5, 25, 20])
     assert np.array_equal(part.labels, segmented.labels[:, 10:87, :87])
 
 
 def test_tissue_reaches_from_the_skin_to_its_depth(ct, cuts):
-    thresholds = replace(GIVEN, depth=20, closing=0.5)
+    thresholds = replace(THRESHOLDS, depth=20, closing=0.5)
     shallow = segment_ct(ct, Cuts.read(cuts), thresholds)
     part = structures(places(shallow.spacing, shallow.labels.shape))
     bones = np.any([part[name] for name in ("skull", "mandible", "maxilla", "joints")], axis=0)
@@ -189,7 +189,7 @@ def test_the_command_line_writes_the_same_map(ct, cuts, segmented, tmp_path):
     arguments = f"--cuts {cuts} --skin 500 --bone 1500 --opening 4.5 --depth 50 --aperture 10 --margin 5".split()
     options = parser().parse_args(["ct.nrrd", "labels.nii.gz", *arguments])
     made = Thresholds(**{name: getattr(options, name) for name, *_ in Thresholds.options()})
-    assert made == GIVEN
+    assert made == THRESHOLDS
     labels = str(tmp_path / "labels.nii.gz")
     volumes = segment_file(str(tmp_path / "ct.nrrd"), options.cuts, options.orientation, made, labels)
     written = read_labels(labels)
@@ -230,7 +230,7 @@ def test_bad_thresholds_and_scans_are_refused(ct, cuts, tmp_path):
     refused(lambda: segment_ct(ct, read, Thresholds(500, 9000)), "no bone")
     refused(lambda: segment_ct(ct, read, Thresholds(8000, 9000)), "no bone")
     far = replace(read, low=np.full(3, 1e4))
-    refused(lambda: segment_ct(ct, far, GIVEN), "nothing of the scan")
+    refused(lambda: segment_ct(ct, far, THRESHOLDS), "nothing of the scan")
     filled = sitk.Cast(ct, sitk.sitkFloat32) + 600
     refused(lambda: segment_ct(filled, read, Thresholds(500, 2100, opening=4.5)), "outer air")
     (tmp_path / "ct.nrrd").write_text("no image")

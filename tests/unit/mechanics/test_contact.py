@@ -290,8 +290,8 @@ def test_arms_with_lips_and_unilateral_bone():
     model = replace(model, lip=lip.astype(np.int8), cells=model.cells[~slit])
     lipped = boundary_conditions(model, plan, "mucosa+lip")
     assert [item.share for item in lipped.contact] == [0.5, 0.5]
-    for item, own in zip(lipped.contact, (UPPER_LIP, LOWER_LIP), strict=True):
-        np.testing.assert_array_equal(item.nodes, np.flatnonzero(model.lip == own))
+    for item, lip in zip(lipped.contact, (UPPER_LIP, LOWER_LIP), strict=True):
+        np.testing.assert_array_equal(item.nodes, np.flatnonzero(model.lip == lip))
         assert not np.isin(item.faces, item.nodes).any() and len(item.faces)
         assert (np.round(model.points[item.faces][..., 0] / 3) * 3 == 27 - x[item.nodes[0]]).all()
     assert not boundary_conditions(model, plan, "mucosa").contact

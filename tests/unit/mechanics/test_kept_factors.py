@@ -190,7 +190,7 @@ def test_weight_tension_and_tissue_that_yields_as_by_newton(yielding, monkeypatc
     assert np.abs(kept.displacement - bare.displacement).max() > 0.1
 
 
-def test_dead_forces_are_each_plans_own():
+def test_dead_forces_differ_from_plan_to_plan():
     model, plan, settings = tiny_patient(), tiny_plan(), fem_settings(tolerance=1e-8)
     forces = np.where(model.node_type[:, None] == FREE, [0, 0, -1.0], 0)
     first, second = simulate(model, [plan, plan], settings, [0 * forces, forces])
@@ -246,7 +246,7 @@ def test_a_part_has_the_energy_and_force_of_its_patches():
     np.testing.assert_allclose(total, force, rtol=0, atol=1e-10)
 
 
-def test_local_equilibrium_moves_its_own_nodes_alone_and_rights_inverted_elements():
+def test_local_equilibrium_moves_only_its_nodes_and_rights_inverted_elements():
     points, cells = box((12, 12, 12), (5, 5, 5), jitter=0.1)
     skin = np.flatnonzero(((points == 0) | (points == 12)).any(axis=1))
     elements = Elements.build(points, cells, uniform(len(cells)))
@@ -289,13 +289,13 @@ def test_few_nodes_out_of_equilibrium_come_to_rest_by_themselves(arm, monkeypatc
     disturbed[inner] += [0.0, 0.0, 6.0]
     sizes, factorize = [], LocalEquilibrium._factorize
     monkeypatch.setattr(
-        LocalEquilibrium, "_factorize", lambda self, *own: sizes.append(self.inside.sum()) or factorize(self, *own)
+        LocalEquilibrium, "_factorize", lambda self, *a: sizes.append(self.inside.sum()) or factorize(self, *a)
     )
     for few in (0.0, 0.1):
         monkeypatch.setattr(local_equilibrium, "FEW", few)
         every = np.ones(len(elements.patch_volumes), bool)
-        own = constraints.constrained, constraints.sliding.nodes, every, OuterForces(patient.points, None)
-        part, u = LocalEquilibrium(elements, *own, "auto", True), disturbed.copy()
+        conditions = constraints.constrained, constraints.sliding.nodes, every, OuterForces(patient.points, None)
+        part, u = LocalEquilibrium(elements, *conditions, "auto", True), disturbed.copy()
         held = SlidingNodes(solver._bones, constraints.sliding)
         sizes.clear()
         done = part.settled(u, held, held.project(u), 1e-3, 1.0)
@@ -318,7 +318,7 @@ TURNED = RigidMotion.from_degrees([5, -20, 10], [3, 1, -2], [10, 0, 0])
 
 @pytest.mark.parametrize("degrees", [0, 60])
 @pytest.mark.parametrize("near", [0.97, 1.08])
-def test_held_nodes_are_put_back_as_by_the_sliding_condition(near, degrees):
+def test_held_nodes_return_to_the_surface_as_by_the_sliding_condition(near, degrees):
     """Far away from where it was at rest, a node meets points of the bone that were not listed for it."""
     nodes, sliding = sliding_on_a_sphere(TURNED, near)
     bones = bones_of(sliding, sliding.frames(np.zeros_like(nodes), 0.0))
@@ -344,7 +344,7 @@ def test_axes_of_held_nodes_turn_with_their_bone_alone():
     np.testing.assert_allclose(axes, rest @ TURNED.rotation.T, rtol=0, atol=1e-3)
 
 
-def test_bend_under_held_nodes_is_that_of_the_sliding_condition():
+def test_curvature_under_held_nodes_is_that_of_the_sliding_condition():
     nodes, sliding = sliding_on_a_sphere(TURNED, 1.05)
     held = SlidingNodes(bones_of(sliding, sliding.frames(np.zeros_like(nodes), 0.0)), sliding)
     u = TURNED.displacement(nodes) + 0.3

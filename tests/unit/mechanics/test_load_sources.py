@@ -43,7 +43,7 @@ def test_a_small_load_does_what_newton_says(made):
     assert not sources.fields[:, held].any() and np.abs(sources.fields[:, patient.node_type == SLIDING]).max() > 1e-3
 
 
-def test_a_unit_moves_the_skin_outwards_at_its_own_anchor(made):
+def test_a_unit_moves_the_skin_outwards_at_its_anchor(made):
     patient, _, anchors, sources = made
     normals = vertex_normals(patient.skin_points, patient.skin_faces)[anchors]
     moved = np.stack([patient.moved_skin(field) - patient.skin_points for field in sources.fields])[:-1, anchors]

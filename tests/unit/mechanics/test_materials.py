@@ -36,7 +36,7 @@ def test_bad_constants_are_refused(make):
         make()
 
 
-def test_extension_joins_with_two_derivatives_and_is_its_own_derivative():
+def test_extension_joins_with_two_derivatives_and_its_derivative_is_consistent():
     below, above = (np.array(extended_log(EXTENSION + s * 1e-10, EXTENSION)) for s in (-1, 1))
     np.testing.assert_allclose(below, above, rtol=1e-8)
     np.testing.assert_allclose(above, [np.log(EXTENSION), 1 / EXTENSION, -1 / EXTENSION**2], rtol=1e-8)

@@ -102,17 +102,17 @@ def energy(element, law, points, cells, u, q):
             places = np.vstack([x, x[EDGES].mean(axis=1)])
         terms = len(places)
         matrix = np.linalg.inv(np.array([monomials(place)[0][:terms] for place in places]))
-        own = q[cell.tolist()]
+        corner_values = q[cell.tolist()]
         for at in rule:
             shape = torch.tensor(matrix.T @ monomials(at @ x)[1][:terms])
             f = torch.eye(3, dtype=torch.float64) + u[nodes].T @ shape
             j, excess = torch.linalg.det(f), (f * f).sum() - 3
             total = total + v / 4 * (mu / 2 * excess + law.stiffening[e] / 2 * excess**2 - mu * torch.log(j))
-            value = own @ torch.tensor(at)
+            value = corner_values @ torch.tensor(at)
             if element != "averaged":
                 total = total + v / 4 * (value * j - conjugate(value, lam))
             if element == "stabilised":
-                total = total - v / 4 * (value - own.mean()) ** 2 / (2 * mu)
+                total = total - v / 4 * (value - corner_values.mean()) ** 2 / (2 * mu)
         for a in cell:
             star[a].append((v / 4, j, lam))
     for a, around in enumerate(star if element == "averaged" else []):

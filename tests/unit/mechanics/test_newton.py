@@ -237,11 +237,11 @@ def test_no_configuration_limits_a_solve_in_time(name):
 
     def keys(section, *path):
         inner = section.items() if isinstance(section, dict) else ()
-        return [path, *(own for key, value in inner for own in keys(value, *path, key))]
+        return [path, *(place for key, value in inner for place in keys(value, *path, key))]
 
-    found = set(keys(yaml.safe_load((ROOT / f"config/{name}.yaml").read_text(encoding="utf-8"))))
-    assert ("mesh", "nodes") in found
-    assert not [path for path in found if path[-1:] == ("time_limit",)]
+    places = set(keys(yaml.safe_load((ROOT / f"config/{name}.yaml").read_text(encoding="utf-8"))))
+    assert ("mesh", "nodes") in places
+    assert not [path for path in places if path[-1:] == ("time_limit",)]
 
 
 @pytest.mark.parametrize("fixed", [[0], [0, 1]])

@@ -110,14 +110,14 @@ def test_carried_pressure_needs_fewer_corrections_than_newton_and_no_cut_tangent
     corrector.close()
 
 
-def test_a_tangent_with_its_own_pressure_is_the_tangent(bent):
+def test_a_tangent_with_the_pressure_of_its_field_is_the_tangent(bent):
     points, cells, law, nodes, _, field = bent
     elements, constrained = Elements.build(points, cells, law), np.zeros(points.shape, bool)
     constrained[nodes] = True
     assembler, frames = Assembler(elements, constrained, []), np.zeros((0, 3, 3))
     u = field + 0.1 * RNG(0).normal(size=field.shape)
-    own = expected_pressure(elements, u, np.zeros_like(u))
-    plain, same, none = (assembler.tangent(u, frames, pressure=p)[0] for p in (None, own, 0 * own))
+    expected = expected_pressure(elements, u, np.zeros_like(u))
+    plain, same, none = (assembler.tangent(u, frames, pressure=p)[0] for p in (None, expected, 0 * expected))
     np.testing.assert_allclose(same, plain, rtol=1e-12, atol=1e-9)
     assert np.abs(none - plain).max() > 1e-2 * np.abs(plain).max()
 
@@ -177,8 +177,8 @@ def test_another_field_of_the_same_plan_takes_the_factors_of_the_one_before(bent
     kept = corrector.corrections(start, motion, 1, alike=True)[-1].displacement
     assert corrector._newton.factorizations == made
     corrector.close()
-    own = newton_corrections(points, cells, law, nodes, motion, start, 1)[-1].displacement
-    assert np.abs(kept - own).max() < 5e-2 * np.abs(own - start).max()
+    fresh = newton_corrections(points, cells, law, nodes, motion, start, 1)[-1].displacement
+    assert np.abs(kept - fresh).max() < 5e-2 * np.abs(fresh - start).max()
 
 
 def test_scipy_gives_what_pardiso_gives(bent):

@@ -45,13 +45,13 @@ def test_the_cut_moves_with_the_linear_field_and_the_rest_is_as_it_was(long):
     wanted = long.points[long.cells].mean(axis=1)[:, 0] < 40
     nodes, cells, part = restricted(whole, long.cells, wanted, field)
     np.testing.assert_array_equal(nodes[cells], long.cells[wanted])
-    own, held = np.unique(long.cells[wanted]), np.unique(long.cells[~wanted])
-    np.testing.assert_array_equal(nodes, own)
-    before = np.isin(whole.prescribed_nodes, own)
+    kept, held = np.unique(long.cells[wanted]), np.unique(long.cells[~wanted])
+    np.testing.assert_array_equal(nodes, kept)
+    before = np.isin(whole.prescribed_nodes, kept)
     count = before.sum()
     np.testing.assert_array_equal(nodes[part.prescribed_nodes[:count]], whole.prescribed_nodes[before])
     cut = nodes[part.prescribed_nodes[count:]]
-    np.testing.assert_array_equal(cut, np.setdiff1d(np.intersect1d(own, held), whole.prescribed_nodes))
+    np.testing.assert_array_equal(cut, np.setdiff1d(np.intersect1d(kept, held), whole.prescribed_nodes))
     for fraction in (0.5, 1.0):
         moved = part.displacement(fraction)
         np.testing.assert_array_equal(moved[:count], whole.displacement(fraction)[before])
@@ -120,10 +120,10 @@ def test_all_is_solved_where_less_does_not_pay_or_does_not_converge(long, monkey
 def test_newtons_method_makes_no_linear_map_for_a_plan_of_several_bones(long):
     segment = np.where(np.arange(len(long.bone_points)) % 2, long.bone_segment, 1).astype(np.int8)
     patient = replace(long, bone_segment=segment, segments=("lefort1", "chin"))
-    own = tiny_plan().motions["left"]
+    motion = tiny_plan().motions["left"]
     solver = Simulator(patient, replace(FEM, kept_factors=False), amplitude=LIMIT)
-    assert solver.required(Plan("-", {"lefort1": own, "chin": own})).all() and solver._elastic is None
-    solver.required(Plan("-", {"lefort1": own}))
+    assert solver.required(Plan("-", {"lefort1": motion, "chin": motion})).all() and solver._elastic is None
+    solver.required(Plan("-", {"lefort1": motion}))
     assert solver._elastic is not None
     solver.close()
 

@@ -131,7 +131,7 @@ def test_arms_of_a_plan(monkeypatch):
     motion = RigidMotion.from_degrees([0, 4, 0], [3.0, -1, -1], [12, 6, 0])
     plan = Plan("P01", {"mandible_distal": motion})
     law = uniform(len(model.cells))
-    own, slides = model.node_segment == 1, model.node_type == SLIDING
+    carried, slides = model.node_segment == 1, model.node_type == SLIDING
     # No element can follow two bones: bonded, the nodes where one sliding zone meets the other stay free.
     bridging = np.isin(model.points[:, 0], (9, 12))
     fields = {}
@@ -147,16 +147,16 @@ def test_arms_of_a_plan(monkeypatch):
         np.testing.assert_array_equal(prescribed[slides], ~bridging[slides] if arm == "bonded" else False)
         assert result.violation < 1e-6
     expected = motion.displacement(model.points)
-    bonded = own & slides & ~bridging
+    bonded = carried & slides & ~bridging
     np.testing.assert_allclose(fields["bonded"][bonded], expected[bonded], atol=1e-12)
-    moving = own & (model.node_type == MOVING)
+    moving = carried & (model.node_type == MOVING)
     np.testing.assert_allclose(fields["mucosa"][moving], expected[moving], atol=1e-12)
     fixed = model.node_type == FIXED
     np.testing.assert_array_equal(fields["mucosa"][fixed], 0)
     # Sliding: on the moved plane, but not where the bone went.
-    here = motion.inverse((model.points + fields["mucosa"])[own & slides])
+    here = motion.inverse((model.points + fields["mucosa"])[carried & slides])
     np.testing.assert_allclose(here[:, 2], 0, atol=1e-6)
-    assert np.linalg.norm((fields["mucosa"] - expected)[own & slides], axis=1).max() > 0.3
+    assert np.linalg.norm((fields["mucosa"] - expected)[carried & slides], axis=1).max() > 0.3
     still = (model.node_segment == 0) & slides
     np.testing.assert_allclose(fields["mucosa"][still, 2], 0, atol=1e-6)
     assert np.abs(fields["mucosa"][still, 0]).max() > 0.05

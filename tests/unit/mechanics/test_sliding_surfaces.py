@@ -165,8 +165,8 @@ def test_a_tube_pressed_onto_a_cylinder_turns_with_its_outer_surface(squeeze, vo
     shrunk = exact @ turn.rotation - points  # about the origin: undoes the turn
 
     def prescribed(fraction):
-        own = points[prescribed_nodes]
-        return turn.fraction(fraction).apply(own + fraction * shrunk[prescribed_nodes]) - own
+        start = points[prescribed_nodes]
+        return turn.fraction(fraction).apply(start + fraction * shrunk[prescribed_nodes]) - start
 
     result, force = solved(points, cells, BoundaryConditions(prescribed_nodes, prescribed, sets), 0.4, volumetric, 1e-8)
     assert result.iterations <= 8  # without the bend of the cylinder in the tangent each digit costs an iteration

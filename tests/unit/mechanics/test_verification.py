@@ -316,7 +316,7 @@ def bent_over_a_ball(turn, shift, volumetric, noise=0.6):
     under = np.setdiff1d(np.flatnonzero(points[:, 2] == 0), ends)
     right = points[ends, 0] == 40
     points += np.random.default_rng(0).uniform(-noise, noise, points.shape)
-    bend = RigidMotion.from_degrees([5, 20, 0], [-3.0, 2.0, -6.0], [40, 10, 7])
+    turning = RigidMotion.from_degrees([5, 20, 0], [-3.0, 2.0, -6.0], [40, 10, 7])
     lift = RigidMotion.from_degrees([0, 10, 30], [1.0, -0.5, 2.0], [20, 10, -40])
     k = np.arange(6000) + 0.5
     polar, turned = np.arccos(1 - 2 * k / 6000), np.pi * (1 + 5**0.5) * k
@@ -327,7 +327,7 @@ def bent_over_a_ball(turn, shift, volumetric, noise=0.6):
         return RigidMotion(turn @ motion.rotation @ turn.T, turn @ motion.translation, turn @ motion.pivot + shift)
 
     def prescribed(fraction):
-        return np.where(right[:, None], bend.fraction(fraction).displacement(points[ends]), 0.0) @ turn.T
+        return np.where(right[:, None], turning.fraction(fraction).displacement(points[ends]), 0.0) @ turn.T
 
     sliding = SlidingSet(under, ball @ turn.T + shift, normals @ turn.T, lambda t: mapped(lift.fraction(t)))
     ordered = cells if np.linalg.det(turn) > 0 else cells[:, [0, 2, 1, 3]]

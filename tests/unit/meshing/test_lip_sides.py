@@ -30,12 +30,12 @@ def test_a_point_of_the_upper_lip_hangs_on_it_though_the_mesh_opens_the_slit_hig
     nodes = np.repeat([UPPER_LIP, LOWER_LIP], [len(upper[0]), len(lower[0])])
     skin, skin_faces = sheet(-5, 5, 1)
     skin[:, 1] -= 0.1
-    own = np.where(skin[:, 2] > 0, UPPER_LIP, LOWER_LIP)
+    lips = np.where(skin[:, 2] > 0, UPPER_LIP, LOWER_LIP)
     between = (skin[:, 2] > 0) & (skin[:, 2] < 3)
     carriers, weights, distance = embed(skin, skin_faces, points, faces)
     assert (nodes[carriers[between]] == LOWER_LIP).all() and between.sum() > 30
-    parted, weights, distance = embed(skin, skin_faces, points, faces, (own, nodes))
-    assert (nodes[parted] == own[:, None]).all()
+    parted, weights, distance = embed(skin, skin_faces, points, faces, (lips, nodes))
+    assert (nodes[parted] == lips[:, None]).all()
     np.testing.assert_allclose(weights.sum(axis=1), 1)
     np.testing.assert_allclose(distance[between], np.hypot(0.1, 3 - skin[between, 2]))
     # The skin is opened at its own slit.
@@ -45,15 +45,15 @@ def test_a_point_of_the_upper_lip_hangs_on_it_though_the_mesh_opens_the_slit_hig
     # Even where its own lip faces the other way, as the sides of a slit do.
     turned = np.vstack([upper[1][:, ::-1], lower[1] + len(upper[0])])
     assert (nodes[embed(skin, skin_faces, points, turned)[0][between]] == LOWER_LIP).all()
-    parted, _, distance = embed(skin, skin_faces, points, turned, (own, nodes))
+    parted, _, distance = embed(skin, skin_faces, points, turned, (lips, nodes))
     assert (nodes[parted[between]] == UPPER_LIP).all() and np.isfinite(distance[between]).all()
-    near = embed(skin, skin_faces, points, faces, (own, nodes), reach=1.5)[0]
+    near = embed(skin, skin_faces, points, faces, (lips, nodes), reach=1.5)[0]
     assert (nodes[near[skin[:, 2] == 2]] == UPPER_LIP).all() and (nodes[near[skin[:, 2] == 1]] == LOWER_LIP).all()
     # What is unknown hangs on what is nearest, and so does all where the two lips are one.
-    for sides in ((own * 0, nodes), (own, nodes * 0)):
+    for sides in ((lips * 0, nodes), (lips, nodes * 0)):
         np.testing.assert_array_equal(embed(skin, skin_faces, points, faces, sides)[0], carriers)
     whole, whole_faces = sheet(-9, 15, 4)
-    sides = own, np.where(whole[:, 2] > 3, UPPER_LIP, LOWER_LIP)
+    sides = lips, np.where(whole[:, 2] > 3, UPPER_LIP, LOWER_LIP)
     nearest = embed(skin, skin_faces, whole, whole_faces)[0]
     np.testing.assert_array_equal(embed(skin, skin_faces, whole, whole_faces, sides)[0], nearest)
 

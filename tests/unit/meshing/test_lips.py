@@ -35,11 +35,11 @@ def test_lips_line_the_slit(nodes):
     model = labelled(block_face()[0], nodes)
     place = model.points - ORIGIN
     for lip, side in ((m.UPPER_LIP, 1), (m.LOWER_LIP, -1)):
-        own = place[model.lip == lip]
-        assert len(own) > 12
-        assert (np.abs(own[:, 2] - 34 - side * 0.5) < 1.2).all()
-        assert own[:, 0].min() > 6 and own[:, 0].max() < 49 and np.ptp(own[:, 0]) > 25
-        assert np.ptp(own[:, 1]) > 9  # from the front to the teeth
+        nodes = place[model.lip == lip]
+        assert len(nodes) > 12
+        assert (np.abs(nodes[:, 2] - 34 - side * 0.5) < 1.2).all()
+        assert nodes[:, 0].min() > 6 and nodes[:, 0].max() < 49 and np.ptp(nodes[:, 0]) > 25
+        assert np.ptp(nodes[:, 1]) > 9  # from the front to the teeth
     assert (model.node_type[model.lip > 0] == m.FREE).all()
     # Each lip lies above the other: upper nodes belong to cells above the slit.
     centre = place[model.cells].mean(axis=1)[:, 2]

@@ -69,8 +69,8 @@ def test_a_cube_stays_a_cube(wanted):
 
 def test_a_face_is_refined_around_the_mouth_alone(face, fine):
     length, middle = edges_of(fine)
-    asked = near(middle.reshape(-1, 3)).reshape(length.shape)
-    assert length[asked].max() <= 3.0 < edges_of(face)[0][near(edges_of(face)[1].reshape(-1, 3)).reshape(-1, 6)].max()
+    wished = near(middle.reshape(-1, 3)).reshape(length.shape)
+    assert length[wished].max() <= 3.0 < edges_of(face)[0][near(edges_of(face)[1].reshape(-1, 3)).reshape(-1, 6)].max()
     assert len(fine.points) > 1.3 * len(face.points)
     new = fine.points[len(face.points) :]
     assert near(new, reach=10 + 2 * edges_of(face)[0].max()).all()
@@ -109,7 +109,7 @@ def test_the_slit_stays_open(face, fine):
     assert (inner & (normal < 0)).sum() > 4
 
 
-def test_nothing_asked_for_nothing_done_and_the_same_bytes(face, fine):
+def test_no_regions_leave_the_mesh_alone_and_give_the_same_bytes(face, fine):
     for name in ("points", "cells", "tissue"):
         same = getattr(refine(face, lambda points: np.full(len(points), np.inf)), name)
         assert same.tobytes() == getattr(face, name).tobytes()

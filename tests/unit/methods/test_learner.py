@@ -71,8 +71,8 @@ def cases(tmp_path_factory):
 def pretrain(cases, folder, steps=8, seed=3, **options):
     training = training_settings(steps, 3e-3, **options)
     out, history = folder / "network.pt", folder / "history.csv"
-    own = learner("pretrain", training)
-    train_fold(own, "pretrain", cases, seed=seed, code="code", out=out, history=history)
+    phase = learner("pretrain", training)
+    train_fold(phase, "pretrain", cases, seed=seed, code="code", out=out, history=history)
     return out, history
 
 
@@ -136,8 +136,8 @@ def test_finetuning_lowers_the_chamfer_distance(cases, tmp_path):
     pretrained, _ = pretrain(cases, tmp_path, 40)
     training = training_settings(60, 1e-3)
     out, history = tmp_path / "tuned.pt", tmp_path / "tuned.csv"
-    own = learner("finetune", training)
-    train_fold(own, "finetune", cases, pretrained, seed=0, code="code", out=out, history=history)
+    phase = learner("finetune", training)
+    train_fold(phase, "finetune", cases, pretrained, seed=0, code="code", out=out, history=history)
     values = [float(row["data"]) for row in read(history)]
     assert np.mean(values[-6:]) < 0.5 * np.mean(values[:6])
     assert not same(weights(pretrained), weights(out))

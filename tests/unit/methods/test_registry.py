@@ -17,26 +17,26 @@ from tests.helpers.settings import CONFIG
 
 def test_every_method_of_the_configuration_is_registered_once_with_a_module():
     methods = registry(CONFIG)
-    assert set(CONFIG["methods"]) <= set(methods) and all(name == own.name for name, own in methods.items())
+    assert set(CONFIG["methods"]) <= set(methods) and all(name == method.name for name, method in methods.items())
     assert len({method.name for method in BUILT_IN}) == len(BUILT_IN)
     for method in (*BUILT_IN, GRAPH_NETWORK, SURFACE_NETWORK):
         assert source_file(method.predictor).is_file()
 
 
-def test_finite_elements_with_lips_have_their_own_mesh_contact_and_solver():
+def test_finite_elements_with_lips_have_a_mesh_contact_and_solver_for_them():
     methods = registry(CONFIG)
     lips = {"fem_rlse", "fem_rlse_bonded", "fem_rlse_mucosa"}
-    assert {name for name, own in methods.items() if own.mesh == "lips"} == lips
-    plain, own = methods["fem_sliding"].settings, methods["fem_rlse"].settings
+    assert {name for name, method in methods.items() if method.mesh == "lips"} == lips
+    plain, lipped = methods["fem_sliding"].settings, methods["fem_rlse"].settings
     assert plain == {"fem": CONFIG["fem"], "contact": "mucosa"}
-    assert own["contact"] == "mucosa+lip"
+    assert lipped["contact"] == "mucosa+lip"
     solver = {name: CONFIG["fem_rlse"][name] for name in ("increments", "tolerance")}
-    assert own["fem"] == CONFIG["fem"] | solver
+    assert lipped["fem"] == CONFIG["fem"] | solver
 
 
 def test_methods_that_predict_new_patients_are_those_that_need_no_fold_of_theirs():
     methods = registry(CONFIG)
-    without = {name for name, own in methods.items() if own.new_patients and own.trains == "no"}
+    without = {name for name, method in methods.items() if method.new_patients and method.trains == "no"}
     assert without == {"elastic", "fem_bonded", "fem_sliding"}
     assert methods["pinnochio_plus"].new_patients and not methods["acmt"].new_patients
 

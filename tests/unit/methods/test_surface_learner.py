@@ -52,8 +52,8 @@ def patient(architecture, seed=0, **options):
     )
 
 
-def inputs(own, plan=None):
-    return own.inputs(own.draws[0], plan or tiny_plan())
+def inputs(prepared, plan=None):
+    return prepared.inputs(prepared.draws[0], plan or tiny_plan())
 
 
 def random_weights(architecture, **options):
@@ -73,9 +73,9 @@ def test_joined_patients_are_each_as_alone(architecture):
     with torch.no_grad():
         torch.manual_seed(0)
         both = per_patient(network(SurfaceInputs.join(alone)), 2)
-        for number, own in enumerate(alone):
+        for number, one in enumerate(alone):
             torch.manual_seed(0)
-            first = network(own)[0]
+            first = network(one)[0]
             assert torch.allclose(both[number][0].rest, first.rest)
             assert torch.allclose(both[number][0].displacement, first.displacement, atol=1e-5)
 
@@ -84,12 +84,12 @@ def test_joined_patients_are_each_as_alone(architecture):
 def test_the_plan_matters_and_the_bone_alone_carries_it(architecture):
     """In training, where batch normalisation keeps the signal of random weights from fading; beside another plan,
     because it takes a code that all points share away."""
-    network, own = random_weights(architecture), patient(architecture)
+    network, prepared = random_weights(architecture), patient(architecture)
     fields = []
     with torch.no_grad():
         for plan in (tiny_plan(), tiny_plan(x=-4.0), tiny_plan()):
             torch.manual_seed(0)
-            both = network(SurfaceInputs.join([inputs(own, plan), inputs(own, tiny_plan(z=2.0))]))
+            both = network(SurfaceInputs.join([inputs(prepared, plan), inputs(prepared, tiny_plan(z=2.0))]))
             fields.append(per_patient(both, 2)[0][-1].displacement)
     assert torch.equal(fields[0], fields[2]) and (fields[0] - fields[1]).abs().max() > 1e-4
 
@@ -118,32 +118,32 @@ def test_each_learns_two_patients_by_heart(architecture):
 
 def test_attention_divides_by_the_bone_points():
     """With features all alike, the weights are a multiple of the mean movement code."""
-    network, own = random_weights("acmt").eval(), inputs(patient("acmt"))
+    network, data = random_weights("acmt").eval(), inputs(patient("acmt"))
     network.features = lambda inputs: (torch.full((1, 64, 64), 0.5), torch.ones(1, 64, 64))
     with torch.no_grad():
-        code = network.movement(torch.cat([own.bone.points, own.movement], 1)).mean(0)
+        code = network.movement(torch.cat([data.bone.points, data.movement], 1)).mean(0)
         expected = network.displacement(32 * code)
-        assert torch.allclose(network(own)[0].displacement[0], torch.sigmoid(expected) - 0.5, atol=1e-5)
+        assert torch.allclose(network(data)[0].displacement[0], torch.sigmoid(expected) - 0.5, atol=1e-5)
 
 
 @pytest.mark.parametrize("difference", [False, True])
 def test_edge_convolution_is_torch_geometrics(difference):
     torch.manual_seed(0)
-    own = EdgeConvolution(5, difference)
+    ours = EdgeConvolution(5, difference)
     values, edges = torch.randn(30, 5), torch.randint(0, 30, (2, 200))
-    theirs = EdgeConv(nn.Sequential(own.first, *own.rest), aggr="mean")
+    theirs = EdgeConv(nn.Sequential(ours.first, *ours.rest), aggr="mean")
     if difference:
         theirs.message = lambda x_i, x_j: theirs.nn(x_j - x_i)
-    assert torch.allclose(own(values, edges), theirs(values, edges), atol=1e-5)
+    assert torch.allclose(ours(values, edges), theirs(values, edges), atol=1e-5)
 
 
 def test_mixed_precision_is_near_full_precision():
-    own, fields = inputs(patient("dgcfp")), []
+    data, fields = inputs(patient("dgcfp")), []
     for mixed in (False, True):
         network = random_weights("dgcfp").eval()
         with torch.no_grad(), torch.autocast("cpu", torch.bfloat16, enabled=mixed):
             torch.manual_seed(0)
-            fields.append(network(own)[-1].displacement)
+            fields.append(network(data)[-1].displacement)
     assert fields[1].dtype == torch.float32
     assert (fields[0] - fields[1]).abs().max() < 0.05 * fields[0].abs().max()
 
@@ -151,9 +151,9 @@ def test_mixed_precision_is_near_full_precision():
 def test_mirroring_flips_places_and_movement_everywhere():
     flip = torch.tensor([-1.0, 1.0, 1.0])
     for architecture in ARCHITECTURES:
-        own = inputs(patient(architecture))
-        other = scaled(own, flip)
-        assert torch.equal(other.movement, own.movement * flip)
-        for one, two in zip(own.face.levels, other.face.levels, strict=True):
+        data = inputs(patient(architecture))
+        other = scaled(data, flip)
+        assert torch.equal(other.movement, data.movement * flip)
+        for one, two in zip(data.face.levels, other.face.levels, strict=True):
             assert torch.equal(two.points, one.points * flip)
-        assert torch.equal(scaled(other, flip).bone.points, own.bone.points)
+        assert torch.equal(scaled(other, flip).bone.points, data.bone.points)

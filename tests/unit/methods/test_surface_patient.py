@@ -27,7 +27,7 @@ def plate(height=0.0, count=12):
     return torch.tensor(np.stack([x, y, np.full_like(x, height, dtype=float)], -1).reshape(-1, 3), dtype=torch.float32)
 
 
-def test_balls_hold_what_is_near_and_no_more_than_asked(rng):
+def test_balls_hold_what_is_near_and_no_more_than_wished(rng):
     points, centres = rng.random((200, 3)), rng.random((20, 3))
     edges = ball_edges(points, centres, 0.3, 1000, rng)
     apart = np.linalg.norm(points[:, None] - centres, axis=2)

@@ -62,8 +62,8 @@ def judged(patient, seen):
 def row(patient, moved, seen, judged):
     labels = {"fold": "1", "method": "m", "code": "c", "registration_residual": 0.2}
     prediction = Prediction(None, skin=moved - patient.skin_points)
-    own = {"fem": fem_settings(), "seed": 1, "target": seen, "judged": judged, "labels": labels}
-    return evaluate_case(patient, UNKNOWN, prediction, **own)
+    common = {"fem": fem_settings(), "seed": 1, "target": seen, "judged": judged, "labels": labels}
+    return evaluate_case(patient, UNKNOWN, prediction, **common)
 
 
 def test_a_jaw_that_moved_by_10_mm_keeps_its_regions(patient, codes, outcome, seen, judged):
@@ -72,9 +72,9 @@ def test_a_jaw_that_moved_by_10_mm_keeps_its_regions(patient, codes, outcome, se
     assert (judged.target_region == true).mean() > 0.95
     still = codes[cKDTree(patient.skin_points).query(judged.target)[1]]
     for lip in (UPPER_LIP, LOWER_LIP):
-        own = true == lip
-        assert own.sum() > 20
-        assert (judged.target_region[own] == lip).mean() > max(0.8, (still[own] == lip).mean() + 0.1), NAMES[lip]
+        of_lip = true == lip
+        assert of_lip.sum() > 20
+        assert (judged.target_region[of_lip] == lip).mean() > max(0.8, (still[of_lip] == lip).mean() + 0.1), NAMES[lip]
 
 
 def test_the_plan_begins_the_search_and_does_not_end_it(patient, outcome, seen, judged):
@@ -104,8 +104,8 @@ def test_what_a_scan_does_not_show_is_judged_by_neither_surface(outcome, seen, j
 
 def test_all_methods_have_the_same_samples_and_a_shift_along_the_skin_drops_none(patient, outcome, seen, judged):
     rows = [row(patient, moved, seen, judged) for moved in (outcome, outcome + [6.0, 0, 0], patient.skin_points)]
-    assert len({(own["target_samples"], own["skin_samples"]) for own in rows}) == 1
-    exact, shifted, still = (own["cd"] for own in rows)
+    assert len({(made["target_samples"], made["skin_samples"]) for made in rows}) == 1
+    exact, shifted, still = (made["cd"] for made in rows)
     assert exact < 0.3 and exact < shifted and exact < still
 
 
@@ -119,8 +119,8 @@ def test_a_lip_that_shrinks_cannot_drop_its_worst_samples(patient, codes, outcom
         moved[lip, 2] -= 0.7 * share * (moved[lip, 2] - low)
         moved[lip, 1] += 5 * share
         errors.append(row(patient, moved, seen, judged))
-    assert len({own["target_samples"] for own in errors}) == 1
-    assert np.all(np.diff([own["region_lower_lip"] for own in errors]) > 0.3)
+    assert len({made["target_samples"] for made in errors}) == 1
+    assert np.all(np.diff([made["region_lower_lip"] for made in errors]) > 0.3)
     assert errors[-1]["hdmax"] > 4
 
 

@@ -225,10 +225,10 @@ def test_errors_are_means_over_volume_however_dense_the_nodes_are():
     points, cells = block(8)
     crowded = points.copy()
     crowded[:, 2] = 40 * (points[:, 2] / 40) ** 2
-    for own in (points, crowded):
-        volumes = node_volumes(own, cells)
+    for nodes in (points, crowded):
+        volumes = node_volumes(nodes, cells)
         assert volumes.sum() == pytest.approx(40**3) and volumes.min() > 0
-        metrics = mean_and_p95("volume_error", own[:, 2], volumes)
+        metrics = mean_and_p95("volume_error", nodes[:, 2], volumes)
         assert metrics["volume_error_mean"] == pytest.approx(20) and metrics["volume_error_p95"] >= 35
     assert crowded[:, 2].mean() < 16
 

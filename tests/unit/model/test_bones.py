@@ -33,7 +33,7 @@ def models():
 
 
 def middles(model):
-    return {name: model.bone_points[own].mean(axis=0) for name, own in places(model).items() if len(own)}
+    return {name: model.bone_points[nodes].mean(axis=0) for name, nodes in places(model).items() if len(nodes)}
 
 
 def test_the_places_are_where_they_are_whatever_is_cut(models):
@@ -44,10 +44,10 @@ def test_the_places_are_where_they_are_whatever_is_cut(models):
         usual["chin"][2] < usual["lower_incisors"][2] - 15 and usual["upper_incisors"][1] < usual["gonion_left"][1] - 40
     )
     for procedure, model in models.items():
-        own = middles(model)
+        centres = middles(model)
         lacking = {name for name in PLACES if name.startswith("upper")} if procedure.jaws == MANDIBLE else set()
-        assert set(own) == set(PLACES) - lacking, procedure.name
-        for name, place in own.items():
+        assert set(centres) == set(PLACES) - lacking, procedure.name
+        for name, place in centres.items():
             assert np.linalg.norm(place - usual[name]) < 6, (procedure.name, name)
 
 

@@ -81,8 +81,8 @@ def test_landmarks_lie_where_the_head_was_built_with_them(head):
         "sublabiale": ("mentolabial", 8),
     }
     heights |= {"subnasale": ("subnasale", 8), "sellion": ("nasion", 12)}
-    for own, (name, tolerance) in heights.items():
-        assert abs(getattr(derived, own)[2] - truth[name][2]) < tolerance, own
+    for ours, (name, tolerance) in heights.items():
+        assert abs(getattr(derived, ours)[2] - truth[name][2]) < tolerance, ours
     between = 0.5 * (truth["upper_incisor"] + truth["lower_incisor"])
     assert abs(derived.stomion[2] - between[2]) < 5
     assert abs(derived.pogonion[0] - truth["pogonion_soft"][0]) < 3
@@ -104,8 +104,8 @@ def test_a_surgeon_finds_each_region_in_one_piece(head):
     _, model, codes = head
     edges = model.skin_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     for code in range(OTHER):
-        own = edges[(codes[edges] == code).all(axis=1)]
-        graph = sparse.coo_array((np.ones(len(own)), own.T), (len(codes),) * 2)
+        inside = edges[(codes[edges] == code).all(axis=1)]
+        graph = sparse.coo_array((np.ones(len(inside)), inside.T), (len(codes),) * 2)
         piece = connected_components(graph, directed=False)[1][codes == code]
         assert np.bincount(piece).max() > 0.95 * len(piece), NAMES[code]
 
@@ -151,7 +151,7 @@ def test_lip_nodes_tell_the_lips_apart_near_the_slit_only(heads):
     assert (corrected[lower & (depth < -5.5)] == NAMES.index("lower_lip")).mean() > 0.99
 
 
-def test_each_side_has_its_own_corner_of_the_mouth(heads):
+def test_each_side_has_a_corner_of_the_mouth(heads):
     _, model, codes = heads["class_iii"]
     judged = codes != NOT_JUDGED
     points, lip = model.skin_points[judged], np.full(judged.sum(), m.NOT_LIP)

@@ -15,10 +15,10 @@ PAPER = {"boundary_layers": 4, "volume_layers": 12, "rest_layers": 12, "channels
 @pytest.mark.parametrize("sizes", [{}, PAPER, {"channels": 32, "heads": 2}], ids=["study", "paper", "small"])
 def test_a_unified_network_gets_the_parameters_of_the_decomposed_ones(sizes):
     wanted, plain = parameters(network_settings(**sizes)), network_settings(decomposition=False, **sizes)
-    own = matched(plain)
-    assert abs(parameters(own) - wanted) < 0.002 * wanted and own.channels > plain.channels
-    assert (own.volume_layers, own.rest_layers, own.heads) == (plain.volume_layers, plain.rest_layers, plain.heads)
-    assert parameters(own) == sum(weight.numel() for weight in build(plain).parameters())
+    wide = matched(plain)
+    assert abs(parameters(wide) - wanted) < 0.002 * wanted and wide.channels > plain.channels
+    assert (wide.volume_layers, wide.rest_layers, wide.heads) == (plain.volume_layers, plain.rest_layers, plain.heads)
+    assert parameters(wide) == sum(weight.numel() for weight in build(plain).parameters())
 
 
 def test_the_sizes_of_the_study_s_networks():
@@ -39,6 +39,6 @@ def test_a_learner_stores_the_settings_that_it_trains():
     """A prediction builds the network without counting again; a decomposed one is as it was."""
     settings = {name: CONFIG[name] for name in ("fem", "pretraining")}
     unified = network_settings(decomposition=False)
-    own = GraphLearner(settings | {"network": asdict(unified)}, "pretrain", "cpu").network
-    assert own == matched(unified) and not own.match_parameters
+    network = GraphLearner(settings | {"network": asdict(unified)}, "pretrain", "cpu").network
+    assert network == matched(unified) and not network.match_parameters
     assert GraphLearner(settings | {"network": CONFIG["network"]}, "pretrain", "cpu").network == network_settings()

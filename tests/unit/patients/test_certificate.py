@@ -70,7 +70,7 @@ def test_a_field_that_ignores_the_plan_is_off_by_the_plan():
     assert (moved["skin_mean_mm"], moved["skin_max_mm"]) == pytest.approx((3, 3))
 
 
-def test_an_element_turned_inside_out_is_found():
+def test_an_element_turned_inside_out_is_counted():
     field = np.zeros_like(PATIENT.points)
     cell = PATIENT.cells[(PATIENT.node_type[PATIENT.cells] == FREE).any(axis=1)][0]
     node = cell[PATIENT.node_type[cell] == FREE][0]
@@ -149,9 +149,9 @@ def test_what_lies_beyond_the_usual_is_marked_and_decides_the_verdict(measured, 
     usual = {"edge_percent": 8.0, "min_jacobian": 0.5, "eqres_rel": 0.1, "moving_error": 0.1, "sliding_error": 0.3}
     said["measures"] |= usual | measured
     rows = _field_rows(said["measures"], {"cohort": "virtual cohort", "usual": USUAL})
-    marked = [own.what for own in rows if own.good is False or own.bad]
+    marked = [line.what for line in rows if line.good is False or line.bad]
     assert marked == ([row] if row else [])
-    assert any(own.bad for own in rows) == (grade == NOT_USABLE)
+    assert any(line.bad for line in rows) == (grade == NOT_USABLE)
 
 
 @pytest.mark.parametrize(
@@ -179,5 +179,5 @@ def test_the_page_says_which_detail_of_the_skin_no_mechanics_computes():
     said["measures"] |= far
     reason = "Detail of the skin: 2.8 mm off the mesh at 95 % (lower lip 6.9, nose 2.9)"
     assert verdict(said) == (CARE, (reason,))
-    (row,) = [own for own in in_words(said) if own.what == "Detail of the skin"]
+    (row,) = [line for line in in_words(said) if line.what == "Detail of the skin"]
     assert "0.9 mm in the mean" in row.meaning and "shown, not computed" in row.meaning

@@ -62,7 +62,7 @@ def test_a_surface_is_lps_and_says_so(patient, tmp_path, name):
     assert np.allclose(np.cross(shown[:, 1] - shown[:, 0], shown[:, 2] - shown[:, 0])[:, 2] > 0, True)
 
 
-def test_the_own_reader_takes_a_closed_surface_back_as_it_was(tmp_path):
+def test_our_reader_takes_a_closed_surface_back_as_it_was(tmp_path):
     box = trimesh.creation.icosphere(subdivisions=1, radius=30)
     points = np.asarray(box.vertices) + [10, -80, 40]
     for name in ("bone.ply", "bone.stl"):
@@ -102,6 +102,6 @@ def test_the_skin_carries_displacement_and_interval(patient, tmp_path):
 
 def test_a_bone_is_written_alone(patient, tmp_path):
     moved = patient.bone_points + patient.bone_displacement(Plan("tiny", {}))
-    own = patient.bone_faces[patient.bone_segment[patient.bone_faces[:, 0]] == 0]
-    write_surface(moved, own, tmp_path / "bone.stl")
-    assert len(trimesh.load(tmp_path / "bone.stl").faces) == len(own) < len(patient.bone_faces)
+    faces = patient.bone_faces[patient.bone_segment[patient.bone_faces[:, 0]] == 0]
+    write_surface(moved, faces, tmp_path / "bone.stl")
+    assert len(trimesh.load(tmp_path / "bone.stl").faces) == len(faces) < len(patient.bone_faces)

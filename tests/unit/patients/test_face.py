@@ -37,7 +37,7 @@ def test_a_face_that_does_not_move_changes_in_nothing(patient, face):
     assert -15 < rows["upper_lip_e_line"].before < 5 and 70 < rows["nasolabial"].before < 150
 
 
-def test_what_goes_forward_does_so_by_its_own_amount(patient, face):
+def test_what_goes_forward_does_so_by_its_amount(patient, face):
     below = patient.points[:, 2] < face.landmarks.positions[LANDMARKS.index("labrale_inferius"), 2] + 4
     rows = by_name(face.rows(np.where(below[:, None], [1.0, -4, 0.5], 0)))
     assert (rows["pogonion_forward"].change, rows["pogonion_up"].change) == pytest.approx((4, 0.5))

@@ -72,9 +72,9 @@ def test_quantities_of_a_plan():
     quantities = plan_quantities(
         patient, Plan("tiny", {"lefort1": RigidMotion.from_degrees([3, 0, 4], [-2, -6, 1], middle)})
     )
-    own = {"sideways_upper_incisors_mm": 2, "forward_upper_incisors_mm": 6, "up_upper_incisors_mm": 1}
-    own["rotation_maxilla_deg"] = 5
-    assert {name: quantities[name] for name in own} == pytest.approx(own)
+    expected = {"sideways_upper_incisors_mm": 2, "forward_upper_incisors_mm": 6, "up_upper_incisors_mm": 1}
+    expected["rotation_maxilla_deg"] = 5
+    assert {name: quantities[name] for name in expected} == pytest.approx(expected)
     assert quantities["forward_upper_molars_left_mm"] != pytest.approx(6, abs=0.1)
     assert quantities["forward_chin_mm"] == quantities["rotation_mandible_deg"] == 0
     assert plan_quantities(patient, Plan("tiny", {})) == pytest.approx(dict.fromkeys(quantities, 0), abs=1e-12)
@@ -88,18 +88,18 @@ def test_a_cut_does_not_change_the_quantities_of_an_anatomy():
         {"lefort1": 0.4, "mandible": 0.6},
         {"lefort1_left": 0.1, "mandible_distal": 0.2, "proximal_left": 0.4},
     ):
-        skull = 1 - sum(own for name, own in pieces.items() if name.startswith("lefort"))
+        skull = 1 - sum(size for name, size in pieces.items() if name.startswith("lefort"))
         bones = {"cranium": skull} | pieces
         jaw = [name for name in pieces if not name.startswith("lefort")]
         share = sum(pieces[name] for name in jaw)
         bones |= {name: pieces[name] * 0.6 / share for name in jaw}
         quality = {
-            "volume_cm3": {"superficial": 5, "muscle": 3} | {name: 10 * own for name, own in bones.items()},
+            "volume_cm3": {"superficial": 5, "muscle": 3} | {name: 10 * size for name, size in bones.items()},
             "thickness_mm": {name: {"mean": 4.0, "p5": 1, "p95": 9} for name in bones},
-            "contact_cm2": {name: {"moving": own, "sliding": own, "released": 7.0} for name, own in bones.items()},
+            "contact_cm2": {name: {"moving": size, "sliding": size, "released": 7.0} for name, size in bones.items()},
         }
-        own = dataclasses.replace(patient, segments=tuple(pieces))
-        said.append(anatomy_quantities(own, quality))
+        cut = dataclasses.replace(patient, segments=tuple(pieces))
+        said.append(anatomy_quantities(cut, quality))
     assert said[0] == pytest.approx(said[1]) and said[0]["volume_lower_jaw_cm3"] == pytest.approx(6)
 
 

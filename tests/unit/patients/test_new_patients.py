@@ -30,7 +30,7 @@ def plans_of(path):
     return {name: Path(plan).relative_to(path).as_posix() for name, plan in patient.plans.items()}
 
 
-def test_a_plan_of_another_case_is_said_and_taken_for_the_patients_own(folder):
+def test_a_plan_of_another_case_is_said_and_taken_for_that_of_the_patient(folder):
     (folder / "plans").mkdir()
     plan = {"case": "P02", "segments": {}}
     for name, content in {"other": plan, "own": plan | {"case": "P01"}, "unnamed": {"segments": {}}}.items():
@@ -155,7 +155,7 @@ def test_missing_models_are_said_with_both_remedies(tmp_path):
         chosen(tmp_path, method="pinnochio")
 
 
-def test_other_segments_are_refused_unless_asked_for(tmp_path):
+def test_other_segments_are_refused_unless_allowed(tmp_path):
     archive(tmp_path, ["mandible"])
     with pytest.raises(InputError, match="names lefort1, .* the models were trained with mandible"):
         chosen(tmp_path)
@@ -205,7 +205,7 @@ def test_what_is_wished_of_the_face_lies_beside_and_is_no_markup_of_the_patient_
         (folder / name).touch()
     (patient,) = read_patients(folder).values()
     assert [Path(wish).name for wish in patient.wishes] == ["Wish.ply", "wish.mrk.json", "wish_chin.csv"]
-    assert [Path(own).name for own in markups_in(folder)] == ["mine.mrk.json"] and patient.markups == str(folder)
+    assert [Path(path).name for path in markups_in(folder)] == ["mine.mrk.json"] and patient.markups == str(folder)
     (folder / "mine.mrk.json").unlink()
     (patient,) = read_patients(folder).values()
     assert patient.markups == ""

@@ -54,7 +54,7 @@ def test_an_uncut_mandible_and_one_jaw_alone_are_read_and_the_rest_is_said(tmp_p
         (("CB", "MAND"), (*SEGMENTS, "chin"), "mandible_distal, chin"),
     ],
 )
-def test_what_cannot_be_told_is_refused(tmp_path, regions, segments, said):
+def test_what_is_ambiguous_is_refused(tmp_path, regions, segments, said):
     with pytest.raises(InputError, match=said):
         read_areg(scanned(tmp_path, regions), "P1", segments)
 

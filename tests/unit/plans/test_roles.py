@@ -54,7 +54,7 @@ def test_a_place_between_two_pieces_goes_their_mean_way_and_an_uncut_one_stays()
         (("mandible", "mandible_distal"), "'mandible' is the whole bone"),
     ],
 )
-def test_a_bone_and_its_own_pieces_are_refused(segments, words):
+def test_a_bone_and_its_pieces_are_refused(segments, words):
     with pytest.raises(InputError, match=words):
         check_together(segments, "P1", "head.nii.gz")
 

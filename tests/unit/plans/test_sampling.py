@@ -37,7 +37,7 @@ def bones(segments=SEGMENTS):
     }
     whole = {"mandible": ("mandible_distal", "proximal_left", "proximal_right")}
     parts = [[rng.uniform(*boxes[part], (400, 3)) for part in whole.get(name, (name,))] for name in segments]
-    points = [np.concatenate(own) for own in parts]
+    points = [np.concatenate(part) for part in parts]
     return np.concatenate(points), np.repeat(np.arange(len(segments)), list(map(len, points)))
 
 

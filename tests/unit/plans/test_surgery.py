@@ -25,7 +25,7 @@ def moved(point, **parts):
         ({"roll": 90}, LEFT, (-10, 0, -10)),  # left side down
         ({"pitch": 90}, FRONT, (0, 10, -10)),  # front down
     ],
-    ids=lambda own: "-".join(own) if isinstance(own, dict) else "",
+    ids=lambda case: "-".join(case) if isinstance(case, dict) else "",
 )
 def test_a_positive_amount_does_what_its_word_says(parts, point, direction):
     np.testing.assert_allclose(moved(point, **parts), direction, atol=1e-9)
@@ -34,8 +34,8 @@ def test_a_positive_amount_does_what_its_word_says(parts, point, direction):
 def test_amounts_and_motion_are_each_others_inverse():
     motion = RigidMotion.from_degrees([3, -2, 7], [1, -4, 2.5], [10, -60, 5])
     again = motion_of(amounts(motion), motion.pivot)
-    for own in ("rotation", "translation", "pivot"):
-        np.testing.assert_allclose(getattr(again, own), getattr(motion, own), atol=1e-12)
+    for part in ("rotation", "translation", "pivot"):
+        np.testing.assert_allclose(getattr(again, part), getattr(motion, part), atol=1e-12)
 
 
 def test_words_name_the_way_and_leave_out_what_does_not_move():

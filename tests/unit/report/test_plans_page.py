@@ -39,7 +39,7 @@ def page(tmp_path_factory):
         measures = read_table(folder / f"{name}.csv", TABLE)
         plans.append(ComparedPlan(name, Plan("V", {JAW: motion}), f"{name}/m/index.html", "with care", field, measures))
     write_plans("V<1>", "pinnochio_plus", patient, plans, 0.9, folder / "plans.html")
-    return folder / "plans.html", pd.concat({own.name: own.measures.set_index("name") for own in plans})
+    return folder / "plans.html", pd.concat({plan.name: plan.measures.set_index("name") for plan in plans})
 
 
 def test_it_says_what_each_plan_does_and_comes_to(page):

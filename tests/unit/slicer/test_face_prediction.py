@@ -39,9 +39,9 @@ def patient(tmp_path):
 
 def test_the_folder_is_a_patient_that_the_project_reads(patient):
     folder, moved, files = patient
-    own = read_patients(folder)["P01"]
-    assert own.segmentation.endswith("segmentation.nii.gz") and own.volume.endswith("volume.nii.gz") and own.markups
-    plan = Plan.read(own.plans["slicer"], "P01")
+    read = read_patients(folder)["P01"]
+    assert read.segmentation.endswith("segmentation.nii.gz") and read.volume.endswith("volume.nii.gz") and read.markups
+    plan = Plan.read(read.plans["slicer"], "P01")
     assert plan.motion("mandible_distal").displacement([[0, 0, 0]])[0].tolist() == pytest.approx([0, 4, 0])
     (folder / "plans/mine.json").write_text("{}")
     module.prepare(folder, files / "a.nii.gz", None, {"lefort1": moved["lefort1"]})
@@ -78,8 +78,8 @@ def test_results_come_back_and_a_refusal_is_said(patient, tmp_path):
 
     with pytest.raises(FileNotFoundError, match="no prediction"):
         module.results(tmp_path, "P01", "fem_sliding")
-    found = module.predict(tmp_path, patient[0], "dentalsegmentator", "fem_sliding", run=good)
-    assert found["skin"].is_file() and set(found["bones"]) == {"lefort1"} and found["certificate"] == {"interval": None}
+    made = module.predict(tmp_path, patient[0], "dentalsegmentator", "fem_sliding", run=good)
+    assert made["skin"].is_file() and set(made["bones"]) == {"lefort1"} and made["certificate"] == {"interval": None}
 
     said = "Traceback\nInputError: case 'P01': a.nii.gz: it is upside\n down. Remedy: set 'orientation'.\nExiting\n"
 

@@ -70,7 +70,7 @@ def test_new_patients_are_covered_as_often_as_promised(patients, between):
     assert LEVEL - 3 * error < mean < LEVEL * (patients + 1) / patients + 3 * error
 
 
-def test_other_quantiles_are_found_out():
+def test_other_quantiles_are_noticed():
     """Pooling points as if independent, or leaving out the new patient, covers too little where patients differ."""
     rng = np.random.default_rng(1)
 
@@ -124,11 +124,11 @@ def test_a_fold_is_not_calibrated_on_itself():
     """A fold whose errors are ten times those of the others must turn out uncovered."""
     rng = np.random.default_rng(3)
     patients = [replace(p, error=10 * p.error) if p.fold == "1" else p for p in cohort(rng)]
-    own = [p for p in patients if p.fold == "1"]
+    inside = [p for p in patients if p.fold == "1"]
     others = [p for p in patients if p.fold != "1"]
     rows = coverage(patients, LEVEL).set_index("region")
     narrow = half_widths(others, LEVEL)
-    shares = [100 * np.mean(p.of(0) <= narrow[0]) for p in own]
+    shares = [100 * np.mean(p.of(0) <= narrow[0]) for p in inside]
     rest = coverage(patients, LEVEL).loc[0, "coverage_mean"] * 40 - np.sum(shares)
     assert np.mean(shares) < 30 < 90 < rest / 32
     assert rows.loc["nose", "coverage_sd"] > 20
@@ -163,9 +163,9 @@ def test_errors_are_distances_to_triangles_of_the_scan():
     lifted[:, 2] = 0.5
     places = patient.points[skin] * [0.9, 1, 1] + [2, 0, 0]
     judged = Judged(places, np.zeros(len(places), np.int8), places, np.where(places[:, 0] > 18, 0, -1))
-    found = held_out("P", "1", patient, judged, patient.moved_skin(lifted), scan, np.array([[0, 1, 2], [0, 2, 3]]))
+    case = held_out("P", "1", patient, judged, patient.moved_skin(lifted), scan, np.array([[0, 1, 2], [0, 2, 3]]))
     assert 0 < (places[:, 0] > 18).sum() < len(places)
-    assert len(found.error) == (places[:, 0] > 18).sum() == len(found.region) and np.allclose(found.error, 1.5)
+    assert len(case.error) == (places[:, 0] > 18).sum() == len(case.region) and np.allclose(case.error, 1.5)
 
 
 def flat():

@@ -28,7 +28,7 @@ def test_two_sided_p_is_attainable_or_not():
     assert attainable(40, 16) and not attainable(8, 16)
 
 
-def test_what_is_not_told_apart_is_named():
+def test_methods_that_do_not_differ_are_named():
     ranking = rank(cases(20, **WORSE, **BEST, **ALIKE), [*WORSE, *BEST, *ALIKE], 1)
     assert list(ranking.means.index) == ["pinnochio_plus", "elastic", "fem_sliding", "no_change"]
     assert ranking.alike == ["elastic"] and ranking.tested

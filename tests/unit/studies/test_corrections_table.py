@@ -33,11 +33,11 @@ def rows():
 def test_every_row_is_the_mean_of_its_patients_and_tested_against_no_correction(rows):
     frame = summarise(rows, 3)
     assert list(zip(frame["method"], frame["corrections"], strict=True)) == list(rows)
-    for (_, summary), own in zip(frame.iterrows(), rows.values(), strict=True):
+    for (_, summary), expected in zip(frame.iterrows(), rows.values(), strict=True):
         assert summary["n"] == 8 and summary["inverted"] == 16
         for name in ("cd", "pwr1", "eqres_rel", "seconds"):
-            assert summary[f"{name}_mean"] == pytest.approx(own[name].mean())
-            assert summary[f"{name}_sd"] == pytest.approx(own[name].std())
+            assert summary[f"{name}_mean"] == pytest.approx(expected[name].mean())
+            assert summary[f"{name}_sd"] == pytest.approx(expected[name].std())
         assert summary["eqres_rel_max"] == pytest.approx(10.0 ** -summary["corrections"])
     start = frame[frame["corrections"] == 0]
     assert start[["pairs", "cd_difference", "p", "p_holm"]].isna().all(axis=None)
@@ -63,7 +63,7 @@ def test_a_patient_without_scan_counts_but_is_not_compared(rows):
     assert frame.loc[("plain", 5), "cd_mean"] == pytest.approx(rows["plain", 5]["cd"].mean())
 
 
-def test_a_method_without_its_own_prediction_is_refused(rows):
+def test_a_method_without_a_prediction_is_refused(rows):
     del rows["plus", 0]
     with pytest.raises(InputError, match="'plus' has no rows without correction"):
         summarise(rows)
@@ -82,7 +82,7 @@ def test_files_and_picture(rows, tmp_path):
 
 
 def test_the_picture_shows_the_paired_difference_to_sliding_finite_elements(rows, tmp_path):
-    baseline = cases("fem_sliding", 0).assign(cd=lambda own: own["cd"] + 0.02)
+    baseline = cases("fem_sliding", 0).assign(cd=lambda table: table["cd"] + 0.02)
     frame = summarise(rows, 0, baseline.iloc[::-1]).set_index(["method", "corrections"])
     np.testing.assert_allclose(frame["sliding_difference"], [-0.02, -0.065, -0.065] * 2)
     assert frame.loc[("plus", 5), "sliding_low"] < -0.065 < frame.loc[("plus", 5), "sliding_high"] < 0

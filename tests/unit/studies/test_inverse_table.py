@@ -47,8 +47,8 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("inverse")
     columns = {"recovered": RECOVERED, "seen": SEEN, "faces": FACES, "marked": MARKED}
     files = {}
-    for name, own in rows(np.random.default_rng(0)).items():
-        frame = pd.DataFrame(own)
+    for name, listed in rows(np.random.default_rng(0)).items():
+        frame = pd.DataFrame(listed)
         files[name] = [str(folder / f"{case}_{name}.csv") for case in CASES]
         for case, path in zip(CASES, files[name], strict=True):
             write_csv(frame[frame["case"] == case], path, columns[name])

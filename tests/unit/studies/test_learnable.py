@@ -15,8 +15,8 @@ def cohort(mean_of, count=40, inside=0.0):
         for region in REGIONS:
             for part in range(4):
                 mean = mean_of(known, draws)
-                own = {"case": f"V{case:02d}", "region": region, "part": part, "area": 100.0 + 50 * part}
-                rows.append(own | {"mean": mean, "square": mean**2 + inside} | known)
+                place = {"case": f"V{case:02d}", "region": region, "part": part, "area": 100.0 + 50 * part}
+                rows.append(place | {"mean": mean, "square": mean**2 + inside} | known)
     return summarise(pd.DataFrame(rows)[[column.name for column in CASE]]).set_index("region")
 
 
@@ -37,7 +37,7 @@ def test_noise_is_not_learned():
     assert table.loc[FACE, "linear"] < 0  # an honest regression loses on noise
 
 
-def test_no_patient_is_in_its_own_regression():
+def test_no_patient_is_in_the_regression_that_predicts_it():
     inputs, means = np.zeros((6, 2)), np.array([0, 0, 0, 0, 0, 6.0])
     flat, fitted = expected(inputs, means)
     assert flat == pytest.approx([1.2] * 5 + [0]) and fitted == pytest.approx(flat)

@@ -29,9 +29,9 @@ def cases(method, gain, patients=12):
 
 @pytest.fixture
 def rows():
-    own = {("floor_scan", 0): cases("floor_scan", 0.5), ("fem_sliding", 0): cases("fem_sliding", 0)}
-    own |= {("learns", size): cases("learns", 0.01 * (size - 12)) for size in SIZES}
-    return own | {("never", size): cases("never", -0.1) for size in SIZES}
+    parts = {("floor_scan", 0): cases("floor_scan", 0.5), ("fem_sliding", 0): cases("fem_sliding", 0)}
+    parts |= {("learns", size): cases("learns", 0.01 * (size - 12)) for size in SIZES}
+    return parts | {("never", size): cases("never", -0.1) for size in SIZES}
 
 
 def test_fewer_training_patients_are_among_more_and_the_same_are_held_out():
@@ -63,14 +63,14 @@ def test_the_folds_of_the_curve_end_with_those_of_the_study():
 def test_each_number_is_compared_over_the_same_patients(rows):
     frame = summarise(rows, 3)
     assert list(zip(frame["method"], frame["patients"], strict=True)) == list(rows)
-    own = frame.set_index(["method", "patients"])
-    assert own.loc[("learns", 8), "cd_difference"] == pytest.approx(0.06)
-    assert own.loc[("learns", 32), "cd_difference"] == pytest.approx(-0.3)
-    assert own.loc[("learns", 32), "explained"] == pytest.approx(0.4)
-    assert own.loc[("floor_scan", 0), "explained"] == 1 and own.loc[("fem_sliding", 0), "explained"] == 0
-    assert own["cd_difference"].isna().to_dict() == {key: key[1] == 0 for key in rows}
+    by_size = frame.set_index(["method", "patients"])
+    assert by_size.loc[("learns", 8), "cd_difference"] == pytest.approx(0.06)
+    assert by_size.loc[("learns", 32), "cd_difference"] == pytest.approx(-0.3)
+    assert by_size.loc[("learns", 32), "explained"] == pytest.approx(0.4)
+    assert by_size.loc[("floor_scan", 0), "explained"] == 1 and by_size.loc[("fem_sliding", 0), "explained"] == 0
+    assert by_size["cd_difference"].isna().to_dict() == {key: key[1] == 0 for key in rows}
     for name in ("cd", "skin_error_mean"):
-        low, mean, high = (own[f"{name}_{part}"] for part in ("low", "mean", "high"))
+        low, mean, high = (by_size[f"{name}_{part}"] for part in ("low", "mean", "high"))
         assert (low <= mean).all() and (mean <= high).all() and (low < high).sum() > 4
     shuffled = {key: frame.sample(frac=1, random_state=1) for key, frame in rows.items()}
     assert summarise(shuffled)["cd_difference"].tolist() == pytest.approx(frame["cd_difference"].tolist(), nan_ok=True)
@@ -91,10 +91,10 @@ def test_without_a_known_truth_and_floor_the_chamfer_distance_is_left(rows, tmp_
     for key in list(rows):
         rows[key] = rows[key].assign(skin_error_mean=np.nan)
     del rows["floor_scan", 0]
-    own = table(summarise(rows), "my cohort")
-    assert own.blocks[0].headers == ["Method", "Training patients", "Chamfer distance [mm]"]
-    assert len(own.paragraphs) == 2
-    draw(own.frame, [tmp_path / "learning.png"])
+    written = table(summarise(rows), "my cohort")
+    assert written.blocks[0].headers == ["Method", "Training patients", "Chamfer distance [mm]"]
+    assert len(written.paragraphs) == 2
+    draw(written.frame, [tmp_path / "learning.png"])
     assert (tmp_path / "learning.png").stat().st_size > 10_000
 
 

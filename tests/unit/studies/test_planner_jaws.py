@@ -26,8 +26,8 @@ def session(patient, tmp_path):
 
 
 def moved(patient, plan, segment):
-    own = patient.bone_segment == patient.segments.index(segment)
-    return patient.bone_displacement(plan)[own]
+    nodes = patient.bone_segment == patient.segments.index(segment)
+    return patient.bone_displacement(plan)[nodes]
 
 
 def test_a_mandible_takes_its_rami_along_and_leaves_the_condyles(session, patient):
@@ -90,7 +90,7 @@ def test_the_final_occlusion_puts_the_incisors_in_place(patient):
 
 @pytest.mark.parametrize("name", [name for name in PRESETS if "Chin" not in name])
 def test_a_preset_does_what_its_name_says(session, name):
-    assert session.presets == [own for own in PRESETS if "Chin" not in own]  # no chin is cut
+    assert session.presets == [preset for preset in PRESETS if "Chin" not in preset]  # no chin is cut
     session.preset(name)
     for part, amount in PRESETS[name].items():
         (segment,) = {"maxilla": session.jaws.upper, "lower": session.jaws.lower}[part]

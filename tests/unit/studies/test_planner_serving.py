@@ -47,16 +47,16 @@ def address(tmp_path_factory):
     """Port and secret of a server."""
     process = start(tmp_path_factory.mktemp("server"))
     said = ""
-    while not (found := re.search(r"Local: +http://127\.0\.0\.1:(\d+)/\?secret=(\S+)", said)):
+    while not (address := re.search(r"Local: +http://127\.0\.0\.1:(\d+)/\?secret=(\S+)", said)):
         line = process.stdout.readline()
         assert line, said
         said += line
-    yield int(found[1]), found[2]
+    yield int(address[1]), address[2]
     os.killpg(process.pid, signal.SIGTERM)
     process.wait()
 
 
-def test_who_was_given_the_address_gets_page_and_state(address):
+def test_who_has_the_address_gets_page_and_state(address):
     port, secret = address
     status, headers, _ = ask(port, f"/?secret={secret}")
     assert status == 302 and headers["Location"].startswith("index.html?secret=")
@@ -64,11 +64,11 @@ def test_who_was_given_the_address_gets_page_and_state(address):
     assert "HttpOnly" in cookie and "SameSite=Strict" in cookie and secret in cookie
     status, headers, text = ask(port, f"/index.html?secret={secret}")
     assert status == 200 and "<html" in text and "frame-ancestors 'none'" in headers["Content-Security-Policy"]
-    own = {"Cookie": f"planner{port}={secret}"}
-    assert ask(port, "/vue.global.js", **own)[0] == 200
-    assert ask(port, "/index.html", **own)[1]["Location"] == f"/index.html?secret={secret}"  # loaded again
-    assert b"P01" in hello(port, "/ws", secret, Origin=f"http://127.0.0.1:{port}", **own)
-    assert b"P01" in hello(port, "/ws", secret, Origin=f"http://localhost:{port}", Host=f"localhost:{port}", **own)
+    header = {"Cookie": f"planner{port}={secret}"}
+    assert ask(port, "/vue.global.js", **header)[0] == 200
+    assert ask(port, "/index.html", **header)[1]["Location"] == f"/index.html?secret={secret}"  # loaded again
+    assert b"P01" in hello(port, "/ws", secret, Origin=f"http://127.0.0.1:{port}", **header)
+    assert b"P01" in hello(port, "/ws", secret, Origin=f"http://localhost:{port}", Host=f"localhost:{port}", **header)
 
 
 @pytest.mark.parametrize(
@@ -76,9 +76,9 @@ def test_who_was_given_the_address_gets_page_and_state(address):
 )
 def test_a_page_of_another_origin_reaches_nothing(address, origin):
     port, secret = address
-    own = {"Cookie": f"planner{port}={secret}", "Origin": origin.format(port=port)}
-    assert hello(port, "/ws", secret, **own) == 403
-    assert ask(port, f"/index.html?secret={secret}", **own)[0] == 403
+    header = {"Cookie": f"planner{port}={secret}", "Origin": origin.format(port=port)}
+    assert hello(port, "/ws", secret, **header) == 403
+    assert ask(port, f"/index.html?secret={secret}", **header)[0] == 403
 
 
 @pytest.mark.parametrize(
@@ -87,8 +87,8 @@ def test_a_page_of_another_origin_reaches_nothing(address, origin):
 def test_a_foreign_name_that_leads_here_reaches_nothing(address, host):
     port, secret = address
     host = host.format(port=port)
-    own = {"Cookie": f"planner{port}={secret}", "Host": host, "Origin": f"http://{host}"}
-    assert hello(port, "/ws", secret, **own) == 403
+    header = {"Cookie": f"planner{port}={secret}", "Host": host, "Origin": f"http://{host}"}
+    assert hello(port, "/ws", secret, **header) == 403
     assert ask(port, f"/?secret={secret}", Host=host)[0] == 403
 
 
@@ -105,15 +105,15 @@ def test_who_guesses_the_secret_reaches_nothing(address, secret):
 def test_the_secret_is_another_one_at_every_start(address, tmp_path):
     process = start(tmp_path)
     said = ""
-    while not (found := re.search(r"secret=(\S+)", said)):
+    while not (again := re.search(r"secret=(\S+)", said)):
         said += process.stdout.readline()
     os.killpg(process.pid, signal.SIGTERM)
     process.wait()
-    assert found[1] != address[1] and len(found[1]) > 40
+    assert again[1] != address[1] and len(again[1]) > 40
 
 
 @pytest.mark.parametrize("args", ["--host 0.0.0.0", "--authKey known", "--reverse-url ws://evil.example"])
-def test_the_framework_cannot_be_told_otherwise(tmp_path, args):
+def test_no_option_of_the_framework_changes_that(tmp_path, args):
     process = start(tmp_path, TRAME_ARGS=args)
     said, _ = process.communicate(timeout=300)
     assert process.returncode == 1 and "unset TRAME_ARGS" in said and "Local" not in said

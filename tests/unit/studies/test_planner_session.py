@@ -134,7 +134,7 @@ def test_one_pull_of_a_slider_is_one_step_of_undo(session):
     assert session.values("left")["left"] == pytest.approx(4.0)
 
 
-def test_each_side_has_its_own_plan_and_its_own_undo(session):
+def test_each_side_has_a_plan_and_an_undo(session):
     session.change("left", "advance", 9.0)
     session.side = "B"
     assert not session.draft.can_undo

@@ -8,7 +8,7 @@ from studies.planner.page_words import warning
 
 
 @pytest.mark.parametrize(
-    ("own", "words"),
+    ("changes", "words"),
     [
         ({}, ""),
         ({"damping": 5e-10}, "Not usable: the field turned tissue inside out and was scaled to 5e-08 %"),
@@ -18,7 +18,7 @@ from studies.planner.page_words import warning
         ({"out_of_distribution": ("plan",)}, "Unlike the training in plan"),
     ],
 )
-def test_what_speaks_against_a_forecast_is_said(own, words):
+def test_what_speaks_against_a_forecast_is_said(changes, words):
     none = {"damping": 1.0, "repaired": 0, "off_bone": 0.4, "beyond": 0.0, "out_of_distribution": ()}
-    forecast = SimpleNamespace(**none | own)
+    forecast = SimpleNamespace(**none | changes)
     assert warning(forecast).startswith(words) and bool(warning(forecast)) == bool(words)

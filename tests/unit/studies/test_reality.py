@@ -16,8 +16,8 @@ def rows():
     for case, start, slope in (("V01", 0.4, 0.8), ("V02", 0.6, 1.0)):
         for reality in (*REALITIES, NOMINAL):
             for scale in SCALES if reality != NOMINAL else (0.0,):
-                own = {"cd": start + slope * scale, "pwr2": 100 - 10 * scale, "p90": 2 * (start + slope * scale)}
-                made.append({"case": case, "reality": reality, "scale": scale} | own | dict.fromkeys(REGIONS, scale))
+                errors = {"cd": start + slope * scale, "pwr2": 100 - 10 * scale, "p90": 2 * (start + slope * scale)}
+                made.append({"case": case, "reality": reality, "scale": scale} | errors | dict.fromkeys(REGIONS, scale))
     return pd.DataFrame(made)[[column.name for column in CASE]]
 
 
@@ -32,7 +32,7 @@ def test_the_scale_gives_the_mean_distance(rows):
 
 def test_the_table_says_what_ours_has_and_what_is_aimed_at(rows):
     table = summarise(rows).set_index(["reality", "what"])
-    for reality, own in REALITIES.items():
-        assert table.loc[(reality, "ours"), "cd"] == pytest.approx(own.target)
-        assert table.loc[(reality, "aim"), "cd"] == own.target and np.isnan(table.loc[(reality, "aim"), "scale"])
+    for reality, expected in REALITIES.items():
+        assert table.loc[(reality, "ours"), "cd"] == pytest.approx(expected.target)
+        assert table.loc[(reality, "aim"), "cd"] == expected.target and np.isnan(table.loc[(reality, "aim"), "scale"])
     assert table.loc[(NOMINAL, "ours"), "cd"] == pytest.approx(0.5)

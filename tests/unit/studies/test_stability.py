@@ -118,7 +118,7 @@ def sliding():
 
 
 @pytest.mark.parametrize("dihedral", [15, 1, 0.1])
-def test_sliver_mesh_has_the_angle_asked_for(dihedral):
+def test_sliver_mesh_has_the_wished_angle(dihedral):
     problem = problems.block(STEPS, dihedral=dihedral)
     assert problems.smallest_dihedral(problem.points, problem.cells) == pytest.approx(dihedral, rel=1e-6)
     assert (jacobians(problem.points, problem.cells, np.zeros_like(problem.points)) > 0).all()
@@ -130,7 +130,7 @@ def test_a_block_without_interior_nodes_is_refused():
 
 
 @pytest.mark.parametrize("share", [0, 0.1, 0.25, 0.5])
-def test_start_is_inverted_as_far_as_asked(block, share):
+def test_start_is_inverted_as_far_as_wished(block, share):
     start = problems.tangled(block, np.zeros_like(block.points), share, np.random.default_rng(0))
     inverted = (jacobians(block.points, block.cells, start) <= 0).mean()
     assert share - 0.02 < inverted <= share
@@ -153,12 +153,12 @@ def test_settings_change_what_they_name():
         problems.moved(tiny_patient(), "jaw", "pitch", 10)
 
 
-def test_segments_move_as_asked():
+def test_segments_move_as_wished():
     back = problems.moved(PATIENT, "left", "back", 3.0)
-    own = PATIENT.bone_points[PATIENT.bone_segment == 0]
-    assert np.allclose(back.motion("left").displacement(own), [0, 3, 0])
+    bone = PATIENT.bone_points[PATIENT.bone_segment == 0]
+    assert np.allclose(back.motion("left").displacement(bone), [0, 3, 0])
     turned = problems.moved(PATIENT, "left", "yaw", 30.0).motion("left")
-    assert np.allclose(turned.degrees, [0, 0, 30]) and np.allclose(turned.apply(own).mean(axis=0), own.mean(axis=0))
+    assert np.allclose(turned.degrees, [0, 0, 30]) and np.allclose(turned.apply(bone).mean(axis=0), bone.mean(axis=0))
     rough = problems.roughened(PATIENT, 0.5, np.random.default_rng(0))
     way = ((rough.bone_points - PATIENT.bone_points) * PATIENT.bone_normals).sum(axis=1)
     assert way.std() == pytest.approx(0.5, rel=0.15)
@@ -352,11 +352,13 @@ def test_sliding_nodes_are_kept_on_their_surface_and_free_along_it(sliding):
         assert judgement.outcome == WRONG and what in judgement.reason
     # Nodes that stick to their bone keep their distance to it, and all but they are in equilibrium.
     motion = problem.boundary.sliding[0].motion
-    own = problem.boundary.sliding[0].nodes
-    nodes = np.concatenate([problem.boundary.prescribed_nodes, own])
+    slide = problem.boundary.sliding[0].nodes
+    nodes = np.concatenate([problem.boundary.prescribed_nodes, slide])
 
     def stuck(fraction):
-        return np.vstack([problem.boundary.displacement(fraction), motion(fraction).displacement(problem.points[own])])
+        return np.vstack(
+            [problem.boundary.displacement(fraction), motion(fraction).displacement(problem.points[slide])]
+        )
 
     glued = solved(replace(problem, boundary=BoundaryConditions(nodes, stuck)), element)
     judgement = judge_solution(problem, element, glued, 1.0, options)
@@ -460,7 +462,7 @@ def test_every_method_moves_a_patient_and_is_confirmed():
     assert len(turned) == len(rows) and not (turned["outcome"] == WRONG).any()
 
 
-def test_a_raw_network_is_asked_again_of_the_patient_lying_elsewhere(monkeypatch):
+def test_a_raw_network_predicts_again_for_the_patient_lying_elsewhere(monkeypatch):
     rng = np.random.default_rng(6)
     problem = problems.movement(PATIENT, problems.moved(PATIENT, "left", "back", 2.0), FEM, "float64")
     field = rng.normal(0, 3, PATIENT.points.shape)

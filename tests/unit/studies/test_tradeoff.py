@@ -70,11 +70,11 @@ def test_means_over_patients_and_both_fronts():
 
 
 def test_what_fails_on_one_patient_is_on_no_pareto_front():
-    own = rows()
-    own.loc[(own["case"] == "B") & (own["method"] == "slow"), "converged"] = False
-    frame = summarise(own).set_index("method")
+    measured = rows()
+    measured.loc[(measured["case"] == "B") & (measured["method"] == "slow"), "converged"] = False
+    frame = summarise(measured).set_index("method")
     assert frame.loc["slow", "failed"] == 1 and not frame.loc["slow", "front_outcome"]
-    assert "slow, turn 1 (1 of 3)" in answers(summarise(own), "virtual cohort")[3]
+    assert "slow, turn 1 (1 of 3)" in answers(summarise(measured), "virtual cohort")[3]
 
 
 def test_the_three_questions_are_answered_from_the_rows():
@@ -98,9 +98,9 @@ def test_a_choice_keeps_the_budget_with_a_margin_on_every_patient():
 
 
 def test_no_setting_is_chosen_that_turns_an_element_inside_out():
-    own = rows()
-    own.loc[(own["case"] == "C") & (own["method"] == "middle") & (own["value"] == "1"), "inverted"] = 1
-    assert choose_setting(summarise(own), tolerance_mm=0.21)["value"] == "2"
+    data = rows()
+    data.loc[(data["case"] == "C") & (data["method"] == "middle") & (data["value"] == "1"), "inverted"] = 1
+    assert choose_setting(summarise(data), tolerance_mm=0.21)["value"] == "2"
 
 
 def test_an_impossible_wish_shows_what_is_possible():
@@ -111,8 +111,8 @@ def test_an_impossible_wish_shows_what_is_possible():
 
 
 def test_choices_are_tried_on_patients_that_the_front_does_not_know():
-    own = rows({"A": (1, 1), "B": (1, 1), "C": (10, 2)})
-    tried = check_choices(own, [1.0], [0.1]).set_index("asked")
+    measured = rows({"A": (1, 1), "B": (1, 1), "C": (10, 2)})
+    tried = check_choices(measured, [1.0], [0.1]).set_index("asked")
     budget = tried.loc["budget_seconds 1"]
     # A and B see C's 5 s and take the setting of 0.2 s, 2 s on C, not; C takes what the others need 0.5 s for: 5 s.
     assert (budget["n"], budget["kept"]) == (3, 2)
@@ -137,15 +137,15 @@ def test_the_error_that_is_foretold_has_an_interval_from_nine_patients_on():
 
 
 def test_a_patient_whose_reference_does_not_converge_stays_but_for_its_distances(tmp_path):
-    own = rows()
-    own.loc[own["case"] == "B", ["face_error", "face_error_max", "volume_error"]] = np.nan
-    own.loc[(own["case"] == "B") & (own["method"] == "slow"), "converged"] = False
-    frame = summarise(own).set_index(["method", "value"])
+    measured = rows()
+    measured.loc[measured["case"] == "B", ["face_error", "face_error_max", "volume_error"]] = np.nan
+    measured.loc[(measured["case"] == "B") & (measured["method"] == "slow"), "converged"] = False
+    frame = summarise(measured).set_index(["method", "value"])
     assert frame.loc[("fast", "1"), "face_error"] == pytest.approx(0.5 * 1.05) and frame["n"].eq(3).all()
     assert frame["cd"].notna().all() and frame.loc[("slow", "1"), "failed"] == 1
-    tried = check_choices(own, [1.0], [0.3]).set_index("asked")
+    tried = check_choices(measured, [1.0], [0.3]).set_index("asked")
     assert tried["n"].tolist() == [3, 2]
-    write_csv(own, tmp_path / "rows.csv", TRADEOFF_CASES)
+    write_csv(measured, tmp_path / "rows.csv", TRADEOFF_CASES)
     make(
         tmp_path / "choices.csv",
         "studies.tradeoff.choices",
@@ -201,7 +201,7 @@ def test_what_is_not_varied_is_judged_as_it_is_and_no_bound_but_the_noise_of_the
     assert len(made.rows(None)["rows"]) == 18
 
 
-def test_an_unknown_network_is_refused_where_the_tradeoff_is_asked_for():
+def test_an_unknown_network_is_refused_where_the_tradeoff_is_made():
     with pytest.raises(InputError, match="tradeoff.further names 'design_other'"):
         traded(further=["design_other"]).rows(None)
 
@@ -209,16 +209,16 @@ def test_an_unknown_network_is_refused_where_the_tradeoff_is_asked_for():
 def test_the_settings_vary_one_parameter_at_a_time():
     config = {"reference": 9000, "nodes": [500, 1000], "mixed": ["taylor_hood"], "increments": [4], "tolerances": [0.1]}
     contacts = {name: registry(CONFIG)[name].options.get("contact", "") for name in VARIED}
-    own = fem_settings(1000, config, VARIED, contacts)
-    assert (own[0].method, own[0].nodes) == ("fem_sliding", 9000)
-    assert len({(s.method, s.parameter, s.value) for s in own}) == len(own)
-    base = [s for s in own if s.parameter == "nodes" and s.nodes == 1000]
+    settings = fem_settings(1000, config, VARIED, contacts)
+    assert (settings[0].method, settings[0].nodes) == ("fem_sliding", 9000)
+    assert len({(s.method, s.parameter, s.value) for s in settings}) == len(settings)
+    base = [s for s in settings if s.parameter == "nodes" and s.nodes == 1000]
     assert [s.method for s in base] == ["elastic", "fem_bonded", "fem_sliding"]
     assert [s.contact for s in base] == ["", "bonded", "mucosa"]
-    assert [s.method for s in own if s.value == "taylor_hood"] == ["fem_bonded"]
-    assert all(s.nodes == 1000 for s in own if s.parameter != "nodes")
-    assert json.loads(next(s for s in own if s.parameter == "tolerance").recipe)["fem"] == {"tolerance": 0.1}
-    newton = [s for s in own if s.method == "fem_sliding" and s.parameter == "solver"]
+    assert [s.method for s in settings if s.value == "taylor_hood"] == ["fem_bonded"]
+    assert all(s.nodes == 1000 for s in settings if s.parameter != "nodes")
+    assert json.loads(next(s for s in settings if s.parameter == "tolerance").recipe)["fem"] == {"tolerance": 0.1}
+    newton = [s for s in settings if s.method == "fem_sliding" and s.parameter == "solver"]
     assert [s.value for s in newton] == [
         "Newton's method",
         "Newton's method, 4 increments",
@@ -230,15 +230,15 @@ def test_the_settings_vary_one_parameter_at_a_time():
         "b": {"newton_corrections": 1, "network": {"channels": 32}},
     }
     network = {"networks": ["a"], "further": ["b"], "corrections": [0, 2], "nodes": [500, 1000, 9000]}
-    own = network_settings(1000, network | {"largest_network": 1000}, variants)
-    assert [(s.parameter, s.value) for s in own if s.method == "a"] == [
+    settings = network_settings(1000, network | {"largest_network": 1000}, variants)
+    assert [(s.parameter, s.value) for s in settings if s.method == "a"] == [
         ("corrections", "0"),
         ("corrections", "1, as in the study"),
         ("corrections", "2"),
         ("nodes", "500"),
         ("precision", "double"),
     ]
-    assert [(s.parameter, s.value) for s in own if s.method == "b"] == [("network", "channels 32")]
+    assert [(s.parameter, s.value) for s in settings if s.method == "b"] == [("network", "channels 32")]
 
 
 def test_judging_the_reference_itself_finds_no_error():
@@ -273,14 +273,14 @@ def test_another_element_gives_nearly_the_same_field():
     patient = tiny_patient(3)
     plan = Plan("tiny", {name: RigidMotion(translation=np.array([0, -1.0, 0])) for name in patient.segments})
     fem = settings.fem_settings(poisson=0.45)
-    own, *others = (
+    first, *others = (
         predict_fem(
             Setting("fem_bonded", "element", name, 0, "bonded", {"volumetric": name}), patient, plan, fem, 1
         ).displacement
         for name in ("taylor_hood", "patch", "averaged", "p1")
     )
-    size = np.linalg.norm(own, axis=1).mean()
-    errors = [np.linalg.norm(other - own, axis=1).mean() / size for other in others]
+    size = np.linalg.norm(first, axis=1).mean()
+    errors = [np.linalg.norm(other - first, axis=1).mean() / size for other in others]
     assert 0 < max(errors[:2]) < 0.2  # of elements that do not lock, on a block of four layers
     assert max(errors[:2]) < errors[2] < 0.4
 
@@ -290,9 +290,9 @@ def test_table_and_pictures_are_written(tmp_path):
     paths = {name: tmp_path / f"{name}.csv" for name in ("tradeoff_cases", "choices", "tradeoff")}
     cohort = {"cohort": "virtual cohort"}
     make(paths["tradeoff_cases"], "studies.tradeoff.cases", rows=[tmp_path / "rows.csv"], **cohort)
-    own = {"cases": paths["tradeoff_cases"]} | cohort
-    make(paths["choices"], "studies.tradeoff.choices", budgets=[1.0], tolerances=[0.1], **own)
-    make(paths["tradeoff"], "studies.tradeoff.table", choices=tmp_path / "choices.json", **own)
+    options = {"cases": paths["tradeoff_cases"]} | cohort
+    make(paths["choices"], "studies.tradeoff.choices", budgets=[1.0], tolerances=[0.1], **options)
+    make(paths["tradeoff"], "studies.tradeoff.table", choices=tmp_path / "choices.json", **options)
     text = (tmp_path / "tradeoff.md").read_text()
     assert "virtual cohort, n = 3 held-out patients" in text and "What the last 0.1 mm cost" in text
     assert text.index("**Budgets and tolerances**") < text.index("| tolerance_mm 0.1 |") < text.index("What the last")
@@ -302,9 +302,9 @@ def test_table_and_pictures_are_written(tmp_path):
     assert len(check(rows(), TRADEOFF_CASES)) == 15
 
 
-def test_the_picture_says_what_is_told_apart_from_sliding_finite_elements(tmp_path):
+def test_the_picture_says_what_differs_from_sliding_finite_elements(tmp_path):
     """Patients differ more than methods do: only pairs tell these apart."""
-    own = []
+    measured = []
     for number in range(8):
         for method, seconds, cd, each in (
             ("floor_scan", np.nan, 0.3, 0),
@@ -314,8 +314,8 @@ def test_the_picture_says_what_is_told_apart_from_sliding_finite_elements(tmp_pa
             ("pinnochio_plus", 0.055, 1.15, 0.001 * number),
         ):
             row = rows().iloc[0].to_dict() | {"case": str(number), "method": method, "seconds": seconds}
-            own.append(row | {"value": "as in the study", "cd": cd + each + 0.1 * number})
-    frame = summarise(pd.DataFrame(own))
+            measured.append(row | {"value": "as in the study", "cd": cd + each + 0.1 * number})
+    frame = summarise(pd.DataFrame(measured))
     cells = frame.set_index("method")[["sliding_difference", "sliding_low", "sliding_high"]]
     assert cells.loc["fem_sliding"].eq(0).all() and cells.loc["elastic", "sliding_low"] < 0
     assert cells.loc["pinnochio_plus", "sliding_difference"] == pytest.approx(-0.0465)

@@ -137,7 +137,7 @@ def test_a_report_does_not_begin_a_study(target):
 
 
 @pytest.mark.parametrize("targets", [["all", "report"], ["tables"], ["results/cases/V01/model.h5"], []])
-def test_what_is_asked_for_is_begun(targets):
+def test_what_is_wished_is_begun(targets):
     refuse(targets, {"train": 1000})
 
 

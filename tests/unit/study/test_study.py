@@ -74,7 +74,7 @@ def test_a_fold_trains_on_no_patient_that_it_holds_out():
         assert batch.lifts == [f"<results>/cases/{case}/lift_elastic.h5" for case in held_out]
 
 
-def test_each_method_predicts_on_its_own_mesh():
+def test_each_method_predicts_on_its_mesh():
     assert study().model_of("S1", "fem_sliding") == "<results>/cases/S1/model.h5"
     assert study().model_of("S1", "fem_rlse") == "<results>/cases/S1/lips/model.h5"
 

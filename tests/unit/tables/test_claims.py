@@ -14,8 +14,8 @@ from tests.helpers.tables import write
 def made(folder, **methods):
     """Ten patients; each method's columns beside those that are the same for all."""
     rows = [
-        row(f"V{i}", method, 1 + own.get("cd", 0.0) * (1 + 0.01 * i), **{k: v(i) for k, v in own.items() if k != "cd"})
-        for method, own in methods.items()
+        row(f"V{i}", method, 1 + by.get("cd", 0.0) * (1 + 0.01 * i), **{k: v(i) for k, v in by.items() if k != "cd"})
+        for method, by in methods.items()
         for i in range(10)
     ]
     write(claims.table(pd.DataFrame(rows), "virtual cohort", 0), folder / "claims.csv")

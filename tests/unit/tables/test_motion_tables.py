@@ -66,21 +66,21 @@ def test_segments_are_judged_where_the_truth_is_known(tmp_path, virtual):
     for number, case in enumerate(("P1", "P2")):
         fits = [dict.fromkeys((c.name for c in FITS), 0.2) | {"case": case, "segment": name, "points": 9}
                 for name in ("cranium", *NAMES[: number + 1])]  # fmt: skip
-        found = Plan(
+        plan = Plan(
             case, {name: RigidMotion(translation=np.array([0.2 + 0.3 * number, 0, 0])) for name in NAMES[: number + 1]}
         )
         for kind, write in (
             ("fits", lambda path, fits=fits: write_csv(pd.DataFrame(fits), path, FITS)),
-            ("achieved", found.write),
+            ("achieved", plan.write),
             ("executed", Plan(case, {}).write),
             ("bones", bone().write),
         ):
             path = tmp_path / f"{case}_{kind}{'.vtp' if kind == 'bones' else '.json'}"
             write(path)
             files[kind].append(path)
-    asked = files if virtual else {"fits": files["fits"]}
+    chosen = files if virtual else {"fits": files["fits"]}
     table = tmp_path / "segments.csv"
-    make(table, "pinnochio.tables.segments", **asked, cases=["P1", "P2"], cohort="test cohort")
+    make(table, "pinnochio.tables.segments", **chosen, cases=["P1", "P2"], cohort="test cohort")
     made = read_table(table, SEGMENTS)
     assert len(made) == 5  # P1 has one segment, P2 two
     errors = made.set_index(["case", "segment"])["error_max"]

@@ -40,13 +40,13 @@ def test_a_curve_that_rises_has_not_fallen(tmp_path):
 def test_where_nobody_is_held_back_the_training_itself_is_the_curve(tmp_path):
     """Medians of twentieths: one step of any size says nothing."""
     data = [2.0] * 70 + [1e9] + [2.0] * 9 + [1.0] * 20
-    found = convergence(history(tmp_path / "a.csv", data), 0.25)
-    assert (found.done, found.held_back) == (100, False) and found.fall == pytest.approx(0.5)
+    result = convergence(history(tmp_path / "a.csv", data), 0.25)
+    assert (result.done, result.held_back) == (100, False) and result.fall == pytest.approx(0.5)
     assert convergence(history(tmp_path / "b.csv", [2.0] * 70 + [1e-9] + [2.0] * 29), 0.25).fall == 0
 
 
 def test_too_few_steps_say_nothing_and_are_not_flat(tmp_path):
-    found = convergence(history(tmp_path / "a.csv", [1.0]), 0.25)
-    assert found.done == 1 and math.isnan(found.fall) and not found.flat(1.0)
+    result = convergence(history(tmp_path / "a.csv", [1.0]), 0.25)
+    assert result.done == 1 and math.isnan(result.fall) and not result.flat(1.0)
     none = convergence(history(tmp_path / "b.csv", []), 0.25)
     assert none.done == 0 and not none.flat(1.0)

@@ -46,13 +46,13 @@ def test_gradients_and_terms_are_those_of_a_plain_step(cases, phase):
     recorded = RecordedGradients(network, lambda index, shown: learner.piece(network, samples[index], shown))
     for mirror in (True, False):
         values = recorded(step(mirror), WEIGHTS)
-        found = [weight.grad.clone() for weight in network.parameters()]
+        gradient_values = [weight.grad.clone() for weight in network.parameters()]
         terms = learner.terms(network, [samples[0], samples[2]], step(mirror))
         total = sum(WEIGHTS[name] * value for name, value in terms.items())
         expected = torch.autograd.grad(total, list(network.parameters()))
         for name, value in terms.items():
             assert values[name].item() == pytest.approx(value.item(), rel=1e-6)
-        for one, other in zip(found, expected, strict=True):
+        for one, other in zip(gradient_values, expected, strict=True):
             assert torch.allclose(one, other, rtol=1e-4, atol=1e-6 * expected[0].abs().max())
 
 
@@ -85,7 +85,7 @@ def test_no_shape_and_no_branch_depends_on_a_value(cases, phase, monkeypatch):
         piece = learner.piece(network, sample, step())
         terms = replace(piece, inputs=tuple(mode.from_tensor(value) for value in piece.inputs)).terms()
         gradients = torch.autograd.grad(sum(terms.values()), list(network.parameters()))
-    assert all(isinstance(own, torch._subclasses.FakeTensor) for own in gradients)
+    assert all(isinstance(gradient, torch._subclasses.FakeTensor) for gradient in gradients)
 
 
 def test_the_distance_of_a_gpu_is_that_of_a_cpu(cases, monkeypatch):

@@ -139,8 +139,8 @@ def test_expression_has_its_spread_and_leaves_the_forehead(site):
 def test_motions_are_those_of_the_plan_whatever_its_pieces_are_called():
     forward, up = RigidMotion(translation=np.array([0.0, -6, 0])), RigidMotion(translation=np.array([0.0, -2, 4]))
     two = Plan("x", {"lefort1_left": forward, "lefort1_right": up, "mandible": forward})
-    own = Circumstances.of(two, MARKS, MEAN, 20.0, USUAL)
-    assert (own.maxilla, own.impaction, own.mandible, own.chin) == (4.0, 2.0, 6.0, 6.0) and own.gap == 8.0
+    both = Circumstances.of(two, MARKS, MEAN, 20.0, USUAL)
+    assert (both.maxilla, both.impaction, both.mandible, both.chin) == (4.0, 2.0, 6.0, 6.0) and both.gap == 8.0
     chin = Circumstances.of(Plan("x", {"mandible_distal": forward, "chin": up}), MARKS, MEAN, 0.0, USUAL)
     assert (chin.maxilla, chin.mandible, chin.chin) == (0.0, 6.0, 2.0)
 

@@ -37,13 +37,13 @@ def test_a_clean_scan_shows_every_bone_where_it_was_moved(head, clean):
     assert (clean.labels > 0).sum() * clean.spacing.prod() == pytest.approx(volume, rel=0.05)
     assert SPACING[0] <= clean.spacing[0] <= SPACING[1]
     for index, name in ((-1, "cranium"), (1, "mandible_distal"), (2, "proximal_left")):
-        own = np.argwhere(ndimage.binary_erosion(head.labels == segment_code(index))) * head.spacing + head.origin
-        moved = clean.frame.apply(MOVED.motion(name).apply(own))
+        inside = np.argwhere(ndimage.binary_erosion(head.labels == segment_code(index))) * head.spacing + head.origin
+        moved = clean.frame.apply(MOVED.motion(name).apply(inside))
         voxel = np.round((moved - clean.origin) / clean.spacing).astype(int)
         assert (clean.labels[tuple(voxel.T)] > 0).mean() > 0.99, name
 
 
-def test_the_frame_is_the_scanners_own(clean):
+def test_the_frame_is_that_of_the_scanner(clean):
     assert 1 < np.linalg.norm(clean.frame.degrees) <= ANGLE
 
 

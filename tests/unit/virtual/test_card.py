@@ -25,8 +25,8 @@ from scripts.cohort.sum_up import sum_up
 from studies.cohort_checks.verify_cohort import verify_cohort
 
 CASES = [f"V{number:02d}" for number in range(1, 11)]
-OWN = {"nodes": 9000, "noise": 0.3, "poisson": "nominal", "coverage": 0.15, "swelling": "nominal"}
-ALL = {name: effect.nominal for name, effect in EFFECTS.items()} | OWN
+CHANGED = {"nodes": 9000, "noise": 0.3, "poisson": "nominal", "coverage": 0.15, "swelling": "nominal"}
+ALL = {name: effect.nominal for name, effect in EFFECTS.items()} | CHANGED
 OUTCOME = {"reality": "clinic", "effects": ALL}
 VIRTUAL = {
     "role": "development",
@@ -97,11 +97,11 @@ def test_every_sampled_number_stands_with_its_distribution_and_what_the_cohort_h
             assert shown[f"`{name}`"].startswith("mean ") == (change[0] == "+")
 
 
-def test_plans_are_given_forward_up_left_and_as_an_angle(card):
-    own = [n for n in range(1, 11) if (n - 1) % 4 == 0]  # 1, 5, 9
+def test_plans_are_shown_forward_up_left_and_as_an_angle(card):
+    few = [n for n in range(1, 11) if (n - 1) % 4 == 0]  # 1, 5, 9
     (row,) = [row for row in cells(card, DEFORMITIES[0]) if row[1] == "lefort1"]
-    assert row[2:] == ["3", spread(own), "2.0 ± 0.0 [2.0, 2.0]", spread([0.25] * 3), spread([0.5 * n for n in own])]
-    assert spread(own) == "5.0 ± 4.0 [1.0, 9.0]" and spread([-0.01]) == "0.0 ± 0.0 [0.0, 0.0]"
+    assert row[2:] == ["3", spread(few), "2.0 ± 0.0 [2.0, 2.0]", spread([0.25] * 3), spread([0.5 * n for n in few])]
+    assert spread(few) == "5.0 ± 4.0 [1.0, 9.0]" and spread([-0.01]) == "0.0 ± 0.0 [0.0, 0.0]"
 
 
 def test_effects_stand_with_magnitude_and_source(card):
@@ -118,7 +118,7 @@ def test_effects_stand_with_magnitude_and_source(card):
     assert all(rows[f"`{name}`"][4:] == [effect.noise, effect.source] for name, effect in EFFECTS.items())
 
 
-def test_the_card_shows_given_tables_and_says_who_may_read_what(card):
+def test_the_card_shows_the_tables_and_says_who_may_read_what(card):
     assert "## Soft-to-hard tissue ratios\n\n| Landmark |" in card and "## Soft-tissue thickness" not in card
     for name in FILES:
         assert len(cells(card, f"`{name}`")) == 1

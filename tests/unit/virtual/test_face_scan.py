@@ -30,7 +30,7 @@ def test_frame_is_recoverable_and_not_trivial():
     assert np.allclose(result.frame.inverse(result.points), points[result.vertex], atol=1e-9)
 
 
-def test_noise_is_along_the_normals_and_of_the_asked_size():
+def test_noise_is_along_the_normals_and_of_the_wished_size():
     points, faces = dome(81)
     errors = [scan(points, faces, rng(seed), **OFF | {"noise": 0.3}) for seed in range(8)]
     errors = [result.points - points[result.vertex] for result in errors]

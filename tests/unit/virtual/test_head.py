@@ -146,9 +146,9 @@ def test_the_cuts_of_a_procedure_part_the_same_bone(heads, procedure):
         assert ndimage.label(head.labels == code, np.ones((3, 3, 3)))[1] == 1, head.segments[code - codes[0]]
     assert (head.labels >= CRANIUM).sum() == pytest.approx((usual.labels >= CRANIUM).sum(), rel=0.001)
 
-    def voxels(own, words):
-        names = [i for i, name in enumerate(own.segments) if any(word in name for word in words)]
-        return np.isin(own.labels, [segment_code(i) for i in names])
+    def voxels(of_head, words):
+        names = [i for i, name in enumerate(of_head.segments) if any(word in name for word in words)]
+        return np.isin(of_head.labels, [segment_code(i) for i in names])
 
     for words in (("lefort",), ("mandible", "proximal", "chin")):
         if voxels(head, words).any():
@@ -171,8 +171,8 @@ def test_muscles_can_be_left_out(heads):
 def test_paired_muscles_lie_on_both_sides(heads):
     p = heads["class_ii"].parameters
     for name in ("masseter", "zygomaticus"):
-        own = build_head(p, 2.0, muscles=[name]).labels == MUSCLE
-        left, right = own[own.shape[0] // 2 :].sum(), own[: own.shape[0] // 2].sum()
+        muscle = build_head(p, 2.0, muscles=[name]).labels == MUSCLE
+        left, right = muscle[muscle.shape[0] // 2 :].sum(), muscle[: muscle.shape[0] // 2].sum()
         assert 0.5 < left / right < 2, name
 
 

@@ -65,12 +65,12 @@ def test_the_skin_is_tense_in_the_cheek_and_slack_at_the_mouth(patient):
 
 
 def test_switches_change_only_themselves(patient):
-    def own(posture, pre_stress, seed=0):
+    def drawn(posture, pre_stress, seed=0):
         return loads(patient, MARKS, USUAL, posture, pre_stress, np.random.default_rng(seed))
 
-    assert own(0, 0) is None
-    both, heavy, tense = own(1, 1), own(1, 0), own(0, 1)
+    assert drawn(0, 0) is None
+    both, heavy, tense = drawn(1, 1), drawn(1, 0), drawn(0, 1)
     assert np.array_equal(both.forces, heavy.forces) and not len(heavy.faces) and not tense.forces.any()
-    assert np.array_equal(both.tension, tense.tension) and np.allclose(own(0, 2).tension, 2 * tense.tension)
-    means = [own(0, 1, seed).tension.mean() for seed in range(400)]
+    assert np.array_equal(both.tension, tense.tension) and np.allclose(drawn(0, 2).tension, 2 * tense.tension)
+    means = [drawn(0, 1, seed).tension.mean() for seed in range(400)]
     assert np.std(means) / np.mean(means) == pytest.approx(0.25, rel=0.15)

@@ -110,8 +110,8 @@ def test_a_ray_meets_the_first_of_two_walls():
 def test_every_label_is_one_component(heads):
     for head in heads:
         for code in (SUPERFICIAL, CRANIUM, *(segment_code(i) for i in range(len(SEGMENTS)))):
-            own = head.labels == code
-            assert own.sum() * SPACING**3 > 4000 and ndimage.label(own)[1] == 1, code
+            segment = head.labels == code
+            assert segment.sum() * SPACING**3 > 4000 and ndimage.label(segment)[1] == 1, code
         muscles = np.bincount(ndimage.label(head.labels == MUSCLE)[0].ravel())[1:] * SPACING**3
         assert muscles.sum() > 90_000 and muscles.min() > CRUMB and len(muscles) < 6
         assert ndimage.label(head.labels == AIR)[1] == 1
@@ -178,10 +178,10 @@ def test_landmarks_lie_on_the_skin_in_order(heads):
 def test_landmarks_read_from_the_surface_are_those_of_the_head(heads):
     same = {"pronasale": "pronasale", "subnasale": "subnasale", "pogonion": "pogonion_soft"}
     for head in heads:
-        found = vars(face_landmarks(as_model(head)))
-        for name, own in same.items():
-            assert np.linalg.norm(found[name] - head.landmarks[own]) < 7, name
-        assert np.abs(found["cheilion"][:, 0]).min() > 15
+        derived = vars(face_landmarks(as_model(head)))
+        for name, landmark in same.items():
+            assert np.linalg.norm(derived[name] - head.landmarks[landmark]) < 7, name
+        assert np.abs(derived["cheilion"][:, 0]).min() > 15
 
 
 def test_the_jaws_take_the_skin_along(heads):

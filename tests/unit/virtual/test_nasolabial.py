@@ -14,8 +14,8 @@ def test_our_angle_stands_beside_the_published_ones():
 
 
 def test_the_outcomes_error_is_a_share_of_the_methods():
-    own = {"case": "a", "reference": 90000, "p95": 0.3, "seconds": 1.0}
+    row = {"case": "a", "reference": 90000, "p95": 0.3, "seconds": 1.0}
     rows = pd.DataFrame(
-        [own | {"mesh": "methods", "nodes": 5000, "mean": 0.2}, own | {"mesh": "outcome", "nodes": 30000, "mean": 0.05}]
+        [row | {"mesh": "methods", "nodes": 5000, "mean": 0.2}, row | {"mesh": "outcome", "nodes": 30000, "mean": 0.05}]
     )
     assert refinement.summarise(rows)["share"].tolist() == [100, 25]

@@ -122,8 +122,8 @@ def test_genioplasty_gives_the_chin_what_it_lacks():
         head = build_head(replace(p, chin_prominence=mean - lacking), spacing=2.5, procedure=Procedure(chin=True))
         plan = treatment_plan(head, np.random.default_rng(0), "V")
         chin = head.landmarks["pogonion_bone"][None]
-        own = plan.motion("chin").displacement(chin) - plan.motion("mandible_distal").displacement(chin)
-        assert np.allclose(own, [0, -expected, 0], atol=1e-6)
+        shift = plan.motion("chin").displacement(chin) - plan.motion("mandible_distal").displacement(chin)
+        assert np.allclose(shift, [0, -expected, 0], atol=1e-6)
 
 
 def test_without_a_maxilla_the_mandible_alone_closes_the_bite():
