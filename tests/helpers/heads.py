@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pinnochio.mechanics.problems import box
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
 
@@ -29,20 +30,8 @@ def block_face():
 
 def kuhn_cube(n=2):
     """Unit cube of n x n x n boxes, six tetrahedra each."""
-    grid = np.stack(np.meshgrid(*[np.arange(n + 1)] * 3, indexing="ij"), -1).reshape(-1, 3)
-    number = {tuple(p): i for i, p in enumerate(grid)}
-    cells = []
-    for corner in np.ndindex(n, n, n):
-        for order in ([0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [1, 0, 2], [2, 1, 0]):
-            path = [np.array(corner)]
-            for axis in order:
-                path.append(path[-1] + np.eye(3, dtype=int)[axis])
-            cells.append([number[tuple(p)] for p in path])
-    points, cells = grid / n, np.array(cells, np.int32)
-    mesh = TetMesh(points, cells, np.ones(len(cells), np.int8))
-    flip = mesh.volumes() < 0
-    cells[flip] = cells[flip][:, [0, 1, 3, 2]]
-    return mesh
+    points, cells = box((1, 1, 1), (n, n, n))
+    return TetMesh(points, cells, np.ones(len(cells), np.int8))
 
 
 def dome(count=41, radius=80.0, mouth=False):

@@ -177,6 +177,7 @@ def test_measures_agree_with_each_other(rows):
     assert (rows["cd"] < rows["hd95"]).all()
     volume = rows.drop(SKIN_ALONE)
     assert (volume.loc[FEM, "moving_error"] < 0.01).all() and volume.loc["no_change", "moving_error"] > 1
+    assert volume.loc["elastic", "moving_error"] < 1e-6 and volume.loc["elastic", "min_jacobian"] > 0
     assert volume["volume_error_mean"].idxmin() == "oracle"
     raw = rows.loc[NETWORKS]
     assert (raw["min_jacobian"] >= raw["raw_min_jacobian"] - 1e-9).all() and (

@@ -32,6 +32,13 @@ def scan(head, tmp_path_factory):
     return str(tools.write(tmp_path_factory.mktemp("scan") / "ct.nii.gz", tools.scan(head), head))
 
 
+@pytest.fixture(scope="module")
+def imported(head, scan, tmp_path_factory):
+    """What a dental segmentation becomes: its folder, report and labels."""
+    folder = tmp_path_factory.mktemp("imported")
+    return folder, *run(folder, tools.write(folder / "P1.nii.gz", tools.dental(head), head), volume=scan)
+
+
 def agreement(one, other) -> float:
     """Dice of two masks."""
     return 2 * (one & other).sum() / (one.sum() + other.sum())
@@ -78,36 +85,31 @@ def test_each_preset_becomes_segments(head, scan, preset, tmp_path):
     assert agreement(bone, head.labels >= 10) > 0.95
 
 
-def test_cuts_lie_where_surgeons_cut(head, scan, tmp_path):
-    said, made = run(tmp_path, tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head), volume=scan)
+def test_cuts_lie_where_surgeons_cut(head, imported, tmp_path):
+    folder, said, made = imported
     for code, least in ((11, 0.8), (12, 0.8), (13, 0.8), (14, 0.8)):  # against the cuts of the virtual cohort
         assert agreement(made.labels == code, head.labels == code) > least, code
     assert said["landmarks"]["Me"]["source"] == "found on the bone" and "guess" in said["cuts"]["lefort1"]
     right, left = (np.array(said["landmarks"][name]["place"]) for name in ("RCo", "LCo"))
     assert left[0] > 35 and right[0] < -35 and left[2] > np.array(said["landmarks"]["LGo"]["place"])[2] + 30
     assert "nothing labelled tells left from right" in said["frame"]["sides"]
-    show_segments(
-        *(str(tmp_path / "out" / name) for name in ("bone.vtp", "skin.vtp", "report.json")), tmp_path / "a.png"
-    )
+    show_segments(*(str(folder / "out" / name) for name in ("bone.vtp", "skin.vtp", "report.json")), tmp_path / "a.png")
+    assert list(BoneSurface.read(folder / "out/bone.vtp").segments) == FOUR
     assert (tmp_path / "a.png").stat().st_size > 50_000
 
 
-def test_soft_tissue_of_the_scan_is_the_face(head, scan, tmp_path):
-    path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head)
-    made = run(tmp_path, path, volume=scan)[1]
+def test_soft_tissue_of_the_scan_is_the_face(head, imported):
+    made = imported[2]
     soft = np.isin(made.labels, (1, 2))
     assert not (soft & (head.labels == 0))[:, :, 5:-5].sum() > 0.03 * soft.sum()
     near = np.isin(head.labels, (1, 2))
     assert (soft & near).sum() > 0.9 * near.sum()
 
 
-@pytest.mark.parametrize(("air", "tissue", "bone"), [(-1000, 40, 900), (120, 700, 1900), (0, 90, 255)])
-def test_grey_values_of_any_scale_give_the_same_face(head, scan, air, tissue, bone, tmp_path):
+def test_grey_values_of_another_scale_give_the_same_face(head, imported, tmp_path):
     path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head)
-    other = tools.scan(head, air, tissue, bone, noise=0.03 * (bone - air))
-    volume = str(tools.write(tmp_path / "cbct.nii.gz", other, head))
-    made, first = (run(tmp_path, path, volume=grey)[1].labels > 0 for grey in (volume, scan))
-    assert agreement(made, first) > 0.98
+    volume = str(tools.write(tmp_path / "cbct.nii.gz", tools.scan(head, 120, 700, 1900, noise=50), head))
+    assert agreement(run(tmp_path, path, volume=volume)[1].labels > 0, imported[2].labels > 0) > 0.98
 
 
 def test_landmarks_and_planes_decide_and_are_said(head, scan, tmp_path):
@@ -170,37 +172,6 @@ def test_several_files_are_one_segmentation(head, tmp_path):
         run(tmp_path, folder, "totalsegmentator")
 
 
-def test_sides_of_muscles_and_teeth_tell_a_mirrored_head(head, scan, tmp_path):
-    mirrored = as_tool("universal", tools.structures(head))[::-1]
-    with pytest.raises(InputError, match="left and right are exchanged: 'upper_left_1' lies to the right"):
-        run(tmp_path, tools.write(tmp_path / "P1.nii.gz", mirrored, head), "universal", scan)
-
-
-WRONG = {
-    "no scan": ({"volume": None}, "labels no soft tissue, and there is no scan.*volume.nii.gz"),
-    "another tool": ({"preset": "universal"}, "no skull is labelled; it holds upper_right_8.*preset"),
-    "scan turned": ({"turned": True}, "not brighter than the rest|cm3 of soft tissue|does not belong"),
-    "turned": ({"direction": np.diag([-1, -1, 1])}, "the face looks backwards.*make sure which side is left"),
-    "upside down": ({"direction": np.diag([1, 1, -1])}, "is upside down"),
-    "slices apart": ({"spacing": (2.5, 2.5, 5.0)}, "of its width"),
-    "metres": ({"spacing": (0.0025,) * 3}, "measures 0.*metres"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("wrong", WRONG)
-def test_what_does_not_fit_is_refused(head, scan, wrong, tmp_path):
-    change, words = WRONG[wrong]
-    header = {name: change[name] for name in ("direction", "spacing") if name in change}
-    volume = change.get("volume", scan)
-    if header:
-        volume = str(tools.write(tmp_path / "ct.nii.gz", tools.scan(head), head, **header))
-    if change.get("turned"):
-        volume = str(tools.write(tmp_path / "ct.nii.gz", tools.scan(head)[::-1, ::-1, ::-1], head))
-    path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head, **header)
-    with pytest.raises(InputError, match=words):
-        run(tmp_path, path, change.get("preset", "dentalsegmentator"), volume)
-
-
 def test_a_region_of_interest_crops(head, scan, tmp_path):
     path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head)
     region = tmp_path / "roi.mrk.json"
@@ -212,30 +183,24 @@ def test_a_region_of_interest_crops(head, scan, tmp_path):
     np.testing.assert_allclose(np.stack([low, high]), [[-150, -214, -105], [150, 86, 25]])
 
 
-def test_bone_of_the_import_carries_its_names(head, scan, tmp_path):
-    run(tmp_path, tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head), volume=scan)
-    assert list(BoneSurface.read(tmp_path / "out/bone.vtp").segments) == FOUR
-
-
-def test_matrices_of_areg_are_the_plan_that_was_carried_out(head, scan, tmp_path):
+def test_matrices_of_areg_are_the_plan_that_was_carried_out(imported, tmp_path):
     """Each from the first scan to the second, whose frame is another: the head turned, the lower jaw 4 mm forward."""
-    run(tmp_path, tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head), volume=scan)
     (tmp_path / "plan").mkdir()
     for region, forward in (("CB", 0), ("MAND", -4)):
         matrix = sitk.Euler3DTransform()
         matrix.SetRotation(0.1, 0.0, 0.3)
         matrix.SetTranslation(matrix.TransformPoint((30.0, forward - 20.0, 5.0)))
         sitk.WriteTransform(matrix, str(tmp_path / f"plan/P1_{region}Reg_matrix.tfm"))
-    import_plan("P1", str(tmp_path / "plan"), str(tmp_path / "out/bone.vtp"), str(tmp_path / "plan.json"))
+    import_plan("P1", str(tmp_path / "plan"), str(imported[0] / "out/bone.vtp"), str(tmp_path / "plan.json"))
     plan = Plan.read(tmp_path / "plan.json", "P1")
     np.testing.assert_allclose(plan.motion("mandible_distal").apply(np.zeros((1, 3))), [[0, -4, 0]], atol=1e-6)
     assert not np.any(plan.motion("lefort1").displacement(np.ones((1, 3))))
 
 
-def test_a_second_segmentation_is_the_plan_that_was_carried_out(head, scan, tmp_path):
+def test_a_second_segmentation_is_the_plan_that_was_carried_out(imported, tmp_path):
     """The same head after surgery, in another frame, with all that the tool labels; motions of whole voxels."""
-    run(tmp_path, tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head), volume=scan)
-    before = read_labels(str(tmp_path / "out/labels.nii.gz"))
+    bone, labels = (str(imported[0] / f"out/{name}") for name in ("bone.vtp", "labels.nii.gz"))
+    before = read_labels(labels)
     upper, lower = before.labels == 11, before.labels == 12
     after = np.zeros(before.labels.shape, np.uint8)
     after[before.labels == 10] = 1
@@ -245,16 +210,9 @@ def test_a_second_segmentation_is_the_plan_that_was_carried_out(head, scan, tmp_
     turn = np.array([[np.cos(0.2), -np.sin(0.2), 0], [np.sin(0.2), np.cos(0.2), 0], [0, 0, 1]])
     path = tools.write(tmp_path / "post.gipl.gz", after, before, origin=before.origin + [12, -7, 30])
     turned = tools.write(tmp_path / "post.nrrd", after, before, direction=turn)
+    out = str(tmp_path / "plan.json")
     for source in (path, turned):
-        import_plan(
-            "P1",
-            str(source),
-            str(tmp_path / "out/bone.vtp"),
-            str(tmp_path / "plan.json"),
-            str(tmp_path / "out/labels.nii.gz"),
-            "dentalsegmentator",
-            limit=0.8,
-        )
+        import_plan("P1", str(source), bone, out, labels, "dentalsegmentator", limit=0.8)
         plan = Plan.read(tmp_path / "plan.json", "P1")
         for name, wanted in (("lefort1", [0, -5, 0]), ("mandible_distal", [0, 5, 2.5]), ("proximal_left", [0, 0, 0])):
             motion = plan.motion(name)
@@ -262,11 +220,5 @@ def test_a_second_segmentation_is_the_plan_that_was_carried_out(head, scan, tmp_
             assert np.linalg.norm(moved - wanted) < 0.7, (name, moved)
     with pytest.raises(InputError, match="the tool does not write"):
         after[after == 1] = 44
-        import_plan(
-            "P1",
-            str(tools.write(tmp_path / "post.nii.gz", after, before)),
-            str(tmp_path / "out/bone.vtp"),
-            str(tmp_path / "plan.json"),
-            str(tmp_path / "out/labels.nii.gz"),
-            "dentalsegmentator",
-        )
+        wrong = str(tools.write(tmp_path / "post.nii.gz", after, before))
+        import_plan("P1", wrong, bone, out, labels, "dentalsegmentator")

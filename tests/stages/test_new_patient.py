@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -183,18 +182,3 @@ def test_a_solve_that_stopped_is_not_usable_and_says_how_far_it_came(patient, ar
         rows = {row.what: row for row in in_words(said)}
         assert rows["Solver"].bad is not prediction.converged
         assert ("Solver: stopped at 40 % of the plan" in said["verdict"]["reasons"]) is not prediction.converged
-
-
-def test_a_damaged_or_exchanged_file_of_an_archive_is_noticed(archive, tmp_path):
-    for name in ("ranges.json", f"{METHOD}/1.pt", f"{METHOD}/calibration.json", "archive.json"):
-        copy = tmp_path / name.replace("/", "_")
-        shutil.copytree(archive[0], copy)
-        content = bytearray((copy / name).read_bytes())
-        content[len(content) // 2] ^= 1
-        (copy / name).write_bytes(content)
-        with pytest.raises(InputError, match=f"{Path(name).name}: .*Remedy: "):
-            Archive.read(copy)
-    (copy / "archive.json").write_bytes((archive[0] / "archive.json").read_bytes())
-    (copy / f"{METHOD}/2.pt").unlink()
-    with pytest.raises(InputError, match="lacks this file"):
-        Archive.read(copy)

@@ -1,17 +1,14 @@
 """The planner in headless Chromium, on a coarse patient and networks that nobody has trained: what a surgeon does."""
 
-import importlib.util
 import io
 import json
-import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,14 +17,11 @@ from PIL import Image
 
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
-from tests.helpers.browser import uncaught
+from tests.helpers.browser import DRIVEN, chromium, served, uncaught
 from tests.helpers.clients import hello
 from tests.helpers.settings import ROOT
 
-CHROMIUM = shutil.which("chromium")
-MISSING = [name for name in ("trame", "trame_vtk", "trame_vuetify", "playwright") if not importlib.util.find_spec(name)]
-MISSING += [] if CHROMIUM else ["chromium (apt-get install chromium)"]
-pytestmark = [pytest.mark.full, pytest.mark.skipif(bool(MISSING), reason=f"the planner's test lacks {MISSING}")]
+pytestmark = DRIVEN
 PATIENCE = 300_000  # ms; the machine may have much else to do
 JAW = "mandible_distal"
 
@@ -47,27 +41,16 @@ def address(home):
     """Where the planner listens, with its secret."""
     said = home / "said.txt"
     command = [sys.executable, str(ROOT / "workflow/plan.py"), "planner.json", "--port", "0", "--no-browser"]
-    with open(said, "w") as stream:
-        process = subprocess.Popen(
-            command, cwd=home, env=os.environ | {"PYTHONUNBUFFERED": "1"}, stdout=stream, stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )  # fmt: skip
-    while not (address := re.search(r"Local: +(http://\S+)", said.read_text())):
-        assert process.poll() is None, said.read_text()[-4000:]
-        time.sleep(0.5)
-    yield address[1]
-    os.killpg(process.pid, signal.SIGTERM)
-    process.wait()
+    with served(said, partial(subprocess.Popen, command, cwd=home)) as place:
+        yield place
     assert "Traceback" not in re.sub(r"Traceback(?:(?!Traceback).)*Cannot write to closing transport", "",
                                      said.read_text(), flags=re.DOTALL)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as play:
-        yield play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+    with chromium() as started:
+        yield started
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 import io
 import json
-import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -27,7 +26,7 @@ from scripts.report.write_report import write_report
 from scripts.tables.provenance import provenance
 from scripts.tables.render_case import render_case
 from scripts.tables.render_table import render_table
-from tests.helpers.browser import uncaught
+from tests.helpers.browser import CHROMIUM, chromium, uncaught
 from tests.helpers.rows import row
 from tests.helpers.settings import CONFIG, ROOT
 from tests.helpers.tables import write
@@ -190,16 +189,10 @@ def test_every_part_has_a_caption():
 
 @pytest.fixture(scope="module")
 def browser():
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if chromium is None:
+    if CHROMIUM is None:
         pytest.skip("no Chromium: apt-get install chromium")
-    driver = pytest.importorskip("playwright.sync_api", reason="no playwright: make env")
-    with driver.sync_playwright() as started:
-        # WebGL without a graphics card; a container's root has no sandbox.
-        options = ["--enable-unsafe-swiftshader", "--no-sandbox"]
-        browser = started.chromium.launch(executable_path=chromium, args=options)
-        yield browser
-        browser.close()
+    with chromium() as started:
+        yield started
 
 
 @pytest.fixture

@@ -1,33 +1,24 @@
-"""`make planner` on a new patient, driven in headless Chromium: sliders, undo, two sides, a plan that reads back."""
+"""`make planner` on a new patient, in headless Chromium: a plan by slider and number, which `predict` then finds."""
 
-import importlib.util
-import io
-import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
-import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import psutil
 import pytest
-from PIL import Image
 
-from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from studies.planner.forecast import Forecaster
 from studies.planner.prepared import Prepared
-from tests.helpers.browser import uncaught
+from tests.helpers.browser import DRIVEN, chromium, served, uncaught
 from tests.helpers.settings import ROOT
 from tests.helpers.study import Project
 
-CHROMIUM = shutil.which("chromium")
-MISSING = [name for name in ("trame", "trame_vtk", "trame_vuetify", "playwright") if not importlib.util.find_spec(name)]
-MISSING += [] if CHROMIUM else ["chromium (apt-get install chromium)"]
-pytestmark = [pytest.mark.full, pytest.mark.skipif(bool(MISSING), reason=f"the planner's test lacks {MISSING}")]
+pytestmark = DRIVEN
 SMALL = "methods: [no_change, pinnochio_plus]\nablation: []\nreference: pinnochio_plus\nvirtual: {patients: 4}\n"
 
 
@@ -48,39 +39,25 @@ def clinic(tmp_path_factory):
 
 def make_planner(clinic, *variables, **options):
     command = ["make", "planner", f"BIN={Path(sys.executable).parent}", "MODELS=results/quick/archive", *variables]
-    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
-    return subprocess.Popen(command, cwd=clinic.folder, env=environment, text=True, **options)
+    return subprocess.Popen(command, cwd=clinic.folder, text=True, **options)
 
 
 @pytest.fixture(scope="module")
 def address(clinic):
     """Where the planner listens."""
-    said = clinic.folder / "planner.txt"
-    with open(said, "w") as stream:
-        process = make_planner(
-            clinic, "PATIENT=P01", "PLANNER=--port 0 --no-browser", stdout=stream, stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )  # fmt: skip
-    while not (address := re.search(r"Local: +(http://\S+)", said.read_text())):
-        assert process.poll() is None, said.read_text()[-4000:]
-        time.sleep(0.5)
-    yield address[1]
-    os.killpg(process.pid, signal.SIGTERM)
-    process.wait()
+    start = partial(make_planner, clinic, "PATIENT=P01", "PLANNER=--port 0 --no-browser")
+    with served(clinic.folder / "planner.txt", start) as place:
+        yield place
 
 
 @pytest.fixture(scope="module")
 def page(address):
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+    with chromium() as browser:
         page = browser.new_page(viewport={"width": 1360, "height": 860})
         page.addresses, page.wrong = [], uncaught(page)
         page.on("request", lambda request: page.addresses.append(request.url))
         page.goto(address)
         yield page
-        browser.close()
 
 
 def forecast(page, side="A") -> str:
@@ -90,17 +67,6 @@ def forecast(page, side="A") -> str:
     said = page.inner_text(f"#about_{side}")
     assert "smallest volume ratio" in said
     return said
-
-
-def picture(page) -> np.ndarray:
-    """The rendered view (h, w, 3)."""
-    page.wait_for_timeout(1500)  # the picture follows the words
-    return np.asarray(Image.open(io.BytesIO(page.locator("main canvas").screenshot())).convert("RGB"), int)
-
-
-def differ(one, other) -> float:
-    """Share of the pixels that differ."""
-    return float((np.abs(one - other).max(axis=2) > 20).mean())
 
 
 def predicting(clinic) -> subprocess.CompletedProcess:
@@ -117,53 +83,29 @@ def number(page, name) -> float:
     return float(page.locator(f"#number_{name}").input_value())
 
 
-def test_a_person_moves_compares_undoes_and_saves(clinic, page, tmp_path):
+def test_a_person_moves_turns_and_saves_and_the_plan_is_predicted(clinic, page):
     assert "there is no plan" in predicting(clinic).stdout
     page.locator("#about_A").get_by_text("smallest volume ratio").wait_for(timeout=120_000)
-    first, before = forecast(page), picture(page)
+    first = forecast(page)
     page.click("#segment_mandible_distal")
     for _ in range(80):
         page.locator(".v-slider [role=slider]").nth(0).press("ArrowRight")  # 8 mm of advance
     assert number(page, "advance") == 8.0
-    moved, after = forecast(page), picture(page)
-    assert differ(before, after) > 0.01
-    assert mean(first) == 0 and mean(moved) > 0.5
-    page.click("#map_interval")
-    assert "of a region's points should lie this near" in page.inner_text("#legend_interval")
-
-    page.locator("#both").click()
-    assert mean(forecast(page, "B")) == 0
-    both = picture(page)
-    half = both.shape[1] // 2
-    assert differ(both[:, :half], both[:, -half:]) > 0.01
-    page.screenshot(path=tmp_path / "planner.png")
-
+    moved = forecast(page)
     page.locator("#number_pitch").fill("3.5")
     page.locator("#number_pitch").press("Enter")
     turned = forecast(page)
-    page.click("#undo")
-    assert mean(forecast(page)) == mean(moved) != mean(turned) and number(page, "pitch") == 0
-    page.click("#redo")
-    assert mean(forecast(page)) == mean(turned)
+    assert mean(first) == 0 and 0.5 < mean(moved) != mean(turned)
 
     page.locator("#name").fill("mine")
     page.click("#save")
     page.locator("#said").get_by_text("Saved").wait_for()
-    file, folder = clinic.folder / "P01/plans/mine.json", clinic.folder / "P01/transforms/mine"
-    plans = [Plan.read(path, "P01") for path in (file, folder)]
-    motion = plans[0].motion("mandible_distal")
+    plan = Plan.read(clinic.folder / "P01/plans/mine.json", "P01")
+    motion = plan.motion("mandible_distal")
     np.testing.assert_allclose([*motion.translation, *motion.degrees], [0, -8, 0, 3.5, 0, 0], atol=1e-6)
-    assert not plans[0].motion("lefort1").translation.any()  # nothing is locked
-    model = PatientModel.read(clinic.folder / "results/patients/P01/model.h5")
-    np.testing.assert_allclose(*(model.bone_displacement(plan) for plan in plans), atol=1e-6)
-    prepared = Prepared.read(clinic.folder / "results/patients/P01/planner.json")
-    expected = Forecaster(prepared, "cpu")(plans[0])  # the page showed this plan
+    assert not plan.motion("lefort1").translation.any()  # nothing is locked
+    expected = Forecaster(Prepared.read(clinic.folder / "results/patients/P01/planner.json"), "cpu")(plan)
     assert f"moves {expected.mean:.2f} mm in the mean, {expected.most:.2f} mm at most" in turned
-
-    page.locator("#name").fill("no/name")
-    page.click("#save")
-    page.locator("#said").get_by_text("Not done").wait_for()
-    assert "Remedy" not in page.inner_text("#said") and not (clinic.folder / "P01/plans/no").exists()
     assert "patients/P01/mine/pinnochio_plus/index.html" in predicting(clinic).stdout
 
 

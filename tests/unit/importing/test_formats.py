@@ -305,6 +305,7 @@ BAD_SEGMENTS = {
     "unknown value": (ALL, VALUES | {"cranium": 77}, r"no segment has the number 77 .*'Mandible' \(23\)", "'labels'"),
     "two of a name": ([*ALL, ("Mandible", 99, 0)], NAMES, "2 segments are called 'Mandible'", "a name of its own"),
     "two of a value": ([*ALL, ("Chin", 23, 0)], VALUES, r"2 segments are called 23 \('Mandible' \(23\), 'C", "name"),
+    "a layer below the first": ([*ALL, ("Chin", 99, -1)], NAMES, "lies in layer -1", "Slicer"),
     "no such layer": ([*ALL, ("Chin", 99, 2)], NAMES, "lies in layer 2, the file has 1", "Slicer"),
     "empty": ([(n, 99 if n == "Mandible" else v, i) for n, v, i in ALL], NAMES, "'Mandible' .99.. is empty", "label"),
 }  # fmt: skip

@@ -7,15 +7,11 @@ import SimpleITK as sitk
 
 from pinnochio.errors import InputError
 from pinnochio.importing.segmentation import (
-    check_plan,
-    check_travel,
     read_labels,
     read_postop,
     read_segmentation,
     write_segmentation,
 )
-from pinnochio.model.surfaces import BoneSurface
-from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.settings import DATA
 
 SEGMENTS = ("lefort1", "chin")
@@ -55,32 +51,6 @@ def stored(path, made):
     return path
 
 
-@pytest.mark.parametrize("suffix", ["nii.gz", "nrrd", "mha"])
-@pytest.mark.parametrize("orientation", ["LPS", "RAS", "LPI", "PIR", "SAL"])
-def test_any_orientation_and_format_gives_the_same_labels_in_the_same_place(tmp_path, orientation, suffix):
-    turned = sitk.DICOMOrient(image(), orientation)
-    path = stored(tmp_path / f"head.{suffix}", turned)
-    head = read_segmentation(path, "P1", VALUES, SEGMENTS)
-    assert head.labels.dtype == np.uint8
-    np.testing.assert_array_equal(head.labels, expected())
-    np.testing.assert_allclose(head.spacing, SPACING, atol=1e-6)
-    np.testing.assert_allclose(head.origin, ORIGIN, atol=1e-4)
-
-
-def test_an_oblique_grid_is_resampled_to_the_place_where_it_was(tmp_path):
-    centres = []
-    for angle in (0.0, 0.3):
-        fine = image(np.kron(user_volume(), np.ones((3, 3, 3), np.int16)), SPACING / 3)
-        c, s = np.cos(angle), np.sin(angle)
-        fine.SetDirection([c, -s, 0, s, c, 0, 0, 0, 1])
-        head = read_segmentation(stored(tmp_path / f"{angle}.nii.gz", fine), "P1", VALUES, SEGMENTS)
-        inside = np.argwhere(head.labels == 11)
-        centres.append(head.origin + inside.mean(axis=0) * head.spacing)
-        assert len(inside) == pytest.approx(3 * 3 * 4 * 27, rel=0.05)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    np.testing.assert_allclose(centres[1], turn @ (centres[0] - ORIGIN) + ORIGIN, atol=0.3)
-
-
 def test_floats_that_hold_integers_pass_and_unknown_values_are_air_with_a_warning(tmp_path, caplog):
     volume = user_volume().astype(np.float32)
     volume[0, 0, 0], volume[0, 1, 0] = 99, 41
@@ -93,45 +63,6 @@ def without(value):
     volume = user_volume()
     volume[volume == value] = 0
     return volume
-
-
-def nan_volume():
-    volume = user_volume().astype(np.float32)
-    volume[0, 0, 0] = np.nan
-    return volume
-
-
-BAD = {
-    "nan": (lambda p: stored(p, image(nan_volume())), "NaN", "replace"),
-    "fraction": (lambda p: stored(p, image(user_volume() * np.float32(0.3))), "not whole numbers", "label map"),
-    "no cranium": (lambda p: stored(p, image(without(20))), r"'cranium' \(voxel value 20\)", "label 'cranium'"),
-    "no tissue": (lambda p: stored(p, image(without(3))), r"tissue 'superficial' \(voxel value 3\)", "label 'superf"),
-    "nothing": (lambda p: stored(p, image(user_volume() * 0)), "every voxel is 0", "save"),
-    "metres": (lambda p: stored(p, image(spacing=SPACING / 1000)), "metres", "millimetres"),
-    "centimetres": (lambda p: stored(p, image(spacing=SPACING / 10)), "centimetres", "millimetres"),
-    "too large": (lambda p: stored(p, image(spacing=SPACING * 10)), "measures", "millimetres"),
-    "flat": (lambda p: stored(p, image()[:, :, 5]), "not a volume", "one 3-D label map"),
-    "colours": (lambda p: stored(p, sitk.Compose(image(), image())), r"2 channel", "one channel"),
-    "rubbish": (lambda p: p.write_bytes(b"not an image"), "no MetaImage", "export"),
-    "absent": (lambda p: None, "does not exist", "correct the path"),
-}
-
-
-@pytest.mark.parametrize("fault", BAD)
-def test_a_bad_segmentation_is_refused_by_case_file_and_remedy(tmp_path, fault):
-    make, problem, remedy = BAD[fault]
-    make(tmp_path / "head.mha")
-    with pytest.raises(InputError, match=rf"case 'P1': .*head\.mha: .*{problem}.*Remedy: .*{remedy}"):
-        read_segmentation(tmp_path / "head.mha", "P1", VALUES, SEGMENTS)
-
-
-def test_an_unknown_format_and_a_value_that_the_configuration_lacks_are_refused(tmp_path):
-    (tmp_path / "head.txt").write_text("x")
-    with pytest.raises(InputError, match=r"head\.txt.*no image format.*Remedy: save it as"):
-        read_segmentation(tmp_path / "head.txt", "P1", VALUES, SEGMENTS)
-    path = stored(tmp_path / "head.nrrd", image())
-    with pytest.raises(InputError, match=r"no voxel value for 'ramus'.*Remedy: add 'ramus'"):
-        read_segmentation(path, "P1", VALUES, (*SEGMENTS, "ramus"))
 
 
 @pytest.mark.parametrize("values", [VALUES, {name: code for name, code in VALUES.items() if name != "muscle"}])
@@ -160,14 +91,6 @@ def test_written_labels_come_back_voxel_by_voxel_and_byte_by_byte(tmp_path, suff
     np.testing.assert_allclose(head.spacing, SPACING)
     assert first.read_bytes() == second.read_bytes()
     assert sorted(p.name for p in tmp_path.iterdir()) == [first.name, second.name]
-
-
-def test_a_plan_for_an_unknown_segment_is_refused():
-    check_plan(Plan("P1", dict.fromkeys(SEGMENTS, RigidMotion())), SEGMENTS, "plan.json")
-    with pytest.raises(InputError, match=r"case 'P1': plan\.json: .*nothing of 'lefort1'.*Remedy: give 'lefort1'"):
-        check_plan(Plan("P1", {"chin": RigidMotion()}), SEGMENTS, "plan.json")
-    with pytest.raises(InputError, match=r"case 'P1': plan\.json: .*'ramus'.*Remedy: rename 'ramus'"):
-        check_plan(Plan("P1", {"ramus": RigidMotion()}), SEGMENTS, "plan.json")
 
 
 def face():
@@ -247,12 +170,3 @@ def test_the_artisynth_face_imports():
     mandible = np.argwhere(head.labels == 12).mean(axis=0)
     maxilla = np.argwhere(head.labels == 11).mean(axis=0)
     assert mandible[2] < maxilla[2]
-
-
-def test_a_rotation_about_a_far_pivot_is_no_operation():
-    points = np.array([[0.0, -90, -40], [0, -70, -60]])
-    bone = BoneSurface(points, points, np.zeros((0, 3), np.int32), np.zeros(2, np.int8))
-    near, far = (RigidMotion.from_degrees((5, 0, 0), (0, -4, 0), (0, y, 0)) for y in (0, 1500.0))
-    check_travel(Plan("P1", {"maxilla": near}), bone, ("maxilla",), "plan.json")
-    with pytest.raises(InputError, match=r"P1.*plan.json.*'maxilla' 1\d\d[.]\d mm away.*Remedy: check pivot"):
-        check_travel(Plan("P1", {"maxilla": far}), bone, ("maxilla",), "plan.json")

@@ -18,6 +18,7 @@ from pinnochio.mechanics.solvers.mixed_newton import solve_mixed
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
 from tests.helpers.settings import fem_settings
+from tests.helpers.solids import bent_block
 
 every = pytest.mark.parametrize("element", MIXED)
 
@@ -25,21 +26,6 @@ every = pytest.mark.parametrize("element", MIXED)
 def two_tissues(count, poisson=0.49, stiffening=1.5):
     modulus = np.where(np.random.default_rng(3).random(count) < 0.5, 4.0, 6.0)
     return Material(*lame(modulus, poisson), np.full(count, stiffening))
-
-
-def bent_block(steps=(6, 3, 2)):
-    """A 40 x 20 x 15 mm block whose ends are bonded, the right one moved and turned."""
-    points, cells = box((40, 20, 15), steps, jitter=0.15)
-    ends = np.flatnonzero((points[:, 0] == 0) | (points[:, 0] == 40))
-    right = points[ends, 0] == 40
-    motion = RigidMotion.from_degrees([0, 15, 0], [4, 0, 6], [40, 10, 7])
-
-    def prescribed(fraction):
-        moved = np.zeros((len(ends), 3))
-        moved[right] = motion.fraction(fraction).displacement(points[ends][right])
-        return moved
-
-    return points, cells, BoundaryConditions(ends, prescribed)
 
 
 def skin_of(points, size):
@@ -207,7 +193,7 @@ def test_rigid_motion_is_followed_without_strain(element):
 
 @every
 def test_equilibrium_does_not_depend_on_increments_or_the_linear_solver(element):
-    points, cells, boundary = bent_block()
+    points, cells, boundary = bent_block((6, 3, 2), 7.5, 15)
     law = two_tissues(len(cells))
     fields = []
     for increments, kind in ((1, "pardiso"), (5, "scipy")):
@@ -222,7 +208,7 @@ def test_equilibrium_does_not_depend_on_increments_or_the_linear_solver(element)
 
 def test_taylor_hood_balances_in_felupe():
     """FElupe interpolates and integrates the same two fields; its forces at our solution vanish on free unknowns."""
-    points, cells, boundary = bent_block()
+    points, cells, boundary = bent_block((6, 3, 2), 7.5, 15)
     mu, lam = lame(5.0, 0.499)
     result = solve_mixed(points, cells, uniform(len(cells), 0.499), boundary, "taylor_hood", tolerance=1e-11)
     assert result.converged, result.reason
@@ -307,7 +293,7 @@ def test_linear_elements_with_a_pressure_do_not_lock():
 
 
 def test_sliding_and_contact_are_refused():
-    points, cells, boundary = bent_block((3, 2, 2))
+    points, cells, boundary = bent_block((3, 2, 2), 7.5, 15)
     law = uniform(len(cells))
     prescribed = {"prescribed_nodes": boundary.prescribed_nodes, "displacement": boundary.displacement}
     for extra in ({"sliding": [object()], "contact": []}, {"sliding": [], "contact": [object()]}):
@@ -320,7 +306,7 @@ def test_sliding_and_contact_are_refused():
     [
         ({"element": "quadratic"}, "element is 'quadratic'"),
         ({"material": uniform(3)}, "3 constants"),
-        ({"points": np.vstack([bent_block((3, 2, 2))[0], [[99.0, 0, 0]]])}, "belongs to no cell"),
+        ({"points": np.vstack([bent_block((3, 2, 2), 7.5, 15)[0], [[99.0, 0, 0]]])}, "belongs to no cell"),
         ({"increments": 0}, "makes no sense"),
         ({"boundary": BoundaryConditions(np.array([0, 0, 1]), np.zeros((3, 3)))}, "named twice"),
         ({"boundary": BoundaryConditions(np.array([0, 1, 99999]), np.zeros((3, 3)))}, "absent"),
@@ -328,7 +314,7 @@ def test_sliding_and_contact_are_refused():
     ],
 )
 def test_bad_input_is_refused(change, message):
-    points, cells, boundary = bent_block((3, 2, 2))
+    points, cells, boundary = bent_block((3, 2, 2), 7.5, 15)
     arguments = {"points": points, "cells": cells, "material": uniform(len(cells)), "boundary": boundary}
     with pytest.raises(InputError, match=message):
         solve_mixed(**(arguments | change))

@@ -181,16 +181,6 @@ def test_another_field_of_the_same_plan_takes_the_factors_of_the_one_before(bent
     assert np.abs(kept - fresh).max() < 5e-2 * np.abs(fresh - start).max()
 
 
-def test_scipy_gives_what_pardiso_gives(bent):
-    points, cells, law, nodes, motion, _ = bent
-    fields = []
-    for kind in ("pardiso", "scipy"):
-        corrector = Corrector(points, cells, law, nodes, linear_solver=kind)
-        fields.append(corrector.corrections(rough(bent, 0.1, 0.1), motion, 8)[-1].displacement)
-        corrector.close()
-    np.testing.assert_allclose(*fields, rtol=0, atol=1e-6)
-
-
 def test_corrections_end_where_the_tolerance_is_met_or_nothing_is_left_to_gain(bent):
     points, cells, law, nodes, motion, field = bent
     corrector = Corrector(points, cells, law, nodes)

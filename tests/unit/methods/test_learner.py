@@ -17,7 +17,6 @@ from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.networks.settings import NetworkSettings
-from pinnochio.training import loop
 from pinnochio.training.case_files import CaseFiles
 from pinnochio.training.fold import train_fold
 from pinnochio.training.loop import sample_at, schedule
@@ -108,28 +107,6 @@ def test_same_seed_same_weights_and_other_seed_others(cases, tmp_path):
     first, again, other = (pretrain(cases, tmp_path / str(i), seed=s)[0] for i, s in enumerate((3, 3, 4)))
     assert same(weights(first), weights(again))
     assert not same(weights(first), weights(other))
-
-
-def test_resumed_run_ends_as_an_unbroken_one(cases, tmp_path, monkeypatch):
-    unbroken, history = pretrain(cases, tmp_path / "a", checkpoint_every=3)
-
-    def die(step, *rest):
-        if step == 5:
-            raise KeyboardInterrupt
-        return sample_at(step, *rest)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(loop, "sample_at", die)
-        with pytest.raises(KeyboardInterrupt):
-            pretrain(cases, tmp_path / "b", checkpoint_every=3)
-    assert (tmp_path / "b" / "network.resume.pt").exists() and not (tmp_path / "b" / "network.pt").exists()
-    seen = []
-    monkeypatch.setattr(loop, "sample_at", lambda step, *rest: seen.append(step) or sample_at(step, *rest))
-    resumed, resumed_history = pretrain(cases, tmp_path / "b", checkpoint_every=3)
-    assert seen == [3, 4, 5, 6, 7]
-    assert same(weights(unbroken), weights(resumed))
-    assert history.read_text() == resumed_history.read_text()
-    assert not (tmp_path / "b" / "network.resume.pt").exists()
 
 
 def test_finetuning_lowers_the_chamfer_distance(cases, tmp_path):

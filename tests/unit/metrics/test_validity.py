@@ -10,6 +10,7 @@ from pinnochio.columns import check
 from pinnochio.errors import InputError
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.mechanics.elements.tetrahedra import jacobians, node_volumes, shape_gradients
+from pinnochio.mechanics.problems import box
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.metrics.case_columns import CASES
 from pinnochio.metrics.evaluation import evaluate_case
@@ -39,26 +40,9 @@ from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import fem_settings
 
-SIX = np.array([[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]])
-
-
-def block(n=4, size=40.0):
-    """Cube of n^3 cells, six tetrahedra each, positive volume."""
-    line = np.linspace(0, size, n + 1)
-    points = np.stack(np.meshgrid(line, line, line, indexing="ij"), -1).reshape(-1, 3)
-    index = np.arange((n + 1) ** 3).reshape((n + 1,) * 3)
-    cubes = np.stack(
-        [index[i : n + i, j : n + j, k : n + k].ravel() for k in (0, 1) for j in (0, 1) for i in (0, 1)], 1
-    )
-    cells = cubes[:, SIX].reshape(-1, 4)
-    edges = points[cells[:, 1:]] - points[cells[:, :1]]
-    flipped = np.linalg.det(edges) < 0
-    cells[flipped] = cells[flipped][:, [0, 2, 1, 3]]
-    return points, cells.astype(np.int32)
-
 
 def test_a_uniform_stretch_has_the_determinant_of_its_gradient():
-    points, cells = block()
+    points, cells = box((40, 40, 40), (4,) * 3)
     stretch = np.array([[1.1, 0.2, 0], [0, 0.9, 0.1], [0, 0, 1.05]])
     ratio, rest = jacobians(points, cells, points @ stretch.T - points), shape_gradients(points, cells)[1]
     np.testing.assert_allclose(ratio, np.linalg.det(stretch), rtol=1e-12)
@@ -66,7 +50,7 @@ def test_a_uniform_stretch_has_the_determinant_of_its_gradient():
 
 
 def test_volume_change_is_by_tissue_and_inverted_elements_are_counted():
-    points, cells = block()
+    points, cells = box((40, 40, 40), (4,) * 3)
     upper = points[cells].mean(axis=1)[:, 2] > 20
     tissue = np.where(upper, 1, 2).astype(np.int8)
     u = np.zeros_like(points)
@@ -115,7 +99,7 @@ def test_eqres_of_rest_and_of_reactions_alone():
 @pytest.fixture(scope="module")
 def patient():
     """Cube of tissue on a plate of bone (segment "jaw", z = 0 on top): the bottom moves or slides."""
-    points, cells = block()
+    points, cells = box((40, 40, 40), (4,) * 3)
     kind = np.full(len(points), FREE, np.int8)
     bottom = points[:, 2] == 0
     kind[bottom & (points[:, 0] < 20)] = MOVING
@@ -192,7 +176,7 @@ def test_how_much_of_the_face_lies_beside_the_edge_of_the_scan():
 
 
 def test_a_linear_field_is_interpolated_exactly_and_outside_by_the_closest_point():
-    points, cells = block(3)
+    points, cells = box((40, 40, 40), (3,) * 3)
     gradient, shift = np.array([[0.1, 0.02, 0], [0, -0.1, 0.3], [0.2, 0, 0.05]]), [1.0, 2, 3]
     queries = np.random.default_rng(0).uniform(0, 40, (200, 3))
     interpolated = interpolate(queries, points, cells, points @ gradient.T + shift)
@@ -203,7 +187,7 @@ def test_a_linear_field_is_interpolated_exactly_and_outside_by_the_closest_point
 
 
 def test_the_truth_is_read_on_another_mesh(patient, tmp_path):
-    other, other_cells = block(5)
+    other, other_cells = box((40, 40, 40), (5,) * 3)
     finer = replace(patient, skin_points=patient.skin_points[:3] + 1.0)  # a skin has points of its own
     path = tmp_path / "true_motion.h5"
     TrueMotion.of(finer, other, other_cells, other * [0.1, 0, 0]).write(path)
@@ -215,14 +199,14 @@ def test_the_truth_is_read_on_another_mesh(patient, tmp_path):
 
 
 def test_errors_are_means_over_tissue():
-    points, cells = block(4)
+    points, cells = box((40, 40, 40), (4,) * 3)
     metrics = mean_and_p95("volume_error", points[:, 2] / 20, node_volumes(points, cells))
     assert metrics == {"volume_error_mean": pytest.approx(1), "volume_error_p95": pytest.approx(2)}
 
 
 def test_errors_are_means_over_volume_however_dense_the_nodes_are():
     """Nodes crowded at one end, where the error is small, do not make the mean smaller."""
-    points, cells = block(8)
+    points, cells = box((40, 40, 40), (8,) * 3)
     crowded = points.copy()
     crowded[:, 2] = 40 * (points[:, 2] / 40) ** 2
     for nodes in (points, crowded):

@@ -57,6 +57,13 @@ def test_bones_and_covariates_are_columns_that_may_be_there(tmp_path):
         (FULL + ROW.replace("22", "2200"), "bmi holds '2200'. Remedy: write a number of kg/m2 from 10 to 80"),
         (FULL + ROW.replace("bones", "other"), "the postop_bones file does not exist"),
         (HEADER + "P/1\ta.nii.gz\tplan.json\t\n", "letters"),
+        (HEADER + "../P1\ta.nii.gz\tplan.json\t\n", "'../P1'"),
+        (HEADER + "-P1\ta.nii.gz\tplan.json\t\n", "the first no '-'"),
+        (HEADER + 65 * "P" + "\ta.nii.gz\tplan.json\t\n", 20 * "P" + "..."),
+        (HEADER + "P1\ta.nii.gz\tplan.json\t\np1\ta.nii.gz\tplan.json\t\n", "'P1' is the same name"),
+        (HEADER + "P1\ta.nii.gz\tplan.json\t\tx\n", "5 cells"),
+        (HEADER + "P1\ta.nii.gz\n", "2 cells"),
+        (HEADER.replace("\t", ","), "is unknown"),
     ],
 )
 def test_bad_table_is_refused(tmp_path, text, problem):
