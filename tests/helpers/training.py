@@ -5,6 +5,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import h5py
+import pandas as pd
 import torch
 
 from pinnochio.methods.pinnochio.learner import GraphLearner
@@ -15,9 +16,10 @@ from pinnochio.training.case_files import CaseFiles
 from pinnochio.training.fold import train_fold
 from pinnochio.training.settings import TrainingSettings
 from scripts.prediction.predict import predict
+from scripts.tables.evaluate import evaluate
 from scripts.training.fit import fit
 from tests.helpers.patients import tiny_patient, tiny_plan
-from tests.helpers.settings import CONFIG, network_settings, training_settings
+from tests.helpers.settings import CONFIG, SEED, network_settings, training_settings
 
 SMALL = network_settings(boundary_layers=1, volume_layers=1, rest_layers=1, channels=8, heads=2, decoder_width=8)
 # One patient of four held back, everything on that a checkpoint has to carry.
@@ -84,8 +86,25 @@ def learn_loads(patients, fitted: str) -> SourceModel:
     return SourceModel.read(fitted)
 
 
-def predict_by(predictor: str, patient, predictions: str, model: str | None = None, trained=None, **settings):
-    """Write the predictions of a patient by the method of a module, on its model or another one."""
+def measured(patient, predictions: str, metrics: str, method: str = "some", **changes) -> pd.DataFrame:
+    """The rows that a method gets on one patient, with changes of what is handed to the stage."""
+    files = {
+        "cases": [patient.case],
+        "models": [patient.model],
+        "plans": [patient.plan],
+        "truths": [patient.true_motion],
+    }
+    scans = {"postops": {patient.case: patient.postop}, "judged": {patient.case: patient.judged}}
+    labels = {"fold": "1", "method": method, "code": "0" * 12}
+    about = {"predictions": predictions, "fem": patient.fem, "labels": labels, "seed": SEED, "metrics": metrics}
+    evaluate(**files | scans | about | changes)
+    return pd.read_csv(metrics)
+
+
+def predict_by(
+    predictor: str, patient, predictions: str, model=None, trained=None, plan=None, truths=(), **settings
+) -> None:
+    """Write the predictions of a patient by the method of a module, on its model and plan or others."""
     predict(
         predictor=f"pinnochio.methods.{predictor}",
         settings=settings,
@@ -93,8 +112,8 @@ def predict_by(predictor: str, patient, predictions: str, model: str | None = No
         cases=[patient.case],
         models=[model or patient.model],
         lifts=[],
-        plans=[patient.plan],
-        truths=[],
+        plans=[plan or patient.plan],
+        truths=truths,
         covariates=[patient.covariates],
         device="cpu",
         threads=1,

@@ -21,16 +21,12 @@ from scripts.cohort.sample_covariates import draw_covariates
 from scripts.cohort.virtual_outcome import virtual_outcome
 from scripts.fem.simulate_fem import simulate_fem
 from scripts.patient.choose_samples import choose_samples
-from scripts.patient.import_plan import import_plan
-from scripts.patient.import_segmentation import import_segmentation
-from scripts.patient.label_interfaces import label_case
 from scripts.patient.make_lift import write_lift
 from scripts.patient.register_postop import register_postop
-from scripts.patient.tetrahedralize import mesh_case
 from scripts.patients.describe_training import describe_training
 from studies.planner.prepare_planner import prepare_planner
 from studies.planner.prepared import Prepared
-from tests.helpers.coarse_head import make_head
+from tests.helpers.coarse_head import modelled
 from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS, network_settings
 from tests.helpers.training import learn_loads
 
@@ -58,40 +54,17 @@ def make_patient(case: str, number: int, folder: Path, procedure=USUAL) -> Patie
         return str(folder / name)
 
     fem = FemSettings(**CONFIG["fem"])
-    sources = {
-        "segmentation": file("segmentation.nii.gz"),
-        "plan": file("input_plan.json"),
-        "landmarks": file("landmarks.json"),
-        "anatomy": file("anatomy.json"),
-    }
-    muscles = CONFIG["virtual"]["muscles"]
-    make_head(case, number, SEED, 2.0, CONFIG["labels"], procedure, muscles, sources)
-    covariates = file("covariates.json")
+    files = modelled(case, number, folder, procedure, 700)
+    sources = {name: files[name] for name in ("segmentation", "plan", "landmarks", "anatomy")}
+    covariates, plan, model = file("covariates.json"), files["imported_plan"], files["model"]
     draw_covariates(case, sources["anatomy"], OUTCOME["reality"], SEED, covariates)
     made = {"postop": file("scan.ply"), "truth": file("truth.h5"), "executed": file("executed.json")}
-    vocabulary = tuple(CONFIG["segments"])
-    virtual_outcome(case, sources | {"covariates": covariates}, OUTCOME, CONFIG["labels"], vocabulary, SEED, made)
-    names = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "report.json"}
-    imported = {key: file(name) for key, name in names.items()}
-    import_segmentation(
-        case, sources["segmentation"], CONFIG["labels"], vocabulary, "header", 2.0, "derived", 6.0, imported
-    )  # fmt: skip
-    plan = file("plan.json")
-    import_plan(case, sources["plan"], imported["bone"], plan)
-    mesh_case(imported["labels"], 700, 12.0, file("mesh.vtu"))
-    label_case(
-        file("mesh.vtu"),
-        imported["labels"],
-        imported["bone"],
-        imported["skin"],
-        imported["report"],
-        CONFIG["interfaces"],
-        file("model.h5"),
-    )
-    register_postop(case, made["postop"], imported["skin"], imported["bone"], 20.0, 1.5, file("postop.h5"))
-    choose_samples(case, file("model.h5"), plan, file("postop.h5"), 3000, SEED, file("judged.h5"))
-    carry_truth(case, file("truth.h5"), file("model.h5"), file("true_motion.h5"))
-    simulate_fem(case, file("model.h5"), plan, 2, fem, SEED, file("fem_samples.h5"))
+    covered = sources | {"covariates": covariates}
+    virtual_outcome(case, covered, OUTCOME, CONFIG["labels"], tuple(CONFIG["segments"]), SEED, made)
+    register_postop(case, made["postop"], files["skin"], files["bone"], 20.0, 1.5, file("postop.h5"))
+    choose_samples(case, model, plan, file("postop.h5"), 3000, SEED, file("judged.h5"))
+    carry_truth(case, file("truth.h5"), model, file("true_motion.h5"))
+    simulate_fem(case, model, plan, 2, fem, SEED, file("fem_samples.h5"))
     return Patient(case, folder, fem)
 
 

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import torch
 
 from pinnochio.geometry.triangles import vertex_normals
@@ -12,19 +11,9 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import read_prediction
 from pinnochio.networks.building import build
 from pinnochio.training.checkpoint import save_network
-from scripts.tables.evaluate import evaluate
 from scripts.training.finetune import finetune
 from tests.helpers.settings import CONFIG, SEED, network_settings
-from tests.helpers.training import learn_loads, predict_by
-
-
-def measured(patient, predictions, metrics):
-    labels = {"fold": "1", "method": "some", "code": "x"}
-    evaluate(
-        [patient.case], predictions, [patient.model], [patient.plan], {patient.case: patient.postop},
-        {patient.case: patient.judged}, [patient.true_motion], patient.fem, labels, SEED, metrics,
-    )  # fmt: skip
-    return pd.read_csv(metrics).loc[0]
+from tests.helpers.training import learn_loads, measured, predict_by
 
 
 def test_what_finite_elements_leave_is_learned_as_loads(patients, tmp_path):
@@ -36,7 +25,7 @@ def test_what_finite_elements_leave_is_learned_as_loads(patients, tmp_path):
     for name, file in (("learned", fitted), ("taught", str(tmp_path / "taught.h5"))):
         predictions = str(tmp_path / f"{name}.h5")
         predict_by("fem_learned:LearnedLoadPredictor", patients[0], predictions, trained=file, fem=CONFIG["fem"])
-        metrics[name] = measured(patients[0], predictions, str(tmp_path / f"{name}.csv"))
+        metrics[name] = measured(patients[0], predictions, str(tmp_path / f"{name}.csv")).loc[0]
         made = read_prediction(predictions, patients[0].case)
         assert made.converged and made.forces.any()
     assert (metrics["taught"]["eqres_rel"] < 1e-3) and metrics["taught"]["load_rel"] > metrics["learned"][
@@ -79,6 +68,6 @@ def test_what_a_network_leaves_is_learned_as_loads_too(patients, tmp_path):
     predictions, metrics = str(tmp_path / "predictions.h5"), str(tmp_path / "metrics.csv")
     settings = {"fem": CONFIG["fem"], "newton_corrections": 3}
     predict_by("pinnochio.predictor:GraphPredictor", patients[0], predictions, trained=last["network"], **settings)
-    row, made = measured(patients[0], predictions, metrics), read_prediction(predictions, patients[0].case)
+    row, made = measured(patients[0], predictions, metrics).loc[0], read_prediction(predictions, patients[0].case)
     assert made.forces.any() and row["load_rel"] > 0
     assert row["eqres_rel"] < 0.1 * row["raw_eqres_rel"]

@@ -12,10 +12,9 @@ from pinnochio.metrics.region_errors import LANDMARKS, REGIONS
 from pinnochio.model.predictions import read_prediction
 from scripts.prediction.list_folds import list_folds
 from scripts.prediction.predict_external import predict_external
-from scripts.tables.evaluate import evaluate
 from tests.helpers.settings import CONFIG, SEED
 from tests.helpers.tables import make
-from tests.helpers.training import predict_by
+from tests.helpers.training import measured, predict_by
 
 PREDICTOR = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
 ACCURACY = ["cd", "cd_sum", "cd_sq", "cd_vertex", "hd95", "hdmax", "hd_mean_oneway"]
@@ -28,14 +27,7 @@ TRUTH = ["volume_error_mean", "volume_error_p95", "skin_error_mean", "skin_error
 TRUTH += [f"landmark_{name}" for name in LANDMARKS]
 
 
-def measure(patient, predictions, method, table, postops, truths=(), case=None):
-    """metrics.csv of one method, as a frame."""
-    case = case or patient.case
-    labels = {"fold": "1", "method": method, "code": "0" * 12}
-    judged = dict.fromkeys(postops, patient.judged)
-    files = [patient.model], [patient.plan], postops, judged, truths
-    evaluate([case], predictions, *files, patient.fem, labels, SEED, table)
-    return pd.read_csv(table)
+UNSCANNED = {"postops": {}, "judged": {}, "truths": []}
 
 
 @pytest.fixture(scope="module")
@@ -61,12 +53,11 @@ def export(patient, solved, folder):
 def test_a_field_made_elsewhere_gets_the_same_row(patient, solved, tmp_path):
     mesh = pv.read(patient.mesh)
     assert len(np.unique(mesh.points, axis=0)) < mesh.n_points  # the mouth slit: places do not tell all nodes apart
-    postops = {patient.case: patient.postop}
-    solved_here = measure(patient, solved, "fem_bonded", str(tmp_path / "own.csv"), postops, [patient.true_motion])
+    solved_here = measured(patient, solved, str(tmp_path / "own.csv"))
     for number, file in enumerate(export(patient, solved, tmp_path)):
         predictions = str(tmp_path / f"{number}.h5")
         predict_external([patient.case], [file], [patient.mesh], predictions)
-        row = measure(patient, predictions, "mine", str(tmp_path / f"{number}.csv"), postops, [patient.true_motion])
+        row = measured(patient, predictions, str(tmp_path / f"{number}.csv"), "mine")
         pd.testing.assert_frame_equal(row.drop(columns=PREDICTOR), solved_here.drop(columns=PREDICTOR))
         assert row.loc[0, "device"] == "external" and row["setup_seconds"].isna().all()
         assert row.loc[0, "seconds"] == 0.25 if number == 0 else row["seconds"].isna().all()
@@ -81,7 +72,7 @@ def test_the_field_of_another_patient_is_refused(patients, solved, tmp_path):
 
 
 def test_without_a_scan_everything_but_accuracy_is_measured(patient, solved, tmp_path):
-    row = measure(patient, solved, "fem_bonded", str(tmp_path / "metrics.csv"), {})
+    row = measured(patient, solved, str(tmp_path / "metrics.csv"), **UNSCANNED)
     assert row[ACCURACY + TRUTH + GUARD].isna().all(None)
     rest = row.drop(columns=ACCURACY + TRUTH + GUARD)
     assert rest.notna().all(None) and rest.loc[0, "min_jacobian"] > 0 and rest.loc[0, "moving_error"] < 1e-6
@@ -89,8 +80,8 @@ def test_without_a_scan_everything_but_accuracy_is_measured(patient, solved, tmp
 
 def test_patients_without_a_scan_do_not_count_as_failed(patient, solved, tmp_path):
     scanned, unscanned = str(tmp_path / "1.csv"), str(tmp_path / "2.csv")
-    measure(patient, solved, "fem_bonded", scanned, {patient.case: patient.postop})
-    frame = measure(patient, solved, "fem_bonded", unscanned, {})
+    measured(patient, solved, scanned, "fem_bonded", truths=[])
+    frame = measured(patient, solved, unscanned, "fem_bonded", **UNSCANNED)
     frame.assign(case="unscanned").to_csv(unscanned, index=False)
     cases, table = tmp_path / "cases.csv", tmp_path / "accuracy.csv"
     make(cases, "pinnochio.tables.cases", metrics=[scanned, unscanned], cohort="test clinic")

@@ -14,13 +14,12 @@ from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.networks.building import build
 from pinnochio.training.checkpoint import save_network
-from scripts.tables.evaluate import evaluate
 from scripts.tables.render_table import render_table
 from studies.corrections.correct import correct
 from studies.corrections.table import CORRECTIONS
 from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.tables import make
-from tests.helpers.training import predict_by
+from tests.helpers.training import measured, predict_by
 
 NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
 COUNTS = (1, 3, 8)
@@ -109,19 +108,7 @@ def test_the_table_and_the_picture_come_from_the_fields(patient, corrected, tmp_
     metrics = []
     for count, path in corrected.items():
         metrics.append(str(tmp_path / f"{count}.csv"))
-        evaluate(
-            [patient.case],
-            path,
-            [patient.model],
-            [patient.plan],
-            {patient.case: patient.postop},
-            {patient.case: patient.judged},
-            [patient.true_motion],
-            patient.fem,
-            {"fold": "1", "method": "pinnochio", "code": "0" * 12},
-            SEED,
-            metrics[-1],
-        )
+        measured(patient, path, metrics[-1], "pinnochio")
     first = read_table(metrics[0], CASES).iloc[0]
     for name in ("min_jacobian", "inverted", "eqres_paper", "eqres_rel"):
         assert first[f"raw_{name}"] == first[name]  # not yet repaired

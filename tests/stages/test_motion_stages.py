@@ -18,27 +18,23 @@ from tests.helpers.settings import CONFIG, SEED, SEGMENTS
 
 
 @pytest.fixture(scope="module")
-def bones(patients, tmp_path_factory) -> list[str]:
-    """The scanned bones of both patients."""
-    folder, files = tmp_path_factory.mktemp("bones"), []
-    for one in patients:
-        files.append(str(folder / f"{one.case}.nii.gz"))
-        virtual_postop_bones(
-            one.case, one.segmentation, one.executed, CONFIG["labels"], CONFIG["segments"], 1.0, SEED, files[-1]
-        )  # fmt: skip
-    return files
+def bones(patient, tmp_path_factory) -> str:
+    """The scanned bones."""
+    file = str(tmp_path_factory.mktemp("bones") / "T0.nii.gz")
+    files = patient.segmentation, patient.executed
+    virtual_postop_bones(patient.case, *files, CONFIG["labels"], CONFIG["segments"], 1.0, SEED, file)
+    return file
 
 
 def register(patient, bones, folder, limit=0.45, share=70.0) -> list[Path]:
     files = [folder / name for name in ("achieved.json", "segments.csv")]
-    register_segments(
-        patient.case, bones, patient.labels, patient.bone, patient.plan, limit, share, *map(str, files)
-    )  # fmt: skip
+    before = patient.labels, patient.bone, patient.plan
+    register_segments(patient.case, bones, *before, limit, share, *map(str, files))
     return files
 
 
 def test_the_achieved_motion_is_the_executed_one_not_the_plan(patient, bones, tmp_path):
-    achieved, fits = register(patient, bones[0], tmp_path)
+    achieved, fits = register(patient, bones, tmp_path)
     plan = Plan.read(achieved, patient.case)
     assert set(plan.motions) == set(SEGMENTS)
     surface, true = BoneSurface.read(patient.bone), Plan.read(patient.executed, patient.case)
@@ -56,16 +52,16 @@ def test_the_same_seed_scans_the_same_bones(patient, bones, tmp_path):
     again = tmp_path / "again.nii.gz"
     rest = patient.segmentation, patient.executed, CONFIG["labels"], CONFIG["segments"], 1.0
     virtual_postop_bones(patient.case, *rest, SEED, str(again))
-    assert again.read_bytes() == Path(bones[0]).read_bytes()
+    assert again.read_bytes() == Path(bones).read_bytes()
     virtual_postop_bones(patient.case, *rest, SEED + 1, str(again))
-    assert again.read_bytes() != Path(bones[0]).read_bytes()
+    assert again.read_bytes() != Path(bones).read_bytes()
 
 
-def test_bones_of_another_patient_are_refused_and_leave_no_file(patient, bones, tmp_path):
-    with pytest.raises(InputError, match=rf"'{patient.case}'.*T1.nii.gz.*median distance of .*limit 0.45 mm.*Remedy"):
-        register(patient, bones[1], tmp_path)
+def test_bones_that_do_not_fit_are_refused_and_leave_no_file(patient, bones, tmp_path):
+    with pytest.raises(InputError, match=rf"'{patient.case}'.*T0.nii.gz.*median distance of .*limit 0.01 mm.*Remedy"):
+        register(patient, bones, tmp_path, limit=0.01)
     with pytest.raises(InputError, match="'cranium' registered .*at least 100 % is asked"):
-        register(patient, bones[0], tmp_path, share=100.0)
+        register(patient, bones, tmp_path, share=100.0)
     assert list(tmp_path.iterdir()) == []
 
 

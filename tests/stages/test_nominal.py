@@ -2,7 +2,6 @@
 
 import h5py
 import numpy as np
-import pandas as pd
 import pytest
 
 from pinnochio.geometry.closest_points import closest_points
@@ -20,9 +19,8 @@ from scripts.cohort.carry_truth import carry_truth
 from scripts.cohort.virtual_outcome import virtual_outcome
 from scripts.patient.choose_samples import choose_samples
 from scripts.patient.register_postop import register_postop
-from scripts.prediction.predict import predict
-from scripts.tables.evaluate import evaluate
 from tests.helpers.settings import CONFIG, OUTCOME, SEED
+from tests.helpers.training import measured, predict_by
 
 
 def inputs_of(patient) -> dict[str, str]:
@@ -82,34 +80,10 @@ def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, t
         ("oracle", "finite_elements:FiniteElementPredictor", {"fem": CONFIG["fem"], "contact": "mucosa"}, []),
     ):
         predictions, metrics = str(tmp_path / f"{name}.h5"), str(tmp_path / f"{name}.csv")
-        predict(
-            predictor=f"pinnochio.methods.{predictor}",
-            settings=settings,
-            trained=None,
-            cases=[patient.case],
-            models=[patient.model],
-            lifts=[],
-            plans=[nominal["executed"]],
-            truths=truths,
-            covariates=[],
-            device="cpu",
-            threads=1,
-            predictions=predictions,
-        )
-        evaluate(
-            cases=[patient.case],
-            predictions=predictions,
-            models=[patient.model],
-            plans=[nominal["executed"]],
-            postops={patient.case: postop},
-            judged={patient.case: judged},
-            truths=[motion],
-            fem=patient.fem,
-            labels={"fold": "1", "method": name, "code": "x"},
-            seed=SEED,
-            metrics=metrics,
-        )
-        rows[name] = pd.read_csv(metrics).loc[0]
+        predict_by(predictor, patient, predictions, plan=nominal["executed"], truths=truths, **settings)
+        scans = {"postops": {patient.case: postop}, "judged": {patient.case: judged}}
+        known = {"plans": [nominal["executed"]], "truths": [motion]}
+        rows[name] = measured(patient, predictions, metrics, name, **scans, **known).loc[0]
     floor, oracle = rows["floor_scan"], rows["oracle"]
     assert floor["skin_error_p95"] < 1e-4 > floor["landmark_pogonion"] and np.isnan(floor["seconds"])
     # A head of 2 mm voxels and 700 nodes: registration and the way from volume to skin leave a tenth of a millimetre.

@@ -17,14 +17,10 @@ from pinnochio.plans.plan import Plan
 from pinnochio.virtual.procedures import MANDIBLE, MAXILLA, Procedure
 from scripts.fem.simulate_fem import simulate_fem
 from scripts.patient.import_plan import import_plan
-from scripts.patient.import_segmentation import import_segmentation
-from scripts.patient.label_interfaces import label_case
-from scripts.patient.tetrahedralize import mesh_case
-from tests.helpers.coarse_head import make_head
+from tests.helpers.coarse_head import modelled
 from tests.helpers.settings import CONFIG, SEED
 
 FEM = FemSettings(**CONFIG["fem"])
-NAMES = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "report.json"}
 KINDS = {
     "mandible_only": (0, Procedure(MANDIBLE, chin=True)),
     "maxilla_only": (3, Procedure(MAXILLA)),
@@ -39,20 +35,9 @@ def file(folder, name):
 @pytest.fixture(scope="module", params=KINDS)
 def case(request, tmp_path_factory):
     """Folder, procedure and model of a patient that went through import, mesher and interfaces."""
-    number, procedure = KINDS[request.param]
-    folder, case = tmp_path_factory.mktemp(request.param), request.param
-    sources = {name: file(folder, f"{name}.json") for name in ("landmarks", "anatomy")}
-    sources |= {"segmentation": file(folder, "segmentation.nii.gz"), "plan": file(folder, "input.json")}
-    muscles = CONFIG["virtual"]["muscles"]
-    make_head(case, number, SEED, 2.0, CONFIG["labels"], procedure, muscles, sources)
-    imported = {key: file(folder, name) for key, name in NAMES.items()}
-    values, vocabulary = CONFIG["labels"], tuple(CONFIG["segments"])
-    import_segmentation(case, sources["segmentation"], values, vocabulary, "header", 2.0, "derived", 6.0, imported)
-    import_plan(case, sources["plan"], imported["bone"], file(folder, "plan.json"))
-    mesh_case(imported["labels"], 900, 12.0, file(folder, "mesh.vtu"))
-    rest = imported["report"], CONFIG["interfaces"], file(folder, "model.h5")
-    label_case(file(folder, "mesh.vtu"), imported["labels"], imported["bone"], imported["skin"], *rest)
-    return folder, procedure, PatientModel.read(file(folder, "model.h5"))
+    (number, procedure), folder = KINDS[request.param], tmp_path_factory.mktemp(request.param)
+    files = modelled(request.param, number, folder, procedure, 900)
+    return folder, procedure, PatientModel.read(files["model"])
 
 
 def test_a_case_has_the_segments_of_its_cuts_in_the_order_of_the_vocabulary(case):

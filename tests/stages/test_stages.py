@@ -30,7 +30,6 @@ from scripts.patient.check_cohort import check_cohort
 from scripts.patient.label_interfaces import label_case
 from scripts.patient.refine_lips import refine_lips
 from scripts.patient.register_postop import register_postop
-from scripts.tables.evaluate import evaluate
 from scripts.tables.provenance import provenance
 from scripts.tables.render_case import render_case
 from scripts.training.finetune import finetune
@@ -38,7 +37,7 @@ from scripts.training.pretrain import pretrain
 from tests.helpers.coarse_head import make_head
 from tests.helpers.settings import CONFIG, SEED, SEGMENTS, network_settings, training_settings
 from tests.helpers.tables import make
-from tests.helpers.training import predict_by
+from tests.helpers.training import measured, predict_by
 
 NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
 
@@ -230,20 +229,7 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
     metrics = []
     for method, path in predicted.items():
         metrics.append(str(tmp_path / f"{method}.csv"))
-        labels = {"fold": "1", "method": method, "code": "0" * 12}
-        evaluate(
-            [patient.case],
-            path,
-            [patient.model],
-            [patient.plan],
-            {patient.case: patient.postop},
-            {patient.case: patient.judged},
-            [patient.true_motion],
-            patient.fem,
-            labels,
-            SEED,
-            metrics[-1],
-        )
+        measured(patient, path, metrics[-1], method)
     make(tmp_path / "cases.csv", "pinnochio.tables.cases", metrics=metrics, cohort="virtual cohort")
     compared = {"cases": tmp_path / "cases.csv", "methods": list(predicted), "bounds": [], "reference": "pinnochio"}
     compared |= {"cohort": "virtual cohort", "seed": SEED}

@@ -25,11 +25,6 @@ def session(patient, tmp_path):
     return Session(patient, "V", {}, tmp_path)
 
 
-def moved(patient, plan, segment):
-    nodes = patient.bone_segment == patient.segments.index(segment)
-    return patient.bone_displacement(plan)[nodes]
-
-
 def test_a_mandible_takes_its_rami_along_and_leaves_the_condyles(session, patient):
     session.change(JAW, "left", 5.0)
     for ramus in RAMI:
