@@ -82,6 +82,12 @@ class Project:
         assert done.returncode == 0, done.stdout[-4000:]
         return done.stdout
 
+    def planned(self, *arguments: str) -> str:
+        """What a dry run of the quick study says; fails if Snakemake does."""
+        done = self.dry_run("--configfile", "config/quick.yaml", *arguments)
+        assert done.returncode == 0, done.stdout[-4000:]
+        return done.stdout
+
 
 def _plan(folder: Path, said: Path, arguments: list[str]) -> None:
     """Run Snakemake's command line in this process; both streams go to a file."""

@@ -6,8 +6,9 @@ import pytest
 from pinnochio.columns import read_table
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.overlays import overlaid
-from pinnochio.virtual import nasolabial
-from pinnochio.virtual.ground_truth import NOMINAL, REALITIES, resolve
+from pinnochio.virtual import effects, nasolabial
+from pinnochio.virtual.effects import EVERYTHING, NOTHING
+from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, REALITIES, resolve
 from pinnochio.virtual.outcome import Operation, Outcome, meshed
 from scripts.cohort.measure_outcome import measure_outcome
 from studies.cohort_checks import learnable, reality, refinement
@@ -58,6 +59,20 @@ def test_the_deviation_is_that_of_the_outcome_from_sliding_finite_elements(job, 
     assert (ahead["square"] >= ahead["mean"] ** 2 - 1e-4).all()
     assert ((ahead["square"] + behind["square"]) / 2 - still["square"] <= 0.64 + 1e-4).all()
     assert ahead["maxilla"].nunique() == 1
+
+
+def test_an_effect_of_each_kind_changes_the_face_or_its_scan(job, patient):
+    """Alone: of mechanics, motion, tissue and scan; that of the frame is taken out by the registration."""
+    on = ("posture", "execution_error", "gain", "noise", "holes", "frame")
+    off = {"effects": {name: "nominal" for name in EFFECTS if name not in on}}
+    arguments = {"truth": patient.truth}
+    rows = measured(effects, job, outcome=overlaid(OUTCOME, off), arguments=arguments).set_index("effect")
+    assert set(rows.index) == {NOTHING, *on, EVERYTHING}
+    nothing, far = rows.loc[NOTHING], rows["mean"]
+    assert nothing["mean"] < 0.1 and nothing["lost"] < 1
+    assert (far[["posture", "execution_error", "gain"]] > 0.005).all() and far["noise"] > nothing["mean"] + 0.05
+    assert rows.loc["holes", "lost"] > nothing["lost"] + 0.1 and abs(far["frame"] - nothing["mean"]) < 0.05
+    assert far[EVERYTHING] > 0.5 * far[["posture", "execution_error", "gain"]].max()
 
 
 def test_an_advance_of_the_maxilla_opens_the_nasolabial_angle_and_a_setback_closes_it(job, monkeypatch):

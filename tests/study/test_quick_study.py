@@ -139,7 +139,7 @@ def test_a_second_run_has_nothing_to_do(studied):
 def test_a_method_that_is_added_is_trained_alone(studied):
     added = studied.folder / "added.yaml"
     added.write_text(json.dumps({"methods": [*METHODS, "mine"], "variants": {"mine": {"network": {"channels": 16}}}}))
-    said = studied.quick("added.yaml", "--dry-run")
+    said = studied.planned("added.yaml")
     assert set(re.findall(r"(?:Pretrain|Adapt|Fit) (\w+)", said)) == {"mine"}
     made = jobs(said)
     assert {made.pop(rule) for rule in ("pretrain", "finetune")} == {2}
@@ -160,7 +160,7 @@ def test_no_file_of_a_held_out_patient_reaches_training(studied):
     try:
         for path in files:
             path.write_bytes(before[path] + b"\n")
-        plan = studied.quick("--dry-run", "--rerun-triggers", "mtime")
+        plan = studied.planned("--rerun-triggers", "mtime")
     finally:
         for path, content in before.items():
             path.write_bytes(content)

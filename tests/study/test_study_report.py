@@ -9,10 +9,12 @@ import sys
 from pinnochio.report.study_page import rounded
 from tests.helpers.study import VERBOSE, jobs
 
+FURTHER = ["--config", "report={further: [stability]}"]
 
-def made(studied, *arguments, overlays=()) -> str:
+
+def made(studied, *arguments) -> str:
     """What Snakemake says that makes the report."""
-    done = studied.snakemake("report", *arguments, "--configfile", "config/quick.yaml", *overlays)
+    done = studied.snakemake("report", *arguments, "--configfile", "config/quick.yaml")
     assert done.returncode == 0, done.stdout[-4000:]
     return done.stdout
 
@@ -31,13 +33,12 @@ def test_the_report_shows_what_has_been_measured(studied):
         assert numbers and all(number in page for number in numbers)
     assert re.findall(r'id="patient-(\w+)"', page) == ["V01", "V02"]
 
-    assert "Nothing to be done" in made(studied, "--dry-run")
+    assert "Nothing to be done" in studied.planned("--", "report")
     stray = tables / "stability.html"  # what is shown depends on the configuration, not on what lies there
     stray.touch()
-    assert "Nothing to be done" in made(studied, "--dry-run")
+    assert "Nothing to be done" in studied.planned("--", "report")
     stray.unlink()
-    quick = ["workflow/studies/stability/quick.yaml"]
-    further = jobs(made(studied, "--dry-run", "--config", "report={further: [stability]}", overlays=quick))
+    further = jobs(studied.planned("workflow/studies/stability/quick.yaml", *FURTHER, "--", "report"))
     once = ("tabulate", "format_table", "render_table", "provenance", "write_report", "report")
     assert further == {"measure_stability": 11} | dict.fromkeys(once, 1)
 
@@ -93,4 +94,4 @@ def test_the_report_is_quiet_and_does_not_begin_a_study(project):
     for words in ("jobs are left", "on 2 cores", "all report"):
         assert words in said
     assert "Reason:" not in said and "Job stats" not in said and len(said) < 2000
-    assert jobs(project.snakemake("-n", "all", "report", "--configfile", "config/quick.yaml").stdout)["pretrain"] == 2
+    assert jobs(project.planned("--", "all", "report"))["pretrain"] == 2
