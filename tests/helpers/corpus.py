@@ -872,13 +872,6 @@ def external(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         wrong = field.copy()
         wrong[3, 1] = value
         yield Tried(f"external: a node moved by {value:g} mm", partial(save, wrong))
-    for name, value in (
-        ("a node less", field[1:]),
-        ("text", field.astype(str)),
-        ("turned", field.T),
-        ("one", field[0]),
-    ):
-        yield Tried(f"external: {name}", partial(save, value))
     yield from of_bytes(
         "external", "a.npz", written(lambda p: np.savez(p, displacement=field), "a.npz"), read, rng, count
     )

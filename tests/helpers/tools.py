@@ -103,6 +103,7 @@ def run(
     outputs = {name: str(folder / "out" / f"{name}{end}") for name, end in
                (("labels", ".nii.gz"), ("bone", ".vtp"), ("skin", ".vtp"), ("report", ".json"))}  # fmt: skip
     usual = {
+        "segments": SEGMENTS,
         "orientation": "header",
         "repair_limit": CONFIG["repair"]["limit"],
         "unlabelled_muscle": "derived",
@@ -112,7 +113,6 @@ def run(
         case="P1",
         segmentation=str(segmentation),
         label_values=preset,
-        segments=SEGMENTS,
         volume=volume,
         cuts=cuts,
         markups=[str(markup) for markup in markups],

@@ -11,7 +11,6 @@ import pytest
 import pyvista as pv
 
 from pinnochio.columns import read_table
-from pinnochio.errors import InputError
 from pinnochio.metrics.model_quality import quality
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction, write_predictions
@@ -23,7 +22,6 @@ from pinnochio.patients.result import Solution
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import in_words as in_words_of
 from pinnochio.statistics.intervals import Calibration, Interval
-from scripts.patient.import_plan import import_plan
 from scripts.patients.certify import certify
 from scripts.patients.describe_training import describe_training
 from scripts.patients.export_prediction import export_prediction
@@ -91,20 +89,6 @@ def test_an_archive_holds_what_prediction_needs(archive):
     method = Archive.read(folder).methods[METHOD]
     assert method["usual"] == {"min_jacobian": [0.2, 0.7, 1.2], "eqres_rel": [0.1] * 3, "moving_error": [0.3] * 3}
     assert method["corrections"] == 1
-
-
-def test_a_plan_is_checked_against_the_bone(patient, tmp_path):
-    source, out = Path(patient.input_plan), tmp_path / "plan.json"
-    import_plan(patient.case, str(source), patient.bone, str(out))
-    one, two = (Plan.read(path, patient.case) for path in (source, out))
-    assert all(np.array_equal(one.motion(name).translation, two.motion(name).translation) for name in SEGMENTS)
-    far = json.loads(source.read_text())
-    far["segments"]["lefort1"]["translation"] = [0, -49, 0]
-    far["segments"]["lefort1"]["rotation"] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
-    (tmp_path / "far.json").write_text(json.dumps(far))
-    with pytest.raises(InputError, match="carries a point of 'lefort1'"):
-        import_plan(patient.case, str(tmp_path / "far.json"), patient.bone, str(tmp_path / "no.json"))
-    assert not (tmp_path / "no.json").exists()
 
 
 def test_the_files_of_a_prediction(patient, result, tmp_path):

@@ -143,19 +143,6 @@ def test_a_preset_is_undone_while_its_list_has_the_focus(page):
     assert "Nothing is moved" in settled(page)
 
 
-def test_locked_jaws_move_together(page):
-    page.locator("#locked").click()
-    put(page, "lefort1", "up", 2)
-    page.click(f"#segment_{JAW}")
-    page.wait_for_timeout(1500)
-    assert number(page, "up") == 2
-    page.locator("#locked").click()
-    put(page, JAW, "up", 0)
-    page.click("#segment_lefort1")
-    page.wait_for_timeout(1500)
-    assert number(page, "up") == 2
-
-
 def test_undo_redo_and_reset_from_the_keyboard(page):
     put(page, "lefort1", "advance", 3)
     put(page, "lefort1", "advance", 4)

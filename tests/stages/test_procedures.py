@@ -7,7 +7,6 @@ import h5py
 import numpy as np
 import pytest
 
-from pinnochio.errors import InputError
 from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import simulate
@@ -16,7 +15,6 @@ from pinnochio.model.patient import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.procedures import MANDIBLE, MAXILLA, Procedure
 from scripts.fem.simulate_fem import simulate_fem
-from scripts.patient.import_plan import import_plan
 from tests.helpers.coarse_head import modelled
 from tests.helpers.settings import CONFIG, SEED
 
@@ -72,23 +70,3 @@ def test_its_plan_and_sampled_ones_are_solved(case):
         for group in samples.values():
             assert set(Plan.from_json(group.attrs["plan"]).motions) == set(model.segments)
     assert 0.5 < np.abs(RatioRule(model)(plan)).max() < 20
-
-
-def test_a_plan_that_misses_a_segment_or_names_another_is_refused(case, tmp_path):
-    folder, _, model = case
-    whole = json.loads((folder / "plan.json").read_text())
-    lacking, foreign = json.loads(json.dumps(whole)), json.loads(json.dumps(whole))
-    missing = model.segments[0]
-    del lacking["segments"][missing]
-    other = next(name for name in CONFIG["segments"] if name not in model.segments)
-    foreign["segments"][other] = whole["segments"][missing]
-    for plan, words in (
-        (lacking, f"nothing of '{missing}'"),
-        (foreign, f"'{other}', which the segmentation does not hold"),
-    ):
-        (tmp_path / "plan.json").write_text(json.dumps(plan))
-        with pytest.raises(InputError, match=words):
-            import_plan(
-                whole["case"], str(tmp_path / "plan.json"), file(folder, "bone.vtp"), file(tmp_path, "out.json")
-            )
-        assert not (tmp_path / "out.json").exists()

@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from pinnochio.errors import InputError
 from pinnochio.importing.segmentation import read_labels
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.boundary.contact import UnilateralContact
@@ -20,7 +19,7 @@ from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.methods.pinnochio.predictor import load_network
 from pinnochio.model.patient import FIXED, LOWER_LIP, MOVING, SLIDING, UPPER_LIP, PatientModel
-from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
+from pinnochio.model.predictions import read_prediction
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.head import USUAL
 from pinnochio.virtual.portraits import SHEET_PANEL
@@ -29,7 +28,6 @@ from scripts.fem.solve_plan import solve_plan
 from scripts.patient.check_cohort import check_cohort
 from scripts.patient.label_interfaces import label_case
 from scripts.patient.refine_lips import refine_lips
-from scripts.patient.register_postop import register_postop
 from scripts.tables.provenance import provenance
 from scripts.tables.render_case import render_case
 from scripts.training.finetune import finetune
@@ -158,14 +156,6 @@ def test_solve_plan_leaves_field_summary_and_picture(patient, tmp_path):
         solve_plan(patient.case, patient.model, patient.plan, "bonded", replace(patient.fem, time_limit=1e-9), *outputs)
 
 
-def test_a_scan_that_does_not_fit_is_refused(patient, tmp_path):
-    with pytest.raises(InputError, match=f"'{patient.case}'.*scan.ply.*Remedy"):
-        register_postop(
-            patient.case, patient.scan, patient.skin, patient.bone, 20.0, 0.01, str(tmp_path / "postop.h5")
-        )  # fmt: skip
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.fixture(scope="session")
 def predicted(patients, tmp_path_factory) -> dict[str, str]:
     """A network trained on the second patient, and every method's prediction of the first."""
@@ -200,14 +190,6 @@ def predicted(patients, tmp_path_factory) -> dict[str, str]:
     return files
 
 
-def test_training_lowers_its_losses(predicted):
-    folder = Path(predicted["pinnochio"]).parent
-    for name in ("pretraining.csv", "finetuning.csv"):
-        history = pd.read_csv(folder / name).drop(columns="validation")  # nobody is held back of one patient
-        assert history["step"].tolist() == list(range(15)) and np.isfinite(history).all(axis=None)
-        assert history["data"].tail(7).min() < 0.97 * history["data"].head(3).min()
-
-
 def test_predictions_say_what_they_are(predicted, patient):
     """Nothing moves; finite elements are solved; a network's field leaves with no inverted element."""
     still, solved, learned = (
@@ -217,12 +199,6 @@ def test_predictions_say_what_they_are(predicted, patient):
     assert not still.displacement.any() and solved.converged and solved.seconds > 0
     assert jacobians(model.points, model.cells, learned.displacement).min() > 0 and learned.seconds > 0
     assert 1 < np.linalg.norm(learned.displacement, axis=1).max() < 30
-
-
-def test_a_failed_write_leaves_no_predictions(tmp_path):
-    with pytest.raises(TypeError):
-        write_predictions(tmp_path / "predictions.h5", {"T0": Prediction(np.zeros((3, 3)), device=object())})
-    assert not list(tmp_path.iterdir())
 
 
 def test_tables_come_from_the_metrics(predicted, patient, tmp_path):

@@ -1,18 +1,16 @@
 """The anatomy of a head against the frame of its file: what is turned, mirrored, stretched or unnamed is refused."""
 
-import json
 import re
 
 import numpy as np
 import pytest
-import SimpleITK as sitk
 
 from pinnochio.errors import InputError
 from pinnochio.importing.anatomy import check_anatomy
 from pinnochio.model.labels import internal_codes
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.scanned import sample_patient
-from scripts.patient.import_segmentation import import_segmentation
+from tests.helpers import tools
 
 SPACING = 3.0
 UNCUT = ("lefort1", "mandible")
@@ -24,30 +22,11 @@ def head():
 
 
 def imported(folder, head, labels=None, spacing=(SPACING,) * 3, direction=None, segments=None, values=None, **settings):
-    """Import the head's labels, or those given, as a file with this header; returns its report."""
-    segments = head.segments if segments is None else segments
-    image = sitk.GetImageFromArray((head.labels if labels is None else labels).transpose(2, 1, 0))
-    image.SetSpacing(spacing)
-    if direction is not None:
-        image.SetDirection(np.ravel(np.asarray(direction, float)).tolist())
-    sitk.WriteImage(image, str(folder / "P1.nii.gz"))
-    outputs = {name: str(folder / "out" / f"{name}{end}") for name, end in
-               (("labels", ".nii.gz"), ("bone", ".vtp"), ("skin", ".vtp"), ("report", ".json"))}  # fmt: skip
-    usual = {
-        "label_values": internal_codes(head.segments) if values is None else values,
-        "orientation": "header",
-        "repair_limit": 2.0,
-        "unlabelled_muscle": "derived",
-        "bone_edge": 6.0,
-    }
-    import_segmentation(
-        case="P1",
-        segmentation=str(folder / "P1.nii.gz"),
-        segments=segments,
-        outputs=outputs,
-        **(usual | settings),
-    )
-    return json.loads((folder / "out/report.json").read_text())
+    """Import the head's labels, or other ones, as a file with this header; returns its report."""
+    stored = tools.write(folder / "P1.nii.gz", head.labels if labels is None else labels, head, direction, spacing)
+    usual = {"segments": head.segments if segments is None else segments, "repair_limit": 2.0}
+    values = internal_codes(head.segments) if values is None else values
+    return tools.run(folder, stored, values, cuts=(), **usual, **settings)[0]
 
 
 def uncut(head):

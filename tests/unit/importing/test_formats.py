@@ -319,19 +319,6 @@ def test_a_bad_segment_is_refused_with_the_names_that_exist(tmp_path, fault):
         read_segmentation(path, "P1", labels, SEGMENTS)
 
 
-def test_slicer_muscle_may_be_missing(tmp_path, caplog):
-    path = seg_nrrd(tmp_path, [part for part in ALL if part[0] != "Muscle"])
-    head = read_segmentation(path, "P1", NAMES, SEGMENTS)
-    assert set(np.unique(head.labels)) == {0, *CODES.values()} - {CODES["muscle"]}
-    assert "nothing carries the label 'Muscle' of 'muscle'; it holds 'Fat and skin'" in caplog.text
-
-
-def test_a_name_for_a_plain_label_map_is_refused(tmp_path):
-    write_head(tmp_path / "head.nrrd", "nrrd", *UPRIGHT)
-    with pytest.raises(InputError, match=r"'mandible' the name 'Mandible'.*no names.*Remedy: .*voxel value"):
-        read_segmentation(tmp_path / "head.nrrd", "P1", VALUES | {"mandible": "Mandible"}, SEGMENTS)
-
-
 def test_slicer_files_before_4_11_hold_one_layer_per_segment(tmp_path):
     direction, spacing, place = UPRIGHT
     points, origin = grid(direction, spacing, place)

@@ -12,12 +12,10 @@ from pinnochio.importing.segmentation import (
     read_segmentation,
     write_segmentation,
 )
-from tests.helpers.settings import DATA
 
 SEGMENTS = ("lefort1", "chin")
 VALUES = {"superficial": 3, "muscle": 7, "cranium": 20, "lefort1": 21, "chin": 22}
 SPACING, ORIGIN = np.array([4.0, 5.0, 6.0]), np.array([-30.0, 12.0, 100.0])
-ARTISYNTH = DATA / "artisynth_face/labels_1mm.nii.gz"
 
 
 def user_volume():
@@ -154,19 +152,3 @@ def test_a_bad_scan_is_refused_by_case_file_and_remedy(tmp_path, fault):
     make(tmp_path / "face.ply")
     with pytest.raises(InputError, match=rf"case 'P1': .*face\.ply: .*{problem}.*Remedy: .*{remedy}"):
         read_postop(tmp_path / "face.ply", "P1", face()[0])
-
-
-def test_the_artisynth_face_imports():
-    if not ARTISYNTH.exists():
-        pytest.skip(f"{ARTISYNTH} is not on this machine")
-    values = {"superficial": 1, "muscle": 2, "cranium": 10, "maxilla": 11, "mandible": 12}
-    head = read_segmentation(ARTISYNTH, "A", values, ("maxilla", "mandible"))
-    stored_image = sitk.ReadImage(str(ARTISYNTH))
-    raw = sitk.GetArrayFromImage(stored_image).transpose(2, 1, 0)
-    for code in (1, 2, 10, 11, 12):
-        place = head.origin + np.argwhere(head.labels == code).mean(axis=0) * head.spacing
-        index = np.argwhere(raw == code).mean(axis=0).tolist()
-        np.testing.assert_allclose(place, stored_image.TransformContinuousIndexToPhysicalPoint(index), atol=1e-3)
-    mandible = np.argwhere(head.labels == 12).mean(axis=0)
-    maxilla = np.argwhere(head.labels == 11).mean(axis=0)
-    assert mandible[2] < maxilla[2]

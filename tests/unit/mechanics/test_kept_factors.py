@@ -10,13 +10,12 @@ from pinnochio.geometry.mesh_topology import boundary_faces
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.boundary.loads import Loads, OuterForces
 from pinnochio.mechanics.boundary.sliding import SlidingNodes, SlidingSet, SlidingSurfaces, bones_of
-from pinnochio.mechanics.elements.assembly import CUT, Assembler
-from pinnochio.mechanics.elements.tetrahedra import Elements, node_volumes
+from pinnochio.mechanics.elements.tetrahedra import node_volumes
 from pinnochio.mechanics.problems import BLOCK, block_boundary, box, uniform
 from pinnochio.mechanics.simulation import Simulator, simulate
 from pinnochio.mechanics.solvers import kept_factors, local_equilibrium
 from pinnochio.mechanics.solvers.kept_factors import KeptFactors
-from pinnochio.mechanics.solvers.local_equilibrium import LocalEquilibrium, subset
+from pinnochio.mechanics.solvers.local_equilibrium import LocalEquilibrium
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import FREE
 from pinnochio.plans.plan import Plan, RigidMotion
@@ -214,68 +213,6 @@ def test_without_the_setting_newton_solves():
     np.testing.assert_array_equal(result.displacement, exact.displacement)
 
 
-@pytest.mark.parametrize("stiffening", [0.0, 1.5])
-@pytest.mark.parametrize("disturbed", [0.05, 0.4, 1.0])
-def test_both_ways_of_cutting_a_tangent_agree(stiffening, disturbed):
-    points, cells = box((10, 10, 10), (3, 3, 3), jitter=0.2)
-    assembler = Assembler(
-        Elements.build(points, cells, uniform(len(cells), stiffening=stiffening)), np.zeros(points.shape, bool), []
-    )
-    u = np.random.default_rng(1).normal(0, disturbed, points.shape)
-    eigen, singular = (assembler.tangent(u, np.zeros((0, 3, 3)), definite=way)[0] for way in (1.0, CUT))
-    plain = assembler.tangent(u, np.zeros((0, 3, 3)))[0]
-    np.testing.assert_allclose(singular, eigen, rtol=0, atol=1e-12 * np.abs(eigen).max())
-    if disturbed > 0.1:
-        assert np.abs(plain - eigen).max() > 1e-3 * np.abs(eigen).max()
-
-
-def test_a_part_has_the_energy_and_force_of_its_patches():
-    points, cells = box((10, 10, 10), (4, 4, 4), jitter=0.2)
-    elements = Elements.build(points, cells, material(len(cells)))
-    chosen = np.random.default_rng(0).random(len(elements.patch_volumes)) < 0.4
-    part, nodes = subset(elements, chosen)
-    rest, others = subset(elements, ~chosen)
-    u = np.random.default_rng(1).normal(0, 0.05, points.shape)
-    energy, force, least = elements.evaluate(u)
-    (one, pull, low), (two, push, high) = part.evaluate(u[nodes]), rest.evaluate(u[others])
-    total = np.zeros_like(force)
-    total[nodes] += pull
-    total[others] += push
-    assert one + two == pytest.approx(energy, rel=1e-12)
-    assert min(low, high) == least
-    np.testing.assert_allclose(total, force, rtol=0, atol=1e-10)
-
-
-def test_local_equilibrium_moves_only_its_nodes_and_rights_inverted_elements():
-    points, cells = box((12, 12, 12), (5, 5, 5), jitter=0.1)
-    skin = np.flatnonzero(((points == 0) | (points == 12)).any(axis=1))
-    elements = Elements.build(points, cells, uniform(len(cells)))
-    solver = KeptFactors(
-        points, cells, uniform(len(cells)), BoundaryConditions(skin, np.zeros((len(skin), 3))), fem_settings()
-    )
-    constraints, inner = solver._constraints, int(np.argmin(np.linalg.norm(points - 6, axis=1)))
-    patches = np.zeros(len(elements.patch_volumes), bool)
-    patches[elements.patch[(cells == inner).any(axis=1)]] = True
-    held = constraints.constrained, constraints.sliding.nodes
-    part = LocalEquilibrium(elements, *held, patches, OuterForces(points, None), "auto", True)
-    u = np.zeros(points.shape)
-    u[inner] = [5.0, 0, 0]
-    energy, force, least = elements.evaluate(u)
-    assert least < 0
-    held = SlidingNodes(bones_of(constraints.sliding, np.zeros((0, 3, 3))), constraints.sliding)
-    done = part.settled(u, held, np.zeros((0, 3, 3)), 1e-9, 1.0)
-    moved = np.abs(done.displacement - u).max(axis=1) > 0
-    assert done.steps > 0
-    assert (moved <= part.inside.any(axis=1)).all()
-    np.testing.assert_allclose(done.displacement, 0, atol=1e-6)
-    after, there, _ = elements.evaluate(done.displacement)
-    assert energy + done.energy == pytest.approx(after, abs=1e-9 * energy)
-    force[part.nodes] += done.force
-    np.testing.assert_allclose(force, there, rtol=0, atol=1e-9 * np.abs(elements.evaluate(u)[1]).max())
-    part.close()
-    solver.close()
-
-
 @pytest.mark.parametrize("arm", ["bonded", "mucosa"])
 def test_few_nodes_out_of_equilibrium_come_to_rest_by_themselves(arm, monkeypatch):
     """To the field of steps of the whole part; parts about the nodes alone are factorised again and again."""
@@ -335,13 +272,6 @@ def test_held_nodes_return_to_the_surface_as_by_the_sliding_condition(near, degr
     again = back.copy()
     held.project(again)
     np.testing.assert_array_equal(again, back)
-
-
-def test_axes_of_held_nodes_turn_with_their_bone_alone():
-    nodes, sliding = sliding_on_a_sphere(TURNED)
-    rest = sliding.frames(np.zeros_like(nodes), 0.0)
-    axes = SlidingNodes(bones_of(sliding, rest), sliding).project(TURNED.displacement(nodes))
-    np.testing.assert_allclose(axes, rest @ TURNED.rotation.T, rtol=0, atol=1e-3)
 
 
 def test_curvature_under_held_nodes_is_that_of_the_sliding_condition():

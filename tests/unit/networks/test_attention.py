@@ -148,38 +148,6 @@ def test_edges_that_the_loops_cannot_walk_are_refused(edges):
         Layout.of(torch.tensor(edges), 2)
 
 
-@numba
-def test_vectors_compute_what_numpy_does():
-    from numba import njit
-
-    from pinnochio.networks import vectors as v
-
-    @njit
-    def run(x, out):
-        a, b = v.load(x, 0, 8), v.load(x, 8, 8)
-        v.store(out, 0, (a + b) * b / (b + np.float32(2)))
-        v.store(out, 8, v.positive(a, v.larger(a, b), v.spread(np.float32(7), 8)))
-        v.store(out, 16, v.load_part(x, 3, 5, np.float32(-1), 8) + v.scaled(x, 2, a))
-        v.store_part(out, 24, 3, a)
-        return v.total(a), v.largest(a)
-
-    @njit
-    def run_exponential(x, out):
-        for k in range(0, len(x), 8):
-            v.store(out, k, v.exponential(v.load(x, k, 8)))
-
-    rng = np.random.default_rng(0)
-    x, out = rng.uniform(-1, 1, 16).astype(np.float32), np.full(32, 9, np.float32)
-    a, b = x[:8], x[8:]
-    assert run(x, out) == pytest.approx((a.sum(), a.max()), rel=1e-5)
-    expected = np.r_[(a + b) * b / (b + 2), np.where(a > 0, np.maximum(a, b), 7)]
-    expected = np.r_[expected, np.r_[x[3:8], -1, -1, -1] + x[2] * a, a[:3], np.full(5, 9)]
-    assert np.allclose(out, expected, rtol=1e-5, atol=1e-6)
-    x, out = np.linspace(-59, 59, 4096, dtype=np.float32), np.empty(4096, np.float32)
-    run_exponential(x, out)
-    assert np.abs(out / np.exp(x.astype(float)) - 1).max() < 3e-7
-
-
 def test_graph_has_each_mesh_edge_both_ways_and_every_loop_sorted_by_target():
     points = np.array([[0.0, 0, 0], [5, 0, 0], [0, 5, 0], [0, 0, 5], [9, 9, 9]])
     graph = Graph.build(points, np.array([[0, 1, 2, 3], [3, 2, 1, 0]]))
