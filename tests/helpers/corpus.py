@@ -200,29 +200,6 @@ def labels(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     for kind in ("int8", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"):
         yield Tried(f"labels: NRRD of {kind}", partial(of_type, kind), right)
 
-    def of_slicer(changed: dict, folder: Path):
-        image = sitk.GetImageFromArray(head().transpose(2, 1, 0))
-        image.SetSpacing((4.0, 4.0, 4.0))
-        image.SetOrigin((-60.0, -64.0, -70.0))
-        for index, (name, code) in enumerate(CODES.items()):
-            segment = {"ID": name, "Name": name, "LabelValue": str(code), "Layer": "0"}
-            for key, value in (segment | (changed if index == 1 else {})).items():
-                image.SetMetaData(f"Segment{index}_{key}", value)
-        sitk.WriteImage(image, str(folder / "a.seg.nrrd"))
-        made = read_segmentation(folder / "a.seg.nrrd", "P1", {name: name for name in CODES}, SEGMENTS)
-        return made.labels, made.spacing, made.origin, made.segments
-
-    yield Tried("labels: names of Slicer", partial(of_slicer, {}), right)
-    for key, value in (
-        ("LabelValue", "two"),
-        ("LabelValue", "2.5"),
-        ("LabelValue", "9" * 400),
-        ("Layer", "x"),
-        ("Layer", "7"),
-        ("Name", "superficial"),
-    ):
-        yield Tried(f"labels: Slicer's {key} {value[:9]}", partial(of_slicer, {key: value}))
-
 
 def headers(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     """Headers of MetaImage, NRRD and GIPL that say something else than what the voxels are."""

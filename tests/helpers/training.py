@@ -11,11 +11,14 @@ import torch
 from pinnochio.methods.pinnochio.learner import GraphLearner
 from pinnochio.methods.sources import SourceModel
 from pinnochio.model.postop import PostopSkin
+from pinnochio.networks.building import build
 from pinnochio.training import loop
 from pinnochio.training.case_files import CaseFiles
+from pinnochio.training.checkpoint import save_network
 from pinnochio.training.fold import train_fold
 from pinnochio.training.settings import TrainingSettings
 from scripts.prediction.predict import predict
+from scripts.prediction.predict_ensemble import predict_ensemble
 from scripts.tables.evaluate import evaluate
 from scripts.training.fit import fit
 from tests.helpers.patients import tiny_patient, tiny_plan
@@ -70,6 +73,17 @@ def run_and_hang(phase: str, inputs: str, folder: str, threads: str, at: str) ->
     run(phase, make_cases(Path(inputs)), Path(folder))
 
 
+def save_random(path: Path, settings, start: int = 0, size: float = 0.02, **more) -> str:
+    """Write a network of random weights, by the seed `start`: as it is built it gives out next to nothing."""
+    torch.manual_seed(start)
+    network = build(settings)
+    with torch.no_grad():
+        for weights in network.parameters():
+            weights += size * torch.randn_like(weights)
+    save_network(path, network, settings, **more)
+    return str(path)
+
+
 def learn_loads(patients, fitted: str) -> SourceModel:
     """What sliding finite elements leave of the patients' faces, learned; written to `fitted`, too."""
     fit(
@@ -99,6 +113,23 @@ def measured(patient, predictions: str, metrics: str, method: str = "some", **ch
     about = {"predictions": predictions, "fem": patient.fem, "labels": labels, "seed": SEED, "metrics": metrics}
     evaluate(**files | scans | about | changes)
     return pd.read_csv(metrics)
+
+
+def predict_all(networks: dict[str, str], patient, ensemble: str, corrections: int = 0, plan=None, lift=None) -> None:
+    """Write what the network of each fold predicts of a patient."""
+    predict_ensemble(
+        predictor="pinnochio.methods.pinnochio.predictor:GraphPredictor",
+        settings={"fem": CONFIG["fem"], "newton_corrections": corrections},
+        networks=networks,
+        case=patient.case,
+        model=patient.model,
+        plan=plan or patient.plan,
+        lift=lift,
+        covariates=patient.covariates if lift else None,
+        device="cpu",
+        threads=1,
+        ensemble=ensemble,
+    )
 
 
 def predict_by(

@@ -1,6 +1,6 @@
 """One coarse virtual patient, carried through the stages once per test session."""
 
-import json
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,13 +8,9 @@ import pytest
 import torch
 
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.metrics.model_quality import quality
-from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
-from pinnochio.networks.building import build
 from pinnochio.patients.model_archive import Archive, calibration_file, network_file
 from pinnochio.statistics.intervals import Calibration
-from pinnochio.training.checkpoint import save_network
 from pinnochio.virtual.head import USUAL
 from scripts.cohort.carry_truth import carry_truth
 from scripts.cohort.sample_covariates import draw_covariates
@@ -23,12 +19,13 @@ from scripts.fem.simulate_fem import simulate_fem
 from scripts.patient.choose_samples import choose_samples
 from scripts.patient.make_lift import write_lift
 from scripts.patient.register_postop import register_postop
+from scripts.patient.report_quality import report_quality
 from scripts.patients.describe_training import describe_training
 from studies.planner.prepare_planner import prepare_planner
 from studies.planner.prepared import Prepared
 from tests.helpers.coarse_head import modelled
 from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS, network_settings
-from tests.helpers.training import learn_loads
+from tests.helpers.training import learn_loads, save_random
 
 
 @dataclass(frozen=True)
@@ -86,18 +83,24 @@ SMALL = network_settings(
 
 
 @pytest.fixture(scope="session")
-def prepared(patients, tmp_path_factory):
+def training(patients, tmp_path_factory) -> tuple[str, list[str]]:
+    """Ranges of the patients as training, and their quality reports."""
+    folder = tmp_path_factory.mktemp("training")
+    reports = [str(folder / f"{patient.case}.json") for patient in patients]
+    for patient, report in zip(patients, reports, strict=True):
+        report_quality(patient.model, patient.report, report, str(folder / "quality.png"))
+    columns = ([getattr(patient, name) for patient in patients] for name in ("case", "model", "plan"))
+    describe_training(*columns, reports, str(folder / "ranges.json"))
+    return str(folder / "ranges.json"), reports
+
+
+@pytest.fixture(scope="session")
+def prepared(patients, training, tmp_path_factory):
     """The first of two patients, prepared for the planner with an archive of two networks that nobody has trained."""
     patient, folder = patients[0], tmp_path_factory.mktemp("planner")
-    reports = []
-    for other in patients:
-        reports.append(str(folder / f"{other.case}.json"))
-        report = quality(PatientModel.read(other.model), json.loads(Path(other.report).read_text()))
-        Path(reports[-1]).write_text(json.dumps(report))
-    columns = ([getattr(other, name) for other in patients] for name in ("case", "model", "plan"))
     archive = folder / "archive"
     archive.mkdir()
-    describe_training(*columns, reports, str(archive / "ranges.json"))
+    shutil.copy(training[0], archive)
     methods = {METHOD: {"corrections": 1, "lift": "elastic", "usual": {}}}
     Archive("virtual cohort", 2, SEGMENTS, ["1", "2"], methods, {}, "abc", "def").write(archive)
     widths = dict.fromkeys(NAMES, 1.5), dict.fromkeys(NAMES, 0.01)
@@ -105,12 +108,7 @@ def prepared(patients, tmp_path_factory):
     learned = learn_loads(patients, str(folder / "fitted.h5"))
     sources = {name: torch.as_tensor(value) for name, value in learned.state().items()}
     for number, fold in enumerate("12"):
-        torch.manual_seed(number)
-        network = build(SMALL)
-        with torch.no_grad():
-            for weights in network.parameters():  # as built, every network gives out what the lift says
-                weights += 0.02 * torch.randn_like(weights)
-        save_network(archive / network_file(METHOD, fold), network, SMALL, sources=sources)
+        save_random(archive / network_file(METHOD, fold), SMALL, number, sources=sources)
     lift = str(folder / "lift.h5")
     write_lift(patient.model, "elastic", 16, patient.fem, lift)
     (folder / "set").mkdir()
@@ -118,6 +116,6 @@ def prepared(patients, tmp_path_factory):
     settings = {"home": str(folder), "archive": str(archive), "method": METHOD, "corrections": 1}
     settings |= {"fem": vars(patient.fem), "invert": CONFIG["invert"]}
     out = str(folder / "planner.json")
-    files = patient.model, lift, patient.covariates, reports[0]
+    files = patient.model, lift, patient.covariates, training[1][0]
     prepare_planner(patient.case, *files, [str(folder / "set/plan.json")], settings, out)
     return Prepared.read(out)

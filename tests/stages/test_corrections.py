@@ -3,7 +3,6 @@
 import h5py
 import numpy as np
 import pytest
-import torch
 
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
@@ -12,14 +11,12 @@ from pinnochio.metrics.case_columns import CASES
 from pinnochio.metrics.validity import equilibrium_of
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
-from pinnochio.networks.building import build
-from pinnochio.training.checkpoint import save_network
 from scripts.tables.render_table import render_table
 from studies.corrections.correct import correct
 from studies.corrections.table import CORRECTIONS
 from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.tables import make
-from tests.helpers.training import measured, predict_by
+from tests.helpers.training import measured, predict_by, save_random
 
 NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
 COUNTS = (1, 3, 8)
@@ -28,14 +25,8 @@ COUNTS = (1, 3, 8)
 @pytest.fixture(scope="module")
 def wild_network(tmp_path_factory):
     """A network of random weights: its field has inverted elements."""
-    torch.manual_seed(0)
     path = tmp_path_factory.mktemp("network") / "network.pt"
-    network = build(NETWORK)
-    with torch.no_grad():
-        for weight in network.parameters():
-            weight += 0.2 * torch.randn_like(weight)
-    save_network(path, network, NETWORK, training={}, seed=SEED)
-    return str(path)
+    return save_random(path, NETWORK, size=0.2, training={}, seed=SEED)
 
 
 @pytest.mark.parametrize("corrections", [0, 2])

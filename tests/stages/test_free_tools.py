@@ -126,13 +126,9 @@ def test_landmarks_and_planes_decide_and_are_said(head, scan, tmp_path):
         assert top < level + 6
     assert moved["landmarks"]["Me"] == {"place": (menton + [0, 0, 4]).round(2).tolist(), "source": "given"}
     assert moved["volume_cm3"]["chin"] > said["volume_cm3"]["chin"] + 0.3
+    unknown = [tools.plane(tmp_path / "c.mrk.json", "osteotomy", [0, 0, 0], [0, 0, 1])]
     with pytest.raises(InputError, match="plane 'osteotomy' is no cut known here.*split_left"):
-        run(
-            tmp_path,
-            path,
-            volume=scan,
-            markups=[tools.plane(tmp_path / "c.mrk.json", "osteotomy", [0, 0, 0], [0, 0, 1])],
-        )
+        run(tmp_path, path, volume=scan, markups=unknown)
 
 
 def test_without_the_split_the_mandible_stays_whole(head, scan, tmp_path):

@@ -11,7 +11,6 @@ import pytest
 import pyvista as pv
 
 from pinnochio.columns import read_table
-from pinnochio.metrics.model_quality import quality
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.model.regions import NAMES, regions
@@ -23,7 +22,6 @@ from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import in_words as in_words_of
 from pinnochio.statistics.intervals import Calibration, Interval
 from scripts.patients.certify import certify
-from scripts.patients.describe_training import describe_training
 from scripts.patients.export_prediction import export_prediction
 from scripts.patients.pack import pack
 from scripts.patients.show_prediction import show_prediction
@@ -33,16 +31,9 @@ METHOD = "pinnochio_plus"
 
 
 @pytest.fixture(scope="module")
-def archive(patients, tmp_path_factory):
+def archive(training, tmp_path_factory):
     """An archive of two patients and two models (empty files: nothing here runs a network), and their reports."""
     folder = tmp_path_factory.mktemp("archive")
-    reports = []
-    for patient in patients:
-        imported = json.loads(Path(patient.report).read_text())
-        reports.append(str(folder / f"{patient.case}.json"))
-        Path(reports[-1]).write_text(json.dumps(quality(PatientModel.read(patient.model), imported)))
-    columns = ([getattr(patient, name) for patient in patients] for name in ("case", "model", "plan"))
-    describe_training(*columns, reports, str(folder / "training.json"))
     half_width = {name: 1.5 for name in NAMES}
     Calibration(METHOD, 0.9, 2, 2, half_width, dict.fromkeys(NAMES, 0.1)).write(folder / "calibration.json")
     keys = [(METHOD, fold) for fold in "12"]
@@ -56,8 +47,8 @@ def archive(patients, tmp_path_factory):
     about |= {"settings": {name: CONFIG[name] for name in ("mesh", "fem")}, "configuration": "abc", "code": "def"}
     methods = {METHOD: {"corrections": 1, "lift": "elastic"}}
     calibrations = {METHOD: str(folder / "calibration.json")}
-    pack(about, methods, networks, metrics, calibrations, str(folder / "training.json"), str(folder / "packed"))
-    return folder / "packed", reports
+    pack(about, methods, networks, metrics, calibrations, training[0], str(folder / "packed"))
+    return folder / "packed", training[1]
 
 
 @pytest.fixture(scope="module")

@@ -10,13 +10,13 @@ from pinnochio.patients.face_measures import FaceMeasures
 from pinnochio.patients.model_archive import RANGES, calibration_file, network_file
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Interval
-from scripts.prediction.predict_ensemble import predict_ensemble
 from scripts.prediction.predict_interval import predict_interval
 from studies.inverse.wish import Marks
 from studies.planner.forecast import Forecaster
 from studies.planner.view import FaceView
 from studies.planner.wishing import Wishing
 from tests.helpers.settings import CONFIG
+from tests.helpers.training import predict_all
 
 METHOD = "pinnochio_plus"
 
@@ -31,19 +31,7 @@ def test_a_forecast_is_the_prediction_of_the_workflow(prepared, forecaster, pati
     networks = {fold: f"{prepared.archive}/{network_file(METHOD, fold)}" for fold in "12"}
     assert list(prepared.plans) == ["set"]
     plan = prepared.plans["set"]
-    predict_ensemble(
-        predictor="pinnochio.methods.pinnochio.predictor:GraphPredictor",
-        settings={"fem": vars(patient.fem), "newton_corrections": 1},
-        networks=networks,
-        case=prepared.case,
-        model=prepared.model,
-        plan=plan,
-        lift=prepared.lift,
-        covariates=prepared.covariates,
-        device="cpu",
-        threads=1,
-        ensemble=ensemble,
-    )
+    predict_all(networks, prepared, ensemble, 1, plan, prepared.lift)
     calibration = f"{prepared.archive}/{calibration_file(METHOD)}"
     ranges, picture = f"{prepared.archive}/{RANGES}", str(tmp_path / "p.png")
     about = prepared.case, prepared.model, plan, prepared.quality

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import closest_points
@@ -16,17 +15,12 @@ from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.model.regions import NAMES, OTHER, regions
-from pinnochio.networks.building import build
 from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble
-from pinnochio.training.checkpoint import save_network
-from scripts.patient.report_quality import report_quality
-from scripts.patients.describe_training import describe_training
 from scripts.prediction.calibrate import ScannedCase, calibrate
-from scripts.prediction.predict_ensemble import predict_ensemble
 from scripts.prediction.predict_interval import predict_interval
 from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.tables import make
-from tests.helpers.training import predict_by
+from tests.helpers.training import predict_all, predict_by, save_random
 
 NETWORK = network_settings(boundary_layers=1, volume_layers=1, channels=16, heads=2)
 FOLDS = ("1", "2", "3")
@@ -38,31 +32,13 @@ def networks(tmp_path_factory):
     """An untrained network per fold, each its own."""
     folder, paths = tmp_path_factory.mktemp("networks"), {}
     for fold in FOLDS:
-        torch.manual_seed(int(fold))
-        network = build(NETWORK)
-        with torch.no_grad():  # a new network's output is next to nothing
-            for weight in network.parameters():
-                weight += 0.02 * torch.randn_like(weight)
-        paths[fold] = str(folder / f"{fold}.pt")
-        save_network(paths[fold], network, NETWORK)
+        paths[fold] = save_random(folder / f"{fold}.pt", NETWORK, int(fold))
     return paths
-
-
-@pytest.fixture(scope="module")
-def training(patients, tmp_path_factory):
-    """Ranges of the patients as training, and the quality report of the first."""
-    folder, reports = tmp_path_factory.mktemp("training"), []
-    for patient in patients:
-        reports.append(str(folder / f"{patient.case}.json"))
-        report_quality(patient.model, patient.report, reports[-1], str(folder / f"{patient.case}.png"))
-    columns = ([getattr(patient, name) for patient in patients] for name in ("case", "model", "plan"))
-    describe_training(*columns, reports, str(folder / "ranges.json"))
-    return str(folder / "ranges.json"), reports[0]
 
 
 def predicted(patient, ensemble, calibration, training, result, picture, plan=None):
     """The interval of the first patient."""
-    ranges, quality = training
+    ranges, (quality, *_) = training
     about = patient.case, patient.model, plan or patient.plan, quality
     predict_interval(*about, ensemble, calibration, ranges, patient.fem, result, picture)
 
@@ -73,19 +49,7 @@ def ensembles(patients, networks, tmp_path_factory):
     folder, paths = tmp_path_factory.mktemp("ensembles"), {}
     for patient in patients:
         paths[patient.case] = str(folder / f"{patient.case}.h5")
-        predict_ensemble(
-            predictor="pinnochio.methods.pinnochio.predictor:GraphPredictor",
-            settings={"fem": CONFIG["fem"], "newton_corrections": 0},
-            networks=networks,
-            case=patient.case,
-            model=patient.model,
-            plan=patient.plan,
-            lift=None,
-            covariates=None,
-            device="cpu",
-            threads=1,
-            ensemble=paths[patient.case],
-        )
+        predict_all(networks, patient, paths[patient.case])
     return paths
 
 

@@ -7,22 +7,10 @@ import pytest
 
 from pinnochio.columns import write_csv
 from pinnochio.virtual import effects, nasolabial
+from pinnochio.virtual.case_files import FILES
 from pinnochio.virtual.effects import EVERYTHING, NOTHING
 from pinnochio.virtual.ground_truth import EFFECTS, SCAN
 from tests.helpers.study import jobs
-
-FILES = (
-    "segmentation.nii.gz",
-    "plan.json",
-    "landmarks.json",
-    "anatomy.json",
-    "covariates.json",
-    "postop.ply",
-    "postop_bones.nii.gz",
-    "truth.h5",
-    "executed.json",
-)
-
 
 ON = [name for name in EFFECTS if name != "contact"]  # off by default
 

@@ -1,11 +1,12 @@
-"""New patients after the quick study: two plans share what belongs to the patient, and nothing is ever trained."""
+"""New patients, after the quick study and by the models that come along: plans share a patient, nothing is trained."""
 
 import json
 import shutil
 
 import pytest
 
-from tests.helpers.study import jobs
+from tests.helpers.settings import ROOT
+from tests.helpers.study import Project, jobs
 
 METHOD = "pinnochio_plus"
 SHARED = ("import_segmentation", "tetrahedralize", "label_interfaces", "report_quality", "make_lift")
@@ -94,3 +95,36 @@ def test_outdated_files_of_the_study_train_nothing(packed, clinic):
     shutil.copytree(clinic.folder / "P01", packed.folder / "P01")
     assert jobs(packed.planned("--", "archive")).keys() & TRAINING
     assert not jobs(packed.planned("--config", "patient=P01", "--", "predict")).keys() & TRAINING
+
+
+def test_the_example_patient_is_predicted_right_away(tmp_path):
+    project = Project(tmp_path)
+    shutil.copytree(ROOT / "models", project.folder / "models")
+    done = project.snakemake("predict", "--config", "patient=examples/P01")
+    assert done.returncode == 0, done.stdout[-4000:]
+    assert "trained on 40 patients (virtual cohort (development))" in done.stdout.split("rule ")[0]
+    assert not jobs(done.stdout).keys() & {"pretrain", "finetune", "pack", "virtual_patient"}
+    (folder,) = (project.folder / "results/patients/P01").glob("*/pinnochio_plus")
+    said = json.loads((folder / "certificate.json").read_text())
+    assert said["interval"]["level"] == 0.9 and said["interval"]["patients"] == 40
+    assert said["in_distribution"]["within"] and said["measures"]["inverted"] == 0
+    assert said["verdict"]["grade"] in ("usable", "with care")
+    assert said["measures"]["skin_max_mm"] > 2
+    assert 0 < said["measures"]["load_rel"] < 1  # the residual is that of the field under its own load
+    assert (folder / "index.html").stat().st_size > 200_000
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("head", ["artisynth", "headsq"])
+def test_a_real_head_is_predicted_and_called_unlike_the_training(request, packed, head):
+    project = request.getfixturevalue(head)
+    shutil.copytree(packed.folder / "results/quick/archive", project.folder / "models")
+    (example,) = (project.folder / "examples").glob(f"{head}*")
+    settings = [f"patient={example}/cases.tsv", "models=models", "predict={other_segments: predict}"]
+    done = project.snakemake("predict", "--configfile", f"{example}/config.yaml", "--config", *settings)
+    assert done.returncode == 0, done.stdout[-4000:]
+    (path,) = (project.folder / "results").glob(f"{example.name}/patients/{head}/*/pinnochio_plus/certificate.json")
+    said = json.loads(path.read_text())
+    assert said["measures"]["inverted"] == 0 and said["measures"]["min_jacobian"] > 0
+    assert not said["in_distribution"]["within"] and not said["in_distribution"]["anatomy"]["within"]
+    assert (path.parent / "index.html").is_file()

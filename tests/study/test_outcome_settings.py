@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from pinnochio.virtual.case_files import FILES
 from tests.helpers.settings import CONFIG
 from tests.helpers.study import Project, jobs
 
@@ -30,17 +31,6 @@ CHANGED = {
         "neighbours": 4,
     },
 }
-CASE_FILES = (
-    "segmentation.nii.gz",
-    "plan.json",
-    "landmarks.json",
-    "anatomy.json",
-    "covariates.json",
-    "postop.ply",
-    "postop_bones.nii.gz",
-    "truth.h5",
-    "executed.json",
-)
 TABLES = ("thickness", "anatomy", "effects", "ratios", "nasolabial")
 
 
@@ -50,7 +40,7 @@ def cohort(tmp_path_factory) -> Project:
     project = Project(tmp_path_factory.mktemp("cohort"))
     folder = project.folder / "results/quick/virtual"
     cases = [f"V{number:02d}" for number in range(1, 5)]
-    files = [f"{case}/{name}" for case in cases for name in CASE_FILES]
+    files = [f"{case}/{name}" for case in cases for name in FILES]
     files += [f"{table}.{suffix}" for table in TABLES for suffix in ("csv", "md", "tex", "html")]
     files += [f"learnable.{suffix}" for suffix in ("csv", "md", "tex", "html", "json", "provenance.json")]
     files += [f"{case}/learnable.csv" for case in cases]

@@ -306,6 +306,8 @@ BAD_SEGMENTS = {
     "two of a name": ([*ALL, ("Mandible", 99, 0)], NAMES, "2 segments are called 'Mandible'", "a name of its own"),
     "two of a value": ([*ALL, ("Chin", 23, 0)], VALUES, r"2 segments are called 23 \('Mandible' \(23\), 'C", "name"),
     "a layer below the first": ([*ALL, ("Chin", 99, -1)], NAMES, "lies in layer -1", "Slicer"),
+    "a number in words": ([*ALL, ("Chin", "two", 0)], NAMES, "'Chin' has no whole number", "again"),
+    "a layer in words": ([*ALL, ("Chin", 99, "x")], NAMES, "'Chin' has no whole number", "again"),
     "no such layer": ([*ALL, ("Chin", 99, 2)], NAMES, "lies in layer 2, the file has 1", "Slicer"),
     "empty": ([(n, 99 if n == "Mandible" else v, i) for n, v, i in ALL], NAMES, "'Mandible' .99.. is empty", "label"),
 }  # fmt: skip

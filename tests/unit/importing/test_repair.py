@@ -6,15 +6,12 @@ from scipy import ndimage
 
 from pinnochio.errors import InputError
 from pinnochio.importing.repair import KEPT, LARGEST_HOLE, repair, repaired_voxels
-from pinnochio.importing.segmentation import read_segmentation
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, TOUCHING, segment_code
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.scanned import sample_patient
-from tests.helpers.settings import DATA
 
 SEGMENTS = ("lefort1", "mandible")
 UPPER, LOWER = segment_code(0), segment_code(1)
-ARTISYNTH = DATA / "artisynth_face/labels_1mm.nii.gz"
 
 
 def head():
@@ -135,18 +132,6 @@ def test_what_a_structure_gains_counts_too():
     with pytest.raises(InputError, match=r"343 of 6857 voxels"):
         mend(labels, 4.0)
     assert (mend(labels, 6.0)[0] == head()).all()
-
-
-@pytest.mark.skipif(not ARTISYNTH.is_file(), reason=f"the ArtiSynth label map is not at {ARTISYNTH}")
-def test_the_artisynth_face_keeps_its_shells():
-    values = {"superficial": 1, "muscle": 2, "cranium": 10, "maxilla": 11, "mandible": 12}
-    labels = read_segmentation(ARTISYNTH, "A", values, ("maxilla", "mandible"), "PRS").labels
-    mended, statements = repair(labels, ("maxilla", "mandible"), 2.0, "A", ARTISYNTH)
-    assert 0 < repaired_voxels(statements) < 300
-    for code in (SUPERFICIAL, MUSCLE, CRANIUM, UPPER, LOWER):
-        assert ((mended != labels) & (labels == code)).sum() <= 0.01 * (labels == code).sum()
-        _, pieces = ndimage.label(mended == code, TOUCHING)
-        assert pieces == (8 if code == CRANIUM else 1)
 
 
 def test_a_virtual_head_is_clean():

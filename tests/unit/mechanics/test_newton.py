@@ -9,7 +9,6 @@ from pathlib import Path
 import felupe
 import numpy as np
 import pytest
-import yaml
 from scipy import sparse
 from scipy.spatial.transform import Rotation
 
@@ -234,14 +233,7 @@ def test_no_solve_is_limited_in_time_by_default():
 @pytest.mark.parametrize("name", ["config", "quick", "paper"])
 def test_no_configuration_limits_a_solve_in_time(name):
     """What is solved would depend on how busy the machine is."""
-
-    def keys(section, *path):
-        inner = section.items() if isinstance(section, dict) else ()
-        return [path, *(place for key, value in inner for place in keys(value, *path, key))]
-
-    places = set(keys(yaml.safe_load((ROOT / f"config/{name}.yaml").read_text(encoding="utf-8"))))
-    assert ("mesh", "nodes") in places
-    assert not [path for path in places if path[-1:] == ("time_limit",)]
+    assert "time_limit" not in (ROOT / f"config/{name}.yaml").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("fixed", [[0], [0, 1]])

@@ -11,7 +11,6 @@ from vtkmodules.vtkIOPLY import vtkPLYReader
 from pinnochio.geometry.closed_surfaces import read_closed_surface
 from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.patients.exports import write_mesh, write_skin, write_surface
-from pinnochio.plans.plan import Plan
 from tests.helpers.patients import tiny_patient
 
 TO_RAS = np.array([-1.0, -1.0, 1.0])
@@ -98,10 +97,3 @@ def test_the_skin_carries_displacement_and_interval(patient, tmp_path):
     again.mkdir()
     write_skin(patient, u, width, *(again / file.name for file in files))
     assert all((again / file.name).read_bytes() == file.read_bytes() for file in files)
-
-
-def test_a_bone_is_written_alone(patient, tmp_path):
-    moved = patient.bone_points + patient.bone_displacement(Plan("tiny", {}))
-    faces = patient.bone_faces[patient.bone_segment[patient.bone_faces[:, 0]] == 0]
-    write_surface(moved, faces, tmp_path / "bone.stl")
-    assert len(trimesh.load(tmp_path / "bone.stl").faces) == len(faces) < len(patient.bone_faces)

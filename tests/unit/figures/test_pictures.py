@@ -1,11 +1,13 @@
-"""The picture of a training shows what its histories hold."""
+"""Pictures: what one of a training shows of its histories, and one of an imported patient says beside the bones."""
 
 import matplotlib.figure
 import numpy as np
 import pandas as pd
 import pytest
 
+from pinnochio.figures.segments import ROWS, _lines
 from pinnochio.figures.training import TERMS, running_median, training_picture
+from pinnochio.importing.repair import KEPT
 from scripts.training.plot_training import plot_training
 
 
@@ -69,3 +71,28 @@ def test_terms_and_looks_that_there_are_not_are_left_out(drawn, tmp_path):
     labels = [text.get_text() for text in drawn[0].axes[0].get_legend().get_texts()]
     assert [label.split(":")[0] for label in labels] == ["data", "boundary mismatch, mm²"]
     assert pictures[0].read_bytes() == pictures[1].read_bytes()
+
+
+def test_the_picture_says_what_was_guessed_repaired_and_cannot_be_known():
+    report = {
+        "frame": {"sides": "unknown: nothing labelled tells left from right"},
+        "soft_tissue": "the scan, above the grey value -480 (Otsu)",
+        "cuts": {"lefort1": "5 mm above the roots of the upper teeth (a guess: look at the picture)"},
+        "repairs": [
+            {"structure": "air", "what": "hole to cranium", "voxels": 3},
+            {"structure": "air", "what": "stray voxels to mandible_distal", "voxels": 105},
+            {"structure": "air", "what": KEPT, "voxels": 797},
+        ],
+    }
+    lines = _lines(report)
+    said = " ".join(" ".join(lines).split())
+    assert "frame, sides: unknown: nothing labelled tells left from right" in said
+    assert "above the grey value -480 (Otsu)" in said and "a guess: look at the picture" in said
+    assert lines[-3:] == ["repairs: 108 voxels", "air: stray voxels to mandible_distal, 105", "air: hole to cranium, 3"]
+    assert KEPT not in said
+
+
+def test_the_picture_lists_the_largest_repairs():
+    repairs = [{"structure": "air", "what": "hole to cranium", "voxels": number} for number in range(1, 40)]
+    lines = _lines({"repairs": repairs})
+    assert len(lines) == ROWS + 2 and lines[2].endswith(", 39") and lines[-1].endswith(f", {40 - ROWS}")
