@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+from collections import defaultdict
 
 import pytest
 import yaml
@@ -77,47 +78,57 @@ def test_after_the_quick_study_its_report_is_shown_but_patients_are_predicted_as
     assert "--configfile own.yaml" in run(*planned[:-1], "CONFIG=own.yaml", "predict")
 
 
-def rules_planned(project, words) -> set[str]:
-    """Rules of the jobs that a command line of Snakemake would run; it must be understood."""
-    if "--report" in words:  # needs the results
-        words = words[: words.index("--report")] + words[words.index("--report") + 2 :]
-    done = project.dry_run("--quiet=rules", *words)
-    assert done.returncode == 0, done.stdout[-3000:]
-    return set(jobs(done.stdout)) if "Job stats:" in done.stdout else set()
+def lines(command: tuple[str, ...]) -> list[tuple[tuple[str, ...], frozenset[str]]]:
+    """Options and targets of each line of Snakemake that a command runs."""
+    program, *words = command
+    run_by_make = run("make", "--dry-run", *words).splitlines() if program == "make" else []
+    found = [shlex.split(line)[3:] for line in run_by_make if line.startswith(".venv/bin/snakemake --cores")]
+    split = []
+    for line in [words] if program == "snakemake" else found:
+        if "--report" in line:  # needs the results
+            line[line.index("--report") :] = line[line.index("--report") + 2 :]
+        after = line.index("--") if "--" in line else len(line)
+        first = next((place for place, word in enumerate(line) if word.startswith("-")), after)
+        split.append((tuple(line[first:after]), frozenset(line[:first] + line[after + 1 :]) or {"all"}))
+    return split
 
 
 @pytest.fixture(scope="module")
-def planned() -> dict[tuple[str, ...], set[str]]:
-    """Rules that each documented command plans, as far as the commands have been tried."""
-    return {}
+def planned(project):
+    """Rules of the jobs that options plan, all targets that are written with them at once; they must be understood."""
+    targets = defaultdict(set)
+    for options, wanted in (line for command in WRITTEN for line in lines(command)):
+        targets[options] |= wanted
+
+    @functools.cache
+    def plan(options: tuple[str, ...]) -> set[str]:
+        done = project.dry_run("--quiet=rules", *options, "--", *sorted(targets[options]))
+        assert done.returncode == 0, done.stdout[-3000:]
+        return set(jobs(done.stdout)) if "Job stats:" in done.stdout else set()
+
+    return plan
 
 
 @pytest.mark.parametrize("command", WRITTEN, ids=" ".join)
-def test_a_documented_command_is_understood(project, planned, command):
+def test_a_documented_command_is_understood(planned, command):
     program, *words = command
-    planned[command] = set()
-    if program == "snakemake":
-        planned[command] = rules_planned(project, words)
-    elif program == "make":
-        for line in run("make", "--dry-run", *words).splitlines():
-            if line.startswith(".venv/bin/snakemake --cores"):
-                planned[command] |= rules_planned(project, shlex.split(line)[3:])
-    elif program == "python":
+    for options, _ in lines(command):
+        planned(options)
+    if program == "python":
         script, *arguments = words
         said = run(sys.executable, script, "--help")
         for word in arguments:
             assert not word.startswith("--") or word in said, word
-    elif program not in ("mkdir", "cp", "git"):
+    elif program not in ("snakemake", "make", "mkdir", "cp", "git"):
         assert command == ("source", ".venv/bin/activate") and "-m venv --clear .venv" in run("make", "-nB", "env")
 
 
 def test_every_rule_is_planned_by_a_documented_command(planned):
-    if len(planned) < len(WRITTEN):
-        pytest.skip("not every command was tried")
     texts = [file.read_text(encoding="utf-8") for file in (ROOT / "Snakefile", *RULE_FILES)]
     rules = {name for text in texts for name in re.findall(RULE, text, re.M)}
     parts = {name for text in texts for name in re.findall(r"rules\.(\w+)\.input", text)}  # of another target
-    unused = rules.difference(*planned.values(), parts, ARCHIVED)
+    used = (planned(options) for command in WRITTEN for options, _ in lines(command))
+    unused = rules.difference(*used, parts, ARCHIVED)
     assert not unused, " ".join(sorted(unused))
 
 
