@@ -62,8 +62,8 @@ lint: env
 	$(BIN)/snakemake --lint
 
 # Minutes: lint, rooms, configuration and pages, and the unit tests that import what has changed since main.
-check: lint
-	$(MAKE) --jobs 2 --keep-going --output-sync=target check-0 check-1 check-house
+check: env
+	$(MAKE) --jobs 2 --keep-going --output-sync=target check-0 check-1 check-house lint
 
 check-house:
 	$(BIN)/pytest tests/config tests/unit/test_rooms.py --ignore tests/config/test_commands.py
@@ -72,11 +72,11 @@ check-0 check-1: check-%:
 	@files=$$($(BIN)/python tests/changed.py $* 2); test -z "$$files" || $(BIN)/pytest $$files
 
 # All that protects a behaviour; half of it runs beside the quick study that the others share.
-test: lint
+test: env
 	$(MAKE) --jobs 2 --keep-going --output-sync=target $(TESTS)
 
 # The longest first: the others fill what is left of two cores.
-TESTS := test-study test-unit test-stages test-workflow
+TESTS := test-study test-unit test-stages test-workflow lint
 
 test-unit:
 	$(BIN)/pytest tests/unit

@@ -81,10 +81,10 @@ def test_after_the_quick_study_its_report_is_shown_but_patients_are_predicted_as
 def lines(command: tuple[str, ...]) -> list[tuple[tuple[str, ...], frozenset[str]]]:
     """Options and targets of each line of Snakemake that a command runs."""
     program, *words = command
-    run_by_make = run("make", "--dry-run", *words).splitlines() if program == "make" else []
-    found = [shlex.split(line)[3:] for line in run_by_make if line.startswith(".venv/bin/snakemake --cores")]
+    said = run("make", "--dry-run", *words).splitlines() if program == "make" else []
+    made = [shlex.split(line)[3:] for line in said if line.startswith(".venv/bin/snakemake --cores")]
     split = []
-    for line in [words] if program == "snakemake" else found:
+    for line in [words] if program == "snakemake" else made:
         if "--report" in line:  # needs the results
             line[line.index("--report") :] = line[line.index("--report") + 2 :]
         after = line.index("--") if "--" in line else len(line)
