@@ -8,7 +8,6 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-import yaml
 
 from tests.helpers.documents import FENCE, PAGES
 from tests.helpers.settings import ROOT
