@@ -11,6 +11,7 @@ from pinnochio.study.inputs.cohort import CohortInputs
 from pinnochio.study.inputs.rules import RuleInputs
 from pinnochio.study.study import Study
 from pinnochio.training.network_archive import pack
+from studies.planner.inputs import PlannerInputs
 from tests.helpers.settings import CONFIG
 
 
@@ -138,10 +139,12 @@ def test_intervals_are_calibrated_of_methods_and_of_no_bound():
     assert made.methods.calibrated == ["no_change", "fem_sliding"]
 
 
-@pytest.mark.parametrize("of", ["predictions", "planners"])
-def test_new_patients_must_be_named(of):
-    with pytest.raises(InputError, match="no new patient is named"):
-        getattr(RuleInputs(study()).patients, of)(job())
+def test_new_patients_must_be_named():
+    made = study()
+    patients = RuleInputs(made).patients
+    for files in (patients.predictions, PlannerInputs(made, patients).files):
+        with pytest.raises(InputError, match="no new patient is named"):
+            files(job())
 
 
 def test_new_patients_by_finite_elements_need_no_archive(tmp_path):
