@@ -88,8 +88,3 @@ def check_name(case: str, name: str, path: str | os.PathLike) -> None:
             f"the name {shown!r} is not of 1 to {LONGEST_NAME} letters, digits, '-' and '_', the first no '-'",
             "rename it, such as P01",
         )
-
-
-def megabytes(folder: str | os.PathLike) -> float:
-    """Size in MB of the files in the folder and below; 0 if there is none."""
-    return sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file()) / 1e6

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from pinnochio.files import replacing
 
-EVERY = (1, 2, 5)  # times powers of ten, where a logarithmic axis has its marks
 MEAN, PATIENT, BAND = "#1f4e79", "#9aa5b1", "#f1e3c6"  # means, single patients, what is not told apart: also in grey
 # Of a label, in points from its mark.
 PLACES = [(aside, side * far) for far in (11, 24, 37) for aside in (0, -25, 25, -50, 50) for side in (1, -1)]

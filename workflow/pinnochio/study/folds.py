@@ -1,7 +1,7 @@
 """The folds that hold cases out: who is held out, who trains, who is judged."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 from pinnochio.seeds import generator
@@ -15,7 +15,6 @@ class Folds:
     cohort: Cohort
     held_out: Mapping[str, list[str]]
     seed: int
-    _training: dict[str, list[str]] = field(default_factory=dict)  # once it has been drawn
 
     @classmethod
     def drawn(cls, cohort: Cohort, folds: int, seed: int) -> "Folds":
@@ -33,6 +32,11 @@ class Folds:
     def kept_from(self, fold: str) -> list[str]:
         """Patients that the fold, whole or of fewer training patients, holds out."""
         return self.held_out[whole_fold(fold)[0]]
+
+    @cached_property
+    def _training(self) -> dict[str, list[str]]:
+        """Training patients of the folds that have been drawn."""
+        return {}
 
     def training(self, fold: str) -> list[str]:
         """Patients that the fold trains on."""
