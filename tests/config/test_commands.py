@@ -29,6 +29,9 @@ def project(tmp_path_factory) -> Project:
     config = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
     config["virtual"]["patients"], config["folds"] = PATIENTS, FOLDS
     (project.folder / "config/config.yaml").write_text(yaml.safe_dump(config))
+    learning = project.folder / "workflow/studies/learning/learning.yaml"
+    fewer = yaml.safe_load(learning.read_text(encoding="utf-8")) | {"virtual": {"patients": PATIENTS}}
+    learning.write_text(yaml.safe_dump(fewer))
     method, folds = config["predict"]["method"], [str(1 + fold) for fold in range(FOLDS)]
     archive = project.folder / "results/archive"
     names = [RANGES, calibration_file(method), *(network_file(method, fold) for fold in folds)]
