@@ -90,6 +90,9 @@ rule import_plan:
 rule register_postop:
     input:
         postop=INPUTS.patient.postop,
+        # Of the scan that the skin is of too, where that is said.
+        postop_bones=INPUTS.patient.bones_of_postop,
+        labels=INPUTS.patient.labels_of_postop,
         skin="<results>/cases/{case}/skin.vtp",
         bone="<results>/cases/{case}/bone.vtp",
     output:
@@ -106,9 +109,11 @@ rule register_postop:
     params:
         nasion_above_maxilla=config["interfaces"]["nasion_above_maxilla"],
         limit=config["registration"]["limit"],
+        segment_limit=config["registration"]["segment_limit"],
+        segment_share=config["registration"]["segment_share"],
         code=code_of("scripts.patient.register_postop"),
     message:
-        "Register the post-operative skin of {wildcards.case} on the upper face"
+        "Register the post-operative skin of {wildcards.case}"
     script:
         "../scripts/patient/register_postop.py"
 

@@ -48,7 +48,7 @@ def evaluate(
                 target=skin and skin.surface,
                 judged=skin and Judged.read(judged[case]),
                 truth=TrueMotion.read(truths[number], patient, case) if truths else None,
-                labels=labels | ({"registration_residual": skin.residual} if skin else {}),
+                labels=labels | (skin.columns if skin else {}),
             )
         )
         logging.info("%s: CD %.3f mm, min J %.3f", case, rows[-1]["cd"], rows[-1]["min_jacobian"])

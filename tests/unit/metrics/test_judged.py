@@ -13,7 +13,7 @@ from pinnochio.metrics.evaluation import evaluate_case
 from pinnochio.metrics.judged import Judged, choose
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.predictions import Prediction
-from pinnochio.model.regions import LOWER_LIP, NAMES, UPPER_LIP, regions
+from pinnochio.model.regions import LOWER_LIP, NAMES, NECK, UPPER_LIP, jaw_plane, regions
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.scanned import sample_patient
@@ -100,6 +100,19 @@ def test_what_a_scan_does_not_show_is_judged_by_neither_surface(outcome, seen, j
     true = outcome[cKDTree(patient.skin_points).query(judged.skin)[1]]
     assert np.quantile(cKDTree(seen[0][np.unique(seen[1])]).query(true)[0], 0.99) < 4
     assert 0.5 * 4000 < len(judged.skin) < 4000 and 0.5 * 4000 < len(judged.target) < 2 * 4000
+
+
+def test_the_neck_is_seen_and_counts_nowhere(patient, codes, outcome, seen, judged):
+    """What a prediction does with the neck is in the neck's columns alone."""
+    assert NECK not in judged.skin_region and NECK not in judged.target_region and len(judged.neck) > 200
+    assert (codes[cKDTree(outcome).query(judged.neck)[1]] == NECK).mean() > 0.95
+    wrong = outcome.copy()
+    menton, down = jaw_plane(patient, face_landmarks(patient))
+    wrong[(patient.skin_points - menton) @ down > 5] += [0, 30.0, 0]
+    one, other = row(patient, outcome, seen, judged), row(patient, wrong, seen, judged)
+    assert other["region_neck"] > 1.5 > 0.5 > one["region_neck"] and other["bias_neck"] < -1
+    for name in ("cd", "hd95", "hdmax", "p99", "pwr1", "pwr2", "region_chin"):
+        assert other[name] == pytest.approx(one[name], abs=0.05)
 
 
 def test_all_methods_have_the_same_samples_and_a_shift_along_the_skin_drops_none(patient, outcome, seen, judged):

@@ -9,10 +9,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
+from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.model import patient as m
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.regions import CHEEK_LEFT, CHEEK_RIGHT, NAMES, NOT_JUDGED, OTHER, divide, regions
+from pinnochio.model.regions import CHEEK_LEFT, CHEEK_RIGHT, NAMES, NECK, NOT_JUDGED, OTHER, divide, jaw_plane, regions
 from pinnochio.virtual.head import SEGMENTS, build_head
 from pinnochio.virtual.scanned import sample_patient
 from tests.helpers.patients import as_model
@@ -126,9 +127,38 @@ def test_neck_and_forehead_are_no_cheeks(head):
     assert cheeks.max() < face_landmarks(model).sellion[2]
 
 
+def test_the_neck_begins_below_the_border_of_the_jaw(head):
+    """By the lower end of the jaw's bone, seen from the side: the skin of the neck is below, all skin below is neck."""
+    _, model, codes = head
+    menton, down = jaw_plane(model, face_landmarks(model))
+    assert down[0] == 0 and 10 < np.degrees(np.arctan2(down[1], -down[2])) < 40
+    depth = (model.skin_points - menton) @ down
+    assert (codes[depth <= 0] != NECK).all() and (codes[(depth > 0) & (codes != NOT_JUDGED)] == NECK).all()
+    # No bone of the lower jaw reaches below it, and its border is as far above as tissue is thick.
+    jaw = np.isin(model.bone_segment, [SEGMENTS.index(name) for name in SEGMENTS if name != "lefort1"])
+    bone = (model.bone_points[jaw] - menton) @ down
+    assert -14 < bone.max() < 0
+    face = vertex_areas(model.skin_points, model.skin_faces[model.face_roi])
+    assert 0.1 < face[codes == NECK].sum() / face.sum() < 0.3
+    # In front the plane passes through the skin below the chin: all of the chin is above it.
+    assert (depth[codes == NAMES.index("chin")] <= 0).all() and abs(
+        menton[0] - head[0].landmarks["pogonion_soft"][0]
+    ) < 5
+
+
+def test_a_jaw_tilted_to_one_side_gets_a_level_plane(heads):
+    _, model, _ = heads["class_ii"]
+    tilted = replace(
+        model,
+        bone_points=model.bone_points + np.c_[np.zeros((len(model.bone_points), 2)), 0.05 * model.bone_points[:, 0]],
+    )
+    (_, before), (_, after) = (jaw_plane(patient, face_landmarks(patient)) for patient in (model, tilted))
+    assert after[0] == 0 and np.degrees(np.arccos(before @ after)) < 3
+
+
 def test_a_mirrored_face_has_mirrored_regions(heads):
     _, model, codes = heads["asymmetry"]
-    swapped = np.array([0, 1, 2, 3, CHEEK_LEFT, CHEEK_RIGHT, OTHER, NOT_JUDGED], np.int8)[codes]
+    swapped = np.array([0, 1, 2, 3, CHEEK_LEFT, CHEEK_RIGHT, OTHER, NECK, NOT_JUDGED], np.int8)[codes]
     assert (regions(mapped(model, (-1, 1, 1))) == swapped).mean() > 0.995
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.metrics.case_columns import CASES
-from pinnochio.metrics.region_errors import LANDMARKS, REGIONS
+from pinnochio.metrics.region_errors import LANDMARKS, SHOWN
 from pinnochio.statistics.wilcoxon import holm, wilcoxon
 from pinnochio.tables import landmarks, regions
 from pinnochio.tables.places import PLACES, Place, summarise, table
@@ -24,7 +24,7 @@ def cases():
     for i in range(PATIENTS):
         for method in METHODS:
             errors = {place.error: 1 + 0.1 * i for place in places_of(regions, landmarks)}
-            errors |= {f"bias_{name}": -0.5 for name in REGIONS}
+            errors |= {f"bias_{name}": -0.5 for name in SHOWN}
             if method == "solid":
                 errors["region_nose"] += 0.01 * (i + 1)
                 errors["bias_chin"] = 0.25
@@ -47,7 +47,7 @@ def test_every_place_is_a_column_of_cases():
     names = {column.name for column in CASES}
     for place in places_of(regions, landmarks):
         assert {place.error, place.bias or place.error} <= names
-    assert [place.name for place in places_of(regions)] == list(REGIONS)
+    assert [place.name for place in places_of(regions)] == list(SHOWN)
     whole = ["skin", "skin_p95", "volume", "volume_p95"]
     assert [place.name for place in places_of(landmarks)] == [*LANDMARKS, *whole]
 
@@ -94,7 +94,7 @@ def test_the_twins_have_a_row_per_method_and_the_signed_error_below(cases, tmp_p
     frame = summarised(cases, regions).reset_index()
     write(table(frame, regions.GROUPS, "test clinic"), tmp_path / "regions.csv")
     back = read_table(tmp_path / "regions.csv", PLACES)
-    assert len(back) == len(METHODS) * len(REGIONS)
+    assert len(back) == len(METHODS) * len(SHOWN)
     for suffix in ("md", "tex", "html"):
         text = (tmp_path / f"regions.{suffix}").read_text()
         assert "test clinic" in text and "n = 8" in text and "+0.2500" in text and "-0.5000" in text
@@ -104,7 +104,7 @@ def test_the_twins_have_a_row_per_method_and_the_signed_error_below(cases, tmp_p
 
 
 def test_nothing_is_tested_without_a_reference_and_nothing_lost_without_a_face(cases, tmp_path):
-    cases[[f"{kind}_{name}" for name in REGIONS for kind in ("region", "bias")]] = np.nan
+    cases[[f"{kind}_{name}" for name in SHOWN for kind in ("region", "bias")]] = np.nan
     summary = summarised(cases, regions, None)
     assert (summary["test"] == "no reference: not tested").all() and not summary["reference"].any()
     write(table(summary.reset_index(), regions.GROUPS, "test clinic"), tmp_path / "regions.csv")

@@ -15,6 +15,8 @@ from pinnochio.json_text import read_text
 COLUMNS = ("case", "segmentation", "plan", "postop")
 FILES = ("segmentation", "plan", "postop", "postop_bones", "volume", "markups")
 OPTIONAL_FILES = ("postop", "postop_bones", "volume", "markups")
+FRAME = "postop_frame"
+BONES = "bones"  # `postop_frame` of a skin of the same scan as the post-operative bones
 # What may be a folder: of surfaces, of images, of transforms, of markups.
 FOLDERS = ("segmentation", "plan", "postop_bones", "markups")
 
@@ -50,7 +52,8 @@ COVARIATES = {
 @dataclass(frozen=True)
 class Case:
     """One patient of a cohort table; `postop` is empty where there is no post-operative scan, `postop_bones` where
-    there are no post-operative bones. volume: the scan, where soft tissue is taken from it; markups: file or folder.
+    there are no post-operative bones; postop_frame: BONES where both are of one scan, else empty. volume: the scan,
+    where soft tissue is taken from it; markups: file or folder.
 
     covariates: those of :data:`COVARIATES` that are known; covariates_file: JSON that holds them instead.
     """
@@ -64,12 +67,14 @@ class Case:
     covariates_file: str = ""
     volume: str = ""
     markups: str = ""
+    postop_frame: str = ""
 
 
 def read_cases(table: str | os.PathLike) -> list[Case]:
     """Read a cohort table (tab-separated; paths relative to the table) and check files and values.
 
-    :data:`COLUMNS` must be there; `postop_bones`, `volume`, `markups` and :data:`COVARIATES` may; the order is free.
+    :data:`COLUMNS` must be there; `postop_bones`, `volume`, `markups`, `postop_frame` and :data:`COVARIATES` may; the
+    order is free.
     """
     table = Path(table)
     refuse = refusal("-", table)
@@ -103,7 +108,13 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
                 raise InputError(name, table, f"column {key} is empty", f"name the {key} file of the case")
             if path and not (os.path.isfile(path) or (key in FOLDERS and os.path.isdir(path))):
                 raise InputError(name, path, f"the {key} file does not exist", f"correct the path in {table}")
-        cases.append(Case(name, **paths, covariates=covariates_of(row, name, table)))
+        frame = row.get(FRAME, "")
+        if frame not in ("", BONES):
+            raise InputError(name, table, f"{FRAME} holds {frame!r}", f"write {BONES}, or leave it empty")
+        if frame and not (paths["postop"] and paths["postop_bones"]):
+            problem, remedy = f"{FRAME} is {BONES}, and postop or postop_bones is empty", "give both, of one scan"
+            raise InputError(name, table, problem, remedy)
+        cases.append(Case(name, **paths, covariates=covariates_of(row, name, table), postop_frame=frame))
     if not cases:
         refuse("the cohort table has no case", "add one row per case")
     return cases
@@ -111,7 +122,7 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
 
 def _check_columns(columns: list[str], table: Path) -> None:
     refuse = refusal("-", table)
-    known = (*COLUMNS, *FILES[len(COLUMNS) - 1 :], *COVARIATES)
+    known = (*COLUMNS, *FILES[len(COLUMNS) - 1 :], FRAME, *COVARIATES)
     remedy = f"use tab-separated columns {', '.join(COLUMNS)}, and any of {', '.join(known[len(COLUMNS) :])}"
     for name in columns:
         if name not in known:

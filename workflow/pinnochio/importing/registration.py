@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from pinnochio.errors import InputError, refusal
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.triangles import face_normals, vertex_normals
+from pinnochio.importing.stable_skin import Certainty, likeliest, unstable
 from pinnochio.model.bones import nasion_height
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import RigidMotion
@@ -20,19 +21,25 @@ COARSE_KEPT = 0.7  # share of the pairs that a coarse step keeps, nearest first
 COARSE_TRIED = 12  # starts that are followed to the end
 COARSE_CUT, COARSE_REACH = 5.0, 15.0  # mm
 COARSE_LEAST = 0.15  # share of the scan that must lie on the upper face
+SETTLING = 1800  # points that settle the motion
+SETTLE_STEPS, SETTLED = 20, 0.005  # at most, and mm of one that ends them
+FACE = 90.0  # mm below the plane where a face ends at the latest, where no bone says it [I]
 
 
 @dataclass(frozen=True)
 class Registration:
     """Rigid motion of the scan onto the skin and its residual, mm, on the part that surgery leaves alone.
 
-    median, p95: distances of the scan's points there from the skin; count: how many points.
+    median, p95: distances of the scan's points there from the skin; count: how many points. face_p95, face_bias: how
+    far the scan may be off below, on the face that is judged (:meth:`Certainty.on`).
     """
 
     motion: RigidMotion
     median: float
     p95: float
     count: int
+    face_p95: float = np.nan
+    face_bias: float = np.nan
 
 
 def upper_face_plane(bone: BoneSurface, segments: tuple[str, ...], nasion_above_lefort: float) -> float:
@@ -44,12 +51,23 @@ def upper_face_plane(bone: BoneSurface, segments: tuple[str, ...], nasion_above_
 
 
 def register(
-    points, faces, skin_points, skin_faces, plane: float, *, case: str, file: object, limit: float
+    points,
+    faces,
+    skin_points,
+    skin_faces,
+    plane: float,
+    *,
+    case: str,
+    file: object,
+    limit: float,
+    bone: BoneSurface | None = None,
 ) -> Registration:
     """Robust point-to-plane registration of a scan on the skin above z = plane (mm).
 
     points (p, 3), faces (f, 3): the scan, in any frame; skin_points, skin_faces: the skin, LPS. Coarse starts
-    (identity, the axes of both surfaces) are compared on the whole face; the best is refined on the upper face alone.
+    (identity, the axes of both surfaces) are compared on the whole face; the best is refined on the upper face alone,
+    and settled by how stable its skin is (:mod:`pinnochio.importing.stable_skin`): by how thick it lies on the bone,
+    and how far it is from the forehead.
     Raises InputError if the median residual exceeds `limit` mm.
     """
     refuse = refusal(case, file)
@@ -67,19 +85,48 @@ def register(
     near = points @ rotation.T + shift
     chosen = spread(points, faces[(near[faces, 2] >= plane - 10).all(axis=1)], SAMPLES)
     moving, normals = points[chosen], all_normals[chosen]
-    skin_faces = skin_faces[(skin_points[skin_faces, 2] >= plane - 20).any(axis=1)]
-    rotation, shift = _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane)
-    motion = RigidMotion(rotation, shift)
-    placed = motion.apply(moving)
-    closest = closest_points(placed[placed[:, 2] >= plane], skin_points, skin_faces)
+    near_faces = skin_faces[(skin_points[skin_faces, 2] >= plane - 20).any(axis=1)]
+    rotation, shift = _fine(moving, normals, rotation, shift, skin_points, near_faces, plane)
+    few = spread(points, faces[(near[faces, 2] >= plane - 10).all(axis=1)], SETTLING)
+    motion, certainty = _settled(
+        points[few], all_normals[few], RigidMotion(rotation, shift), skin_points, near_faces, plane, bone
+    )
+    surfaces = (points, faces), (skin_points, near_faces)
+    return measured(motion, certainty, *surfaces, plane, bone, case=case, file=file, limit=limit)
+
+
+def measured(
+    motion: RigidMotion,
+    certainty: Certainty,
+    scan: tuple[np.ndarray, np.ndarray],
+    skin: tuple[np.ndarray, np.ndarray],
+    plane: float,
+    bone: BoneSurface | None,
+    *,
+    case: str,
+    file: object,
+    limit: float,
+) -> Registration:
+    """The registration of a scan (points, faces) on the skin (points, faces) that a motion is, with what it leaves.
+
+    InputError if the median residual above z = plane (mm) exceeds `limit` mm.
+    """
+    points, faces = motion.apply(np.asarray(scan[0], float)), scan[1]
+    chosen = spread(points, faces[(points[faces, 2] >= plane).all(axis=1)], SAMPLES)
+    closest = closest_points(points[chosen], *skin)
     distance = closest.distance[~closest.border]
     median = float(np.median(distance)) if len(distance) >= FEWEST else np.inf  # a few points fit anywhere
     if not median <= limit:
-        refuse(
+        refusal(case, file)(
             f"registered on the upper face it leaves a median residual of {median:.2f} mm (limit {limit:g} mm)",
             "check that the scan is of this patient, shows the forehead from outside and is not mirrored",
         )
-    return Registration(motion, median, float(np.percentile(distance, 95)), len(distance))
+    chin = plane - FACE if bone is None else bone.points[bone.segment >= 0, 2].min(initial=plane)
+    height = points[faces, 2]
+    face = spread(points, faces[((height < plane) & (height > chin)).all(axis=1)], SAMPLES)
+    uncertain = certainty.on(points[face], vertex_normals(points, faces)[face])
+    p95 = float(np.percentile(distance, 95)) if len(distance) else np.nan
+    return Registration(motion, median, p95, len(distance), *uncertain)
 
 
 def registered_again(
@@ -201,6 +248,33 @@ def _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane, step
         if change < 1e-3:
             break
     return rotation, shift
+
+
+def _settled(
+    points, normals, motion: RigidMotion, skin_points, skin_faces, plane: float, bone: BoneSurface | None
+) -> tuple[RigidMotion, Certainty]:
+    """The motion of points (k, 3) with their normals, started near it, that stable skin makes most likely."""
+    skin_normals = vertex_normals(skin_points, skin_faces)
+    certainty = Certainty.none()
+    for _ in range(SETTLE_STEPS):
+        placed = motion.apply(points)
+        closest = closest_points(placed, skin_points, skin_faces)
+        towards = np.einsum("kc,kcx->kx", closest.weights, skin_normals[skin_faces[closest.face]])
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        fit = (np.einsum("ij,ij->i", normals @ motion.rotation.T, towards) > 0.5) & ~closest.border
+        fit &= placed[:, 2] >= plane
+        if fit.sum() < FEWEST:
+            break
+        off = np.einsum("ij,ij->i", closest.points - placed, towards)[fit]
+        moves = unstable(closest.points[fit], plane, bone)
+        # At the points of the skin: places with the noise that their offsets have would bias the motion.
+        change, certainty, _ = likeliest(closest.points[fit], off, towards[fit], moves)
+        turn = RigidMotion(Rotation.from_rotvec(change[:3]).as_matrix(), change[3:], certainty.centre)
+        way = np.abs(turn.displacement(placed)).max()
+        motion = RigidMotion(turn.rotation @ motion.rotation, turn.apply(motion.apply(np.zeros((1, 3))))[0])
+        if way < SETTLED:
+            break
+    return motion, certainty
 
 
 def step(placed, targets, normals, weights=1.0, scaled: bool = False) -> tuple[np.ndarray, np.ndarray]:

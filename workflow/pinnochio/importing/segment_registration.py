@@ -17,6 +17,7 @@ from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.importing.registration import coarse, spread, step, upper_face_plane
 from pinnochio.importing.segmentation import Segmentation
+from pinnochio.importing.stable_skin import Certainty, likeliest
 from pinnochio.model.labels import CRANIUM, segment_name
 from pinnochio.model.surfaces import bone_surface
 from pinnochio.plans.plan import Plan
@@ -30,6 +31,7 @@ COMPATIBLE = 0.7  # cosine between normals of a pair
 REACHES = (10.0, 6.0, 3.5, 2.0)  # mm within which a pair is looked for, one pass after the other
 STEPS, SETTLED = 25, (0.02, 0.002)  # of a pass at most; mm of a step that ends it, in all passes but the last and there
 LEAST_SPREAD = 0.05  # mm
+PAIRS = 1500  # of the cranium that say how certain its registration is
 MATCHED, CUT = 1.0, 3.0  # mm: a point so near bone is matched; beyond this, a point tells nothing but that it has none
 UNMOVED = 0.3, 0.5  # mm and degrees that a registered motion is true to: a bone that moved less has not moved
 PLANNED = 1.0  # mm from its plan at which a segment that has not moved is odd [I]
@@ -112,23 +114,10 @@ def register_bones(
     refused here (:func:`check_fits`).
     """
     refuse = refusal(case, file)
-    bone = bone_surface(head.labels, head.spacing, head.origin, tuple(segments), EDGE)
-    present = [int(index) for index in np.unique(bone.segment)]
-    sources = {index: _source(bone.part(index), head) for index in present}
-    cranium = sources.get(-1)
-    if cranium is None or len(cranium.points) < FEWEST:
-        refuse("hardly any cranium is segmented before surgery", "segment it up to the orbits")
-    normals = vertex_normals(points, faces)
-    chosen = spread(points, faces, COARSE_SAMPLES)
-    plane = upper_face_plane(bone, tuple(segments), 0.0)
-    rotation, shift = coarse(points[chosen], normals[chosen], bone.points, bone.faces, plane, bone.points)
-    scanned = ScannedBone(points @ rotation.T + shift, normals @ rotation.T)
-    back = _fitted(cranium, scanned, RigidMotion())  # what is left to turn, from the patient to the scan
-    frame = RigidMotion(rotation.T @ back.rotation, rotation.T @ (back.translation - shift))
-    scanned = ScannedBone(back.inverse(scanned.points), scanned.normals @ back.rotation)
+    bone, scanned, frame = _framed(head, segments, points, faces, refuse)
     fits = []
-    for index in present:
-        source, name = sources[index], segment_name(index, tuple(segments))
+    for index in np.unique(bone.segment).astype(int):
+        source, name = _source(bone.part(index), head), segment_name(index, tuple(segments))
         planned = RigidMotion() if index < 0 else plan.motion(name)
         if index < 0:
             motion = RigidMotion()
@@ -139,6 +128,37 @@ def register_bones(
             motion = min(tried, key=lambda motion: _cost(source, scanned, motion)).about(source.points.mean(axis=0))
         fits.append(_judged(name, source, scanned, motion, planned, frame))
     return fits[0], fits[1:]
+
+
+def register_cranium(
+    head: Segmentation, segments: Sequence[str], points: np.ndarray, faces: np.ndarray, *, case: str, file: object
+) -> tuple[SegmentFit, Certainty]:
+    """The cranium's registration alone (its motion: patient -> scanner), as of :func:`register_bones`, and how certain
+    it is in the patient's frame."""
+    bone, scanned, frame = _framed(head, segments, points, faces, refusal(case, file))
+    cranium = _source(bone.part(-1), head)
+    used, _, off = scanned.pairs(cranium.points, cranium.normals, CUT)
+    few = np.arange(0, len(used), max(1, len(used) // PAIRS))
+    places = cranium.points[used[few]], off[few], cranium.normals[used[few]]
+    certainty = likeliest(*places, np.zeros(len(few)))[1] if len(few) >= FEWEST else Certainty.none()
+    return _judged("cranium", cranium, scanned, RigidMotion(), RigidMotion(), frame), certainty
+
+
+def _framed(head: Segmentation, segments: Sequence[str], points, faces, refuse):
+    """The bones before surgery, the scanned bone brought into their frame by the cranium, and that frame, patient ->
+    scanner."""
+    bone = bone_surface(head.labels, head.spacing, head.origin, tuple(segments), EDGE)
+    cranium = _source(bone.part(-1), head)
+    if len(cranium.points) < FEWEST:
+        refuse("hardly any cranium is segmented before surgery", "segment it up to the orbits")
+    normals = vertex_normals(points, faces)
+    chosen = spread(points, faces, COARSE_SAMPLES)
+    plane = upper_face_plane(bone, tuple(segments), 0.0)
+    rotation, shift = coarse(points[chosen], normals[chosen], bone.points, bone.faces, plane, bone.points)
+    scanned = ScannedBone(points @ rotation.T + shift, normals @ rotation.T)
+    back = _fitted(cranium, scanned, RigidMotion())  # what is left to turn, from the patient to the scan
+    frame = RigidMotion(rotation.T @ back.rotation, rotation.T @ (back.translation - shift))
+    return bone, ScannedBone(back.inverse(scanned.points), scanned.normals @ back.rotation), frame
 
 
 def check_fits(fits: Sequence[SegmentFit], *, limit: float, share: float, case: str, file: object) -> None:

@@ -6,7 +6,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 from pinnochio.columns import TESTED, Column, number, words
-from pinnochio.metrics.region_errors import LANDMARKS, REGIONS
+from pinnochio.metrics.region_errors import LANDMARKS, SHOWN
 
 CASES = (
     Column("case", str, "", "patient"),
@@ -21,6 +21,7 @@ CASES = (
     number("cd_sq", "mm2", "mean squared distance of both directions"),
     number("cd_vertex", "mm", "as cd, to the nearest vertex"),
     number("hd95", "mm", "larger directed 95th percentile"),
+    number("p99", "mm", "larger directed 99th percentile"),
     number("hdmax", "mm", "larger directed maximum"),
     number("hd_mean_oneway", "mm", "mean distance of the target from the prediction"),
     number("pwr1", "%", "judged skin predicted within 1 mm of the target, by area before surgery", ".3f"),
@@ -55,7 +56,7 @@ CASES = (
     number("interface_error", "mm", "mean distance of the bone contact from the interface network's"),
     *(
         column
-        for name in REGIONS
+        for name in SHOWN
         for column in (
             number(f"region_{name}", "mm", f"mean distance of the target's points on the {words(name)}", TESTED),
             number(
@@ -80,6 +81,8 @@ CASES = (
     Column("converged", bool, "", "whether the solver converged; true without one"),
     Column("reason", str, "", "why the solver stopped", optional=True),
     number("registration_residual", "mm", "median residual of the scan's registration"),
+    number("registration_p95", "mm", "95th percentile of how far the registration may be off the judged face"),
+    number("registration_bias", "mm", "95% bound of the mean along the normals by which it may be off there"),
 )
 BY_NAME = {column.name: column for column in CASES}
 

@@ -18,9 +18,9 @@ def surface_metrics(
     from the predicted skin, where they are known already.
 
     cd: half the sum of the two directed mean distances, point to triangle, unsquared; cd_sum: their sum; cd_sq: half
-    the sum of the mean squares; cd_vertex: as cd, to the nearest vertex. hd95, hdmax: the larger of the two directed
-    95th percentiles, maxima. hd_mean_oneway: mean over the target. pwr1, pwr2: share of the skin's samples nearer than
-    1, 2 mm; _target: of the target's.
+    the sum of the mean squares; cd_vertex: as cd, to the nearest vertex. hd95, p99, hdmax: the larger of the two
+    directed 95th and 99th percentiles, maxima. hd_mean_oneway: mean over the target. pwr1, pwr2: share of the skin's
+    samples nearer than 1, 2 mm; _target: of the target's.
     """
     there = closest_points(skin, target_points, target_faces).distance
     back = closest_points(samples, points, faces).distance if back is None else back
@@ -34,6 +34,7 @@ def surface_metrics(
         "cd_sq": ((there**2).mean() + (back**2).mean()) / 2,
         "cd_vertex": (pairs[0].mean() + pairs[1].mean()) / 2,
         "hd95": max(np.percentile(there, 95), np.percentile(back, 95)),
+        "p99": max(np.percentile(there, 99), np.percentile(back, 99)),
         "hdmax": max(there.max(), back.max()),
         "hd_mean_oneway": back.mean(),
         "pwr1": 100 * (there < 1).mean(),

@@ -17,6 +17,7 @@ from pinnochio.metrics.validity import boundary_metrics, equilibrium_of, volume_
 from pinnochio.metrics.volume import mean_and_p95
 from pinnochio.model.patient import FREE, NO_INTERFACE, PatientModel
 from pinnochio.model.predictions import Prediction
+from pinnochio.model.regions import NECK
 from pinnochio.model.truth import TrueMotion
 from pinnochio.plans.plan import Plan
 
@@ -43,7 +44,7 @@ def evaluate_case(
 
     target: points and faces of the registered post-operative skin, and judged: where it is judged; it and the truth may
     be absent, and their columns are then empty. labels: what the caller knows (fold, method, code,
-    registration_residual). fem: material and elements of the residual.
+    registration). fem: material and elements of the residual.
     A prediction of the skin alone has none of the columns of the volume. One that is not finite gives a row without
     metrics, marked as not converged. Regions and landmarks stay empty where the face cannot be read.
     """
@@ -67,9 +68,10 @@ def evaluate_case(
         row["interface_error"] = np.linalg.norm(u - prediction.boundary, axis=1)[contact].mean()
     if target is not None:
         row |= {"target_samples": len(judged.target), "skin_samples": len(judged.skin)}
-        skin, inside = judged.carried(patient, moved), signed_distances(judged.target, moved, patient.skin_faces)
-        row |= surface_metrics(moved, patient.skin_faces, skin, *target, judged.target, np.abs(inside))
-        row |= region_errors(judged.target_region, -inside)
+        skin, face = judged.carried(patient, moved), len(judged.target)
+        inside = signed_distances(np.vstack([judged.target, judged.neck]), moved, patient.skin_faces)
+        row |= surface_metrics(moved, patient.skin_faces, skin, *target, judged.target, np.abs(inside[:face]))
+        row |= region_errors(np.append(judged.target_region, np.full(len(judged.neck), NECK)), -inside)
     if truth is not None:
         if u is not None:
             errors = np.linalg.norm(u - truth.nodes, axis=1)

@@ -1,7 +1,7 @@
 """Where a case is judged: samples of scan and skin and their regions, chosen once by a surface that no method makes."""
 
 import os
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,7 +12,7 @@ from pinnochio.geometry.closest_points import Closest, closest_points
 from pinnochio.geometry.triangles import face_normals, sample_surface
 from pinnochio.hdf5 import reading, writing
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.regions import NOT_JUDGED, regions
+from pinnochio.model.regions import NECK, NOT_JUDGED, regions
 from pinnochio.plans.plan import Plan
 
 BONE = 30  # points of the bone nearest to a point of the skin, whose mean motion it is first sought by
@@ -25,13 +25,14 @@ class Judged:
 
     target (k, 3) mm: samples of the registered scan; skin (j, 3) mm: samples of the skin before surgery, which a method
     carries along. target_region (k,), skin_region (j,) int8: index into `regions.NAMES`, NOT_JUDGED where the face
-    cannot be read.
+    cannot be read. neck (n, 3) mm: samples of the scan below the jaw, whose errors are shown and count nowhere.
     """
 
     target: np.ndarray
     target_region: np.ndarray
     skin: np.ndarray
     skin_region: np.ndarray
+    neck: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def carried(self, patient: PatientModel, moved) -> np.ndarray:
         """Where the samples of the skin (j, 3) mm are when the skin points of a model of the case are moved (s, 3) mm.
@@ -54,7 +55,9 @@ class Judged:
 
 
 def choose(patient: PatientModel, plan: Plan, target_points, target_faces, samples: int, seed: int) -> Judged:
-    """About `samples` area-uniform samples of either surface in the part that both show, and the region of each.
+    """Area-uniform samples of either surface in the part of the face that both show, and the region of each.
+
+    `samples` are drawn over face and neck, so that those of the face alone, which count, are about a fifth fewer.
 
     The surface that decides is the skin before surgery carried smoothly onto the scan itself
     (:func:`pinnochio.geometry.alignment.carried`): no method has a part in it, and the plan none but to say about where
@@ -92,12 +95,12 @@ def choose(patient: PatientModel, plan: Plan, target_points, target_faces, sampl
         raise InputError(
             plan.case, "postop", "the scan covers nothing of the judged face", "check scan and registration"
         )
-    return Judged(
-        queries[kept],
-        _nearest(codes, closest, placed, faces)[kept],
-        skin[shown],
-        _nearest(codes, rest, points, faces),
-    )
+    target, region = queries[kept], _nearest(codes, closest, placed, faces)[kept]
+    skin, skin_region = skin[shown], _nearest(codes, rest, points, faces)
+    face, own = region != NECK, skin_region != NECK
+    if not (face.any() and own.any()):
+        raise InputError(plan.case, "postop", "the scan covers nothing but the neck", "check scan and registration")
+    return Judged(target[face], region[face], skin[own], skin_region[own], target[~face])
 
 
 def _carried(places, points, faces, moved) -> np.ndarray:

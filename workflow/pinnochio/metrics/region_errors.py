@@ -7,7 +7,9 @@ from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
 
-REGIONS = tuple(name for name in NAMES if name != "other")
+NECK = "neck"
+REGIONS = tuple(name for name in NAMES if name not in ("other", NECK))
+SHOWN = (*REGIONS, NECK)  # the neck counts in no measure of the whole face
 MIDLINE = (
     "pronasale",
     "subnasale",
@@ -21,13 +23,13 @@ LANDMARKS = (*MIDLINE, "cheilion_right", "cheilion_left")
 
 
 def region_errors(region, outside) -> dict[str, float]:
-    """Mean unsigned (region_*) and signed (bias_*) distance in mm of every region of REGIONS; NaN where it has none.
+    """Mean unsigned (region_*) and signed (bias_*) distance in mm of every region of SHOWN; NaN where it has none.
 
-    region (k,): of each judged sample of the target, an index into NAMES; outside (k,) mm: its signed distance,
+    region (k,): of each sample of the target, an index into NAMES; outside (k,) mm: its signed distance,
     positive where the prediction lies outside the target.
     """
     errors = {}
-    for name in REGIONS:
+    for name in SHOWN:
         part = outside[region == NAMES.index(name)]
         errors[f"region_{name}"] = float(np.abs(part).mean()) if len(part) else np.nan
         errors[f"bias_{name}"] = float(part.mean()) if len(part) else np.nan

@@ -97,7 +97,7 @@ def interval_measures(interval: Interval, calibration: Calibration, widening: fl
     """
     half_width = interval.half_width
     known = np.isfinite(half_width)
-    calibrated = np.array([calibration.half_width[name] or np.nan for name in NAMES])
+    calibrated = np.array([calibration.half_width.get(name) or np.nan for name in NAMES])
     return {
         "level": calibration.level,
         "patients": calibration.patients,

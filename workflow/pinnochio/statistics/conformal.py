@@ -78,7 +78,7 @@ def half_widths(patients: Sequence[HeldOut], level: float) -> np.ndarray:
 
 
 def coverage(patients: Sequence[HeldOut], level: float, seed: int = 0) -> pd.DataFrame:
-    """One row per region, and FACE: how much of it lies within half-widths that other folds were calibrated on.
+    """One row per region that anybody has, and FACE: how much lies within half-widths that other folds came to.
 
     Shares are taken per patient and patients weigh equally; empty where the other folds have too few patients. The
     half_width is that of all patients, which a new one gets; low and high are the extremes over folds. The columns but
@@ -90,6 +90,8 @@ def coverage(patients: Sequence[HeldOut], level: float, seed: int = 0) -> pd.Dat
     rows = []
     for code, name in enumerate([*NAMES, FACE]):
         with_region = [patient for patient in patients if code == len(NAMES) or len(patient.of(code))]
+        if not with_region:
+            continue
         shares = np.array([_share(patient, widths[patient.fold], code) for patient in with_region])
         errors = [patient.error if name == FACE else patient.of(code) for patient in with_region]
         measured = shares[np.isfinite(shares)]
@@ -99,8 +101,8 @@ def coverage(patients: Sequence[HeldOut], level: float, seed: int = 0) -> pd.Dat
                 "region": name,
                 "level": 100 * level,
                 "n": len(with_region),
-                "points": np.mean([len(values) for values in errors]) if with_region else np.nan,
-                "error_mean": np.mean([values.mean() for values in errors]) if with_region else np.nan,
+                "points": np.mean([len(values) for values in errors]),
+                "error_mean": np.mean([values.mean() for values in errors]),
                 "coverage_mean": measured.mean() if len(measured) else np.nan,
                 "coverage_sd": measured.std(ddof=1) if len(measured) > 1 else np.nan,
                 "coverage_low": low,

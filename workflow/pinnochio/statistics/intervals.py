@@ -129,7 +129,7 @@ def interval(patient: PatientModel, displacements, calibration: Calibration, reg
     displacements = np.asarray(displacements, float)
     region = regions(patient) if region is None else region
     q, usual = (  # the last one, NaN, is that of code -1
-        np.array([np.nan if values[name] is None else values[name] for name in NAMES] + [np.nan])
+        np.array([np.nan if values.get(name) is None else values[name] for name in NAMES] + [np.nan])
         for values in (calibration.half_width, calibration.usual_spread)
     )
     if not np.isfinite(q[region]).any():

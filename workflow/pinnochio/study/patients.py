@@ -29,9 +29,9 @@ class Patient:
     the plan's name, which is empty for the one plan of a patient of a study; source: the folder that what is planned
     for a new patient is saved in; checked: the table that says that all of it has been read and checked.
     volume: the scan; markups: a file or folder of them; postop, postop_bones: skin and bones after surgery; all empty
-    where there is none. covariates: what else is known, by name; covariates_file: JSON that holds it instead; wishes:
-    files that say how the face shall be. config: the configuration that the patient's files are made with; choice:
-    what predicts it, where that is chosen: of a new one.
+    where there is none; postop_frame: "bones" where both are of one scan. covariates: what else is known, by name;
+    covariates_file: JSON that holds it instead; wishes: files that say how the face shall be. config: the configuration
+    that the patient's files are made with; choice: what predicts it, where that is chosen: of a new one.
     """
 
     name: str
@@ -44,6 +44,7 @@ class Patient:
     markups: str = ""
     postop: str = ""
     postop_bones: str = ""
+    postop_frame: str = ""
     covariates: Mapping[str, str | float | bool] = field(default_factory=dict)
     covariates_file: str = ""
     wishes: Sequence[str] = ()

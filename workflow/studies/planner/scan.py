@@ -9,6 +9,7 @@ from pinnochio.importing.registration import register
 from pinnochio.importing.segmentation import read_postop
 from pinnochio.model.bones import nasion_height
 from pinnochio.model.patient import PatientModel
+from pinnochio.model.surfaces import BoneSurface
 
 NAMES = ("postop.ply", "postop.stl", "postop.obj", "postop.vtp")
 NASION_ABOVE = 20.0  # mm from the top of the maxilla's segment to skin that no operation moves [I]
@@ -28,5 +29,7 @@ def read_scan(patient: PatientModel, case: str, home: str | Path) -> tuple[np.nd
     skin, faces = patient.skin_points, patient.skin_faces
     points, triangles = read_postop(files[0], case, skin)
     plane = nasion_height(patient.bone_points, patient.bone_segment, patient.segments, NASION_ABOVE)
-    fit = register(points, triangles, skin, faces, plane, case=case, file=files[0], limit=LIMIT)
+    bones = patient.bone_points, patient.bone_normals, patient.bone_faces, patient.bone_segment, patient.segments
+    by = {"case": case, "file": files[0], "limit": LIMIT, "bone": BoneSurface(*bones)}
+    fit = register(points, triangles, skin, faces, plane, **by)
     return fit.motion.apply(points), triangles

@@ -47,6 +47,14 @@ class PatientInputs:
     def postop_bones(self, wildcards) -> str:
         return self._after_surgery(wildcards, "postop_bones", "there are no post-operative bones", "give them")
 
+    def bones_of_postop(self, wildcards) -> str | list:
+        """The bones that the skin after surgery is registered by: those of its own scan."""
+        return self.postop_bones(wildcards) if self.study.patient(wildcards).postop_frame else []
+
+    def labels_of_postop(self, wildcards) -> str | list:
+        """The labels before surgery, where the skin after it is registered by bones."""
+        return "<results>/cases/{case}/labels.nii.gz" if self.study.patient(wildcards).postop_frame else []
+
     def _after_surgery(self, wildcards, name: str, problem: str, remedy: str) -> str:
         file = getattr(self.study.patient(wildcards), name)
         if not file:
