@@ -10,6 +10,7 @@ rule evaluate:
         metrics=ensure(
             "<results>/{arm}/{fold}/{method}{corrected}/metrics.csv", non_empty=True
         ),
+        skins="<results>/{arm}/{fold}/{method}{corrected}/skins.h5",
     log:
         "<logs>/evaluate/{arm}/{fold}_{method}{corrected}.log",
     benchmark:

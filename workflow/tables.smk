@@ -5,6 +5,7 @@
 
 TWINS = ["md", "tex", "html"]
 METRICS = "<results>/folds/{fold}/{method}/metrics.csv"
+SKINS = "<results>/folds/{fold}/{method}/skins.h5"
 JUDGED = {"cases": "<results>/tables/cases.csv"}
 ANATOMIES = {
     "anatomies": expand(
@@ -32,9 +33,12 @@ TABLES = {
         {
             "metrics": expand(
                 METRICS, fold=STUDY.folds.held_out, method=STUDY.methods.used
-            )
+            ),
+            "skins": expand(
+                SKINS, fold=STUDY.folds.held_out, method=STUDY.methods.used
+            ),
         },
-        NAMED,
+        NAMED | {"bounds": STUDY.methods.bounds},
     ),
     "accuracy": (JUDGED, COMPARED | {"published": True}),
     # The same with every method tested against the better network.

@@ -9,6 +9,8 @@ from pinnochio.files import replacing
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods.elastic import linear_field
+from pinnochio.metrics.worst_point import apart
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import RESEARCH, in_distribution, interval_measures, measures, plain, verdict
 from pinnochio.patients.in_distribution import Ranges, widening
@@ -43,7 +45,8 @@ def certify(
         "units": "mm",
         "models": None,
         "solution": asdict(solution),
-        "measures": measures(patient, planned, prediction.displacement, fem, prediction.forces),
+        "measures": measures(patient, planned, prediction.displacement, fem, prediction.forces)
+        | {"apart_mm": from_elasticity(patient, planned, prediction.displacement, fem)},
         "interval": None,
         "in_distribution": None,
     }
@@ -62,6 +65,14 @@ def certify(
     content["verdict"] = verdict(content)._asdict()
     with replacing(certificate) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def from_elasticity(patient: PatientModel, plan: Plan, displacement, fem: FemSettings) -> float:
+    """How far (mm) a point of the judged skin at most is from where linear elasticity takes it: what predicts every
+    patient at once."""
+    fields = displacement, linear_field(patient, plan, fem)[0]
+    one, other = (patient.moved_skin(field)[patient.judged_points] for field in fields)
+    return apart(one, [other])
 
 
 if __name__ == "__main__":

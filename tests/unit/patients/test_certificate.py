@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from pinnochio.methods.elastic import linear_field
 from pinnochio.model.patient import FREE
 from pinnochio.model.regions import CHIN, NAMES, NOSE
 from pinnochio.patients.certificate import (
@@ -24,6 +25,7 @@ from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities,
 from pinnochio.patients.result import Solution
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration, Interval
+from scripts.patients.certify import from_elasticity
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import fem_settings
 
@@ -68,6 +70,21 @@ def test_a_field_that_ignores_the_plan_is_off_by_the_plan():
     moved = certificate(np.tile([0.0, -3, 0], (len(PATIENT.points), 1)), plan)["measures"]
     assert moved["moving_error"] == pytest.approx(0, abs=1e-9)
     assert (moved["skin_mean_mm"], moved["skin_max_mm"]) == pytest.approx((3, 3))
+
+
+def test_a_point_far_from_linear_elasticity_is_to_be_looked_at():
+    plan = tiny_plan(0, -3, 0, pitch=0)
+    near = linear_field(PATIENT, plan, FEM)[0]
+    far = near.copy()
+    point = PATIENT.skin_nodes[PATIENT.judged_points[0]]
+    far[point] += [0, -7.0, 0]
+    assert from_elasticity(PATIENT, plan, near, FEM) < 1e-6
+    assert from_elasticity(PATIENT, plan, far, FEM) == pytest.approx(7, rel=1e-3)
+    for field, good in ((near, True), (far, False)):
+        said = certificate(field, plan)
+        assert "Farthest from linear elasticity" not in judgements(said)
+        said["measures"]["apart_mm"] = from_elasticity(PATIENT, plan, field, FEM)
+        assert judgements(said)["Farthest from linear elasticity"] is good
 
 
 def test_an_element_turned_inside_out_is_counted():

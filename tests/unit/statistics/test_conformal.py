@@ -86,7 +86,7 @@ def test_other_quantiles_are_noticed():
 
 
 def cohort(rng, patients: int = 40, folds: int = 5, size: float = 1.0) -> list[HeldOut]:
-    """Patients whose region r has errors (1 + r) times those of the first; the last region, the neck, only every second has."""
+    """Patients whose region r has errors (1 + r) times those of the first; only every second has the last, the neck."""
     scanned = []
     for number in range(patients):
         region = np.repeat(np.arange(len(NAMES) - number % 2), 30).astype(np.int8)

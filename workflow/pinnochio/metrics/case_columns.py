@@ -23,6 +23,7 @@ CASES = (
     number("hd95", "mm", "larger directed 95th percentile"),
     number("p99", "mm", "larger directed 99th percentile"),
     number("hdmax", "mm", "larger directed maximum"),
+    number("apart", "mm", "largest distance of a skin point from the nearest other method's prediction there"),
     number("hd_mean_oneway", "mm", "mean distance of the target from the prediction"),
     number("pwr1", "%", "judged skin predicted within 1 mm of the target, by area before surgery", ".3f"),
     number("pwr2", "%", "judged skin predicted within 2 mm of the target, by area before surgery", ".3f"),

@@ -17,6 +17,7 @@ from pinnochio.metrics.validity import (
     off_bone,
     volume_metrics,
 )
+from pinnochio.metrics.worst_point import FLAGGED
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
 from pinnochio.patients.in_distribution import Ranges, anatomy_quantities, plan_quantities
@@ -275,6 +276,7 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Finding]:
             known["motion_mm"] <= SWEPT[0] and known["turn_degrees"] <= SWEPT[1],
         ),
         Finding("Movement of the skin", moved, "Over the judged face."),
+        *([_apart_row(of)] if "apart_mm" in of else []),
         Finding(
             "Edge of the scan",
             f"{of['edge_percent']:.0f} % of the face beside it, moves {of['edge_moved_mm']:.1f} mm at most",
@@ -284,6 +286,16 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Finding]:
         ),
         _detail_row(of),
     ]
+
+
+def _apart_row(of: Mapping) -> Finding:
+    apart = of["apart_mm"]
+    return Finding(
+        "Farthest from linear elasticity",
+        "not a number" if apart is None else f"{apart:.1f} mm at a point of the skin",
+        f"Linear elasticity predicts the same plan. Above {FLAGGED:g} mm look at the place before believing it.",
+        apart is not None and apart <= FLAGGED,
+    )
 
 
 def _detail_row(of: Mapping) -> Finding:

@@ -9,6 +9,7 @@ import pandas as pd
 from pinnochio.columns import read_table
 from pinnochio.methods.names import BASELINE, FLOOR
 from pinnochio.metrics.case_columns import CASES, scanned
+from pinnochio.metrics.worst_point import FLAGGED
 from pinnochio.statistics.attainable import attainable
 from pinnochio.tables.comparison import (
     COMPARISON,
@@ -19,6 +20,7 @@ from pinnochio.tables.comparison import (
     spread,
     starred,
     summarise,
+    worst_point,
 )
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.tables.published import ordering, published_block
@@ -52,6 +54,8 @@ def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = (), parag
         *views(COMPARISON, {"method": "Method"}),
         View("CD mm", starred(spread("cd")), -1),
         View("HD95 mm", spread("hd95"), -1),
+        View("P99 mm", spread("p99"), -1),
+        View("Worst point mm", worst_point),
         View("PWR@1 %", spread("pwr1"), 1),
         View("PWR@2 %", spread("pwr2"), 1),
         *views(COMPARISON, {"seconds_mean": "Seconds"}, {"seconds_mean": -1}),
@@ -67,6 +71,8 @@ def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = (), parag
     )
     caption = (
         f"Accuracy on the {cohort}, {count(methods['n'])} patients: mean ± standard deviation. Bold: best mean. {test} "
+        f"Worst point: the largest distance, mean of the patients and the worst of them; ! n: in n patients a point of "
+        f"the skin lies more than {FLAGGED:g} mm from every other method's prediction of it. "
         f"Seconds: one plan, warm, with other jobs beside it. Explained: what CD is below that of {BASELINE}, as "
         f"a share of what that is above {FLOOR}, with its bootstrap 95% interval over patients; without these two "
         "there is none."

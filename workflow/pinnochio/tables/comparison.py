@@ -9,6 +9,7 @@ from pinnochio.columns import Column, check, number
 from pinnochio.errors import InputError
 from pinnochio.methods.names import BASELINE, FLOOR, in_sentence, written
 from pinnochio.metrics.case_columns import BY_NAME, CASES
+from pinnochio.metrics.worst_point import FLAGGED
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.shares import explained
 from pinnochio.statistics.wilcoxon import Comparison, compare, holm
@@ -23,6 +24,8 @@ BOUNDS = {
 SUMMARISED = {
     "cd": True,
     "hd95": True,
+    "p99": True,
+    "hdmax": False,
     "pwr1": True,
     "pwr2": True,
     "seconds": True,
@@ -62,6 +65,9 @@ COMPARISON = (
     Column("n", int, "", "patients with a metric"),
     Column("failed", int, "", "patients without a metric or without convergence"),
     *_summaries(),
+    number("hdmax_worst", "mm", "largest hdmax of a patient"),
+    number("apart_worst", "mm", "largest apart of a patient"),
+    number("flagged", "", f"patients with apart above {FLAGGED:g} mm", ".0f"),
     number("inverted", "", "inverted elements over all patients", ".0f"),
     number("explained", "", f"(cd of {BASELINE} - cd) / (cd of {BASELINE} - cd of {FLOOR}), of means", ".3f"),
     number("explained_low", "", "end of the bootstrap 95% interval of explained", ".3f"),
@@ -116,6 +122,8 @@ def summarise(
             row[f"{name}_mean"] = group[name].mean()
             if spread:
                 row[f"{name}_sd"] = group[name].std()
+        row |= {f"{name}_worst": group[name].max() for name in ("hdmax", "apart")}
+        row["flagged"] = np.nan if method in bounds else (group["apart"] > FLAGGED).sum()
         row["inverted"] = group["inverted"].sum()
         if {BASELINE, FLOOR} <= set(errors):
             common = errors[list(dict.fromkeys([method, BASELINE, FLOOR]))].dropna()
@@ -171,6 +179,13 @@ def spread(name: str, columns: Mapping[str, Column] = _COMPARISON) -> Callable:
         return f"{mean} ± {sd}" if sd else mean
 
     return text
+
+
+def worst_point(row) -> str:
+    """Text of a row of COMPARISON: the largest distance, mean and worst patient, and in how many patients a point is
+    far from every other method's."""
+    mean, worst = (_COMPARISON[name].text(row[name]) for name in ("hdmax_mean", "hdmax_worst"))
+    return f"{mean}, worst {worst}" + (f" ! {row['flagged']:.0f}" if row["flagged"] > 0 else "")
 
 
 def starred(text: Callable) -> Callable:
