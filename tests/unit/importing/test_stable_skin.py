@@ -107,7 +107,7 @@ def test_likeliest_is_exact_without_noise_and_sure_where_it_knows_more():
     rng = np.random.default_rng(0)
     normals = rng.normal(size=(300, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    places = 60 * normals
+    places = rng.uniform(-60, 60, (300, 3))
     wanted = np.array([0.002, -0.001, 0.003, 0.4, -0.2, 0.1])
     rows = np.hstack([np.cross(places - places.mean(axis=0), normals), normals])
     motion, few, weights = likeliest(places, rows @ wanted, normals, np.zeros(300))

@@ -39,7 +39,10 @@ class Certainty:
 
     def on(self, points, normals) -> tuple[float, float]:
         """Of a surface's points (k, 3) mm with normals: the 95th percentile of the distance along the normals by which
-        it may be off, over points and motions; and the bound that the mean of that distance keeps in 95 %; mm."""
+        it may be off, over points and motions; and the bound that the mean of that distance keeps in 95 %; mm, NaN
+        without a point or where nothing is known."""
+        if not len(points) or not np.isfinite(self.covariance).all():
+            return np.nan, np.nan
         rows = np.hstack([np.cross(points - self.centre, normals), normals])
         drawn = generator(0, "registration", "-").multivariate_normal(np.zeros(6), self.covariance, DRAWS)
         mean = rows.mean(axis=0)
