@@ -53,9 +53,11 @@ class Certainty:
 def unstable(points, plane: float, bone: BoneSurface | None) -> np.ndarray:
     """SD (k,) mm by which skin at the points (k, 3) mm is elsewhere in another scan; plane: z (mm) of the nasion plane.
 
-    Without a bone all tissue counts as THIN.
+    Without a bone nothing is known of it, and all skin counts alike: zero.
     """
-    thickness = THIN if bone is None else closest_points(points, bone.points, bone.faces).distance
+    if bone is None:
+        return np.zeros(len(points))
+    thickness = closest_points(points, bone.points, bone.faces).distance
     return np.minimum(MOVES * np.exp((FOREHEAD + plane - points[:, 2]) / GROWS) * thickness / THIN, MOST)
 
 

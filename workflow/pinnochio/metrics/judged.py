@@ -97,10 +97,10 @@ def choose(patient: PatientModel, plan: Plan, target_points, target_faces, sampl
         )
     target, region = queries[kept], _nearest(codes, closest, placed, faces)[kept]
     skin, skin_region = skin[shown], _nearest(codes, rest, points, faces)
-    face, own = region != NECK, skin_region != NECK
-    if not (face.any() and own.any()):
+    face, skin_face = region != NECK, skin_region != NECK
+    if not (face.any() and skin_face.any()):
         raise InputError(plan.case, "postop", "the scan covers nothing but the neck", "check scan and registration")
-    return Judged(target[face], region[face], skin[own], skin_region[own], target[~face])
+    return Judged(target[face], region[face], skin[skin_face], skin_region[skin_face], target[~face])
 
 
 def _carried(places, points, faces, moved) -> np.ndarray:
