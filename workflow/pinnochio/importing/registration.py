@@ -66,8 +66,8 @@ def register(
 
     points (p, 3), faces (f, 3): the scan, in any frame; skin_points, skin_faces: the skin, LPS. Coarse starts
     (identity, the axes of both surfaces) are compared on the whole face; the best is refined on the upper face alone,
-    and settled by how stable its skin is (:mod:`pinnochio.importing.stable_skin`): by how thick it lies on the bone,
-    and how far it is from the forehead.
+    and, with a bone, settled by how stable its skin is (:mod:`pinnochio.importing.stable_skin`): by how thick it lies
+    on the bone, and how far it is from the forehead.
     Raises InputError if the median residual exceeds `limit` mm.
     """
     refuse = refusal(case, file)
@@ -88,9 +88,10 @@ def register(
     near_faces = skin_faces[(skin_points[skin_faces, 2] >= plane - 20).any(axis=1)]
     rotation, shift = _fine(moving, normals, rotation, shift, skin_points, near_faces, plane)
     few = spread(points, faces[(near[faces, 2] >= plane - 10).all(axis=1)], SETTLING)
-    motion, certainty = _settled(
-        points[few], all_normals[few], RigidMotion(rotation, shift), skin_points, near_faces, plane, bone
-    )
+    motion = RigidMotion(rotation, shift)
+    settled, certainty = _settled(points[few], all_normals[few], motion, skin_points, near_faces, plane, bone)
+    if bone is not None:
+        motion = settled
     surfaces = (points, faces), (skin_points, near_faces)
     return measured(motion, certainty, *surfaces, plane, bone, case=case, file=file, limit=limit)
 
