@@ -29,7 +29,7 @@ def measure_outcome(
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    truth = snakemake.input.get("truth")
+    files = {name: path for name, path in snakemake.input.items() if name in ("truth", "template")}
     measure_outcome(
         module=snakemake.params.module,
         case=snakemake.wildcards.case,
@@ -38,6 +38,6 @@ if __name__ == "__main__":
         label_values=snakemake.params.labels,
         segments=tuple(snakemake.params.segments),
         seed=snakemake.params.seed,
-        arguments={**snakemake.params.arguments, **({"truth": truth} if truth else {})},
+        arguments=snakemake.params.arguments | files,
         table=snakemake.output.table,
     )

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 WRITTEN = {
     "floor_scan": "Noise of the scan",
     "oracle": "Sliding FEM, true motion",
+    "oracle_learner": "Perfect learner",
     "no_change": "No change",
     "ratio": "Soft-to-hard ratios",
     "pca_linear": "Linear regression",
@@ -35,7 +36,7 @@ WORDS = {"oracle", "ratio", "elastic"}  # that a text may hold without speaking 
 SWITCH = "design_"  # of a design study's network: the switch follows
 _WITHIN = re.compile(rf"(^|[.:] )?\b({'|'.join(sorted(WRITTEN.keys() - WORDS))}|{SWITCH}\w+)\b")
 # Explained is what a method does better than the one, of what the other leaves to be done.
-BASELINE, FLOOR = "fem_sliding", "floor_scan"
+BASELINE, FLOOR, CEILING = "fem_sliding", "floor_scan", "oracle_learner"
 # What a reader wants to see first where there is room for few: what the paper compares, and the better network.
 FIRST = ("fem_sliding", "pinnochio", "pinnochio_plus", "fem_rlse", "acmt", "dgcfp", "no_change", "elastic", "ratio")
 

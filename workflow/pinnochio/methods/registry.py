@@ -88,6 +88,7 @@ BUILT_IN = (
     _finite_elements("fem_rlse_mucosa", "mucosa", mesh="lips", reduced=True),
     _finite_elements("fem_rlse", "mucosa+lip", mesh="lips", reduced=True),
     _finite_elements("oracle", "mucosa", truth="motion"),
+    Method("oracle_learner", "scan", "pinnochio.methods.oracle_learner:OracleLearnerPredictor", truth="field"),
     Method("floor_scan", "scan", "pinnochio.methods.floor_scan:ScanFloorPredictor", truth="field"),
 )
 # Those that the configuration names: in `variants`, in `surface.networks`, in `external`.

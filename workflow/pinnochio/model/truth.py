@@ -22,6 +22,17 @@ def read_truth(path: str | os.PathLike, case: str) -> tuple[np.ndarray, np.ndarr
         return *field, Plan.from_json(file.attrs["executed"], path, case)
 
 
+def read_expected(path: str | os.PathLike, case: str) -> np.ndarray:
+    """Displacement (n, 3) mm of the points of :func:`read_truth` that plan, anatomy and covariates decide.
+
+    InputError where the outcome is older than this field.
+    """
+    with reading(path) as file:
+        if "expected" not in file:
+            raise InputError(case, path, "it has no expected displacement", REMEDY)
+        return file["expected"][()]
+
+
 @dataclass(frozen=True)
 class TrueMotion:
     """The truth where a model of the patient has points: displacement (n, 3) mm of its nodes, (s, 3) mm of its skin.

@@ -23,7 +23,9 @@ LIMITS = {
     "maxilla": (np.array([[-5.0, 5], [-4, 10], [-7, 7]]), np.array([10.0, 6, 6])),
     "distal": (np.array([[-10.0, 10], [-14, 12], [-10, 10]]), np.array([10.0, 6, 6])),
 }
-PROXIMAL_SHIFT, PROXIMAL_ANGLE = 3.0, 5.0  # mm at the centroid, degrees [R]
+# mm at the centroid, degrees: three operated patients' rami turned by 4.7, 8.4 and 9.4 [X].
+PROXIMAL_SHIFT, PROXIMAL_ANGLE = 5.0, 10.0
+PROXIMAL_SCATTER = np.array([4.5, 1.5, 1.5])  # degrees, SD of the ramus' own pitch, roll and yaw [I] after these
 FOLLOWED = 0.4  # share of the distal segment's motion beside it that a ramus follows [I]
 AUTOROTATION = 6.0  # degrees: largest turn of an uncut mandible about its condyles [I]
 WIDENING = (3.5, 1.0, 2.0, 5.0)  # mm between the molars of a segmental maxilla [R: 2 to 5]
@@ -51,7 +53,12 @@ EXECUTION = np.array([[0.61, 0.55], [0.86, 0.68], [1.00, 0.79], [1.43, 1.06], [0
 
 def truncated(rng: np.random.Generator, mean: float, sd: float, low: float, high: float) -> float:
     """One value of the normal (mean, sd) truncated to [low, high]."""
-    return float(truncnorm.ppf(rng.random(), (low - mean) / sd, (high - mean) / sd, loc=mean, scale=sd))
+    return quantile(rng.random(), mean, sd, low, high)
+
+
+def quantile(share: float, mean: float, sd: float, low: float, high: float) -> float:
+    """The value of the normal (mean, sd) truncated to [low, high] below which this share of it lies."""
+    return float(truncnorm.ppf(share, (low - mean) / sd, (high - mean) / sd, loc=mean, scale=sd))
 
 
 @dataclass(frozen=True)
@@ -112,11 +119,12 @@ def limited(move: RigidMotion, shift_limits: np.ndarray, angle_limits: np.ndarra
 def proximal_motion(rng: np.random.Generator, anatomy: JawAnatomy, name: str, distal: RigidMotion) -> RigidMotion:
     """Small turn about the condyle that lets the ramus follow part of the distal segment's motion beside it.
 
-    Sideways and vertical motion turn the ramus (yaw, pitch); it slides along front-to-back motion. At most 3 mm at
-    the centroid and 5 degrees [R: methods 7.2]; the followed share FOLLOWED +- 0.1 is a choice [I].
+    Sideways and vertical motion turn the ramus (yaw, pitch); it slides along front-to-back motion, and turns as the
+    surgeon seats it. At most PROXIMAL_SHIFT at the centroid and PROXIMAL_ANGLE; the followed share FOLLOWED +- 0.1 is
+    a choice [I].
     """
     share = truncated(rng, FOLLOWED, 0.1, 0.1, 0.7)
-    turn = [truncated(rng, 0, 0.5, -1.5, 1.5) for _ in range(3)]
+    turn = [truncated(rng, 0, sd, -2 * sd, 2 * sd) for sd in PROXIMAL_SCATTER]
     shift = np.array([truncated(rng, 0, 0.3, -0.8, 0.8) for _ in range(3)])
     return _about_condyle(anatomy, name, distal, share, turn, shift)
 

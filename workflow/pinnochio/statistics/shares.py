@@ -20,14 +20,14 @@ def explained(errors, baseline, floor, seed: int, draws: int = 10_000) -> Share:
 
     0 as good as the baseline, 1 at the floor, negative where worse than the baseline. The interval is the percentile
     one over resampled patients. NaN where the baseline's mean is at the floor or below; no interval below two
-    patients, or where that happens in a resample.
+    patients, or where that happens in a resample, or without draws.
     """
     values = np.column_stack([errors, baseline, floor]).astype(float)
     n = len(values)
     if n == 0:
         return Share(np.nan, np.nan, np.nan)
     share = float(_share(values.mean(axis=0)))
-    if n < 2 or np.isnan(share):
+    if n < 2 or np.isnan(share) or not draws:
         return Share(share, np.nan, np.nan)
     counts = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=draws)
     shares = _share((counts @ values / n).T)

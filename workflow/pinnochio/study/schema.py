@@ -83,7 +83,7 @@ def allowed(entry: Mapping) -> str:
     if "const" in entry:
         return f"`{entry['const']}`"
     if "enum" in entry:
-        return ", ".join(entry["enum"])
+        return ", ".join(map(str, entry["enum"]))
     if "enum" in entry.get("items", {}):
         return "any of " + ", ".join(entry["items"]["enum"])
     words = [entry["type"] + (f" of {allowed(entry['items'])}" if "items" in entry else "")]

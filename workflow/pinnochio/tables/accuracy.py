@@ -60,6 +60,7 @@ def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = (), parag
         View("PWR@2 %", spread("pwr2"), 1),
         *views(COMPARISON, {"seconds_mean": "Seconds"}, {"seconds_mean": -1}),
         *([View("Explained", share)] if frame["explained"].notna().any() else []),
+        *(views(COMPARISON, {"of_ceiling": "Of the ceiling"}) if frame["of_ceiling"].notna().any() else []),
         *([View("p vs reference", significance)] if tested else []),
     ]
     reference = ", ".join(frame.loc[frame["reference"], "method"])

@@ -7,7 +7,7 @@ import pandas as pd
 
 from pinnochio.columns import Column, check, number
 from pinnochio.errors import InputError
-from pinnochio.methods.names import BASELINE, FLOOR, in_sentence, written
+from pinnochio.methods.names import BASELINE, CEILING, FLOOR, in_sentence, written
 from pinnochio.metrics.case_columns import BY_NAME, CASES
 from pinnochio.metrics.worst_point import FLAGGED
 from pinnochio.seeds import derive_seed
@@ -18,6 +18,7 @@ from pinnochio.statistics.wilcoxon import Comparison, compare, holm
 BOUNDS = {
     FLOOR: "the true skin against its own registered scan: noise, expression and registration; zero against the truth "
     "itself",
+    CEILING: "what plan, motion, anatomy and covariates decide of the outcome, all that is random at its mean",
     "oracle": f"the mechanics of {in_sentence(BASELINE)} with the motion that was carried out",
 }
 # What is averaged over patients: column of cases -> also its standard deviation.
@@ -70,6 +71,7 @@ COMPARISON = (
     number("flagged", "", f"patients with apart above {FLAGGED:g} mm", ".0f"),
     number("inverted", "", "inverted elements over all patients", ".0f"),
     number("explained", "", f"(cd of {BASELINE} - cd) / (cd of {BASELINE} - cd of {FLOOR}), of means", ".3f"),
+    number("of_ceiling", "", f"(cd of {BASELINE} - cd) / (cd of {BASELINE} - cd of {CEILING}), of means", ".3f"),
     number("explained_low", "", "end of the bootstrap 95% interval of explained", ".3f"),
     number("explained_high", "", "end of the bootstrap 95% interval of explained", ".3f"),
     number("pairs", "", "patients that the test compares", ".0f"),
@@ -129,6 +131,9 @@ def summarise(
             common = errors[list(dict.fromkeys([method, BASELINE, FLOOR]))].dropna()
             share = explained(common[method], common[BASELINE], common[FLOOR], derive_seed(seed, "explained", method))
             row |= {"explained": share.share, "explained_low": share.low, "explained_high": share.high}
+        if {BASELINE, CEILING} <= set(errors):
+            common = errors[list(dict.fromkeys([method, BASELINE, CEILING]))].dropna()
+            row["of_ceiling"] = explained(common[method], common[BASELINE], common[CEILING], seed, draws=0).share
         test = paired(cases, "cd", method, reference, derive_seed(seed, "bootstrap", method), bounds)
         row |= {"pairs": test.n, "cd_median_difference": test.median, "cd_mean_difference": test.mean}
         row |= {"cd_low": test.low, "cd_high": test.high, "p": test.p, "test": test.statement}

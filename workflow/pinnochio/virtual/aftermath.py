@@ -1,8 +1,9 @@
-"""What surgery does to a face beyond moving bone, as displacement fields: lips, chin, nose, swelling, expression.
+"""What surgery does to a face beyond moving bone: lips, chin, nose, posture, swelling, the patient's own response.
 
-Every field is a smooth shape of fixed size around landmarks, along the local normal of the skin where nothing else is
-said, times an amount in mm, the mean over the skin where the shape is above half of its peak: a part that plan, anatomy
-and covariates decide, and noise. Sizes and forms: reality of orthognathic outcomes, with the sources that
+Every change is an amount in mm in regions of the face: smooth shapes of fixed size around landmarks, along the local
+normal of the skin where nothing else is said; an amount is the mean over the skin where the shape is above half of its
+peak. What plan, anatomy and covariates decide stands apart from what they leave open: :data:`DECIDED` holds the first,
+:data:`OPEN` the second. Sizes and forms: reality of orthognathic outcomes, with the sources that
 :data:`pinnochio.virtual.ground_truth.EFFECTS` names.
 """
 
@@ -19,29 +20,40 @@ from pinnochio.json_text import read_stored_json
 from pinnochio.model.labels import AIR
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import displacement_at
-from pinnochio.virtual.covariates import Covariates
+from pinnochio.virtual.covariates import AGE, Covariates
 from pinnochio.virtual.face_scan import smooth_noise
 
-LIP_THICKNESS = 10.0  # mm from bone at which tissue follows fully; none at the bone [I]
 NORMAL_REACH, NORMAL_NEIGHBOURS = 6.0, 48  # mm over which normals of the skin are averaged [I]
 WING = np.array([0.34, 4.0, 4.0])  # wing of the nose from subnasale: share of the mouth's width, then mm [I]
 MEAN_OF_HALF = 0.5 / np.log(2)  # mean of a Gaussian over the disc where it is above half of its peak
 LIP_DEPTH = 4.0  # mm behind the lips' fronts where they meet [I]
 WIDEST_GAP = 8.0  # mm of gaping lips beyond which nothing changes [I]
 SWELLING_AT_6 = 39.54 - 13.14 * np.log(6)  # % of the swelling [S: PMID 34619733]
-INDIVIDUAL, INDIVIDUAL_LIPS, INDIVIDUAL_LENGTH = 1.2, 1.4, 15.0  # mm: SD, SD at the lips, correlation length [I]
-INDIVIDUAL_SPREAD = 0.25  # SD of its logarithm over patients, who differ as published in how far off they are [I]
 SIDES = {"left": 1.0, "right": -1.0}
+# mm, SD over patients of what is left of the response once plan and thickness are known: at lips and chin as published
+# [S: n = 57, 62: 1.3 to 1.65 with measuring error; chin 0.8], elsewhere [I].
+RESPONSE = {
+    "upper_lip": 1.0,
+    "lower_lip": 1.25,
+    "mentolabial": 0.6,
+    "chin": 1.0,
+    "dorsum": 0.5,
+    "wing": 0.3,
+    "paranasal": 0.6,
+    "infraorbital": 0.5,
+    "malar": 0.6,
+    "cheek": 1.0,
+    "jaw": 1.1,
+    "submental": 0.9,
+}
+ON_BOTH_SIDES = 0.8  # correlation of the sides is its square: three real patients' deviations are as symmetric [X]
+BROAD, BROAD_LENGTH, MIDDLE = 0.6, 28.0, 12.0  # mm: SD, correlation length, rounding of the mirror plane [I]
+RESPONSE_SPREAD = 0.25  # SD of the logarithm of a patient's own level [I]
 
 
 def read_landmarks(path: str | os.PathLike) -> dict[str, np.ndarray]:
     """Landmarks (3,) mm by name."""
     return {name: np.array(place) for name, place in read_stored_json(path).items()}
-
-
-def looseness(points: np.ndarray, bone_points: np.ndarray) -> np.ndarray:
-    """How freely tissue may move against the bone, (n,): 0 at the bone, 1 at the thickness of a lip [I]."""
-    return np.clip(cKDTree(bone_points).query(points)[0] / LIP_THICKNESS, 0, 1)
 
 
 def bump(points: np.ndarray, centre: np.ndarray, reach) -> np.ndarray:
@@ -109,133 +121,188 @@ class Site:
         """Centre (3,) and reach (3,) in mm of every shape [I]."""
         marks = self.landmarks
         subnasale, upper, lower = (marks[name] for name in ("subnasale", "labrale_superius", "labrale_inferius"))
+        nasion = marks["nasion"]
         width = np.linalg.norm(marks["cheilion_left"] - marks["cheilion_right"])
         wide = 0.4 * width  # of a lip
         regions = {
+            "nasal_base": (subnasale, [11, 10, 6]),
+            "dorsum": (0.4 * nasion + 0.6 * marks["pronasale"], [9, 14, 14]),
             "upper_lip": (0.65 * upper + 0.35 * subnasale, [wide, 15, 7]),
             "lower_lip": (0.75 * lower + 0.25 * marks["mentolabial"], [wide, 15, 7]),
             "mentolabial": (marks["mentolabial"], [wide, 15, 6]),
             "chin": (marks["pogonion_soft"], [wide, 18, 9]),
             "mouth": ((upper + lower) / 2, [wide, 15, 8]),
+            "submental": (marks["menton_soft"] + [0, 18, -2], [30, 22, 16]),
         }
+        rise = nasion[2] - subnasale[2]  # height of the nose
         for side, sign in SIDES.items():
             wing = subnasale + WING * [sign * width, 1, 1]
             corner, ear = marks[f"cheilion_{side}"], marks[f"tragus_{side}"]
             regions |= {
                 f"wing_{side}": (wing, [8, 8, 9]),
                 f"paranasal_{side}": (wing + [sign * 9, 3, 2], [10, 12, 11]),
-                f"cheek_{side}": (0.6 * corner + 0.4 * ear + [0, 0, 6], [28, 28, 26]),
+                f"infraorbital_{side}": (wing + [sign * 15, 8, 0.5 * rise], [13, 13, 9]),
+                f"malar_{side}": (0.6 * wing + 0.4 * ear + [0, 0, 0.3 * rise], [16, 18, 13]),
+                f"cheek_{side}": (0.6 * corner + 0.4 * ear + [0, 0, 6], [24, 26, 22]),
                 f"jaw_{side}": (0.35 * corner + 0.65 * ear + [0, 0, -36], [26, 28, 22]),
             }
-        regions["submental"] = (marks["menton_soft"] + [0, 18, -2], [30, 22, 16])
         return regions
 
+    def field(self, amounts: Mapping[str, float]) -> np.ndarray:
+        """Displacement (n, 3) mm of amounts (mm) in regions: along the normals; of the wings of the nose to their
+        side; "mouth" down along the skin."""
+        total = np.zeros_like(self.points)
+        for name, amount in amounts.items():
+            total += amount * self.shape(name)[:, None] * self._direction(name)
+        return total
 
-def _normal(site: Site, amounts: Mapping[str, float]) -> np.ndarray:
-    """Field (n, 3) mm of these amounts (mm) in regions, along the normals."""
-    return sum(amount * site.shape(name) for name, amount in amounts.items())[:, None] * site.outward
+    def _direction(self, name: str) -> np.ndarray:
+        if name.startswith("wing_"):
+            return np.array([SIDES[name.removeprefix("wing_")], 0, 0])
+        if name == "mouth":
+            down = np.array([0, 0, -1.0])
+            return down - (self.outward @ down)[:, None] * self.outward
+        return self.outward
 
 
-def _both(region: str, common: float, spread: float, rng: np.random.Generator) -> dict[str, float]:
-    """An amount for both sides of a region, with noise of SD `spread` of which sides share nine tenths (0.81)."""
-    shared = rng.normal()
-    return {f"{region}_{side}": common + spread * (0.9 * shared + np.sqrt(0.19) * rng.normal()) for side in SIDES}
+def both(amounts: Mapping[str, float]) -> dict[str, float]:
+    """The same amounts on both sides of regions."""
+    return {f"{name}_{side}": amount for name, amount in amounts.items() for side in SIDES}
 
 
-def lower_lip(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
+def habitual(c: Circumstances) -> dict[str, float]:
+    """What finite elements miss of every patient alike: nose, cheeks and jaw where they did of three real ones [X],
+    lips and fold where studies have a mean [S: PMID 34670968, n = 62]; sizes [I]."""
+    midline = {"dorsum": -0.9, "upper_lip": 0.5, "lower_lip": -0.6, "mentolabial": 0.4}
+    return midline | both({"paranasal": 1.6, "cheek": -1.3, "jaw": 1.4})
+
+
+def posture(c: Circumstances) -> dict[str, float]:
+    """Lying in the CT, upright at the scan."""
+    mass, older = c.covariates.mass, 1 + 0.01 * (c.covariates.age - AGE[0])
+    sizes = {
+        "infraorbital": -0.8 - 0.15 * mass,
+        "malar": -1.3 - 0.2 * mass,
+        "cheek": 0.45 + 0.2 * mass,
+        "jaw": -0.5 - 0.25 * mass,
+    }
+    return {name: older * amount for name, amount in both(sizes).items()}
+
+
+def lower_lip(c: Circumstances) -> dict[str, float]:
     advance, setback = max(c.mandible, 0), max(-c.mandible, 0)
-    decided = (1 + 0.25 * c.thickness["labrale_inferius"]) * (-0.22 * advance * (1 + 0.1 * c.gap) + 0.08 * setback)
-    return _normal(site, {"lower_lip": decided + rng.normal(0, 0.6)})
+    thick = 1 + 0.25 * c.thickness["labrale_inferius"]
+    return {"lower_lip": thick * (-0.22 * advance * (1 + 0.1 * c.gap) + 0.08 * setback)}
 
 
-def chin_pad(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
-    decided = -0.07 * max(c.chin, 0) + 0.08 * max(-c.chin, 0)
-    chin, fold = rng.normal(0, (0.8, 0.4))
-    return _normal(site, {"chin": decided + chin, "mentolabial": -decided + fold})
+def chin_pad(c: Circumstances) -> dict[str, float]:
+    amount = -0.07 * max(c.chin, 0) + 0.08 * max(-c.chin, 0)
+    return {"chin": amount, "mentolabial": -amount}
 
 
-def upper_lip(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
-    share = 0.10 if c.covariates.closure == "vy" else -0.12
-    decided = c.maxilla * (1 - 0.2 * c.thickness["labrale_superius"]) * share
-    return _normal(site, {"upper_lip": decided + rng.normal(0, 0.7)})
+def upper_lip(c: Circumstances) -> dict[str, float]:
+    share = -0.20 if c.covariates.closure == "vy" else -0.45
+    thick = 1 - 0.2 * c.thickness["labrale_superius"]
+    return {"upper_lip": c.maxilla * thick * share, "nasal_base": -0.25 * c.maxilla}
 
 
-def lip_length(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
-    down = np.array([0, 0, -1.0])
-    along = down - (site.outward @ down)[:, None] * site.outward
-    return (0.8 + rng.normal(0, 1.5)) * site.shape("mouth")[:, None] * along
+def lip_length(c: Circumstances) -> dict[str, float]:
+    return {"mouth": 0.8}
 
 
-def alar_width(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
-    widened = (0.18 * c.maxilla + 0.07 * max(c.impaction, 0)) * (0.5 if c.covariates.cinch else 1.0)
-    amount = widened + rng.normal(0, 0.25)
-    aside = amount * (site.shape("wing_left") - site.shape("wing_right"))
-    return aside[:, None] * [1.0, 0, 0]
+def alar_width(c: Circumstances) -> dict[str, float]:
+    return both({"wing": (0.18 * c.maxilla + 0.07 * max(c.impaction, 0)) * (0.5 if c.covariates.cinch else 1.0)})
 
 
-def paranasal(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
-    return _normal(site, _both("paranasal", 0.08 * c.maxilla, 0.3, rng))
+def paranasal(c: Circumstances) -> dict[str, float]:
+    return both({"paranasal": 0.08 * c.maxilla})
 
 
-GAINS = {"upper_lip": 0.12, "lower_lip": 0.12, "paranasal": 0.12, "chin": 0.08, "cheek": 0.05}
-
-
-def gain(site: Site, displacement: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Change (n, 3) mm of a displacement (n, 3) mm by the patient's own gain in each region, whole at its middle."""
-    total = np.zeros(len(site.points))
-    for region, spread in GAINS.items():
-        deviation = rng.normal(0, spread)
-        names = [region] if region in site.regions else [f"{region}_{side}" for side in SIDES]
-        total += deviation * MEAN_OF_HALF * np.max([site.shape(name) for name in names], axis=0)
-    return total[:, None] * displacement
-
-
-def swelling(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
+def swelling(c: Circumstances) -> dict[str, float]:
     left = max(39.54 - 13.14 * np.log(c.covariates.months), 0) / SWELLING_AT_6
-    level = np.exp(rng.normal(-0.125, 0.5))  # mean 1
-    sides = {side: left * level * np.exp(rng.normal(-0.02, 0.2)) for side in SIDES}
-    amounts = {"upper_lip": 0.2 * left * level, "lower_lip": 0.2 * left * level, "submental": 0.35 * left * level}
-    for side, amount in sides.items():
-        amounts |= {f"cheek_{side}": 0.35 * amount, f"jaw_{side}": 0.45 * amount}
-    return _normal(site, amounts)
+    sizes = {"upper_lip": 0.2, "lower_lip": 0.2, "submental": 0.35} | both({"cheek": 0.35, "jaw": 0.45})
+    return {name: left * amount for name, amount in sizes.items()}
 
 
-def masseter_loss(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
+def masseter_loss(c: Circumstances) -> dict[str, float]:
     more = 1 + 0.2 * c.covariates.mass
-    sides = _both("jaw", -0.4 * more, 0.7, rng) | _both("cheek", -0.2 * more, 0.4, rng)
-    return _normal(site, sides | {"submental": -0.3 * more + rng.normal(0, 0.6)})
+    return {name: more * amount for name, amount in ({"submental": -0.3} | both({"jaw": -0.4, "cheek": -0.2})).items()}
 
 
-def individual(site: Site, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
-    low, high = site.landmarks["subnasale"][2], site.landmarks["nasion"][2]
-    below = np.clip((high - site.points[:, 2]) / (high - low), 0, 1)  # nothing above the nasion
-    lips = np.clip(site.shape("upper_lip") + site.shape("lower_lip"), 0, 1)
-    level = np.exp(rng.normal(-(INDIVIDUAL_SPREAD**2) / 2, INDIVIDUAL_SPREAD))
-    amount = (
-        level
-        * (INDIVIDUAL + (INDIVIDUAL_LIPS - INDIVIDUAL) * lips)
-        * below
-        * smooth_noise(site.points, rng, INDIVIDUAL_LENGTH)
-    )
-    return amount[:, None] * site.outward
-
-
-# Changes of the tissue by name, in the order in which they stand in the configuration.
-CHANGES: dict[str, Callable] = {
+# Amounts by region that circumstances decide, by the name of the change.
+DECIDED: dict[str, Callable[[Circumstances], dict[str, float]]] = {
+    "habitual": habitual,
+    "posture": posture,
     "lower_lip": lower_lip,
     "chin_pad": chin_pad,
     "upper_lip": upper_lip,
     "lip_length": lip_length,
     "alar_width": alar_width,
     "paranasal": paranasal,
-    "gain": gain,
     "swelling": swelling,
     "masseter_loss": masseter_loss,
-    "individual": individual,
+}
+UNSOURCED = ("habitual",)  # whose size no publication states
+
+
+def _sides(spreads: Mapping[str, float], site: "Site", rng: np.random.Generator) -> dict[str, float]:
+    """Random amounts of these SDs; where a region has two sides they are nearly the same."""
+    amounts, alone = {}, np.sqrt(1 - ON_BOTH_SIDES**2)
+    for name, spread in spreads.items():
+        shared = spread * rng.normal()
+        if name in site.regions:
+            amounts[name] = shared
+        else:
+            amounts |= {f"{name}_{side}": ON_BOTH_SIDES * shared + alone * spread * rng.normal() for side in SIDES}
+    return amounts
+
+
+def response(site: Site, moved: np.ndarray, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
+    """The patient's own response, region by region, and a broad part, mostly the same on both sides."""
+    level = np.exp(rng.normal(-(RESPONSE_SPREAD**2) / 2, RESPONSE_SPREAD))
+    field = site.field(_sides(RESPONSE, site, rng))
+    low, high = site.landmarks["subnasale"][2], site.landmarks["nasion"][2]
+    below = np.clip((high - site.points[:, 2]) / (high - low), 0, 1)  # nothing above the nasion
+    aside = site.points[:, 0] - site.landmarks["nasion"][0]
+    folded = site.points * [0, 1, 1] + np.sqrt(aside**2 + MIDDLE**2)[:, None] * [1.0, 0, 0]
+    even, plain = (smooth_noise(points, rng, BROAD_LENGTH) for points in (folded, site.points))
+    amount = BROAD * below * (ON_BOTH_SIDES * even + np.sqrt(1 - ON_BOTH_SIDES**2) * plain)
+    return level * (field + amount[:, None] * site.outward)
+
+
+def lengthening(site: Site, moved: np.ndarray, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
+    """The upper lip lengthens by another amount than the mean."""
+    return site.field({"mouth": rng.normal(0, 1.5)})
+
+
+GAINS = {"upper_lip": 0.12, "lower_lip": 0.12, "paranasal": 0.12, "chin": 0.08, "cheek": 0.05}
+
+
+def gain(site: Site, moved: np.ndarray, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
+    """The patient's own gain of the displacement `moved` (n, 3) mm in each region, whole at its middle."""
+    total = np.zeros(len(site.points))
+    for region, spread in GAINS.items():
+        deviation = rng.normal(0, spread)
+        names = [region] if region in site.regions else [f"{region}_{side}" for side in SIDES]
+        total += deviation * MEAN_OF_HALF * np.max([site.shape(name) for name in names], axis=0)
+    return total[:, None] * moved
+
+
+def swelling_level(site: Site, moved: np.ndarray, c: Circumstances, rng: np.random.Generator) -> np.ndarray:
+    """Swelling that is more or less than the mean of its month."""
+    level = np.exp(rng.normal(-0.125, 0.5)) - 1  # the factor's mean is 1
+    return level * site.field(swelling(c))
+
+
+# Fields (n, 3) mm that nothing known decides, by the name of the change.
+OPEN: dict[str, Callable[[Site, np.ndarray, Circumstances, np.random.Generator], np.ndarray]] = {
+    "response": response,
+    "lengthening": lengthening,
+    "gain": gain,
+    "swelling_level": swelling_level,
 }
 
 
 def expression(site: Site, rng: np.random.Generator) -> np.ndarray:
     """Another expression at the scan, (n, 3) mm."""
-    amounts = {"upper_lip": rng.normal(0, 0.3), "lower_lip": rng.normal(0, 0.4)}
-    return _normal(site, amounts | _both("cheek", 0.0, 0.15, rng))
+    return site.field(_sides({"upper_lip": 0.3, "lower_lip": 0.4, "cheek": 0.15}, site, rng))

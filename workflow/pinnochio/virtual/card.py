@@ -161,18 +161,20 @@ def covariates_table() -> str:
     return markdown_table(("covariate", "distribution", "source", "decides"), rows)
 
 
-def reality_of(reality: str) -> str:
-    """How hard the outcome is, in a sentence."""
+def reality_of(reality: str, learnable: int) -> str:
+    """How hard the outcome is, and how much of it could be learned, in a sentence."""
     if reality == NOMINAL:
         return (
             "Reality `nominal`: the methods' own mechanics on their own mesh, without effects but for the error of "
             "carrying out the plan and the noise of the scan."
         )
     settings = REALITIES[reality]
+    decided, opened = settings.dials[learnable]
     return (
-        f"Reality `{reality}`: changes of the tissue beyond the mechanics, and the expression, are multiplied by "
-        f"{settings.scale:g}, found on other patients so that sliding finite elements with the true motion are "
-        f"{settings.target:g} ± 0.1 mm off ({settings.source}), and frozen."
+        f"Reality `{reality}`: what is open is multiplied by {opened:g}, what is decided by {decided:g} where its size "
+        "is stated nowhere and by no more than 1 where it is published; found on other patients so that sliding finite "
+        f"elements with the true motion are {settings.target:g} ± 0.1 mm off ({settings.source}) and a perfect learner "
+        f"explains {learnable} % of the square, and frozen."
     )
 
 
@@ -262,7 +264,7 @@ def _outcome(settings: Mapping[str, Any]) -> list[str]:
         "## Outcome",
         "What makes the simulated outcome other than any method's computation. Each effect has a switch of its own "
         "(`virtual.outcome.effects` in the configuration) and draws of its own.",
-        reality_of(settings["reality"]),
+        reality_of(settings["reality"], settings["learnable"]),
         effects_table(settings["effects"], settings["reality"]),
         "The column *noise* is what no plan, anatomy or covariate decides. Covariates (`covariates.json`) are inputs "
         "that a method may read; all of them are drawn, with these distributions:",

@@ -14,8 +14,8 @@ from pinnochio.geometry.triangles import face_normals
 from pinnochio.model.truth import read_truth
 from pinnochio.tables.document import Block, Table, View
 from pinnochio.virtual.face_scan import Scan
-from pinnochio.virtual.ground_truth import CHANGE, EFFECTS, NOMINAL, SCAN, alone, in_reality, resolve
-from pinnochio.virtual.outcome import Operation, Outcome, change, changed, meshed, moved, operate, photograph
+from pinnochio.virtual.ground_truth import CHANGE, EFFECTS, NOMINAL, OPEN, SCAN, alone, in_reality, resolve
+from pinnochio.virtual.outcome import Operation, Outcome, after, change, meshed, moved, operate, photograph
 
 REMESHED = ("nodes", "sliding_band_factor")  # effects that need a model of their own
 NOTHING, EVERYTHING = "none", "all"
@@ -69,7 +69,7 @@ def measure(operation: Operation, truth: str) -> list[dict]:
     """Rows of :data:`CASE` of one patient: nothing on, each effect alone, everything on.
 
     truth: file of the outcome with all effects. Effects of the scan: distance of the registered scan, with the loss of
-    face; all others: difference of displacement. Changes of the tissue stand at the scale of the reality.
+    face; all others: difference of displacement. Changes of the tissue stand at the dials of the reality.
     """
     off = resolve(NOMINAL)
     nominal = operate(operation, off)
@@ -88,8 +88,9 @@ def measure(operation: Operation, truth: str) -> list[dict]:
             rows.append(row(effect, *face.scan_error(photograph(operation, nominal, single))))
         else:
             model = meshed(operation, single) if effect in REMESHED else nominal.patient
-            if EFFECTS[effect].kind == CHANGE:
-                field = changed(nominal, operation.settings.scale * change(operation, single, nominal)).displacement
+            if EFFECTS[effect].kind in (CHANGE, OPEN):
+                changes = change(operation, single, nominal)
+                field = after(nominal, changes, operation.settings.dials).displacement
             else:
                 field = moved(operation, single, model).displacement
             rows.append(row(effect, face.difference(model.points, model.cells, field)))
@@ -125,6 +126,6 @@ def tabulate(rows: Sequence[str | os.PathLike], effects: Mapping[str, Any] | str
         f"What each effect of the simulated outcome does to the outer face when it alone is on, against the nominal "
         f"outcome; {cohort}, {words(reality)}, n = {frame['n'].max()}. Effects of the scan, with expression: "
         f"distance of the registered scan from the nominal skin; all others: displacement, of which a scan sees what "
-        f"does not run along the skin. Changes beyond the mechanics stand at the scale of the reality."
+        f"does not run along the skin. Changes beyond the mechanics stand at the dials of the reality."
     )
     return Table(frame, SUMMARY, [Block.of(frame, view, caption)])

@@ -14,26 +14,41 @@ from pinnochio.files import replacing
 from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.importing.segmentation import Segmentation, read_segmentation
 from pinnochio.json_text import read_stored_json
+from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.elements.materials import neo_hookean
 from pinnochio.mechanics.elements.tetrahedra import jacobians
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import Simulator
 from pinnochio.mechanics.solvers.inversion_repair import repair_inversions
+from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.tetrahedralize import tetrahedralize
+from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.surfaces import BoneSurface, bone_surface, skin_surface
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.sampling import execution_error
 from pinnochio.seeds import generator
-from pinnochio.virtual.aftermath import CHANGES, Circumstances, Site, expression, lip_gap, looseness, read_landmarks
+from pinnochio.virtual.aftermath import (
+    DECIDED,
+    OPEN,
+    UNSOURCED,
+    Circumstances,
+    Site,
+    expression,
+    lip_gap,
+    read_landmarks,
+)
 from pinnochio.virtual.covariates import Covariates, thickness_scores
 from pinnochio.virtual.face_scan import Scan, scan
-from pinnochio.virtual.ground_truth import OutcomeSettings
+from pinnochio.virtual.ground_truth import Dials, OutcomeSettings
 from pinnochio.virtual.loading import loads
 
 LOG = logging.getLogger(__name__)
 TURN = 6.0, 12.0  # degrees by which the lattice of the outcome is turned [I]
 LARGEST_CHANGE = 5.0  # mm that no change beyond mechanics exceeds [I]
 ATTEMPTS = 4  # an executed plan that tissue cannot follow is drawn again
+DRAINED = 0.3  # Poisson's ratio of tissue that swells, shrinks and settles: fluid comes and goes [I]
 
 
 @dataclass(frozen=True)
@@ -109,20 +124,42 @@ class Operation:
 
 @dataclass(frozen=True)
 class Outcome:
-    """patient: the truth's own model; displacement (n, 3) mm of its nodes; executed: the plan as carried out."""
+    """patient: the truth's own model; displacement (n, 3) mm of its nodes; executed: the plan as carried out.
+
+    expected (n, 3) mm: the displacement of a patient with the same motion of the bones of whom nothing is random: what
+    plan, anatomy and covariates decide.
+    """
 
     patient: PatientModel
     displacement: np.ndarray
     executed: Plan
+    expected: np.ndarray
 
     def write(self, path: str | os.PathLike) -> None:
-        """Write as HDF5: points, cells, displacement; attribute `executed`, the plan as JSON."""
+        """Write as HDF5: points, cells, displacement, expected; attribute `executed`, the plan as JSON."""
         # Without the seal of other files: the frozen checksums of a cohort are those of these bytes.
         arrays = {"points": self.patient.points, "cells": self.patient.cells, "displacement": self.displacement}
         with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
-            for name, values in arrays.items():
+            for name, values in (arrays | {"expected": self.expected}).items():
                 file.create_dataset(name, data=values, compression="gzip", track_times=False)
             file.attrs["executed"] = self.executed.to_json()
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Displacements (n, 3) mm beyond mechanics: decided ones of published and of unstated size, and open ones."""
+
+    sourced: np.ndarray
+    unsourced: np.ndarray
+    open: np.ndarray
+
+    def decided(self, dials: Dials) -> np.ndarray:
+        """What circumstances decide; published sizes are never stretched."""
+        return min(dials.decided, 1.0) * self.sourced + dials.decided * self.unsourced
+
+    def whole(self, dials: Dials) -> np.ndarray:
+        """All of it."""
+        return self.decided(dials) + dials.open * self.open
 
 
 def meshed(operation: Operation, effects: Mapping[str, Any], by_lip: bool | None = None) -> PatientModel:
@@ -151,67 +188,101 @@ def meshed(operation: Operation, effects: Mapping[str, Any], by_lip: bool | None
 
 def moved(operation: Operation, effects: Mapping[str, Any], patient: PatientModel) -> Outcome:
     """What mechanics alone makes of the plan with these effects. RuntimeError as :func:`operate`."""
-    fem = operation.settings.fem
-    draws = operation.draws("stiffness_spread")
-    moduli = {
-        tissue: modulus * float(np.exp(effects["stiffness_spread"] * draws.normal()))
-        for tissue, modulus in sorted(fem.youngs_modulus.items())
-    }
-    poisson = effects["poisson"] or fem.poisson
-    varied = replace(
-        fem,
-        youngs_modulus=moduli,
-        poisson=poisson,
-        stiffening=effects["stiffening"],
-        yielding=effects["yielding"],
-    )
-    outer = loads(
-        patient,
-        operation.landmarks,
-        operation.covariates,
-        effects["posture"],
-        effects["pre_stress"],
-        operation.draws("pre_stress"),
-    )
     draws = operation.draws("execution_error")
-    with Simulator(patient, varied, unilateral=bool(effects["contact"]), loads=outer) as simulator:
+    with _simulator(operation, effects, patient, random=True) as simulator:
         for _ in range(ATTEMPTS):
             executed = operation.plan
             if effects["execution_error"]:
                 executed = execution_error(operation.plan, draws, effects["execution_error"])
-            (result,) = simulator.solve([executed])
-            LOG.info("%s; moduli %s kPa; %.1f s", result.reason, moduli, result.seconds)
-            if result.converged and result.min_jacobian > 0:
-                return Outcome(patient, result.displacement, executed)
-            if result.converged:
-                law, interface = fem.material(patient.tissue), patient.node_type != FREE
-                field, repair = repair_inversions(patient.points, patient.cells, law, result.displacement, interface)
-                LOG.info("%s", repair)
-                if repair.damping == 1:
-                    return Outcome(patient, field, executed)
-    raise RuntimeError(f"case {operation.case!r}: the simulated outcome did not converge: {result.reason}")
+            displacement, reason = _solved(operation, simulator, patient, executed)
+            if displacement is not None:
+                break
+        else:
+            raise RuntimeError(f"case {operation.case!r}: the simulated outcome did not converge: {reason}")
+    if not effects["stiffness_spread"] and not effects["pre_stress"]:
+        return Outcome(patient, displacement, executed, displacement)
+    with _simulator(operation, effects, patient, random=False) as simulator:
+        expected, reason = _solved(operation, simulator, patient, executed)
+    if expected is None:
+        raise RuntimeError(f"case {operation.case!r}: the expected outcome did not converge: {reason}")
+    return Outcome(patient, displacement, executed, expected)
 
 
-def change(operation: Operation, effects: Mapping[str, Any], outcome: Outcome) -> np.ndarray:
-    """What these effects change of the tissue (n, 3) mm beyond the mechanics, at a scale of one."""
+def _simulator(operation: Operation, effects: Mapping[str, Any], patient: PatientModel, random: bool) -> Simulator:
+    """Of the patient's own tissue, or of the mean one."""
+    fem, draws = operation.settings.fem, operation.draws("stiffness_spread")
+    spread = effects["stiffness_spread"] if random else 0.0
+    moduli = {
+        tissue: modulus * float(np.exp(spread * draws.normal()))
+        for tissue, modulus in sorted(fem.youngs_modulus.items())
+    }
+    LOG.info("moduli %s kPa", moduli)
+    varied: FemSettings = replace(
+        fem,
+        youngs_modulus=moduli,
+        poisson=effects["poisson"] or fem.poisson,
+        stiffening=effects["stiffening"],
+        yielding=effects["yielding"],
+    )
+    tension = operation.draws("pre_stress") if random else None
+    outer = loads(patient, operation.landmarks, effects["pre_stress"], tension)
+    return Simulator(patient, varied, unilateral=bool(effects["contact"]), loads=outer)
+
+
+def _solved(
+    operation: Operation, simulator: Simulator, patient: PatientModel, executed: Plan
+) -> tuple[np.ndarray | None, str]:
+    """Displacement (n, 3) mm under a plan, None where tissue cannot follow it, and why the solver stopped."""
+    (result,) = simulator.solve([executed])
+    LOG.info("%s; %.1f s", result.reason, result.seconds)
+    if result.converged and result.min_jacobian > 0:
+        return result.displacement, result.reason
+    if result.converged:
+        law, interface = operation.settings.fem.material(patient.tissue), patient.node_type != FREE
+        field, repair = repair_inversions(patient.points, patient.cells, law, result.displacement, interface)
+        LOG.info("%s", repair)
+        if repair.damping == 1:
+            return field, result.reason
+    return None, result.reason
+
+
+def change(operation: Operation, effects: Mapping[str, Any], outcome: Outcome) -> Changes:
+    """What these effects change of the tissue beyond the mechanics, at dials of one."""
     patient = outcome.patient
-    site = Site(patient.points, (patient.skin_points, patient.skin_faces), operation.landmarks)
+    nodes = np.unique(patient.skin_nodes)
+    site = Site(patient.points[nodes], (patient.skin_points, patient.skin_faces), operation.landmarks)
     circumstances = operation.circumstances(outcome.executed)
-    total = np.zeros_like(patient.points)
-    for name, field in CHANGES.items():
+    total = {kind: np.zeros((len(nodes), 3)) for kind in ("sourced", "unsourced", "open")}
+    for name, decide in DECIDED.items():
         if effects[name]:
-            decided_by = outcome.displacement if name == "gain" else circumstances
-            total += effects[name] * field(site, decided_by, operation.draws(name))
-    return total * looseness(patient.points, patient.bone_points)[:, None]
+            kind = "unsourced" if name in UNSOURCED else "sourced"
+            total[kind] += effects[name] * site.field(decide(circumstances))
+    for name, drawn in OPEN.items():
+        if effects[name]:
+            field = drawn(site, outcome.displacement[nodes], circumstances, operation.draws(name))
+            total["open"] += effects[name] * field
+    return Changes(*carried_inward(patient, nodes, np.stack(list(total.values()))))
 
 
-def changed(outcome: Outcome, field: np.ndarray) -> Outcome:
-    """The outcome with a further displacement (n, 3) mm, as far as its elements take it; large ones level off."""
-    patient, moved_so_far = outcome.patient, outcome.displacement
+def carried_inward(patient: PatientModel, nodes: np.ndarray, fields: np.ndarray) -> np.ndarray:
+    """Displacements (k, n, 3) mm of all tissue that follows skin nodes (s,) displaced by fields (k, s, 3) mm, while
+    what lies on bone rests: linear elasticity of drained tissue."""
+    held = np.union1d(np.flatnonzero(patient.node_type != FREE), nodes)
+    motions = np.zeros((len(fields), *patient.points.shape))
+    motions[:, nodes] = fields
+    motions[:, patient.node_type != FREE] = 0
+    material = neo_hookean(patient.tissue, {SUPERFICIAL: 1.0, MUSCLE: 1.0}, DRAINED)
+    solver = ElasticSolver(patient.points, patient.cells, material, BoundaryConditions(held, np.zeros((len(held), 3))))
+    carried = solver.spread(motions)
+    solver.close()
+    return carried
+
+
+def changed(patient: PatientModel, displacement: np.ndarray, field: np.ndarray) -> np.ndarray:
+    """A displacement (n, 3) mm with a further one, as far as the elements take it; large ones level off."""
     size = np.linalg.norm(field, axis=1, keepdims=True) / LARGEST_CHANGE
     field = field * np.tanh(size) / np.maximum(size, 1e-9)
-    field = admissible(patient.points, patient.cells, moved_so_far, field)
-    return replace(outcome, displacement=moved_so_far + field)
+    return displacement + admissible(patient.points, patient.cells, displacement, field)
 
 
 def operate(operation: Operation, effects: Mapping[str, Any], patient: PatientModel | None = None) -> Outcome:
@@ -221,9 +292,18 @@ def operate(operation: Operation, effects: Mapping[str, Any], patient: PatientMo
     solution for a few draws of the executed plan.
     """
     outcome = moved(operation, effects, patient or meshed(operation, effects))
-    if not any(effects[name] for name in CHANGES):
+    if not any(effects[name] for name in (*DECIDED, *OPEN)):
         return outcome
-    return changed(outcome, operation.settings.scale * change(operation, effects, outcome))
+    return after(outcome, change(operation, effects, outcome), operation.settings.dials)
+
+
+def after(outcome: Outcome, changes: Changes, dials: Dials) -> Outcome:
+    """The outcome of mechanics with the changes at these dials."""
+    return replace(
+        outcome,
+        displacement=changed(outcome.patient, outcome.displacement, changes.whole(dials)),
+        expected=changed(outcome.patient, outcome.expected, changes.decided(dials)),
+    )
 
 
 def admissible(points, cells, displacement, change) -> np.ndarray:
@@ -235,19 +315,18 @@ def admissible(points, cells, displacement, change) -> np.ndarray:
     return change
 
 
-def shown(operation: Operation, outcome: Outcome, effects: Mapping[str, Any], scale: float | None = None) -> np.ndarray:
-    """Points (s, 3) mm of the outer skin when it is scanned; scale: of the expression, if not that of the settings."""
+def shown(operation: Operation, outcome: Outcome, effects: Mapping[str, Any]) -> np.ndarray:
+    """Points (s, 3) mm of the outer skin when it is scanned."""
     patient = outcome.patient
     skin = patient.moved_skin(outcome.displacement)
     if effects["expression"]:
         site = Site(patient.skin_points, (patient.skin_points, patient.skin_faces), operation.landmarks)
-        amount = effects["expression"] * (operation.settings.scale if scale is None else scale)
-        skin = skin + amount * expression(site, operation.draws("expression"))
+        skin = skin + effects["expression"] * expression(site, operation.draws("expression"))
     return skin
 
 
-def photograph(operation: Operation, outcome: Outcome, effects: Mapping[str, Any], scale: float | None = None) -> Scan:
-    """Scan of the outcome's skin with these effects; scale as in :func:`shown`."""
+def photograph(operation: Operation, outcome: Outcome, effects: Mapping[str, Any]) -> Scan:
+    """Scan of the outcome's skin with these effects."""
     settings = {name: effects[name] for name in ("noise", "holes", "coverage", "frame")}
-    skin = shown(operation, outcome, effects, scale)
+    skin = shown(operation, outcome, effects)
     return scan(skin, outcome.patient.skin_faces, operation.draws("scan"), **settings)

@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import norm
 
-from pinnochio.plans.sampling import truncated
+from pinnochio.plans.sampling import quantile, truncated
 from pinnochio.virtual.morphable_model import ModelFace, first_hit, make_face, sample_identity
 from pinnochio.virtual.parameters import (
     NAMES,
@@ -16,6 +17,7 @@ from pinnochio.virtual.parameters import (
     distribution,
 )
 from pinnochio.virtual.procedures import DEFORMITIES
+from pinnochio.virtual.published_thickness import PUBLISHED
 from pinnochio.virtual.rays import REACH, sites
 from pinnochio.virtual.skeleton import Skeleton
 
@@ -24,6 +26,7 @@ LABIAL = 1.5  # mm from the upper incisor's labial face, at the height of the li
 STEEPEST = 9.0  # mm of the incisors ahead of the A point at most [I]
 SPINE = 1.5  # mm by which the bone below the nasal spine lies ahead of the A point, as modelled
 FORWARD_SD = 1.0  # mm by which the maxilla's growth differs from its class's [I]
+ALIKE = 0.5  # correlation of the thicknesses of one face [I]
 CHIN_BACK = 0.5  # mm by which the chin falls back per mm of open bite, the mandible turning about its condyles [I]
 
 
@@ -37,7 +40,11 @@ def sample_patient(rng: np.random.Generator, deformity: str) -> HeadParameters:
     male = bool(rng.random() < 0.5)
     side = 1.0 if rng.random() < 0.5 else -1.0
     identity = sample_identity(rng, male)
-    values = {name: truncated(rng, *distribution(name, male, NORMAL)) for name in TABLE}
+    values, thick = {}, rng.normal()
+    for name in TABLE:
+        own = distribution(name, male, NORMAL)
+        alike = norm.cdf(np.sqrt(ALIKE) * thick + np.sqrt(1 - ALIKE) * rng.normal())
+        values[name] = quantile(alike, *own) if name in PUBLISHED else truncated(rng, *own)
     return deform(rng, fit(identity, male, values), deformity, side)
 
 
