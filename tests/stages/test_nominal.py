@@ -5,16 +5,15 @@ import numpy as np
 import pytest
 
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.surfaces import read_surface
 from pinnochio.model.truth import read_truth
 from pinnochio.plans.plan import Plan
-from pinnochio.virtual.aftermath import CHANGES
-from pinnochio.virtual.ground_truth import alone
-from pinnochio.virtual.loading import sag, weight_change
-from pinnochio.virtual.outcome import Operation, Outcome, admissible, change, changed, moved
+from pinnochio.virtual.aftermath import DECIDED, OPEN
+from pinnochio.virtual.ground_truth import Dials, alone
+from pinnochio.virtual.outcome import Operation, Outcome, admissible, after, change
 from scripts.cohort.carry_truth import carry_truth
 from scripts.cohort.virtual_outcome import virtual_outcome
 from scripts.patient.choose_samples import choose_samples
@@ -97,38 +96,52 @@ def operation(patient):
     return Operation.read(patient.case, inputs_of(patient), CONFIG["labels"], CONFIG["segments"], OUTCOME, SEED)
 
 
-def test_the_scale_scales_what_goes_beyond_mechanics(operation, field):
+@pytest.fixture(scope="module")
+def base(field):
     model, plan, displacement = field
-    effects, base = operation.settings.effects, Outcome(model, displacement, plan)
-    one = change(operation, effects, base)
-    assert 0.3 < np.linalg.norm(one, axis=1).max() < 12 and np.array_equal(one, change(operation, effects, base))
-    small, twice = (changed(base, scale * one).displacement - displacement for scale in (0.01, 0.02))
-    assert np.allclose(twice, 2 * small, rtol=1e-3) and np.allclose(small, 0.01 * one, rtol=1e-3)
-    assert np.array_equal(changed(base, 0 * one).displacement, displacement)
+    return Outcome(model, displacement, plan, displacement)
 
 
-def test_each_change_has_a_switch_that_changes_only_itself(operation, field):
-    model, plan, displacement = field
-    effects, base = operation.settings.effects, Outcome(model, displacement, plan)
-    every = change(operation, effects, base)
-    parts = {name: change(operation, alone(effects, name), base) for name in CHANGES}
-    assert all(part.any() for part in parts.values()) and np.allclose(sum(parts.values()), every)
-    without = change(operation, effects | {"swelling": 0.0}, base)
-    assert np.allclose(every - without, parts["swelling"])
+def test_dials_stretch_what_is_open_and_no_published_size(operation, base):
+    changes = change(operation, operation.settings.effects, base)
+    again = change(operation, operation.settings.effects, base)
+    for name in ("sourced", "unsourced", "open"):
+        field = getattr(changes, name)
+        assert 0.3 < np.linalg.norm(field, axis=1).max() < 12 and np.array_equal(field, getattr(again, name))
+    assert np.allclose(changes.decided(Dials(0.5, 9)), 0.5 * (changes.sourced + changes.unsourced))
+    assert np.allclose(changes.decided(Dials(2, 9)), changes.sourced + 2 * changes.unsourced)
+    assert np.allclose(changes.whole(Dials(2, 3)) - changes.decided(Dials(2, 3)), 3 * changes.open)
 
 
-def test_a_face_that_sits_up_is_in_equilibrium_with_its_weight(operation, patient, field):
-    model, plan, displacement = field
-    up = moved(operation, alone(operation.settings.effects, "posture"), model).displacement
-    amount = operation.settings.effects["posture"] * sag(operation.covariates)
-    weight = weight_change(model, operation.landmarks, amount)
-    inner = Elements.build(model.points, model.cells, patient.fem.material(model.tissue)).evaluate(up)[1]
-    free = (model.node_type == FREE) & np.isin(np.arange(len(model.points)), model.cells)
-    assert np.abs(inner - weight)[free].max() < 1e-3 * np.abs(weight).max()
-    shift = model.moved_skin(up) - model.moved_skin(displacement)
-    assert shift[model.judged_points, 2].mean() < -0.1  # down
-    without = moved(operation, alone(operation.settings.effects | {"posture": 0.0}, "posture"), model)
-    assert np.abs(without.displacement - displacement).max() < 0.01
+def test_what_is_expected_holds_nothing_that_is_open(operation, base):
+    changes, dials = change(operation, operation.settings.effects, base), Dials(0.01, 0.02)
+    outcome = after(base, changes, dials)
+    small = outcome.displacement - base.displacement
+    assert np.allclose(outcome.expected - base.displacement, changes.decided(dials), atol=1e-4)
+    assert np.allclose(small, changes.whole(dials), atol=1e-4)
+    still = after(base, changes, Dials(0, 0))
+    assert np.array_equal(still.displacement, base.displacement)
+
+
+def test_each_change_has_a_switch_that_changes_only_itself(operation, base):
+    effects = operation.settings.effects
+
+    def whole(effects):
+        return change(operation, effects, base).whole(Dials(1, 1))
+
+    every = whole(effects)
+    parts = {name: whole(alone(effects, name)) for name in (*DECIDED, *OPEN)}
+    assert all(part.any() for part in parts.values()) and np.allclose(sum(parts.values()), every, atol=1e-6)
+    assert np.allclose(every - whole(effects | {"swelling": 0.0}), parts["swelling"], atol=1e-6)
+
+
+def test_changes_of_the_skin_are_carried_inward_and_leave_the_bone(operation, base):
+    model = base.patient
+    field = change(operation, alone(operation.settings.effects, "posture"), base).sourced
+    assert not field[model.node_type != FREE].any()
+    inside = np.setdiff1d(np.flatnonzero(model.node_type == FREE), model.skin_nodes)
+    size = np.linalg.norm(field, axis=1)
+    assert 0.02 < size[inside].mean() < size[np.unique(model.skin_nodes)].mean()
 
 
 def test_a_change_never_turns_an_element_inside_out(field):

@@ -31,7 +31,7 @@ CHANGED = {
         "neighbours": 4,
     },
 }
-TABLES = ("thickness", "anatomy", "effects", "ratios", "nasolabial")
+TABLES = ("thickness", "anatomy", "structure", "effects", "ratios", "nasolabial")
 
 
 @pytest.fixture(scope="module")
@@ -42,20 +42,19 @@ def cohort(tmp_path_factory) -> Project:
     cases = [f"V{number:02d}" for number in range(1, 5)]
     files = [f"{case}/{name}" for case in cases for name in FILES]
     files += [f"{table}.{suffix}" for table in TABLES for suffix in ("csv", "md", "tex", "html")]
-    files += [f"learnable.{suffix}" for suffix in ("csv", "md", "tex", "html", "json", "provenance.json")]
-    files += [f"{case}/learnable.csv" for case in cases]
+    files += [f"{case}/structure.csv" for case in cases]
     for name in [*files, "V01/effects.csv", "V01/nasolabial.csv", "README.md", "SHA256SUMS"]:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text("made\n")
-    project.quick("--touch", "--forceall", "--", "cohort", "learnable")
+    project.quick("--touch", "--forceall", "--", "cohort")
     return project
 
 
 def planned_rules(project: Project, **sections: dict) -> set[str]:
     """Rules of the jobs that making the cohort would run, and what is measured on it alone, with changed sections."""
     changed = [f"{section}={json.dumps(changes)}" for section, changes in sections.items()]
-    said = project.planned("--config", *changed, "--", "cohort", "learnable")
-    return set() if "Nothing to be done" in said else {*jobs(said)} - {"cohort", "learnable"}
+    said = project.planned("--config", *changed, "--", "cohort")
+    return set() if "Nothing to be done" in said else {*jobs(said)} - {"cohort"}
 
 
 def test_no_setting_of_the_methods_makes_an_outcome_again(cohort):

@@ -110,7 +110,7 @@ class Surface:
         self.of = {name: RegularGridInterpolator(grid, rows[name].to_numpy().reshape(shape)) for name in MEASURED}
 
     def __call__(self, dials: Dials) -> dict[str, float]:
-        return {name: float(value(dials)[0]) for name, value in self.of.items()}
+        return {name: value(dials).item() for name, value in self.of.items()}
 
 
 def share(numbers: dict[str, float]) -> float:
