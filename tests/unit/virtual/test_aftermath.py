@@ -87,8 +87,8 @@ def test_normals_point_out_of_the_skin(site):
         ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=-5.0), 0.4 / 0.72),
         ("chin_pad", MARKS["pogonion_soft"], replace(STILL, chin=10.0), -0.7 / 0.72),
         ("chin_pad", MARKS["mentolabial"], replace(STILL, chin=10.0), 0.4 / 0.72),
-        ("upper_lip", MARKS["labrale_superius"], replace(STILL, maxilla=5.0), -2.25 / 0.72),
-        ("upper_lip", MARKS["subnasale"], replace(STILL, maxilla=5.0), -2.6 / 0.72),
+        ("upper_lip", MARKS["labrale_superius"], replace(STILL, maxilla=5.0), -2.75 / 0.72),
+        ("upper_lip", MARKS["subnasale"], replace(STILL, maxilla=5.0), -2.8 / 0.72),
         ("paranasal", on(25, 16), replace(STILL, maxilla=10.0), 0.8 / 0.72),
     ],
 )

@@ -125,8 +125,8 @@ class Site:
         width = np.linalg.norm(marks["cheilion_left"] - marks["cheilion_right"])
         wide = 0.4 * width  # of a lip
         regions = {
-            "nasal_base": (subnasale, [11, 10, 6]),
-            "dorsum": (0.4 * nasion + 0.6 * marks["pronasale"], [9, 14, 14]),
+            "nasal_base": (subnasale, [10, 9, 5]),
+            "dorsum": (0.5 * nasion + 0.5 * marks["pronasale"], [9, 14, 12]),
             "upper_lip": (0.65 * upper + 0.35 * subnasale, [wide, 15, 7]),
             "lower_lip": (0.75 * lower + 0.25 * marks["mentolabial"], [wide, 15, 7]),
             "mentolabial": (marks["mentolabial"], [wide, 15, 6]),
@@ -181,9 +181,9 @@ def posture(c: Circumstances) -> dict[str, float]:
     """Lying in the CT, upright at the scan."""
     mass, older = c.covariates.mass, 1 + 0.01 * (c.covariates.age - AGE[0])
     sizes = {
-        "infraorbital": -0.8 - 0.15 * mass,
+        "infraorbital": -0.4 - 0.15 * mass,
         "malar": -1.3 - 0.2 * mass,
-        "cheek": 0.45 + 0.2 * mass,
+        "cheek": 0.9 + 0.2 * mass,
         "jaw": -0.5 - 0.25 * mass,
     }
     return {name: older * amount for name, amount in both(sizes).items()}
@@ -201,7 +201,7 @@ def chin_pad(c: Circumstances) -> dict[str, float]:
 
 
 def upper_lip(c: Circumstances) -> dict[str, float]:
-    share = -0.20 if c.covariates.closure == "vy" else -0.45
+    share = -0.30 if c.covariates.closure == "vy" else -0.55
     thick = 1 - 0.2 * c.thickness["labrale_superius"]
     return {"upper_lip": c.maxilla * thick * share, "nasal_base": -0.25 * c.maxilla}
 
