@@ -16,13 +16,14 @@ from pinnochio.virtual.procedures import DEFORMITIES
 # Tables that the card shows where they have been made, with their headings.
 TABLES = {
     "thickness": "Soft-tissue thickness",
+    "structure": "Structure and learnable share of the deviation from finite elements",
     "ratios": "Soft-to-hard tissue ratios",
     "nasolabial": "Nasolabial angle after 5 mm of maxillary advance",
     "effects": "What each effect does to the outer face",
 }
 ROLES = {
     "development": "development: settings are chosen on it",
-    "calibration": "calibration: the scale of the outcome's changes is found on it",
+    "calibration": "calibration: the dials of the outcome are found on it",
     LOCKED: "locked: for final tables; no setting is ever chosen on it",
 }
 HIDDEN = f"""\
@@ -37,10 +38,10 @@ LIMITS = """\
   which favours methods of that kind. What goes beyond mechanics is a handful of smooth fields of fixed shape.
 * Two soft tissues, each homogeneous and isotropic in a patient: no fibre direction, no skin layer of its own, no growth
   or scarring. The tension of the skin acts by its change alone. The lips do not touch each other in the mechanics.
-* Weight turns about the whole head when the patient sits up; the jaw itself does not.
+* Posture moves the skin as published by region and the tissue below it as elastic; the jaw itself does not turn.
 * Adults with one of four deformities in equal numbers. The distributions are literature means [R] and choices [I], not
   a fit to one population; origin, clefts and syndromes are not modelled; age and body mass act on the outcome alone.
-* Given sex and deformity the numbers are drawn independently of each other.
+* Given sex and deformity the numbers are drawn independently of each other, but for the thicknesses of a face.
 * Segmentations before surgery are free of artefacts: no metal, no motion, no wrong label. Those after surgery have
   metal, streaks and noise of our own making, not those of a scanner.
 * The scan lacks what two cameras do not see, and some millimetres around every open border.

@@ -1,13 +1,6 @@
 # What checks the virtual cohort beyond making it; not part of `all`.
 
 MEASURED |= {
-    "structure": (
-        TRUTH
-        | {
-            "template": f"<results>/cases/{next(iter(STUDY.cohort.cases), '')}/model.h5"
-        },
-        {},
-    ),
     "reality": (
         {},
         {
@@ -23,17 +16,6 @@ add_table(
     caption="Scale of the outcome's changes, and sliding finite elements there beside the literature.",
     files={
         "rows": expand("<results>/virtual/{case}/reality.csv", case=STUDY.cohort.cases)
-    },
-    arguments=NAMED,
-)
-add_table(
-    "structure",
-    "studies.cohort_checks.structure",
-    caption="Structure of what finite elements miss of the outcome, beside three operated patients, and its ceiling.",
-    files={
-        "rows": expand(
-            "<results>/virtual/{case}/structure.csv", case=STUDY.cohort.cases
-        )
     },
     arguments=NAMED,
 )
@@ -86,13 +68,6 @@ rule reality:
         recorded("reality", "virtual"),
     message:
         "The dials of the outcome are found: results/calibration/virtual/reality.md"
-
-
-rule structure:
-    input:
-        recorded("structure", "virtual"),
-    message:
-        "The structure and the ceiling of the outcome are measured"
 
 
 rule refinement:
