@@ -82,13 +82,13 @@ def test_normals_point_out_of_the_skin(site):
 @pytest.mark.parametrize(
     ("name", "place", "circumstances", "amount"),
     [
-        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=5.0), -1.1 / 0.72),
-        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=5.0, gap=4.0), -1.54 / 0.72),
+        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=5.0), -0.9 / 0.72),
+        ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=5.0, gap=4.0), -1.26 / 0.72),
         ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=-5.0), 0.4 / 0.72),
         ("chin_pad", MARKS["pogonion_soft"], replace(STILL, chin=10.0), -0.7 / 0.72),
         ("chin_pad", MARKS["mentolabial"], replace(STILL, chin=10.0), 0.4 / 0.72),
         ("upper_lip", MARKS["labrale_superius"], replace(STILL, maxilla=5.0), -2.75 / 0.72),
-        ("upper_lip", MARKS["subnasale"], replace(STILL, maxilla=5.0), -2.8 / 0.72),
+        ("upper_lip", MARKS["subnasale"], replace(STILL, maxilla=5.0), -2.1 / 0.72),
         ("paranasal", on(25, 16), replace(STILL, maxilla=10.0), 0.8 / 0.72),
     ],
 )

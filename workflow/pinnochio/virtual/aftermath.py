@@ -182,7 +182,7 @@ def posture(c: Circumstances) -> dict[str, float]:
     mass, older = c.covariates.mass, 1 + 0.01 * (c.covariates.age - AGE[0])
     sizes = {
         "infraorbital": -0.4 - 0.15 * mass,
-        "malar": -1.3 - 0.2 * mass,
+        "malar": -1.65 - 0.2 * mass,
         "cheek": 0.9 + 0.2 * mass,
         "jaw": -0.5 - 0.25 * mass,
     }
@@ -192,7 +192,7 @@ def posture(c: Circumstances) -> dict[str, float]:
 def lower_lip(c: Circumstances) -> dict[str, float]:
     advance, setback = max(c.mandible, 0), max(-c.mandible, 0)
     thick = 1 + 0.25 * c.thickness["labrale_inferius"]
-    return {"lower_lip": thick * (-0.22 * advance * (1 + 0.1 * c.gap) + 0.08 * setback)}
+    return {"lower_lip": thick * (-0.18 * advance * (1 + 0.1 * c.gap) + 0.08 * setback)}
 
 
 def chin_pad(c: Circumstances) -> dict[str, float]:
@@ -203,7 +203,7 @@ def chin_pad(c: Circumstances) -> dict[str, float]:
 def upper_lip(c: Circumstances) -> dict[str, float]:
     share = -0.30 if c.covariates.closure == "vy" else -0.55
     thick = 1 - 0.2 * c.thickness["labrale_superius"]
-    return {"upper_lip": c.maxilla * thick * share, "nasal_base": -0.25 * c.maxilla}
+    return {"upper_lip": c.maxilla * thick * share, "nasal_base": -0.15 * c.maxilla}
 
 
 def lip_length(c: Circumstances) -> dict[str, float]:
