@@ -68,14 +68,14 @@ def test_a_constant_field_has_no_correlation_length(plane):
         assert np.isnan(correlation_lengths(points, areas, np.ones(len(points)))).all()
 
 
-def test_a_ramp_has_its_own_slope(plane):
+def test_a_ramp_has_its_slope(plane):
     points, faces, areas = plane
     ramp = np.tan(np.radians(5)) * points[:, 2]
     inner = faces[(np.abs(points[faces]).max(axis=(1, 2)) < 70)]
     assert slope(points, inner, areas, ramp) == pytest.approx(5, abs=0.01)
 
 
-def test_even_and_odd_parts_are_told_apart(plane):
+def test_even_and_odd_parts_are_separated(plane):
     points, _, areas = plane
     x = points[:, 0]
     # A surface that a mirror image fits in one way only.
@@ -88,7 +88,7 @@ def test_even_and_odd_parts_are_told_apart(plane):
     assert symmetric_share(areas, 2 * even + odd, mirror) == pytest.approx(share, abs=0.01)
 
 
-def test_what_all_patients_share_is_found(plane):
+def test_what_all_patients_share_is_measured(plane):
     points, _, areas = plane
     draws = np.random.default_rng(3)
     common = smooth_noise(points, draws, 15.0)

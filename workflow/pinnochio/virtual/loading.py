@@ -41,8 +41,8 @@ def loads(
     if not multiple:
         return None
     faces, tension = skin_tension(patient, landmarks)
-    own = 1.0
+    factor = 1.0
     if rng:
         spread = np.sqrt(np.log(1 + TENSION_SPREAD**2))
-        own = np.exp(rng.normal(-(spread**2) / 2, spread))
-    return Loads(np.zeros_like(patient.points), faces, multiple * own * tension)
+        factor = np.exp(rng.normal(-(spread**2) / 2, spread))
+    return Loads(np.zeros_like(patient.points), faces, multiple * factor * tension)

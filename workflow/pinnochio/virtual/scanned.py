@@ -42,9 +42,9 @@ def sample_patient(rng: np.random.Generator, deformity: str) -> HeadParameters:
     identity = sample_identity(rng, male)
     values, thick = {}, rng.normal()
     for name in TABLE:
-        own = distribution(name, male, NORMAL)
+        bounds = distribution(name, male, NORMAL)
         alike = norm.cdf(np.sqrt(ALIKE) * thick + np.sqrt(1 - ALIKE) * rng.normal())
-        values[name] = quantile(alike, *own) if name in PUBLISHED else truncated(rng, *own)
+        values[name] = quantile(alike, *bounds) if name in PUBLISHED else truncated(rng, *bounds)
     return deform(rng, fit(identity, male, values), deformity, side)
 
 

@@ -129,8 +129,8 @@ def dials_for(rows: pd.DataFrame, target: float, wanted: float) -> Dials:
 
     low, high = means.bounds
     starts = [low + part * (high - low) for part in (0.25, 0.5, 0.75)]
-    found = min((least_squares(misfit, start, bounds=(low, high)) for start in starts), key=lambda fit: fit.cost)
-    return Dials(*(float(np.round(value, 2)) for value in found.x))
+    fit = min((least_squares(misfit, start, bounds=(low, high)) for start in starts), key=lambda one: one.cost)
+    return Dials(*(float(np.round(value, 2)) for value in fit.x))
 
 
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
@@ -140,7 +140,7 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
         group = rows[rows["reality"] == reality]
         for wanted in known.dials:
             dials = dials_for(group, known.target, wanted)
-            patients = pd.DataFrame([Surface(own)(dials) for _, own in group.groupby("case")])
+            patients = pd.DataFrame([Surface(patient)(dials) for _, patient in group.groupby("case")])
             patients["cheeks"] = patients[["cheek_left", "cheek_right"]].mean(axis=1)
             means = dict(patients.mean())
             entry = {"reality": reality, "what": "ours", "share": share(means), "decided": dials.decided}
