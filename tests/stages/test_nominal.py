@@ -76,6 +76,7 @@ def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, t
     rows = {}
     for name, predictor, settings, truths in (
         ("floor_scan", "floor_scan:ScanFloorPredictor", {}, [nominal["truth"]]),
+        ("oracle_learner", "oracle_learner:OracleLearnerPredictor", {}, [nominal["truth"]]),
         ("oracle", "finite_elements:FiniteElementPredictor", {"fem": CONFIG["fem"], "contact": "mucosa"}, []),
     ):
         predictions, metrics = str(tmp_path / f"{name}.h5"), str(tmp_path / f"{name}.csv")
@@ -87,6 +88,9 @@ def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, t
     assert floor["skin_error_p95"] < 1e-4 > floor["landmark_pogonion"] and np.isnan(floor["seconds"])
     # A head of 2 mm voxels and 700 nodes: registration and the way from volume to skin leave a tenth of a millimetre.
     assert 0 < floor["cd"] < 0.15 and oracle["cd"] == pytest.approx(floor["cd"], abs=0.05)
+    # Nothing is random in it, so that a perfect learner knows all of it.
+    assert rows["oracle_learner"]["volume_error_p95"] < 1e-4
+    assert rows["oracle_learner"]["cd"] == pytest.approx(floor["cd"], abs=0.05)
     assert oracle["moving_error"] < 1e-6 and oracle["sliding_error"] < 1e-6
     assert (floor["target_samples"], floor["skin_samples"]) == (oracle["target_samples"], oracle["skin_samples"])
 
