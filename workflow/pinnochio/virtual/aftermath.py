@@ -26,6 +26,7 @@ from pinnochio.virtual.face_scan import smooth_noise
 NORMAL_REACH, NORMAL_NEIGHBOURS = 6.0, 48  # mm over which normals of the skin are averaged [I]
 WING = np.array([0.34, 4.0, 4.0])  # wing of the nose from subnasale: share of the mouth's width, then mm [I]
 MEAN_OF_HALF = 0.5 / np.log(2)  # mean of a Gaussian over the disc where it is above half of its peak
+ROOT, RIM = 0.25, 0.3  # of the height of the nose: what stays below the nasion, and over what it then gets loose [I]
 LIP_DEPTH = 4.0  # mm behind the lips' fronts where they meet [I]
 WIDEST_GAP = 8.0  # mm of gaping lips beyond which nothing changes [I]
 SWELLING_AT_6 = 39.54 - 13.14 * np.log(6)  # % of the swelling [S: PMID 34619733]
@@ -112,9 +113,15 @@ class Site:
         total = np.einsum("nk,nkx->nx", weight, normals[near])
         return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-9)
 
+    @cached_property
+    def loose(self) -> np.ndarray:
+        """How far skin (n,) moves at all: not at the root of the nose and above, fully below the rim of the orbit."""
+        low, high = self.landmarks["subnasale"][2], self.landmarks["nasion"][2]
+        return np.clip(((high - self.points[:, 2]) / (high - low) - ROOT) / RIM, 0, 1)
+
     def shape(self, name: str) -> np.ndarray:
         """Shape (n,) of a region, 1 in the mean over what is above half of its peak."""
-        return bump(self.points, *self.regions[name]) / MEAN_OF_HALF
+        return self.loose * bump(self.points, *self.regions[name]) / MEAN_OF_HALF
 
     @cached_property
     def regions(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -126,7 +133,7 @@ class Site:
         wide = 0.4 * width  # of a lip
         regions = {
             "nasal_base": (subnasale, [10, 9, 5]),
-            "dorsum": (0.5 * nasion + 0.5 * marks["pronasale"], [9, 14, 12]),
+            "dorsum": (0.35 * nasion + 0.65 * marks["pronasale"], [9, 14, 10]),
             "upper_lip": (0.65 * upper + 0.35 * subnasale, [wide, 15, 7]),
             "lower_lip": (0.75 * lower + 0.25 * marks["mentolabial"], [wide, 15, 7]),
             "mentolabial": (marks["mentolabial"], [wide, 15, 6]),
@@ -261,12 +268,10 @@ def response(site: Site, moved: np.ndarray, c: Circumstances, rng: np.random.Gen
     """The patient's own response, region by region, and a broad part, mostly the same on both sides."""
     level = np.exp(rng.normal(-(RESPONSE_SPREAD**2) / 2, RESPONSE_SPREAD))
     field = site.field(_sides(RESPONSE, site, rng))
-    low, high = site.landmarks["subnasale"][2], site.landmarks["nasion"][2]
-    below = np.clip((high - site.points[:, 2]) / (high - low), 0, 1)  # nothing above the nasion
     aside = site.points[:, 0] - site.landmarks["nasion"][0]
     folded = site.points * [0, 1, 1] + np.sqrt(aside**2 + MIDDLE**2)[:, None] * [1.0, 0, 0]
     even, plain = (smooth_noise(points, rng, BROAD_LENGTH) for points in (folded, site.points))
-    amount = BROAD * below * (ON_BOTH_SIDES * even + np.sqrt(1 - ON_BOTH_SIDES**2) * plain)
+    amount = BROAD * site.loose * (ON_BOTH_SIDES * even + np.sqrt(1 - ON_BOTH_SIDES**2) * plain)
     return level * (field + amount[:, None] * site.outward)
 
 

@@ -112,7 +112,8 @@ class Operation:
     def registered(self, seen: Scan) -> tuple[np.ndarray, np.ndarray]:
         """Points (n, 3) mm and faces of a scan, registered to the head before surgery as the import does it."""
         plane = upper_face_plane(self.bone, self.segments, self.settings.interfaces["nasion_above_maxilla"])
-        registration = register(seen.points, seen.faces, *self.skin, plane, case=self.case, file="scan", limit=np.inf)
+        by = {"case": self.case, "file": "scan", "limit": np.inf, "bone": self.bone}
+        registration = register(seen.points, seen.faces, *self.skin, plane, **by)
         return registration.motion.apply(seen.points), seen.faces
 
     def circumstances(self, executed: Plan) -> Circumstances:

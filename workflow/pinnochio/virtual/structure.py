@@ -13,7 +13,7 @@ from pinnochio.geometry.triangles import vertex_areas, vertex_normals
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.model.correspondence import corresponding, marks
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.regions import CHEEK_LEFT, CHEEK_RIGHT, CHIN, NOSE, regions
+from pinnochio.model.regions import CHEEK_LEFT, CHEEK_RIGHT, CHIN, NECK, NOSE, regions
 from pinnochio.model.truth import read_expected, read_truth
 from pinnochio.statistics.surface_fields import (
     bands,
@@ -134,7 +134,7 @@ def deviations(
     whole = np.einsum("ij,ij->i", skin + outcome - predicted, normals)
     left = np.einsum("ij,ij->i", outcome - expected, normals)
     areas = vertex_areas(skin, faces[patient.face_roi])
-    judged = np.flatnonzero(areas > 0)
+    judged = np.flatnonzero((areas > 0) & (codes != NECK))
     named = np.flatnonzero((codes >= NOSE) & (codes <= CHEEK_LEFT) & (areas > 0))
     lower = np.flatnonzero(np.isin(codes, (CHIN, CHEEK_RIGHT, CHEEK_LEFT)) & (areas > 0))
     of, e = (skin[named], areas[named]), whole[named]

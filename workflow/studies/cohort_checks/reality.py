@@ -24,7 +24,7 @@ from pinnochio.virtual.covariates import sample_covariates
 from pinnochio.virtual.ground_truth import NOMINAL, REALITIES, Dials, in_reality, resolve
 from pinnochio.virtual.outcome import Operation, after, change, meshed, moved, photograph
 
-DECIDED, OPEN = (0.0, 1.0, 2.0, 3.0), (0.4, 0.8, 1.2, 1.8)  # values of the dials that are measured
+DECIDED, OPEN = (0.0, 1.0, 2.5), (0.5, 1.0, 1.6)  # values of the dials that are measured
 MEASURED = ("cd", "cd_learner", "cd_floor", "pwr2", "p90", *REGIONS)
 CASE = (
     Column("case", str, "", "patient of the calibration"),
