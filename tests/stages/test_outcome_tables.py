@@ -87,7 +87,7 @@ def test_an_advance_of_the_maxilla_opens_the_nasolabial_angle_and_a_setback_clos
 
 def test_dials_make_finite_elements_err_more_and_a_perfect_learner_nearer(job, monkeypatch):
     monkeypatch.setattr(reality, "DECIDED", (0.0, 2.0))
-    monkeypatch.setattr(reality, "OPEN", (0.0, 1.0))
+    monkeypatch.setattr(reality, "OPEN", dict.fromkeys(REALITIES, (0.0, 1.0)))
     arguments = {"effects": OUTCOME["effects"], "samples": 4000}
     rows = measured(reality, job, arguments=arguments).set_index(["reality", "decided", "open"])
     for name in REALITIES:

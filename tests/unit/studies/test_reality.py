@@ -17,7 +17,7 @@ def rows():
     for case, slope in (("V01", 0.6), ("V02", 0.8)):
         for reality in REALITIES:
             for decided in DECIDED:
-                for opened in OPEN:
+                for opened in OPEN[reality]:
                     left = 0.2 + slope * opened
                     numbers = {"cd": left + 0.2 * decided, "cd_learner": left, "cd_floor": 0.2, "p90": 2 * left}
                     place = {"case": case, "reality": reality, "decided": decided, "open": opened, "pwr2": 80.0}
@@ -31,7 +31,7 @@ def test_the_dials_give_distance_and_share(rows):
     left = 1.30 * np.sqrt(0.63)
     assert dials.open == pytest.approx((left - 0.2) / 0.7, abs=0.01)
     assert dials.decided == pytest.approx((1.30 - left) / 0.2, abs=0.02)
-    assert dials_for(group, 9.0, 37).open == OPEN[-1]  # out of reach
+    assert dials_for(group, 9.0, 37).open == OPEN["clinic"][-1]  # out of reach
     at = Surface(group[group["case"] == "V01"])(Dials(0.5, 0.5))
     assert at["cd"] == pytest.approx(0.2 + 0.3 + 0.1) and at["nose"] == pytest.approx(0.5)
     assert share({"cd": 1.0, "cd_learner": 0.8}) == pytest.approx(36)

@@ -26,7 +26,7 @@ from pinnochio.virtual.face_scan import smooth_noise
 NORMAL_REACH, NORMAL_NEIGHBOURS = 6.0, 48  # mm over which normals of the skin are averaged [I]
 WING = np.array([0.34, 4.0, 4.0])  # wing of the nose from subnasale: share of the mouth's width, then mm [I]
 MEAN_OF_HALF = 0.5 / np.log(2)  # mean of a Gaussian over the disc where it is above half of its peak
-ROOT, RIM = 0.25, 0.3  # of the height of the nose: what stays below the nasion, and over what it then gets loose [I]
+ROOT, RIM = 0.35, 0.25  # of the height of the nose: what stays below the nasion, and over what it then gets loose [I]
 LIP_DEPTH = 4.0  # mm behind the lips' fronts where they meet [I]
 WIDEST_GAP = 8.0  # mm of gaping lips beyond which nothing changes [I]
 SWELLING_AT_6 = 39.54 - 13.14 * np.log(6)  # % of the swelling [S: PMID 34619733]
@@ -148,8 +148,8 @@ class Site:
             regions |= {
                 f"wing_{side}": (wing, [8, 8, 9]),
                 f"paranasal_{side}": (wing + [sign * 9, 3, 2], [10, 12, 11]),
-                f"infraorbital_{side}": (wing + [sign * 15, 8, 0.5 * rise], [13, 13, 9]),
-                f"malar_{side}": (0.6 * wing + 0.4 * ear + [0, 0, 0.3 * rise], [16, 18, 13]),
+                f"infraorbital_{side}": (wing + [sign * 15, 8, 0.3 * rise], [13, 13, 8]),
+                f"malar_{side}": (0.6 * wing + 0.4 * ear + [0, 0, 0.15 * rise], [16, 18, 12]),
                 f"cheek_{side}": (0.6 * corner + 0.4 * ear + [0, 0, 6], [24, 26, 22]),
                 f"jaw_{side}": (0.35 * corner + 0.65 * ear + [0, 0, -36], [26, 28, 22]),
             }
@@ -188,9 +188,9 @@ def posture(c: Circumstances) -> dict[str, float]:
     """Lying in the CT, upright at the scan."""
     mass, older = c.covariates.mass, 1 + 0.01 * (c.covariates.age - AGE[0])
     sizes = {
-        "infraorbital": -0.4 - 0.15 * mass,
-        "malar": -1.65 - 0.2 * mass,
-        "cheek": 0.9 + 0.2 * mass,
+        "infraorbital": -0.5 - 0.15 * mass,
+        "malar": -1.9 - 0.2 * mass,
+        "cheek": 1.1 + 0.2 * mass,
         "jaw": -0.5 - 0.25 * mass,
     }
     return {name: older * amount for name, amount in both(sizes).items()}

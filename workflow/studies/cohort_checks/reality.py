@@ -21,10 +21,11 @@ from pinnochio.metrics.region_errors import REGIONS, region_errors
 from pinnochio.seeds import generator
 from pinnochio.tables.document import Block, Table, View, views
 from pinnochio.virtual.covariates import sample_covariates
-from pinnochio.virtual.ground_truth import NOMINAL, REALITIES, Dials, in_reality, resolve
+from pinnochio.virtual.ground_truth import CLINIC, NOMINAL, REALITIES, SAME_MODALITY, Dials, in_reality, resolve
 from pinnochio.virtual.outcome import Operation, after, change, meshed, moved, photograph
 
-DECIDED, OPEN = (0.0, 1.0, 2.5), (0.5, 1.0, 1.6)  # values of the dials that are measured
+# Values of the dials that are measured.
+DECIDED, OPEN = (0.0, 1.0, 2.5), {CLINIC: (1.0, 1.6, 2.2), SAME_MODALITY: (0.5, 1.0, 1.6)}
 MEASURED = ("cd", "cd_learner", "cd_floor", "pwr2", "p90", *REGIONS)
 CASE = (
     Column("case", str, "", "patient of the calibration"),
@@ -77,7 +78,7 @@ def measure(operation: Operation, effects: dict[str, Any] | str, samples: int) -
             base = moved(operation, values, fine)
             sliding = simulate(coarse, [base.executed], operation.settings.fem)[0].displacement
         changes = change(operation, values, base)
-        for decided, opened in product(DECIDED, OPEN):
+        for decided, opened in product(DECIDED, OPEN[reality]):
             outcome = after(base, changes, Dials(decided, opened))
             target = operation.registered(photograph(operation, outcome, values))
             judged = choose(coarse, base.executed, *target, samples, operation.seed)
