@@ -58,8 +58,8 @@ TABLE = (
     number("sd", "", "standard deviation over them", ".3f"),
     number("low", "", "lower end of what is aimed at", ".2f"),
     number("high", "", "upper end of it", ".2f"),
-    Column("inside", str, "", "whether ours lies inside"),
-    Column("real", str, "", "three operated patients [X]"),
+    Column("inside", str, "", "whether ours lies inside", optional=True),
+    Column("real", str, "", "three operated patients [X]", optional=True),
     Column("n", int, "", "patients"),
 )
 # What is aimed at, and three operated patients scanned by CT before and after, deviation from sliding FEM [X].
