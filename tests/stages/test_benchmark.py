@@ -13,7 +13,7 @@ from tests.helpers.training import measured, predict_by
 
 ACCURACY = ["cd", "cd_sum", "cd_sq", "cd_vertex", "hd95", "hdmax", "hd_mean_oneway"]
 ACCURACY += ["pwr1", "pwr2", "pwr1_target", "pwr2_target", "target_samples", "skin_samples"]
-ACCURACY += ["registration_residual"]
+ACCURACY += ["registration_residual", "registration_p95", "registration_bias"]
 RAW = ["raw_min_jacobian", "raw_inverted", "raw_eqres_paper", "raw_eqres_rel"]
 GUARD = [*RAW, "repaired", "damping", "interface_error"]  # of networks alone
 ACCURACY += [f"{kind}_{name}" for name in REGIONS for kind in ("region", "bias")]

@@ -168,7 +168,8 @@ def test_every_method_has_what_can_be_measured_of_it(rows):
     assert rows["target_samples"].nunique() == rows["skin_samples"].nunique() == 1
     assert np.isfinite(rows.loc[NETWORKS, GUARD]).all(None) and rows.drop(NETWORKS)[GUARD].isna().all(None)
     times = rows[["seconds", "setup_seconds"]]
-    assert (times.drop("floor_scan") >= 0).all(None) and times.loc["floor_scan"].isna().all()
+    untimed = ["floor_scan", "oracle_learner"]  # which compute nothing
+    assert (times.drop(untimed) >= 0).all(None) and times.loc[untimed].isna().all(None)
 
 
 def test_measures_agree_with_each_other(rows):
@@ -178,7 +179,7 @@ def test_measures_agree_with_each_other(rows):
     volume = rows.drop(SKIN_ALONE)
     assert (volume.loc[FEM, "moving_error"] < 0.01).all() and volume.loc["no_change", "moving_error"] > 1
     assert volume.loc["elastic", "moving_error"] < 1e-6 and volume.loc["elastic", "min_jacobian"] > 0
-    assert volume["volume_error_mean"].idxmin() == "oracle"
+    assert volume["volume_error_mean"].idxmin() in ("oracle", "oracle_learner")
     raw = rows.loc[NETWORKS]
     assert (raw["min_jacobian"] >= raw["raw_min_jacobian"] - 1e-9).all() and (
         raw["raw_inverted"] >= raw["inverted"]

@@ -14,7 +14,7 @@ from tests.helpers.study import jobs, made_tables, without_timings
 PATIENTS = 4
 LEARNED = ["pinnochio_plus"]
 SKIN_ALONE = ["ratio", "floor_scan"]
-METHODS = ["no_change", "elastic", "fem_sliding", *SKIN_ALONE, *LEARNED]  # every method: tests/stages
+METHODS = ["no_change", "elastic", "fem_sliding", "oracle_learner", *SKIN_ALONE, *LEARNED]  # every method: tests/stages
 PLANNED = LEARNED
 VOLUME = re.compile("jacobian|inverted|volume|eqres|load_rel|moving_error|sliding_error")  # columns that a skin has not
 RAW = ["raw_min_jacobian", "raw_inverted", "raw_eqres_paper", "raw_eqres_rel"]
