@@ -5,18 +5,18 @@ import csv
 import pandas as pd
 import pytest
 
-from pinnochio.metrics.region_errors import LANDMARKS, REGIONS
+from pinnochio.metrics.region_errors import LANDMARKS, SHOWN
 from scripts.prediction.list_folds import list_folds
 from tests.helpers.settings import CONFIG, SEED
 from tests.helpers.tables import make
 from tests.helpers.training import measured, predict_by
 
-ACCURACY = ["cd", "cd_sum", "cd_sq", "cd_vertex", "hd95", "hdmax", "hd_mean_oneway"]
+ACCURACY = ["cd", "cd_sum", "cd_sq", "cd_vertex", "hd95", "p99", "hdmax", "hd_mean_oneway"]
 ACCURACY += ["pwr1", "pwr2", "pwr1_target", "pwr2_target", "target_samples", "skin_samples"]
-ACCURACY += ["registration_residual", "registration_p95", "registration_bias"]
+ACCURACY += ["registration_residual", "registration_p95", "registration_bias", "apart"]
 RAW = ["raw_min_jacobian", "raw_inverted", "raw_eqres_paper", "raw_eqres_rel"]
 GUARD = [*RAW, "repaired", "damping", "interface_error"]  # of networks alone
-ACCURACY += [f"{kind}_{name}" for name in REGIONS for kind in ("region", "bias")]
+ACCURACY += [f"{kind}_{name}" for name in SHOWN for kind in ("region", "bias")]
 TRUTH = ["volume_error_mean", "volume_error_p95", "skin_error_mean", "skin_error_p95"]
 TRUTH += [f"landmark_{name}" for name in LANDMARKS]
 

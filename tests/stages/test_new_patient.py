@@ -108,7 +108,7 @@ def test_the_certificate_of_a_patient_of_the_training(patient, archive, result, 
 
 def test_a_plan_of_an_unknown_kind_is_called_unlike(patient, archive, result, tmp_path):
     plan = json.loads(Path(patient.plan).read_text())
-    plan["segments"]["lefort1"]["translation"] = [0, 90, 0]  # beyond what two patients differ from each other by
+    plan["segments"]["lefort1"]["translation"] = [0, 50, 0]  # beyond what two patients differ from each other by
     (tmp_path / "plan.json").write_text(json.dumps(plan))
     said = certified(patient, archive, result, tmp_path, plan=str(tmp_path / "plan.json"))
     assert not said["in_distribution"]["within"] and said["in_distribution"]["anatomy"]["within"]
