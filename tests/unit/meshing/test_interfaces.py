@@ -197,7 +197,7 @@ def test_virtual_head_has_every_kind_of_node():
     skin = np.unique(model.skin_faces)
     nose = (np.abs(model.points[:, 0]) < 18) & (model.points[:, 2] > head.landmarks["labrale_superius"][2])
     inner = skin[np.isin(model.node_beyond[skin], (AIR, m.CUT_PLANE), invert=True) & ~nose[skin]]
-    assert len(inner) <= 0.005 * len(skin)
+    assert len(inner) <= 0.02 * len(skin)
     for name in ("pronasale", "pogonion_soft", "labrale_superius"):
         centres = model.points[model.skin_faces].mean(axis=1)
         distance, nearest = cKDTree(centres).query(head.landmarks[name])

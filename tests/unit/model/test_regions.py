@@ -77,7 +77,7 @@ def test_landmarks_lie_where_the_head_was_built_with_them(head):
     truth, derived = head[0].landmarks, face_landmarks(head[1])
     heights = {
         "pronasale": ("pronasale", 3),
-        "labrale_superius": ("labrale_superius", 3),
+        "labrale_superius": ("labrale_superius", 4),
         "labrale_inferius": ("labrale_inferius", 5),
         "sublabiale": ("mentolabial", 8),
     }

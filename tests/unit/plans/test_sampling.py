@@ -11,6 +11,8 @@ from pinnochio.plans.sampling import (
     DEFORMITIES,
     EXECUTION,
     LIMITS,
+    PROXIMAL_ANGLE,
+    PROXIMAL_SHIFT,
     WIDENING,
     JawAnatomy,
     execution_error,
@@ -65,8 +67,8 @@ def test_motions_stay_within_practice(plans):
             assert (np.abs(angles(plan.motion(name))) <= turn + 1e-6).all()
         for name in SEGMENTS[2:]:
             move = plan.motion(name)
-            assert np.linalg.norm(angles(move)) <= 5 + 1e-6
-            assert np.linalg.norm(move.displacement(anatomy.centre[name][None])) <= 3 + 1e-6
+            assert np.linalg.norm(angles(move)) <= PROXIMAL_ANGLE + 1e-6
+            assert np.linalg.norm(move.displacement(anatomy.centre[name][None])) <= PROXIMAL_SHIFT + 1e-6
             assert np.allclose(move.pivot, anatomy.hinge[name])
             assert np.linalg.norm(move.translation) < 1.4  # the condyle stays in its socket
 

@@ -51,12 +51,12 @@ def test_learned_methods_need_a_scanned_patient_per_fold():
 def test_bounds_need_the_virtual_truth():
     clinic, virtual = study(), study(cohort="virtual")
     assert (
-        clinic.methods.left_out == clinic.methods.unbounded == ["floor_scan", "oracle"]
+        clinic.methods.left_out == clinic.methods.unbounded == ["floor_scan", "oracle_learner", "oracle"]
         and virtual.methods.left_out == []
     )
     assert (
         clinic.methods.bounds == []
-        and virtual.methods.bounds == ["floor_scan", "oracle"]
+        and virtual.methods.bounds == ["floor_scan", "oracle_learner", "oracle"]
         and clinic.methods.compared == virtual.methods.compared
     )
     with pytest.raises(InputError, match="none of 'methods' is left"):
@@ -99,7 +99,7 @@ def test_training_and_prediction_take_the_achieved_motion_where_there_are_bones(
 
 def test_the_arm_of_the_plan_is_there_where_motions_differ():
     assert CONFIG["planned"]["without"] == ["fem_rlse"]
-    others = [name for name in CONFIG["methods"] if name not in ("floor_scan", "oracle", "fem_rlse")]
+    others = [name for name in CONFIG["methods"] if name not in ("floor_scan", "oracle_learner", "oracle", "fem_rlse")]
     assert study(bones=("S0",), external={"mine": "folder"}).planned == [
         name for name in others if name in study().methods.used
     ]

@@ -27,7 +27,7 @@ from studies.cohort_checks.verify_cohort import verify_cohort
 CASES = [f"V{number:02d}" for number in range(1, 11)]
 CHANGED = {"nodes": 9000, "noise": 0.3, "poisson": "nominal", "coverage": 0.15, "swelling": "nominal"}
 ALL = {name: effect.nominal for name, effect in EFFECTS.items()} | CHANGED
-OUTCOME = {"reality": "clinic", "effects": ALL}
+OUTCOME = {"reality": "clinic", "learnable": 37, "effects": ALL}
 VIRTUAL = {
     "role": "development",
     "patients": 10,
@@ -129,7 +129,7 @@ def test_the_card_shows_the_tables_and_says_who_may_read_what(card):
 
 
 def test_an_outcome_without_effects_says_so(anatomies, plans):
-    plain = VIRTUAL | {"outcome": {"reality": "nominal", "effects": "nominal"}}
+    plain = VIRTUAL | {"outcome": {"reality": "nominal", "learnable": 37, "effects": "nominal"}}
     card = data_card(anatomies, plans, seed=3, code="", virtual=plain, labels=LABELS, tables={})
     sizes = {row[2] for name in EFFECTS for row in cells(card, f"`{name}`")}
     assert sizes == {"off"}
