@@ -146,7 +146,7 @@ def within(entry: dict) -> str:
         return f"list of {within(entry['items'])}".removesuffix(" of ")
     if kind in ("string", "object"):
         return allowed(entry) if "enum" in entry else ""
-    if kind not in ("integer", "number"):
+    if "enum" in entry or kind not in ("integer", "number"):
         return allowed(entry)
     low = f"[{entry['minimum']}" if "minimum" in entry else f"({entry['exclusiveMinimum']}"
     name = "integer " if kind == "integer" else ""
