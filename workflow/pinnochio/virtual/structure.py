@@ -72,7 +72,7 @@ AIMS = {
     "slope": (4, 6, "4.1 to 6.1"),
     "symmetric": (0.75, 0.90, "0.84, 0.86, 0.82"),
     "common": (0.20, 0.35, "0.21 (0.34 in the skin's frame)"),
-    "ceiling": (0.33, 0.41, ""),
+    "ceiling": (np.nan, np.nan, ""),
     "paranasal": (0.2, 1.5, "outside, +1 mm in two of three"),
     "dorsum": (-1.5, -0.2, "inside"),
     "cheek": (-1.5, -0.2, "inside in two of three"),
