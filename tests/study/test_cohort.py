@@ -40,7 +40,7 @@ def test_every_file_is_there_and_summed_up(cohort):
 
 def test_data_card_holds_the_tables(cohort):
     card = (cohort / "README.md").read_text()
-    for name in ("thickness", "ratios", "structure", "nasolabial", "effects"):
+    for name in ("thickness", "ratios", "nasolabial", "effects"):
         rows = (cohort / f"{name}.md").read_text().strip().splitlines()
         assert rows[2] in card, name
     for name in EFFECTS:

@@ -31,7 +31,7 @@ CHANGED = {
         "neighbours": 4,
     },
 }
-TABLES = ("thickness", "anatomy", "structure", "effects", "ratios", "nasolabial")
+TABLES = ("thickness", "anatomy", "effects", "ratios", "nasolabial")
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,6 @@ def cohort(tmp_path_factory) -> Project:
     cases = [f"V{number:02d}" for number in range(1, 5)]
     files = [f"{case}/{name}" for case in cases for name in FILES]
     files += [f"{table}.{suffix}" for table in TABLES for suffix in ("csv", "md", "tex", "html")]
-    files += [f"{case}/structure.csv" for case in cases]
     for name in [*files, "V01/effects.csv", "V01/nasolabial.csv", "README.md", "SHA256SUMS"]:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text("made\n")

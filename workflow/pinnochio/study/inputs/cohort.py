@@ -43,7 +43,7 @@ class CohortInputs:
         if self.study.cohort.locked:
             return ["thickness"]
         effects = self.study.config["virtual"]["effects"]
-        return ["thickness", "ratios", "structure", *(["nasolabial", "effects"] if effects else [])]
+        return ["thickness", "ratios", *(["nasolabial", "effects"] if effects else [])]
 
     def summed_up(self, wildcards) -> list[str]:
         """The files of the virtual cohort that a file of checksums holds: of a locked one its outcomes apart."""
