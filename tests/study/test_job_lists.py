@@ -111,7 +111,7 @@ def test_too_few_scans_leave_the_learned_method_out_and_nothing_else(project, sc
     learned += "pinnochio_unified, pinnochio_no_physics, pinnochio, pinnochio_plus"
     assert f"Left out: {learned}. Training by cross-validation needs a post-operative scan of" in said
     assert f"{len(scanned)} of {len(scanned) + 4} patients have one" in said
-    assert "Left out: floor_scan, oracle_learner, oracle. Bounds read the truth, which is known of the virtual cohort alone." in said
+    assert "Left out: floor_scan, oracle_learner, oracle. Bounds read the truth" in said
     assert not any("pinnochio" in path or "acmt" in path or path.endswith((".pt", "fem_samples.h5")) for path in jobs)
     made = {path.split("/")[2] for path in jobs if path.endswith("metrics.csv")}
     assert made == {"no_change", "ratio", "elastic", "fem_bonded", "fem_sliding"} | ON_LIPS
