@@ -807,7 +807,7 @@ def intermediates(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     # A turned digit is another number; a table of several rows may end after any of them.
     plain = {
         "plan.json": (tiny_plan().write, lambda path: motions(Plan.read(path, "tiny"))),
-        "truth.h5": (Outcome(patient, patient.points, tiny_plan()).write, read_outcome),
+        "truth.h5": (Outcome(patient, patient.points, tiny_plan(), patient.points).write, read_outcome),
         "covariates.json": (covariates.write, lambda path: asdict(Covariates.read(path))),
         "report.json": (partial(save_json, imported), lambda path: quality(patient, read_stored_json(path))),
         "quality.json": (
