@@ -41,8 +41,7 @@ def test_no_load_of_a_method_is_a_term_of_the_outcome(patient, face):
     site = Site(model.skin_points, (model.skin_points, model.skin_faces), read_landmarks(patient.landmarks))
     terms = {name: site.field(decide(OPERATED)) for name, decide in DECIDED.items()}
     for name in RESPONSE:
-        sides = [region for region in site.regions if region in (name, f"{name}_left", f"{name}_right")]
-        terms[f"response {name}"] = site.field(dict.fromkeys(sides, 1.0))
+        terms[f"response {name}"] = site.field(dict.fromkeys(site.sides(name), 1.0))
     for name in ("lengthening", "gain"):
         moved = np.tile([0.0, -3, 1], (len(model.skin_points), 1))
         terms[name] = OPEN[name](site, moved, OPERATED, np.random.default_rng(0))

@@ -83,11 +83,12 @@ def register(
     rotation, shift = coarse(points[few], all_normals[few], skin_points, skin_faces, plane, front)
     # From here on only what lies above the plane, and a margin that the scan may still turn through.
     near = points @ rotation.T + shift
-    chosen = spread(points, faces[(near[faces, 2] >= plane - 10).all(axis=1)], SAMPLES)
+    upper = faces[(near[faces, 2] >= plane - 10).all(axis=1)]
+    chosen = spread(points, upper, SAMPLES)
     moving, normals = points[chosen], all_normals[chosen]
     near_faces = skin_faces[(skin_points[skin_faces, 2] >= plane - 20).any(axis=1)]
     rotation, shift = _fine(moving, normals, rotation, shift, skin_points, near_faces, plane)
-    few = spread(points, faces[(near[faces, 2] >= plane - 10).all(axis=1)], SETTLING)
+    few = spread(points, upper, SETTLING)
     motion = RigidMotion(rotation, shift)
     settled, certainty = _settled(points[few], all_normals[few], motion, skin_points, near_faces, plane, bone)
     if bone is not None:

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,9 +17,7 @@ EVERY = 4  # of the judged samples one in so many is compared: their distance is
 def compared(judged: Judged, patient: PatientModel, moved) -> np.ndarray:
     """Where a method takes some of the judged samples (k, 3) mm, the same of every method of a case; moved (s, 3) mm:
     the skin points of its model."""
-    return Judged(judged.target, judged.target_region, judged.skin[::EVERY], judged.skin_region[::EVERY]).carried(
-        patient, moved
-    )
+    return replace(judged, skin=judged.skin[::EVERY]).carried(patient, moved)
 
 
 def apart(skin, others: Iterable[np.ndarray]) -> float:

@@ -11,7 +11,7 @@ from pinnochio.methods.names import BASELINE, CEILING, FLOOR, in_sentence, writt
 from pinnochio.metrics.case_columns import BY_NAME, CASES
 from pinnochio.metrics.worst_point import FLAGGED
 from pinnochio.seeds import derive_seed
-from pinnochio.statistics.shares import explained
+from pinnochio.statistics.shares import explained, of_means
 from pinnochio.statistics.wilcoxon import Comparison, compare, holm
 
 # What bounds the methods, beside its name.
@@ -132,8 +132,7 @@ def summarise(
             share = explained(common[method], common[BASELINE], common[FLOOR], derive_seed(seed, "explained", method))
             row |= {"explained": share.share, "explained_low": share.low, "explained_high": share.high}
         if {BASELINE, CEILING} <= set(errors):
-            common = errors[list(dict.fromkeys([method, BASELINE, CEILING]))].dropna()
-            row["of_ceiling"] = explained(common[method], common[BASELINE], common[CEILING], seed, draws=0).share
+            row["of_ceiling"] = float(of_means(errors[[method, BASELINE, CEILING]].dropna().mean()))
         test = paired(cases, "cd", method, reference, derive_seed(seed, "bootstrap", method), bounds)
         row |= {"pairs": test.n, "cd_median_difference": test.median, "cd_mean_difference": test.mean}
         row |= {"cd_low": test.low, "cd_high": test.high, "p": test.p, "test": test.statement}

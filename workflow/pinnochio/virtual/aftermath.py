@@ -123,6 +123,14 @@ class Site:
         """Shape (n,) of a region, 1 in the mean over what is above half of its peak."""
         return self.loose * bump(self.points, *self.regions[name]) / MEAN_OF_HALF
 
+    def whole(self, name: str) -> np.ndarray:
+        """Shape (n,) of a region, of both its sides where it has two."""
+        return np.max([self.shape(side) for side in self.sides(name)], axis=0)
+
+    def sides(self, name: str) -> tuple[str, ...]:
+        """The names of a region's shapes: of its left and right side, or its own."""
+        return (name,) if name in self.regions else tuple(both({name: 0.0}))
+
     @cached_property
     def regions(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Centre (3,) and reach (3,) in mm of every shape [I]."""
@@ -256,11 +264,11 @@ def _sides(spreads: Mapping[str, float], site: "Site", rng: np.random.Generator)
     """Random amounts of these SDs; where a region has two sides they are nearly the same."""
     amounts, alone = {}, np.sqrt(1 - ON_BOTH_SIDES**2)
     for name, spread in spreads.items():
-        shared = spread * rng.normal()
-        if name in site.regions:
+        shared, sides = spread * rng.normal(), site.sides(name)
+        if len(sides) == 1:
             amounts[name] = shared
         else:
-            amounts |= {f"{name}_{side}": ON_BOTH_SIDES * shared + alone * spread * rng.normal() for side in SIDES}
+            amounts |= {side: ON_BOTH_SIDES * shared + alone * spread * rng.normal() for side in sides}
     return amounts
 
 
@@ -287,9 +295,7 @@ def gain(site: Site, moved: np.ndarray, c: Circumstances, rng: np.random.Generat
     """The patient's own gain of the displacement `moved` (n, 3) mm in each region, whole at its middle."""
     total = np.zeros(len(site.points))
     for region, spread in GAINS.items():
-        deviation = rng.normal(0, spread)
-        names = [region] if region in site.regions else [f"{region}_{side}" for side in SIDES]
-        total += deviation * MEAN_OF_HALF * np.max([site.shape(name) for name in names], axis=0)
+        total += rng.normal(0, spread) * MEAN_OF_HALF * site.whole(region)
     return total[:, None] * moved
 
 

@@ -139,9 +139,10 @@ class Outcome:
     def write(self, path: str | os.PathLike) -> None:
         """Write as HDF5: points, cells, displacement, expected; attribute `executed`, the plan as JSON."""
         # Without the seal of other files: the frozen checksums of a cohort are those of these bytes.
-        arrays = {"points": self.patient.points, "cells": self.patient.cells, "displacement": self.displacement}
+        fields = {"displacement": self.displacement, "expected": self.expected}
+        arrays = {"points": self.patient.points, "cells": self.patient.cells} | fields
         with replacing(path) as temporary, h5py.File(temporary, "w", track_order=True) as file:
-            for name, values in (arrays | {"expected": self.expected}).items():
+            for name, values in arrays.items():
                 file.create_dataset(name, data=values, compression="gzip", track_times=False)
             file.attrs["executed"] = self.executed.to_json()
 

@@ -77,16 +77,16 @@ def measure(operation: Operation, effects: dict[str, Any] | str, samples: int) -
             fine = meshed(operation, values)
             base = moved(operation, values, fine)
             sliding = simulate(coarse, [base.executed], operation.settings.fem)[0].displacement
+            predicted = coarse.moved_skin(sliding)
         changes = change(operation, values, base)
         for decided, opened in product(DECIDED, OPEN[reality]):
             outcome = after(base, changes, Dials(decided, opened))
             target = operation.registered(photograph(operation, outcome, values))
             judged = choose(coarse, base.executed, *target, samples, operation.seed)
-            fields = [coarse.moved_skin(sliding) - coarse.skin_points] + [
-                interpolate(coarse.skin_points, fine.points, fine.cells, field)
+            known = (
+                coarse.skin_points + interpolate(coarse.skin_points, fine.points, fine.cells, field)
                 for field in (outcome.expected, outcome.displacement)
-            ]
-            predicted, *known = coarse.skin_points + np.array(fields)
+            )
             metrics, learner, floor = (
                 surface_metrics(skin, coarse.skin_faces, judged.carried(coarse, skin), *target, judged.target)
                 for skin in (predicted, *known)
