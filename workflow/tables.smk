@@ -26,7 +26,6 @@ MODULES = {
     "effects": "pinnochio.virtual.effects",
     "ratios": "pinnochio.virtual.ratios",
     "nasolabial": "pinnochio.virtual.nasolabial",
-    "structure": "pinnochio.virtual.structure",
 }
 # Files by argument, and the other arguments.
 TABLES = {
@@ -155,14 +154,6 @@ TABLES = {
         },
         NAMED | {"cases": list(STUDY.cohort.cases)},
     ),
-    "structure": (
-        {
-            "rows": expand(
-                "<results>/virtual/{case}/structure.csv", case=STUDY.cohort.cases
-            )
-        },
-        NAMED,
-    ),
     "nasolabial": (
         {
             "rows": expand(
@@ -176,12 +167,7 @@ TABLES = {
 # What the library's modules about the outcome measure on one patient, each for the table of its name: further inputs
 # and further arguments.
 TRUTH = {"truth": "<results>/virtual/{case}/truth.h5"}
-FIRST = {"template": f"<results>/cases/{next(iter(STUDY.cohort.cases), '')}/model.h5"}
-MEASURED = {
-    "effects": (TRUTH, {}),
-    "nasolabial": ({}, {}),
-    "structure": (TRUTH | FIRST, {}),
-}
+MEASURED = {"effects": (TRUTH, {}), "nasolabial": ({}, {})}
 # What must be there before a table beside its files; the benchmark files differ from run to run and are no input.
 BEFORE = {
     "stages": [

@@ -6,12 +6,12 @@ import pytest
 from pinnochio.columns import read_table
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.overlays import overlaid
-from pinnochio.virtual import effects, nasolabial, structure
+from pinnochio.virtual import effects, nasolabial
 from pinnochio.virtual.effects import EVERYTHING, NOTHING
 from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, REALITIES, resolve
 from pinnochio.virtual.outcome import Operation, Outcome, meshed
 from scripts.cohort.measure_outcome import measure_outcome
-from studies.cohort_checks import reality, refinement
+from studies.cohort_checks import reality, refinement, structure
 from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
 
 

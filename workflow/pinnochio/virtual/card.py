@@ -16,7 +16,6 @@ from pinnochio.virtual.procedures import DEFORMITIES
 # Tables that the card shows where they have been made, with their headings.
 TABLES = {
     "thickness": "Soft-tissue thickness",
-    "structure": "Structure and learnable share of the deviation from finite elements",
     "ratios": "Soft-to-hard tissue ratios",
     "nasolabial": "Nasolabial angle after 5 mm of maxillary advance",
     "effects": "What each effect does to the outer face",

@@ -1,6 +1,8 @@
 # What checks the virtual cohort beyond making it; not part of `all`.
 
+FIRST = {"template": f"<results>/cases/{next(iter(STUDY.cohort.cases), '')}/model.h5"}
 MEASURED |= {
+    "structure": (TRUTH | FIRST, {}),
     "reality": (
         {},
         {
@@ -13,9 +15,23 @@ MEASURED |= {
 add_table(
     "reality",
     "studies.cohort_checks.reality",
-    caption="Scale of the outcome's changes, and sliding finite elements there beside the literature.",
+    caption="Dials of the outcome, and sliding finite elements there beside the literature.",
     files={
         "rows": expand("<results>/virtual/{case}/reality.csv", case=STUDY.cohort.cases)
+    },
+    arguments=NAMED,
+)
+add_table(
+    "structure",
+    "studies.cohort_checks.structure",
+    caption=(
+        "Structure of what finite elements miss of the outcome, beside three operated "
+        "patients, and the share that is decided."
+    ),
+    files={
+        "rows": expand(
+            "<results>/virtual/{case}/structure.csv", case=STUDY.cohort.cases
+        )
     },
     arguments=NAMED,
 )
@@ -68,6 +84,13 @@ rule reality:
         recorded("reality", "virtual"),
     message:
         "The dials of the outcome are found: results/calibration/virtual/reality.md"
+
+
+rule structure:
+    input:
+        recorded("structure", "virtual"),
+    message:
+        "The structure of the outcome is measured"
 
 
 rule refinement:

@@ -15,7 +15,11 @@ from pinnochio.model.correspondence import corresponding, marks
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import CHEEK_LEFT, CHEEK_RIGHT, CHIN, NECK, NOSE, regions
 from pinnochio.model.truth import read_expected, read_truth
-from pinnochio.statistics.surface_fields import (
+from pinnochio.tables.document import Block, Table, View, views
+from pinnochio.virtual.aftermath import Site
+from pinnochio.virtual.ground_truth import NOMINAL, resolve
+from pinnochio.virtual.outcome import Operation, meshed
+from studies.cohort_checks.surface_fields import (
     bands,
     common_share,
     correlation_lengths,
@@ -25,10 +29,6 @@ from pinnochio.statistics.surface_fields import (
     symmetric_share,
     without_rigid_part,
 )
-from pinnochio.tables.document import Block, Table, View, views
-from pinnochio.virtual.aftermath import Site
-from pinnochio.virtual.ground_truth import NOMINAL, resolve
-from pinnochio.virtual.outcome import Operation, meshed
 
 PLACES = 400  # points of the first patient's face at which patients are compared
 OF_PATIENT = (
@@ -42,13 +42,11 @@ OF_PATIENT = (
     number("square", "mm2", "mean square of the deviation on the whole judged face", ".4f"),
     number("left", "mm2", "mean square that is left once all that is decided is known", ".4f"),
 )
-# Where three real patients' deviation has a sign in common, and which: 1 outside the prediction [X].
-SIGNED = {"paranasal": 1, "dorsum": -1, "cheek": -1, "jaw": 1}
+SIGNED = ("paranasal", "dorsum", "cheek", "jaw")  # where three real patients' deviation has a sign in common [X]
 CASE = (
     Column("case", str, "", "patient"),
     Column("point", int, "", "place on the face, the same for all patients"),
     Column("deviation", float, "mm", "outcome less finite elements there, along the normal", ".4f"),
-    Column("area", float, "mm2", "skin about the place", ".2f"),
     *OF_PATIENT,
     *(number(name, "mm", f"mean deviation, {words(name)}", ".3f") for name in SIGNED),
 )
@@ -105,29 +103,26 @@ def measure(operation: Operation, truth: str, template: str) -> list[dict]:
     outcome, expected = (
         interpolate(skin, *reached[:2], field) for field in (reached[2], read_expected(truth, operation.case))
     )
-    whole, left, numbers = deviations(patient, fem, outcome, expected, operation.landmarks)
+    whole, numbers = deviations(patient, fem, outcome, expected, operation.landmarks)
     first = PatientModel.read(template)
-    named = first.skin_points[_named(first)]
-    named = named[farthest(named, PLACES)]
-    there = corresponding(named, marks(first), patient)
-    area = vertex_areas(first.skin_points, first.skin_faces[first.face_roi])[_named(first)].sum() / PLACES
+    named = first.skin_points[_named(regions(first))]
+    there = corresponding(named[farthest(named, PLACES)], marks(first), patient)
     return [
-        {"case": operation.case, "point": point, "deviation": whole[place], "area": area} | numbers
+        {"case": operation.case, "point": point, "deviation": whole[place]} | numbers
         for point, place in enumerate(there)
     ]
 
 
-def _named(patient: PatientModel) -> np.ndarray:
-    """Skin points of the named regions."""
-    codes = regions(patient)
-    return np.flatnonzero((codes >= NOSE) & (codes <= CHEEK_LEFT))
+def _named(codes: np.ndarray) -> np.ndarray:
+    """Which skin points (s,) bool are of the named regions, by their codes."""
+    return (codes >= NOSE) & (codes <= CHEEK_LEFT)
 
 
 def deviations(
     patient: PatientModel, fem: np.ndarray, outcome: np.ndarray, expected: np.ndarray, landmarks
-) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
+) -> tuple[np.ndarray, dict[str, float]]:
     """Deviation (s,) mm of skin points moved by `outcome` (s, 3) mm from finite elements `fem` (n, 3) mm along the
-    normals there, what the expected motion leaves of it, and the numbers of :data:`OF_PATIENT` and :data:`SIGNED`."""
+    normals there, and the numbers of :data:`OF_PATIENT` and :data:`SIGNED`; expected (s, 3) mm: what is decided."""
     skin, faces, codes = patient.skin_points, patient.skin_faces, regions(patient)
     predicted = patient.moved_skin(fem)
     normals = vertex_normals(predicted, faces)
@@ -135,7 +130,7 @@ def deviations(
     left = np.einsum("ij,ij->i", outcome - expected, normals)
     areas = vertex_areas(skin, faces[patient.face_roi])
     judged = np.flatnonzero((areas > 0) & (codes != NECK))
-    named = np.flatnonzero((codes >= NOSE) & (codes <= CHEEK_LEFT) & (areas > 0))
+    named = np.flatnonzero(_named(codes) & (areas > 0))
     lower = np.flatnonzero(np.isin(codes, (CHIN, CHEEK_RIGHT, CHEEK_LEFT)) & (areas > 0))
     of, e = (skin[named], areas[named]), whole[named]
     half, tenth = correlation_lengths(*of, e)
@@ -156,11 +151,8 @@ def deviations(
         "square": mean_square(whole[judged], areas[judged]),
         "left": mean_square(left[judged], areas[judged]),
     }
-    for name in SIGNED:
-        sides = [name] if name in site.regions else [f"{name}_left", f"{name}_right"]
-        weight = areas[named] * np.max([site.shape(side) for side in sides], axis=0)
-        numbers[name] = np.average(e, weights=weight)
-    return whole, left, {name: float(value) for name, value in numbers.items()}
+    numbers |= {name: np.average(e, weights=areas[named] * site.whole(name)) for name in SIGNED}
+    return whole, {name: float(value) for name, value in numbers.items()}
 
 
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
@@ -169,8 +161,7 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     fields = [group.sort_values("point")["deviation"].to_numpy() for _, group in rows.groupby("case")]
     values = {name: patients[name] for name in AIMS if name in patients}
     values["ceiling"] = pd.Series([1 - patients["left"].sum() / patients["square"].sum()])
-    areas = rows[rows["case"] == rows["case"].iloc[0]].sort_values("point")["area"]
-    values["common"] = pd.Series([common_share(areas, fields) if len(fields) > 1 else np.nan])
+    values["common"] = pd.Series([common_share(np.ones(PLACES), fields) if len(fields) > 1 else np.nan])
     entries = []
     for name, (low, high, real) in AIMS.items():
         mean, many = values[name].mean(), len(values[name]) > 1

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from pinnochio.statistics.surface_fields import (
+from pinnochio.virtual.face_scan import smooth_noise
+from studies.cohort_checks.surface_fields import (
     bands,
     common_share,
     correlation_lengths,
@@ -14,7 +15,6 @@ from pinnochio.statistics.surface_fields import (
     symmetric_share,
     without_rigid_part,
 )
-from pinnochio.virtual.face_scan import smooth_noise
 
 STEP = 2.0
 

@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from pinnochio.geometry.triangles import face_normals
 
@@ -96,9 +97,8 @@ def mirror_images(points) -> np.ndarray:
     for _ in range(FITS):
         near = points[tree.query(image)[1]]
         middle, aim = image.mean(axis=0), near.mean(axis=0)
-        left, _, right = np.linalg.svd((image - middle).T @ (near - aim))
-        turn = left @ np.diag([1, 1, np.sign(np.linalg.det(left @ right))]) @ right
-        image = (image - middle) @ turn + aim
+        turn = Rotation.align_vectors(near - aim, image - middle)[0]
+        image = turn.apply(image - middle) + aim
     return tree.query(image)[1]
 
 
