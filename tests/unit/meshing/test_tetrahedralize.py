@@ -104,7 +104,18 @@ def across(mesh, labels, spacing, origin, low, high):
 def test_signed_distance_is_half_way_between_voxels():
     inside = np.zeros((9, 5, 5), bool)
     inside[:4] = True
-    assert np.allclose(signed_distance(inside, np.array([2.0, 1, 1]))[:, 2, 2], 7.0 - 2 * np.arange(9))
+    assert np.allclose(signed_distance(inside, np.array([2.0, 1, 1]), 20.0)[:, 2, 2], 7.0 - 2 * np.arange(9))
+
+
+@pytest.mark.parametrize("reach", [4.0, 100.0])
+def test_signed_distance_is_the_mean_of_the_ways_to_both_sides_of_a_surface(reach):
+    inside = ndimage.gaussian_filter(np.random.default_rng(3).normal(size=(40, 33, 27)), 3) > 0
+    spacing, expected = np.array([0.7, 1.0, 2.2]), 0
+    for side in (inside, ~inside):
+        outermost = side & ~ndimage.binary_erosion(side, border_value=1)
+        expected = expected + ndimage.distance_transform_edt(~outermost, sampling=spacing) / 2
+    expected = np.where(inside, 1, -1) * np.minimum(expected, reach)
+    assert np.abs(signed_distance(inside, spacing, reach) - expected).max() < 1e-5
 
 
 def test_specks_go_and_sheets_stay():

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import SimpleITK as sitk
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from pinnochio.compiled import compiled
 from pinnochio.model.labels import MUSCLE, SPECK_VOXELS, SUPERFICIAL, TOUCHING
 
+PART = 128  # voxels of a line that are swept at once
 SHEET_SHARE = 0.5  # of the closed width: half the thickness that thin sheets get
 
 
@@ -17,13 +18,14 @@ SHEET_SHARE = 0.5  # of the closed width: half the thickness that thin sheets ge
 class Fields:
     """Fields over a label volume [ix, iy, iz]; spacing and origin (3,) mm; voids up to `thin` mm wide are closed.
 
-    Distances are signed, mm, positive inside, with the surface half-way between voxel centres.
+    Distances are signed, mm, positive inside, with the surface half-way between voxel centres, and end at `reach` mm.
     """
 
     labels: np.ndarray
     spacing: np.ndarray
     origin: np.ndarray
     thin: float
+    reach: float
 
     @property
     def low(self) -> np.ndarray:
@@ -42,18 +44,18 @@ class Fields:
     @cached_property
     def depth(self) -> np.ndarray:
         """Signed distance to the void, thin voids kept."""
-        return signed_distance(self.is_tissue, self.spacing)
+        return self._distance(self.is_tissue)
 
     @cached_property
     def tissue(self) -> np.ndarray:
         """Signed distance to the void, thin voids closed, smoothed by one voxel."""
-        return self._smooth(signed_distance(self._closed(self.thin), self.spacing))
+        return self._smooth(self._distance(self._closed(self.thin)))
 
     @cached_property
     def narrow(self) -> np.ndarray:
         """Above zero at and beside voids up to twice `thin` wide, where both sides could be taken for one tissue."""
         narrow = self._closed(2 * self.thin) & ~self.is_tissue
-        return ndimage.binary_dilation(narrow, TOUCHING).astype(np.float32)
+        return ndimage.maximum_filter(narrow.astype(np.float32), 3)
 
     @cached_property
     def body(self) -> np.ndarray:
@@ -64,18 +66,18 @@ class Fields:
         core = self.depth > self.thin / 2
         sheet = self.is_tissue & (self.depth > 0.15 * self.thin)
         if core.any():
-            sheet &= signed_distance(core, self.spacing) < -self.thin / 2
+            sheet &= self._distance(core) < -self.thin / 2
         middle = sheet & (self.depth >= ndimage.maximum_filter(self.depth, 3) - 1e-3)
         if not middle.any():
             return self.tissue
-        return np.maximum(self.tissue, signed_distance(middle, self.spacing) + SHEET_SHARE * self.thin)
+        return np.maximum(self.tissue, self._distance(middle) + SHEET_SHARE * self.thin)
 
     def _closed(self, width: float) -> np.ndarray:
         """Tissue with voids up to `width` mm closed: morphological closing by a ball."""
         far = self.depth < -width / 2
         if not far.any():
             return self.is_tissue
-        return self.is_tissue | (signed_distance(far, self.spacing) < -width / 2)
+        return self.is_tissue | (self._distance(far) < -width / 2)
 
     @cached_property
     def muscle(self) -> np.ndarray:
@@ -83,7 +85,7 @@ class Fields:
         parts = [self.labels == code for code in (MUSCLE, SUPERFICIAL)]
         if not all(part.any() for part in parts):
             return np.full(self.labels.shape, 1e3 if parts[0].any() else -1e3, np.float32)
-        muscle, superficial = (signed_distance(part, self.spacing) for part in parts)
+        muscle, superficial = (self._distance(part) for part in parts)
         return self._smooth((muscle - superficial) / 2)
 
     @cached_property
@@ -98,6 +100,9 @@ class Fields:
         half = -self.depth[tuple(index.T)]
         return index * self.spacing + self.origin, half
 
+    def _distance(self, inside) -> np.ndarray:
+        return signed_distance(inside, self.spacing, self.reach)
+
     def _smooth(self, field) -> np.ndarray:
         return ndimage.gaussian_filter(field, np.prod(self.spacing) ** (1 / 3) / self.spacing, truncate=3)
 
@@ -106,12 +111,12 @@ class Fields:
         points = np.ascontiguousarray(points, float)
         return _trilinear(field, points.reshape(-1, 3), self.origin, self.spacing).reshape(points.shape[:-1])
 
-    def clear(self, field, start, end, steps: int, limit: float) -> np.ndarray:
-        """Whether a field stays below `limit` on the way from start (n, 3) mm to shortly before end (n, 3), (n,).
+    def clear(self, start, end, steps: int, limit: float) -> np.ndarray:
+        """Whether the share of void stays below `limit` on the way from start (n, 3) mm to shortly before end, (n,).
 
         Looked at in `steps` evenly spaced places, the start among them.
         """
-        return _clear(field, start, end, steps, limit, self.origin, self.spacing)
+        return _clear(self.void, self.depth, start, end, steps, limit, self.origin, self.spacing)
 
     def gradient(self, field, points) -> np.ndarray:
         """Gradient (n, 3) of a field by central differences over one voxel."""
@@ -129,16 +134,23 @@ def _trilinear(field, points, origin, spacing):
 
 
 @compiled
-def _clear(field, start, end, steps, limit, origin, spacing):
+def _clear(void, depth, start, end, steps, limit, origin, spacing):
     clear = np.ones(len(start), np.bool_)
-    point = np.empty(3)
+    point, last = np.empty(3), np.array(void.shape) - 1
+    voxel = np.empty(3, np.int64)
+    diagonal = np.sqrt((spacing**2).sum())  # so deep in tissue, none of the eight voxels around is void
     for row in range(len(start)):
-        for step in range(steps):
+        length = np.sqrt(((end[row] - start[row]) ** 2).sum()) / steps
+        step = 0
+        while step < steps:
             for axis in range(3):
                 point[axis] = start[row, axis] + step / steps * (end[row, axis] - start[row, axis])
-            if _value(field, point, origin, spacing) >= limit:
+                voxel[axis] = min(max(round((point[axis] - origin[axis]) / spacing[axis]), 0), last[axis])
+            deep = depth[voxel[0], voxel[1], voxel[2]]
+            if deep <= diagonal and _value(void, point, origin, spacing) >= limit:
                 clear[row] = False
                 break
+            step += 1 + int(max(deep - 2 * diagonal, 0.0) / max(length, 1e-9))
     return clear
 
 
@@ -148,11 +160,9 @@ def _value(field, point, origin, spacing):
     j, behind, b = _between(point[1], origin[1], spacing[1], field.shape[1] - 1)
     k, above, c = _between(point[2], origin[2], spacing[2], field.shape[2] - 1)
     total = 0.0
-    for corner in range(8):
-        x, u = (right, a) if corner & 1 else (i, 1 - a)
-        y, v = (behind, b) if corner & 2 else (j, 1 - b)
-        z, w = (above, c) if corner & 4 else (k, 1 - c)
-        total += u * v * w * field[x, y, z]
+    for x, u in ((i, 1 - a), (right, a)):
+        for y, v in ((j, 1 - b), (behind, b)):
+            total += u * v * ((1 - c) * field[x, y, k] + c * field[x, y, above])
     return total
 
 
@@ -171,25 +181,97 @@ def is_tissue(labels) -> np.ndarray:
 def without_specks(labels, below: int = SPECK_VOXELS) -> np.ndarray:
     """The label map with connected pieces of one label below `below` voxels turned into the nearest other label."""
     speck = np.zeros(labels.shape, bool)
-    for code in np.unique(labels):
-        pieces, _ = ndimage.label(labels == code, TOUCHING)
-        small = np.bincount(pieces.ravel()) < below
-        small[0] = False
-        speck |= small[pieces]
+    for code, box in enumerate(ndimage.find_objects(labels.astype(np.int32) + 1)):
+        if box is not None:
+            pieces, _ = ndimage.label(labels[box] == code, TOUCHING)
+            small = np.bincount(pieces.ravel()) < below
+            small[0] = False
+            if small.any():
+                speck[box] |= small[pieces]
     if not speck.any() or speck.all():
         return labels
-    nearest = ndimage.distance_transform_edt(speck, return_distances=False, return_indices=True)
-    return labels[tuple(nearest)]
+    cleaned = labels.copy()
+    cleaned[speck] = labels[tuple(nearest_voxels(np.argwhere(speck), ~speck).T)]
+    return cleaned
 
 
-def signed_distance(inside, spacing) -> np.ndarray:
-    """Distance to the surface of a voxel set, float32 mm, positive inside; exact half-way between voxel centres."""
+def nearest_voxels(voxels, inside, spacing=(1.0, 1.0, 1.0)) -> np.ndarray:
+    """Indices (k, 3) of the voxels of a set that lie nearest to voxels (k, 3) outside it."""
+    border = np.argwhere(inside & _beside_other(inside))
+    return border[cKDTree(border * spacing).query(voxels * np.asarray(spacing))[1]]
 
-    def distance(mask):
-        image = sitk.GetImageFromArray(mask.astype(np.uint8))
-        image.SetSpacing([float(s) for s in spacing[::-1]])
-        field = sitk.SignedMaurerDistanceMap(image, squaredDistance=False, useImageSpacing=True)
-        return sitk.GetArrayFromImage(field)
 
-    # Maurer's distance is zero on the outermost voxels inside; the mean of both sides is symmetric.
-    return (distance(~inside) - distance(inside)) / 2
+def signed_distance(inside, spacing, reach: float) -> np.ndarray:
+    """Distance to the surface of a voxel set, float32 mm, positive inside; exact half-way between voxel centres.
+
+    From `reach` mm on it is `reach`.
+    """
+    # The mean of the ways to the outermost voxels inside and to the innermost outside is symmetric.
+    border, spacing = _beside_other(inside), np.asarray(spacing, float)
+    reached = reach + spacing.max() / 2  # the two ways differ by a voxel at most
+    distance = sum(_distance(border & side, spacing, reached) for side in (inside, ~inside)) / 2
+    distance = np.minimum(distance, np.float32(reach))
+    return np.where(inside, distance, -distance)
+
+
+def _beside_other(inside) -> np.ndarray:
+    """Voxels (nx, ny, nz) bool that share a face with one on the other side of a set's surface."""
+    beside = np.zeros(inside.shape, bool)
+    for axis in range(3):
+        here, line = np.moveaxis(inside, axis, 0), np.moveaxis(beside, axis, 0)
+        change = here[1:] != here[:-1]
+        line[1:] |= change
+        line[:-1] |= change
+    return beside
+
+
+def grown(inside) -> np.ndarray:
+    """A voxel set (nx, ny, nz) with all voxels that share a face with it."""
+    return inside | _beside_other(inside)
+
+
+def _distance(seeds, spacing, reach: float) -> np.ndarray:
+    """Distance (nx, ny, nz) float32 mm of voxel centres from those of a set; `reach` beyond it."""
+    squares, swept = np.empty(seeds.shape, np.float32), np.empty(seeds.shape, np.float32)
+    steps = np.ceil(reach / spacing).astype(int)
+    _along(seeds.reshape(-1, seeds.shape[2]), spacing[2], reach**2, squares.reshape(-1, seeds.shape[2]))
+    _sweep(squares, spacing[1], steps[1], swept)
+    squares, swept = swept.reshape(1, len(seeds), -1), squares.reshape(1, len(seeds), -1)
+    _sweep(squares, spacing[0], steps[0], swept)
+    return np.sqrt(swept).reshape(seeds.shape)
+
+
+@compiled
+def _along(seeds, step, most, squares):
+    """Squared distance (r, n) along each row from the nearest seed (r, n) of that row, up to `most`."""
+    squares[:] = most
+    for row in range(len(seeds)):
+        for line in (range(seeds.shape[1]), range(seeds.shape[1] - 1, -1, -1)):
+            distance = np.inf
+            for place in line:
+                distance = 0.0 if seeds[row, place] else distance + step
+                squares[row, place] = min(distance**2, squares[row, place])
+
+
+@compiled
+def _sweep(squares, step, steps, swept):
+    """Least of squares (r, n, w) and of those up to `steps` places away along n, plus the square of the way to them."""
+    rows, count, width = squares.shape
+    least = np.empty(count, np.float32)
+    for row in range(rows):
+        # In parts of w, because most of them are too far from everything to be swept.
+        for start in range(0, width, PART):
+            end = min(start + PART, width)
+            for place in range(count):
+                least[place] = squares[row, place, start:end].min()
+            for place in range(count):
+                line = swept[row, place, start:end]
+                line[:] = squares[row, place, start:end]
+                most = line.max()
+                for away in range(1, min(steps, count) + 1):
+                    added = np.float32((away * step) ** 2)
+                    for other in (place - away, place + away):
+                        if 0 <= other < count and least[other] + added < most:
+                            near = squares[row, other, start:end]
+                            for k in range(end - start):
+                                line[k] = min(line[k], near[k] + added)

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from pinnochio.errors import InputError
 from pinnochio.geometry.triangles import corner_sums, face_normals
 from pinnochio.meshing.embedding import bridging, embed
-from pinnochio.meshing.fields import is_tissue, signed_distance
+from pinnochio.meshing.fields import is_tissue, nearest_voxels, signed_distance
 from pinnochio.meshing.lip_sides import sides_of_nodes, sides_of_points
 from pinnochio.meshing.lips import bite, lip_nodes
 from pinnochio.meshing.mesh import TetMesh
@@ -222,7 +222,7 @@ def _judged(
 def _beyond(points, faces, normals, labels, spacing, origin, reach_mm, gap_mm) -> tuple[np.ndarray, np.ndarray]:
     """Code beyond k points of every triangle (f, k), and the voxel (f, k, 3) where it was met."""
     weights = simplex_points(3, 2)
-    starts = np.einsum("kc,fcx->fkx", weights, points[faces])
+    starts = weights @ points[faces]
     shape = np.array(labels.shape)
     step = 0.5 * spacing.min()
     code = np.full(starts.shape[:2], -1, np.int16)
@@ -247,11 +247,9 @@ def _beyond(points, faces, normals, labels, spacing, origin, reach_mm, gap_mm) -
     lost &= ~np.isfinite(air_since)
     if lost.any():
         # Tissue all the way: the mesh leaves out something thin there. Take what is nearest.
-        nearest = ndimage.distance_transform_edt(
-            is_tissue(labels), sampling=spacing, return_distances=False, return_indices=True
-        )
         index = np.clip(np.rint((starts[lost] - origin) / spacing).astype(int), 0, shape - 1)
-        index = nearest[:, *index.T].T
+        hidden = is_tissue(labels)[tuple(index.T)]
+        index[hidden] = nearest_voxels(index[hidden], ~is_tissue(labels), spacing)
         code[lost], voxel[lost] = labels[tuple(index.T)], index
     low, high = origin - spacing / 2, origin + spacing * (shape - 0.5)
     tolerance = 1e-6 * spacing
@@ -368,11 +366,12 @@ def _skin(faces, beyond, ends, areas, labels, spacing, origin, opening_mm) -> np
     reaches, the largest connected piece; neither the mouth nor the nasal cavity."""
     # One layer of air in front, because a tightly cropped volume may end at the nose.
     air = np.pad(labels == AIR, ((1, 1), (1, 0), (0, 0)), constant_values=True)
-    roomy = signed_distance(air, spacing) > opening_mm / 2
+    reach = opening_mm / 2 + spacing.max()
+    roomy = signed_distance(air, spacing, 2 * reach) > opening_mm / 2
     roomy[:, 0] = True
     region, _ = ndimage.label(roomy)
     front = region == region[0, 0, 0]
-    reached = signed_distance(front, spacing) > -(opening_mm / 2 + spacing.max())
+    reached = signed_distance(front, spacing, 2 * reach) > -reach
     reached = reached[1:-1, 1:]
     outer = ((beyond == AIR) & reached[tuple(np.moveaxis(ends, 2, 0))]).mean(axis=1) >= 0.5
     index = np.flatnonzero(outer)

@@ -7,7 +7,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from pinnochio.geometry.mesh_topology import edge_graph, edges_of
-from pinnochio.meshing.fields import is_tissue
+from pinnochio.meshing.fields import grown, is_tissue
 from pinnochio.meshing.lips import near_mouth
 from pinnochio.model.labels import AIR
 from pinnochio.model.patient import LOWER_LIP, NOT_LIP, UPPER_LIP
@@ -34,8 +34,8 @@ def sides_of_points(points, labels, spacing, origin, mouth) -> np.ndarray:
     for code, front in zip(SIDES, _beside_slit(part, tissue, spacing, origin + low * spacing, mouth), strict=True):
         side[front] = code
     for _ in range(int(REACH / spacing.max())):
-        for code, grown in [(code, ndimage.binary_dilation(side == code)) for code in SIDES]:
-            side[grown & tissue & (side == 0)] = code
+        for code, reached in [(code, grown(side == code)) for code in SIDES]:
+            side[reached & tissue & (side == 0)] = code
     inside = ((points > origin + low * spacing) & (points < origin + high * spacing)).all(axis=1)
     voxels = np.argwhere(tissue)
     if len(voxels) and inside.any():

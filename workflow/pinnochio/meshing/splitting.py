@@ -26,7 +26,7 @@ def joined_pairs(points, cells, fields: Fields) -> tuple[np.ndarray, np.ndarray]
     paths from one to the other through points of their face stay in tissue.
     """
     first, second = adjacency(cells)
-    samples = np.einsum("kc,mcx->mkx", simplex_points(4, 3), points[cells])
+    samples = simplex_points(4, 3) @ points[cells]
     doubt = fields.sample(fields.narrow, samples).max(axis=1) > 0
     doubtful = np.flatnonzero(doubt[first // 4] | doubt[second // 4])
     sampled = np.unique(np.concatenate([first[doubtful], second[doubtful]]) // 4)
@@ -36,14 +36,14 @@ def joined_pairs(points, cells, fields: Fields) -> tuple[np.ndarray, np.ndarray]
     sides = first[doubtful]
     a, b = sides // 4, second[doubtful] // 4
     corners = points[cells[a[:, None], FACES[sides % 4]]]
-    gates = np.einsum("kc,pcx->pkx", simplex_points(3, 3), corners)
+    gates = simplex_points(3, 3) @ corners
     in_tissue = fields.sample(fields.void, gates) < VOID_SHARE
     reach = max(np.linalg.norm(anchor[side][:, None] - gates, axis=2).max(initial=0) for side in (a, b))
     steps = 1 + int(reach / (0.4 * fields.spacing.min()))
     clear = in_tissue.copy()
     for side in (a, b):
         pair, gate = np.nonzero(clear)
-        clear[pair, gate] = fields.clear(fields.void, anchor[side[pair]], gates[pair, gate], steps, VOID_SHARE)
+        clear[pair, gate] = fields.clear(anchor[side[pair]], gates[pair, gate], steps, VOID_SHARE)
     joined = np.ones(len(first), bool)
     joined[doubtful] = clear.sum(axis=1) > OPEN_SHARE * in_tissue.sum(axis=1)
     return first[joined], second[joined]

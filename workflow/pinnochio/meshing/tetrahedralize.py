@@ -25,6 +25,7 @@ NODE_TOLERANCE = 0.07  # the search stops here; the promise is 10 %
 DIHEDRAL_MARGIN = 2.0  # degrees kept above the promised dihedral angle
 NEAR_SLIT = 0.5  # of the lattice constant: so near, a lattice node goes to the middle of a thin void
 FADE = 0.9  # of half the volume: over which a turn of the lattice fades towards a cut side
+REACH = 1.5  # of the lattice constant: nothing asks how far beyond that a boundary is
 THIN_SHARE = 0.6  # of the lattice constant: narrower voids are opened by splitting, wider ones are left out
 
 
@@ -83,7 +84,7 @@ def tetrahedralize(
     aside = abs(np.sin(np.radians(turn))) * np.array([reach[1], reach[0], 0])
     cut = _cut_sides(inside)
     labels, origin = _cropped(labels, inside, spacing, origin, margin=1.5 * constant + aside)
-    fields = Fields(without_specks(labels), spacing, origin, thin=THIN_SHARE * constant)
+    fields = Fields(without_specks(labels), spacing, origin, thin=THIN_SHARE * constant, reach=REACH * constant)
 
     placing = Placing(np.asarray(shift, float), turn, cut)
     best, factor = None, 1.04  # factor: nodes of the finished mesh per node of the raw lattice
@@ -237,7 +238,7 @@ def _filled(fields, field, inside, centre, reach, wanted) -> np.ndarray:
     value = fields.sample(field, centre)
     filled = value > 0
     close = np.flatnonzero((np.abs(value) < reach) & wanted)
-    samples = np.einsum("kc,mcx->mkx", simplex_points(4, 3), inside[close])
+    samples = simplex_points(4, 3) @ inside[close]
     filled[close] = (fields.sample(field, samples) > 0).mean(axis=1) > 0.5
     return filled
 
