@@ -4,6 +4,12 @@ BIN := .venv/bin
 SNAKEMAKE := $(BIN)/snakemake --cores 2
 # Where it is set, each of a study's processes compiles all that it imports: seconds of every job.
 unexport PYTHONDONTWRITEBYTECODE
+# Names of folders may hold what a shell or make takes for its own.
+export PATIENT MODELS
+# Snakemake keeps a cache below the home folder, which a container or a service may not have.
+ifneq ($(shell test -w "$$HOME" -a -d "$$HOME" && echo yes),yes)
+export XDG_CACHE_HOME ?= $(CURDIR)/.snakemake/cache
+endif
 
 # What is shown, without CONFIG: the default study where it is finished, else the quick one where that is.
 FINISHED := $(if $(wildcard results/provenance.json),,$(if $(wildcard results/quick/provenance.json),config/quick.yaml))
@@ -42,15 +48,15 @@ report figures: env
 # make predict PATIENT=FOLDER: the face that follows each plan of a patient, by models that exist, on the mesh that they
 # were trained on whatever study was run before. MODELS: an archive elsewhere.
 predict: env
-	@test -n "$(PATIENT)" || { echo "Name the patient: make predict PATIENT=FOLDER"; exit 1; }
-	$(SNAKEMAKE) predict $(addprefix --configfile ,$(CONFIG)) --config patient=$(PATIENT) $(if $(MODELS),models=$(MODELS))
+	@test -n "$$PATIENT" || { echo "Name the patient: make predict PATIENT=FOLDER"; exit 1; }
+	$(SNAKEMAKE) predict $(addprefix --configfile ,$(CONFIG)) --config "patient=$$PATIENT" $(if $(MODELS),"models=$$MODELS")
 
 # make planner PATIENT=FOLDER: prepares the patient, then opens a page on this machine to try plans on. MODELS: an
 # archive elsewhere; PLANNER: options of workflow/plan.py.
 planner: env
-	@test -n "$(PATIENT)" || { echo "Name the patient: make planner PATIENT=FOLDER"; exit 1; }
-	$(SNAKEMAKE) --config patient=$(PATIENT) $(if $(MODELS),models=$(MODELS)) -- planner
-	$(BIN)/python workflow/plan.py results/patients/$(notdir $(abspath $(PATIENT)))/planner.json $(PLANNER)
+	@test -n "$$PATIENT" || { echo "Name the patient: make planner PATIENT=FOLDER"; exit 1; }
+	$(SNAKEMAKE) --config "patient=$$PATIENT" $(if $(MODELS),"models=$$MODELS") -- planner
+	$(BIN)/python workflow/plan.py "results/patients/$$(basename "$$(realpath "$$PATIENT")")/planner.json" $(PLANNER)
 
 docs: env
 	$(BIN)/python workflow/document_config.py

@@ -26,8 +26,10 @@ rule import_segmentation:
         orientation=config["orientation"],
         repair=config["repair"],
         cuts=config["osteotomy"]["cuts"],
+        accept=config["osteotomy"]["accept"],
         unlabelled_muscle=config["unlabelled_muscle"],
         bone_edge=INPUTS.patient.setting("mesh", "bone_edge"),
+        content=content,
         code=code_of("scripts.patient.import_segmentation"),
     message:
         "Import the segmentation of {wildcards.case}"
@@ -80,6 +82,7 @@ rule import_plan:
         share=config["registration"]["segment_share"],
         # The plan of a new patient's folder is the patient's, whatever case it names; what is odd was said before.
         foreign=lambda wildcards: wildcards.home == "patients",
+        content=content,
         code=code_of("scripts.patient.import_plan"),
     message:
         "Import the plan of {wildcards.case}{wildcards.plan}"
@@ -111,6 +114,7 @@ rule register_postop:
         limit=config["registration"]["limit"],
         segment_limit=config["registration"]["segment_limit"],
         segment_share=config["registration"]["segment_share"],
+        content=content,
         code=code_of("scripts.patient.register_postop"),
     message:
         "Register the post-operative skin of {wildcards.case}"
@@ -140,6 +144,7 @@ rule register_segments:
     params:
         limit=config["registration"]["segment_limit"],
         share=config["registration"]["segment_share"],
+        content=content,
         code=code_of("scripts.patient.register_segments"),
     message:
         "Register the bones of {wildcards.case} after surgery"

@@ -10,7 +10,7 @@ from snakemake.logging import logger
 
 from pinnochio.code import ROOT, code_hash, source_file, stages
 from pinnochio.errors import InputError
-from pinnochio.files import check_writable
+from pinnochio.files import check_writable, fingerprint
 from pinnochio.methods.names import BASELINE
 from pinnochio.methods.registry import graph_networks
 from pinnochio.patients.model_archive import READ_BY_NETWORKS
@@ -18,7 +18,7 @@ from pinnochio.report.parts import FOLDED, PARTS
 from pinnochio.study.configuration import check_config
 from pinnochio.study.console import JobProgress, expected_seconds, quieten
 from pinnochio.study.inputs.rules import RuleInputs
-from pinnochio.study.patients import other_cases
+from pinnochio.study.patients import oddities
 from pinnochio.study.provenance import changed_since, forgotten
 from pinnochio.study.schema import checked, read_schema, refuse_doubled
 from pinnochio.study.study import Study
@@ -97,8 +97,8 @@ with plainly():
         )
 
     if workflow.is_main_process:
-        for odd in other_cases(STUDY.new_patients.values()):
-            logger.warning(f"{odd} Is it the right patient's?")
+        for odd in oddities(STUDY.new_patients.values()):
+            logger.warning(odd)
 
 
 def any_of(names):
@@ -134,6 +134,12 @@ def code_of(*names):
     return code_hash(*map(source_file, names))
 
 
+def content(wildcards, input):
+    """Params function: a hash of what the inputs that users bring hold: an older file in place of a newer one, as after
+    `cp -p`, triggers no rerun by its time."""
+    return fingerprint(input, RESULTS)
+
+
 def code_with_method(script, reference=INPUTS.prediction.predictor):
     """Params function: the same with a module of the job's method, which the script imports by its name."""
     return lambda wildcards: code_of(script, reference(wildcards))
@@ -153,10 +159,11 @@ def seconds_of(counts):
     return expected_seconds(counts, measured, RESULTS)
 
 
+CONSOLE = None
 if workflow.is_main_process and not (
     workflow.output_settings.verbose or os.environ.get("VERBOSE")
 ):
-    quieten(
+    CONSOLE = quieten(
         logger,
         begin=lambda counts: JobProgress(counts, seconds_of(counts), ALL_CORES),
         runs=lambda: not workflow.dryrun,
@@ -182,9 +189,15 @@ def stop_timers():
             thread.cancel()
 
 
-onsuccess:
+def finish():
     stop_timers()
+    if CONSOLE:
+        CONSOLE.summary()
+
+
+onsuccess:
+    finish()
 
 
 onerror:
-    stop_timers()
+    finish()

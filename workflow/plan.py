@@ -32,7 +32,7 @@ def open_planner(prepared: Prepared, port: int, browser: bool) -> None:
         raise InputError(prepared.case, prepared.archive, problem, "pack the models and prepare it again") from error
     plans = {name: Plan.read(path, prepared.case) for name, path in prepared.plans.items()}
     try:
-        scan = read_scan(forecaster.patient, prepared.case, prepared.home)
+        scan = read_scan(prepared)
     except InputError as error:
         print(f"The scan is not shown: {error}", file=sys.stderr)
         scan = None

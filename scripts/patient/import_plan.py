@@ -2,11 +2,12 @@
 
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 
 from pinnochio.importing.postop_bones import is_image, read_postop_bones
 from pinnochio.importing.segment_registration import check_fits, register_bones
 from pinnochio.importing.segmentation import check_plan, check_travel, read_labels
-from pinnochio.logs import attach_log
+from pinnochio.logs import attach_log, collected
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.areg import matrices, read_areg
 from pinnochio.plans.plan import Plan
@@ -29,6 +30,13 @@ def import_plan(
     patient's labels, as :mod:`register_segments` does: the plan is then the motion that was achieved. limit (mm), share
     (%): as there. foreign: the plan may name another case.
     """
+    with collected() as warnings:
+        checked = _checked_plan(case, source, bone, labels, label_values, limit, share, foreign)
+    replace(checked, warnings=tuple(warnings)).write(plan)
+
+
+def _checked_plan(case, source, bone, labels, label_values, limit, share, foreign) -> Plan:
+    """The plan, arguments as in :func:`import_plan`."""
     surface = BoneSurface.read(bone)
     if is_image(source):
         points, faces = read_postop_bones(source, case, surface.points, label_values)
@@ -51,7 +59,7 @@ def import_plan(
         checked = Plan.read(source, case, foreign)
     check_plan(checked, surface.segments, source)
     check_travel(plan=checked, bone=surface, segments=surface.segments, path=source)
-    checked.write(plan)
+    return checked
 
 
 if __name__ == "__main__":

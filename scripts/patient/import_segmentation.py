@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,12 +13,12 @@ from pinnochio.importing.head_parts import read_head_parts
 from pinnochio.importing.markups import read_markups
 from pinnochio.importing.muscle_layer import muscle_layer
 from pinnochio.importing.osteotomy import osteotomy
-from pinnochio.importing.plausible import check_plausible
+from pinnochio.importing.plausible import by_rule, check_plausible, judged, unlike_people
 from pinnochio.importing.presets import LOWER_TEETH, UPPER_TEETH
 from pinnochio.importing.registration import upper_face_plane
 from pinnochio.importing.repair import repair
 from pinnochio.importing.segmentation import Segmentation, read_segmentation, write_segmentation
-from pinnochio.logs import attach_log
+from pinnochio.logs import attach_log, collected
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
 from pinnochio.plans.roles import UNCUT
@@ -36,8 +37,9 @@ def import_segmentation(
     volume: str | None = None,
     markups: Sequence[str] = (),
     cuts: Sequence[str] = (),
+    accept: bool = False,
 ) -> None:
-    """Read, repair and check one patient; write labels, bone, skin and a report of volumes and repairs.
+    """Read, repair and check one patient; write labels, bone, skin and a report of volumes, repairs and warnings.
 
     label_values maps each structure's name to its voxel value or to its name in the file, or names the tool that made
     the segmentation; then volume is the scan that soft tissue may come from, and cuts are made where the files of
@@ -45,31 +47,26 @@ def import_segmentation(
     make; orientation is "header", or where the voxel axes point if the header is wrong; repair_limit is the share of a
     structure in percent that repairs may change and unnamed voxels may take from it; unlabelled_muscle (derived |
     single | refuse) serves where no muscle is labelled; bone_edge is the edge length of the bone surface in mm; outputs
-    names the files labels, bone, skin and report. Raises InputError for what the user must mend.
+    names the files labels, bone, skin and report; accept: bones unlike people's go in, to be looked at with care.
+    Raises InputError for what the user must mend.
     """
-    if isinstance(label_values, str):
-        head, frame, made = _cut_head(
-            case, segmentation, label_values, segments, orientation, repair_limit, volume, markups, cuts
+    with collected() as warnings:
+        head, frame, made, repairs, care = _checked_head(
+            case, segmentation, label_values, segments, orientation, repair_limit, volume, markups, cuts, accept
         )
-    else:
-        head, made = read_segmentation(segmentation, case, label_values, segments, orientation, repair_limit), {}
-        frame = check_anatomy(head.labels, head.spacing, head.segments, head.axes, case, segmentation)
-    voxel, segments = float(np.prod(head.spacing)), head.segments
-    labels, repairs = repair(
-        labels=head.labels, segments=segments, limit_percent=repair_limit, case=case, file=segmentation, voxel=voxel
-    )
-    check_plausible(labels=labels, spacing=head.spacing, segments=segments, case=case, file=segmentation)
-    bone = bone_surface(labels=labels, spacing=head.spacing, origin=head.origin, segments=segments, edge_mm=bone_edge)
-    top = upper_face_plane(bone, segments, 0.0)
-    labels, muscle = muscle_layer(
-        labels=labels,
-        spacing=head.spacing,
-        origin=head.origin,
-        top=top,
-        unlabelled=unlabelled_muscle,
-        case=case,
-        file=segmentation,
-    )
+        labels, voxel, segments = head.labels, float(np.prod(head.spacing)), head.segments
+        bone = bone_surface(
+            labels=labels, spacing=head.spacing, origin=head.origin, segments=segments, edge_mm=bone_edge
+        )
+        labels, muscle = muscle_layer(
+            labels=labels,
+            spacing=head.spacing,
+            origin=head.origin,
+            top=upper_face_plane(bone, segments, 0.0),
+            unlabelled=unlabelled_muscle,
+            case=case,
+            file=segmentation,
+        )
     report = {
         "case": case,
         "spacing_mm": np.asarray(head.spacing).tolist(),
@@ -81,6 +78,8 @@ def import_segmentation(
             for name, code in internal_codes(segments).items()
         },
         "repairs": repairs,
+        "warnings": warnings,
+        "care": care,
     } | made
     write_segmentation(labels=labels, spacing=head.spacing, origin=head.origin, path=outputs["labels"])
     bone.write(outputs["bone"])
@@ -88,6 +87,32 @@ def import_segmentation(
     write_surface(skin, skin_faces, outputs["skin"])
     with replacing(outputs["report"]) as temporary:
         temporary.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+
+
+def _checked_head(
+    case, segmentation, label_values, segments, orientation, repair_limit, volume, markups, cuts, accept
+) -> tuple[Segmentation, dict, dict, list, list[str]]:
+    """The head, repaired and checked; what its anatomy says of its frame; how it was made; its repairs; and what of it
+    must be looked at with care. Arguments as in :func:`import_segmentation`."""
+    if isinstance(label_values, str):
+        head, frame, made = _cut_head(
+            case, segmentation, label_values, segments, orientation, repair_limit, volume, markups, cuts
+        )
+    else:
+        head, made = read_segmentation(segmentation, case, label_values, segments, orientation, repair_limit), {}
+        frame = check_anatomy(head.labels, head.spacing, head.segments, head.axes, case, segmentation)
+    labels, repairs = repair(
+        labels=head.labels,
+        segments=head.segments,
+        limit_percent=repair_limit,
+        case=case,
+        file=segmentation,
+        voxel=float(np.prod(head.spacing)),
+    )
+    check_plausible(labels=labels, spacing=head.spacing, segments=head.segments, case=case, file=segmentation)
+    odd = unlike_people(labels, head.spacing, head.segments)
+    care = judged(odd, accept, by_rule(made.get("cuts", {})), case, segmentation)
+    return replace(head, labels=labels), frame, made, repairs, care
 
 
 def _cut_head(
@@ -119,6 +144,8 @@ def _cut_head(
     )
     frame |= {"sides": AS_IT_SHOULD_BE} if parts.sided else {}
     made = osteotomy(parts, cuts, marked, case, path)
+    marked_sides = [made.landmarks.get(name, ("", ""))[1] == "given" for name in ("RCo", "LCo")]
+    frame |= {"sides": f"{AS_IT_SHOULD_BE}, by RCo and LCo"} if all(marked_sides) else {}
     if unknown := [name for name in made.segments if name not in segments]:
         problem = f"the cuts make {', '.join(unknown)}, which 'segments' does not name"
         raise InputError(case, "configuration", problem, "add them to 'segments', or change 'osteotomy.cuts'")
@@ -140,6 +167,7 @@ if __name__ == "__main__":
         label_values=snakemake.params.labels,
         segments=tuple(snakemake.params.segments),
         cuts=snakemake.params.cuts,
+        accept=snakemake.params.accept,
         orientation=snakemake.params.orientation,
         repair_limit=snakemake.params.repair["limit"],
         unlabelled_muscle=snakemake.params.unlabelled_muscle,

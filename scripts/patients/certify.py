@@ -38,6 +38,7 @@ def certify(
     patient, planned = PatientModel.read(model), Plan.read(plan, about["case"])
     prediction = read_result(result, about["case"], patient)
     solution = read_solution(result, about["case"])
+    imported = read_stored_json(quality)
     content = {
         "research": RESEARCH,
         **about,
@@ -49,6 +50,11 @@ def certify(
         | {"apart_mm": from_elasticity(patient, planned, prediction.displacement, fem)},
         "interval": None,
         "in_distribution": None,
+        "import": {
+            "warnings": [*imported["warnings"], *planned.warnings],
+            "care": imported["care"],
+            "guessed": [name for name, why in dict(imported["cuts"]).items() if "a guess" in why],
+        },
     }
     if folder:
         archive, calibration = Archive.read(folder), Calibration.read(Path(folder) / calibration_file(about["method"]))
@@ -57,7 +63,7 @@ def certify(
         content["in_distribution"] = in_distribution(
             patient=patient,
             plan=planned,
-            quality=read_stored_json(quality),
+            quality=imported,
             ranges=Ranges.read(Path(folder) / RANGES),
         )
         content["interval"] = interval_measures(prediction, calibration, widening(content["in_distribution"]))

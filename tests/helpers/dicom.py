@@ -7,8 +7,12 @@ from pydicom.dataset import FileMetaDataset
 from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
 
 
-def scan_slices(shape, direction, spacing, origin):
-    """An axial CT of air as DICOM data sets; shape, spacing: columns, rows, slices."""
+def scan_slices(shape, direction, spacing, origin, voxels=None, step=None):
+    """An axial CT as DICOM data sets, of air or of voxels [ix, iy, iz]; shape, spacing: columns, rows, slices.
+
+    step (3,) mm: way from slice to slice, where it is not that of an upright gantry.
+    """
+    step = spacing[2] * direction[:, 2] if step is None else step
     series, study, frame = (generate_uid(entropy_srcs=[name]) for name in ("series", "study", "frame"))
     slices = []
     for number in range(shape[2]):
@@ -25,13 +29,25 @@ def scan_slices(shape, direction, spacing, origin):
         made.Columns, made.Rows = shape[0], shape[1]
         made.PixelSpacing, made.SliceThickness = [spacing[1], spacing[0]], spacing[2]
         made.ImageOrientationPatient = [*direction[:, 0], *direction[:, 1]]
-        made.ImagePositionPatient = list(origin + number * spacing[2] * direction[:, 2])
+        made.ImagePositionPatient = list(np.round(origin + number * step, 6))
         made.SamplesPerPixel, made.PhotometricInterpretation, made.PixelRepresentation = 1, "MONOCHROME2", 1
         made.BitsAllocated = made.BitsStored = 16
         made.HighBit, made.ImageType = 15, ["ORIGINAL", "PRIMARY", "AXIAL"]
-        made.PixelData = bytes(2 * shape[0] * shape[1])
+        made.RescaleSlope, made.RescaleIntercept = "1", "-1024"
+        stored = np.zeros(shape[1::-1], np.int16) if voxels is None else voxels[..., number].T + 1024
+        made.PixelData = np.ascontiguousarray(stored, "<i2").tobytes()
         slices.append(made)
     return slices
+
+
+def save_series(folder, voxels, direction, spacing, origin, step=None, left_out=()):
+    """The slices of a CT, voxels [ix, iy, iz] in HU, as files without an ending, in another order than they lie."""
+    folder.mkdir(exist_ok=True)
+    values = np.rint(voxels).astype(np.int16)
+    for number, made in enumerate(scan_slices(values.shape, direction, spacing, origin, values, step)):
+        if number not in left_out:
+            made.save_as(folder / f"IM{(7 * number) % 1009:04d}", enforce_file_format=True)
+    return folder
 
 
 def save_dicom_seg(path, masks, names, direction, spacing, origin, fractional=False):

@@ -114,8 +114,12 @@ def prepared(patients, training, tmp_path_factory):
     (folder / "set").mkdir()
     (folder / "set/plan.json").write_text(Path(patient.plan).read_text())
     settings = {"home": str(folder), "archive": str(archive), "method": METHOD, "corrections": 1}
-    settings |= {"fem": vars(patient.fem), "invert": CONFIG["invert"]}
+    settings |= {
+        "fem": vars(patient.fem),
+        "invert": CONFIG["invert"],
+        "scan": {"nasion_above_maxilla": 20.0, "limit": 1.5},
+    }
     out = str(folder / "planner.json")
-    files = patient.model, lift, patient.covariates, training[1][0]
+    files = patient.model, patient.skin, patient.bone, lift, patient.covariates, training[1][0]
     prepare_planner(patient.case, *files, [str(folder / "set/plan.json")], settings, out)
     return Prepared.read(out)

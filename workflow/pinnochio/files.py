@@ -6,8 +6,9 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 from pinnochio.errors import InputError, StorageError
@@ -60,6 +61,26 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def fingerprint(paths: Iterable[str], made: str | os.PathLike) -> str:
+    """Hash of the content of files, and of all in folders, by name; hidden ones and those below `made` do not count."""
+    total, made = hashlib.sha256(), Path(made).resolve()
+    for path in map(Path, paths):
+        if path.resolve().is_relative_to(made):
+            continue
+        files = sorted(path.rglob("*")) if path.is_dir() else [path]
+        for file in files:
+            if file.is_file() and not file.name.startswith("."):
+                total.update(str(file.relative_to(path.parent)).encode())
+                total.update(_digest(str(file), file.stat().st_mtime_ns, file.stat().st_size))
+    return total.hexdigest()[:16]
+
+
+@cache
+def _digest(file: str, *_state: int) -> bytes:
+    with open(file, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").digest()
 
 
 def seal(path: str | os.PathLike) -> None:

@@ -2,8 +2,11 @@
 
 import logging
 import os
+import re
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from pinnochio.files import check_writable
 
@@ -33,3 +36,35 @@ def attach_log(path: str) -> None:
         print(f"{kind.__name__}: {error}\n(log: {path})", file=terminal)
 
     sys.excepthook = hook
+
+
+@contextmanager
+def collected() -> Iterator[list[str]]:
+    """What the library warns of in the block, each once, without the name of the case."""
+    said: list[str] = []
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            words = plain_warning(record.getMessage())
+            said.extend([words] if words not in said else [])
+
+    handler = Collector(logging.WARNING)
+    logging.getLogger("pinnochio").addHandler(handler)
+    try:
+        yield said
+    finally:
+        logging.getLogger("pinnochio").removeHandler(handler)
+
+
+def plain_warning(message: str) -> str:
+    """A warning without the case that it begins with."""
+    return re.sub(r"^case '[^']*': ", "", message)
+
+
+def warnings_in(path: str) -> list[str]:
+    """What the library warned of in a stage's log file; nothing where there is none."""
+    try:
+        with open(path, encoding="utf-8", errors="replace") as file:
+            return [line.split(": ", 1)[1].strip() for line in file if re.match(r"\S+ \S+ WARNING pinnochio\.", line)]
+    except OSError:
+        return []

@@ -12,7 +12,7 @@ from pinnochio.patients.model_archive import Archive, configuration_hash
 from pinnochio.patients.pareto_front import TRADEOFF
 from pinnochio.plans.plan import Plan
 from pinnochio.study.choice import choose
-from pinnochio.study.patients import markups_in, other_cases, read_patients
+from pinnochio.study.patients import markups_in, oddities, read_patients
 from studies.tradeoff.table import summarise
 from tests.helpers.settings import CONFIG
 
@@ -36,7 +36,7 @@ def test_a_plan_of_another_case_is_said_and_taken_for_that_of_the_patient(folder
     for name, content in {"other": plan, "own": plan | {"case": "P01"}, "unnamed": {"segments": {}}}.items():
         (folder / f"plans/{name}.json").write_text(json.dumps(content))
     (folder / "plans/damaged.json").write_text("[{")
-    (said,) = other_cases(read_patients(folder).values())
+    (said,) = oddities(read_patients(folder).values())
     assert "plans/other.json names case 'P02'" in said and "'P01'" in said
     assert Plan.read(folder / "plans/other.json", "P01", foreign=True).case == "P01"
     with pytest.raises(InputError, match="belongs to case 'P02'"):

@@ -194,7 +194,13 @@ def test_a_plan_that_could_not_be_imported_is_not_saved(session, tmp_path):
 
 
 def test_what_is_prepared_reads_back_and_a_missing_file_is_said(tmp_path):
-    names = {"model": "model.h5", "quality": "quality.json", "covariates": "covariates.json"}
+    names = {
+        "model": "model.h5",
+        "skin": "skin.vtp",
+        "bone": "bone.vtp",
+        "quality": "quality.json",
+        "covariates": "covariates.json",
+    }
     for name in (*names.values(), "plan.json"):
         (tmp_path / name).touch()
     files = {name: str(tmp_path / file) for name, file in names.items()}
@@ -209,6 +215,7 @@ def test_what_is_prepared_reads_back_and_a_missing_file_is_said(tmp_path):
         corrections=1,
         fem={},
         invert={},
+        scan={},
         **files,
     )
     prepared.write(tmp_path / "planner.json")

@@ -6,6 +6,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 LARGEST_TRANSLATION = 50.0  # mm; a longer one is a wrong unit or a wrong file
+NEARLY = 1e-3  # of R'R = I: what rounding to a few decimals leaves, 0.1 mm at 100 mm
+
+
+def nearest_rotation(matrix: np.ndarray) -> tuple[np.ndarray, float]:
+    """The rotation (3, 3) nearest to a matrix, and the largest entry of R'R - I; infinite for one that mirrors."""
+    off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
+    left, _, right = np.linalg.svd(matrix)
+    return left @ right, off if np.linalg.det(matrix) > 0 else np.inf
 
 
 @dataclass(frozen=True)

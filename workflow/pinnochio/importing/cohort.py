@@ -3,22 +3,22 @@
 import csv
 import io
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 
 from pinnochio.errors import InputError, refusal
 from pinnochio.files import check_name
-from pinnochio.json_text import read_text
+from pinnochio.json_text import Refuse, read_text
 
 COLUMNS = ("case", "segmentation", "plan", "postop")
 FILES = ("segmentation", "plan", "postop", "postop_bones", "volume", "markups")
 OPTIONAL_FILES = ("postop", "postop_bones", "volume", "markups")
 FRAME = "postop_frame"
 BONES = "bones"  # `postop_frame` of a skin of the same scan as the post-operative bones
-# What may be a folder: of surfaces, of images, of transforms, of markups.
-FOLDERS = ("segmentation", "plan", "postop_bones", "markups")
+# What may be a folder: of surfaces, of images, of transforms, of markups, of a series of DICOM.
+FOLDERS = ("segmentation", "plan", "postop_bones", "markups", "volume")
 
 
 def _number(low: float, high: float, unit: str):
@@ -82,17 +82,10 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
         refuse("the cohort table does not exist", "set 'cohort' to 'virtual' or to a table")
     try:
         # newline="": the reader's own ends of lines
-        reader = csv.DictReader(io.StringIO(read_text(table, refuse), newline=""), delimiter="\t", strict=True)
-        _check_columns([name.strip() for name in reader.fieldnames or ()], table)
-        rows = []
-        for row in reader:
-            if None in row or None in row.values():
-                count = len(reader.fieldnames) + len(row.get(None, ())) - list(row.values()).count(None)
-                refuse(
-                    f"line {reader.line_num} has {count} cells, the first line {len(reader.fieldnames)}",
-                    "give each row one cell per column, separated by tabs",
-                )
-            rows.append({key.strip(): value.strip() for key, value in row.items()})
+        reader = csv.reader(io.StringIO(read_text(table, refuse), newline=""), delimiter="\t", strict=True)
+        columns, *listed = filled(reader, refuse)
+        _check_columns(columns, table)
+        rows = [dict(zip(columns, row, strict=True)) for row in listed]
     except csv.Error as error:
         refuse(f"it is no table ({error})", "save it as tab-separated text in UTF-8")
     cases = []
@@ -118,6 +111,20 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
     if not cases:
         refuse("the cohort table has no case", "add one row per case")
     return cases
+
+
+def filled(reader: Iterable[Sequence[str]], refuse: Refuse) -> list[list[str]]:
+    """Rows of cells, the first one of names, without the empty rows and columns that spreadsheets leave behind; refused
+    where a row has more or fewer cells than the first."""
+    rows = [(line, [cell.strip() for cell in row]) for line, row in enumerate(reader, 1)]
+    rows = [(line, row) for line, row in rows if any(row)] or [(1, [])]
+    first = rows[0][1]
+    for line, row in rows:
+        if len(row) != len(first):
+            problem = f"line {line} has {len(row)} cells, the first line {len(first)}"
+            refuse(problem, "give each row one cell per column, separated as in the first line")
+    width = 1 + max((at for _, row in rows for at, cell in enumerate(row) if cell), default=-1)
+    return [row[:width] for _, row in rows]
 
 
 def _check_columns(columns: list[str], table: Path) -> None:

@@ -11,7 +11,7 @@ import SimpleITK as sitk
 from scipy import ndimage
 
 from pinnochio.errors import InputError, refusal
-from pinnochio.importing.images import read_image
+from pinnochio.importing.images import face, read_volume
 from pinnochio.importing.presets import (
     CANAL,
     HEAD,
@@ -27,9 +27,18 @@ from pinnochio.importing.presets import (
     UPPER_TEETH,
     Preset,
 )
-from pinnochio.importing.segment_files import read_segments
-from pinnochio.importing.segmentation import HEADER, axes_of, check_extent, turn
-from pinnochio.importing.soft_tissue import air_threshold, between, bulk, closed, near_skin
+from pinnochio.importing.segment_files import Segment, read_segments
+from pinnochio.importing.segmentation import HEADER, axes_of, check_extent
+from pinnochio.importing.soft_tissue import (
+    air_threshold,
+    between,
+    bulk,
+    check_belongs,
+    closed,
+    largest,
+    near_skin,
+    without_padding,
+)
 from pinnochio.model.labels import CRANIUM, SUPERFICIAL, TOUCHING, segment_code
 from pinnochio.volume_size import IMAGE_FORMATS
 
@@ -38,6 +47,8 @@ VOXEL = 1.0  # mm: finer voxels are merged, elements are several times as large
 THIN = 0.4  # share of a merged voxel from which bone counts: plates of half a voxel stay [I]
 OPENING, APERTURE, DEPTH = 3.0, 10.0, 28.0  # mm, as the thresholds of a CT (thresholding.py)
 LOOSE, COMPARABLE = 0.02, 0.2  # of the largest piece: a skull may be in pieces; a piece that is no crumb [I]
+ISLAND = 25.0  # mm between teeth of one arch, at most: what lies farther off is none [I]
+CAVITY = 40.0  # cm3; what a bone encloses up to this is bone: marrow, a sinus, the inside of a shell [I]
 SMALLEST_HEAD = 0.3  # of the volume of the bones: less soft tissue is no face [I]
 NOUN = {SKULL: "skull", MANDIBLE: "mandible"}
 
@@ -82,14 +93,38 @@ def read_head_parts(
     dropped, up to loose_percent of skull or mandible. Raises InputError.
     """
     refuse = refusal(case, path)
-    values, grid, axes, sided = _read_parts(path, preset, orientation, regions, refuse)
-    direction = None if orientation == HEADER else axes_of(orientation)
-    _drop_loose(values, loose_percent, refuse)
+    values, grid, axes, sided, cropped = _read_parts(path, preset, orientation, regions, refuse)
+    scan = _read_scan(volume, orientation, case, refuse) if volume else None
+    if scan and cropped:  # to the bones: the skin lies beyond
+        grid, values, _ = _grown(grid, values, np.zeros_like(values), scan, regions, refuse)
     spacing = grid.GetSpacing()[0]
+    _tidy_bones(values, spacing, case)
+    _drop_loose(values, loose_percent, refuse)
     bone = np.isin(values, (*UPPER, *LOWER))
-    head, source = _head(values, bone, volume, direction, grid, spacing, case, refuse)
+    head, source = _head(values, bone, scan, volume, grid, case, refuse)
     values = _with_soft(values, bone, head, spacing, case, volume or path)
     return HeadParts(values, np.full(3, spacing), np.array(grid.GetOrigin()), axes, source, sided)
+
+
+def _tidy_bones(values, spacing: float, case: str) -> None:
+    """Turn islands that are called teeth, far from the arch, into the bone that holds it; fill what a bone encloses."""
+    for teeth, jaw in ((UPPER_TEETH, SKULL), (LOWER_TEETH, MANDIBLE)):
+        mask = values == teeth
+        if mask.any():
+            arch = largest(mask, TOUCHING)
+            island = mask & (ndimage.distance_transform_edt(~arch, spacing) > ISLAND)
+            if island.any():
+                volume = island.sum() * spacing**3 / 1000
+                LOG.warning(
+                    "case %r: %.2f cm3 that are called teeth lie far from the dental arch; taken as bone", case, volume
+                )
+                values[island] = jaw
+    for codes, jaw in ((UPPER, SKULL), (LOWER, MANDIBLE)):
+        bone = np.isin(values, codes)
+        hollow, _ = ndimage.label(ndimage.binary_fill_holes(bone) & ~bone)
+        small = np.bincount(hollow.ravel()) * spacing**3 <= CAVITY * 1000
+        small[0] = False
+        values[small[hollow] & (values == 0)] = jaw
 
 
 def _drop_loose(values, limit: float, refuse) -> None:
@@ -121,29 +156,32 @@ def _drop_loose(values, limit: float, refuse) -> None:
 
 
 def _read_parts(path, preset: str, orientation: str, regions, refuse):
-    """Parts [ix, iy, iz] on the grid, the grid, the axes of the file, and whether labels tell left from right."""
+    """Parts [ix, iy, iz] on the grid, the grid, the axes of the file, whether labels tell left from right, and whether
+    files are cropped, each to its structure."""
     tool = PRESETS[preset]
     direction = None if orientation == HEADER else axes_of(orientation)
-    grid, values, centre = None, None, {}
-    axes = "LPS"
-    for _, image, pieces in _structures(path, tool, refuse):
-        if direction is not None:
-            turn(image, direction)
+    grid, values, weight, centre = None, None, None, {}
+    axes, boxes = "LPS", set()
+    for file, image, pieces in _structures(path, tool, refuse):
+        face(image, direction, lambda *words, file=file: refuse(*words, file=file))
         if grid is None:
             axes = sitk.DICOMOrientImageFilter.GetOrientationFromDirectionCosines(image.GetDirection())
-            grid = _grid(image, regions, refuse)
-            values, weight = _empty(grid)
+        grid, values, weight = _grown(grid, values, weight, image, regions, refuse)
+        boxes.add((image.GetSize(), image.GetOrigin()))
         for name, voxels in pieces:
             share = _resampled(_on(image, voxels()), grid)
             across = share.sum(axis=(1, 2))
             if across.any():
-                centre[name] = float(across @ np.arange(len(across)) / across.sum())
+                x = grid.GetOrigin()[0] + grid.GetSpacing()[0] * np.arange(len(across))
+                centre[name] = float(across @ x / across.sum())
             part = tool.parts[name]
             share = share / THIN if part in (*UPPER, *LOWER) else share / 0.5
             # Teeth over bone, bone over muscle, muscle over what fills the head, each where it is at least half there.
             better = (share >= 1) & (share * _rank(part) > weight)
             values[better], weight[better] = part, (share * _rank(part))[better]
-    check_extent(_extent(values, VOXEL if grid is None else grid.GetSpacing()[0]), refuse)
+    if grid is None:
+        refuse("every voxel of it is 0", "save the label maps with the values that the tool writes")
+    check_extent(_extent(values, grid.GetSpacing()[0]), refuse)
     for part, name in NOUN.items():
         if not (values == part).any():
             refuse(
@@ -157,7 +195,7 @@ def _read_parts(path, preset: str, orientation: str, regions, refuse):
             f"left and right are exchanged: {wrong[0][0]!r} lies to the right of {wrong[0][1]!r}",
             "correct the header, or set 'orientation' to where the voxel axes really point",
         )
-    return values, grid, axes, bool(pairs)
+    return values, grid, axes, bool(pairs), len(boxes) > 1
 
 
 def read_bone_parts(path: str | os.PathLike, case: str, preset: str) -> tuple[np.ndarray, float, np.ndarray]:
@@ -181,42 +219,72 @@ def _structures(path, tool: Preset, refuse) -> Iterator[tuple[Path, sitk.Image, 
     path = Path(path)
     files = [path]
     if path.is_dir():
-        files = [file for file in sorted(path.iterdir()) if file.name.lower().endswith(IMAGE_FORMATS)]
+        files = [
+            file
+            for file in sorted(path.iterdir())
+            if file.name.lower().endswith(IMAGE_FORMATS) and not file.name.startswith(".")
+        ]
         if not files:
             refuse("the folder holds no image", "put the label maps of the tool there")
     sources: dict[str, Path] = {}
     for file in files:
+
+        def refuse_file(problem: str, remedy: str, file=file):
+            refuse(problem, remedy, file=file)
+
         stem = file.name.split(".")[0]
         kinds = [kind for kind in tool.maps if kind in stem]
-        image, segments = read_segments(file, refuse)
-        if stem in tool.parts:
-            pieces = [
-                (stem, lambda segments=segments: np.logical_or.reduce([segment.voxels() for segment in segments]))
-            ]
+        image, segments = read_segments(file, refuse_file, may_be_empty=path.is_dir())
+        if not segments:  # as of what a tool looks for and does not find
+            continue
+        called = _by_name(segments, tool, refuse_file)
+        if called:
+            pieces = called
+        elif stem in tool.parts:
+            if len(segments) > 1:
+                refuse_file(
+                    f"it holds {len(segments)} values, and its name is that of one structure",
+                    "save a mask of zeros and ones, not a probability",
+                )
+            pieces = [(stem, segments[0].voxels)]
         elif len(kinds) == 1 or len(files) == 1:
             names = tool.maps[kinds[0] if len(kinds) == 1 else next(iter(tool.maps))]
             strange = [str(segment) for segment in segments if segment.value not in names]
             if strange:
-                refuse(
+                refuse_file(
                     f"it holds the values {', '.join(strange)}, which the tool does not write",
                     f"check that it is the tool's own label map: {len(names)} values from 1 on; or write down what its "
                     "values mean in 'labels'",
-                    file=file,
                 )
             pieces = [(names[segment.value], segment.voxels) for segment in segments]
         else:
             listed = ", ".join(kind for kind in tool.maps if kind) or "the one label map"
-            refuse(
+            refuse_file(
                 f"nothing says what {file.name!r} is",
                 f"name label maps by their kind ({listed}) and files of one structure by the tool's name for it, such "
                 f"as {next(iter(tool.parts))!r}",
-                file=file,
             )
         for name, _ in pieces:
             if name in sources:
-                refuse(f"{name!r} is in {sources[name].name!r} too", "keep one file of each structure", file=file)
+                refuse_file(f"{name!r} is in {sources[name].name!r} too", "keep one file of each structure")
             sources[name] = file
         yield file, image, pieces
+
+
+def _by_name(segments: Sequence[Segment], tool: Preset, refuse) -> list:
+    """Structures and voxels of segments that bear the tool's names, which then count, whatever their values are; none
+    where no name is known, or where those that are agree with their values, as beside a segment that was added."""
+    called = [tool.structure(segment.name) for segment in segments if segment.name]
+    if called and all(called):
+        return [(name, segment.voxels) for name, segment in zip(called, segments, strict=True)]
+    for name, segment in zip(called, segments, strict=False):
+        if name and all(values.get(segment.value) != name for values in tool.maps.values()):
+            strange = segments[called.index(None)]
+            refuse(
+                f"the value of {segment} is not the tool's for that name, and {strange} bears no name of the tool",
+                "give each segment the tool's name, or the tool's value",
+            )
+    return []
 
 
 def _rank(part: int) -> float:
@@ -240,29 +308,38 @@ def _on(image: sitk.Image, voxels) -> sitk.Image:
     return made
 
 
-def _grid(image: sitk.Image, regions, refuse) -> sitk.Image:
-    """Cubes along the axes of LPS that hold the image, or what the regions keep of it; its voxels mean nothing."""
+def _grown(grid, values, weight, image: sitk.Image, regions, refuse) -> tuple[sitk.Image, np.ndarray, np.ndarray]:
+    """Cubes along the axes of LPS that hold the image, or what the regions keep of it, and the grid so far (its voxels
+    mean nothing), with values and weights where they were; the edge is the first file's."""
     size, spacing = np.array(image.GetSize()), np.array(image.GetSpacing())
-    check_extent(float((size * spacing).max()) if (size * spacing).max() < 20 else None, refuse)
-    edge = float(max(VOXEL, spacing.min()))
+    if grid is None:
+        check_extent(float((size * spacing).max()) if (size * spacing).max() < 20 else None, refuse)
+    edge = float(max(VOXEL, spacing.min())) if grid is None else grid.GetSpacing()[0]
     corners = np.array(np.meshgrid(*[(-0.5, n - 0.5) for n in size], indexing="ij")).reshape(3, -1).T.tolist()
     places = np.array([image.TransformContinuousIndexToPhysicalPoint(corner) for corner in corners])
     low, high = places.min(axis=0), places.max(axis=0)
     for start, end in regions:
         low, high = np.maximum(low, start), np.minimum(high, end)
-    if (high - low < 10 * edge).any():
+    if regions and (high - low < 10 * edge).any():
         refuse("hardly anything of it lies in the region of interest", "correct the region (ROI) of the markups")
+    if grid is not None:
+        start = np.array(grid.GetOrigin()) - edge / 2
+        before = np.maximum(0, np.ceil((start - low) / edge - 1e-3)).astype(int)
+        low = start - edge * before
+        high = np.maximum(high, start + edge * np.array(values.shape))
     count = np.floor((high - low) / edge + 1e-6).astype(int)
     if count.prod() > 3e8:
         refuse(f"it measures {np.round(high - low).astype(int).tolist()} mm", "write the voxel spacing in millimetres")
+    if grid is not None and (count == values.shape).all():
+        return grid, values, weight
+    made = np.zeros(count, np.uint8), np.zeros(count, np.float32)
+    if grid is not None:
+        place = tuple(slice(b, b + n) for b, n in zip(before, values.shape, strict=True))
+        made[0][place], made[1][place] = values, weight
     grid = sitk.Image(count.tolist(), sitk.sitkUInt8)
     grid.SetSpacing([edge] * 3)
     grid.SetOrigin((low + edge / 2).tolist())
-    return grid
-
-
-def _empty(grid: sitk.Image) -> tuple[np.ndarray, np.ndarray]:
-    return np.zeros(grid.GetSize(), np.uint8), np.zeros(grid.GetSize(), np.float32)
+    return grid, *made
 
 
 def _resampled(image: sitk.Image, grid: sitk.Image, outside: float = 0.0) -> np.ndarray:
@@ -279,35 +356,34 @@ def _extent(values, edge: float) -> float | None:
     return None if not len(index) else float((np.ptp(index, axis=0).max() + 1) * edge)
 
 
-def _head(values, bone, volume, direction, grid, spacing, case, refuse) -> tuple[np.ndarray, str]:
+def _read_scan(volume, orientation: str, case: str, refuse) -> sitk.Image:
+    """The scan, with air where it shows nothing."""
+
+    def refuse_scan(problem: str, remedy: str):
+        refuse(problem, remedy, file=volume)
+
+    image = read_volume(volume, refuse_scan, sitk.sitkFloat32)
+    face(image, None if orientation == HEADER else axes_of(orientation), refuse_scan)
+    if not np.isfinite(sitk.GetArrayViewFromImage(image)).all():
+        refuse_scan("it holds NaN or infinite voxels", "replace them by the value of air")
+    image, padding = without_padding(image)
+    if padding is not None:
+        LOG.warning("case %r: %s: %g fills what the scan does not show; ignored", case, volume, padding)
+    return image
+
+
+def _head(values, bone, scan, volume, grid, case: str, refuse) -> tuple[np.ndarray, str]:
     """All that is not air (nx, ny, nz) bool, and where that comes from."""
-    labelled = np.isin(values, (SOFT, HEAD))
-    if volume is None:
+    labelled, spacing = np.isin(values, (SOFT, HEAD)), grid.GetSpacing()[0]
+    if scan is None:
         if not labelled.any():
             refuse(
                 "the tool labels no soft tissue, and there is no scan to take it from",
                 "put the CT or cone-beam CT beside it (volume.nii.gz; column 'volume' of a table)",
             )
         return labelled | bone | (values == MUSCLE), "labelled"
-
-    def refuse_scan(problem: str, remedy: str):
-        refuse(problem, remedy, file=volume)
-
-    if not Path(volume).is_file():
-        refuse_scan("the file does not exist", "correct the path")
-    image = read_image(volume, refuse_scan, sitk.sitkFloat32)
-    if direction is not None:
-        turn(image, direction)
-    if not np.isfinite(sitk.GetArrayViewFromImage(image)).all():
-        refuse_scan("it holds NaN or infinite voxels", "replace them by the value of air")
-    grey = _resampled(image, grid, float(sitk.GetArrayViewFromImage(image).min()))
-    inside = grey[bone].mean() - grey[~bone].mean() if bone.any() else 0.0
-    if inside <= 0:
-        refuse(
-            "the labelled bone is not brighter than the rest of the scan: they do not belong together",
-            "give the scan that was segmented, in its own frame",
-            file=volume,
-        )
+    grey = _resampled(scan, grid, float(sitk.GetArrayViewFromImage(scan).min()))
+    check_belongs(grey, bone, spacing, lambda problem, remedy: refuse(problem, remedy, file=volume))
     threshold = air_threshold(grey, bone)
     LOG.info("case %r: air and tissue part at the grey value %.0f of %s", case, threshold, volume)
     tissue = bulk((grey > threshold) | bone, OPENING / spacing) | bone

@@ -19,6 +19,8 @@ import SimpleITK as sitk
 from scipy.spatial.transform import Rotation
 
 from pinnochio.errors import InputError
+from pinnochio.importing.dicom_series import read_series
+from pinnochio.volume_size import IMAGE_FORMATS
 
 Refuse = Callable[..., None]  # refuse(problem, remedy) raises InputError
 GZIP = b"\x1f\x8b"
@@ -40,14 +42,51 @@ NRRD_BYTES = {
 # Bits of a voxel by the data type of NIfTI: whole numbers, then others.
 NIFTI_BITS = {2: 8, 256: 8, 4: 16, 512: 16, 8: 32, 768: 32, 1024: 64, 1280: 64}
 NIFTI_BITS |= {1: 1, 16: 32, 64: 64, 32: 64, 1792: 128, 1536: 128, 2048: 256, 128: 24, 2304: 32}
-# Numbers of each key of MetaImage by the count of axes, and its other names.
+# Numbers of each key of MetaImage by the count of axes, what stands for a key that is not there, and its other names.
 META_NUMBERS = {
-    "TransformMatrix": (lambda axes: axes * axes, "Rotation", "Orientation"),
-    "Offset": (lambda axes: axes, "Position", "Origin"),
-    "ElementSpacing": (lambda axes: axes, "ElementSize"),
+    "TransformMatrix": (lambda axes: axes * axes, lambda axes: np.eye(axes).ravel(), "Rotation", "Orientation"),
+    "Offset": (lambda axes: axes, np.zeros, "Position", "Origin"),
+    "ElementSpacing": (lambda axes: axes, lambda axes: (), "ElementSize"),
 }
 GIPL_HEADER, GIPL_BYTES = 256, {7: 1, 8: 1, 15: 2, 16: 2, 31: 4, 32: 4, 64: 4, 65: 8}
 META_BYTES = {"CHAR": 1, "SHORT": 2, "INT": 4, "LONG_LONG": 8, "FLOAT": 4, "DOUBLE": 8}
+
+
+def read_volume(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUnknown, layers: bool = False):
+    """:func:`read_image` of one volume of one channel (layers: or of several, one for each layer of segments); a series
+    of DICOM, by its folder or by one file of many frames, too."""
+    if not os.path.exists(path):
+        refuse("the file does not exist", "correct its path")
+    if os.path.isdir(path) or str(path).lower().endswith(".dcm"):
+        return read_series(path, refuse)
+    if not str(path).lower().endswith(IMAGE_FORMATS):
+        refuse("this is no image format known here", f"save it as one of {', '.join(IMAGE_FORMATS)}")
+    image = read_image(path, refuse, pixel)
+    if image.GetDimension() == 4 and image.GetSize()[3] == 1:
+        image = image[..., 0]
+    channels = image.GetNumberOfComponentsPerPixel()
+    layered = layers and image.HasMetaDataKey("Segment0_ID")
+    if image.GetDimension() != 3 or (channels != 1 and not layered) or min(image.GetSize()) < 2:
+        size = "x".join(map(str, image.GetSize()))
+        refuse(f"it is {size} with {channels} channel(s), not a volume", "save one volume with one channel")
+    return image
+
+
+def face(image: sitk.Image, direction: np.ndarray | None, refuse: Refuse) -> None:
+    """Give an image with a wrong header, or with none, these axes (3, 3) in LPS; its origin turns with them.
+
+    None: its header is right; a NIfTI whose header holds no frame is refused, because it may be mirrored.
+    """
+    codes = [image.GetMetaData(key) for key in ("qform_code", "sform_code") if image.HasMetaDataKey(key)]
+    if direction is None and codes and not any(float(code) > 0 for code in codes):
+        refuse(
+            "its header holds no frame (qform_code and sform_code are 0): it may be mirrored",
+            "export it with its frame, or set 'orientation' to where its voxel axes point",
+        )
+    if direction is not None:
+        stated = np.reshape(image.GetDirection(), (3, 3))
+        image.SetOrigin(tuple(direction @ np.linalg.inv(stated) @ image.GetOrigin()))
+        image.SetDirection(direction.ravel().tolist())
 
 
 def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUnknown) -> sitk.Image:
@@ -64,11 +103,11 @@ def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUn
             refuse("its name and its content disagree on whether it is compressed", "name it .nii, or .nii.gz")
         content = _unpacked(content, refuse)
         _check_nifti(content, refuse)
-        return _read_whole(content, "image.nii", refuse, pixel)
+        return _read_whole(_first_nifti(content), "image.nii", refuse, pixel)
     if name.endswith(".nrrd"):
         _check_nrrd(Path(path).read_bytes(), refuse)
-    elif name.endswith(".mha"):
-        return _read_whole(_plain_meta(Path(path).read_bytes(), refuse), "image.mha", refuse, pixel)
+    elif name.endswith((".mha", ".mhd")):
+        return _read_whole(_plain_meta(Path(path), refuse), "image.mha", refuse, pixel)
     elif name.endswith((".gipl", ".gipl.gz")):
         content = _unpacked(Path(path).read_bytes(), refuse)
         _check_gipl(content, refuse)
@@ -191,6 +230,33 @@ def _check_nifti(content: bytes, refuse: Refuse) -> None:
                 refuse("its header holds two frames that differ (qform and sform)", "export it with one frame")
 
 
+def _first_nifti(content: bytes) -> bytes:
+    """A NIfTI file of the second version as one of the first, which ITK reads; another one as it stands."""
+    order = next(order for order in "<>" if struct.unpack(order + "i", content[:4])[0] in (348, 540))
+    if struct.unpack(order + "i", content[:4])[0] == 348:
+        return content
+
+    def at(kind: str, place: int) -> tuple:
+        return struct.unpack_from(order + kind, content, place)
+
+    sides, (start,), (units,) = at("8q", 16), at("q", 168), at("i", 500)
+    head = bytearray(352)
+    for place, kind, values in (
+        (0, "i", (348,)),
+        (40, "8h", [min(side, 2**15 - 1) for side in sides]),
+        (70, "2h", at("2h", 12)),  # type and bits
+        (76, "8f", at("8d", 104)),  # voxel sizes
+        (108, "3f", (352.0, *at("2d", 176))),  # start and scale
+        (123, "b", (units & 127,)),
+        (252, "2h", at("2i", 344)),  # which frames there are
+        (256, "6f", at("6d", 352)),
+        (280, "12f", at("12d", 400)),
+    ):
+        struct.pack_into(order + kind, head, place, *values)
+    head[344:348] = b"n+1\0"
+    return bytes(head) + content[start:]
+
+
 def _turned(vector, handed: float) -> np.ndarray:
     """Rotation (3, 3) of the quaternion whose last three numbers NIfTI stores, its third axis turned by `handed`."""
     scalar = math.sqrt(max(0.0, 1 - vector @ vector))
@@ -240,11 +306,12 @@ def _check_nrrd(content: bytes, refuse: Refuse) -> None:
     _check_length(len(data), wanted, refuse)
 
 
-def _plain_meta(content: bytes, refuse: Refuse) -> bytes:
+def _plain_meta(path: Path, refuse: Refuse) -> bytes:
     """A MetaImage of what is checked of one: ITK ends the process where a word of the header is damaged.
 
-    Its voxels must be as many as it says, and lie in the file itself.
+    Its voxels must be as many as it says, and lie in the file itself or, of a `.mhd`, in one beside it.
     """
+    content = path.read_bytes()
     marker = re.search(rb"^ElementDataFile *= *(.*?)\r?(\n|\Z)", content, re.MULTILINE)
     if marker is None:
         refuse("it is no MetaImage, or its header is cut off", AGAIN)
@@ -253,9 +320,12 @@ def _plain_meta(content: bytes, refuse: Refuse) -> bytes:
     said = {key.strip(): value.strip() for key, _, value in pairs}
     if len(said) < len(pairs):
         refuse("a key of its header stands twice", "save it again as .mha")
-    if marker[1].strip().upper() != b"LOCAL":
-        refuse("its voxels lie in another file", "save it as one .mha")
-    data = content[marker.end() :]
+    where, data = marker[1].strip(), content[marker.end() :]
+    if where.upper() != b"LOCAL":
+        beside = path.parent / os.fsdecode(where) if re.fullmatch(rb"[^/\\\0%]{1,200}", where) else None
+        if path.suffix.lower() != ".mhd" or beside is None or not beside.is_file():
+            refuse("its voxels lie in another file", "save it as one .mha, or put that file beside the .mhd")
+        data = beside.read_bytes()
 
     def one_of(*keys: str) -> str:
         return next((said[key] for key in keys if key in said), "nothing")
@@ -271,9 +341,14 @@ def _plain_meta(content: bytes, refuse: Refuse) -> bytes:
         wanted = math.prod(sides) * channels * META_BYTES[element.removeprefix("U")]
         plain = {"ObjectType": "Image", "NDims": axes, "BinaryData": "True", "BinaryDataByteOrderMSB": order.title()}
         plain |= {"CompressedData": "False", "ElementNumberOfChannels": channels}
-        for key, (count, *names) in META_NUMBERS.items():
-            if sum(name in said for name in (key, *names)) > 1:
+        skipped = int(said.get("HeaderSize", 0))
+        data = data[-wanted if skipped == -1 else skipped :]
+        for key, (count, usual, *names) in META_NUMBERS.items():
+            there = sum(name in said for name in (key, *names))
+            if there > 1:
                 raise ValueError(f"{key} twice")
+            if not there and said.get("AnatomicalOrientation", "RAI") in ("RAI", "???"):
+                said[key] = " ".join(map(str, usual(axes)))
             numbers = [float(word.replace("_", "?")) for word in one_of(key, *names).split()]  # Python reads 3_0 as 30
             if len(numbers) != count(axes) or not np.isfinite(numbers).all():
                 raise ValueError(f"{key} of {len(numbers)} numbers")

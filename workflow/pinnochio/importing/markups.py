@@ -1,6 +1,7 @@
 """Markups of 3D Slicer (`.mrk.json`): points by label, planes by name, regions of interest."""
 
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +16,7 @@ ENDING = ".mrk.json"
 FRAMES = {"LPS": np.ones(3), "0": np.array([-1.0, -1.0, 1.0]), "RAS": np.array([-1.0, -1.0, 1.0]), "1": np.ones(3)}
 FARTHEST = 1e5  # mm from the origin of a scanner
 PLANE, REGION = "Plane", "ROI"
+UNNAMED = re.compile(r"\w{0,2}[-_ ]?\d+")
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,8 @@ class Markups:
 def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
     """All markups of the files. A turned region counts as the box along the axes that holds it.
 
-    Raises InputError for what cannot be read, a unit other than mm and two points or planes of one name.
+    Points that bear a number of 3D Slicer (F-1) are marks of nothing. Raises InputError for what cannot be read, a unit
+    other than mm and two points or planes of one name.
     """
     markups = Markups()
     for path in paths:
@@ -37,8 +40,9 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
         try:
             content = read_json(path, refuse)
             for markup in content["markups"]:
-                if markup.get("coordinateUnits", "mm") != "mm":
-                    refuse(f"its unit is {markup['coordinateUnits']!r}", "save the markups in millimetres")
+                units = markup.get("coordinateUnits", "mm")
+                if (units[:1] if isinstance(units, list) else [units]) != ["mm"]:
+                    refuse(f"its unit is {units!r}", "save the markups in millimetres")
                 if str(markup.get("coordinateSystem", "LPS")) not in FRAMES:
                     refuse(f"its frame is {markup['coordinateSystem']!r}", "save the markups in LPS or RAS")
                 turn = FRAMES[str(markup.get("coordinateSystem", "LPS"))]
@@ -52,10 +56,14 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
                     name = str(markup.get("name") or (defined[0]["label"] if defined else Path(path).name))
                     _add(markups.planes, name, _plane(markup, places, turn), refuse)
                 elif markup["type"] == REGION:
+                    if markup.get("insideOut"):
+                        refuse("its region keeps what lies outside (insideOut)", "draw a region round what is kept")
                     markups.regions.append(_region(markup, turn))
                 else:
                     for point, place in zip(defined, places, strict=True):
-                        _add(markups.points, str(point["label"]), place, refuse)
+                        name = str(point["label"])
+                        if name not in markups.points or not UNNAMED.fullmatch(name):
+                            _add(markups.points, name, place, refuse)
         except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
             if isinstance(error, InputError):
                 raise

@@ -1,5 +1,6 @@
 """Cuts skull and mandible of a head into the segments of an operation, by landmarks, planes, or what the bone shows."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,22 +11,37 @@ from pinnochio.errors import refusal
 from pinnochio.importing.head_parts import HeadParts
 from pinnochio.importing.markups import Markups
 from pinnochio.importing.presets import LOWER, LOWER_TEETH, MANDIBLE, MUSCLE, SKULL, SOFT, UPPER, UPPER_TEETH
+from pinnochio.importing.segmentation import plain_name
 from pinnochio.importing.soft_tissue import largest
 from pinnochio.importing.thresholding import Plane
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, TOUCHING, segment_code
 from pinnochio.model.labels import MUSCLE as MUSCLE_CODE
 
+LOG = logging.getLogger(__name__)
 LEFORT, SPLIT, CHIN = "lefort1", "split", "chin"
 CUTS = (LEFORT, SPLIT, CHIN)
 SIDES = {"right": -1.0, "left": 1.0}  # LPS: +x is the patient's left
 # The rule [I], mm. Le Fort I: 5 mm above the roots, as surgeons keep from them [R].
 ABOVE_ROOTS, ABOVE_FLOOR, BEHIND_MOLARS, BESIDE_MOLARS = 5.0, 5.0, 6.0, 14.0
 # Sagittal split: the outer plate from the second molar back; all of the bone behind the lingula and above the teeth.
+HALF_ARCH = 30.0  # half the width of an upper arch, where no teeth show it [R: between molars 55 to 62 mm]
 PLATE, LINGULA, ABOVE_TEETH = 15.0, 12.0, 6.0
+# Without teeth: heights at which the front of the ramus is read, of the way from angle to condyle; where teeth end, of
+# that way; and of the way from chin to angle, where a last molar lies at least: 0.35 to 0.5 on heads with teeth [X].
+RAMUS, TEETH_END, FOREMOST = (0.45, 0.55, 0.65), 0.35, 0.45
 CHIN_HEIGHT, CHIN_WIDTH, BELOW_ROOTS = 13.0, 20.0, 3.0
 STEEPEST = 0.5  # slope of an occlusal plane that is believed [I]
 LEAST = 1.0  # cm3 of a segment that a cut makes
 LATERAL = 0.6  # of the lower jaw's half width: its angles lie further out [I]
+# mm: a landmark from its bone; from where it is found, and from another one that is found, where it is exchanged [I].
+OFF_BONE, ELSEWHERE, NEAR_ANOTHER = 10.0, 25.0, 12.0
+# How people call the landmarks, without case, blanks and signs: the name here.
+NAMES = {plain_name(name): name for name in ("Me", "Pog", "ANS", "PNS", "RGo", "LGo", "RCo", "LCo")}
+NAMES |= {"menton": "Me", "pogonion": "Pog", "anteriornasalspine": "ANS", "posteriornasalspine": "PNS"}
+for _side in SIDES:
+    for _word, _short in (("gonion", "Go"), ("condylion", "Co"), ("go", "Go"), ("co", "Co")):
+        _name = _side[0].upper() + _short
+        NAMES |= {_side + _word: _name, _word + _side: _name, _word + _side[0]: _name, _side[0] + _word: _name}
 FRONT, CONDYLE = 12.0, 8.0  # mm: depth of the front of a jaw, height of a condyle
 
 
@@ -61,11 +77,11 @@ def osteotomy(head: HeadParts, cuts: Sequence[str], markups: Markups, case: str,
     )
     places = (x, y, z)
     landmarks = find_landmarks(head)
-    landmarks |= {name: (place, "given") for name, place in markups.points.items()}
-    planes = {name.lower(): plane for name, plane in markups.planes.items()}
-    known = [LEFORT, CHIN, *(f"{SPLIT}_{side}" for side in SIDES)]
-    if strange := [name for name in planes if name not in known]:
-        refuse(f"plane {strange[0]!r} is no cut known here", f"name the planes {', '.join(known)}")
+    landmarks |= {name: (place, "given") for name, place in _marked(head, markups, landmarks, case, refuse).items()}
+    known = {plain_name(name): name for name in (LEFORT, CHIN, *(f"{SPLIT}_{side}" for side in SIDES))}
+    planes = {known.get(plain_name(name), name): plane for name, plane in markups.planes.items()}
+    if strange := [name for name in planes if name not in known.values()]:
+        refuse(f"plane {strange[0]!r} is no cut known here", f"name the planes {', '.join(known.values())}")
     upper, lower = np.isin(parts, UPPER), np.isin(parts, LOWER)
     bone = np.where(upper | lower, CRANIUM, AIR).astype(np.uint8)
     segments, said = [], {}
@@ -100,6 +116,47 @@ def osteotomy(head: HeadParts, cuts: Sequence[str], markups: Markups, case: str,
         add("chin", chin)
     bone[parts == SOFT], bone[parts == MUSCLE] = SUPERFICIAL, MUSCLE_CODE
     return Osteotomy(bone, tuple(segments), landmarks, said)
+
+
+def _marked(head: HeadParts, markups: Markups, landmarks, case: str, refuse) -> dict[str, np.ndarray]:
+    """Place (3,) mm of each landmark that is marked, by its name here; names are matched by :data:`NAMES`.
+
+    Refused where it lies off the bone that has it, where another landmark of that bone is sought, or where left and
+    right are exchanged; a point that is no landmark is said.
+    """
+    points, strange = {}, []
+    for name, place in markups.points.items():
+        known = NAMES.get(plain_name(name))
+        if known is None:
+            strange.append(name)
+        elif known in points:
+            refuse(f"{known!r} is marked twice", "keep one point of it")
+        else:
+            points[known] = place
+    if strange:
+        said = "points that are no landmark known here are not used: %s (known: %s)"
+        LOG.warning(f"case %r: {said}", case, ", ".join(map(repr, strange)), ", ".join(dict.fromkeys(NAMES.values())))
+    for name, place in points.items():
+        bone = _points(head, *(UPPER if name in ("ANS", "PNS") else LOWER))
+        off = float(np.linalg.norm(bone - place, axis=1).min())
+        if not off <= OFF_BONE:
+            refuse(
+                f"{name!r} is marked {off:.0f} mm off the bone that has it",
+                "check its name and the frame (LPS, RAS) and unit (mm) of the markups",
+            )
+        away = {other: float(np.linalg.norm(place - at)) for other, (at, _) in landmarks.items()}
+        nearest = min(away, key=away.get)
+        if away.get(name, 0) > ELSEWHERE and away[nearest] < NEAR_ANOTHER:
+            refuse(f"{name!r} is marked where {nearest!r} is", "check which is which")
+    for right, left in (("RCo", "LCo"), ("RGo", "LGo")):
+        if right in points and left in points and points[right][0] > points[left][0]:
+            refuse(
+                f"{right!r} lies on the left of {left!r}",
+                "exchange their names, or set 'orientation' if the header of the segmentation is mirrored",
+            )
+    if {"ANS", "PNS"} <= points.keys() and points["ANS"][1] > points["PNS"][1]:
+        refuse("'ANS' lies behind 'PNS'", "exchange their names")
+    return points
 
 
 def find_landmarks(head: HeadParts) -> dict[str, tuple[np.ndarray, str]]:
@@ -183,7 +240,8 @@ def _lefort(parts, upper, places, landmarks, plane, spacing, refuse):
         rear, centre = np.percentile(at[:, 1], 99) + BEHIND_MOLARS, (at[:, 0].min() + at[:, 0].max()) / 2
         below &= (y < rear) & (np.abs(x - centre) < (at[:, 0].max() - at[:, 0].min()) / 2 + BESIDE_MOLARS)
     elif "PNS" in landmarks:
-        below &= y < landmarks["PNS"][0][1] + BEHIND_MOLARS
+        spine, rear = landmarks.get("ANS", landmarks["Me"])[0][0], landmarks["PNS"][0][1] + BEHIND_MOLARS
+        below &= (y < rear) & (np.abs(x - spine) < HALF_ARCH + BESIDE_MOLARS)
     return largest(below, TOUCHING) | teeth, why
 
 
@@ -218,9 +276,9 @@ def _split(parts, lower, places, landmarks, sign: float, plane):
         why = "the last lower molar (a guess: look at the picture)"
     else:
         corner, top, chin = (landmarks[name][0] for name in (f"{side}Go", f"{side}Co", "Me"))
-        molar = chin[1] + 0.55 * (corner[1] - chin[1])
-        edge = corner[2] + 0.5 * (top[2] - corner[2])
-        why = "chin, angle and condyle (a guess: look at the picture)"
+        molar = max(_ramus_front(half, places, corner[2], top[2]), chin[1] + FOREMOST * (corner[1] - chin[1]))
+        edge = corner[2] + TEETH_END * (top[2] - corner[2])
+        why = "the front of the ramus, without teeth (a guess: look at the picture)"
     body = half & ~teeth & (z < edge)
     count = body.sum(axis=(0, 2))
     mean = np.where(count > 0, (body * np.abs(x - middle)).sum(axis=(0, 2)) / np.maximum(count, 1), np.inf)
@@ -229,6 +287,19 @@ def _split(parts, lower, places, landmarks, sign: float, plane):
         (y > molar + LINGULA) | ((z > edge + ABOVE_TEETH) & (y > molar - LINGULA)) | (outer & (y > molar - PLATE))
     )
     return half & ~teeth & proximal, why
+
+
+def _ramus_front(half, places, low: float, high: float) -> float:
+    """Where (y, mm) the ramus of a half of the mandible begins, at RAMUS of the height between angle and condyle: the
+    last molar ends there, on steep jaws as on flat ones."""
+    fronts = []
+    for share in RAMUS:
+        level = int(np.abs(np.ravel(places[2]) - low - share * (high - low)).argmin())
+        filled = np.flatnonzero(half[:, :, level].any(axis=0))
+        if len(filled):  # from behind, up to the first gap
+            gaps = np.flatnonzero(np.diff(filled) > 2)
+            fronts.append(np.ravel(places[1])[filled[gaps[-1] + 1 if len(gaps) else 0]])
+    return float(np.median(fronts)) if fronts else -np.inf
 
 
 def _tidy(lower, rami: dict[str, np.ndarray]) -> None:

@@ -5,6 +5,7 @@ SlicerAutomatedDentalTools (BATCHDENTALSEG, SegmentationWidget.py; AMASSS_CLI.py
 (map_to_binary.py: head_muscles; craniofacial_structures as listed in its order by programs that read it).
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,6 +13,14 @@ from dataclasses import dataclass
 SKULL, MANDIBLE, UPPER_TEETH, LOWER_TEETH, CANAL = 1, 2, 3, 4, 5
 SOFT, HEAD, MUSCLE, NOTHING = 6, 7, 8, 9  # soft tissue; all inside the skin that is nothing else; muscle; left out
 UPPER, LOWER = (SKULL, UPPER_TEETH), (MANDIBLE, LOWER_TEETH, CANAL)
+# Other names of structures, as the tools' modules for 3D Slicer write them [R].
+OTHER_NAMES = {
+    **dict.fromkeys(("maxillaupperskull", "upperskullmaxilla", "skull"), "upper_skull"),
+    **{"mandible": "MAND", "cranialbase": "CB", "upperairway": "UAW", "maxilla": "MAX"},
+    **{"cervicalvertebra": "CV", "cervicalvertebrae": "CV"},
+}
+TOOTH = ("central incisor", "lateral incisor", "canine", "first premolar", "second premolar")
+TOOTH += ("first molar", "second molar", "third molar")
 
 
 @dataclass(frozen=True)
@@ -23,6 +32,16 @@ class Preset:
 
     maps: Mapping[str, Mapping[int, str]]
     parts: Mapping[str, int]
+
+    def structure(self, name: str) -> str | None:
+        """The structure that a segment of this name is, without regard to case, blanks and signs."""
+        words = name.lower()
+        for number, tooth in enumerate(TOOTH, 1):
+            words = words.replace(tooth, str(number))
+        words = re.sub(r"[\W_]", "", words)
+        known = {re.sub(r"[\W_]", "", part.lower()): part for part in self.parts}
+        other = OTHER_NAMES.get(words)
+        return known.get(words, other if other in self.parts else None)
 
     @property
     def sides(self) -> list[tuple[str, str]]:

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
-from pinnochio.importing.images import AGAIN, check_places, read_image
-from pinnochio.volume_size import IMAGE_FORMATS
+from pinnochio.importing.images import AGAIN, check_places, read_volume
 
 Refuse = Callable[..., None]  # refuse(problem, remedy) raises InputError
 
@@ -30,29 +29,21 @@ class Segment:
         return number if self.name is None else repr(self.name) + (number and f" ({number})")
 
 
-def read_segments(path: str | os.PathLike, refuse: Refuse) -> tuple[sitk.Image, list[Segment]]:
+def read_segments(
+    path: str | os.PathLike, refuse: Refuse, may_be_empty: bool = False
+) -> tuple[sitk.Image, list[Segment]]:
     """The grid of an image (its voxels mean nothing) and its segments, those of a plain label map without names."""
-    if not Path(path).is_file():
-        refuse("the file does not exist", "correct the path in the cohort table")
-    if not str(path).lower().endswith(IMAGE_FORMATS):
-        refuse("this is no image format known here", f"save it as one of {', '.join(IMAGE_FORMATS)}")
-    if str(path).lower().endswith(".dcm"):
+    if str(path).lower().endswith(".dcm") and Path(path).is_file():
         return _read_dicom(path, refuse)
-    image = read_image(path, refuse)
-    if image.GetDimension() == 4 and image.GetSize()[3] == 1:
-        image = image[..., 0]
-    named = image.HasMetaDataKey("Segment0_ID")
-    channels = image.GetNumberOfComponentsPerPixel()
-    if image.GetDimension() != 3 or (channels != 1 and not named) or min(image.GetSize()) < 2:
-        size = "x".join(map(str, image.GetSize()))
-        refuse(f"it is {size} with {channels} channel(s), not a volume", "save one 3-D label map with one channel")
+    image = read_volume(path, refuse, layers=True)
+    named, channels = image.HasMetaDataKey("Segment0_ID"), image.GetNumberOfComponentsPerPixel()
     values = sitk.GetArrayFromImage(image)
     if values.dtype.kind == "f":
         if not np.isfinite(values).all():
             refuse("it holds NaN or infinite voxels", "replace them by 0 (air)")
         if (values != np.rint(values)).any():
             refuse("it holds values that are not whole numbers", "save the label map, not the scan, as integers")
-    if not values.any():
+    if not values.any() and not may_be_empty:
         refuse("every voxel is 0", "save the label map with the values that 'labels' names")
     if named:
         return image, _slicer_segments(image, values.reshape(*values.shape[:3], channels), refuse)

@@ -5,6 +5,7 @@ scanned bone by point-to-plane steps on what of its surface was visible before s
 the skin's registration (:mod:`pinnochio.importing.registration`).
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,6 +23,8 @@ from pinnochio.model.labels import CRANIUM, segment_name
 from pinnochio.model.surfaces import bone_surface
 from pinnochio.plans.plan import Plan
 
+LOG = logging.getLogger(__name__)
+NARROWLY = 0.9  # of a limit from which a fit that passes is said to be near it
 EDGE = 1.5  # mm of the segments' surfaces: finer than those of the model
 HIDDEN, RIM = 2.0, 3.0  # mm: bone so near in front of a point hides it; so near the volume's border is a cut
 SAMPLES, FEW, COARSE_SAMPLES = 8000, 800, 700
@@ -185,6 +188,9 @@ def check_fits(fits: Sequence[SegmentFit], *, limit: float, share: float, case: 
                 "check that these are all bones of this patient after surgery, not mirrored; or leave postop_bones "
                 "empty, and the case is predicted from its plan",
             )
+        if fit.median > NARROWLY * limit or fit.matched < 100 - NARROWLY * (100 - share):
+            said = f"median distance {fit.median:.3f} of {limit:g} mm, {fit.matched:.0f} % matched of {share:g}"
+            LOG.warning("case %r: %s: %r fits the scanned bone narrowly: %s", case, file, fit.segment, said)
 
 
 def _source(part, head: Segmentation) -> VisibleBone:

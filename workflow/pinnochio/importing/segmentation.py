@@ -3,6 +3,7 @@
 import gzip
 import logging
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,10 +16,10 @@ from pinnochio.errors import InputError, refusal
 from pinnochio.files import replacing
 from pinnochio.geometry.closed_surfaces import read_closed_surface, read_triangles, surface_files, voxelised
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION
-from pinnochio.importing.images import read_stored_image
+from pinnochio.importing.images import face, read_stored_image
 from pinnochio.importing.scan_checks import check_joined, thinned, without_spikes
 from pinnochio.importing.segment_files import Segment, read_segments
-from pinnochio.model.labels import AIR, TISSUES, TOUCHING, internal_codes
+from pinnochio.model.labels import AIR, CRANIUM, TISSUES, TOUCHING, internal_codes
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import check_together
@@ -26,6 +27,7 @@ from pinnochio.plans.roles import check_together
 LOG = logging.getLogger(__name__)
 HEADER = "header"
 BESIDE = 0.1  # of the labelled rim of a piece: a structure that it may be part of [I]
+LARGE = 250.0  # cm3 of a structure, at most, that what nothing names is held against [I]
 HEAD_EXTENT = (50.0, 600.0)  # mm; the longest side of what is labelled lies between
 
 
@@ -58,10 +60,10 @@ def read_segmentation(
     of every segment the voxel value (of a DICOM-SEG the segment number; a surface then bears the name of its
     structure), or the name that the file gives it. segments: those that a case may have; its own are those that it
     holds, coded in this order. Where structures overlap, bone goes over muscle, muscle over
-    superficial tissue, a segment over the cranium and over segments listed before it. What is not named counts as air,
-    with a warning; it is refused where it makes up more than `unnamed_percent` of the structure that it lies against,
-    unless `label_values` lists it under "left_out". Muscle may be missing in `label_values` and in the file; the
-    result then holds none.
+    superficial tissue, a segment over the cranium and over segments listed before it. What is not named counts as what
+    else the file has there, or as air, with a warning; it is refused where it makes up more than `unnamed_percent` of
+    the structure that it lies against, unless `label_values` lists it under "left_out": that is air, in soft tissue
+    too. Muscle may be missing in `label_values` and in the file; the result then holds none.
 
     orientation: where the voxel axes of a file with a wrong header point, as a code such as "RAS" (first axis to the
     patient's right, second anterior, third superior); of surfaces, where their axes point. An oblique grid is resampled
@@ -81,26 +83,36 @@ def read_segmentation(
         files = surface_files(path, refuse)
         wanted = {name: value if isinstance(value, str) else name for name, value in wanted.items()}
         chosen = _chosen([Segment(stem) for stem in files], wanted, optional, case, path, refuse)
-        surfaces = [read_closed_surface(files[part.name], direction, refuse) for part in chosen.values()]
-        check_extent(float(max(np.ptp(points, axis=0).max() for points, _ in surfaces)), refuse)
-        image, masks = voxelised(surfaces)
-        unnamed = []
+        surfaces = {part.name: read_closed_surface(files[part.name], direction, refuse) for part in chosen.values()}
+        check_extent(float(max(np.ptp(points, axis=0).max() for points, _ in surfaces.values())), refuse)
+        others = {}
+        for stem in files.keys() - surfaces.keys():
+            try:
+                others[stem] = read_closed_surface(files[stem], direction, refuse)
+            except InputError as error:
+                LOG.warning("case %r: %s is not used: %s", case, files[stem], error.problem)
+        image, voxels = voxelised([*surfaces.values(), *others.values()])
+        masks = [next(voxels) for _ in chosen]
+        parts = [Segment(stem, None, lambda mask=mask: mask) for stem, mask in zip(others, voxels, strict=True)]
     else:
         image, parts = read_segments(path, refuse)
         chosen = _chosen(parts, wanted, optional, case, path, refuse)
         masks = (part.voxels() for part in chosen.values())
-        unnamed = [part for part in parts if part not in chosen.values() and not _left_out(part, label_values)]
-        if direction is not None:
-            turn(image, direction)
+        face(image, direction, refuse)
     present = tuple(name for name in segments if name in chosen)
     check_together(present, case, path)
     codes = internal_codes(present)
     values = np.full(image.GetSize()[::-1], AIR, np.uint8)
     for name, mask in zip(chosen, masks, strict=True):
         values[mask] = codes[name]
+    others = [part for part in parts if part not in chosen.values()]
+    for part in others:
+        if _left_out(part, label_values):
+            values[part.voxels() & (values < CRANIUM)] = AIR
     check_extent(_labelled_extent(values != AIR, image.GetSpacing()), refuse)
-    if unnamed:
-        _check_unnamed(values, unnamed, label_values, codes, unnamed_percent, refuse)
+    unnamed = [part for part in others if not _left_out(part, label_values)]
+    voxel = float(np.prod(image.GetSpacing()))
+    _check_unnamed(values, unnamed, label_values, codes, unnamed_percent, voxel, refuse)
     axes = sitk.DICOMOrientImageFilter.GetOrientationFromDirectionCosines(image.GetDirection())
     coded = sitk.GetImageFromArray(values)
     coded.SetSpacing(image.GetSpacing())
@@ -120,13 +132,6 @@ def axes_of(orientation: str) -> np.ndarray:
     return np.reshape(sitk.DICOMOrientImageFilter.GetDirectionCosinesFromOrientation(orientation), (3, 3))
 
 
-def turn(image: sitk.Image, direction: np.ndarray) -> None:
-    """Give an image with a wrong header these axes (3, 3); its origin turns with them."""
-    stated = np.reshape(image.GetDirection(), (3, 3))
-    image.SetOrigin(tuple(direction @ np.linalg.inv(stated) @ image.GetOrigin()))
-    image.SetDirection(direction.ravel().tolist())
-
-
 def _chosen(
     parts: Sequence[Segment], wanted: Mapping[str, int | str], optional: Sequence[str], case: str, path, refuse
 ) -> dict[str, Segment]:
@@ -141,6 +146,13 @@ def _chosen(
                 f"give {structure!r} its voxel value in 'labels', or save the segmentation with names (.seg.nrrd)",
             )
         matching = [part for part in parts if value == (part.name if isinstance(value, str) else part.value)]
+        names = {plain_name(name): name for name in wanted}
+        for part in matching:
+            if (other := names.get(plain_name(part.name or ""), structure)) != structure:
+                refuse(
+                    f"segment {part} bears the name of {other!r}, and 'labels' takes it for {structure!r}",
+                    "correct 'labels', or the name in the file",
+                )
         if len(matching) > 1:
             refuse(
                 f"{len(matching)} segments are called {value!r} ({', '.join(map(str, matching))})",
@@ -163,9 +175,19 @@ def _chosen(
                 f"label {structure!r} in the segmentation, or correct 'labels' or 'segments' in the configuration",
             )
     if extra := [str(part) for part in parts if part not in chosen.values()]:
+        named_so = {plain_name(value): value for name, value in wanted.items() if isinstance(value, str)}
+        for part in parts:
+            meant = named_so.get(plain_name(part.name or ""))
+            if part not in chosen.values() and meant and meant not in {other.name for other in chosen.values()}:
+                refuse(f"it holds {part}, where 'labels' says {meant!r}", "write the name in one way")
         what = "segments" if named else "voxel values"
-        LOG.warning("case %r: %s: %s %s are not named in 'labels'; taken as air", case, path, what, ", ".join(extra))
+        LOG.warning("case %r: %s: %s %s are not named in 'labels'; not used", case, path, what, ", ".join(extra))
     return chosen
+
+
+def plain_name(name: str) -> str:
+    """A name without regard to case, blanks and signs: how people write the same one."""
+    return re.sub(r"[\W_]", "", name.lower())
 
 
 def _left_out(part: Segment, label_values: Mapping) -> bool:
@@ -173,14 +195,18 @@ def _left_out(part: Segment, label_values: Mapping) -> bool:
     return bool({part.name, part.value} & set(label_values.get("left_out", ())))
 
 
-def _check_unnamed(values, unnamed: Sequence[Segment], label_values: Mapping, codes, limit: float, refuse) -> None:
+def _check_unnamed(
+    values, unnamed: Sequence[Segment], label_values: Mapping, codes, limit: float, voxel: float, refuse
+) -> None:
     """Refuse voxels that no label names where they make up more than `limit` percent of a structure beside them.
 
-    values [iz, iy, ix] internal codes. A connected piece may belong to each structure that makes up BESIDE of its rim.
+    values [iz, iy, ix] internal codes; voxel: its volume, mm3. A connected piece may belong to each structure that
+    makes up BESIDE of its rim. A larger structure counts as LARGE: a maxilla is little beside a skull.
     """
+    most = LARGE * 1000 / voxel
     names = {code: name for name, code in codes.items()}
     for part in unnamed:
-        piece, _ = ndimage.label(part.voxels() & (values == AIR), TOUCHING)
+        piece, _ = ndimage.label(part.voxels() & (values < CRANIUM), TOUCHING)
         lost: dict[int, int] = {}
         for number, box in enumerate(ndimage.find_objects(piece), 1):
             wide = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in box)
@@ -189,11 +215,11 @@ def _check_unnamed(values, unnamed: Sequence[Segment], label_values: Mapping, co
             around = np.bincount(rim[rim != AIR], minlength=1)
             for code in np.flatnonzero(around >= max(1, BESIDE * around.sum())):
                 lost[int(code)] = lost.get(int(code), 0) + int(inside.sum())
-        for code, voxels in lost.items():
-            share = 100 * voxels / (voxels + int((values == code).sum()))
+        for code, voxels in sorted(lost.items(), reverse=True):  # bones first
+            share = 100 * voxels / (voxels + min(int((values == code).sum()), most))
             if share <= limit:
                 continue
-            said = f"{voxels} voxels of {part} beside {names[code]!r} ({share:.3g} % of it) would become air"
+            said = f"{voxels} voxels of {part} beside {names[code]!r} ({share:.3g} % of it) would become air or tissue"
             listed = [
                 name for name, value in label_values.items() if name != "left_out" and value in (part.name, part.value)
             ]

@@ -7,6 +7,77 @@ from scipy import ndimage
 from pinnochio.errors import InputError
 
 CLIPPED = (1.0, 99.0)  # percentiles of the grey values that air and tissue are told apart on
+# Padding: of the scan's border, its share at least; of the voxels in front of it, those that are air, at least [I].
+AT_BORDER, BESIDE_AIR = 0.05, 0.2
+COARSE, SHIFT = 2.0, 40.0  # mm: grid on which labels are held against the scan, and farthest shift that is tried
+OFF, BETTER = 3.5, 1.08  # mm and times as bright, from which shifted labels fit the scan better [I]
+
+
+def without_padding(image: sitk.Image) -> tuple[sitk.Image, float | None]:
+    """The scan with air where it shows nothing, and the value that stood there, None where it shows all.
+
+    Padding is the commonest single value of the scan's border, all connected voxels of it that meet the border, if
+    something else than it is the scan's air: what lies in front of it is darker than the scan's mean of tissue.
+    """
+    values = sitk.GetArrayFromImage(image)
+    sides = np.concatenate([np.take(values, end, axis).ravel() for axis in range(3) for end in (0, -1)])
+    listed, counts = np.unique(sides, return_counts=True)
+    value = listed[counts.argmax()]
+    if counts.max() < AT_BORDER * len(sides):
+        return image, None
+    coarse = values[tuple(slice(None, None, max(1, round(side / 128))) for side in values.shape)]
+    same = coarse == value
+    rest = coarse[~same]
+    if len(rest) < 1000:
+        return image, None
+    threshold, air = _otsu(np.clip(rest, *np.percentile(rest, CLIPPED)))
+    near = ndimage.binary_dilation(same & _meets_border(same), iterations=2)
+    beside = coarse[ndimage.binary_dilation(near) & ~near & ~same]
+    if not len(beside) or (beside < threshold).mean() < BESIDE_AIR:
+        return image, None
+    values[_meets_border(values == value)] = air
+    made = sitk.GetImageFromArray(values)
+    made.CopyInformation(image)
+    return made, float(value)
+
+
+def _meets_border(mask) -> np.ndarray:
+    """The pieces of a mask that reach the border of its volume."""
+    pieces, count = ndimage.label(mask)
+    sides = [np.take(pieces, end, axis).ravel() for axis in range(mask.ndim) for end in (0, -1)]
+    outer = np.zeros(count + 1, bool)
+    outer[np.concatenate(sides)] = True
+    outer[0] = False
+    return outer[pieces]
+
+
+def check_belongs(grey, bone, spacing: float, refuse) -> None:
+    """Refuse a scan [ix, iy, iz] whose bright voxels lie elsewhere than the bone (bool) that is labelled on it.
+
+    The labels are shifted over the scan on a grid of COARSE mm, by a convolution; where they lie they must be about as
+    bright as anywhere else.
+    """
+    soft = grey[~ndimage.binary_dilation(bone, iterations=2)]
+    level = np.percentile(soft, 90), np.percentile(grey[bone], 75)
+    if not level[1] > level[0] or grey[bone].mean() <= grey[~bone].mean():
+        problem = "the labelled bone is not brighter than the rest of the scan: they do not belong together"
+        refuse(problem, "give the scan that was segmented, in its own frame")
+    step = max(1, round(COARSE / spacing))
+    reach = int(SHIFT / (step * spacing))
+    bright = np.clip((grey[::step, ::step, ::step] - level[0]) / (level[1] - level[0]), 0, 1).astype(np.float32)
+    mask = bone[::step, ::step, ::step].astype(np.float32)
+    shape = [side + reach for side in mask.shape]
+    product = np.fft.irfftn(np.fft.rfftn(bright, shape) * np.conj(np.fft.rfftn(mask, shape)), shape)
+    near = np.r_[0 : reach + 1, -reach:0]
+    near_product = product[np.ix_(*[near] * 3)]
+    place = np.unravel_index(near_product.argmax(), near_product.shape)
+    shift = near[list(place)] * step * spacing
+    if np.linalg.norm(shift) > max(OFF, 1.5 * step * spacing) and near_product[place] > BETTER * near_product[0, 0, 0]:
+        off, way = np.linalg.norm(shift), ", ".join(f"{value:+.0f}" for value in shift)
+        refuse(
+            f"the bone that it shows lies {off:.0f} mm from the bone that is labelled ({way} mm in LPS)",
+            "give the scan that was segmented, in its own frame, or put both into one frame",
+        )
 
 
 def air_threshold(volume, bone) -> float:
@@ -16,13 +87,18 @@ def air_threshold(volume, bone) -> float:
     """
     values = volume[~ndimage.binary_dilation(bone, iterations=2)]
     values = np.clip(values, *np.percentile(values, CLIPPED))
+    return _otsu(values)[0]
+
+
+def _otsu(values) -> tuple[float, float]:
+    """Half-way between the two classes of Otsu, where the border of a blurred surface lies; mean of the darker one."""
     image = sitk.GetImageFromArray(values.astype(np.float32).reshape(1, -1))
     otsu = sitk.OtsuThresholdImageFilter()
     otsu.SetNumberOfHistogramBins(256)
     otsu.Execute(image)
-    # Half-way between both classes, where the border of a blurred surface lies.
     above = values > otsu.GetThreshold()
-    return float((values[above].mean() + values[~above].mean()) / 2)
+    dark = float(values[~above].mean())
+    return (float(values[above].mean()) + dark) / 2, dark
 
 
 def bulk(dense, radius: float) -> np.ndarray:

@@ -3,15 +3,14 @@
 import os
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
-from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
 from scipy import ndimage
 
 from pinnochio.errors import InputError, refusal
-from pinnochio.importing.images import read_image
-from pinnochio.importing.segmentation import HEADER, Segmentation, axes_of, turn
+from pinnochio.importing.images import face, read_volume
+from pinnochio.importing.segmentation import HEADER, Segmentation, axes_of
 from pinnochio.importing.soft_tissue import between, bulk, closed, largest, near_skin
 from pinnochio.json_text import read_json
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, segment_code
@@ -118,12 +117,9 @@ def read_ct(path: str | os.PathLike, orientation: str = HEADER) -> sitk.Image:
     def refuse(problem: str, remedy: str):
         raise InputError("-", path, f"cannot be read as a CT volume: {problem}", remedy)
 
-    if not Path(path).is_file():
-        refuse("it is no file", "give NRRD, NIfTI or MHA")
-    image = read_image(path, refuse, sitk.sitkFloat32)
+    image = read_volume(path, refuse, sitk.sitkFloat32)
     try:
-        if orientation != HEADER:
-            turn(image, axes_of(orientation))
+        face(image, None if orientation == HEADER else axes_of(orientation), refuse)
         image = sitk.DICOMOrient(image, "LPS")
     except (RuntimeError, ValueError) as error:
         refuse(str(error).strip().splitlines()[-1], "give NRRD, NIfTI or MHA")

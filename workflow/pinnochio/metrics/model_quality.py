@@ -24,7 +24,7 @@ DETAIL = 1.0  # mm between skin and mesh up to which the mesh has the form of th
 def quality(patient: PatientModel, imported: Mapping) -> dict:
     """What is known of a patient before anything is computed, as JSON holds it.
 
-    imported: the import's report (case, muscle, volume_cm3, repairs).
+    imported: the import's report (case, muscle, volume_cm3, repairs; warnings, care and cuts where there are some).
     """
     mesh = TetMesh(patient.points, patient.cells, patient.tissue)
     corners = patient.points[patient.cells[:, EDGES]]
@@ -41,6 +41,7 @@ def quality(patient: PatientModel, imported: Mapping) -> dict:
         "volume_cm3": dict(imported["volume_cm3"]),
         "thickness_mm": thickness(patient),
         "contact_cm2": contact(patient),
+        **{name: imported.get(name, []) for name in ("warnings", "care", "cuts")},
     }
 
 

@@ -145,6 +145,7 @@ def plain(value):
 def in_words(certificate: Mapping) -> list[Finding]:
     """The certificate as a table that needs no other explanation."""
     rows = [
+        *_import_rows(certificate.get("import", {})),
         *_solution_rows(certificate["solution"], certificate["measures"]),
         *_field_rows(certificate["measures"], certificate["models"]),
     ]
@@ -165,6 +166,18 @@ def verdict(certificate: Mapping) -> CertificateGrade:
         if chosen:
             return CertificateGrade(grade, tuple(f"{row.what}: {row.value}" for row in chosen))
     return CertificateGrade(USABLE, ())
+
+
+def _import_rows(imported: Mapping) -> list[Finding]:
+    rows = []
+    if guessed := imported.get("guessed"):
+        meaning = "Nobody has said where the surgeon cuts: it was guessed from the bone. Look at segments.png."
+        rows.append(Finding("Cuts by rule", ", ".join(guessed), meaning))
+    for words in imported.get("care", ()):
+        rows.append(
+            Finding("Bones unlike people's", words, "Look at segments.png: are the labels and cuts right?", False)
+        )
+    return rows
 
 
 def _solution_rows(solution: Mapping, of: Mapping) -> list[Finding]:

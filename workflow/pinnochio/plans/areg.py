@@ -27,7 +27,8 @@ BASE, JAWS = "CB", {"MAX": ("maxilla",), "MAND": ("distal", UNCUT, "chin")}  # a
 
 def matrices(folder: str | os.PathLike) -> list[Path]:
     """The matrices of AReg in a folder; none where the path is no folder."""
-    return [file for file in sorted(Path(folder).glob("*_matrix.tfm")) if NAME.fullmatch(file.stem)]
+    files = (file for file in sorted(Path(folder).glob("*_matrix.tfm")) if not file.name.startswith("."))
+    return [file for file in files if NAME.fullmatch(file.stem)]
 
 
 def read_areg(folder: str | os.PathLike, case: str, segments: Sequence[str]) -> Plan:

@@ -1,6 +1,7 @@
 """Surgical plans: one rigid motion per bone segment, in LPS millimetres."""
 
 import json
+import logging
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,22 +10,26 @@ import numpy as np
 
 from pinnochio.errors import refusal
 from pinnochio.files import replacing
-from pinnochio.geometry.rigid import LARGEST_TRANSLATION, RigidMotion
+from pinnochio.geometry.rigid import LARGEST_TRANSLATION, NEARLY, RigidMotion, nearest_rotation
 from pinnochio.json_text import check_keys, numbers, parse_json, read_text
 
+LOG = logging.getLogger(__name__)
+TRANSFORM_FORMATS = (".tfm", ".txt", ".h5", ".mat")
 CONVENTION = "x_post = R (x_pre - pivot) + pivot + translation"
-KEYS = ("case", "frame", "units", "convention", "segments")
+KEYS = ("case", "frame", "units", "convention", "segments", "warnings")
 MOTION_KEYS = ("rotation", "translation", "pivot")
+ROUNDED = 1e-6  # of R'R = I from which a rotation is made one, and that is said
 NOTHING = 1e-9  # mm, and of the entries of a rotation: rounding
 FARTHEST = 1e4  # mm; no scanner's origin lies farther from the head
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Motions by segment name; a segment that the plan does not name stays where it is."""
+    """Motions by segment name; a segment that the plan does not name stays where it is. warnings: of its import."""
 
     case: str
     motions: dict[str, RigidMotion]
+    warnings: tuple[str, ...] = ()
 
     def motion(self, segment: str) -> RigidMotion:
         """The segment's motion, the identity if the plan does not name it."""
@@ -48,7 +53,8 @@ class Plan:
             for name, motion in sorted(self.motions.items())
         }
         head = {"case": self.case, "frame": "LPS", "units": "mm", "convention": CONVENTION}
-        return json.dumps(head | {"segments": segments}, indent=1)
+        said = {"warnings": self.warnings} if self.warnings else {}
+        return json.dumps(head | {"segments": segments} | said, indent=1)
 
     @classmethod
     def from_json(cls, text: str, file: object = "plan", case: str | None = None, foreign: bool = False) -> "Plan":
@@ -81,10 +87,14 @@ class Plan:
                     f"segment {segment!r} needs rotation (3x3), translation (3) and, if wanted, pivot (3)",
                     "write all numbers of the motion as numbers",
                 )
-            motion = RigidMotion(*(np.array(part, float) for part in parts))
-            rotation = motion.rotation
-            if not (np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-6 and np.linalg.det(rotation) > 0):
+            stored, *places = (np.array(part, float) for part in parts)
+            rotation, off = nearest_rotation(stored)
+            if not off <= NEARLY:
                 refuse(f"rotation of segment {segment!r} is not a rotation", "store R with R'R = I, det R = 1")
+            if off > ROUNDED:
+                said = "rotation of %r is rounded (R'R differs from I by %.1g); made one"
+                LOG.warning(f"case %r: %s: {said}", name, file, segment, off)
+            motion = RigidMotion(stored if off <= ROUNDED else rotation, *places)
             if not np.linalg.norm(motion.translation) <= LARGEST_TRANSLATION:
                 refuse(
                     f"translation of segment {segment!r} is {np.linalg.norm(motion.translation):.0f} mm",
@@ -96,7 +106,10 @@ class Plan:
                     "write the pivot in millimetres in the frame of the scan",
                 )
             motions[segment] = motion
-        return cls(name if foreign else data.get("case", name), motions)
+        said = data.get("warnings", [])
+        if not isinstance(said, list) or not all(isinstance(words, str) for words in said):
+            refuse("its warnings are no list of texts", "leave them out")
+        return cls(name if foreign else data.get("case", name), motions, tuple(said))
 
     @classmethod
     def read(cls, path: str | os.PathLike, case: str, foreign: bool = False) -> "Plan":
@@ -104,7 +117,7 @@ class Plan:
 
         foreign: the file may name another case.
         """
-        if Path(path).is_dir():
+        if Path(path).is_dir() or str(path).lower().endswith(TRANSFORM_FORMATS):
             from pinnochio.plans.transforms import read_transforms  # needs ITK, which training does without
 
             return cls(case, read_transforms(path, case))

@@ -10,6 +10,7 @@ import logging
 import os
 import re
 import struct
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -19,10 +20,10 @@ import SimpleITK as sitk
 
 from pinnochio.errors import InputError, refusal
 from pinnochio.files import replacing
-from pinnochio.geometry.rigid import LARGEST_TRANSLATION, RigidMotion
+from pinnochio.geometry.rigid import LARGEST_TRANSLATION, NEARLY, RigidMotion, nearest_rotation
+from pinnochio.plans.plan import TRANSFORM_FORMATS
 
 LOG = logging.getLogger(__name__)
-TRANSFORM_FORMATS = (".tfm", ".txt", ".h5", ".mat")
 RIGID = 1e-4  # what files in single precision leave of R'R = I
 NO_ROTATION = 1e-6
 AGAIN = "save the linear transform again, with finite numbers"
@@ -48,13 +49,13 @@ FARTHEST_PIVOT = 1000.0  # mm; a head lies so near to the origin of its scanner
 
 
 def read_transforms(folder: str | os.PathLike, case: str) -> dict[str, RigidMotion]:
-    """Motion of each segment, from the files `{segment}.tfm`, `.txt`, `.h5` or `.mat` of a folder; LPS, mm.
+    """Motion of each segment, from the files `{segment}.tfm`, `.txt`, `.h5` or `.mat` of a folder, or one; LPS, mm.
 
     Any transform of ITK that is rigid is taken, whatever its type and centre; composites of one as well. Raises
     InputError for what is not rigid, for several transforms in one file and for two files of one segment.
     """
     files: dict[str, Path] = {}
-    for file in sorted(Path(folder).iterdir()):
+    for file in sorted(Path(folder).iterdir()) if Path(folder).is_dir() else [Path(folder)]:
         if file.name.startswith("."):
             continue
         if file.suffix.lower() not in TRANSFORM_FORMATS:
@@ -101,6 +102,11 @@ def read_rigid(file: Path, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
     InputError for a file that is damaged, holds several transforms or one that is not rigid.
     """
     refuse = refusal(case, file)
+    if file.suffix != file.suffix.lower():  # ITK goes by the ending
+        with tempfile.TemporaryDirectory() as folder:
+            plain = Path(folder, file.stem + file.suffix.lower())
+            plain.write_bytes(file.read_bytes())
+            return read_rigid(plain, case)
     if file.suffix.lower() in (".tfm", ".txt"):
         _check_text(file, lambda problem: refuse(f"it cannot be read as a transform ({problem})", AGAIN))
     try:
@@ -127,10 +133,12 @@ def read_rigid(file: Path, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
         refuse("it holds a number that is not finite", "write finite numbers")
     if not _as_stored(transform, *stored[-1][1:]):
         refuse("ITK takes its numbers for others, as of a quaternion longer than 1", AGAIN)
-    if not (np.abs(matrix.T @ matrix - np.eye(3)).max() <= RIGID and np.linalg.det(matrix) > 0):
+    rotation, off = nearest_rotation(matrix)
+    if not off <= NEARLY:
         refuse("it scales, shears or mirrors", "save a rigid transform: rotation and translation only")
-    left, _, right = np.linalg.svd(matrix)
-    return (left @ right).T, offset, np.array(transform.GetFixedParameters()[:3])
+    if off > RIGID:
+        LOG.warning("case %r: %s: its rotation is rounded (R'R differs from I by %.1g); made one", case, file, off)
+    return rotation.T, offset, np.array(transform.GetFixedParameters()[:3])
 
 
 def about_its_axis(rotation, offset, centre) -> RigidMotion:

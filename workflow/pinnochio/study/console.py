@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TextIO
 
 from pinnochio.code import ROOT
+from pinnochio.logs import warnings_in
 
 MEASURED = ROOT / "results/reference"  # stages.csv of the default study; in folders of their names of other results
 NAME = "stages.csv"
@@ -21,6 +22,7 @@ SHORT = 1.5  # s, [X] a job that is too short to be measured
 LONG = 15.0  # s, [X] mean of those that are, where the table is not there
 TRUSTED = 60.0  # s of work that the table is trusted for before what is measured here outweighs it
 EVERY = 20.0  # s between two lines where the console keeps every line
+MOST = 20  # warnings of stages that are shown at the end
 
 
 def expected_seconds(counts: Mapping[str, int], measured: Mapping[str, bool], results: str) -> dict[str, float]:
@@ -107,6 +109,8 @@ class Console(logging.Handler):
         self.progress: JobProgress | None = None
         self.changing = stream.isatty() and os.environ.get("TERM") != "dumb"
         self.said, self.drawn = -EVERY, False
+        self.logs: dict[int, list[str]] = {}
+        self.warnings: list[str] = []
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Takes what concerns jobs."""
@@ -120,13 +124,26 @@ class Console(logging.Handler):
             return
         elif record.event == "job_info":
             self.progress.start(record.jobid, record.rule_name, now)
+            self.logs[record.jobid] = list(getattr(record, "log", ()))
             if not record.output:  # a target: its message says where to look
                 self.clear()
                 self.stream.write(f"{record.rule_msg or record.rule_name}\n")
                 self.said = now  # it is the last line, or nearly so
         elif record.job_id in self.progress.running:
             self.progress.end(record.job_id, now)
+            for log in self.logs.pop(record.job_id, ()):
+                self.warnings += [words for words in warnings_in(log) if words not in self.warnings]
         self.show(now)
+
+    def summary(self) -> None:
+        """Show once what stages have warned of."""
+        self.clear()
+        for words in self.warnings[:MOST]:
+            self.stream.write(f"Warning: {words}\n")
+        if len(self.warnings) > MOST:
+            self.stream.write(f"and {len(self.warnings) - MOST} warnings more, in the logs of the results\n")
+        self.warnings = []
+        self.stream.flush()
 
     def show(self, now: float) -> None:
         finished = self.progress.done == self.progress.total
@@ -172,11 +189,12 @@ class Quiet(logging.Filter):
 
 def quieten(
     logger: logging.Logger, begin: Callable[[Mapping[str, int]], JobProgress], runs: Callable[[], bool]
-) -> None:
+) -> Console | None:
     """Show progress instead of all that Snakemake says on its console; without a console it is left alone."""
     for handler in logger.handlers:
         if handler.name == "DefaultStreamHandler":
             console = Console(begin, runs, handler.stream)
             handler.addFilter(Quiet(console))
             logger.addHandler(console)
-            return
+            return console
+    return None

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,15 +11,18 @@ from pinnochio.errors import InputError
 from pinnochio.files import check_name
 from pinnochio.importing.cohort import COVARIATES, Case, covariates_of, read_cases
 from pinnochio.json_text import read_json
+from pinnochio.plans.plan import TRANSFORM_FORMATS
 from pinnochio.study.choice import Choice
 from pinnochio.volume_size import IMAGE_FORMATS
 
-VOLUMES = ("volume", "ct", "cbct")  # names of the scan, before its ending
+VOLUMES = ("volume", "ct", "cbct", "dicom")  # names of the scan, before its ending
 ENDING = ".mrk.json"
 COVARIATES_FILE = "covariates.json"
 WORDS = {"True": "yes", "False": "no"}  # of a cohort table for JSON's own
 WISH = "wish"  # name of what is wished of the face, before its ending
 WISHES = (ENDING, ".ply", ".stl", ".vtp", ".obj", ".csv", ".tsv")
+BESIDE_SCAN = (".raw", ".zraw", ".json", ".txt")  # endings of what lies beside a scan: its voxels, what it is
+OTHERS = ("postop", "transforms", "readme")  # what the planner reads and writes beside the patient, before its ending
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,8 @@ class Patient:
     for a new patient is saved in; checked: the table that says that all of it has been read and checked.
     volume: the scan; markups: a file or folder of them; postop, postop_bones: skin and bones after surgery; all empty
     where there is none; postop_frame: "bones" where both are of one scan. covariates: what else is known, by name;
-    covariates_file: JSON that holds it instead; wishes: files that say how the face shall be. config: the configuration
+    covariates_file: JSON that holds it instead; wishes: files that say how the face shall be; unused: names of files of
+    the folder that nothing reads. config: the configuration
     that the patient's files are made with; choice: what predicts it, where that is chosen: of a new one.
     """
 
@@ -48,6 +53,7 @@ class Patient:
     covariates: Mapping[str, str | float | bool] = field(default_factory=dict)
     covariates_file: str = ""
     wishes: Sequence[str] = ()
+    unused: Sequence[str] = ()
     config: Mapping = field(default_factory=dict)
     choice: Choice | None = None
 
@@ -65,8 +71,22 @@ def of_study(case: Case, config: Mapping) -> Patient:
 
 def markups_in(folder: str | os.PathLike) -> list[str]:
     """The files of markups of the patient as it is; what is wished is none of them."""
-    files = [path for path in sorted(Path(folder).iterdir()) if path.name.endswith(ENDING)]
+    files = [path for path in entries(folder) if path.name.lower().endswith(ENDING)]
     return [str(path) for path in files if not _is_wish(path)]
+
+
+def entries(folder: str | os.PathLike) -> list[Path]:
+    """What a folder holds, by name, without the files that systems hide in it, as `._plan.json` of macOS."""
+    return [path for path in sorted(Path(folder).iterdir()) if not path.name.startswith(".")]
+
+
+def _stem(path: Path) -> str:
+    """The name before its endings; letters of either case are the same."""
+    return path.name.split(".")[0].lower()
+
+
+def _is_image(path: Path) -> bool:
+    return path.name.lower().endswith(IMAGE_FORMATS)
 
 
 def read_patients(path: str | os.PathLike) -> dict[str, Patient]:
@@ -79,6 +99,8 @@ def read_patients(path: str | os.PathLike) -> dict[str, Patient]:
     folder of plans too; it has no wishes. InputError for what is missing or there twice.
     """
     path = Path(path)
+    if set("{}") & set(str(path)):  # wildcards to Snakemake
+        raise InputError("-", path, "its path holds a brace", "rename the folder that has it")
     if os.path.isdir(path):  # a path that is too long is none
         patients = [_of_folder(path)]
     elif os.path.isfile(path):
@@ -99,18 +121,23 @@ def read_patients(path: str | os.PathLike) -> dict[str, Patient]:
     return {patient.name: patient for patient in patients}
 
 
-def other_cases(patients: Iterable[Patient]) -> list[str]:
-    """What is odd of plans that name another case than the patient that they lie with; what cannot be read is skipped,
-    because importing it says why."""
+def oddities(patients: Iterable[Patient]) -> list[str]:
+    """What is odd of new patients: files that nothing reads, and plans that name another case than the patient that
+    they lie with; what cannot be read is skipped, because importing it says why."""
     odd = []
     for patient in patients:
+        if patient.unused:
+            odd.append(f"{patient.source}: nothing reads {', '.join(patient.unused)}.")
         for file in patient.plans.values():
             try:
                 case = json.loads(Path(file).read_bytes().decode("utf-8-sig")).get("case", patient.name)
             except (OSError, ValueError, AttributeError, RecursionError):
                 continue
             if case != patient.name:
-                odd.append(f"{file} names case {str(case)[:64]!r}, and is taken for a plan of {patient.name!r}.")
+                odd.append(
+                    f"{file} names case {str(case)[:64]!r}, and is taken for a plan of {patient.name!r}. Is it the "
+                    "right patient's?"
+                )
     return odd
 
 
@@ -122,26 +149,31 @@ def _new(name: str, **files) -> Patient:
 def _of_folder(folder: Path) -> Patient:
     name = folder.resolve().name
     check_name(name, name, folder)
-    images = [path for path in sorted(folder.iterdir()) if path.name.split(".")[0] == "segmentation"]
+    files = entries(folder)
+    images = [path for path in files if _stem(path) == "segmentation" and (_is_image(path) or path.is_dir())]
     if len(images) != 1:
         listed = ", ".join(path.name for path in images) or "no segmentation"
         raise InputError(
             name, folder, f"it holds {listed}", "keep one: segmentation.nii.gz, .nrrd, .mha, .dcm, or a folder"
         )
+    for path in files:
+        text = path.suffix.lower() == ".json" and not path.name.lower().endswith(ENDING)
+        if path.suffix.lower() == ".fcsv" or (text and b'"markups"' in path.read_bytes()):
+            raise InputError(name, path, "it holds points, and is not read", f"save them as markups ({ENDING})")
+    second = [path for path in files if _stem(path) == "plan" and _is_image(path)]
+    listed = [path for path in files if path.name.lower() in ("plan.json", "plan", "plans")]
     plans = {}
-    second = [path.name for path in sorted(folder.iterdir()) if path.stem.startswith("plan.") or path.stem == "plan"]
-    for entry in dict.fromkeys(
-        ["plan.json", "plan", "plans", *(name for name in second if _is_segmentation(Path(name)))]
-    ):
-        if (folder / entry).exists():
-            further = _plans(name, folder / entry)
-            if twice := sorted(further.keys() & plans.keys()):
-                raise InputError(name, folder, f"plan {twice[0]!r} is there twice", "give each plan a name of its own")
-            plans |= further
-    volumes = [path for path in sorted(folder.iterdir()) if path.name.split(".")[0] in VOLUMES]
+    for path in [*listed, *second]:
+        further = _plans(name, path)
+        if twice := sorted(further.keys() & plans.keys()):
+            raise InputError(name, folder, f"plan {twice[0]!r} is there twice", "give each plan a name of its own")
+        plans |= further
+    volumes = [path for path in files if _stem(path) in VOLUMES and path.suffix.lower() not in BESIDE_SCAN]
     if len(volumes) > 1:
-        listed = ", ".join(path.name for path in volumes)
-        raise InputError(name, folder, f"it holds {listed}", "keep one scan: the one that was segmented")
+        shown = ", ".join(path.name for path in volumes)
+        raise InputError(name, folder, f"it holds {shown}", "keep one scan: the one that was segmented")
+    wishes = [path for path in files if _is_wish(path)]
+    read = {*images, *volumes, *listed, *second, *wishes, *map(Path, markups_in(folder)), folder / COVARIATES_FILE}
     return _new(
         name,
         segmentation=str(images[0]),
@@ -149,9 +181,15 @@ def _of_folder(folder: Path) -> Patient:
         source=str(folder),
         volume=str(volumes[0]) if volumes else "",
         markups=str(folder) if markups_in(folder) else "",
-        wishes=tuple(str(path) for path in sorted(folder.iterdir()) if _is_wish(path)),
+        wishes=tuple(map(str, wishes)),
+        unused=tuple(path.name for path in files if path not in read and _stem(path) not in OTHERS and not _raw(path)),
         covariates=_covariates(name, folder / COVARIATES_FILE),
     )
+
+
+def _raw(path: Path) -> bool:
+    """Whether a file holds the voxels of a `.mhd` of its name."""
+    return path.suffix.lower() in BESIDE_SCAN and path.with_suffix(".mhd").exists()
 
 
 def _covariates(case: str, path: Path) -> dict[str, str | float | bool]:
@@ -175,13 +213,17 @@ def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
     path = Path(path)
     files = [path]
     if path.is_dir():
-        several = [
-            file for file in sorted(path.iterdir()) if file.suffix == ".json" or file.is_dir() or _is_segmentation(file)
-        ]
-        files = several if path.name == "plans" else several or files
+        inside = entries(path)
+        several = [file for file in inside if file.suffix.lower() == ".json" or file.is_dir() or _is_image(file)]
+        if path.name.lower() == "plans":
+            # Transforms that lie there by themselves are one plan.
+            bare = any(file.suffix.lower() in TRANSFORM_FORMATS and file.suffix != ".txt" for file in inside)
+            files = several + ([path] if bare else [])
+        else:
+            files = several or files
     plans = {}
     for plan in files:
-        name = plan.name.split(".")[0] if _is_segmentation(plan) else plan.stem
+        name = plan.name.split(".")[0] if _is_image(plan) else plan.stem
         check_name(case, name, plan)
         if name.lower() in map(str.lower, plans):
             raise InputError(case, plan, f"plan {name!r} is there twice", "give each plan a name of its own")
@@ -189,12 +231,7 @@ def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
     return plans
 
 
-def _is_segmentation(path: Path) -> bool:
-    """Whether a plan is a second segmentation, after surgery, which shows the motion that was achieved."""
-    return path.name.lower().endswith(IMAGE_FORMATS)
-
-
 def _is_wish(path: Path) -> bool:
     """Whether a file says how the face shall be: wish.mrk.json, wish.ply, or several as wish_chin.mrk.json."""
     name = path.name.lower()
-    return name.split(".")[0].split("_")[0] == WISH and name.endswith(WISHES)
+    return re.split(r"[._-]", name)[0] == WISH and name.endswith(WISHES)

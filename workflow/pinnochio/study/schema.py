@@ -51,6 +51,8 @@ def checked(config: Mapping, schema: Mapping) -> dict:
     lines = [f"{name} is {value}, which is not finite" for name, value in _not_finite(typed)]
     for error in sorted(validator.iter_errors(typed), key=lambda error: [str(part) for part in error.absolute_path]):
         lines += _explained(error, schema)
+    if isinstance(config.get("patient"), int | float):
+        lines.append("a patient whose name is a number is given with its folder: patient=./007")
     if lines:
         more = [f"and {len(lines) - SHOWN} more"] if len(lines) > SHOWN else []
         problem = "\n  ".join([*lines[:SHOWN], *more])

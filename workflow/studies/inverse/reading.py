@@ -4,6 +4,7 @@ import csv
 import io
 import logging
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
@@ -13,6 +14,7 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import closest_points
+from pinnochio.importing.cohort import filled
 from pinnochio.importing.markups import ENDING, read_markups
 from pinnochio.importing.segmentation import read_postop
 from pinnochio.json_text import Refuse, read_text
@@ -126,21 +128,19 @@ def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str)
 
     text = read_text(path, refuse)
     try:
+        text = re.sub(r"\Asep=.\r?\n", "", text)  # as Excel writes it
         dialect = csv.Sniffer().sniff(text.split("\n")[0], ",\t;")
-        reader = csv.DictReader(io.StringIO(text, newline=""), dialect=dialect, strict=True)
-        columns, rows = list(reader.fieldnames or ()), list(reader)
+        columns, *rows = filled(csv.reader(io.StringIO(text, newline=""), dialect=dialect, strict=True), refuse)
     except csv.Error as error:
         refuse(f"it is no table ({error})", f"give columns {', '.join(COLUMNS)}, separated by commas or tabs")
     if not rows or not set(columns) <= set(COLUMNS) or "measure" not in columns or len({*columns}) < len(columns):
         refuse(f"its columns are {columns or 'none'}", f"give columns {', '.join(COLUMNS)}, each once, and a row")
-    if long := [row for row in rows if None in row]:
-        refuse(f"the row of {long[0]['measure']!r} has more cells than the first line", "give it one cell per column")
     known = {name.lower(): name for name in MEASURES} | {
         measure.title.lower(): name for name, measure in MEASURES.items()
     }
     wishes = []
     for row in rows:
-        row = {key: (value or "").strip() for key, value in row.items()}
+        row = dict(zip(columns, row, strict=True))
         name = known.get(row["measure"].lower())
         if name is None:
             near = get_close_matches(row["measure"].lower(), known, n=1, cutoff=0.4)
@@ -154,7 +154,9 @@ def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str)
                 except ValueError:
                     numbers[key] = np.nan
                 if not np.isfinite(numbers[key]):
-                    refuse(f"{key} of {name!r} is {row[key]!r}", "write a number, without its unit")
+                    refuse(
+                        f"{key} of {name!r} is {row[key]!r}", "write a number with a decimal point, without its unit"
+                    )
         if ("value" in numbers) == ("change" in numbers):
             refuse(f"{name!r} has {'both' if 'value' in numbers else 'neither'} value and change", "give one of them")
         if not 0 < numbers.get("weight", 1) <= LARGEST_WEIGHT:

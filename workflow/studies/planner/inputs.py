@@ -34,4 +34,8 @@ class PlannerInputs:
             "corrections": choice.corrections,
             "fem": choice.settings["fem"],
             "invert": self.study.config["invert"],
+            "scan": {
+                "nasion_above_maxilla": self.study.config["interfaces"]["nasion_above_maxilla"],
+                "limit": self.study.config["registration"]["limit"],
+            },
         }

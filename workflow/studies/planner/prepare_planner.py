@@ -10,6 +10,8 @@ from studies.planner.prepared import Prepared
 def prepare_planner(
     case: str,
     model: str,
+    skin: str,
+    bone: str,
     lift: str | None,
     covariates: str,
     quality: str,
@@ -19,8 +21,8 @@ def prepare_planner(
 ) -> None:
     """Write the list with absolute paths, so that the planner can be started from any folder.
 
-    plans: checked plan files, `{name}/plan.json`; settings: home, archive, method, corrections, fem and invert
-    of a Prepared.
+    plans: checked plan files, `{name}/plan.json`; settings: home, archive, method, corrections, fem, invert
+    and scan of a Prepared.
     """
 
     def absolute(path: str) -> str:
@@ -39,6 +41,9 @@ def prepare_planner(
         corrections=settings["corrections"],
         fem=settings["fem"],
         invert=settings["invert"],
+        skin=absolute(skin),
+        bone=absolute(bone),
+        scan=settings["scan"],
     )
     prepared.write(out)
 
@@ -48,6 +53,8 @@ if __name__ == "__main__":
     prepare_planner(
         case=snakemake.wildcards.case,
         model=snakemake.input.model,
+        skin=snakemake.input.skin,
+        bone=snakemake.input.bone,
         lift=next(iter(snakemake.input.get("lifts", [])), None),
         covariates=snakemake.input.covariates,
         quality=snakemake.input.quality,

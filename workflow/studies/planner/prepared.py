@@ -15,9 +15,10 @@ from pinnochio.json_text import read_stored_json
 class Prepared:
     """A patient and its models: files and settings, as the rule `prepare_planner` writes them.
 
-    model, lift (None for networks without one), covariates, quality: files of the patient; plans: checked plan files by
-    name; home: folder that plans are saved in; archive: folder of the models; method, corrections, fem: what predicts,
-    and how; invert: how wishes are answered, the section of the configuration.
+    model, skin, bone, lift (None for networks without one), covariates, quality: files of the patient; plans: checked
+    plan files by name; home: folder that plans are saved in; archive: folder of the models; method, corrections, fem:
+    what predicts, and how; invert: how wishes are answered, the section of the configuration; scan: how a scan is
+    registered.
     """
 
     case: str
@@ -32,6 +33,9 @@ class Prepared:
     corrections: int
     fem: Mapping[str, object]
     invert: Mapping[str, object]
+    skin: str
+    bone: str
+    scan: Mapping[str, float]
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as JSON."""
@@ -49,6 +53,7 @@ class Prepared:
             raise InputError("-", path, "it is not what this version prepares", remedy)
         prepared = cls(**content)
         files = [prepared.model, prepared.lift, prepared.covariates, prepared.quality, prepared.archive]
+        files += [prepared.skin, prepared.bone]
         files += prepared.plans.values()
         for file in filter(None, files):
             if not Path(file).exists():

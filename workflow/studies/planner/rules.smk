@@ -8,6 +8,8 @@ PLANNERS = PlannerInputs(STUDY, INPUTS.patients)
 rule prepare_planner:
     input:
         model="<results>/{home}/{case}/model.h5",
+        skin="<results>/{home}/{case}/skin.vtp",
+        bone="<results>/{home}/{case}/bone.vtp",
         lifts=INPUTS.prediction.of_ensemble("lifts"),
         covariates="<results>/{home}/{case}/covariates.json",
         quality="<results>/{home}/{case}/quality.json",

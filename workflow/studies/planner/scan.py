@@ -5,31 +5,22 @@ from pathlib import Path
 import numpy as np
 
 from pinnochio.errors import InputError
-from pinnochio.importing.registration import register
-from pinnochio.importing.segmentation import read_postop
-from pinnochio.model.bones import nasion_height
-from pinnochio.model.patient import PatientModel
-from pinnochio.model.surfaces import BoneSurface
+from pinnochio.importing.postop_skin import registered_skin
+from studies.planner.prepared import Prepared
 
 NAMES = ("postop.ply", "postop.stl", "postop.obj", "postop.vtp")
-NASION_ABOVE = 20.0  # mm from the top of the maxilla's segment to skin that no operation moves [I]
-LIMIT = 2.0  # mm of median residual above which the scan does not fit [I]
 
 
-def read_scan(patient: PatientModel, case: str, home: str | Path) -> tuple[np.ndarray, np.ndarray] | None:
-    """Points (k, 3) mm and faces of the scan in the folder, registered on the skin that surgery does not move.
+def read_scan(prepared: Prepared) -> tuple[np.ndarray, np.ndarray] | None:
+    """Points (k, 3) mm and faces of the scan in the patient's folder, registered and checked as those of a study.
 
     None where there is none; InputError for several, and for one that is no scan of this face.
     """
-    files = [Path(home) / name for name in NAMES if (Path(home) / name).is_file()]
+    case, home = prepared.case, Path(prepared.home)
+    files = [path for path in sorted(home.iterdir()) if path.name.lower() in NAMES]
     if not files:
         return None
     if len(files) > 1:
         raise InputError(case, home, f"it holds {', '.join(file.name for file in files)}", "keep one scan")
-    skin, faces = patient.skin_points, patient.skin_faces
-    points, triangles = read_postop(files[0], case, skin)
-    plane = nasion_height(patient.bone_points, patient.bone_segment, patient.segments, NASION_ABOVE)
-    bones = patient.bone_points, patient.bone_normals, patient.bone_faces, patient.bone_segment, patient.segments
-    by = {"case": case, "file": files[0], "limit": LIMIT, "bone": BoneSurface(*bones)}
-    fit = register(points, triangles, skin, faces, plane, **by)
-    return fit.motion.apply(points), triangles
+    fit, points, faces = registered_skin(files[0], case, prepared.skin, prepared.bone, **prepared.scan)
+    return fit.motion.apply(points), faces
