@@ -45,6 +45,7 @@ from pinnochio.training.checkpoint import read_network, save_network
 from pinnochio.virtual.covariates import Covariates
 from pinnochio.virtual.outcome import Outcome
 from tests.helpers.dicom import save_dicom_seg
+from tests.helpers.doors import doors
 from tests.helpers.heads import kuhn_cube
 from tests.helpers.judging import Tried
 from tests.helpers.patients import tiny_patient, tiny_plan
@@ -895,7 +896,7 @@ KINDS = {
     for kind in (
         *(labels, scans, plans, markups, transforms, tables),
         *(configs, intermediates, external, archives),
-        *(headers, dicom),
+        *(headers, dicom, doors),
     )
 }
 

@@ -75,6 +75,8 @@ def unlike_people(labels, spacing, segments: Sequence[str]) -> list[tuple[str, f
             continue
         index, role = np.argwhere(mask), name if name in wholes else roles[name]
         cut = bool((index.min(axis=0) == 0).any() or (index.max(axis=0) == np.array(labels.shape) - 1).any())
+        # What the plan moves may be a part of the mandible alone.
+        cut |= name == "mandible" and not {"distal", UNCUT} & {roles[part] for part in parts}
         measured[name] = len(index) * float(np.prod(spacing)) / 1000, index.mean(axis=0) * spacing, cut
         if usual := (BONES | PIECES).get(role):
             compare(name, measured[name][0], "cm3", 0.0 if cut else usual[0], usual[1])

@@ -1,0 +1,245 @@
+"""One head that a free tool has segmented, as clinics bring it: each input becomes that head or is refused."""
+
+import json
+import struct
+from collections.abc import Iterator
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+import SimpleITK as sitk
+
+from pinnochio.study.patients import read_patients
+from pinnochio.virtual.head import build_head
+from pinnochio.virtual.scanned import sample_patient
+from tests.helpers import tools
+from tests.helpers.dicom import save_series
+from tests.helpers.judging import Tried
+
+SPACING = 3.5
+NAMES = ("Maxilla & Upper Skull", "Mandible", "Upper Teeth", "Lower Teeth", "Mandibular canal")
+STEMS = ("upper_skull", "mandible", "upper_teeth", "lower_teeth", "mandibular_canal")
+TISSUE = 0.03  # share by which soft tissue may differ where the scan is another one
+
+
+@cache
+def made():
+    """The head, its label map, its scan and the volumes that its import gives."""
+    import tempfile
+
+    head = build_head(sample_patient(np.random.default_rng(3), "class_iii"), SPACING)
+    values, grey = tools.dental(head), tools.scan(head)
+    with tempfile.TemporaryDirectory() as folder:
+        volumes = imported(Path(folder), values, grey, head)
+    return head, values, grey, volumes
+
+
+def imported(folder: Path, values=None, grey=None, head=None, save=None, **settings) -> dict:
+    """Volumes of a patient's folder that holds a label map and a scan; save(folder) writes others instead."""
+    if head is None:
+        head, usual, scan, _ = made()
+        values, grey = usual if values is None else values, scan if grey is None else grey
+    home = folder / "P1"
+    home.mkdir()
+    if values is not None:
+        tools.write(home / "segmentation.nii.gz", values, head)
+    if grey is not None:
+        tools.write(home / "ct.nii.gz", grey, head)
+    if save:
+        save(home)
+    (patient,) = read_patients(home).values()
+    markups = sorted(home.glob("*.mrk.json"))
+    report, _ = tools.run(folder, patient.segmentation, volume=patient.volume or None, markups=markups, **settings)
+    return report["volume_cm3"]
+
+
+def same_head(folder: Path, **changes) -> bool:
+    """Whether the bones are the head's, and its soft tissue nearly."""
+    volumes, right = imported(folder, **changes), made()[3]
+    soft = [sum(of[name] for name in ("superficial", "muscle")) for of in (volumes, right)]
+    bones = {name for name in right if name not in ("superficial", "muscle")}
+    return all(volumes[name] == right[name] for name in bones) and abs(soft[0] / soft[1] - 1) < TISSUE
+
+
+def named(values, order, folder: Path, layers=False, **changes):
+    """Write the label map as 3D Slicer does, its segments by name, of other values or each in a layer with value 1."""
+    head = made()[0]
+    masks = [values == value for value in range(1, 6)]
+    stored = np.stack(masks, -1).astype(np.uint8) if layers else np.zeros((*values.shape, 1), np.uint8)
+    for mask, value in zip(masks, order, strict=True):
+        stored[mask, 0] = stored[mask, 0] if layers else value
+    image = sitk.GetImageFromArray(stored.transpose(2, 1, 0, 3), isVector=True)
+    image.SetSpacing([float(size) for size in head.spacing])
+    image.SetOrigin([float(start) for start in head.origin])
+    for number, (name, value) in enumerate(zip(NAMES, order, strict=True)):
+        said = {"ID": f"Segment_{number}", "Name": changes.get(f"name{number}", name)}
+        said |= {"LabelValue": 1 if layers else value, "Layer": number if layers else 0}
+        for key, word in said.items():
+            image.SetMetaData(f"Segment{number}_{key}", str(word))
+    sitk.WriteImage(image, str(folder / "segmentation.seg.nrrd"), useCompression=True)
+
+
+def one_by_one(values, folder: Path, crop=True, empty=False, percent=False):
+    """Write each structure as a file, cropped to itself."""
+    head = made()[0]
+    (folder / "segmentation").mkdir()
+    for value, stem in enumerate(STEMS, 1):
+        mask = (values == value).astype(np.uint8)
+        low, high = np.zeros(3, int), np.array(mask.shape)
+        if crop:
+            index = np.argwhere(mask)
+            low, high = np.maximum(index.min(axis=0) - 1, 0), index.max(axis=0) + 2
+        if percent and stem == "mandible":
+            mask = mask * np.linspace(1, 100, mask.shape[2]).astype(np.uint8)
+        part = mask[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+        if empty and stem == "mandibular_canal":
+            part = part * 0
+        tools.write(folder / f"segmentation/{stem}.nii.gz", part, head, origin=head.origin + low * head.spacing)
+    (folder / "segmentation/._mandible.nii.gz").write_bytes(b"\0\5\x16\7")
+
+
+def second_nifti(folder: Path):
+    """Write the label map as NIfTI-2."""
+    head, values, *_ = made()
+    plain = tools.write(folder / "a.nii", values, head)
+    old = plain.read_bytes()
+    plain.unlink()
+    new = bytearray(544)
+    for place, kind, at, source in (
+        (12, "2h", 70, "2h"),
+        (16, "8q", 40, "8h"),
+        (104, "8d", 76, "8f"),
+        (176, "2d", 112, "2f"),
+        (344, "2i", 252, "2h"),
+        (352, "6d", 256, "6f"),
+        (400, "12d", 280, "12f"),
+    ):
+        struct.pack_into("<" + kind, new, place, *struct.unpack_from("<" + source, old, at))
+    struct.pack_into("<i8s", new, 0, 540, b"n+2\0\r\n\x1a\n")
+    struct.pack_into("<q", new, 168, 544)
+    (start,) = struct.unpack_from("<f", old, 108)
+    (folder / "Segmentation.nii").write_bytes(bytes(new) + old[int(start) :])
+
+
+def beside(folder: Path):
+    """Write the scan as a header and its voxels in another file, with what tools leave beside it."""
+    head, _, grey, _ = made()
+    image = sitk.GetImageFromArray(np.rint(grey.transpose(2, 1, 0)).astype(np.int16))
+    image.SetSpacing(np.asarray(head.spacing, float).tolist())
+    image.SetOrigin(np.asarray(head.origin, float).tolist())
+    sitk.WriteImage(image, str(folder / "CT.mhd"))
+    (folder / "CT.json").write_text('{"Modality": "CT"}')
+    (folder / "._CT.mhd").write_bytes(b"\0\5\x16\7")
+
+
+def series(folder: Path, **changes):
+    """Write the scan as slices of DICOM."""
+    head, _, grey, _ = made()
+    save_series(folder / "dicom", grey, np.eye(3), np.asarray(head.spacing), np.asarray(head.origin), **changes)
+
+
+def tilted(folder: Path):
+    """Write the scan as slices of a gantry that was tilted by 15 degrees."""
+    head, _, grey, _ = made()
+    image = sitk.GetImageFromArray(grey.transpose(2, 1, 0))
+    spacing, slope = np.asarray(head.spacing, float), np.tan(np.radians(15))
+    image.SetSpacing(spacing.tolist())
+    shift = sitk.AffineTransform(3)
+    shift.SetMatrix([1, 0, 0, 0, 1, slope, 0, 0, 1])
+    size = [int(side) for side in grey.shape]
+    size[1] += int(np.ceil(slope * size[2] * spacing[2] / spacing[1]))
+    start = [0.0, -slope * size[2] * spacing[2], 0.0]
+    sheared = sitk.Resample(image, size, shift, sitk.sitkLinear, start, spacing.tolist(), defaultPixelValue=-1000.0)
+    step = spacing[2] * np.array([0, slope, 1])
+    voxels = sitk.GetArrayFromImage(sheared).transpose(2, 1, 0)
+    save_series(folder / "ct", voxels, np.eye(3), spacing, np.asarray(head.origin) + start, step=step)
+
+
+def padded(value: float):
+    """The scan with a value outside the circle that a scanner sees."""
+    grey = made()[2].copy()
+    x, y = np.indices(grey.shape[:2])
+    radius = [np.hypot(*(np.array(grey.shape[:2]) / 2)) * 0.86]
+    grey[np.hypot(x - grey.shape[0] / 2, y - grey.shape[1] / 2) > radius[0]] = value
+    return grey
+
+
+def marked(folder: Path, name="lm.mrk.json", frame="LPS", **places):
+    tools.points(folder / name, frame="LPS", **places)
+    if frame != "LPS":
+        (folder / name).write_text((folder / name).read_text().replace('"LPS"', '"RAS"'))
+
+
+def doors(rng: np.random.Generator, count: int) -> Iterator[Tried]:
+    """Everything that comes through a clinic's door for one head."""
+    head, values, grey, volumes = made()
+    jaw = np.argwhere(np.isin(values, (2, 4))) * head.spacing + head.origin
+    chin = jaw[jaw[:, 1] < jaw[:, 1].min() + 20]
+    menton = chin[chin[:, 2].argmin()]
+    top = [side[side[:, 2].argmax()] for side in (jaw[jaw[:, 0] < -20], jaw[jaw[:, 0] > 20])]
+
+    def good(name: str, **changes) -> Tried:
+        return Tried(f"door: {name}", partial(same_head, **changes), True)
+
+    def bad(name: str, **changes) -> Tried:
+        return Tried(f"door: {name}", partial(imported, **changes))
+
+    none = {"values": None, "head": head}
+    yield good("as it is")
+    yield good("names, values exchanged", **none, grey=grey, save=partial(named, values, (3, 2, 1, 4, 5)))
+    yield good("layers of value 1", **none, grey=grey, save=partial(named, values, (1,) * 5, layers=True))
+    yield good("names of nobody", **none, grey=grey, save=partial(named, values, (1, 2, 3, 4, 5), name0="Kiefer"))
+    yield bad("a name that is none", **none, grey=grey, save=partial(named, values, (3, 2, 1, 4, 5), name0="Kiefer"))
+    yield good("files cropped to their structure", **none, grey=grey, save=partial(one_by_one, values))
+    yield Tried(
+        "door: an empty file",
+        lambda folder: imported(folder, None, grey, head, partial(one_by_one, values, empty=True))["lefort1"],
+        volumes["lefort1"],
+    )
+    yield bad("a mask of percent", **none, grey=grey, save=partial(one_by_one, values, percent=True))
+    yield good("NIfTI-2, a capital", **none, grey=grey, save=second_nifti)
+    yield good("a scan of two files", values=values, head=head, save=beside)
+    yield good("a series of slices", values=values, head=head, save=series)
+    yield good("a tilted gantry", values=values, head=head, save=tilted)
+    yield bad("missing slices", values=values, head=head, save=partial(series, left_out=(20, 21)))
+    for value in (-3024.0, -2000.0, 0.0):
+        yield good(f"padding of {value:g}", grey=padded(value))
+    for shift in ((3, 0, 0), (0, -4, 2), (0, 0, 6)):
+        yield bad(f"a scan that is {shift} voxels off", grey=np.roll(grey, shift, (0, 1, 2)))
+    yield bad("a scan of two volumes", values=values, head=head, save=two_volumes)
+    yield bad("a scan of another format", values=values, head=head, save=lambda home: (home / "ct.tif").touch())
+    yield bad("no frame", **none, grey=grey, save=frameless)
+    island = values.copy()
+    skull = np.argwhere(values == 1)
+    high = skull[skull[:, 2] > skull[:, 2].max() - 6]
+    island[tuple(high[len(high) // 2 : len(high) // 2 + 12].T)] = 3
+    yield good("an island of teeth in the skull", values=island)
+    swollen = np.where((values == 0) & (grey > -300) & (np.arange(values.shape[2]) < values.shape[2] // 2), 2, values)
+    yield bad("a mandible of half the face", values=swollen, repair_limit=100.0)
+    places = {"Me": menton, "RCo": top[0], "LCo": top[1]}
+    yield good("landmarks", save=partial(marked, **places))
+    yield good("landmarks of other names", save=partial(marked, menton=menton, **{"Condylion right": top[0]}))
+    yield bad("exchanged sides", save=partial(marked, Me=menton, RCo=top[1], LCo=top[0]))
+    yield bad("exchanged landmarks", save=partial(marked, Me=top[0], RCo=menton))
+    yield bad("landmarks in another frame", save=partial(marked, frame="RAS", **places))
+    yield bad("landmarks 1 m off", save=partial(marked, **{name: place + 1000 for name, place in places.items()}))
+    yield bad("points of another ending", save=lambda home: (home / "a.fcsv").write_text("1,0,0,0"))
+    yield bad("markups that are not called so", save=partial(marked, name="landmarks.json", **places))
+    region = {"type": "ROI", "center": [0, 0, 0], "size": [400, 400, 400], "insideOut": True}
+    yield bad(
+        "a region inside out", save=lambda home: (home / "r.mrk.json").write_text(json.dumps({"markups": [region]}))
+    )
+
+
+def two_volumes(folder: Path):
+    head, _, grey, _ = made()
+    image = sitk.JoinSeries([sitk.GetImageFromArray(grey.transpose(2, 1, 0))] * 2)
+    sitk.WriteImage(image, str(folder / "ct.nii.gz"))
+
+
+def frameless(folder: Path):
+    head, values, *_ = made()
+    plain = tools.write(folder / "segmentation.nii", values, head)
+    content = bytearray(plain.read_bytes())
+    content[252:256] = bytes(4)
+    plain.write_bytes(bytes(content))
