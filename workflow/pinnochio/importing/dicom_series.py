@@ -41,9 +41,9 @@ def read_series(path: str | os.PathLike, refuse: Refuse) -> sitk.Image:
     whole = [slices for slices in series.values() if len(slices) >= FEWEST or "NumberOfFrames" in slices[0][1]]
     if len(whole) != 1:
         listed = [f"{slices[0][1].get('SeriesDescription') or 'no name'} ({len(slices)})" for slices in whole]
-        found = ", ".join(listed[:8]) or "none of " + f"{FEWEST} slices or more"
+        held = ", ".join(listed[:8]) or "none of " + f"{FEWEST} slices or more"
         refuse(
-            f"it holds {len(whole)} series of a scan: {found}",
+            f"it holds {len(whole)} series of a scan: {held}",
             "keep all slices of the one that was segmented, in a folder",
         )
     (slices,) = whole
