@@ -14,8 +14,10 @@ SCRIPTS = stages()
 NAMES = [dotted(path) for path in SCRIPTS]
 # Imports every script in a fork of its own, after the heavy packages, and says which of the project's files it loads.
 LOADED = """
-import json, os, sys
-import h5py, igl, jsonschema, matplotlib.pyplot, meshio, numba, numpy, pandas, pyvista, scipy, SimpleITK, torch, trimesh
+import gc, json, os, sys
+import h5py, igl, jinja2, jsonschema, matplotlib.pyplot, meshio, numba, numpy, pandas, pypardiso, pyvista.plotting
+import scipy.interpolate, scipy.stats, SimpleITK, torch, trimesh
+gc.disable(), gc.freeze()  # a fork copies what is collected
 loaded = {}
 for script in sys.argv[1:]:
     reader, writer = os.pipe()

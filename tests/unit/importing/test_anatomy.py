@@ -8,9 +8,8 @@ import pytest
 from pinnochio.errors import InputError
 from pinnochio.importing.anatomy import check_anatomy
 from pinnochio.model.labels import internal_codes
-from pinnochio.virtual.head import build_head
-from pinnochio.virtual.scanned import sample_patient
 from tests.helpers import tools
+from tests.helpers.virtual_heads import virtual_head
 
 SPACING = 3.0
 UNCUT = ("lefort1", "mandible")
@@ -18,7 +17,7 @@ UNCUT = ("lefort1", "mandible")
 
 @pytest.fixture(scope="module")
 def head():
-    return build_head(sample_patient(np.random.default_rng(3), "class_iii"), SPACING)
+    return virtual_head("class_iii", SPACING)
 
 
 def imported(folder, head, labels=None, spacing=(SPACING,) * 3, direction=None, segments=None, values=None, **settings):

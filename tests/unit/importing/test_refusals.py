@@ -10,11 +10,10 @@ import SimpleITK as sitk
 
 from pinnochio.errors import InputError
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
-from pinnochio.virtual.head import build_head
-from pinnochio.virtual.scanned import sample_patient
 from scripts.patient.import_plan import import_plan
 from scripts.patient.import_segmentation import import_segmentation
 from scripts.patient.register_postop import register_postop
+from tests.helpers.virtual_heads import virtual_head
 
 SEGMENTS = ("lefort1", "mandible")
 CUT = (*SEGMENTS, "proximal_left")
@@ -108,9 +107,9 @@ def afloat():
 
 
 @cache
-def patient(number):
+def patient(deformity):
     """Bone and skin of a coarse virtual patient whose brow is wavy, so that left and right differ."""
-    made = build_head(sample_patient(np.random.default_rng(number), "asymmetry"), 3.0)
+    made = virtual_head(deformity, 3.0)
     grid = made.spacing, made.origin
     points, faces = skin_surface(made.labels, *grid, 4.0)
     points[:, 1] += 4 * np.sin(points[:, 0] / 12)
@@ -118,8 +117,8 @@ def patient(number):
 
 
 def run_register(folder, scan, limit=1.5, top=1e9):
-    """Register the scan at path `scan` on patient 1, whose skin ends at height `top`."""
-    segments, bone, (points, faces) = patient(1)
+    """Register the scan at path `scan` on the asymmetric patient, whose skin ends at height `top`."""
+    segments, bone, (points, faces) = patient("asymmetry")
     faces = faces[(points[faces, 2] < top).all(axis=1)]
     used, faces = np.unique(faces, return_inverse=True)
     (folder / "preop").mkdir()
@@ -139,9 +138,9 @@ def of_scan(points, faces=None, suffix="ply", **settings):
     return act
 
 
-def skin_of(number, mirrored=False):
+def skin_of(deformity="asymmetry", mirrored=False):
     def make():
-        points, faces = patient(number)[2]
+        points, faces = patient(deformity)[2]
         return (points * [-1, 1, 1], faces[:, ::-1]) if mirrored else (points, faces)
 
     return make
@@ -153,7 +152,7 @@ def flat():
 
 
 def spiked():
-    points, faces = skin_of(1)()
+    points, faces = skin_of()()
     points = points.copy()
     chosen = np.random.default_rng(0).choice(len(points), len(points) // 20, replace=False)
     points[chosen] += np.random.default_rng(1).normal(scale=60, size=(len(chosen), 3))
@@ -238,13 +237,14 @@ BAD = {
     # the post-operative scan
     "point cloud": (lambda f: run_register(f, text_file(f, "P1.xyz", "0 0 0\n")), "P1", "P1.xyz",
                     "no surface format known here"),
-    "another patient's scan": (of_scan(skin_of(2), limit=0.3), "P1", "P1.ply", r"of \d\.\d\d mm .limit 0.3 mm"),
-    "mirrored scan": (of_scan(skin_of(1, mirrored=True)), "P1", "P1.ply", r"residual of \d\.\d\d mm .*mirrored"),
-    "the skin before surgery": (of_scan(skin_of(1)), "P1", "P1.ply", "it is this skin itself"),
+    "another patient's scan": (of_scan(skin_of("class_ii"), limit=0.3), "P1", "P1.ply",
+                               r"of \d\.\d\d mm .limit 0.3 mm"),
+    "mirrored scan": (of_scan(skin_of(mirrored=True)), "P1", "P1.ply", r"residual of \d\.\d\d mm .*mirrored"),
+    "the skin before surgery": (of_scan(skin_of()), "P1", "P1.ply", "it is this skin itself"),
     "a flat plane": (of_scan(flat, limit=5.0), "P1", "P1.ply", "flat|residual"),
     "a scan full of spikes": (of_scan(spiked), "P1", "P1.ply", "stand off from all around"),
-    "a residual limit that is no number": (of_scan(skin_of(1), limit=np.nan), "P1", "P1.ply", "limit nan mm"),
-    "head without a forehead": (of_scan(skin_of(1), top=-10.0), "P1", "P1.ply", "up to the forehead"),
+    "a residual limit that is no number": (of_scan(skin_of(), limit=np.nan), "P1", "P1.ply", "limit nan mm"),
+    "head without a forehead": (of_scan(skin_of(), top=-10.0), "P1", "P1.ply", "up to the forehead"),
 }  # fmt: skip
 
 
@@ -267,7 +267,7 @@ def test_the_same_without_the_fault_goes_in(tmp_path):
     of_labels(changed(code=0, clear=2), unlabelled="single")(tmp_path / "unlabelled")
     assert json.loads((tmp_path / "unlabelled/out/report.json").read_text())["muscle"] == "single"
     (tmp_path / "scan").mkdir()
-    points, faces = skin_of(1)()
+    points, faces = skin_of()()
     noisy_scan = points + np.random.default_rng(0).normal(scale=0.05, size=points.shape)  # as no scanner is without
     of_scan(noisy_scan, faces, limit=0.05)(tmp_path / "scan")
     assert (tmp_path / "scan/out/postop.h5").exists()

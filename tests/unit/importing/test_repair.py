@@ -7,8 +7,7 @@ from scipy import ndimage
 from pinnochio.errors import InputError
 from pinnochio.importing.repair import KEPT, LARGEST_HOLE, repair, repaired_voxels
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, TOUCHING, segment_code
-from pinnochio.virtual.head import build_head
-from pinnochio.virtual.scanned import sample_patient
+from tests.helpers.virtual_heads import virtual_head
 
 SEGMENTS = ("lefort1", "mandible")
 UPPER, LOWER = segment_code(0), segment_code(1)
@@ -135,6 +134,6 @@ def test_what_a_structure_gains_counts_too():
 
 
 def test_a_virtual_head_is_clean():
-    made = build_head(sample_patient(np.random.default_rng(5), "class_iii"), 1.5)
+    made = virtual_head("class_iii", 1.5)
     mended, statements = repair(made.labels, made.segments, 0.0, "V", "v.nii.gz", 1.5**3)
     assert mended.tobytes() == made.labels.tobytes() and repaired_voxels(statements) == 0

@@ -17,8 +17,8 @@ from pinnochio.model.surfaces import bone_surface, write_surface
 from pinnochio.plans.plan import Plan
 from pinnochio.tables.segments import motion_errors
 from pinnochio.virtual.bone_scan import scan_bones
-from pinnochio.virtual.head import SEGMENTS, build_head
-from pinnochio.virtual.scanned import sample_patient
+from pinnochio.virtual.head import SEGMENTS
+from tests.helpers.virtual_heads import virtual_head
 
 TRUE = Plan(
     "P1",
@@ -42,14 +42,14 @@ PLANNED = Plan(
 )  # fmt: skip
 
 
-def head_of(seed: int, deformity: str):
-    head = build_head(sample_patient(np.random.default_rng(seed), deformity), spacing=1.5)
+def head_of(deformity: str):
+    head = virtual_head(deformity, 1.5)
     return Segmentation(head.labels, head.spacing, head.origin, head.segments)
 
 
 @pytest.fixture(scope="module")
 def head():
-    return head_of(4, "asymmetry")
+    return head_of("asymmetry")
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +141,7 @@ def test_a_mirrored_patient_is_refused(head, bone, noisy):
 
 
 def test_another_patient_is_refused(head, bone, tmp_path, from_in_place):
-    assert_refused(errors(head, bone, *surface(head_of(11, "class_ii"), tmp_path, 1.0))[1])
+    assert_refused(errors(head, bone, *surface(head_of("class_ii"), tmp_path, 1.0))[1])
 
 
 @pytest.mark.parametrize("wrong", ["limit", "share", "median", "matched"])

@@ -18,24 +18,21 @@ from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.bone_scan import scan_bones
 from pinnochio.virtual.face_scan import scan
-from pinnochio.virtual.head import SEGMENTS, build_head
-from pinnochio.virtual.scanned import sample_patient
-from tests.helpers.patients import as_model
+from pinnochio.virtual.head import SEGMENTS
+from tests.helpers.virtual_heads import face_alone, virtual_head
 
 BY = {"case": "P1", "file": "scan", "limit": 1.0}
 ABOVE = 20.0
 TRUE = Plan("P1", {"lefort1": RigidMotion.from_degrees((2, -1, 1.5), (1.0, -5.0, 2.0), (0, -80, -40))})
 
 
-@pytest.fixture(scope="module", params=[(3, "class_ii"), (6, "class_iii")], ids=["class_ii", "class_iii"])
+@pytest.fixture(scope="module", params=["class_ii", "class_iii"])
 def face(request):
     """Head, model, bone, nasion plane, skin after surgery, and the points that are judged.
 
     Cheeks, lids and the temples' lower part are 1 mm elsewhere, as posture has it, fading to the brow; the jaws, 6 mm.
     """
-    seed, deformity = request.param
-    head = build_head(sample_patient(np.random.default_rng(seed), deformity), spacing=2.0)
-    model = as_model(head)
+    head, model = virtual_head(request.param), face_alone(request.param)
     bone = BoneSurface(model.bone_points, model.bone_normals, model.bone_faces, model.bone_segment, model.segments)
     plane = upper_face_plane(bone, SEGMENTS, ABOVE)
     points, codes = model.skin_points, regions(model)

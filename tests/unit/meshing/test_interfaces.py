@@ -13,6 +13,7 @@ from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
 from pinnochio.model.surfaces import bone_surface
 from tests.helpers.heads import DISTAL, LEFORT, ORIGIN, PROXIMAL, SEGMENTS, block_face
 from tests.helpers.settings import DATA
+from tests.helpers.virtual_heads import virtual_head
 
 ARTISYNTH = DATA / "artisynth_face"
 
@@ -182,10 +183,7 @@ def test_bone_of_unknown_segments_is_refused(face):
 
 
 def test_virtual_head_has_every_kind_of_node():
-    from pinnochio.virtual.head import build_head
-    from pinnochio.virtual.scanned import sample_patient
-
-    head = build_head(sample_patient(np.random.default_rng(1), "class_ii"))
+    head = virtual_head("class_ii", 1.0)
     mesh = tetrahedralize(head.labels, head.spacing, head.origin, 3000)
     bone = bone_surface(head.labels, head.spacing, head.origin, head.segments)
     model = label_interfaces(mesh, head.labels, head.spacing, head.origin, head.segments, bone)

@@ -14,6 +14,7 @@ from pinnochio.meshing.fields import is_tissue, signed_distance, without_specks
 from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
 from tests.helpers.settings import DATA
+from tests.helpers.virtual_heads import virtual_head
 
 ARTISYNTH = DATA / "artisynth_face/labels_1mm.nii.gz"
 ORIGIN = np.array([-10.0, 4.0, 7.0])
@@ -283,10 +284,7 @@ def test_real_head():
 
 @pytest.mark.parametrize("deformity", ["class_iii", "open_bite"])
 def test_virtual_head(deformity):
-    from pinnochio.virtual.head import build_head
-    from pinnochio.virtual.scanned import sample_patient
-
-    head = build_head(sample_patient(np.random.default_rng(0), deformity))
+    head = virtual_head(deformity, 1.0)
     mesh = tetrahedralize(head.labels, head.spacing, head.origin, 3000)
     check(mesh, 3000)
     stomion = (head.landmarks["labrale_superius"] + head.landmarks["labrale_inferius"]) / 2

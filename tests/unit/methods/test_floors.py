@@ -9,9 +9,7 @@ from pinnochio.methods.pca_linear import LinearModel, LinearPredictor, fit, ridg
 from pinnochio.methods.ratio import RATIOS, RatioRule
 from pinnochio.model.regions import NAMES, regions
 from pinnochio.plans.plan import Plan, RigidMotion
-from pinnochio.virtual.head import build_head
-from pinnochio.virtual.scanned import sample_patient
-from tests.helpers.patients import as_model
+from tests.helpers.virtual_heads import face_alone
 
 FORWARD = np.array([0.0, -4.0, 0.0])
 
@@ -23,8 +21,7 @@ def shift(segment, way=FORWARD):
 @pytest.fixture(scope="module")
 def models():
     """Three heads whose skin is the mesh."""
-    rng = np.random.default_rng(5)
-    return [as_model(build_head(sample_patient(rng, "class_iii"), spacing=2.5)) for _ in range(3)]
+    return [face_alone(deformity) for deformity in ("class_iii", "class_ii", "open_bite")]
 
 
 def test_regions_follow_their_jaw_by_their_share(models):

@@ -15,10 +15,9 @@ from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.predictions import Prediction
 from pinnochio.model.regions import LOWER_LIP, NAMES, NECK, UPPER_LIP, jaw_plane, regions
 from pinnochio.plans.plan import Plan, RigidMotion
-from pinnochio.virtual.head import build_head
-from pinnochio.virtual.scanned import sample_patient
-from tests.helpers.patients import as_model, tiny_patient
+from tests.helpers.patients import tiny_patient
 from tests.helpers.settings import fem_settings
+from tests.helpers.virtual_heads import face_alone
 
 UNKNOWN = Plan("P1", {})  # says nothing of where the jaws have gone
 WAY = np.array([1.0, -8.0, -6.0])  # of the lower face, 10 mm
@@ -26,7 +25,7 @@ WAY = np.array([1.0, -8.0, -6.0])  # of the lower face, 10 mm
 
 @pytest.fixture(scope="module")
 def patient():
-    return as_model(build_head(sample_patient(np.random.default_rng(3), "class_ii"), spacing=2.0))
+    return face_alone("class_ii")
 
 
 @pytest.fixture(scope="module")

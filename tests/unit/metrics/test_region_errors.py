@@ -12,14 +12,12 @@ from pinnochio.geometry.triangles import sample_surface
 from pinnochio.metrics.region_errors import LANDMARKS, REGIONS, SHOWN, landmark_errors, region_errors
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.regions import CHIN, NAMES, NOT_JUDGED, regions
-from pinnochio.virtual.head import build_head
-from pinnochio.virtual.scanned import sample_patient
-from tests.helpers.patients import as_model
+from tests.helpers.virtual_heads import face_alone
 
 
 @pytest.fixture(scope="module")
 def patient():
-    return as_model(build_head(sample_patient(np.random.default_rng(3), "class_ii"), spacing=2.0))
+    return face_alone("class_ii")
 
 
 @pytest.fixture(scope="module")

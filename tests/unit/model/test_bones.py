@@ -11,10 +11,8 @@ from pinnochio.model.bones import PLACES, motion_of_places, nasion_height, place
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.surfaces import bone_surface
 from pinnochio.plans.plan import Plan
-from pinnochio.virtual.head import build_head
 from pinnochio.virtual.procedures import MANDIBLE, MAXILLA, Procedure
-from pinnochio.virtual.scanned import sample_patient
-from tests.helpers.patients import as_model
+from tests.helpers.virtual_heads import face_alone, virtual_head
 
 PROCEDURES = Procedure(), Procedure(MANDIBLE, chin=True), Procedure(MAXILLA), Procedure(pieces=3), Procedure(MAXILLA, 2)
 
@@ -22,12 +20,12 @@ PROCEDURES = Procedure(), Procedure(MANDIBLE, chin=True), Procedure(MAXILLA), Pr
 @pytest.fixture(scope="module")
 def models():
     """One person, cut in several ways; the skin is the same."""
-    parameters, made = sample_patient(np.random.default_rng(5), "class_iii"), {}
+    made = {}
     for procedure in PROCEDURES:
-        head = build_head(parameters, 2.0, procedure)
+        head = virtual_head("class_iii", 2.0, procedure)
         bone = bone_surface(head.labels, head.spacing, head.origin, head.segments, 4.0)
         surface = {"bone_points": bone.points, "bone_normals": bone.normals, "bone_faces": bone.faces}
-        whole = made.get(PROCEDURES[0]) or as_model(head)
+        whole = made.get(PROCEDURES[0]) or face_alone("class_iii")
         made[procedure] = replace(whole, **surface, bone_segment=bone.segment, segments=head.segments)
     return made
 

@@ -14,11 +14,10 @@ from pinnochio.model import patient as m
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import CHEEK_LEFT, CHEEK_RIGHT, NAMES, NECK, NOT_JUDGED, OTHER, divide, jaw_plane, regions
-from pinnochio.virtual.head import SEGMENTS, build_head
-from pinnochio.virtual.scanned import sample_patient
-from tests.helpers.patients import as_model
+from pinnochio.virtual.head import SEGMENTS
+from pinnochio.virtual.procedures import DEFORMITIES
+from tests.helpers.virtual_heads import face_alone, virtual_head
 
-DEFORMITIES = ("class_ii", "class_iii", "asymmetry", "open_bite")
 # What each landmark of the virtual head must lie in.
 WITHIN = {
     "pronasale": {"nose"},
@@ -33,10 +32,9 @@ WITHIN = {
 def heads():
     """Head, model and regions of a patient of each deformity."""
     by_deformity = {}
-    for number, deformity in enumerate(DEFORMITIES):
-        head = build_head(sample_patient(np.random.default_rng(3 + number), deformity), spacing=2.0)
-        model = as_model(head)
-        by_deformity[deformity] = head, model, regions(model)
+    for deformity in DEFORMITIES:
+        model = face_alone(deformity)
+        by_deformity[deformity] = virtual_head(deformity), model, regions(model)
     return by_deformity
 
 

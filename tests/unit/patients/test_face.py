@@ -8,14 +8,12 @@ import pytest
 from pinnochio.columns import read_table
 from pinnochio.model.measures import LANDMARKS, MEASURES, derivatives
 from pinnochio.patients.face_measures import SHOWN, TABLE, FaceMeasures, face_rows, write_face, written
-from pinnochio.virtual.head import build_head
-from pinnochio.virtual.scanned import sample_patient
-from tests.helpers.patients import as_model
+from tests.helpers.virtual_heads import face_alone
 
 
 @pytest.fixture(scope="module")
 def patient():
-    return as_model(build_head(sample_patient(np.random.default_rng(3), "class_ii"), spacing=2.0))
+    return face_alone("class_ii")
 
 
 @pytest.fixture(scope="module")

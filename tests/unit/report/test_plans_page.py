@@ -15,10 +15,8 @@ from pinnochio.patients.face_measures import TABLE, face_rows, write_face
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS, motion_of
 from pinnochio.report.plans import ComparedPlan, write_plans
-from pinnochio.virtual.head import build_head
-from pinnochio.virtual.scanned import sample_patient
 from tests.helpers.browser import uncaught
-from tests.helpers.patients import as_model
+from tests.helpers.virtual_heads import face_alone
 
 CHROMIUM = shutil.which("chromium")
 PATIENCE = 300_000  # ms
@@ -29,7 +27,7 @@ JAW = "mandible_distal"
 def page(tmp_path_factory):
     """A page of three plans: nothing, and the lower face 5 mm forward and back."""
     folder = tmp_path_factory.mktemp("plans")
-    patient = as_model(build_head(sample_patient(np.random.default_rng(3), "class_ii"), spacing=3.0))
+    patient = face_alone("class_ii", 3.0)
     below, width = patient.points[:, 2] < -50, np.full(len(patient.skin_points), 0.8)
     plans = []
     for name, advance in (("rest", 0.0), ("advance", 5.0), ("setback", -5.0)):

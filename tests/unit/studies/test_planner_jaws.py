@@ -5,11 +5,9 @@ import pytest
 
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS, amounts, motion_of
-from pinnochio.virtual.head import build_head
-from pinnochio.virtual.scanned import sample_patient
 from studies.planner.jaws import OVERBITE, OVERJET, Jaws
 from studies.planner.session import PRESETS, Session
-from tests.helpers.patients import as_model
+from tests.helpers.virtual_heads import face_alone
 
 JAW = "mandible_distal"
 RAMI = ("proximal_left", "proximal_right")
@@ -17,7 +15,7 @@ RAMI = ("proximal_left", "proximal_right")
 
 @pytest.fixture(scope="module")
 def patient():
-    return as_model(build_head(sample_patient(np.random.default_rng(3), "class_ii"), spacing=2.0))
+    return face_alone("class_ii")
 
 
 @pytest.fixture

@@ -147,7 +147,7 @@ def test_the_gain_is_a_share_of_the_motion(site):
 
 def test_the_response_has_its_spread_on_both_sides_and_leaves_the_forehead(site):
     still = np.zeros_like(site.points)
-    fields = np.array([OPEN["response"](site, still, STILL, np.random.default_rng(seed)) for seed in range(400)])
+    fields = np.array([OPEN["response"](site, still, STILL, np.random.default_rng(seed)) for seed in range(200)])
     outward = np.einsum("knx,nx->kn", fields, site.outward)
     right, left = (outward[:, at(site, site.regions[f"cheek_{side}"][0])] for side in ("right", "left"))
     assert abs(left.mean()) < 0.2 and left.std() == pytest.approx(np.hypot(RESPONSE["cheek"] / 0.72, 0.9), rel=0.25)

@@ -9,15 +9,14 @@ from pinnochio.importing.segmentation import Segmentation
 from pinnochio.model.labels import CRANIUM, segment_code
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.bone_scan import ANGLE, SPACING, plate_sites, scan_bones
-from pinnochio.virtual.head import build_head
-from pinnochio.virtual.scanned import sample_patient
+from tests.helpers.virtual_heads import virtual_head
 
 MOVED = Plan("P1", {"mandible_distal": RigidMotion.from_degrees((3, 0, 1), (0, -8, 2), (0, -60, -60))})
 
 
 @pytest.fixture(scope="module")
 def head():
-    made = build_head(sample_patient(np.random.default_rng(2), "class_ii"), spacing=2.0)
+    made = virtual_head("class_ii")
     return Segmentation(made.labels, made.spacing, made.origin, made.segments)
 
 
@@ -51,9 +50,8 @@ def test_the_seed_decides_and_labels_are_few(head):
     one, same, other = (scan_bones(head, MOVED, np.random.default_rng(seed)) for seed in (1, 1, 2))
     assert np.array_equal(one.labels, same.labels) and np.array_equal(one.origin, same.origin)
     assert not np.array_equal(one.origin, other.origin)
-    scans = [scan_bones(head, MOVED, np.random.default_rng(seed), 0) for seed in range(8)]
-    assert {int(scan.labels.max()) for scan in scans} == {1, 2}
-    two = next(scan for scan in scans if scan.labels.max() == 2)
+    single, two = (scan_bones(head, MOVED, np.random.default_rng(seed), 0) for seed in (0, 1))
+    assert (single.labels.max(), two.labels.max()) == (1, 2)
     jaw = np.isin(head.labels, [segment_code(i) for i in (1, 2, 3)]).sum() * head.spacing.prod()
     assert (two.labels == 2).sum() * two.spacing.prod() == pytest.approx(jaw, rel=0.1)
 

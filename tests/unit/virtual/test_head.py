@@ -9,12 +9,13 @@ from scipy import ndimage
 
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
 from pinnochio.model.surfaces import bone_surface, skin_surface
-from pinnochio.virtual.head import SEGMENTS, build_head
+from pinnochio.virtual.head import SEGMENTS, USUAL, build_head
 from pinnochio.virtual.muscles import MUSCLES
 from pinnochio.virtual.parameters import TABLE, distribution
 from pinnochio.virtual.procedures import DEFORMITIES, MANDIBLE, MAXILLA, Procedure
 from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.skeleton import Skeleton
+from tests.helpers.virtual_heads import virtual_head
 
 CODES = [SUPERFICIAL, MUSCLE, CRANIUM, *(segment_code(i) for i in range(len(SEGMENTS)))]
 TISSUE = (SUPERFICIAL, MUSCLE)
@@ -22,7 +23,7 @@ TISSUE = (SUPERFICIAL, MUSCLE)
 
 @pytest.fixture(scope="module")
 def heads():
-    return {d: build_head(sample_patient(np.random.default_rng(7 + i), d)) for i, d in enumerate(DEFORMITIES)}
+    return {deformity: virtual_head(deformity, 1.0, number=1) for deformity in DEFORMITIES}
 
 
 @pytest.fixture(scope="module", params=DEFORMITIES)
@@ -119,7 +120,7 @@ def test_same_parameters_same_bytes_and_other_spacing_same_head(heads):
     head = heads["open_bite"]
     again = build_head(head.parameters)
     assert np.array_equal(head.labels, again.labels)
-    coarse = build_head(head.parameters, spacing=2.0)
+    coarse = virtual_head("open_bite", number=1)
     for code in CODES:
         ratio = (coarse.labels == code).sum() * 8 / (head.labels == code).sum()
         assert 0.85 < ratio < 1.15, code
@@ -138,8 +139,7 @@ def test_same_parameters_same_bytes_and_other_spacing_same_head(heads):
 )
 def test_the_cuts_of_a_procedure_part_the_same_bone(heads, procedure):
     """Each segment is one piece; together they and the cranium fill what a head that is cut otherwise has of bone."""
-    usual = build_head(heads["class_ii"].parameters, spacing=1.5)
-    head = build_head(heads["class_ii"].parameters, spacing=1.5, procedure=procedure)
+    usual, head = (virtual_head("class_ii", 1.5, cuts, 1) for cuts in (USUAL, procedure))
     codes = [segment_code(i) for i in range(len(head.segments))]
     assert set(np.unique(head.labels)) == {AIR, SUPERFICIAL, MUSCLE, CRANIUM, *codes}
     for code in codes:
@@ -157,7 +157,7 @@ def test_the_cuts_of_a_procedure_part_the_same_bone(heads, procedure):
 
 def test_muscles_can_be_left_out(heads):
     p = heads["asymmetry"].parameters
-    every, none = build_head(p, 2.0), build_head(p, 2.0, muscles=())
+    every, none = virtual_head("asymmetry", number=1), build_head(p, 2.0, muscles=())
     assert not (none.labels == MUSCLE).any()
     tissue = np.isin(every.labels, TISSUE)
     assert np.array_equal(np.isin(none.labels, TISSUE), tissue)

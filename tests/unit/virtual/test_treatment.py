@@ -14,7 +14,6 @@ from pinnochio.virtual.description import describe, magnitudes, summarise
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import NAMES, NORMAL_OVERJET, TABLE
 from pinnochio.virtual.procedures import DEFORMITIES, MANDIBLE, MAXILLA, Procedure
-from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.treatment import (
     CONTACT,
@@ -26,14 +25,15 @@ from pinnochio.virtual.treatment import (
     turn_to,
 )
 from tests.helpers.tables import make
+from tests.helpers.virtual_heads import PERSONS, person, virtual_head
 
 
+@pytest.mark.parametrize("number", PERSONS)
 @pytest.mark.parametrize("deformity", DEFORMITIES)
-def test_plan_corrects_the_bite(deformity):
+def test_plan_corrects_the_bite(deformity, number):
+    head = virtual_head(deformity, number=number)
     for seed in range(3):
-        rng = np.random.default_rng(seed)
-        head = build_head(sample_patient(rng, deformity), spacing=2.5)
-        plan = treatment_plan(head, rng, "V01")
+        plan = treatment_plan(head, np.random.default_rng(seed), "V01")
         after, p = bite(head.parameters, plan), head.parameters
         assert abs(after["overjet"] - NORMAL_OVERJET) < 1.6
         assert abs(after["open_bite"]) < 1.6 and abs(after["midline"]) < 2.2
@@ -44,13 +44,13 @@ def test_plan_corrects_the_bite(deformity):
         assert set(plan.motions) == set(head.segments)
 
 
-def test_plan_straightens_an_asymmetric_jaw():
+@pytest.mark.parametrize("number", PERSONS)
+def test_plan_straightens_an_asymmetric_jaw(number):
     """Chin nearer the midline, and the jaw angles nearer one height, than before."""
+    head = virtual_head("asymmetry", number=number)
+    s = Skeleton(head.parameters)
     for seed in range(3):
-        rng = np.random.default_rng(seed)
-        head = build_head(sample_patient(rng, "asymmetry"), spacing=2.5)
-        s = Skeleton(head.parameters)
-        move = treatment_plan(head, rng, "V01").motion("mandible_distal")
+        move = treatment_plan(head, np.random.default_rng(seed), "V01").motion("mandible_distal")
         assert abs(move.apply(s.pogonion[None])[0, 0]) < 0.6 * abs(s.pogonion[0])
         left, right = (move.apply(s.gonion_of(side)[None])[0, 2] for side in (1.0, -1.0))
         before = s.gonion_of(1.0)[2] - s.gonion_of(-1.0)[2]
@@ -58,14 +58,14 @@ def test_plan_straightens_an_asymmetric_jaw():
 
 
 def test_same_seed_same_plan():
-    head = build_head(sample_patient(np.random.default_rng(0), "class_iii"), spacing=2.5)
+    head = virtual_head("class_iii")
     texts = [treatment_plan(head, np.random.default_rng(s), "V").to_json() for s in (1, 1, 2)]
     assert texts[0] == texts[1] != texts[2]
 
 
 def test_overlap_is_the_volume_of_the_shared_voxels():
     """A copy of the maxilla moved by whole voxels shares with the mandible what shifting the array shares."""
-    head = build_head(sample_patient(np.random.default_rng(3), "class_ii"), spacing=2.0)
+    head = virtual_head("class_ii")
     still = Plan("V", {})
     assert jaw_overlap(head, still) == 0 and set(split_overlaps(head, still).values()) == {0.0}
     up = Plan("V", {"mandible_distal": RigidMotion(translation=np.array([0.0, 0, 8]))})
@@ -78,12 +78,12 @@ def test_overlap_is_the_volume_of_the_shared_voxels():
     assert jaw_overlap(head, both) < 100  # jaws that move as one do not meet
 
 
+@pytest.mark.parametrize("number", PERSONS)
 @pytest.mark.parametrize("deformity", DEFORMITIES)
-def test_jaws_do_not_overlap_after_the_plan(deformity):
+def test_jaws_do_not_overlap_after_the_plan(deformity, number):
+    head = virtual_head(deformity, 2.0, Procedure(chin=True), number)
     for seed in range(3):
-        rng = np.random.default_rng(10 + seed)
-        head = build_head(sample_patient(rng, deformity), spacing=2.0, procedure=Procedure(chin=True))
-        plan = treatment_plan(head, rng, "V01")
+        plan = treatment_plan(head, np.random.default_rng(seed), "V01")
         assert jaw_overlap(head, plan) <= CONTACT
         assert max(split_overlaps(head, plan).values()) < 6000
         move = plan.motion("mandible_distal")
@@ -96,7 +96,7 @@ def test_jaws_do_not_overlap_after_the_plan(deformity):
 
 def test_teeth_that_would_overlap_are_parted_just_enough(monkeypatch):
     """Asked to set the lower incisors 2 mm into the upper ones, the plan stops where the teeth touch."""
-    head = build_head(sample_patient(np.random.default_rng(1), "class_iii"), spacing=1.5)
+    head = virtual_head("class_iii", 1.5)
     monkeypatch.setattr(treatment, "REST_GAP", -2.0)
     monkeypatch.setattr(treatment, "NORMAL_OVERJET", 0.0)
     parted = treatment_plan(head, np.random.default_rng(1), "V")
@@ -116,7 +116,7 @@ def replace_translation(plan, segment, up):
 
 
 def test_genioplasty_gives_the_chin_what_it_lacks():
-    p = sample_patient(np.random.default_rng(5), "class_ii")
+    p = person("class_ii")
     mean = TABLE["chin_prominence"].mean + p.male * TABLE["chin_prominence"].male
     for lacking, expected in ((4.0, 4.0), (-2.0, treatment.LEAST_ADVANCE)):
         head = build_head(replace(p, chin_prominence=mean - lacking), spacing=2.5, procedure=Procedure(chin=True))
@@ -129,9 +129,8 @@ def test_genioplasty_gives_the_chin_what_it_lacks():
 def test_without_a_maxilla_the_mandible_alone_closes_the_bite():
     """Against teeth that belong to the cranium, which it does not enter."""
     for deformity in ("class_ii", "class_iii"):
-        rng = np.random.default_rng(4)
-        head = build_head(sample_patient(rng, deformity), spacing=2.0, procedure=Procedure(MANDIBLE))
-        plan = treatment_plan(head, rng, "V")
+        head = virtual_head(deformity, 2.0, Procedure(MANDIBLE))
+        plan = treatment_plan(head, np.random.default_rng(4), "V")
         assert set(plan.motions) == {"mandible_distal", "proximal_left", "proximal_right"}
         assert abs(bite(head.parameters, plan)["overjet"] - NORMAL_OVERJET) < 1.6
         assert jaw_overlap(head, plan) <= CONTACT
@@ -139,12 +138,12 @@ def test_without_a_maxilla_the_mandible_alone_closes_the_bite():
         assert jaw_overlap(head, lifted) > 500
 
 
+@pytest.mark.parametrize("number", PERSONS)
 @pytest.mark.parametrize("deformity", ["class_iii", "open_bite"])
-def test_without_a_cut_the_mandible_turns_about_its_condyles_to_meet_the_maxilla(deformity):
+def test_without_a_cut_the_mandible_turns_about_its_condyles_to_meet_the_maxilla(deformity, number):
+    head = virtual_head(deformity, 2.0, Procedure(MAXILLA), number)
     for seed in range(3):
-        rng = np.random.default_rng(seed)
-        head = build_head(sample_patient(rng, deformity), spacing=2.0, procedure=Procedure(MAXILLA))
-        plan = treatment_plan(head, rng, "V")
+        plan = treatment_plan(head, np.random.default_rng(seed), "V")
         assert set(plan.motions) == {"lefort1", "mandible"}
         after, before = bite(head.parameters, plan), bite(head.parameters)
         assert abs(after["overjet"] - NORMAL_OVERJET) < 1.6 and abs(after["midline"]) < 1.6
@@ -159,7 +158,7 @@ def test_without_a_cut_the_mandible_turns_about_its_condyles_to_meet_the_maxilla
 
 @pytest.mark.parametrize("pieces", [2, 3])
 def test_pieces_of_the_maxilla_part_at_the_molars_and_stay_together_in_front(pieces):
-    head = build_head(sample_patient(np.random.default_rng(1), "open_bite"), 2.0, Procedure(pieces=pieces))
+    head = virtual_head("open_bite", 2.0, Procedure(pieces=pieces))
     upper = [name for name in head.segments if name.startswith("lefort1_")]
     assert len(upper) == pieces
     for seed in range(5):
@@ -183,9 +182,8 @@ def test_the_turn_takes_a_point_to_a_height():
 def test_description_says_what_was_sampled_and_what_the_plan_does(tmp_path):
     rows = []
     for number, deformity in enumerate(DEFORMITIES):
-        rng = np.random.default_rng(number)
-        head = build_head(sample_patient(rng, deformity), spacing=2.5, procedure=Procedure(chin=number == 0))
-        plan = treatment_plan(head, rng, "V")
+        head = virtual_head(deformity, 2.0, Procedure(chin=number == 0))
+        plan = treatment_plan(head, np.random.default_rng(number), "V")
         described = describe(head, plan)
         p, move = head.parameters, plan.motion("lefort1").displacement(head.landmarks["upper_incisor"][None])[0]
         assert {name: described[name] for name in NAMES} == {name: getattr(p, name) for name in NAMES}
