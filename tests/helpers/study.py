@@ -47,12 +47,14 @@ class Project:
         )
 
     def dry_run(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
-        """Plan what Snakemake would run, in a fork of this process: it has imported Snakemake and the library, which
-        takes longer than the plan. Only for a copy of the project whose library nobody has edited."""
+        """Plan what Snakemake would run."""
+        return self.forked("--dry-run", "--cores", str(cores), *arguments)
+
+    def forked(self, *arguments: str) -> subprocess.CompletedProcess:
+        """Run Snakemake in a fork of this process: it has imported Snakemake and the library, which takes longer than
+        a plan. Only for a copy of the project whose library nobody has edited."""
         said = self.folder / "said.txt"
-        child = multiprocessing.get_context("fork").Process(
-            target=_plan, args=(self.folder, said, ["--dry-run", "--cores", str(cores), *arguments])
-        )
+        child = multiprocessing.get_context("fork").Process(target=_plan, args=(self.folder, said, arguments))
         child.start()
         child.join()
         return subprocess.CompletedProcess(arguments, child.exitcode, said.read_text(encoding="utf-8"))
@@ -89,7 +91,7 @@ class Project:
         return done.stdout
 
 
-def _plan(folder: Path, said: Path, arguments: list[str]) -> None:
+def _plan(folder: Path, said: Path, arguments: tuple[str, ...]) -> None:
     """Run Snakemake's command line in this process; both streams go to a file."""
     os.chdir(folder)
     os.environ |= VERBOSE
