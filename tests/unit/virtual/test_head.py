@@ -185,7 +185,9 @@ def faults(points, faces):
     return rim.n_cells, twice, rim.points
 
 
-def test_bones_are_closed_surfaces_and_skin_ends_at_the_cut(head):
+@pytest.mark.parametrize("deformity", DEFORMITIES)
+def test_bones_are_closed_surfaces_and_skin_ends_at_the_cut(deformity):
+    head = virtual_head(deformity, number=1)
     bone = bone_surface(head.labels, head.spacing, head.origin, head.segments, 5.0)
     for index in range(-1, len(head.segments)):
         part = bone.part(index)
