@@ -29,7 +29,11 @@ rule import_segmentation:
         accept=config["osteotomy"]["accept"],
         unlabelled_muscle=config["unlabelled_muscle"],
         bone_edge=INPUTS.patient.setting("mesh", "bone_edge"),
-        content=content,
+        content=content(
+            INPUTS.patient.file("segmentation"),
+            INPUTS.patient.file("volume"),
+            INPUTS.patient.markups,
+        ),
         code=code_of("scripts.patient.import_segmentation"),
     message:
         "Import the segmentation of {wildcards.case}"
@@ -82,7 +86,7 @@ rule import_plan:
         share=config["registration"]["segment_share"],
         # The plan of a new patient's folder is the patient's, whatever case it names; what is odd was said before.
         foreign=lambda wildcards: wildcards.home == "patients",
-        content=content,
+        content=content(INPUTS.patient.plan),
         code=code_of("scripts.patient.import_plan"),
     message:
         "Import the plan of {wildcards.case}{wildcards.plan}"
@@ -114,7 +118,7 @@ rule register_postop:
         limit=config["registration"]["limit"],
         segment_limit=config["registration"]["segment_limit"],
         segment_share=config["registration"]["segment_share"],
-        content=content,
+        content=content(INPUTS.patient.postop, INPUTS.patient.bones_of_postop),
         code=code_of("scripts.patient.register_postop"),
     message:
         "Register the post-operative skin of {wildcards.case}"
@@ -144,7 +148,7 @@ rule register_segments:
     params:
         limit=config["registration"]["segment_limit"],
         share=config["registration"]["segment_share"],
-        content=content,
+        content=content(INPUTS.patient.postop_bones),
         code=code_of("scripts.patient.register_segments"),
     message:
         "Register the bones of {wildcards.case} after surgery"

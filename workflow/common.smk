@@ -134,10 +134,17 @@ def code_of(*names):
     return code_hash(*map(source_file, names))
 
 
-def content(wildcards, input):
-    """Params function: a hash of what the inputs that users bring hold: an older file in place of a newer one, as after
-    `cp -p`, triggers no rerun by its time."""
-    return fingerprint(input, RESULTS)
+def content(*inputs):
+    """Params function: a hash of what inputs that users bring hold: an older file in place of a newer one, as after
+    `cp -p`, triggers no rerun by its time. Of wildcards alone: what comes of a rule's inputs triggers none either.
+    """
+    return lambda wildcards: fingerprint(
+        (file for brought in inputs for file in listed(brought(wildcards))), RESULTS
+    )
+
+
+def listed(files):
+    return [files] if isinstance(files, str) else files
 
 
 def code_with_method(script, reference=INPUTS.prediction.predictor):

@@ -64,10 +64,11 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
 
 
 def fingerprint(paths: Iterable[str], made: str | os.PathLike) -> str:
-    """Hash of the content of files, and of all in folders, by name; hidden ones and those below `made` do not count."""
+    """Hash of the content of files, and of all in folders, by name; hidden ones, and those that are `made` or below a
+    pathvar, do not count."""
     total, made = hashlib.sha256(), Path(made).resolve()
     for path in map(Path, paths):
-        if path.resolve().is_relative_to(made):
+        if str(path).startswith("<") or path.resolve().is_relative_to(made):
             continue
         files = sorted(path.rglob("*")) if path.is_dir() else [path]
         for file in files:

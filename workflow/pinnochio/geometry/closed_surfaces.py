@@ -10,7 +10,7 @@ import SimpleITK as sitk
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.mesh_topology import pieces
-from pinnochio.geometry.surface_integrity import check_surface, read_mesh, read_ply
+from pinnochio.geometry.surface_integrity import check_surface, read_mesh, read_obj, read_ply
 from pinnochio.geometry.triangles import enclosed_volume, face_normals
 
 SURFACE_FORMATS = (".ply", ".stl", ".obj", ".vtp")
@@ -41,8 +41,8 @@ def read_triangles(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray,
     if not str(path).lower().endswith(SURFACE_FORMATS):
         refuse("this is no surface format known here", f"save it as one of {', '.join(SURFACE_FORMATS)}", file=path)
     try:
-        if str(path).lower().endswith(".ply"):
-            points, faces = read_ply(path, refuse)
+        if str(path).lower().endswith((".ply", ".obj")):
+            points, faces = (read_ply if str(path).lower().endswith(".ply") else read_obj)(path, refuse)
         else:
             check_surface(path, refuse)
             mesh = read_mesh(path)

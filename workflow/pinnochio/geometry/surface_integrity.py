@@ -26,13 +26,13 @@ MOST = 100  # points or faces of a byte of a VTP, which may be compressed
 
 
 def check_surface(path: str | os.PathLike, refuse: Refuse) -> None:
-    """Refuse a STL, OBJ or VTP file that is cut off, or whose faces name points that it does not hold."""
+    """Refuse a STL or VTP file that is cut off, or whose faces name points that it does not hold."""
 
     def damaged(problem: str):
         refuse(problem, AGAIN, file=path)
 
     content = Path(path).read_bytes()
-    {".stl": _check_stl, ".obj": _check_obj, ".vtp": _check_vtp}[Path(path).suffix.lower()](content, damaged)
+    {".stl": _check_stl, ".vtp": _check_vtp}[Path(path).suffix.lower()](content, damaged)
 
 
 def read_mesh(path: str | os.PathLike) -> pv.PolyData:
@@ -51,6 +51,40 @@ def read_mesh(path: str | os.PathLike) -> pv.PolyData:
         if any(len(arrays[name]) != count for name in arrays):
             raise RuntimeError("it has not as many values as points or faces")
     return mesh
+
+
+def read_obj(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray, np.ndarray]:
+    """Points (p, 3) and triangles (f, 3) int32 of an OBJ file, without VTK; its lines and single points do not count."""
+
+    def damaged(problem: str):
+        refuse(problem, AGAIN, file=path)
+
+    points, faces = [], []
+    counts = dict.fromkeys((b"v", b"vt", b"vn"), 0)  # points, places in a texture, normals: a face may name each
+    named = {kind: [] for kind in counts}
+    lines = re.sub(rb"\\\r?\n", b" ", Path(path).read_bytes()).split(b"\n")
+    if lines[-1].strip():
+        damaged("its last line does not end, so it may be cut off")
+    for line in lines:
+        kind, *words = line.split() or [b""]
+        try:
+            if kind in (b"v", b"f") and (len(words) < 3 or b"_" in line):  # Python reads 1_0 as 10
+                raise ValueError
+            if kind == b"v":
+                points.append([float(word) for word in words][:3])
+            counts[kind] = counts.get(kind, 0) + 1
+            for word in words if kind == b"f" else ():
+                for part, text in zip(named, word.split(b"/"), strict=False):
+                    if text or part == b"v":
+                        at = int(text)
+                        named[part].append(at - 1 if at > 0 else counts[part] + at if at < 0 else -1)
+            if kind == b"f":
+                faces.append(named[b"v"][-len(words) :])
+        except ValueError:
+            damaged(f"its line {line[:60]!r} is damaged")
+    for part, indices in named.items():
+        _check_indices(np.array(indices), counts[part], damaged)
+    return np.array(points, float).reshape(-1, 3), _triangles(faces, len(points), damaged)
 
 
 def read_ply(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray, np.ndarray]:
@@ -213,31 +247,6 @@ def _check_stl(content: bytes, damaged) -> None:
     opened, closed, corners = (words.count(word) for word in (b"facet", b"endfacet", b"vertex"))
     if words.count(b"endsolid") < 1 or opened != closed or corners != 3 * opened:
         damaged(f"it is cut off: {opened} facets begin, {closed} end, with {corners} corners")
-
-
-def _check_obj(content: bytes, damaged) -> None:
-    counts = dict.fromkeys((b"v", b"vt", b"vn"), 0)  # points, places in a texture, normals: a face may name each
-    named = {kind: [] for kind in counts}
-    lines = content.split(b"\n")
-    if lines[-1].strip():
-        damaged("its last line does not end, so it may be cut off")
-    for line in lines:
-        kind, *words = line.split() or [b""]
-        try:
-            if kind in (b"v", b"f") and (len(words) < 3 or b"_" in line):  # Python reads 1_0 as 10
-                raise ValueError
-            if kind == b"v":
-                [float(word) for word in words]
-            counts[kind] = counts.get(kind, 0) + 1
-            for word in words if kind == b"f" else ():
-                for part, text in zip(named, word.split(b"/"), strict=False):
-                    if text or part == b"v":
-                        at = int(text)
-                        named[part].append(at - 1 if at > 0 else counts[part] + at if at < 0 else -1)
-        except ValueError:
-            damaged(f"its line {line[:60]!r} is damaged")
-    for part, indices in named.items():
-        _check_indices(np.array(indices), counts[part], damaged)
 
 
 def _check_vtp(content: bytes, damaged) -> None:

@@ -224,6 +224,8 @@ def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
     plans = {}
     for plan in files:
         name = plan.name.split(".")[0] if _is_image(plan) else plan.stem
+        if plan == path and plan.name.lower() == "plans":
+            name = "plan"
         check_name(case, name, plan)
         if name.lower() in map(str.lower, plans):
             raise InputError(case, plan, f"plan {name!r} is there twice", "give each plan a name of its own")

@@ -103,7 +103,7 @@ rule propose:
     params:
         fem=INPUTS.patient.setting("fem"),
         settings=config["invert"],
-        content=content,
+        content=content(WISHES.files, INPUTS.patient.markups),
         code=code_of("studies.inverse.propose"),
     message:
         "Seek plans that bring {wildcards.case} to the wished face"
