@@ -114,6 +114,7 @@ rule register_postop:
         mem_mb=4000,
         runtime=10,
     params:
+        labels=config["labels"],
         nasion_above_maxilla=config["interfaces"]["nasion_above_maxilla"],
         limit=config["registration"]["limit"],
         segment_limit=config["registration"]["segment_limit"],
@@ -146,6 +147,7 @@ rule register_segments:
         mem_mb=4000,
         runtime=10,
     params:
+        labels=config["labels"],
         limit=config["registration"]["segment_limit"],
         share=config["registration"]["segment_share"],
         content=content(INPUTS.patient.postop_bones),

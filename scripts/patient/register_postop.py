@@ -30,6 +30,7 @@ if __name__ == "__main__":
         registered=snakemake.output.postop,
         postop_bones=snakemake.input.get("postop_bones", ""),
         labels=snakemake.input.get("labels", ""),
+        label_values=snakemake.params.labels,
         segment_limit=snakemake.params.segment_limit,
         segment_share=snakemake.params.segment_share,
     )

@@ -1,6 +1,7 @@
 """Makes the motion that surgery gave each bone segment of the bones of a post-operative scan in any frame."""
 
 import logging
+from collections.abc import Mapping
 
 from pinnochio.columns import write_rows
 from pinnochio.importing.postop_bones import read_postop_bones
@@ -21,6 +22,7 @@ def register_segments(
     share: float,
     achieved: str,
     fits: str,
+    label_values: Mapping | str | None = None,
 ) -> None:
     """Register the scanned bones on the cranium, then each segment on them, and write the motions as a plan.
 
@@ -28,7 +30,7 @@ def register_segments(
     share (%) the matched part of the surface below which a bone is refused (InputError). fits: one row per bone.
     """
     surface = BoneSurface.read(bone)
-    points, faces = read_postop_bones(postop_bones, case, surface.points)
+    points, faces = read_postop_bones(postop_bones, case, surface.points, label_values)
     cranium, registered = register_bones(
         head=read_labels(labels),
         segments=surface.segments,
@@ -50,6 +52,7 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     register_segments(
         case=snakemake.wildcards.case,
+        label_values=snakemake.params.labels,
         postop_bones=snakemake.input.postop_bones,
         labels=snakemake.input.labels,
         bone=snakemake.input.bone,

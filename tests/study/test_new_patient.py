@@ -1,6 +1,7 @@
 """New patients, after the quick study and by the models that come along: plans share a patient, nothing is trained."""
 
 import json
+import os
 import shutil
 
 import pytest
@@ -79,6 +80,18 @@ def test_a_plan_that_is_added_later_shares_the_patient(clinic):
     assert not made.keys() & {*SHARED, *TRAINING}
     folder = clinic.folder / "results/quick/patients/P01/again/elastic"
     assert json.loads((folder / "certificate.json").read_text())["in_distribution"] is None
+
+
+def test_an_older_plan_in_place_of_a_newer_one_is_imported(clinic):
+    predict(clinic, "models=packed")
+    plan = clinic.folder / "P01/plans/treat.json"
+    content, when = plan.read_bytes(), plan.stat().st_mtime
+    plan.write_bytes(content + b"\n")
+    os.utime(plan, (when - 1e6, when - 1e6))
+    arguments = ("--configfile", "config/quick.yaml", "--config", "patient=P01", "models=packed", "--", "predict")
+    made = jobs(clinic.dry_run(*arguments).stdout)
+    plan.write_bytes(content)
+    assert made["import_plan"] == 1 and not made.keys() & {*SHARED, *TRAINING}
 
 
 def test_without_models_a_prediction_is_refused_before_anything_is_made(clinic):

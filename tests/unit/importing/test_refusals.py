@@ -269,5 +269,5 @@ def test_the_same_without_the_fault_goes_in(tmp_path):
     (tmp_path / "scan").mkdir()
     points, faces = skin_of()()
     noisy_scan = points + np.random.default_rng(0).normal(scale=0.05, size=points.shape)  # as no scanner is without
-    of_scan(noisy_scan, faces, limit=0.05)(tmp_path / "scan")
+    of_scan(noisy_scan, faces[:, ::-1], limit=0.05)(tmp_path / "scan")  # wound inward, which is mended
     assert (tmp_path / "scan/out/postop.h5").exists()

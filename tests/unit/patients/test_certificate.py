@@ -61,6 +61,16 @@ def test_rest_is_valid_in_equilibrium_and_where_a_plan_of_nothing_wants_it():
     assert judgements(said)["Elements turned inside out"] and judgements(said)["Smallest volume ratio (min J)"]
 
 
+def test_bones_unlike_peoples_ask_for_care_and_guessed_cuts_are_named():
+    imported = {"warnings": [], "care": [], "guessed": ["lefort1"]}
+    said = {"import": imported} | certificate(np.zeros_like(PATIENT.points), Plan("tiny", {}))
+    grade = verdict(said).grade
+    assert judgements(said)["Cuts by rule"] is None
+    imported["care"] = ["mandible: 20 cm3, usual are 30 to 130"]
+    assert not judgements(said)["Bones unlike people's"] and verdict(said).grade in (CARE, grade) != (USABLE, USABLE)
+    assert "mandible: 20 cm3" in " ".join(verdict(said).reasons)
+
+
 def test_a_field_that_ignores_the_plan_is_off_by_the_plan():
     plan = tiny_plan(0, -3, 0, pitch=0)
     said = certificate(np.zeros_like(PATIENT.points), plan)

@@ -1,6 +1,8 @@
 """Folders and tables of new patients, and the choice of what predicts them."""
 
 import json
+import os
+import shutil
 from pathlib import Path
 
 import pandas as pd
@@ -8,6 +10,7 @@ import pytest
 
 from pinnochio.columns import write_csv
 from pinnochio.errors import InputError
+from pinnochio.files import fingerprint
 from pinnochio.patients.model_archive import Archive, configuration_hash
 from pinnochio.patients.pareto_front import TRADEOFF
 from pinnochio.plans.plan import Plan
@@ -69,6 +72,44 @@ def test_a_folder_of_transforms_is_one_plan_and_one_of_surfaces_a_segmentation(f
         (folder / name).touch()
     assert plans_of(folder) == {"plan": "plan"}
     assert read_patients(folder)["P01"].segmentation == str(folder / "segmentation")
+
+
+def test_hidden_files_are_nothing_and_files_that_nothing_reads_are_said(folder):
+    (folder / "segmentation.nii.gz").rename(folder / "Segmentation.nii.gz")
+    (folder / "plans").mkdir()
+    for name in ("._lm.mrk.json", "plans/._a.json", "plans/a.JSON", "CT.mhd", "CT.raw", "ct.json", "wish-chin.csv"):
+        (folder / name).touch()
+    patient = read_patients(folder)["P01"]
+    assert [*patient.plans] == ["a"] and Path(patient.volume).name == "CT.mhd" and not patient.markups
+    assert oddities([patient]) == [] and len(patient.wishes) == 1
+    (folder / "notes.odt").touch()
+    assert "nothing reads notes.odt" in oddities(read_patients(folder).values())[0]
+
+
+def test_transforms_that_lie_bare_in_the_folder_of_plans_are_one_plan(folder):
+    (folder / "plans").mkdir()
+    for name in ("lefort1.tfm", "mandible_distal.tfm", "other.json"):
+        (folder / "plans" / name).touch()
+    assert plans_of(folder) == {"other": "plans/other.json", "plan": "plans"}
+
+
+def test_a_folder_that_snakemake_would_read_as_a_wildcard_is_refused(tmp_path):
+    (tmp_path / "{trial}/P01").mkdir(parents=True)
+    with pytest.raises(InputError, match="brace"):
+        read_patients(tmp_path / "{trial}/P01")
+
+
+def test_the_hash_of_inputs_goes_by_content_not_by_time(folder, tmp_path):
+    file = folder / "segmentation.nii.gz"
+    before, when = fingerprint([file], tmp_path / "results"), file.stat().st_mtime
+    (folder / "copy").mkdir()
+    os.utime(shutil.copy(file, folder / "copy"), (0, 0))
+    assert fingerprint([folder / "copy" / file.name], tmp_path / "results") == before
+    file.write_text("other")
+    os.utime(file, (when - 1e6, when - 1e6))
+    assert fingerprint([file], tmp_path / "results") != before
+    nothing = fingerprint([], tmp_path)
+    assert fingerprint([file], tmp_path) == fingerprint(["<results>/virtual/V01/a.nii.gz"], "x") == nothing
 
 
 def test_a_table_names_several_patients(folder):

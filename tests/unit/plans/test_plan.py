@@ -1,7 +1,11 @@
 """Plans: rigid motions, their inverse and fraction, and what is refused."""
 
-import numpy as np
+import json
 
+import numpy as np
+import pytest
+
+from pinnochio.errors import InputError
 from pinnochio.plans.plan import Plan, RigidMotion
 
 MOTION = RigidMotion.from_degrees((10, -4, 25), (1.0, -5.0, 2.0), (3.0, 40.0, -7.0))
@@ -30,3 +34,16 @@ def test_plan_survives_writing_and_reading(tmp_path):
     back = Plan.read(tmp_path / "plan.json", "P1")
     np.testing.assert_array_equal(back.motion("lefort1").apply(POINTS), MOTION.apply(POINTS))
     np.testing.assert_array_equal(back.motion("mandible_distal").apply(POINTS), POINTS)
+
+
+def test_a_rotation_of_five_decimals_is_made_one_and_that_is_said(caplog):
+    said = json.loads(Plan("P1", {"lefort1": MOTION}, ("odd",)).to_json())
+    said["segments"]["lefort1"]["rotation"] = np.round(MOTION.rotation, 5).tolist()
+    made = Plan.from_json(json.dumps(said), "plan.json", "P1")
+    rotation = made.motion("lefort1").rotation
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(rotation, MOTION.rotation, atol=2e-5)
+    assert made.warnings == ("odd",) and "is rounded" in caplog.text
+    said["segments"]["lefort1"]["rotation"] = (1.002 * MOTION.rotation).tolist()
+    with pytest.raises(InputError, match="is not a rotation"):
+        Plan.from_json(json.dumps(said), "plan.json", "P1")

@@ -104,6 +104,21 @@ def test_the_message_of_a_target_says_where_to_look(logger):
     assert logger.said() == "see report.html\n"
 
 
+def test_what_stages_warned_of_is_shown_once_at_the_end(logger, tmp_path):
+    line = "2026-01-01 10:00:00,000 {} {}: case 'P1': no muscle\n"
+    log = tmp_path / "a.log"
+    log.write_text(line.format("WARNING", "pinnochio.importing.x") * 2 + line.format("WARNING", "py.warnings"))
+    console = quieten(logger.logger, lambda counts: JobProgress(counts, EXPECTED, 1), lambda: True)
+    logger.handle(record(event="run_info", stats=COUNTS | {"total": 6}))
+    for job in (1, 2):
+        words = {"jobid": job, "rule_name": "mesh", "rule_msg": "", "output": ["a"], "log": [str(log)]}
+        logger.handle(record(event="job_info", **words))
+        logger.handle(record(event="job_finished", job_id=job))
+    before = logger.said()
+    console.summary()
+    assert "no muscle" not in before and logger.said().removeprefix(before) == "Warning: case 'P1': no muscle\n"
+
+
 def test_a_list_of_jobs_is_left_as_it_is(logger):
     quieten(logger.logger, lambda counts: JobProgress(counts, EXPECTED, 1), lambda: False)
     logger.handle(record(event="run_info", stats=COUNTS, message="Job stats"))

@@ -54,7 +54,7 @@ def read_mesh(path: str | os.PathLike) -> pv.PolyData:
 
 
 def read_obj(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray, np.ndarray]:
-    """Points (p, 3) and triangles (f, 3) int32 of an OBJ file, without VTK; its lines and single points do not count."""
+    """Points (p, 3) and triangles (f, 3) int32 of an OBJ file, without VTK; its lines and points alone do not count."""
 
     def damaged(problem: str):
         refuse(problem, AGAIN, file=path)

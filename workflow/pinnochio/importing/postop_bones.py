@@ -26,22 +26,25 @@ def read_postop_bones(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points (p, 3) mm and outward faces (f, 3) int32 of all bones of a scan, in its own frame.
 
-    path: a label map (every value but 0 is bone), a surface (PLY, STL, OBJ, VTP), or a folder of surfaces; they may be
-    open, and cut by the field of view. label_values: of a map that shows soft tissue too, as of the patient's own
-    segmentation: values by structure, or the name of the tool that wrote it (then a folder of images will do as well).
+    path: a label map, a surface (PLY, STL, OBJ, VTP), or a folder of surfaces; they may be open, and cut by the field
+    of view. label_values: values by structure, or the name of the tool that wrote the map (then a folder of images will
+    do as well); without them, and of a map in which they name no bone or that has one value, every value is bone.
     bone_points (k, 3) mm: the bone before surgery, for the unit of a surface.
     Raises InputError for what the user must mend.
     """
     refuse = refusal(case, path)
-    if isinstance(label_values, str) and is_image(path):
+    image, parts = None, []
+    if not Path(path).is_dir() and not str(path).lower().endswith(SURFACE_FORMATS):
+        image, parts = read_segments(path, refuse)
+    if isinstance(label_values, str) and is_image(path) and len(parts) != 1:
         return _joined(
             [_surface(image, inside, refuse) for image, inside in bone_parts(path, label_values, refuse)], refuse
         )
-    if not Path(path).is_dir() and not str(path).lower().endswith(SURFACE_FORMATS):
-        image, parts = read_segments(path, refuse)
+    if image is not None:
         inside = np.zeros(image.GetSize()[::-1], bool)
+        named = isinstance(label_values, Mapping) and any(_named_bone(part, label_values) for part in parts)
         for part in parts:
-            if label_values is None or is_bone(part, label_values):
+            if not named or len(parts) == 1 or is_bone(part, label_values):
                 inside |= part.voxels()
         if not inside.any():
             refuse("it shows no bone", "label the bones, or correct 'labels'")
@@ -67,6 +70,12 @@ def is_image(path: str | os.PathLike) -> bool:
     path = Path(path)
     files = path.iterdir() if path.is_dir() else [path]
     return any(file.name.lower().endswith(IMAGE_FORMATS) for file in files)
+
+
+def _named_bone(part: Segment, label_values: Mapping) -> bool:
+    """Whether the labels name a segment as a bone."""
+    values = [value for name, value in label_values.items() if name not in (*TISSUES, "left_out")]
+    return part.value in values or part.name in values
 
 
 def is_bone(part: Segment, label_values: Mapping) -> bool:

@@ -2,6 +2,7 @@
 
 import logging
 import os
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -27,6 +28,7 @@ def registered_skin(
     labels: str = "",
     segment_limit: float = 0.0,
     segment_share: float = 0.0,
+    label_values: Mapping | str | None = None,
 ) -> tuple[Registration, np.ndarray, np.ndarray]:
     """The registration of a scan on the skin above the nasion plane, which surgery does not move; its points (k, 3) mm
     in its own frame and faces (l, 3), outward.
@@ -34,7 +36,7 @@ def registered_skin(
     skin, bone: files of the patient before surgery; nasion_above_maxilla (mm) places that plane above the maxilla;
     limit (mm) is the median residual above which the registration is refused (InputError), as is what is no scan of
     this face. With postop_bones, the bones of the same scan, the skin follows their cranium instead, registered on that
-    of `labels` within segment_limit (mm) and segment_share (%).
+    of `labels` within segment_limit (mm) and segment_share (%); label_values: of those bones.
     """
     skin_points, skin_faces = read_surface(skin)
     points, faces = read_postop(postop, case, skin_points)
@@ -46,7 +48,7 @@ def registered_skin(
     plane = upper_face_plane(surface, surface.segments, nasion_above_maxilla)
     by = {"case": case, "file": postop, "limit": limit}
     if postop_bones:
-        scanned = read_postop_bones(postop_bones, case, surface.points)
+        scanned = read_postop_bones(postop_bones, case, surface.points, label_values)
         cranium, certainty = register_cranium(
             read_labels(labels), surface.segments, *scanned, case=case, file=postop_bones
         )

@@ -132,7 +132,7 @@ class Console(logging.Handler):
         elif record.job_id in self.progress.running:
             self.progress.end(record.job_id, now)
             for log in self.logs.pop(record.job_id, ()):
-                self.warnings += [words for words in warnings_in(log) if words not in self.warnings]
+                self.warnings = list(dict.fromkeys([*self.warnings, *warnings_in(log)]))
         self.show(now)
 
     def summary(self) -> None:

@@ -182,14 +182,16 @@ def _of_folder(folder: Path) -> Patient:
         volume=str(volumes[0]) if volumes else "",
         markups=str(folder) if markups_in(folder) else "",
         wishes=tuple(map(str, wishes)),
-        unused=tuple(path.name for path in files if path not in read and _stem(path) not in OTHERS and not _raw(path)),
+        unused=tuple(
+            path.name for path in files if path not in read and _stem(path) not in OTHERS and not _beside(path)
+        ),
         covariates=_covariates(name, folder / COVARIATES_FILE),
     )
 
 
-def _raw(path: Path) -> bool:
-    """Whether a file holds the voxels of a `.mhd` of its name."""
-    return path.suffix.lower() in BESIDE_SCAN and path.with_suffix(".mhd").exists()
+def _beside(path: Path) -> bool:
+    """Whether a file lies beside a scan or its labels: their voxels, what is known of them."""
+    return _stem(path) in (*VOLUMES, "segmentation") and path.suffix.lower() in BESIDE_SCAN
 
 
 def _covariates(case: str, path: Path) -> dict[str, str | float | bool]:
