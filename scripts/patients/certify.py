@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from pinnochio.files import replacing
+from pinnochio.importing.osteotomy import GUESS
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
@@ -53,7 +54,7 @@ def certify(
         "import": {
             "warnings": [*imported["warnings"], *planned.warnings],
             "care": imported["care"],
-            "guessed": [name for name, why in dict(imported["cuts"]).items() if "a guess" in why],
+            "guessed": [name for name, why in dict(imported["cuts"]).items() if why.endswith(GUESS)],
         },
     }
     if folder:

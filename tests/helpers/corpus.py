@@ -51,6 +51,7 @@ from tests.helpers.judging import Tried
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.rows import benchmark, row
 from tests.helpers.settings import CONFIG, ROOT, network_settings
+from tests.helpers.tools import write_seg_nrrd
 
 SEGMENTS = ("lefort1", "mandible")
 CODES = internal_codes(SEGMENTS)
@@ -198,8 +199,51 @@ def labels(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         sitk.WriteImage(image, str(folder / "a.nrrd"))
         return read_labels(folder / "a.nrrd")
 
+    yield from overlapping()
     for kind in ("int8", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"):
         yield Tried(f"labels: NRRD of {kind}", partial(of_type, kind), right)
+
+
+def overlapping() -> Iterator[Tried]:
+    """A skin that fills the head, bones over it, what `labels` does not name or leaves out; as surfaces, too."""
+    made, grid = head(), (np.eye(3), np.full(3, 4.0), np.array([-60.0, -64.0, -70.0]))
+    teeth, airway = np.zeros(made.shape, bool), np.zeros(made.shape, bool)
+    teeth[8:22, 8:14, 15:20] = True
+    airway[8:22, 3:6, 15:27] = True
+    wanted = {name: name for name in CODES}
+
+    def read(folder: Path, *, extra=(), left_out=(), renamed=(), values=None):
+        masks = {name: made == code for name, code in CODES.items()} | dict(extra)
+        masks["superficial"] = made > 0
+        for name, mask in extra:
+            masks = {key: kept & ~mask if name == "teeth" and key == "lefort1" else kept for key, kept in masks.items()}
+        masks = {dict(renamed).get(name, name): mask for name, mask in masks.items()}
+        segments = [(name, 1, layer) for layer, name in enumerate(masks)]
+        write_seg_nrrd(folder / "a.seg.nrrd", list(masks.values()), segments, *grid)
+        labels = wanted | (values or {}) | {"left_out": list(left_out)}
+        return read_segmentation(folder / "a.seg.nrrd", "P1", labels, SEGMENTS, unnamed_percent=5.0).labels
+
+    right = once(read)
+    yield Tried("overlapping: as it should be", read, right)
+    for name, mask in (("teeth", teeth), ("airway", airway)):
+        yield Tried(f"overlapping: {name} that nothing names", partial(read, extra=[(name, mask)]))
+    left = np.where(airway & (right < CODES["cranium"]), 0, right)
+    yield Tried("overlapping: an airway left out", partial(read, extra=[("airway", airway)], left_out=["airway"]), left)
+    yield Tried("overlapping: a name in other letters", partial(read, renamed=[("lefort1", "LeFort1")]))
+    exchanged = {"lefort1": "mandible", "mandible": "lefort1"}
+    yield Tried("overlapping: the name of another", partial(read, values=exchanged))
+
+    def surfaces(folder: Path, *, renamed=()):
+        (folder / "s").mkdir()
+        for name, code in CODES.items():
+            mask = made > 0 if name == "superficial" else made == code
+            points, faces = skin_surface(mask.astype(np.uint8), np.full(3, 4.0), np.zeros(3))
+            write_surface(points, faces, folder / f"s/{dict(renamed).get(name, name)}.stl")
+        return read_segmentation(folder / "s", "P1", CODES, SEGMENTS, unnamed_percent=5.0).segments
+
+    yield Tried("overlapping: surfaces", surfaces, SEGMENTS)
+    for name in ("LeFort1", "Oberkiefer"):
+        yield Tried(f"overlapping: a surface called {name}", partial(surfaces, renamed=[("lefort1", name)]))
 
 
 def headers(rng: np.random.Generator, count: int) -> Iterator[Tried]:
@@ -559,9 +603,13 @@ def markups(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     for size in ([-10, 10, 10], [0, 10, 10], [10, 10], ["10", "10", "10"], 10, None):
         data = text_of(type="ROI", center=[0, 0, 0], size=size)
         yield Tried(f"markups: a region of {size}", partial(_read_bytes, read, "a.mrk.json", data))
+    right = once(partial(_read_bytes, read, "a.mrk.json", text_of()))
+    units = text_of(coordinateUnits=["mm", "UCUM", "millimeter"])
+    yield Tried("markups: units as a list", partial(_read_bytes, read, "a.mrk.json", units), right)
     for key, value in (
         ("coordinateSystem", "IJK"),
         ("coordinateUnits", "m"),
+        ("coordinateUnits", ["m", "UCUM", "metre"]),
         ("controlPoints", [1]),
         ("type", "Plane"),
     ):
@@ -650,6 +698,10 @@ def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         "carriage returns": ((head_ + row).replace("\n", "\r\n").encode(), right),
         "no end of line": ((head_ + row).rstrip("\n").encode(), right),
         "an empty line": ((head_ + row + "\n").encode(), right),
+        "empty rows and columns": (
+            "".join(f"{line}\t\t\n" for line in (*(head_ + row).split("\n")[:2], 4 * "\t")).encode(),
+            right,
+        ),
         "UTF-16": ((head_ + row).encode("utf-16"), None),
         "Latin-1": ((head_ + row.replace("P1", "J\xf6rg")).encode("latin-1"), None),
         "NUL": ((head_ + row.replace("P1", "P\0")).encode(), None),

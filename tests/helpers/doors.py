@@ -63,20 +63,11 @@ def same_head(folder: Path, **changes) -> bool:
 
 def named(values, order, folder: Path, layers=False, **changes):
     """Write the label map as 3D Slicer does, its segments by name, of other values or each in a layer with value 1."""
-    head = made()[0]
-    masks = [values == value for value in range(1, 6)]
-    stored = np.stack(masks, -1).astype(np.uint8) if layers else np.zeros((*values.shape, 1), np.uint8)
-    for mask, value in zip(masks, order, strict=True):
-        stored[mask, 0] = stored[mask, 0] if layers else value
-    image = sitk.GetImageFromArray(stored.transpose(2, 1, 0, 3), isVector=True)
-    image.SetSpacing([float(size) for size in head.spacing])
-    image.SetOrigin([float(start) for start in head.origin])
-    for number, (name, value) in enumerate(zip(NAMES, order, strict=True)):
-        said = {"ID": f"Segment_{number}", "Name": changes.get(f"name{number}", name)}
-        said |= {"LabelValue": 1 if layers else value, "Layer": number if layers else 0}
-        for key, word in said.items():
-            image.SetMetaData(f"Segment{number}_{key}", str(word))
-    sitk.WriteImage(image, str(folder / "segmentation.seg.nrrd"), useCompression=True)
+    head, masks = made()[0], [values == value for value in range(1, 6)]
+    stored = masks if layers else [np.select(masks, order)]
+    names = [changes.get(f"name{number}", name) for number, name in enumerate(NAMES)]
+    segments = [(name, order[number], number if layers else 0) for number, name in enumerate(names)]
+    tools.write_seg_nrrd(folder / "segmentation.seg.nrrd", stored, segments, np.eye(3), head.spacing, head.origin)
 
 
 def one_by_one(values, folder: Path, crop=True, empty=False, percent=False):

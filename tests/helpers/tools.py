@@ -1,5 +1,6 @@
 """Virtual heads as free tools would segment them: their label maps, the scan that they saw."""
 
+import gzip
 import json
 
 import numpy as np
@@ -68,6 +69,39 @@ def write(path, values, head: Head, direction=None, spacing=None, origin=None):
         image.SetDirection(np.ravel(np.asarray(direction, float)).tolist())
     sitk.WriteImage(image, str(path))
     return path
+
+
+def write_seg_nrrd(path, layers, segments, direction, spacing, origin):
+    """As 3D Slicer writes it. layers: arrays [ix, iy, iz]; segments: (name, value, layer)."""
+
+    def vector(numbers):
+        return "(" + ",".join(repr(float(number)) for number in numbers) + ")"
+
+    many = len(layers) > 1
+    sizes = [len(layers)] * many + list(layers[0].shape)
+    head = [
+        "NRRD0004",
+        "# Complete NRRD file format specification at:",
+        "# http://teem.sourceforge.net/nrrd/format.html",
+        "type: unsigned char",
+        f"dimension: {len(sizes)}",
+        "space: left-posterior-superior",
+        f"sizes: {' '.join(map(str, sizes))}",
+        "space directions: " + "none " * many + " ".join(map(vector, (direction * spacing).T)),
+        "kinds: " + "list " * many + "domain domain domain",
+        "encoding: gzip",
+        f"space origin: {vector(origin)}",
+    ]
+    for number, (name, value, layer) in enumerate(segments):
+        key = f"Segment{number}_"
+        head += [
+            f"{key}ID:=Segment_{number}",
+            f"{key}LabelValue:={value}",
+            f"{key}Layer:={layer}",
+            f"{key}Name:={name}",
+        ]
+    data = np.stack(layers).astype(np.uint8).tobytes(order="F")
+    path.write_bytes("\n".join(head).encode() + b"\n\n" + gzip.compress(data, 1))
 
 
 def points(path, frame="LPS", **places):

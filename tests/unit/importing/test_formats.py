@@ -1,6 +1,5 @@
 """One head in every format, orientation, spacing and place comes in as the same head."""
 
-import gzip
 from itertools import permutations, product
 
 import numpy as np
@@ -20,6 +19,7 @@ from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.surfaces import bone_surface, contour, skin_surface
 from tests.helpers.dicom import save_dicom_seg, scan_slices
+from tests.helpers.tools import write_seg_nrrd
 
 SEGMENTS = ("lefort1", "mandible")
 STRUCTURES = tuple(internal_codes(SEGMENTS))
@@ -91,39 +91,6 @@ def write_image(path, values, direction, spacing, origin):
     image.SetOrigin(origin.tolist())
     image.SetDirection(direction.ravel().tolist())
     sitk.WriteImage(image, str(path))
-
-
-def write_seg_nrrd(path, layers, segments, direction, spacing, origin):
-    """As 3D Slicer writes it. layers: arrays [ix, iy, iz]; segments: (name, value, layer)."""
-
-    def vector(numbers):
-        return "(" + ",".join(repr(float(number)) for number in numbers) + ")"
-
-    many = len(layers) > 1
-    sizes = [len(layers)] * many + list(layers[0].shape)
-    head = [
-        "NRRD0004",
-        "# Complete NRRD file format specification at:",
-        "# http://teem.sourceforge.net/nrrd/format.html",
-        "type: unsigned char",
-        f"dimension: {len(sizes)}",
-        "space: left-posterior-superior",
-        f"sizes: {' '.join(map(str, sizes))}",
-        "space directions: " + "none " * many + " ".join(map(vector, (direction * spacing).T)),
-        "kinds: " + "list " * many + "domain domain domain",
-        "encoding: gzip",
-        f"space origin: {vector(origin)}",
-    ]
-    for number, (name, value, layer) in enumerate(segments):
-        key = f"Segment{number}_"
-        head += [
-            f"{key}ID:=Segment_{number}",
-            f"{key}LabelValue:={value}",
-            f"{key}Layer:={layer}",
-            f"{key}Name:={name}",
-        ]
-    data = np.stack(layers).astype(np.uint8).tobytes(order="F")
-    path.write_bytes("\n".join(head).encode() + b"\n\n" + gzip.compress(data, 1))
 
 
 def write_head(path, suffix, direction, spacing, place, shift=(0.0, 0.0, 0.0)):

@@ -18,6 +18,7 @@ from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, TOUCHING, segment_
 from pinnochio.model.labels import MUSCLE as MUSCLE_CODE
 
 LOG = logging.getLogger(__name__)
+GUESS = " (a guess: look at the picture)"  # ends what decided a cut that nobody has placed
 LEFORT, SPLIT, CHIN = "lefort1", "split", "chin"
 CUTS = (LEFORT, SPLIT, CHIN)
 SIDES = {"right": -1.0, "left": 1.0}  # LPS: +x is the patient's left
@@ -228,7 +229,7 @@ def _lefort(parts, upper, places, landmarks, plane, spacing, refuse):
         normal = _occlusal(at)
         roots = np.percentile(at @ normal, 98)
         plane = Plane(normal * (roots + ABOVE_ROOTS), normal)
-        why = f"{ABOVE_ROOTS:g} mm above the roots of the upper teeth (a guess: look at the picture)"
+        why = f"{ABOVE_ROOTS:g} mm above the roots of the upper teeth{GUESS}"
     else:
         refuse(
             "no upper teeth and neither ANS nor PNS say where the Le Fort I cut lies",
@@ -273,12 +274,12 @@ def _split(parts, lower, places, landmarks, sign: float, plane):
         at = np.column_stack([np.ravel(value)[index[:, axis]] for axis, value in enumerate(places)])
         molar = np.percentile(at[:, 1], 98)
         edge = np.percentile(at[at[:, 1] > molar - FRONT, 2], 98)
-        why = "the last lower molar (a guess: look at the picture)"
+        why = f"the last lower molar{GUESS}"
     else:
         corner, top, chin = (landmarks[name][0] for name in (f"{side}Go", f"{side}Co", "Me"))
         molar = max(_ramus_front(half, places, corner[2], top[2]), chin[1] + FOREMOST * (corner[1] - chin[1]))
         edge = corner[2] + TEETH_END * (top[2] - corner[2])
-        why = "the front of the ramus, without teeth (a guess: look at the picture)"
+        why = f"the front of the ramus, without teeth{GUESS}"
     body = half & ~teeth & (z < edge)
     count = body.sum(axis=(0, 2))
     mean = np.where(count > 0, (body * np.abs(x - middle)).sum(axis=(0, 2)) / np.maximum(count, 1), np.inf)
@@ -327,11 +328,12 @@ def _chin(parts, body, places, landmarks, plane):
             plane = Plane(plane.point, -plane.normal)
         return body & (parts == MANDIBLE) & (_height(plane, places) < 0), "the plane that was given"
     top, why = menton[2] + CHIN_HEIGHT, f"{CHIN_HEIGHT:g} mm above Me, which was {how}"
+    why += "" if how == "given" else GUESS
     index = np.argwhere(parts == LOWER_TEETH)
     if len(index):
         at = np.column_stack([np.ravel(coordinate)[index[:, axis]] for axis, coordinate in enumerate(places)])
         roots = np.percentile(at[at[:, 1] < at[:, 1].min() + FRONT, 2], 2)
         if roots - BELOW_ROOTS < top:
-            top, why = roots - BELOW_ROOTS, f"{BELOW_ROOTS:g} mm below the roots of the lower front teeth"
+            top, why = roots - BELOW_ROOTS, f"{BELOW_ROOTS:g} mm below the roots of the lower front teeth{GUESS}"
     near = (z < top) & (np.abs(x - menton[0]) < CHIN_WIDTH)
     return body & (parts == MANDIBLE) & near & (y < menton[1] + 2 * FRONT), why

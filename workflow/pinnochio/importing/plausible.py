@@ -7,6 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from pinnochio.errors import refusal
+from pinnochio.importing.osteotomy import GUESS
 from pinnochio.model.labels import AIR, CRANIUM, internal_codes, segment_name
 from pinnochio.plans.roles import UNCUT, known_role
 
@@ -89,7 +90,7 @@ def unlike_people(labels, spacing, segments: Sequence[str]) -> list[tuple[str, f
         front = measured[distal]
         if not any(measured[name][2] for name in rami):
             share = 1 - sum(measured[name][0] for name in rami) / measured["mandible"][0]
-            compare("share of the mandible in front of the rami", share, "", DISTAL, 1.0)
+            compare("share of the mandible in front of the rami", 100 * share, "%", 100 * DISTAL, 100.0)
         odd += [(f"{name} lies in front of {distal}", np.inf) for name in rami if measured[name][1][1] < front[1][1]]
     if len(rami) == 2 and not any(measured[name][2] for name in rami):
         low, high = sorted(measured[name][0] for name in rami)
@@ -117,4 +118,4 @@ def _remedy(cut: bool) -> str:
 
 def by_rule(cuts: Mapping[str, str]) -> bool:
     """Whether any of the cuts lies where nobody has said that it lies."""
-    return any("a guess" in why for why in cuts.values())
+    return any(why.endswith(GUESS) for why in cuts.values())
