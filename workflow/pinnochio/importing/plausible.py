@@ -18,7 +18,7 @@ BONES = {"skull": (60.0, 1300.0), "mandible": (30.0, 130.0)}
 PIECES = {"maxilla": (12.0, 75.0), "distal": (15.0, 95.0), "proximal": (3.5, 35.0), "chin": (1.0, 16.0)}
 DISTAL = 0.48  # of a mandible that is split, at least, is not rami
 SIDES = 2.0  # the larger of two proximal segments by the smaller one, at most
-WIDTHS = {"maxilla": (45.0, 105.0), "distal": (45.0, 115.0)}  # mm
+WIDTHS = {"maxilla": (45.0, 110.0), "distal": (45.0, 115.0)}  # mm
 BEYOND = 1.6  # times out of a range is no head
 
 
