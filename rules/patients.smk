@@ -112,12 +112,90 @@ use rule check_cohort as check_patient with:
         "All files of the new patient {wildcards.case} are read and checked"
 
 
-rule export_prediction:
+# What no plan decides, in one job; a killed one goes on at its stage. A single stage is made again where its file is
+# deleted and asked for.
+rule model_patient:
+    input:
+        labels="<results>/{home}/{case}/labels.nii.gz",
+        bone="<results>/{home}/{case}/bone.vtp",
+        skin="<results>/{home}/{case}/skin.vtp",
+        report="<results>/{home}/{case}/import.json",
+        checked=ancient(INPUTS.patient.file("checked")),
+    output:
+        **{name: update(file) for name, file in INPUTS.patients.lift.items()},
+        mesh=update("<results>/{home}/{case}/mesh.vtu"),
+        model=update("<results>/{home}/{case}/model.h5"),
+        quality=update("<results>/{home}/{case}/quality.json"),
+    log:
+        "<logs>/model_patient/{home}/{case}.log",
+    benchmark:
+        "<benchmarks>/model_patient/{home}/{case}.tsv"
+    wildcard_constraints:
+        home="patients",
+    conda:
+        "../envs/pinnochio.yaml"
+    resources:
+        mem_mb=lambda wildcards, input: 4000 + 60 * millions(input.labels),
+        runtime=60,
+    params:
+        nodes=INPUTS.patient.nodes,
+        minimum_dihedral=INPUTS.patient.setting("mesh", "minimum_dihedral"),
+        interfaces=INPUTS.patient.setting("interfaces"),
+        controls=INPUTS.patient.setting("lift", "controls"),
+        fem=INPUTS.patient.setting("fem"),
+        code=code_of("scripts.patients.model_patient"),
+    message:
+        "Mesh and label {wildcards.case}"
+    script:
+        "../scripts/patients/model_patient.py"
+
+
+ruleorder: model_patient > tetrahedralize
+ruleorder: model_patient > label_interfaces
+ruleorder: model_patient > make_lift
+ruleorder: model_patient > report_quality
+
+
+rule show_quality:
+    input:
+        model="<results>/{home}/{case}/model.h5",
+    output:
+        picture="<results>/{home}/{case}/quality.png",
+    log:
+        "<logs>/show_quality/{home}/{case}.log",
+    wildcard_constraints:
+        home="patients",
+    conda:
+        "../envs/pinnochio.yaml"
+    resources:
+        mem_mb=2000,
+        runtime=5,
+    params:
+        code=code_of("scripts.patient.show_quality"),
+    message:
+        "Draw the model of {wildcards.case}"
+    script:
+        "../scripts/patient/show_quality.py"
+
+
+ruleorder: show_quality > report_quality
+
+
+# Before pictures of the patient.
+rule predict_plan:
     input:
         model="<results>/{home}/{case}/model.h5",
         plan="<results>/{home}/{case}{plan}/plan.json",
-        result=INPUTS.patients.result,
+        quality="<results>/{home}/{case}/quality.json",
+        lifts=INPUTS.prediction.of_ensemble("lifts"),
+        covariates=INPUTS.prediction.of_ensemble("covariates"),
+        networks=INPUTS.prediction.of_ensemble("networks"),
+        archive=lambda wildcards: STUDY.choice.files,
     output:
+        **{name: update(file) for name, file in INPUTS.patients.fields.items()},
+        certificate=update("<results>/{home}/{case}{plan}/{method}/certificate.json"),
+        page=update("<results>/{home}/{case}{plan}/{method}/index.html"),
+        measures=update("<results>/{home}/{case}{plan}/{method}/measures.csv"),
         mesh="<results>/{home}/{case}{plan}/{method}/deformed.vtu",
         skin=expand(
             "<results>/{home}/{case}{plan}/{method}/skin.{kind}",
@@ -127,73 +205,37 @@ rule export_prediction:
         # One file per bone of the patient, which its segmentation tells.
         bones=directory("<results>/{home}/{case}{plan}/{method}/bones"),
     log:
-        "<logs>/export_prediction/{home}/{case}{plan}_{method}.log",
+        "<logs>/predict_plan/{home}/{case}{plan}_{method}.log",
+    benchmark:
+        "<benchmarks>/predict_plan/{home}/{case}{plan}_{method}.tsv"
+    wildcard_constraints:
+        home="patients",
+        plan="/[^/]+",
+        method=config["predict"]["method"] if not STUDY.choice else STUDY.choice.method,
+    priority: 1
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=2000,
-        runtime=5,
+        mem_mb=4000,
+        runtime=30,
+        gpu=lambda wildcards: GPU if STUDY.choice.archive else 0,
     params:
-        code=code_of("scripts.patients.export_prediction"),
-    message:
-        "Write the files of {wildcards.case}{wildcards.plan}"
-    script:
-        "../scripts/patients/export_prediction.py"
-
-
-rule certify:
-    input:
-        model="<results>/{home}/{case}/model.h5",
-        plan="<results>/{home}/{case}{plan}/plan.json",
-        quality="<results>/{home}/{case}/quality.json",
-        result=INPUTS.patients.result,
-        archive=lambda wildcards: STUDY.choice.files,
-    output:
-        certificate="<results>/{home}/{case}{plan}/{method}/certificate.json",
-    log:
-        "<logs>/certify/{home}/{case}{plan}_{method}.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=2000,
-        runtime=10,
-    params:
+        folds=INPUTS.prediction.of_ensemble("folds"),
+        predictor=INPUTS.prediction.predictor,
+        settings=INPUTS.prediction.of_ensemble("settings"),
+        fem=INPUTS.patient.setting("fem"),
         corrections=lambda wildcards: STUDY.choice.corrections,
         expected=lambda wildcards: STUDY.choice.expected,
-        archive=lambda wildcards: STUDY.choice.folder,
-        fem=INPUTS.patient.setting("fem"),
+        archive=lambda wildcards: {
+            name: getattr(STUDY.choice, name)
+            for name in ("folder", "calibration", "ranges")
+        },
         predicts=PREDICTS,
-        code=code_of("scripts.patients.certify"),
+        code=code_with_method("scripts.patients.predict_plan"),
     message:
-        "Certify {wildcards.case}{wildcards.plan}"
+        "Predict {wildcards.case}{wildcards.plan}"
     script:
-        "../scripts/patients/certify.py"
-
-
-rule show_prediction:
-    input:
-        model="<results>/{home}/{case}/model.h5",
-        plan="<results>/{home}/{case}{plan}/plan.json",
-        result=INPUTS.patients.result,
-        certificate="<results>/{home}/{case}{plan}/{method}/certificate.json",
-    output:
-        page="<results>/{home}/{case}{plan}/{method}/index.html",
-        measures="<results>/{home}/{case}{plan}/{method}/measures.csv",
-    log:
-        "<logs>/show_prediction/{home}/{case}{plan}_{method}.log",
-    benchmark:
-        "<benchmarks>/show_prediction/{home}/{case}{plan}_{method}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=2000,
-        runtime=10,
-    params:
-        code=code_of("scripts.patients.show_prediction"),
-    message:
-        "Draw {wildcards.case}{wildcards.plan}"
-    script:
-        "../scripts/patients/show_prediction.py"
+        "../scripts/patients/predict_plan.py"
 
 
 rule show_plans:

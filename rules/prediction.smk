@@ -124,7 +124,8 @@ rule predict_ensemble:
     benchmark:
         "<benchmarks>/predict_ensemble/{home}/{case}{plan}_{method}.tsv"
     wildcard_constraints:
-        method=any_of([*NETWORKS, config["predict"]["method"]]),
+        home="cases",
+        method=any_of(NETWORKS),
     conda:
         "../envs/pinnochio.yaml"
     resources:
@@ -202,8 +203,9 @@ rule predict_interval:
     benchmark:
         "<benchmarks>/predict_interval/{home}/{case}{plan}_{method}.tsv"
     wildcard_constraints:
-        case=any_of([*STUDY.cohort.unscanned, *STUDY.new_patients]),
-        method=any_of([*NETWORKS, config["predict"]["method"]]),
+        home="cases",
+        case=any_of(STUDY.cohort.unscanned),
+        method=any_of(NETWORKS),
     conda:
         "../envs/pinnochio.yaml"
     resources:

@@ -1,8 +1,7 @@
 """Makes one table of the imported patients, the sign that every file was read and checked."""
 
+import csv
 from collections.abc import Sequence
-
-import pandas as pd
 
 from pinnochio.files import replacing
 from pinnochio.importing.repair import repaired_voxels
@@ -18,8 +17,11 @@ def check_cohort(cases: Sequence[str], reports: Sequence[str], table: str) -> No
         volumes = {f"{name}_cm3": volume for name, volume in report["volume_cm3"].items()}
         row = {"case": case, "spacing_mm": "x".join(f"{s:g}" for s in report["spacing_mm"]), "muscle": report["muscle"]}
         rows.append(row | {"repaired_voxels": repaired_voxels(report["repairs"])} | volumes)
-    with replacing(table) as temporary:
-        pd.DataFrame(rows).to_csv(temporary, index=False)
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    with replacing(table) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 if __name__ == "__main__":

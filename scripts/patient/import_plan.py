@@ -4,13 +4,12 @@ import logging
 from collections.abc import Mapping
 from dataclasses import replace
 
-from pinnochio.importing.postop_bones import is_image, read_postop_bones
-from pinnochio.importing.segment_registration import check_fits, register_bones
 from pinnochio.importing.segmentation import check_plan, check_travel, read_labels
 from pinnochio.logs import attach_log, collected
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.areg import matrices, read_areg
 from pinnochio.plans.plan import Plan
+from pinnochio.volume_size import is_image
 
 
 def import_plan(
@@ -39,6 +38,10 @@ def _checked_plan(case, source, bone, labels, label_values, limit, share, foreig
     """The plan, arguments as in :func:`import_plan`."""
     surface = BoneSurface.read(bone)
     if is_image(source):
+        # These take a second, which other plans are spared.
+        from pinnochio.importing.postop_bones import read_postop_bones
+        from pinnochio.importing.segment_registration import check_fits, register_bones
+
         points, faces = read_postop_bones(source, case, surface.points, label_values)
         cranium, fits = register_bones(
             head=read_labels(labels),

@@ -8,7 +8,6 @@ from pathlib import Path
 from pinnochio.files import replacing
 from pinnochio.importing.osteotomy import GUESS
 from pinnochio.json_text import read_stored_json
-from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.elastic import linear_field
 from pinnochio.metrics.worst_point import apart
@@ -80,19 +79,3 @@ def from_elasticity(patient: PatientModel, plan: Plan, displacement, fem: FemSet
     fields = displacement, linear_field(patient, plan, fem)[0]
     one, other = (patient.moved_skin(field)[patient.judged_points] for field in fields)
     return apart(one, [other])
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    certify(
-        about=dict(snakemake.wildcards.items())
-        | {"plan": snakemake.wildcards.plan.removeprefix("/"), "code": snakemake.params.predicts}
-        | {name: snakemake.params[name] for name in ("corrections", "expected")},
-        model=snakemake.input.model,
-        plan=snakemake.input.plan,
-        quality=snakemake.input.quality,
-        result=snakemake.input.result,
-        fem=FemSettings(**snakemake.params.fem),
-        folder=snakemake.params.archive,
-        certificate=snakemake.output.certificate,
-    )

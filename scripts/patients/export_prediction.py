@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from pinnochio.logs import attach_log
 from pinnochio.model.labels import segment_name
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.exports import write_mesh, write_skin, write_surface
@@ -29,14 +28,3 @@ def export_prediction(case: str, model: str, plan: str, result: str, folder: str
     for index in range(-1, len(patient.segments)):
         name = segment_name(index, patient.segments)
         write_surface(moved, patient.bone_faces[owner == index], out / f"bones/{name}.stl")
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    export_prediction(
-        case=snakemake.wildcards.case,
-        model=snakemake.input.model,
-        plan=snakemake.input.plan,
-        result=snakemake.input.result,
-        folder=str(Path(snakemake.output.mesh).parent),
-    )

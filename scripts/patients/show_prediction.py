@@ -3,7 +3,6 @@
 import numpy as np
 
 from pinnochio.json_text import read_stored_json
-from pinnochio.logs import attach_log
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.face_measures import face_rows, write_face
 from pinnochio.patients.prediction_page import write_page
@@ -26,17 +25,4 @@ def show_prediction(case: str, model: str, plan: str, result: str, certificate: 
         certificate=read_stored_json(certificate),
         rows=rows,
         path=page,
-    )
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    show_prediction(
-        case=snakemake.wildcards.case,
-        model=snakemake.input.model,
-        plan=snakemake.input.plan,
-        result=snakemake.input.result,
-        certificate=snakemake.input.certificate,
-        measures=snakemake.output.measures,
-        page=snakemake.output.page,
     )

@@ -14,7 +14,7 @@ from pinnochio.patients.certificate import in_distribution
 from pinnochio.patients.in_distribution import Ranges, widening
 from pinnochio.patients.result import of_ensemble
 from pinnochio.plans.plan import Plan
-from pinnochio.statistics.intervals import Calibration, read_ensemble, read_load, repaired_interval, widened
+from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble, read_load, repaired_interval, widened
 
 
 def predict_interval(
@@ -27,7 +27,6 @@ def predict_interval(
     ranges: str,
     fem: FemSettings,
     result: str,
-    picture: str,
 ) -> None:
     """Write the interval of a patient whom no network has seen, no element of its mean field inverted.
 
@@ -44,7 +43,17 @@ def predict_interval(
     logging.info("%s: mean half-width %.3f mm; %s", case, np.nanmean(interval.half_width), repair)
     about = {"case": case, "method": calibrated.method, "level": calibrated.level}
     interval.write(result, **about, **asdict(of_ensemble(ensemble, repair)))
-    interval_picture(patient=patient, interval=interval, calibration=calibrated, case=case, path=picture)
+
+
+def show_interval(case: str, model: str, result: str, calibration: str, picture: str) -> None:
+    """Draw what :func:`predict_interval` wrote."""
+    interval_picture(
+        patient=PatientModel.read(model),
+        interval=Interval.read(result),
+        calibration=Calibration.read(calibration),
+        case=case,
+        path=picture,
+    )
 
 
 if __name__ == "__main__":
@@ -59,5 +68,11 @@ if __name__ == "__main__":
         ranges=snakemake.input.ranges,
         fem=FemSettings(**snakemake.params.fem),
         result=snakemake.output.interval,
+    )
+    show_interval(
+        case=snakemake.wildcards.case,
+        model=snakemake.input.model,
+        result=snakemake.output.interval,
+        calibration=snakemake.input.calibration,
         picture=snakemake.output.picture,
     )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pinnochio.code import ROOT, source_file
+from pinnochio.code import ROOT, closure, source_file
 from tests.helpers.rules import RULE_FILES, bodies, dotted, scripts_of_rules
 from tests.helpers.sources import imported
 
@@ -41,7 +41,8 @@ def test_the_main_of_a_script_passes_every_argument_by_keyword(name):
 
 def test_every_stage_script_is_run_by_a_rule():
     stages = {dotted(path) for path in (ROOT / "scripts").rglob("*.py") if path.name != "__init__.py"}
-    assert stages <= {*scripts_of_rules().values()}
+    run = {path for name in scripts_of_rules().values() for path in closure(source_file(name))}
+    assert stages <= {dotted(path) for path in run if path.suffix == ".py"}
 
 
 @pytest.mark.parametrize("path", RULE_FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")

@@ -88,7 +88,7 @@ def training(patients, tmp_path_factory) -> tuple[str, list[str]]:
     folder = tmp_path_factory.mktemp("training")
     reports = [str(folder / f"{patient.case}.json") for patient in patients]
     for patient, report in zip(patients, reports, strict=True):
-        report_quality(patient.model, patient.report, report, str(folder / "quality.png"))
+        report_quality(patient.model, patient.report, report)
     columns = ([getattr(patient, name) for patient in patients] for name in ("case", "model", "plan"))
     describe_training(*columns, reports, str(folder / "ranges.json"))
     return str(folder / "ranges.json"), reports

@@ -17,7 +17,7 @@ from pinnochio.model.predictions import Prediction, read_prediction, write_predi
 from pinnochio.model.regions import NAMES, NECK, OTHER, regions
 from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble
 from scripts.prediction.calibrate import ScannedCase, calibrate
-from scripts.prediction.predict_interval import predict_interval
+from scripts.prediction.predict_interval import predict_interval, show_interval
 from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.tables import make
 from tests.helpers.training import predict_all, predict_by, save_random
@@ -41,7 +41,8 @@ def predicted(patient, ensemble, calibration, training, result, picture, plan=No
     """The interval of the first patient."""
     ranges, (quality, *_) = training
     about = patient.case, patient.model, plan or patient.plan, quality
-    predict_interval(*about, ensemble, calibration, ranges, patient.fem, result, picture)
+    predict_interval(*about, ensemble, calibration, ranges, patient.fem, result)
+    show_interval(patient.case, patient.model, result, calibration, picture)
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +81,7 @@ def test_the_regions_of_a_meshed_face(patients):
         judged = np.unique(patient.skin_faces[patient.face_roi])
         assert (codes[judged] >= 0).all() and (codes >= 0).sum() == len(judged)
         size = np.bincount(codes[judged], minlength=len(NAMES))
-        assert (size[:OTHER] > 0.015 * len(judged)).all() and size[OTHER] < 0.4 * len(judged)
+        assert (size[:OTHER] > 0.01 * len(judged)).all() and size[OTHER] < 0.4 * len(judged)
 
 
 def test_an_ensemble_holds_what_each_folds_network_predicts(patient, networks, ensembles, tmp_path):

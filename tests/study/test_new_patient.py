@@ -10,7 +10,7 @@ from tests.helpers.settings import ROOT
 from tests.helpers.study import Project, jobs
 
 METHOD = "pinnochio_plus"
-SHARED = ("import_segmentation", "tetrahedralize", "label_interfaces", "report_quality", "make_lift")
+SHARED = ("import_segmentation", "model_patient", "show_quality")
 TRAINING = {"pretrain", "finetune", "simulate_fem", "calibrate", "describe_training", "pack", "virtual_patient"}
 
 
@@ -40,7 +40,7 @@ def test_an_archive_alone_predicts_two_plans_of_one_patient(clinic):
     assert done.returncode == 0, done.stdout[-4000:]
     made = jobs(done.stdout)
     assert {name: made[name] for name in SHARED} == dict.fromkeys(SHARED, 1)
-    assert {made[name] for name in ("import_plan", "predict_ensemble", "predict_interval", "certify")} == {2}
+    assert {made[name] for name in ("import_plan", "predict_plan")} == {2}
     assert "P01/plans/extreme.json names case 'V01'" in done.stdout.split("import_segmentation")[0]  # before any job
     assert not made.keys() & TRAINING
     results = clinic.folder / "results/quick"
@@ -76,7 +76,7 @@ def test_a_plan_that_is_added_later_shares_the_patient(clinic):
     plan.with_name("again.json").unlink()
     assert done.returncode == 0, done.stdout[-4000:]
     made = jobs(done.stdout)
-    assert made.pop("predict_cases") == 3 and made.pop("import_plan") == 1 and made.pop("check_patient") == 1
+    assert made.pop("predict_plan") == 3 and made.pop("import_plan") == 1 and made.pop("check_patient") == 1
     assert not made.keys() & {*SHARED, *TRAINING}
     folder = clinic.folder / "results/quick/patients/P01/again/elastic"
     assert json.loads((folder / "certificate.json").read_text())["in_distribution"] is None

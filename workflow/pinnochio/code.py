@@ -3,7 +3,6 @@
 import hashlib
 import os
 import re
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -69,15 +68,17 @@ def imported_by(file: Path) -> frozenset[Path]:
     return frozenset(data.union(path for module in modules for path in _files(module)))
 
 
-def _files(module: str) -> Iterator[Path]:
+@cache
+def _files(module: str) -> tuple[Path, ...]:
     """The file of a module of the project, and those of the packages that it lies in."""
     package, *parts = module.split(".")
     if package not in PACKAGES:
-        return
-    path = PACKAGES[package]
+        return ()
+    path, files = PACKAGES[package], []
     for part in ["", *parts]:
         path = path / part
         if (path / "__init__.py").is_file():
-            yield path / "__init__.py"
+            files.append(path / "__init__.py")
         elif path.with_suffix(".py").is_file():
-            yield path.with_suffix(".py")
+            files.append(path.with_suffix(".py"))
+    return tuple(files)

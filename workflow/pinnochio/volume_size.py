@@ -32,3 +32,10 @@ def voxels(path: str | os.PathLike) -> int:
 def millions(path: str | os.PathLike) -> int:
     """Its voxels in millions, rounded up; of a folder of surfaces, which become voxels of 1 mm, 0."""
     return 0 if Path(path).is_dir() else math.ceil(voxels(path) / 1e6)
+
+
+def is_image(path: str | os.PathLike) -> bool:
+    """Whether a path is a label map, or a folder of label maps."""
+    path = Path(path)
+    files = path.iterdir() if path.is_dir() else [path]
+    return any(file.name.lower().endswith(IMAGE_FORMATS) for file in files)

@@ -15,6 +15,7 @@ from pinnochio.model.patient import FIXED, FREE, INTERIOR, MOVING, SLIDING
 from pinnochio.model.regions import CHIN, NOSE, NOT_JUDGED, UPPER_LIP
 from pinnochio.tables.quality import quality_columns, table
 from scripts.patient.report_quality import report_quality
+from scripts.patient.show_quality import show_quality
 from tests.helpers.patients import tiny_patient
 from tests.helpers.tables import make, write
 
@@ -132,7 +133,8 @@ def test_report_and_table_are_written_and_repeat_their_bytes(tmp_path):
     made = []
     for number in (1, 2):
         files = [str(tmp_path / f"{number}.{suffix}") for suffix in ("json", "png")]
-        report_quality(str(tmp_path / "model.h5"), str(tmp_path / "import.json"), *files)
+        report_quality(str(tmp_path / "model.h5"), str(tmp_path / "import.json"), files[0])
+        show_quality("P1", str(tmp_path / "model.h5"), files[1])
         made.append([Path(file).read_bytes() for file in files])
     assert made[0] == made[1] and len(made[0][1]) > 20_000
     make(

@@ -160,8 +160,8 @@ def test_new_patients_by_finite_elements_need_no_archive(tmp_path):
     assert inputs.patients.plans(wildcards) == ["<results>/patients/anna/plan/plan.json"]
     assert inputs.patient.motion(wildcards) == "<results>/patients/anna/plan/plan.json"
     assert inputs.patients.result(wildcards) == "<results>/patients/anna/plan/fem_sliding/predictions.h5"
-    batch = inputs.prediction.batch("patients/anna/plan", "fem_sliding")
-    assert batch.models == ["<results>/patients/anna/model.h5"] and batch.settings["contact"] == "mucosa"
+    alone = inputs.prediction.ensemble(wildcards)
+    assert not alone.networks and alone.settings["contact"] == "mucosa"
 
 
 def test_a_method_that_only_an_archive_knows_is_a_graph_network():

@@ -14,7 +14,7 @@ from pinnochio.importing.segment_files import Segment, read_segments
 from pinnochio.importing.segmentation import in_millimetres
 from pinnochio.model.labels import TISSUES
 from pinnochio.model.surfaces import contour
-from pinnochio.volume_size import IMAGE_FORMATS
+from pinnochio.volume_size import is_image
 
 EDGE = 1.5  # mm; longer edges of a surface file are divided, so that its vertices show it everywhere
 MOST = 5e6  # triangles that the division may make: some ten million take minutes and the memory of the stage
@@ -63,13 +63,6 @@ def read_postop_bones(
         refuse(problem, "remove points that stand off, or remesh it with edges of a few mm")
     points, faces = trimesh.remesh.subdivide_to_size(points, faces, EDGE, max_iter=20)
     return points, faces.astype(np.int32)
-
-
-def is_image(path: str | os.PathLike) -> bool:
-    """Whether a path is a label map, or a folder of label maps."""
-    path = Path(path)
-    files = path.iterdir() if path.is_dir() else [path]
-    return any(file.name.lower().endswith(IMAGE_FORMATS) for file in files)
 
 
 def _named_bone(part: Segment, label_values: Mapping) -> bool:

@@ -51,7 +51,8 @@ def make_sources(
 ) -> Sources:
     """The sources of a patient for anchors (a,), skin points of the face."""
     normals = vertex_normals(model.skin_points, model.skin_faces)
-    pressures = np.stack([_pressure(model, anchor, normals) for anchor in anchors])
+    areas = vertex_areas(model.skin_points, model.skin_faces)
+    pressures = np.stack([_pressure(model, anchor, areas, normals) for anchor in anchors])
     weight = WEIGHT * node_volumes(model.points, model.cells)[:, None] * SITTING_UP
     boundary = boundary_conditions(model, Plan("-", {}), "mucosa")
     solver = ElasticSolver(model.points, model.cells, material, boundary, volumetric)
@@ -75,10 +76,10 @@ def units(outward: np.ndarray) -> np.ndarray:
     return np.linalg.solve(outward @ outward.T + penalty * np.eye(len(outward)), outward).T
 
 
-def _pressure(model: PatientModel, anchor: int, normals: np.ndarray) -> np.ndarray:
+def _pressure(model: PatientModel, anchor: int, areas: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Force (n, 3) mN on the nodes under the skin about an anchor, outwards, 1 N in all."""
     share = np.exp(-0.5 * ((model.skin_points - model.skin_points[anchor]) ** 2).sum(1) / REACH**2)
-    share = np.where(share < LEAST, 0, share) * vertex_areas(model.skin_points, model.skin_faces)
+    share = np.where(share < LEAST, 0, share) * areas
     force = np.zeros_like(model.points)
     loaded = np.flatnonzero(share)
     push = 1000 * (share[loaded] / share.sum())[:, None] * normals[loaded]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
@@ -139,7 +139,7 @@ def interval(patient: PatientModel, displacements, calibration: Calibration, reg
             f"{calibration.patients} patients are too few for a level of {calibration.level}",
             "lower uncertainty.level, or scan more patients",
         )
-    z = norm.ppf(0.5 + calibration.level / 2)
+    z = ndtri(0.5 + calibration.level / 2)
     excess = np.maximum(skin_spread(patient, displacements) ** 2 - usual[region] ** 2, 0)
     mean = displacements.mean(axis=0)
     spread = np.sqrt(np.sum((displacements - mean) ** 2, axis=2).mean(axis=0))

@@ -8,7 +8,6 @@ from pinnochio.metrics.case_columns import BY_NAME
 from pinnochio.patients.pareto_front import SETTING
 from pinnochio.tables.document import Block, Table, views
 
-BASE = "as in the study"  # ends the value of a setting that changes nothing
 TRADEOFF_CASES = (
     Column("case", str, "", "patient"),
     *SETTING,

@@ -12,7 +12,8 @@ from pinnochio.seeds import derive_seed
 from pinnochio.statistics.conformal import half_width
 from pinnochio.tables.comparison import against_baseline
 from pinnochio.tables.document import Block, Table, View, read_blocks, views
-from studies.tradeoff.cases import BASE, TRADEOFF_CASES
+from studies.tradeoff.cases import TRADEOFF_CASES
+from studies.tradeoff.settings import BASE
 
 FRONTS = {"cd": "front_outcome", "face_error": "front_reference"}
 ERRORS = {"cd": "the outcome", "face_error": "the reference solution"}

@@ -68,7 +68,7 @@ class PatientInputs:
 
     def nodes(self, wildcards) -> int:
         """Nodes of the mesh."""
-        nodes = wildcards.mesh.removeprefix("/nodes_")
+        nodes = getattr(wildcards, "mesh", "").removeprefix("/nodes_")
         return int(nodes) if nodes else self.study.patient(wildcards).config["mesh"]["nodes"]
 
     def motion(self, wildcards) -> str:

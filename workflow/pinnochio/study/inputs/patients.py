@@ -60,6 +60,20 @@ class NewPatientInputs:
         """What the file of a new patient's prediction is called: it holds the interval of a learned method."""
         return "interval.h5" if self.study.choice.archive else "predictions.h5"
 
+    @property
+    def lift(self) -> dict[str, str]:
+        """The lift that the networks of new patients want, if any."""
+        kind = self.study.choice.lift if self.study.choice else "none"
+        return {} if kind == "none" else {"lift": f"<results>/{{home}}/{{case}}/lift_{kind}.h5"}
+
+    @property
+    def fields(self) -> dict[str, str]:
+        """What holds the prediction of a new patient: one result, or that of networks with what it is made of."""
+        names = {"result": "predictions.h5"}
+        if not self.study.choice or self.study.choice.archive:
+            names = {"result": "interval.h5", "ensemble": "ensemble.h5", "picture": "interval.png"}
+        return {key: f"<results>/{{home}}/{{case}}{{plan}}/{{method}}/{name}" for key, name in names.items()}
+
     def result(self, wildcards) -> str:
         """The file that holds a new patient's displacement, and the interval of a learned method."""
         folder = self.study.new_patients[wildcards.case].folder
@@ -97,5 +111,5 @@ class NewPatientInputs:
         ] + [
             f"{patient.folder}/{name}"
             for patient in patients
-            for name in ["segments.png", *([f"plans_{method}.html"] if len(patient.plans) > 1 else [])]
+            for name in ["segments.png", "quality.png", *([f"plans_{method}.html"] if len(patient.plans) > 1 else [])]
         ]

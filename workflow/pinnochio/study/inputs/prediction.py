@@ -68,11 +68,10 @@ class PredictionInputs:
         return lambda wildcards: getattr(self.batch(wildcards.batch, wildcards.method), name)
 
     def batch(self, batch: str, method: str) -> Batch:
-        """A batch, folds/N, planned/N or patients/NAME/PLAN, as the method predicts it."""
+        """A batch, folds/N or planned/N, as the method predicts it."""
         key = batch, method
         if key not in self._batches:
-            kind, name, *plan = batch.split("/")
-            self._batches[key] = self._new(name, *plan, method) if plan else self._held_out(batch, name, method)
+            self._batches[key] = self._held_out(batch, batch.split("/")[1], method)
         return self._batches[key]
 
     def _held_out(self, batch: str, fold: str, name: str) -> Batch:
@@ -89,15 +88,6 @@ class PredictionInputs:
             trained=f"<results>/folds/{fold}/{name}/{trained}" if trained else [],
         )
 
-    def _new(self, name: str, plan: str, method: str) -> Batch:
-        patient = self.study.new_patient(name)
-        return Batch(
-            cases=[name],
-            models=[f"{patient.folder}/model.h5"],
-            plans=[f"{patient.folder}/{plan}/plan.json"],
-            settings=predicting(registry(patient.config)[method].settings),
-        )
-
     def of_ensemble(self, name: str) -> Callable:
         """Input or params function: one entry of :meth:`ensemble`."""
         return lambda wildcards: getattr(self.ensemble(wildcards), name)
@@ -105,7 +95,12 @@ class PredictionInputs:
     def ensemble(self, wildcards) -> Ensemble:
         """Of every fold of the study, or of the archive that was chosen for the patient."""
         patient = self.study.patient(wildcards)
-        if choice := patient.choice:
+        if (choice := patient.choice) and not choice.archive:
+            settings = predicting(registry(patient.config)[choice.method].settings)
+            return Ensemble(
+                folds=[], networks=[], lifts=[], covariates=[], settings=settings, calibration="", ranges=""
+            )
+        if choice:
             return Ensemble(
                 folds=choice.archive.folds,
                 networks=choice.networks,

@@ -1,0 +1,52 @@
+"""Makes of a new patient's labels all that no plan decides: mesh, model, lift, quality."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pinnochio.logs import attach_log
+from pinnochio.mechanics.settings import FemSettings
+from pinnochio.stages import Stages
+from scripts.patient.label_interfaces import label_case
+from scripts.patient.make_lift import write_lift
+from scripts.patient.report_quality import report_quality
+from scripts.patient.tetrahedralize import mesh_case
+
+
+def model_patient(
+    imported: Mapping[str, str],
+    mesh_settings: Mapping[str, float],
+    interfaces: Mapping[str, float],
+    controls: int,
+    fem: FemSettings,
+    outputs: Mapping[str, str],
+) -> None:
+    """Run the stages one after another.
+
+    imported: files labels, bone, skin, report; the settings are those of the stages; outputs: files mesh, model,
+    quality, and lift_KIND.h5, if a lift is wanted.
+    """
+    stages, mesh, model = (
+        Stages(Path(outputs["model"]).with_name(".model_patient.json")),
+        outputs["mesh"],
+        outputs["model"],
+    )
+    stages(mesh_case, {"labels": imported["labels"]}, {"mesh": mesh}, mesh_settings)
+    stages(label_case, {"mesh": mesh, **imported}, {"model": model}, {"interfaces": interfaces})
+    if "lift" in outputs:
+        settings = {"kind": Path(outputs["lift"]).stem.removeprefix("lift_"), "controls": controls, "fem": fem}
+        stages(write_lift, {"model": model}, {"lift": outputs["lift"]}, settings)
+    files = {"model": model, "imported": imported["report"]}
+    stages(report_quality, files, {"report": outputs["quality"]}, {})
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    params = snakemake.params
+    model_patient(
+        imported={name: snakemake.input[name] for name in ("labels", "bone", "skin", "report")},
+        mesh_settings={"nodes": params.nodes, "minimum_dihedral": params.minimum_dihedral},
+        interfaces=params.interfaces,
+        controls=params.controls,
+        fem=FemSettings(**params.fem),
+        outputs=dict(snakemake.output.items()),
+    )

@@ -1,0 +1,63 @@
+"""Stages of one job: what is made again, and what a killed job leaves to the next."""
+
+import logging
+import os
+from pathlib import Path
+
+import pytest
+
+from pinnochio.stages import Stages
+
+
+def join(words: list[str], after: str, text: str, between: str) -> None:
+    """A stage: files joined, with `after` at the end."""
+    logging.info("joined")
+    Path(text).write_text(between.join([*(Path(word).read_text() for word in words), Path(after).read_text()]))
+
+
+@pytest.fixture
+def run(tmp_path, caplog):
+    """Runs the stage in a new job; whether it was made again."""
+    for name in ("one", "two", "end"):
+        (tmp_path / name).write_text(name)
+    caplog.set_level(logging.INFO)
+
+    def run(between="-"):
+        caplog.clear()
+        words, output = [str(tmp_path / name) for name in ("one", "two")], {"text": str(tmp_path / "text")}
+        inputs = {"words": words, "after": str(tmp_path / "end")}
+        Stages(tmp_path / ".made.json")(join, inputs, output, {"between": between})
+        return "joined" in caplog.text
+
+    return run
+
+
+def test_a_stage_is_run_once(run, tmp_path):
+    assert run() and not run()
+    assert (tmp_path / "text").read_text() == "one-two-end"
+
+
+def test_content_settings_and_lost_outputs_count_not_times(run, tmp_path):
+    run()
+    (tmp_path / "two").write_text("2")
+    assert run() and (tmp_path / "text").read_text() == "one-2-end" and run("+") and not run("+")
+    (tmp_path / "text").unlink()
+    assert run("+")
+    (tmp_path / "text").write_text("an older one, put back")
+    assert run("+")
+    os.utime(tmp_path / "one", (1e9, 2e9))
+    assert not run("+")
+
+
+def test_what_stays_counts_as_new(run, tmp_path):
+    run()
+    os.utime(tmp_path / "text", (1e9, 1e9))
+    assert not run() and (tmp_path / "text").stat().st_mtime > 1.5e9
+
+
+def test_a_stage_that_fails_is_run_again_and_those_before_it_are_not(run, tmp_path):
+    run()
+    for _ in range(2):
+        with pytest.raises(ZeroDivisionError):
+            Stages(tmp_path / ".made.json")(lambda: 1 / 0, {}, {}, {})
+    assert not run()
