@@ -57,7 +57,7 @@ def test_the_deviation_is_that_of_the_outcome_from_sliding_finite_elements(job, 
     one, other = ahead.iloc[0], known.iloc[0]
     assert 0 < one["left"] <= one["square"] + 1e-6 < 0.64 and one["rms"] < 0.8
     assert other["left"] == pytest.approx(one["left"] * (0.2 / 0.8) ** 2, rel=0.05)
-    assert one["fine_band"] < 0.12 and one["symmetric"] > 0.9  # of a shift, which is rigid
+    assert one["fine_band"] < 0.12 and one["symmetric"] > 0.85  # of a shift, which is rigid
 
 
 def test_an_effect_of_each_kind_changes_the_face_or_its_scan(job, patient):
