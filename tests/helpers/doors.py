@@ -195,7 +195,7 @@ def doors(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     yield bad("missing slices", values=values, head=head, save=partial(series, left_out=(20, 21)))
     for value in (-3024.0, -2000.0, 0.0):
         yield good(f"padding of {value:g}", grey=padded(value))
-    for shift in ((3, 0, 0), (0, -4, 2), (0, 0, 6)):
+    for shift in ((0, -2, 0), (3, 0, 0), (0, -4, 2), (0, 0, 6)):
         yield bad(f"a scan that is {shift} voxels off", grey=np.roll(grey, shift, (0, 1, 2)))
     yield bad("a scan of two volumes", values=values, head=head, save=two_volumes)
     yield bad("a scan of another format", values=values, head=head, save=lambda home: (home / "ct.tif").touch())

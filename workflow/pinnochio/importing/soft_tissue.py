@@ -10,7 +10,7 @@ CLIPPED = (1.0, 99.0)  # percentiles of the grey values that air and tissue are 
 # Padding: of the scan's border, its share at least; of the voxels in front of it, those that are air, at least [I].
 AT_BORDER, BESIDE_AIR = 0.05, 0.2
 COARSE, SHIFT = 2.0, 40.0  # mm: grid on which labels are held against the scan, and farthest shift that is tried
-OFF, BETTER = 3.5, 1.08  # mm and times as bright, from which shifted labels fit the scan better [I]
+OFF, BETTER = 3.5, 1.08  # mm and times the contrast, from which shifted labels fit the scan better [I]
 
 
 def without_padding(image: sitk.Image) -> tuple[sitk.Image, float | None]:
@@ -54,8 +54,8 @@ def _meets_border(mask) -> np.ndarray:
 def check_belongs(grey, bone, spacing: float, refuse) -> None:
     """Refuse a scan [ix, iy, iz] whose bright voxels lie elsewhere than the bone (bool) that is labelled on it.
 
-    The labels are shifted over the scan on a grid of COARSE mm, by a convolution; where they lie they must be about as
-    bright as anywhere else.
+    The labels are shifted over the scan on a grid of COARSE mm, by a convolution; where they lie, bone must stand out
+    of the shell about it nearly as much as anywhere else.
     """
     soft = grey[~ndimage.binary_dilation(bone, iterations=2)]
     level = np.percentile(soft, 90), np.percentile(grey[bone], 75)
@@ -65,7 +65,9 @@ def check_belongs(grey, bone, spacing: float, refuse) -> None:
     step = max(1, round(COARSE / spacing))
     reach = int(SHIFT / (step * spacing))
     bright = np.clip((grey[::step, ::step, ::step] - level[0]) / (level[1] - level[0]), 0, 1).astype(np.float32)
-    mask = bone[::step, ::step, ::step].astype(np.float32)
+    mask = bone[::step, ::step, ::step]
+    shell = ndimage.binary_dilation(mask, iterations=2) & ~mask
+    mask = mask / mask.sum() - shell / max(shell.sum(), 1)
     shape = [side + reach for side in mask.shape]
     product = np.fft.irfftn(np.fft.rfftn(bright, shape) * np.conj(np.fft.rfftn(mask, shape)), shape)
     near = np.r_[0 : reach + 1, -reach:0]
