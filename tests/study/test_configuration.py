@@ -1,6 +1,7 @@
 """What Snakemake says of a configuration: wrong keys in a few lines, and one that is not that of the results."""
 
 import json
+import shutil
 
 
 def test_a_wrong_key_is_refused_in_a_few_lines(project):
@@ -10,6 +11,18 @@ def test_a_wrong_key_is_refused_in_a_few_lines(project):
     assert "  File " not in done.stdout  # no lines of code
     assert "fem.poison ('0.45') is unknown; did you mean fem.poisson: number, > 0, <= 0.4999" in lines[0]
     assert "mesh.nodes is 3; allowed: integer, >= 500, <= 200000" in lines[1] and "Remedy: " in lines[1]
+
+
+def test_a_patient_is_predicted_from_any_folder_whatever_its_path_is_called(project, tmp_path):
+    away, patient = tmp_path / "else where", project.folder / "Grün & Co/007"
+    away.mkdir()
+    shutil.copytree(project.folder / "examples/P01", patient)
+    target = "results/patients/007/import.json"
+    settings = [target, "--config", f"patient={patient}", "predict={method: fem_sliding}"]
+    done = project.dry_run("--directory", str(away), *settings)
+    assert done.returncode == 0 and "import_segmentation" in done.stdout, done.stdout[-2000:]
+    done = project.dry_run(target, "--config", "patient=007")
+    assert done.returncode != 0 and "patient=./007" in done.stdout and "Traceback" not in done.stdout
 
 
 def test_a_changed_configuration_is_noticed_without_snakemakes_metadata(project):
