@@ -35,7 +35,6 @@ from pinnochio.importing.soft_tissue import (
     bulk,
     check_belongs,
     closed,
-    largest,
     near_skin,
     without_padding,
 )
@@ -111,8 +110,9 @@ def _tidy_bones(values, spacing: float, case: str) -> None:
     for teeth, jaw in ((UPPER_TEETH, SKULL), (LOWER_TEETH, MANDIBLE)):
         mask = values == teeth
         if mask.any():
-            arch = largest(mask, TOUCHING)
-            island = mask & (ndimage.distance_transform_edt(~arch, spacing) > ISLAND)
+            # Teeth of one arch may stand apart, each within reach of the next.
+            pieces, _ = ndimage.label(ndimage.distance_transform_edt(~mask, spacing) <= ISLAND / 2)
+            island = mask & (pieces != np.bincount(pieces[mask]).argmax())
             if island.any():
                 volume = island.sum() * spacing**3 / 1000
                 LOG.warning(
