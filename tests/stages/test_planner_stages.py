@@ -33,9 +33,9 @@ def test_a_forecast_is_the_prediction_of_the_workflow(prepared, forecaster, pati
     plan = prepared.plans["set"]
     predict_all(networks, prepared, ensemble, 1, plan, prepared.lift)
     calibration = f"{prepared.archive}/{calibration_file(METHOD)}"
-    ranges, picture = f"{prepared.archive}/{RANGES}", str(tmp_path / "p.png")
+    ranges = f"{prepared.archive}/{RANGES}"
     about = prepared.case, prepared.model, plan, prepared.quality
-    predict_interval(*about, ensemble, calibration, ranges, patient.fem, result, picture)
+    predict_interval(*about, ensemble, calibration, ranges, patient.fem, result)
     expected, forecast = Interval.read(result), forecaster(Plan.read(plan, prepared.case))
     # But for elements that are repaired, to the precision of that.
     np.testing.assert_allclose(forecast.interval.displacement, expected.displacement, atol=0.02)
