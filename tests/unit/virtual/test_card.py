@@ -17,7 +17,7 @@ from pinnochio.virtual.card import data_card, markdown_table, spread
 from pinnochio.virtual.case_files import FILES, INPUTS, LOCKED, OUTCOME_CHECKSUMS, OUTCOMES
 from pinnochio.virtual.description import numbers
 from pinnochio.virtual.ground_truth import EFFECTS
-from pinnochio.virtual.parameters import FITTED, NAMES, SHIFTS, TABLE
+from pinnochio.virtual.parameters import FITTED, SHIFTS, TABLE
 from pinnochio.virtual.procedures import DEFORMITIES, Procedure
 from pinnochio.virtual.scanned import sample_patient
 from scripts.cohort.data_card import describe_cohort
@@ -79,7 +79,7 @@ def test_the_card_counts_patients_by_deformity_and_sex(card, anatomies):
 
 
 def test_every_sampled_number_stands_with_its_distribution_and_what_the_cohort_has(card, anatomies):
-    for name in NAMES:
+    for name in TABLE:
         entry = TABLE[name]
         (row,) = cells(card, f"`{name}`")
         values = np.array([a[name] for a in anatomies])

@@ -26,7 +26,7 @@ from pinnochio.virtual.morphable_model import (
     sample_identity,
     solid,
 )
-from pinnochio.virtual.parameters import FITTED, NAMES, NORMAL, NORMAL_OVERJET
+from pinnochio.virtual.parameters import FITTED, NORMAL, NORMAL_OVERJET, TABLE
 from pinnochio.virtual.procedures import DEFORMITIES, Procedure
 from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.skeleton import Skeleton
@@ -225,5 +225,5 @@ def test_a_plan_treats_a_scanned_patient_and_the_description_says_so(heads):
         assert jaw_overlap(head, plan) <= CONTACT
         said = json.loads(json.dumps(describe(head, plan), allow_nan=False))
         assert said["scanned"]["identity"] == list(head.parameters.scanned.identity)
-        assert set(FITTED) < set(NAMES) < set(said)
+        assert set(FITTED) < set(TABLE) < set(said)
         assert said["scanned"]["normal"]["overjet"] != said["overjet"]

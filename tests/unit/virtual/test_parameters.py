@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pinnochio.virtual.parameters import FITTED, NAMES, distribution
+from pinnochio.virtual.parameters import FITTED, TABLE, distribution
 from pinnochio.virtual.procedures import DEFORMITIES
 from pinnochio.virtual.scanned import sample_patient
 
@@ -17,7 +17,7 @@ def cohorts():
 
 def test_every_number_keeps_its_bounds(cohorts):
     for deformity, patients in cohorts.items():
-        for name in set(NAMES) - {*FITTED, *GROWN}:
+        for name in set(TABLE) - {*FITTED, *GROWN}:
             low, high = distribution(name, False, deformity)[2:]
             signed = deformity == "asymmetry" and name in ("chin_deviation", "occlusal_cant")
             values = np.array([getattr(p, name) for p in patients])
@@ -35,7 +35,7 @@ def test_sample_mean_follows_the_table(cohorts):
 
 
 def test_deformities_do_what_they_are_called(cohorts):
-    get = {d: {n: np.array([getattr(p, n) for p in ps]) for n in NAMES} for d, ps in cohorts.items()}
+    get = {d: {n: np.array([getattr(p, n) for p in ps]) for n in TABLE} for d, ps in cohorts.items()}
     assert get["class_ii"]["overjet"].min() >= 5 and get["class_iii"]["overjet"].max() <= -1.5
     assert get["class_ii"]["mandible_length"].mean() + 7 < get["class_iii"]["mandible_length"].mean()
     assert np.abs(get["asymmetry"]["chin_deviation"]).min() >= 4

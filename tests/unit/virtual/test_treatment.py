@@ -12,7 +12,7 @@ from pinnochio.plans.sampling import AUTOROTATION, LIMITS
 from pinnochio.virtual import treatment
 from pinnochio.virtual.description import describe, magnitudes, summarise
 from pinnochio.virtual.head import build_head
-from pinnochio.virtual.parameters import NAMES, NORMAL_OVERJET, TABLE
+from pinnochio.virtual.parameters import NORMAL_OVERJET, TABLE
 from pinnochio.virtual.procedures import DEFORMITIES, MANDIBLE, MAXILLA, Procedure
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.treatment import (
@@ -186,7 +186,7 @@ def test_description_says_what_was_sampled_and_what_the_plan_does(tmp_path):
         plan = treatment_plan(head, np.random.default_rng(number), "V")
         described = describe(head, plan)
         p, move = head.parameters, plan.motion("lefort1").displacement(head.landmarks["upper_incisor"][None])[0]
-        assert {name: described[name] for name in NAMES} == {name: getattr(p, name) for name in NAMES}
+        assert {name: described[name] for name in TABLE} == {name: getattr(p, name) for name in TABLE}
         assert described["cephalometry"]["face_height"] == pytest.approx(p.face_height)
         assert described["bite_before"] == bite(p) and described["bite_before"]["overjet"] == pytest.approx(p.overjet)
         assert described["plan"]["maxilla_forward"] == pytest.approx(-move[1])

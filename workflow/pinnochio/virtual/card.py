@@ -10,7 +10,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.virtual.case_files import CHECKSUMS, FILES, INPUTS, LOCKED, OUTCOME_CHECKSUMS, OUTCOMES
 from pinnochio.virtual.covariates import MEANING
 from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, REALITIES, in_reality
-from pinnochio.virtual.parameters import FITTED, NAMES, SHIFTS, TABLE
+from pinnochio.virtual.parameters import FITTED, SHIFTS, TABLE
 from pinnochio.virtual.procedures import DEFORMITIES
 
 # Tables that the card shows where they have been made, with their headings.
@@ -106,7 +106,7 @@ def patients_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
 def parameters_table(anatomies: Sequence[Mapping[str, Any]]) -> str:
     """Each number: its distribution, or that the scanned face decides it, and what this cohort has of it."""
     rows = []
-    for name in NAMES:
+    for name in TABLE:
         entry = TABLE[name]
         drawn = f"{entry.mean:g} ± {entry.sd:g}", f"{entry.male:+g}" if entry.male else ""
         drawn += f"{entry.low:g} to {entry.high:g}", entry.source
@@ -190,7 +190,7 @@ def data_card(
 ) -> str:
     """The card as Markdown.
 
-    anatomies: per patient `deformity`, `male` and the numbers of :data:`NAMES`; plans in the same order; virtual: that
+    anatomies: per patient `deformity`, `male` and the numbers of :data:`TABLE`; plans in the same order; virtual: that
     section of the configuration; labels: voxel value of each structure; tables: Markdown of any of :data:`TABLES`.
     """
     count = len(anatomies)

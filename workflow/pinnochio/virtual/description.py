@@ -16,7 +16,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import carriers, displacement_at
 from pinnochio.tables.document import Block, Table, View
 from pinnochio.virtual.head import Head
-from pinnochio.virtual.parameters import NAMES, HeadParameters
+from pinnochio.virtual.parameters import TABLE, HeadParameters
 from pinnochio.virtual.skeleton import Skeleton
 from pinnochio.virtual.thickness import measure
 from pinnochio.virtual.treatment import bite, jaw_overlap, split_overlaps
@@ -83,7 +83,7 @@ def numbers(p: HeadParameters) -> dict[str, Any]:
         "scanned": {
             "identity": p.scanned.identity,
             "anchors": asdict(p.scanned.anchors),
-            "normal": {name: before[name] for name in NAMES if before[name] != drawn[name]},
+            "normal": {name: before[name] for name in TABLE if before[name] != drawn[name]},
         }
     }
 

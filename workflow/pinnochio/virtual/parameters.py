@@ -46,16 +46,7 @@ TABLE = {
     "occlusal_cant": Distribution(0.0, 0.4, -4, 4, 0.0, "mm", "[R]", "left jaw angle lower than right by twice this"),
     "brow_prominence": Distribution(0.0, 0.5, -1, 3, 1.6, "mm", "[I]", "brow ridge"),
     # soft tissue
-    "nose_length": Distribution(15.5, 1.4, 11, 23, 2.0, "mm", "[R]", "subnasale to tip, sagittal"),
-    "nose_width": Distribution(31.5, 2.0, 26, 42, 3.5, "mm", "[R]", "between the wings"),
-    "nose_rotation": Distribution(1.5, 1.6, -4, 6, -1.5, "mm", "[I]", "tip raised above its mean height"),
-    "dorsal_hump": Distribution(0.0, 0.8, -1.8, 3, 0.9, "mm", "[I]", "mid-dorsum above the line nasion to tip"),
-    "mouth_width": Distribution(49.0, 2.5, 41, 58, 3.0, "mm", "[R]", "commissure to commissure"),
-    "lip_fullness": Distribution(1.05, 0.13, 0.65, 1.5, -0.12, "1", "[I]", "vermilion size relative to the mean"),
-    "malar_fullness": Distribution(0.6, 0.7, -1.2, 3, -0.6, "mm", "[I]", "fat pad below the eye"),
-    "neck_width": Distribution(106.0, 5.0, 92, 138, 15.0, "mm", "[R]", "across the neck"),
     "eye_spacing": Distribution(62.0, 2.0, 55, 70, 2.0, "mm", "[R]", "between the pupils"),
-    "skin_asymmetry": Distribution(0.5, 0.15, 0.2, 1.2, 0.0, "mm", "[I]", "size of the irregular relief of the skin"),
     # thickness over bone, where thickness.SITES measures it; spreads a tenth below those of 15 orthognathic patients,
     # which hold the error of measuring too [S, I]
     "glabella": Distribution(5.8, 1.1, 3.2, 9, 0.3, "mm", "[R]", "skin over the glabella"),
@@ -135,19 +126,15 @@ class Scanned:
     normal: "HeadParameters | None" = None
 
 
-# Drawn and not used, so that the other numbers of a seed stay as they are: a face has its own.
-UNUSED = ("nose_length", "nose_width", "nose_rotation", "dorsal_hump", "mouth_width", "lip_fullness",
-          "malar_fullness", "neck_width", "skin_asymmetry")  # fmt: skip
-# What the face decides; all else of TABLE but the above is drawn.
+# What the face decides; all else is drawn, of the normal person or of the deformity.
 FITTED = ("face_height", "lower_share", "face_width", "face_depth", "maxilla_position", "gonial_width",
           "chin_prominence", "eye_spacing")  # fmt: skip
-NAMES = tuple(name for name in TABLE if name not in UNUSED)
 _CLASS = [("deformity", str), ("male", bool), ("scanned", Scanned)]
-_Numbers = make_dataclass("_Numbers", [*_CLASS, *((name, float) for name in NAMES)], frozen=True)
+_Numbers = make_dataclass("_Numbers", [*_CLASS, *((name, float) for name in TABLE)], frozen=True)
 
 
 class HeadParameters(_Numbers):
-    """One virtual patient: its deformity, sex, and every number of :data:`NAMES` by name.
+    """One virtual patient: its deformity, sex, and every number of :data:`TABLE` by name.
 
     scanned: the face model's coordinates and what was fitted to them.
     """

@@ -8,7 +8,6 @@ from scipy.stats import norm
 from pinnochio.plans.sampling import quantile, truncated
 from pinnochio.virtual.morphable_model import ModelFace, first_hit, make_face, sample_identity
 from pinnochio.virtual.parameters import (
-    NAMES,
     NORMAL,
     TABLE,
     Anchors,
@@ -21,6 +20,7 @@ from pinnochio.virtual.published_thickness import PUBLISHED
 from pinnochio.virtual.rays import REACH, sites
 from pinnochio.virtual.skeleton import Skeleton
 
+DRAWN = ("mandible_length", "ramus_height", "gonial_angle", "chin_width", "brow_prominence")  # with the thicknesses
 OVERJETS = (1.0, 4.0)  # mm of a normal bite, within which the lower lip's thickness decides [R]
 LABIAL = 1.5  # mm from the upper incisor's labial face, at the height of the lip's border, to its edge [I]
 STEEPEST = 9.0  # mm of the incisors ahead of the A point at most [I]
@@ -40,20 +40,18 @@ def sample_patient(rng: np.random.Generator, deformity: str) -> HeadParameters:
     male = bool(rng.random() < 0.5)
     side = 1.0 if rng.random() < 0.5 else -1.0
     identity = sample_identity(rng, male)
-    values, thick = {}, rng.normal()
-    for name in TABLE:
-        bounds = distribution(name, male, NORMAL)
+    values, thick = {name: truncated(rng, *distribution(name, male, NORMAL)) for name in DRAWN}, rng.normal()
+    for name in PUBLISHED:
         alike = norm.cdf(np.sqrt(ALIKE) * thick + np.sqrt(1 - ALIKE) * rng.normal())
-        values[name] = quantile(alike, *bounds) if name in PUBLISHED else truncated(rng, *bounds)
+        values[name] = quantile(alike, *distribution(name, male, NORMAL))
     return deform(rng, fit(identity, male, values), deformity, side)
 
 
 def fit(identity: tuple[float, ...], male: bool, values: dict[str, float]) -> HeadParameters:
     """The normal person: the skull's numbers from the skin, by the drawn thicknesses of `values`, and from the teeth.
 
-    Of the values, thicknesses, ramus, mandible, gonial angle, chin width and brow are kept; places and sizes are the
-    face's. The sagittal place of the upper incisors is that of the upper lip less its thickness; height and arch are
-    those of the model's teeth.
+    values: those of DRAWN and the thicknesses; places and sizes are the face's. The sagittal place of the upper
+    incisors is that of the upper lip less its thickness; height and arch are those of the model's teeth.
     """
     face = make_face(identity)
     m, t = face.marks, values
@@ -76,7 +74,7 @@ def fit(identity: tuple[float, ...], male: bool, values: dict[str, float]) -> He
         arch_depth=float(teeth[[1, 14], 1].mean() + 5.0 - teeth[7:9, 1].mean()),
         chin_height=chin[2] - menton,
     )
-    numbers = {name: values[name] for name in NAMES} | {
+    numbers = values | {
         "face_height": height,
         "lower_share": (spine - menton) / height,
         "face_width": _cheek_width(face),
@@ -84,6 +82,7 @@ def fit(identity: tuple[float, ...], male: bool, values: dict[str, float]) -> He
         "maxilla_position": -depth - a_point,
         "overjet": overjet,
         "open_bite": 0.0,
+        "gonial_width": TABLE["gonial_width"].mean,
         "chin_prominence": upper + overjet + 7.0 - chin[1],
         "chin_deviation": 0.0,
         "occlusal_cant": 0.0,
