@@ -22,8 +22,8 @@ OUTCOME = overlaid(CONFIG["virtual"]["outcome"], {"effects": {"nodes": 1000}, "m
 
 
 def fem_settings(**changes) -> FemSettings:
-    """The settings of finite elements, with changes."""
-    return FemSettings(**CONFIG["fem"] | changes)
+    """The settings of finite elements, solved exactly, with changes."""
+    return FemSettings(**CONFIG["fem"] | {"accuracy": "exact"} | changes)
 
 
 def network_settings(**changes) -> NetworkSettings:

@@ -217,7 +217,6 @@ def test_a_budget_is_met_from_the_front_by_what_the_archive_has(tmp_path):
         "budget_seconds": 0.5, "setting": "pinnochio_plus, nodes 3000", "patients": 2,
         "seconds": 0.2, "seconds_max": 0.2, "cd": 0.5, "face_error": 0.2,
     }  # fmt: skip
-    assert chosen(tmp_path, tolerance_mm=0.12).settings["mesh"]["nodes"] == 5000
     assert chosen(tmp_path).expected is None
 
 
@@ -225,7 +224,7 @@ def test_a_wish_that_nothing_keeps_and_a_front_that_is_not_there_are_said(tmp_pa
     with pytest.raises(InputError, match="no measured Pareto front"):
         chosen(tmp_path, budget_seconds=1)
     measured(tmp_path)
-    with pytest.raises(InputError, match="ask for 0.45 s or more, and 0.1 mm or more"):
+    with pytest.raises(InputError, match="ask for 0.45 s or more"):
         chosen(tmp_path, budget_seconds=0.2)
 
 

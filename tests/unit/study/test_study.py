@@ -110,14 +110,6 @@ def test_the_arm_of_the_plan_is_there_where_motions_differ():
     assert {"planned", "segments"} <= set(registered) and "segments" not in plain
 
 
-def test_finite_elements_alone_solve_what_a_plan_requires():
-    full, auto = (study(scene=CONFIG["scene"] | {"mode": mode}).methods.registry for mode in ("full", "auto"))
-    assert not any("region" in method.settings for method in full.values())
-    regions = {name: method.settings["region"] for name, method in auto.items() if "region" in method.settings}
-    names = ("fem_bonded", "fem_sliding", "fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse")
-    assert regions == dict.fromkeys(names, CONFIG["scene"]["amplitude"])
-
-
 def test_the_mesh_has_the_nodes_that_its_name_says():
     made = study()
     assert RuleInputs(made).patient.nodes(job(home="cases", case="S0", mesh="/nodes_900")) == 900

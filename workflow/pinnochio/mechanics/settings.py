@@ -9,6 +9,9 @@ from pinnochio.mechanics.elements.materials import Material, neo_hookean
 from pinnochio.model.labels import TISSUES
 
 
+EXACT = "exact"
+
+
 @dataclass(frozen=True, kw_only=True)
 class SolverSettings:
     """How an equilibrium is looked for.
@@ -23,6 +26,8 @@ class SolverSettings:
     inverted; else its last iterate is the result.
     reuse: solve by conjugate gradients on factors in single precision, of an earlier tangent where that costs less than
     new factors; else every system is factorised in double precision.
+    accuracy: mm from the equilibrium at every point of the judged face at which a plan by kept factors is near enough,
+    or EXACT: the tolerance decides.
     yielding: the volume ratio below which squeezed tissue hardly resists any more, 0 for tissue that bears any
     pressure. Only the simulated outcome has it.
     """
@@ -40,6 +45,7 @@ class SolverSettings:
     restart: bool = True
     reuse: bool = True
     yielding: float = 0.0
+    accuracy: float | str = EXACT
 
     @property
     def barrier(self) -> bool:

@@ -14,15 +14,14 @@ from pinnochio.model.predictions import Prediction
 class FiniteElementPredictor:
     """As :class:`pinnochio.methods.protocol.Predictor`.
 
-    settings: fem; contact: one of `conditions.ARMS`; region: amplitude in mm below which a plan leaves tissue to
-    linear elasticity, 0 to solve all. What belongs to the patient is kept for further
-    plans of the same one. The first patient's solve is begun once more beforehand, and solved by kept factors, so that
+    settings: fem; contact: one of `conditions.ARMS`. What belongs to the patient is kept for further plans of the same
+    one. The first patient's solve is begun once more beforehand, and solved by kept factors, so that
     no timing holds the loading of compiled code.
     """
 
     def __init__(self, settings: Mapping, trained: str | None, device: str, threads: int):
         self._fem, self._contact = FemSettings(**settings["fem"]), settings["contact"]
-        self._region, self._threads, self._warm = settings.get("region", 0.0), threads, False
+        self._threads, self._warm = threads, False
         self._patient: PatientModel | None = None
         self._simulator: Simulator | None = None
 
@@ -49,7 +48,7 @@ class FiniteElementPredictor:
         if self._patient is not patient:
             if self._simulator is not None:
                 self._simulator.close()
-            self._simulator = Simulator(patient, self._fem, self._contact, amplitude=self._region)
+            self._simulator = Simulator(patient, self._fem, self._contact)
             self._patient = patient
         return self._simulator
 

@@ -19,8 +19,7 @@ class Method:
     predictor: reference, `module:name`, of the class that predicts. learner: that of the function `fit` (trains at
     once) or of the class (by steps) that trains. sections: of the configuration that it reads; options: further values,
     fixed. mesh: "study", or "lips" for the mesh that resolves the lips. trains: "no", "at once" or "by steps".
-    new_patients: whether it predicts patients of no study. reduced: whether it can solve what a plan requires alone.
-    truth: what a bound reads of the virtual truth, "motion" or "field"; empty for every method proper. covariates:
+    new_patients: whether it predicts patients of no study. truth: what a bound reads of the virtual truth, "motion" or "field"; empty for every method proper. covariates:
     whether it reads what else is known of a patient. settings: values of the sections and options, by section, once the
     configuration is known.
     """
@@ -34,7 +33,6 @@ class Method:
     mesh: str = "study"
     trains: str = "no"
     new_patients: bool = False
-    reduced: bool = False
     truth: str = ""
     covariates: bool = False
     settings: Mapping[str, object] = field(default_factory=dict)
@@ -73,8 +71,8 @@ BUILT_IN = (
         sections=("fem",),
         new_patients=True,
     ),
-    _finite_elements("fem_bonded", "bonded", new_patients=True, reduced=True),
-    _finite_elements("fem_sliding", "mucosa", new_patients=True, reduced=True),
+    _finite_elements("fem_bonded", "bonded", new_patients=True),
+    _finite_elements("fem_sliding", "mucosa", new_patients=True),
     Method(
         "fem_learned",
         "finite elements",
@@ -84,9 +82,9 @@ BUILT_IN = (
         trains="at once",
         covariates=True,
     ),
-    _finite_elements("fem_rlse_bonded", "bonded", mesh="lips", reduced=True),
-    _finite_elements("fem_rlse_mucosa", "mucosa", mesh="lips", reduced=True),
-    _finite_elements("fem_rlse", "mucosa+lip", mesh="lips", reduced=True),
+    _finite_elements("fem_rlse_bonded", "bonded", mesh="lips"),
+    _finite_elements("fem_rlse_mucosa", "mucosa", mesh="lips"),
+    _finite_elements("fem_rlse", "mucosa+lip", mesh="lips"),
     _finite_elements("oracle", "mucosa", truth="motion"),
     Method("oracle_learner", "scan", "pinnochio.methods.oracle_learner:OracleLearnerPredictor", truth="field"),
     Method("floor_scan", "scan", "pinnochio.methods.floor_scan:ScanFloorPredictor", truth="field"),
@@ -133,8 +131,6 @@ def _settings(method: Method, config: Mapping) -> dict:
         lips = config["fem_rlse"]
         solver = {name: lips[name] for name in ("increments", "tolerance")}
         settings["fem"] = settings["fem"] | solver
-    if method.reduced and config["scene"]["mode"] == "auto":
-        settings["region"] = config["scene"]["amplitude"]
     return settings
 
 

@@ -4,6 +4,7 @@ import os
 from dataclasses import dataclass, fields
 
 import numpy as np
+from scipy import sparse
 from scipy.spatial import cKDTree
 
 from pinnochio.hdf5 import reading, writing
@@ -91,6 +92,14 @@ class PatientModel:
     def judged_points(self) -> np.ndarray:
         """Indices (k,) of the skin points of the judged face, ascending."""
         return np.unique(self.skin_faces[self.face_roi])
+
+    @property
+    def onto_judged(self) -> sparse.csr_array:
+        """From values at the nodes to those at the points of the judged face, (k, n)."""
+        face = self.judged_points
+        rows = np.repeat(np.arange(len(face)), 3)
+        entries = self.skin_weights[face].ravel(), (rows, self.skin_nodes[face].ravel())
+        return sparse.csr_array(entries, (len(face), len(self.points)))
 
     def reference_cue(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
         """Cue c_ref (n, 3) mm and reliability mask (n,) bool of the nodes whose motion the plan fixes.

@@ -10,7 +10,7 @@ from pinnochio.tables.comparison import AGAINST_BASELINE
 SAFETY = 1.5
 SETTING = (
     Column("method", str, "", "method"),
-    Column("parameter", str, "", "varied: nodes, element, solver, tolerance, precision, corrections, network"),
+    Column("parameter", str, "", "varied: nodes, element, solver, accuracy, precision, corrections, network"),
     Column("value", str, "", "what it is set to"),
     Column("recipe", str, "", "setting as JSON for a prediction; empty where none can use it", optional=True),
 )
@@ -38,28 +38,20 @@ TRADEOFF = (
 )
 
 
-def choose_setting(
-    frame: pd.DataFrame, budget_seconds: float | None = None, tolerance_mm: float | None = None
-) -> pd.Series:
+def choose_setting(frame: pd.DataFrame, budget_seconds: float) -> pd.Series:
     """The row of TRADEOFF to predict by: of those that can be repeated, turn no element inside out and kept the budget
-    with a margin on every patient and the tolerance (mean distance of the face from the reference solution) in the
-    mean, the nearest to the outcome, or, without a budget, the fastest.
+    with a margin on every patient, the nearest to the outcome.
 
     InputError, with what can be had, if there is none.
     """
     sound = frame[(frame["recipe"] != "") & (frame["failed"] == 0) & ~(frame["inverted"] > 0)]
-    offered = sound
-    if budget_seconds is not None:
-        offered = offered[SAFETY * offered["seconds_max"] <= budget_seconds]
-    if tolerance_mm is not None:
-        offered = offered[offered["face_error"] <= tolerance_mm]
+    offered = sound[SAFETY * sound["seconds_max"] <= budget_seconds]
     if offered.empty:
-        fastest, nearest = SAFETY * sound["seconds_max"].min(), sound["face_error"].min()
+        fastest = SAFETY * sound["seconds_max"].min()
         raise InputError(
             "-",
             "tables/tradeoff.csv",
-            f"no setting keeps budget_seconds {budget_seconds} and tolerance_mm {tolerance_mm}",
-            f"ask for {fastest:.2g} s or more, and {nearest:.2g} mm or more",
+            f"no setting keeps budget_seconds {budget_seconds}",
+            f"ask for {fastest:.2g} s or more",
         )
-    order = ["seconds", "cd"] if budget_seconds is None else ["cd", "seconds"]
-    return offered.sort_values(order).iloc[0]
+    return offered.sort_values(["cd", "seconds"]).iloc[0]

@@ -45,14 +45,14 @@ class Choice:
 def choose(config: Mapping, models: str | os.PathLike, pareto_front: str | os.PathLike) -> Choice:
     """The choice of a configuration; models: folder of the archive; pareto_front: tradeoff.csv.
 
-    With a budget or a tolerance in `predict` the Pareto front offers the setting, else it is predict.method as in the
-    study. A learned method is used as it was trained: with the settings of the archive, not with those of `config`.
+    With a budget in `predict` the Pareto front offers the setting, else it is predict.method as in the study. A learned
+    method is used as it was trained: with the settings of the archive, not with those of `config` but for its accuracy.
     InputError where the archive is missing, lacks the method or knows fewer segments, where there is no
     Pareto front, or where nothing on it keeps what is asked.
     """
     # Absolute, so that no rule of the study makes these files: a prediction never starts a training.
     folder, wanted = Path(models).resolve(), config["predict"]
-    if wanted["budget_seconds"] or wanted["tolerance_mm"]:
+    if wanted["budget_seconds"]:
         return _offered(config, folder, pareto_front)
     return _as_in_the_study(config, folder, wanted["method"])
 
@@ -67,7 +67,7 @@ def _offered(config: Mapping, folder: Path, pareto_front: str | os.PathLike) -> 
             "-",
             pareto_front,
             "there is no measured Pareto front to choose from",
-            "measure it (snakemake tradeoff), name it in predict.pareto_front, or ask for neither budget nor tolerance",
+            "measure it (snakemake tradeoff), name it in predict.pareto_front, or set no budget",
         )
     frame = read_table(pareto_front, TRADEOFF)
     archive = Archive.read(folder) if (folder / MANIFEST).is_file() else None
@@ -77,12 +77,11 @@ def _offered(config: Mapping, folder: Path, pareto_front: str | os.PathLike) -> 
     # The networks of all folds predict a new patient; the Pareto front was measured with one.
     times = ["seconds", "seconds_max"]
     frame.loc[learned, times] *= len(archive.folds) if archive else 1
-    limits = {name: config["predict"][name] or None for name in ("budget_seconds", "tolerance_mm")}
-    row = choose_setting(frame, **limits)
+    budget = config["predict"]["budget_seconds"]
+    row = choose_setting(frame, budget)
     recipe = parse_stored_json(row["recipe"], pareto_front)
     choice = _as_in_the_study(config, folder, recipe["method"])
-    expected = {name: limit for name, limit in limits.items() if limit}
-    expected |= {"setting": f"{row['method']}, {row['parameter']} {row['value']}", "patients": int(row["n"])}
+    expected = {"budget_seconds": budget, "setting": f"{row['method']}, {row['parameter']} {row['value']}", "patients": int(row["n"])}
     errors = ["cd", "cd_within", "face_error"]  # not known: the second of few patients, the last without a reference
     expected |= row[[*times, *errors]].dropna().astype(float).to_dict()
     settings = overlaid(choice.settings, {"mesh": {"nodes": recipe["nodes"]}, "fem": recipe["fem"]})
@@ -112,7 +111,7 @@ def _as_in_the_study(config: Mapping, folder: Path, method: str) -> Choice:
     trained = archive.methods[method]
     return Choice(
         method=method,
-        settings=archive.settings,
+        settings=overlaid(archive.settings, {"fem": {"accuracy": config["fem"]["accuracy"]}}),
         corrections=trained["corrections"],
         lift=trained["lift"],
         archive=archive,

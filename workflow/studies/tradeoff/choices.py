@@ -1,4 +1,4 @@
-"""The setting that a budget allows or a tolerance asks for, and how well the measured Pareto front predicts it."""
+"""The setting that a budget allows, and how well the measured Pareto front predicts it."""
 
 import os
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from studies.tradeoff.table import summarise
 NEAR = 0.25  # of the measured error
 
 CHOICES = (
-    Column("asked", str, "", "budget in seconds or tolerance in mm"),
+    Column("asked", str, "", "budget in seconds"),
     Column("n", int, "", "predictions: patients for whom the others' Pareto front offers something"),
-    Column("kept", int, "", "of them, how many kept the budget, or the tolerance in the mean"),
+    Column("kept", int, "", "of them, how many kept the budget"),
     Column("setting", str, "", "what was chosen, most often first"),
     number("seconds_max", "s", "longest of them"),
     number("cd_expected", "mm", "mean Chamfer distance expected"),
@@ -31,46 +31,42 @@ CHOICES = (
 )
 
 
-def check_choices(rows: pd.DataFrame, budgets: Sequence[float], tolerances: Sequence[float]) -> pd.DataFrame:
-    """One row of CHOICES per budget and tolerance: each patient's choice from the Pareto front of all the others.
+def check_choices(rows: pd.DataFrame, budgets: Sequence[float]) -> pd.DataFrame:
+    """One row of CHOICES per budget: each patient's choice from the Pareto front of all the others.
 
-    rows: of TRADEOFF_CASES, of two patients at least. A tolerance is tried where there is a reference.
+    rows: of TRADEOFF_CASES, of two patients at least.
     """
     summaries = {case: summarise(rows[rows["case"] != case]) for case in rows["case"].unique()}
     keyed = rows.set_index(["case", "method", "parameter", "value"])
-    judged_by = {"budget_seconds": "seconds", "tolerance_mm": "face_error"}
     tried = []
-    for name, limits in (("budget_seconds", budgets), ("tolerance_mm", tolerances)):
-        for limit in limits:
-            pairs = []
-            for case, summary in summaries.items():
-                try:
-                    chosen = choose_setting(summary, **{name: limit})
-                except InputError:
-                    continue
-                taken = keyed.loc[(case, chosen["method"], chosen["parameter"], chosen["value"])]
-                if np.isfinite(taken[judged_by[name]]):
-                    pairs.append((chosen, taken))
-            row = {"asked": f"{name} {limit:g}", "n": len(pairs), "kept": 0, "setting": "none"}
-            if pairs:
-                expected, measured = (pd.DataFrame(side).reset_index(drop=True) for side in zip(*pairs, strict=True))
-                kept = measured[judged_by[name]] <= limit
-                settings = expected["method"] + " " + expected["parameter"] + " " + expected["value"]
-                row |= {"kept": int(kept.sum()), "setting": "; ".join(settings.value_counts().index)}
-                row |= {"seconds_max": measured["seconds"].max()}
-                error, within = (expected["cd"] - measured["cd"]).abs(), expected["cd_within"]
-                row |= {"cd_near": (error <= NEAR * measured["cd"]).mean(), "cd_within": within.mean()}
-                row |= {"cd_inside": (error <= within)[within.notna()].mean()}
-                for measure in ("cd", "face_error"):
-                    row |= {f"{measure}_expected": expected[measure].mean(), measure: measured[measure].mean()}
-            tried.append(row)
+    for limit in budgets:
+        pairs = []
+        for case, summary in summaries.items():
+            try:
+                chosen = choose_setting(summary, limit)
+            except InputError:
+                continue
+            pairs.append((chosen, keyed.loc[(case, chosen["method"], chosen["parameter"], chosen["value"])]))
+        row = {"asked": f"budget_seconds {limit:g}", "n": len(pairs), "kept": 0, "setting": "none"}
+        if pairs:
+            expected, measured = (pd.DataFrame(side).reset_index(drop=True) for side in zip(*pairs, strict=True))
+            kept = measured["seconds"] <= limit
+            settings = expected["method"] + " " + expected["parameter"] + " " + expected["value"]
+            row |= {"kept": int(kept.sum()), "setting": "; ".join(settings.value_counts().index)}
+            row |= {"seconds_max": measured["seconds"].max()}
+            error, within = (expected["cd"] - measured["cd"]).abs(), expected["cd_within"]
+            row |= {"cd_near": (error <= NEAR * measured["cd"]).mean(), "cd_within": within.mean()}
+            row |= {"cd_inside": (error <= within)[within.notna()].mean()}
+            for measure in ("cd", "face_error"):
+                row |= {f"{measure}_expected": expected[measure].mean(), measure: measured[measure].mean()}
+        tried.append(row)
     frame = pd.DataFrame(tried)
     return check(frame.reindex(columns=[column.name for column in CHOICES]), CHOICES)
 
 
-def tabulate(cases: str | os.PathLike, budgets: Sequence[float], tolerances: Sequence[float], cohort: str) -> Table:
-    """Budgets in s and tolerances in mm, tried on each patient of tradeoff_cases.csv by the others' Pareto front."""
-    frame = check_choices(read_table(cases, TRADEOFF_CASES), budgets, tolerances)
+def tabulate(cases: str | os.PathLike, budgets: Sequence[float], cohort: str) -> Table:
+    """Budgets in s, tried on each patient of tradeoff_cases.csv by the others' Pareto front."""
+    frame = check_choices(read_table(cases, TRADEOFF_CASES), budgets)
     headers = {
         "asked": "Asked",
         "setting": "Chosen",
@@ -90,4 +86,4 @@ def tabulate(cases: str | os.PathLike, budgets: Sequence[float], tolerances: Seq
         f"settings kept the budget with a margin of {SAFETY:g}, and what the choice then took and missed on the "
         "patient."
     )
-    return Table(frame, CHOICES, [Block.of(frame, views(CHOICES, headers), caption, "Budgets and tolerances")])
+    return Table(frame, CHOICES, [Block.of(frame, views(CHOICES, headers), caption, "Budgets")])

@@ -22,12 +22,11 @@ add_table(
 add_table(
     "choices",
     "studies.tradeoff.choices",
-    caption="What a budget of seconds or a tolerance allows, tried on each patient with the Pareto front of all the others.",
+    caption="What a budget of seconds allows, tried on each patient with the Pareto front of all the others.",
     files=TRADED_CASES,
     arguments=NAMED
     | {
         "budgets": config["tradeoff"]["budgets"],
-        "tolerances": config["tradeoff"]["allowed"],
     },
 )
 add_table(

@@ -11,7 +11,7 @@ BASE = "as in the study"  # ends the value of a setting that changes nothing
 VARIED = {
     "elastic": ("nodes",),
     "fem_bonded": ("nodes", "element", "mixed", "solver"),
-    "fem_sliding": ("nodes", "element", "solver", "tolerance"),
+    "fem_sliding": ("nodes", "element", "solver", "accuracy"),
 }
 NEWTON = "Newton's method"
 UNKEPT = {"kept_factors": False}  # Newton's method, which knows increments and precision of factors
@@ -56,7 +56,8 @@ def fem_settings(
         single = Setting(method, parameter, value, size, contacts.get(method, ""), **more)
         return [single] if parameter in varied[method] else []
 
-    settings = setting("fem_sliding", "nodes", str(config["reference"]), config["reference"])
+    finest = config["reference"]
+    settings = setting("fem_sliding", "nodes", str(finest), finest, fem={"accuracy": "exact"})
     for method in varied:
         settings += setting(method, "nodes", f"{nodes}, {BASE}")
         for size in config["nodes"]:
@@ -66,8 +67,8 @@ def fem_settings(
         settings += setting(method, "element", "p1", fem={"volumetric": "p1"})
         for name in config["mixed"] if "mixed" in varied[method] else ():
             settings += setting(method, "element", name, fem={"volumetric": name}, repeatable=False)
-        for tolerance in config["tolerances"]:
-            settings += setting(method, "tolerance", f"{tolerance:g}", fem={"tolerance": tolerance})
+        for accuracy in config["accuracies"]:
+            settings += setting(method, "accuracy", str(accuracy), fem={"accuracy": accuracy})
         settings += setting(method, "solver", NEWTON, fem=UNKEPT)
         for count in config["increments"]:
             settings += setting(method, "solver", f"{NEWTON}, {count} increments", fem=UNKEPT | {"increments": count})

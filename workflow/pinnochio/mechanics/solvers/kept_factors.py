@@ -13,7 +13,7 @@ few iterations [X]:
   equilibrium by Newton's method before each step: there the stiffness has little to do with that at rest.
 
 What does not converge so, or may have found another equilibrium than a small motion leads to, goes on in increments of
-the load; what fails even then is solved by Newton's method from rest, as `solver.solve` does, and so is contact.
+the load; what fails even then is solved by Newton's method from rest, as `newton.solve` does.
 """
 
 import time
@@ -32,7 +32,7 @@ from pinnochio.mechanics.boundary.loads import OuterForces
 from pinnochio.mechanics.boundary.sliding import SlidingNodes, bones_of
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import Elements, least_reaction, lumped
-from pinnochio.mechanics.settings import SolverSettings
+from pinnochio.mechanics.settings import EXACT, SolverSettings
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.local_equilibrium import LocalEquilibrium, touching
 from pinnochio.mechanics.solvers.newton import SolveResult, solve
@@ -50,6 +50,7 @@ STRAY = 0.8
 # Way of a sliding node, mm, from where the linear field puts it: beyond, it may have left the hollow of the bone that
 # it would stay in. Up to 3.1 mm it was in that of Newton's method, at 4.8 mm in another [X].
 SLIDE = 4.0
+ESTIMATE = 1.0  # of the change that is still to come, by the next step's
 WILD = -2  # a step to where an element has a smaller J is halved at once
 ITERATIONS = 60  # after so many at one load it counts as failed
 PATIENCE, FAR = 8, 0.3  # so many iterations that leave more than this residual promise nothing [X]
@@ -91,7 +92,8 @@ class KeptFactors:
     """The factors of one mesh with one set of constrained nodes, for any number of motions.
 
     points (n, 3) mm, cells (m, 4). The first boundary tells the nodes and the bones that they slide on. rest: the
-    factors, where they are there already; :meth:`close` releases them all the same.
+    factors, where they are there already; :meth:`close` releases them all the same. watched (k, n): from values at the
+    nodes to those at the points where settings.accuracy counts; without it plans are solved to settings.tolerance.
     """
 
     def __init__(
@@ -102,7 +104,9 @@ class KeptFactors:
         boundary: BoundaryConditions,
         settings: SolverSettings,
         rest: ElasticSolver | None = None,
+        watched: sparse.sparray | None = None,
     ):
+        self._watched = None if settings.accuracy == EXACT else watched
         self._points, self._cells, self._material, self._settings = np.asarray(points, float), cells, material, settings
         self._rest = rest or ElasticSolver(
             points, cells, material, boundary, settings.volumetric, settings.linear_solver, True
@@ -118,29 +122,23 @@ class KeptFactors:
         self._free = used[:, None] & ~self._constraints.constrained
         self._shell = touching(elements, nodes)
 
-    def solve(
-        self, boundaries: Sequence[BoundaryConditions], linear: Sequence[np.ndarray] | None = None
-    ) -> list[SolveResult]:
-        """The solution of each boundary condition, which differs from the first one in motion and dead forces alone;
-        linear: their linear fields (n, 3) mm, where they are known.
+    def solve(self, boundaries: Sequence[BoundaryConditions]) -> list[SolveResult]:
+        """The solution of each boundary condition, which differs from the first one in motion and dead forces alone.
 
         All advance together, so that their loads meet the factors together; a plan that fails does not stop others.
         """
         began = time.perf_counter()
-        quick = [not item.contact for item in boundaries]
-        trajectories = [self._trajectory(item) for item, fast in zip(boundaries, quick, strict=True) if fast]
-        starts = None if linear is None else [field for field, fast in zip(linear, quick, strict=True) if fast]
+        trajectories = [self._trajectory(item) for item in boundaries]
         self._end = began + self._settings.time_limit * len(trajectories)
-        self._advance(trajectories, starts)
+        self._advance(trajectories)
         share = (time.perf_counter() - began) / max(len(trajectories), 1)
-        done, results = iter(trajectories), []
-        for boundary, fast in zip(boundaries, quick, strict=True):
-            trajectory = next(done) if fast else None
-            if trajectory is not None and not trajectory.reason:
+        results = []
+        for boundary, trajectory in zip(boundaries, trajectories, strict=True):
+            if not trajectory.reason:
                 results.append(self._result(trajectory, share))
                 continue
             result = solve(self._points, self._cells, self._material, boundary, self._settings)
-            results.append(replace(result, seconds=result.seconds + (share if fast else 0)))
+            results.append(replace(result, seconds=result.seconds + share))
         return results
 
     def close(self) -> None:
@@ -151,13 +149,12 @@ class KeptFactors:
         forces = boundary.loads.forces if boundary.loads else None
         return Trajectory(self._constraints.under(boundary), self._rest.outer.under(forces))
 
-    def _advance(self, trajectories: Sequence[Trajectory], starts: Sequence[np.ndarray] | None) -> None:
+    def _advance(self, trajectories: Sequence[Trajectory]) -> None:
         if not trajectories:
             return
-        if starts is None:
-            starts = self._rest.spread(np.stack([trajectory.constraints.motions() for trajectory in trajectories]))
-            if any(trajectory.outer.act for trajectory in trajectories):
-                starts += self._rest.under(np.stack([trajectory.outer.forces for trajectory in trajectories]))
+        starts = self._rest.spread(np.stack([trajectory.constraints.motions() for trajectory in trajectories]))
+        if any(trajectory.outer.act for trajectory in trajectories):
+            starts += self._rest.under(np.stack([trajectory.outer.forces for trajectory in trajectories]))
         walks = [self._walk(trajectory, start) for trajectory, start in zip(trajectories, starts, strict=True)]
         numbers, answers = list(range(len(trajectories))), [None] * len(trajectories)
         while numbers:
@@ -227,11 +224,8 @@ class KeptFactors:
                     "min_jacobian": iterate.least,
                 }
             )
-            near = trajectory.residual <= self._settings.loose
-            if near and self._settings.barrier and not iterate.least > 0:
-                trajectory.reason = "elements are inside out"
-            elif near and wary:
-                trajectory.reason = self._elsewhere(start, normals, iterate)
+            if trajectory.residual <= self._settings.loose:
+                trajectory.reason = self._doubt(start, normals, iterate, wary)
             if count == PATIENCE and trajectory.residual > FAR:
                 trajectory.reason = f"{count} iterations left a residual of {trajectory.residual:.1e}"
             if time.perf_counter() > self._end:
@@ -239,7 +233,11 @@ class KeptFactors:
             if trajectory.residual <= tolerance or trajectory.reason:
                 return
             direction = yield from self._direction(iterate, gradient, pairs)
-            new = self._searched(trajectory, iterate, direction, gradient)
+            motion = self._motion(iterate, direction)
+            if self._near_enough(trajectory, motion):
+                trajectory.reason = self._doubt(start, normals, iterate, wary)
+                return
+            new = self._searched(trajectory, iterate, motion, direction @ gradient)
             trajectory.iterations += 1
             if new is None:
                 trajectory.reason = f"the line search stagnated at a residual of {trajectory.residual:.1e}"
@@ -250,6 +248,21 @@ class KeptFactors:
                 pairs = [*pairs, (step, change, 1 / (step @ change))][-MEMORY:]
             iterate = new
         trajectory.reason = f"{ITERATIONS} iterations left a residual of {trajectory.residual:.1e}"
+
+    def _near_enough(self, trajectory: Trajectory, motion: np.ndarray) -> bool:
+        """Whether the whole load is on and the change that is still to come is below the accuracy, by the estimate that
+        the next step (n, 3) mm is."""
+        if self._watched is None:
+            return False
+        to_come = ESTIMATE * float(np.linalg.norm(self._watched @ motion, axis=1).max())
+        trajectory.history[-1]["to_come"] = to_come
+        return trajectory.fraction == 1 and to_come <= self._settings.accuracy
+
+    def _doubt(self, start, normals, iterate: Iterate, wary: bool) -> str:
+        """Why a point near equilibrium does not serve, or ""."""
+        if self._settings.barrier and not iterate.least > 0:
+            return "elements are inside out"
+        return self._elsewhere(start, normals, iterate) if wary else ""
 
     def _elsewhere(self, start, normals, iterate: Iterate) -> str:
         """Why the point, from a start (n, 3) mm with these normals (s, 3), may be another equilibrium than the one that
@@ -287,15 +300,20 @@ class KeptFactors:
         warp[nodes, 0, :] = warp[nodes, :, 0] = 0
         return warp
 
-    def _searched(self, trajectory: Trajectory, iterate: Iterate, direction, gradient) -> Iterate | None:
-        """The state after a step along `direction` (f,) on which the energy falls, its hard patches in equilibrium.
-
-        A step that turns elements inside out serves if these find their way out while the rest stays.
-        """
+    def _motion(self, iterate: Iterate, direction) -> np.ndarray:
+        """A direction (f,) as motion (n, 3) mm of the nodes."""
         motion = np.zeros(self._free.shape)
         motion[self._free] = direction
-        nodes, slope = self._constraints.sliding.nodes, direction @ gradient
+        nodes = self._constraints.sliding.nodes
         motion[nodes] = np.einsum("sij,si->sj", iterate.axes, motion[nodes])
+        return motion
+
+    def _searched(self, trajectory: Trajectory, iterate: Iterate, motion, slope: float) -> Iterate | None:
+        """The state after a step along `motion` (n, 3) mm on which the energy falls, its hard patches in equilibrium.
+
+        slope: of the energy along it. A step that turns elements inside out serves if these find their way out while
+        the rest stays.
+        """
         if not slope < 0:
             return None
         noise = self._elements.noise(iterate.energy)
