@@ -16,6 +16,7 @@ from pinnochio.model.regions import NECK, NOT_JUDGED, regions
 from pinnochio.plans.plan import Plan
 
 BONE = 30  # points of the bone nearest to a point of the skin, whose mean motion it is first sought by
+SHOWN = 2.0  # mm within which the skin that is carried onto the scan has to lie to it where both show the face [X]
 AROUND = 25.0  # mm about the judged face that is fitted to the scan too, so that it is held at its edges
 
 
@@ -62,9 +63,10 @@ def choose(patient: PatientModel, plan: Plan, target_points, target_faces, sampl
     The surface that decides is the skin before surgery carried smoothly onto the scan itself
     (:func:`pinnochio.geometry.alignment.carried`): no method has a part in it, and the plan none but to say about where
     the jaws have gone, so that the search does not begin with a lip before the other one. A sample of the scan is
-    judged if its closest point there lies on a judged face and not on an open border, one of the skin if it is judged
-    and its closest point on the scan does not lie on an open border of that. Either then counts for every method,
-    wherever the method takes the skin: nothing is dropped later. A sample's region is that of the nearest point of the
+    judged if its closest point there lies on a judged face, not on an open border, and near; one of the skin if it is
+    judged and the same holds of its closest point on the scan. So nothing counts that one of them alone shows, such as
+    the base of the nose, which no camera sees. Either then counts for every method, wherever the method takes the skin:
+    nothing is dropped later. A sample's region is that of the nearest point of the
     skin before surgery, of the scan by the carried one.
 
     Closest points of the skin where it was would do without the alignment; but where a jaw has moved by 10 mm the lip
@@ -84,13 +86,13 @@ def choose(patient: PatientModel, plan: Plan, target_points, target_faces, sampl
     codes = known_regions(patient)
 
     skin = sample_surface(points, faces[roi], samples, seed)
-    shown = ~closest_points(_carried(skin, points, faces, placed), target_points, target_faces).border
+    shown = _near(closest_points(_carried(skin, points, faces, placed), target_points, target_faces))
     rest = closest_points(skin[shown], points, faces)
     ratio = face_normals(target_points, target_faces)[1].sum() / face_normals(points, faces[roi])[1].sum()
     many = int(np.ceil(samples * np.clip(ratio, 1, 5)))
     queries = sample_surface(target_points, target_faces, many, seed + 1)
     closest = closest_points(queries, placed, faces)
-    kept = ~closest.border & roi[closest.face]
+    kept = _near(closest) & roi[closest.face]
     if not (shown.any() and kept.any()):
         raise InputError(
             plan.case, "postop", "the scan covers nothing of the judged face", "check scan and registration"
@@ -101,6 +103,11 @@ def choose(patient: PatientModel, plan: Plan, target_points, target_faces, sampl
     if not (face.any() and skin_face.any()):
         raise InputError(plan.case, "postop", "the scan covers nothing but the neck", "check scan and registration")
     return Judged(target[face], region[face], skin[skin_face], skin_region[skin_face], target[~face])
+
+
+def _near(closest: Closest) -> np.ndarray:
+    """Whether what was sought (k,) is there: near, and not beyond an open border."""
+    return ~closest.border & (closest.distance < SHOWN)
 
 
 def _carried(places, points, faces, moved) -> np.ndarray:
