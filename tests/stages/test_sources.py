@@ -8,7 +8,8 @@ import torch
 
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.methods.pinnochio.predictor import load_network
-from pinnochio.methods.sources import ANCHORS, Deviation, PatientSources, fit, sources_of
+from pinnochio.methods.sources import PatientSources, fit
+from pinnochio.model.face_modes import SIGNS, FaceModes
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import read_prediction
 from pinnochio.networks.building import build
@@ -18,6 +19,8 @@ from scripts.training.finetune import finetune
 from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.training import learn_loads, measured, predict_by
 
+EXACT = CONFIG["fem"] | {"accuracy": "exact"}
+
 
 @pytest.fixture(scope="module")
 def faces(patients):
@@ -26,76 +29,63 @@ def faces(patients):
     return models, [Plan.read(files.plan, files.case) for files in patients]
 
 
-@pytest.fixture(scope="module")
-def unloaded(patients, faces):
-    """What is learned of faces that are as finite elements say, and each patient's sources."""
+def learned(patients, faces, outward):
+    """The model of skins that lie outside of bases that are zero by so many mm (k,) of the judged face."""
     models, plans = faces
-    model = learned(patients, faces, [0 * head.points for head in models])
-    return model, [sources_of(head, model.anchors, model.landmarks, patients[0].fem) for head in models]
+    skins = []
+    for head, away in zip(models, outward, strict=True):
+        moved = head.skin_points.copy()
+        moved[head.judged_points] += away[:, None] * normals_of(head)
+        skins.append((moved, head.skin_faces))
+    return fit(models, [0 * head.points for head in models], plans, skins, [{}, {}])
 
 
-def learned(patients, faces, fields):
-    """The model of skins that the fields (n, 3) mm move, from bases that are zero."""
-    models, plans = faces
-    skins = [(head.moved_skin(field), head.skin_faces) for head, field in zip(models, fields, strict=True)]
-    return fit(models, [0 * head.points for head in models], plans, skins, [{}, {}], patients[0].fem)
+def normals_of(head):
+    return vertex_normals(head.skin_points, head.skin_faces)[head.judged_points]
 
 
-def on_face(head, field):
-    return (head.moved_skin(field) - head.skin_points)[head.judged_points]
+def test_nothing_is_learned_where_nothing_deviates(patients, faces):
+    model = learned(patients, faces, [np.zeros(len(head.judged_points)) for head in faces[0]])
+    assert model.regression.form == "zero" and model.largest < 1e-9
 
 
-@pytest.mark.parametrize("turn", [0.5, -0.4])
-def test_a_turn_of_the_weight_is_learned(patients, faces, unloaded, turn):
-    """And nothing where nothing deviates."""
-    assert abs(unloaded[0].weight) < 1e-9 and unloaded[0].regression.form == "zero"
-    amplitudes = np.append(np.zeros(2 * ANCHORS), turn)
-    fields = [sources.field(amplitudes) for sources in unloaded[1]]
-    model = learned(patients, faces, fields)
-    assert model.weight == pytest.approx(turn, rel=0.03)
-    for head, plan, field in zip(*faces, fields, strict=True):
+def test_a_broad_pattern_of_everyone_is_learned_and_brought_about(patients, faces):
+    """And no point moves by more than in the training patients, however large the amplitudes are."""
+    modes = FaceModes.of(faces[0])
+    amplitudes = np.zeros(len(SIGNS))
+    amplitudes[[0, 2, 3]] = 0.6, 0.3, -0.4
+    model = learned(patients, faces, [modes(head) @ amplitudes for head in faces[0]])
+    assert model.regression.form == "mean"
+    for head, plan in zip(*faces, strict=True):
+        wanted = modes(head) @ amplitudes
         sources = PatientSources(model, head, patients[0].fem, {})
-        off = on_face(head, sources.sources.field(sources.amplitudes(plan)) - field)
-        assert np.linalg.norm(off) < 0.03 * np.linalg.norm(on_face(head, field))
-
-
-def test_pressures_under_the_skin_are_read_from_a_scan(faces, unloaded):
-    """One patient's, one at each anchor, beside a known turn of the weight; along the normals."""
-    (head, _), (sources, _) = faces[0], unloaded[1]
-    amplitudes = np.append(0.2 * np.random.default_rng(0).normal(size=2 * ANCHORS), 0.1)
-    field = sources.field(amplitudes)
-    scan = head.moved_skin(field), head.skin_faces
-    read = Deviation.of(head, 0 * head.points, scan, sources).amplitudes(0.1)
-    normals = vertex_normals(head.skin_points, head.skin_faces)[head.judged_points]
-    shown, left = (
-        np.einsum("kx,kx->k", on_face(head, each), normals)
-        for each in (field, sources.field(np.append(read, 0.1)) - field)
-    )
-    assert np.linalg.norm(left) < 0.2 * np.linalg.norm(shown)
-    assert np.corrcoef(read, amplitudes[:-1])[0, 1] > 0.8
+        shown = sources.sources.outward @ sources.amplitudes(plan)
+        assert np.corrcoef(shown, wanted)[0, 1] > 0.6  # bone holds much of so coarse a face
+        wild = replace(model, regression=replace(model.regression, constant=100 * model.regression.constant))
+        far = PatientSources(wild, head, patients[0].fem, {})
+        assert np.abs(far.sources.outward @ far.amplitudes(plan)).max() == pytest.approx(model.largest)
 
 
 def test_what_finite_elements_leave_is_learned_as_loads(patients, tmp_path):
-    """The field is in equilibrium with the learned load; a millimetre more everywhere moves the face by as much."""
+    """The field is in equilibrium with the learned load; a millimetre more of a pattern moves the face so."""
     fitted, metrics = str(tmp_path / "fitted.h5"), {}
     learned = learn_loads(patients, fitted)
-    taught = replace(learned, regression=replace(learned.regression, constant=learned.regression.constant + 1.0))
+    constant = learned.regression.constant + np.eye(len(SIGNS))[0]  # the broadest pattern
+    taught = replace(learned, regression=replace(learned.regression, constant=constant), largest=5.0)
     taught.write(tmp_path / "taught.h5")
     for name, file in (("learned", fitted), ("taught", str(tmp_path / "taught.h5"))):
         predictions = str(tmp_path / f"{name}.h5")
-        predict_by("fem_learned:LearnedLoadPredictor", patients[0], predictions, trained=file, fem=CONFIG["fem"])
+        predict_by("fem_learned:LearnedLoadPredictor", patients[0], predictions, trained=file, fem=EXACT)
         metrics[name] = measured(patients[0], predictions, str(tmp_path / f"{name}.csv")).loc[0]
         made = read_prediction(predictions, patients[0].case)
-        assert made.converged and made.forces.any()
-    assert (metrics["taught"]["eqres_rel"] < 1e-3) and metrics["taught"]["load_rel"] > metrics["learned"][
-        "load_rel"
-    ] > 0
+        assert made.converged and (made.forces.any() or name == "learned")
+    assert metrics["taught"]["eqres_rel"] < 1e-3
+    assert metrics["taught"]["load_rel"] > metrics["learned"]["load_rel"] >= 0
     model = PatientModel.read(patients[0].model)
     fields = [read_prediction(str(tmp_path / f"{name}.h5"), patients[0].case) for name in metrics]
-    face = model.judged_points
-    normals = vertex_normals(model.skin_points, model.skin_faces)[face]
-    pushed = np.einsum("kx,kx->k", (fields[1].moved_skin(model) - fields[0].moved_skin(model))[face], normals)
-    assert 0.5 < np.median(pushed) < 1.5  # a millimetre more at every anchor
+    moved = (fields[1].moved_skin(model) - fields[0].moved_skin(model))[model.judged_points]
+    pushed = np.einsum("kx,kx->k", moved, normals_of(model))
+    assert 0.4 < np.median(pushed) < 1.5  # the broadest pattern is a millimetre everywhere, but for where bone holds
 
 
 def test_what_a_network_leaves_is_learned_as_loads_too(patients, tmp_path):
@@ -124,6 +114,10 @@ def test_what_a_network_leaves_is_learned_as_loads_too(patients, tmp_path):
     )
     weights, same = (load_network(path)[0].state_dict() for path in (first, last["network"]))
     assert all(torch.equal(weights[name], same[name]) for name in weights)
+    taught = torch.load(last["network"], weights_only=True)
+    taught["sources"]["regression_constant"][0] += 1.0  # mm of the broadest pattern
+    taught["sources"]["largest"] += 5.0
+    torch.save(taught, last["network"])
     predictions, metrics = str(tmp_path / "predictions.h5"), str(tmp_path / "metrics.csv")
     settings = {"fem": CONFIG["fem"], "newton_corrections": 3}
     predict_by("pinnochio.predictor:GraphPredictor", patients[0], predictions, trained=last["network"], **settings)

@@ -4,10 +4,9 @@ does."""
 import numpy as np
 import pytest
 
-from pinnochio.geometry.scattered import farthest
 from pinnochio.geometry.triangles import vertex_areas, vertex_normals
-from pinnochio.methods.sources import ANCHORS, MIDLINE, sources_of
-from pinnochio.model.correspondence import marks
+from pinnochio.mechanics.load_sources import make_sources
+from pinnochio.model.face_modes import FaceModes
 from pinnochio.model.patient import PatientModel
 from pinnochio.virtual.aftermath import DECIDED, OPEN, RESPONSE, Circumstances, Site, read_landmarks
 from pinnochio.virtual.covariates import Covariates
@@ -46,13 +45,11 @@ def test_no_load_of_a_method_is_a_term_of_the_outcome(patient, face):
         moved = np.tile([0.0, -3, 1], (len(model.skin_points), 1))
         terms[name] = OPEN[name](site, moved, OPERATED, np.random.default_rng(0))
 
-    landmarks, skin = marks(model), model.skin_points[face[1]]
-    half = skin[skin[:, 0] < landmarks[:-4, 0].mean() - MIDLINE]
-    sources = sources_of(model, half[farthest(half, ANCHORS)], landmarks, patient.fem)
+    sources = make_sources(model, patient.fem.material(model.tissue), FaceModes.of([model])(model))
     loads = [model.moved_skin(field) - model.skin_points for field in sources.fields]
     alike = np.abs(responses(list(terms.values()), face) @ responses(loads, face).T)
     worst = {name: alike[row].max() for row, name in enumerate(terms)}
     assert max(worst.values()) < ALIKE, worst
-    # The test sees a load that is a term: the weight's turn, of which posture was made once.
-    posed = responses([loads[-1] + 0.1 * loads[0]], face) @ responses(loads[-1:], face).T
+    # The test sees a load that is a term.
+    posed = responses([loads[0] + 0.1 * loads[1]], face) @ responses(loads[:1], face).T
     assert posed.item() > ALIKE

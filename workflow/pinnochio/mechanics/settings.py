@@ -8,7 +8,6 @@ import numpy as np
 from pinnochio.mechanics.elements.materials import Material, neo_hookean
 from pinnochio.model.labels import TISSUES
 
-
 EXACT = "exact"
 
 

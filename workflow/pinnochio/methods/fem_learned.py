@@ -31,7 +31,7 @@ def fit(
         (solved,) = simulate(model, [plan], fem)
         logging.info("%s: %s", plan.case, solved.reason)
         bases.append(solved.displacement)
-    return sources.fit(models, bases, plans, skins, covariates, fem)
+    return sources.fit(models, bases, plans, skins, covariates)
 
 
 class LearnedLoadPredictor:

@@ -19,9 +19,9 @@ class Method:
     predictor: reference, `module:name`, of the class that predicts. learner: that of the function `fit` (trains at
     once) or of the class (by steps) that trains. sections: of the configuration that it reads; options: further values,
     fixed. mesh: "study", or "lips" for the mesh that resolves the lips. trains: "no", "at once" or "by steps".
-    new_patients: whether it predicts patients of no study. truth: what a bound reads of the virtual truth, "motion" or "field"; empty for every method proper. covariates:
-    whether it reads what else is known of a patient. settings: values of the sections and options, by section, once the
-    configuration is known.
+    new_patients: whether it predicts patients of no study. truth: what a bound reads of the virtual truth, "motion" or
+    "field"; empty for every method proper. covariates: whether it reads what else is known of a patient. settings:
+    values of the sections and options, by section, once the configuration is known.
     """
 
     name: str

@@ -1,10 +1,10 @@
-"""What bone motion does not explain of operated faces, learned as amplitudes of sources that mechanics carries.
+"""What bone motion does not explain of operated faces, learned as patterns of the face that mechanics carries.
 
 Of each training patient the deviation of the post-operative skin from a base, a field in equilibrium with the bone, is
-expressed by sources (:mod:`pinnochio.mechanics.load_sources`): pressures about corresponding anchors of the face and
-the weight of the tissue as the patient sits up. The amplitudes are regressed on what is known before the scan: motion
-of the skeleton's places, soft tissue over the landmarks, covariates. Both halves of a face are alike, so every patient
-counts mirrored as well.
+expressed by smooth patterns that correspond between faces (:mod:`pinnochio.model.face_modes`). Their amplitudes are
+regressed on what is known before the scan: motion of the skeleton's places, soft tissue over the landmarks, covariates.
+Of a new patient, loads under the skin bring them about (:mod:`pinnochio.mechanics.load_sources`). Both halves of a face
+are alike, so every patient counts mirrored as well.
 """
 
 import logging
@@ -16,20 +16,18 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.geometry.scattered import farthest
 from pinnochio.geometry.triangles import vertex_areas, vertex_normals
 from pinnochio.hdf5 import reading, writing
-from pinnochio.mechanics.load_sources import Sources, make_sources
+from pinnochio.mechanics.load_sources import make_sources
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.bones import PLACES, motion_of_places
-from pinnochio.model.correspondence import ACROSS, SIDES, corresponding, marks, mirrored_marks, sides_changed
+from pinnochio.model.correspondence import ACROSS, marks, sides_changed
+from pinnochio.model.face_modes import SIGNS, FaceModes
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.training.regression import Regression, regress
 
-ANCHORS = 36  # of one half of a face, about 16 mm apart
-MIDLINE = 3.0  # mm from it on which no anchor stands
-SMOOTH = 3e-3  # of the sources' mean response: what keeps amplitudes that the scan hardly shows small [I]
+SMOOTH = 1e-2  # of the patterns' mean square: what keeps amplitudes that the scan hardly shows small [X]
 _OF_REGRESSION = "regression_"  # begins the names of its parts
 MOTION, TISSUE, COVARIATES = range(3)  # groups of features
 # Covariates as numbers; swelling goes with the logarithm of time.
@@ -45,17 +43,15 @@ CODES = {
 
 @dataclass(frozen=True)
 class SourceModel:
-    """What a fold's training patients say of the sources of a new one.
+    """What a fold's training patients say of a new one.
 
-    anchors (a, 3) mm of the right half of a face and landmarks (l, 3) mm of the template that they stand on; weight:
-    amplitude of the weight's turn, the same for everyone; regression: of the 2 a amplitudes at the anchors, mm, those
-    of the right half first.
+    modes: the patterns; regression: of their amplitudes, mm; largest: mm, what the amplitudes of any training patient
+    say at most of a point of the face, beyond which none is moved.
     """
 
-    anchors: np.ndarray
-    landmarks: np.ndarray
-    weight: float
+    modes: FaceModes
     regression: Regression
+    largest: float
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as HDF5."""
@@ -71,15 +67,18 @@ class SourceModel:
 
     def state(self) -> dict[str, np.ndarray]:
         """Everything as arrays, by name."""
-        state = {name: np.asarray(getattr(self, name)) for name in ("anchors", "landmarks", "weight")}
-        return state | {_OF_REGRESSION + name: np.asarray(value) for name, value in vars(self.regression).items()}
+        state = {"landmarks": self.modes.landmarks, "points": self.modes.points}
+        state |= {_OF_REGRESSION + name: np.asarray(value) for name, value in vars(self.regression).items()}
+        return state | {"largest": np.asarray(self.largest)}
 
     @classmethod
     def restored(cls, state: Mapping[str, np.ndarray]) -> "SourceModel":
         """From what :meth:`state` gave."""
-        values = {name: value for name, value in state.items() if not name.startswith(_OF_REGRESSION)}
-        regression = {name.removeprefix(_OF_REGRESSION): state[name] for name in state if name not in values}
-        return cls(**values | {"weight": float(values["weight"])}, regression=Regression(**regression))
+        regression = {
+            name.removeprefix(_OF_REGRESSION): value for name, value in state.items() if name.startswith(_OF_REGRESSION)
+        }
+        modes = FaceModes(np.asarray(state["landmarks"]), np.asarray(state["points"]))
+        return cls(modes, Regression(**regression), float(state["largest"]))
 
 
 class PatientSources:
@@ -88,12 +87,15 @@ class PatientSources:
     def __init__(self, learned: SourceModel, model: PatientModel, fem: FemSettings, covariates: Mapping):
         """InputError where the face cannot be read."""
         self._learned, self._features = learned, Features(model, covariates)
-        self.sources = sources_of(model, learned.anchors, learned.landmarks, fem)
+        self.sources = make_sources(model, fem.material(model.tissue), learned.modes(model), fem.volumetric)
 
     def amplitudes(self, plan: Plan) -> np.ndarray:
-        """Amplitudes (2 a + 1,) under a plan."""
+        """Amplitudes (q,) under a plan, smaller in proportion where a point of the face would move by more than in any
+        training patient."""
         row, _ = self._features(plan)
-        return np.append(self._learned.regression(row), self._learned.weight)
+        amplitudes = self._learned.regression(row)
+        largest = np.abs(self.sources.outward @ amplitudes).max()
+        return amplitudes * min(1.0, self._learned.largest / max(largest, 1e-9))
 
 
 def fit(
@@ -102,51 +104,41 @@ def fit(
     plans: Sequence[Plan],
     skins: Sequence[tuple[np.ndarray, np.ndarray]],
     covariates: Sequence[Mapping],
-    fem: FemSettings,
 ) -> SourceModel:
-    """The model of some training patients: fields (n, 3) mm that bone motion causes, plans, skins, covariates.
-
-    The first patient's face is the template.
-    """
-    first = models[0]
-    landmarks, face = marks(first), first.skin_points[first.judged_points]
-    half = face[face[:, 0] < landmarks[: -len(SIDES), 0].mean() - MIDLINE]
-    anchors = half[farthest(half, ANCHORS)]
-
-    deviations, rows, owner = [], [], []
-    for number, (model, base, plan, skin, known) in enumerate(
-        zip(models, bases, plans, skins, covariates, strict=True)
-    ):
-        deviations.append(Deviation.of(model, base, skin, sources_of(model, anchors, landmarks, fem)))
+    """The model of some training patients: fields (n, 3) mm that bone motion causes, plans, skins, covariates."""
+    modes = FaceModes.of(models)
+    rows, values, squares, largest = [], [], [], 0.0
+    for model, base, plan, skin, known in zip(models, bases, plans, skins, covariates, strict=True):
+        patterns = modes(model)
+        square, amplitudes = deviation(model, base, skin, patterns)
+        largest = max(largest, np.abs(patterns @ amplitudes).max())
         features = Features(model, known)
         rows += features(plan)
-        owner += [number, number]
-    weight = sum(each.on_weight for each in deviations) / sum(each.of_weight for each in deviations)
-    values, squares = [], []
-    for each in deviations:
-        solved, square = each.amplitudes(weight), each.square[:-1, :-1]
-        values += [solved, np.roll(solved, len(anchors))]
-        squares += [square, np.roll(square, (len(anchors), len(anchors)), axis=(0, 1))]
+        values += [amplitudes, amplitudes * SIGNS]
+        squares += [square, square * np.outer(SIGNS, SIGNS)]
     squares = np.array(squares)
 
     def on_skin(errors: np.ndarray) -> np.ndarray:
-        # Several amplitudes together may hardly move the skin: errors count by how far they move it, mm^2.
+        # Errors count by how far they move the skin that the scan shows, mm^2.
         return np.einsum("ra,rab,rb->r", errors, squares, errors)
 
-    regression = regress(np.array(rows), features.group, np.array(values), np.array(owner), on_skin)
-    logging.info(
-        "weight %.2f of a turn; amplitudes: %s, error %.2f of none's", weight, regression.form, regression.error
-    )
-    return SourceModel(anchors, landmarks, float(weight), regression)
+    owner = np.repeat(np.arange(len(models)), 2)
+    regression = regress(np.array(rows), features.group, np.array(values), owner, on_skin)
+    logging.info("amplitudes: %s, error %.2f of none's", regression.form, regression.error)
+    return SourceModel(modes, regression, float(largest))
 
 
-def sources_of(model: PatientModel, anchors: np.ndarray, landmarks: np.ndarray, fem: FemSettings) -> Sources:
-    """The sources of a patient at the places of a template's anchors (a, 3) mm, and at those of their mirror images."""
-    places = (
-        corresponding(anchors, landmarks, model),
-        corresponding(anchors * ACROSS, mirrored_marks(landmarks), model),
-    )
-    return make_sources(model, fem.material(model.tissue), np.concatenate(places), fem.volumetric)
+def deviation(model: PatientModel, base, skin: tuple, patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How a patient's post-operative skin (points, faces) deviates from the base (n, 3) mm along its normals, over the
+    judged face that the scan shows: square (q, q) of the patterns (k, q), areas as weights, and amplitudes (q,) mm."""
+    moved, face = model.moved_skin(base), model.judged_points
+    near = closest_points(moved[face], *skin)
+    away = np.einsum("kx,kx->k", near.points - moved[face], vertex_normals(moved, model.skin_faces)[face])
+    area = vertex_areas(model.skin_points, model.skin_faces[model.face_roi])[face] * ~near.border
+    area /= area.sum()
+    square = (patterns.T * area) @ patterns
+    penalty = SMOOTH * np.trace(square) / len(square) * np.eye(len(square))
+    return square, np.linalg.solve(square + penalty, (patterns.T * area) @ away)
 
 
 class Features:
@@ -172,49 +164,6 @@ class Features:
             motion = np.array([moved[side(name)] for name in PLACES]) * sign
             rows.append(np.concatenate([motion.ravel(), np.maximum(motion[:, 1], 0), still]))
         return tuple(rows)
-
-
-@dataclass(frozen=True)
-class Deviation:
-    """Of a post-operative skin from a base, along its normals: normal equations of amplitudes, areas as weights.
-
-    square (q, q), side (q,) of the sources, the weight's turn last.
-    """
-
-    square: np.ndarray
-    side: np.ndarray
-
-    @classmethod
-    def of(cls, model: PatientModel, base: np.ndarray, skin: tuple[np.ndarray, np.ndarray], sources: Sources):
-        """Of a patient's skin (points, faces) from the base (n, 3) mm, over the judged face that the scan shows."""
-        moved = model.moved_skin(base)
-        normals, face = vertex_normals(moved, model.skin_faces), model.judged_points
-        near = closest_points(moved[face], *skin)
-        away = np.einsum("kx,kx->k", near.points - moved[face], normals[face])
-        area = vertex_areas(model.skin_points, model.skin_faces[model.face_roi])[face] * ~near.border
-        outward = np.stack(
-            [
-                np.einsum("kx,kx->k", (model.moved_skin(field) - model.skin_points)[face], normals[face])
-                for field in sources.fields
-            ]
-        )
-        area /= area.sum()
-        return cls((outward * area) @ outward.T, (outward * area) @ away)
-
-    @property
-    def on_weight(self) -> float:
-        """How much of the deviation goes with the weight's turn."""
-        return self.side[-1]
-
-    @property
-    def of_weight(self) -> float:
-        """The square of the weight's turn."""
-        return self.square[-1, -1]
-
-    def amplitudes(self, weight: float) -> np.ndarray:
-        """Amplitudes (a,) of the other sources beside that of the weight."""
-        square, side = self.square[:-1, :-1], self.side[:-1] - weight * self.square[-1, :-1]
-        return np.linalg.solve(square + SMOOTH * np.trace(square) / len(square) * np.eye(len(square)), side)
 
 
 def _other_side(name: str) -> str:

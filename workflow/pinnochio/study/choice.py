@@ -81,7 +81,8 @@ def _offered(config: Mapping, folder: Path, pareto_front: str | os.PathLike) -> 
     row = choose_setting(frame, budget)
     recipe = parse_stored_json(row["recipe"], pareto_front)
     choice = _as_in_the_study(config, folder, recipe["method"])
-    expected = {"budget_seconds": budget, "setting": f"{row['method']}, {row['parameter']} {row['value']}", "patients": int(row["n"])}
+    setting = f"{row['method']}, {row['parameter']} {row['value']}"
+    expected = {"budget_seconds": budget, "setting": setting, "patients": int(row["n"])}
     errors = ["cd", "cd_within", "face_error"]  # not known: the second of few patients, the last without a reference
     expected |= row[[*times, *errors]].dropna().astype(float).to_dict()
     settings = overlaid(choice.settings, {"mesh": {"nodes": recipe["nodes"]}, "fem": recipe["fem"]})

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Sequence
 
-import numpy as np
 import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_table

@@ -50,7 +50,8 @@ STRAY = 0.8
 # Way of a sliding node, mm, from where the linear field puts it: beyond, it may have left the hollow of the bone that
 # it would stay in. Up to 3.1 mm it was in that of Newton's method, at 4.8 mm in another [X].
 SLIDE = 4.0
-# Of the next step, what may still come: on 640 sampled plans of 40 patients 98.6 to 99.8 % lay within 0.02 to 0.5 mm so [X].
+# Of the next step, what may still come: so 98.6 to 99.8 % of 640 sampled plans of 40 patients came within the accuracy
+# [X: docs/explanation/accuracy.md].
 ESTIMATE = 3.0
 WILD = -2  # a step to where an element has a smaller J is halved at once
 ITERATIONS = 60  # after so many at one load it counts as failed

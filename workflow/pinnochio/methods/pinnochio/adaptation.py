@@ -36,6 +36,5 @@ def learned_sources(
         plans=plans,
         skins=[PostopSkin.read(files.postop).surface for files in cases],
         covariates=[read_stored_json(files.covariates) for files in cases],
-        fem=fem,
     )
     return {name: torch.as_tensor(value) for name, value in learned.state().items()}
