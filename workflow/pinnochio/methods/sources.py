@@ -67,18 +67,18 @@ class SourceModel:
 
     def state(self) -> dict[str, np.ndarray]:
         """Everything as arrays, by name."""
-        state = {"landmarks": self.modes.landmarks, "points": self.modes.points}
+        state = {name: np.asarray(value) for name, value in vars(self.modes).items()}
         state |= {_OF_REGRESSION + name: np.asarray(value) for name, value in vars(self.regression).items()}
         return state | {"largest": np.asarray(self.largest)}
 
     @classmethod
     def restored(cls, state: Mapping[str, np.ndarray]) -> "SourceModel":
         """From what :meth:`state` gave."""
-        regression = {
-            name.removeprefix(_OF_REGRESSION): value for name, value in state.items() if name.startswith(_OF_REGRESSION)
-        }
-        modes = FaceModes(np.asarray(state["landmarks"]), np.asarray(state["points"]))
-        return cls(modes, Regression(**regression), float(state["largest"]))
+        parts = {False: {}, True: {}}
+        for name, value in state.items():
+            parts[name.startswith(_OF_REGRESSION)][name.removeprefix(_OF_REGRESSION)] = value
+        largest = float(parts[False].pop("largest"))
+        return cls(FaceModes(**parts[False]), Regression(**parts[True]), largest)
 
 
 class PatientSources:
