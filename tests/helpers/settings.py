@@ -14,7 +14,8 @@ from pinnochio.virtual.procedures import Procedure
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared/data"  # real heads, which are not part of the project
-CONFIG = checked(yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8")), read_schema(ROOT))
+DEFAULT = checked(yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8")), read_schema(ROOT))
+CONFIG = overlaid(DEFAULT, {"fem": {"accuracy": "exact"}})  # tests compare with equilibria
 SEGMENTS = Procedure().segments
 SEED = 7
 MESH = {"nodes": 700, "minimum_dihedral": 12.0, "bone_edge": 6.0}
@@ -22,8 +23,8 @@ OUTCOME = overlaid(CONFIG["virtual"]["outcome"], {"effects": {"nodes": 1000}, "m
 
 
 def fem_settings(**changes) -> FemSettings:
-    """The settings of finite elements, solved exactly, with changes."""
-    return FemSettings(**CONFIG["fem"] | {"accuracy": "exact"} | changes)
+    """The settings of finite elements, with changes."""
+    return FemSettings(**CONFIG["fem"] | changes)
 
 
 def network_settings(**changes) -> NetworkSettings:

@@ -19,8 +19,6 @@ from scripts.training.finetune import finetune
 from tests.helpers.settings import CONFIG, SEED, network_settings
 from tests.helpers.training import learn_loads, measured, predict_by
 
-EXACT = CONFIG["fem"] | {"accuracy": "exact"}
-
 
 @pytest.fixture(scope="module")
 def faces(patients):
@@ -75,7 +73,7 @@ def test_what_finite_elements_leave_is_learned_as_loads(patients, tmp_path):
     taught.write(tmp_path / "taught.h5")
     for name, file in (("learned", fitted), ("taught", str(tmp_path / "taught.h5"))):
         predictions = str(tmp_path / f"{name}.h5")
-        predict_by("fem_learned:LearnedLoadPredictor", patients[0], predictions, trained=file, fem=EXACT)
+        predict_by("fem_learned:LearnedLoadPredictor", patients[0], predictions, trained=file, fem=CONFIG["fem"])
         metrics[name] = measured(patients[0], predictions, str(tmp_path / f"{name}.csv")).loc[0]
         made = read_prediction(predictions, patients[0].case)
         assert made.converged and (made.forces.any() or name == "learned")

@@ -161,6 +161,22 @@ def test_other_nodes_are_refused():
     solver.close()
 
 
+def test_a_plan_stops_where_the_face_is_as_near_as_was_wished():
+    """Fewer iterations the more may be left, and never more is left."""
+    model = tiny_patient()
+    onto, plans = model.onto_judged, [tiny_plan(*motion) for motion in ((), (0.5, -2, 1, 1), (1.5, 1, 0, 2))]
+    exact = simulate(model, plans, fem_settings())
+    iterations = [sum(result.iterations for result in exact)]
+    for accuracy in (0.02, 0.2, 1.0):
+        results = simulate(model, plans, fem_settings(accuracy=accuracy))
+        for result, whole in zip(results, exact, strict=True):
+            assert result.kept and result.converged and result.min_jacobian > 0
+            left = np.linalg.norm(onto @ (result.displacement - whole.displacement), axis=1).max()
+            assert left <= accuracy
+        iterations.append(sum(result.iterations for result in results))
+    assert iterations[0] > iterations[1] > iterations[2] > iterations[3]
+
+
 def test_lips_in_contact_are_newtons():
     model, plan, settings = tiny_patient(), tiny_plan(), fem_settings()
     result, exact = (
