@@ -107,7 +107,7 @@ def test_an_absent_key_with_a_default_is_filled_in():
         ),
         ({"fem": {"time_limit": ".inf"}}, ["fem.time_limit is inf, which is not finite"]),
         ({"tradeoff": {"budgets": [0.1, math.nan]}}, ["tradeoff.budgets[1] is nan, which is not finite"]),
-        ({"fem": {"accuracy": 0}}, ["fem.accuracy is 0; allowed: 'exact' or number, >= 0.001, <= 2"]),
+        ({"fem": {"accuracy": 0}}, ["fem.accuracy is 0; allowed: `exact` or number, >= 0.001, <= 2"]),
     ],
 )
 def test_a_wrong_key_is_named_with_its_value_and_what_is_allowed(changes, words):
