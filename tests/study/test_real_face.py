@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 CONFIG = "examples/artisynth_face/config.yaml"
+pytestmark = pytest.mark.full  # of real heads headsq stands in every run, of patients without a scan the stages' tests
 
 
 def test_setback_of_the_artisynth_mandible(artisynth):
@@ -40,7 +41,6 @@ def test_setback_of_the_artisynth_mandible(artisynth):
     assert (solved["min_jacobian"] > 0.1).all() and (solved["eqres_rel"] < 1e-5).all()
 
 
-@pytest.mark.full
 def test_a_fine_mesh_of_the_artisynth_face_converges(artisynth):
     finer = artisynth.folder / "finer.yaml"
     finer.write_text("mesh:\n  nodes: 20000\n")
