@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from functools import cache
 
 import pytest
 
@@ -72,6 +73,12 @@ def write(folder, files):
         path.write_text(text)
 
 
+def placed(monkeypatch, root):
+    """Makes the library of the folder the project's, and forgets where modules were."""
+    monkeypatch.setattr(code, "PACKAGES", {"pinnochio": root / "pinnochio"})
+    monkeypatch.setattr(code, "_files", cache(code._files.__wrapped__))
+
+
 def test_imports_of_every_form_are_followed(tmp_path, monkeypatch):
     write(
         tmp_path / "pinnochio",
@@ -86,7 +93,7 @@ def test_imports_of_every_form_are_followed(tmp_path, monkeypatch):
             "room/e.py": "",
         },
     )
-    monkeypatch.setattr(code, "PACKAGES", {"pinnochio": tmp_path / "pinnochio"})
+    placed(monkeypatch, tmp_path)
     monkeypatch.setattr(code, "ROOT", tmp_path)
     files = closure(tmp_path / "pinnochio/a.py")
     names = {path.relative_to(tmp_path / "pinnochio").as_posix() for path in files}
@@ -97,7 +104,7 @@ def test_the_hash_does_not_depend_on_where_the_project_lies(tmp_path, monkeypatc
     hashes = []
     for place in ("one", "two"):
         write(tmp_path / place / "pinnochio", {"a.py": "from pinnochio.b import x\n", "b.py": "x = 1\n"})
-        monkeypatch.setattr(code, "PACKAGES", {"pinnochio": tmp_path / place / "pinnochio"})
+        placed(monkeypatch, tmp_path / place)
         monkeypatch.setattr(code, "ROOT", tmp_path / place)
         hashes.append(code_hash(tmp_path / place / "pinnochio/a.py"))
     assert hashes[0] == hashes[1]
