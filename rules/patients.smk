@@ -210,7 +210,7 @@ rule predict_plan:
         "<benchmarks>/predict_plan/{home}/{case}{plan}_{method}.tsv"
     wildcard_constraints:
         home="patients",
-        plan="/[^/]+",
+        plan="[/][^/]+",
         method=config["predict"]["method"] if not STUDY.choice else STUDY.choice.method,
     priority: 1
     conda:
