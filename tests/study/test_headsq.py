@@ -11,7 +11,7 @@ CONFIG = "examples/headsq/config.yaml"
 
 def test_bimaxillary_surgery_of_headsq(headsq):
     small = headsq.folder / "small.yaml"
-    small.write_text("mesh:\n  nodes: 2500\n")
+    small.write_text("mesh: {nodes: 2500}\nfem: {accuracy: exact}\n")
     done = headsq.snakemake("fem", "--configfile", CONFIG, str(small), cores=1)
     assert done.returncode == 0, done.stdout[-4000:]
     case = headsq.folder / "results/headsq/cases/headsq"
@@ -42,7 +42,7 @@ def test_bimaxillary_surgery_of_headsq(headsq):
 @pytest.mark.parametrize("nodes", [5000, 20000])
 def test_finer_meshes_of_headsq_converge(headsq, nodes):
     finer = headsq.folder / "finer.yaml"
-    finer.write_text(f"mesh:\n  nodes: {nodes}\n")
+    finer.write_text(f"mesh: {{nodes: {nodes}}}\nfem: {{accuracy: exact}}\n")
     made = "results/headsq/cases/headsq/fem/mucosa.json"
     done = headsq.snakemake("--configfile", CONFIG, str(finer), "--", made, cores=1)
     assert done.returncode == 0, done.stdout[-4000:]

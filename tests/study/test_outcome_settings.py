@@ -15,6 +15,7 @@ CHANGED = {
         "volumetric": "p1",
         "increments": 3,
         "tolerance": 1e-5,
+        "accuracy": 0.3,
         "max_iterations": 20,
         "max_systems": 200,
         "linear_solver": "scipy",
