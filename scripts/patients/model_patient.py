@@ -25,11 +25,8 @@ def model_patient(
     imported: files labels, bone, skin, report; the settings are those of the stages; outputs: files mesh, model,
     quality, and lift_KIND.h5, if a lift is wanted.
     """
-    stages, mesh, model = (
-        Stages(Path(outputs["model"]).with_name(".model_patient.json")),
-        outputs["mesh"],
-        outputs["model"],
-    )
+    mesh, model = outputs["mesh"], outputs["model"]
+    stages = Stages(Path(model).with_name(".model_patient.json"))
     stages(mesh_case, {"labels": imported["labels"]}, {"mesh": mesh}, mesh_settings)
     stages(label_case, {"mesh": mesh, **imported}, {"model": model}, {"interfaces": interfaces})
     if "lift" in outputs:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.boundary.loads import Loads
-from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.settings import EXACT, FemSettings
 from pinnochio.mechanics.solvers.inversion_repair import volume_ratios
 from pinnochio.mechanics.solvers.kept_factors import KeptFactors
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
@@ -105,8 +105,10 @@ class Simulator:
         except RuntimeError as error:
             logging.warning("no kept factors: %s", error)
             return None
-        mesh = self._patient.points, self._patient.cells
-        return KeptFactors(*mesh, self._law, rest, self._settings, self._elastic, self._patient.onto_judged)
+        mesh, watched = (self._patient.points, self._patient.cells), None
+        if self._settings.accuracy != EXACT:
+            watched = self._patient.onto_judged
+        return KeptFactors(*mesh, self._law, rest, self._settings, self._elastic, watched)
 
     def _linear_elasticity(self, boundary: BoundaryConditions, single: bool) -> ElasticSolver:
         mesh, settings = (self._patient.points, self._patient.cells), self._settings

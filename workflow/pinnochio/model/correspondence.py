@@ -14,12 +14,17 @@ ACROSS = np.array([-1.0, 1.0, 1.0])  # mirrors LPS coordinates left to right
 def corresponding(template: np.ndarray, landmarks: np.ndarray, model: PatientModel) -> np.ndarray:
     """Skin point (t,) of the judged face that stands where each template point (t, 3) does.
 
-    A thin-plate spline takes the template's landmarks to the patient's; then the nearest point of the skin counts.
+    The landmarks carry the template to the patient; then the nearest point of the skin counts.
     """
-    # Smoothed a little, because on a coarse face two landmarks may fall together.
-    carried = RBFInterpolator(landmarks, marks(model), smoothing=1.0, kernel="thin_plate_spline", degree=1)(template)
     face = model.judged_points
-    return face[cKDTree(model.skin_points[face]).query(carried)[1]]
+    return face[cKDTree(model.skin_points[face]).query(by_landmarks(template, landmarks, marks(model)))[1]]
+
+
+def by_landmarks(points: np.ndarray, landmarks: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Points (k, 3) mm of a face on another one: a thin-plate spline takes landmarks (l, 3) mm of the first to those
+    of the other one."""
+    # Smoothed a little, because on a coarse face two landmarks may fall together.
+    return RBFInterpolator(landmarks, others, smoothing=1.0, kernel="thin_plate_spline", degree=1)(points)
 
 
 def marks(model: PatientModel) -> np.ndarray:

@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
 from scipy.spatial.distance import cdist
 
 from pinnochio.geometry.scattered import farthest
-from pinnochio.model.correspondence import ACROSS, marks, mirrored_marks
+from pinnochio.model.correspondence import ACROSS, by_landmarks, marks, mirrored_marks
 from pinnochio.model.patient import PatientModel
 
 COUNTS = {1.0: 80, -1.0: 20}  # symmetric and antisymmetric patterns: more say no more of 32 patients [X]
@@ -37,7 +36,7 @@ class FaceModes:
         known = [marks(model) for model in models]
         both = [each - each.mean(axis=0) for one in known for each in (one, mirrored_marks(one))]
         landmarks = np.mean(both, axis=0)
-        face = carried(models[0], landmarks)
+        face = by_landmarks(_face(models[0]), known[0], landmarks)
         half = np.where(face[:, :1] < 0, face, face * ACROSS)
         half = half[half[:, 0] < -MIDLINE]
         points = half[farthest(half, POINTS)]
@@ -47,7 +46,7 @@ class FaceModes:
 
     def __call__(self, model: PatientModel) -> np.ndarray:
         """The patterns (k, q) at the points of a patient's judged face, mean square 1 over the template."""
-        places = carried(model, self.landmarks)
+        places = by_landmarks(_face(model), marks(model), self.landmarks)
         here, there = near(places, self.points), near(places, self.points * ACROSS)
         shown = np.hstack([(here + there) @ self.even, (here - there) @ self.odd])
         return shown / np.maximum((here + there).sum(axis=1, keepdims=True), 1e-9)
@@ -68,8 +67,5 @@ def _lowest(kernel: np.ndarray, whole: np.ndarray, count: int) -> np.ndarray:
     return pattern / values[::-1][:count]
 
 
-def carried(model: PatientModel, landmarks: np.ndarray) -> np.ndarray:
-    """Points (k, 3) mm of a patient's judged face on the template with these landmarks (l, 3) mm: a thin-plate spline
-    takes the patient's landmarks there, smoothed a little, because on a coarse face two may fall together."""
-    spline = RBFInterpolator(marks(model), landmarks, smoothing=1.0, kernel="thin_plate_spline", degree=1)
-    return spline(model.skin_points[model.judged_points])
+def _face(model: PatientModel) -> np.ndarray:
+    return model.skin_points[model.judged_points]

@@ -32,7 +32,7 @@ from pinnochio.mechanics.boundary.loads import OuterForces
 from pinnochio.mechanics.boundary.sliding import SlidingNodes, bones_of
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import Elements, least_reaction, lumped
-from pinnochio.mechanics.settings import EXACT, SolverSettings
+from pinnochio.mechanics.settings import SolverSettings
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.local_equilibrium import LocalEquilibrium, touching
 from pinnochio.mechanics.solvers.newton import SolveResult, solve
@@ -108,7 +108,7 @@ class KeptFactors:
         rest: ElasticSolver | None = None,
         watched: sparse.sparray | None = None,
     ):
-        self._watched = None if settings.accuracy == EXACT else watched
+        self._watched = watched
         self._points, self._cells, self._material, self._settings = np.asarray(points, float), cells, material, settings
         self._rest = rest or ElasticSolver(
             points, cells, material, boundary, settings.volumetric, settings.linear_solver, True
@@ -254,11 +254,9 @@ class KeptFactors:
     def _near_enough(self, trajectory: Trajectory, motion: np.ndarray) -> bool:
         """Whether the whole load is on and the change that is still to come is below the accuracy, by the estimate that
         the next step (n, 3) mm is."""
-        if self._watched is None:
+        if self._watched is None or trajectory.fraction < 1:
             return False
-        to_come = ESTIMATE * float(np.linalg.norm(self._watched @ motion, axis=1).max())
-        trajectory.history[-1]["to_come"] = to_come
-        return trajectory.fraction == 1 and to_come <= self._settings.accuracy
+        return ESTIMATE * np.linalg.norm(self._watched @ motion, axis=1).max() <= self._settings.accuracy
 
     def _doubt(self, start, normals, iterate: Iterate, wary: bool) -> str:
         """Why a point near equilibrium does not serve, or ""."""
