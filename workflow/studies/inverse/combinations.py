@@ -34,11 +34,6 @@ class Combinations:
         """Which of them (p,) bool the wish cannot tell."""
         return self.bone > MOST_BONE
 
-    def visible(self, difference: np.ndarray, lever: np.ndarray) -> np.ndarray:
-        """The part of a difference (p,) of parameters that the wish can tell; lever as in Freedom."""
-        orthonormal = self.directions * lever
-        return (orthonormal[~self.hidden].T @ (orthonormal[~self.hidden] @ (lever * difference))) / lever
-
 
 def combinations(search: Search, freedom: Freedom, wish, x: np.ndarray, tolerance: float) -> Combinations:
     """Singular vectors of the wish's derivative at the parameters x (p,); tolerance in mm.

@@ -1,36 +1,28 @@
 """Measures on a patient of the study how well the motion is found that made a face."""
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from pinnochio.columns import write_rows
 from pinnochio.geometry.interpolation import interpolate
+from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.truth import read_truth
 from pinnochio.plans.plan import Plan
-from studies.inverse.alternatives import Answer
-from studies.inverse.columns import FACES, MARKED, RECOVERED, SEEN
+from studies.inverse.columns import LANDMARKS, OUTCOME, RECOVERED, SIMULATED
 from studies.inverse.elastic_face import ElasticFace
-from studies.inverse.freedom import QUANTITIES
-from studies.inverse.measuring import (
-    EXACT,
-    LANDMARKS,
-    OUTCOME,
-    SIMULATED,
-    as_vector,
-    motion_rows,
-    places_at,
-    seen,
-    sought,
-    widest,
-)
-from studies.inverse.proposal import InverseSettings
-from studies.inverse.wish import Marks, SurfaceWish, misfit
+from studies.inverse.freedom import OPERATIONS, Freedom, freedoms
+from studies.inverse.proposal import InverseSettings, propose
+from studies.inverse.wish import Marks, PlaceWish, SurfaceWish, Wish
+
+EXACT = 0.002  # mm: tolerance of a search for the motion that made a simulated face, which is exact
 
 
 def measure_inverse(
@@ -42,101 +34,67 @@ def measure_inverse(
     truth: str | None,
     fem: FemSettings,
     settings: Mapping,
-    tolerances: Sequence[float],
-    seed: int,
     code: str,
-    out: Mapping[str, str],
+    recovered: str,
 ) -> None:
-    """Write what was found (RECOVERED), of which faces (FACES), at which landmarks (MARKED), and what a regression sees
-    (SEEN).
+    """Write the rows of RECOVERED: a simulated face, sought exactly and with the tolerance of the settings; the scan.
 
     achieved, postop: motion and scan after surgery; truth: of a virtual patient, whose landmarks are wished; None
-    where there is none. tolerances: that are tried, where the face is a real outcome. out: recovered, faces, marked,
-    seen.
+    where there is none.
     """
     patient = PatientModel.read(model)
     chosen = InverseSettings.of(settings)
     operation, free = widest(patient, settings["bounds"])
-    tried = sorted({chosen.tolerance, *tolerances})
-    marks, face = Marks.of(patient), ElasticFace(patient, fem)
-    recovered, faces, features, marked = [], [], [], []
+    face, rows = ElasticFace(patient, fem), []
     try:
         planned = free.plan(case, free.nearest(Plan.read(plan, case)))
-        field = solved(face, planned)
-        surface = SurfaceWish.of("face", patient, patient.moved_skin(field), patient.skin_faces)
-        skin = patient.moved_skin(field) - patient.skin_points
-        tasks = {SIMULATED: ([surface], planned, [EXACT, chosen.tolerance], skin)}
+        surface = SurfaceWish.of("face", patient, patient.moved_skin(solved(face, planned)), patient.skin_faces)
+        tasks = [(SIMULATED, [surface], planned, tolerance) for tolerance in (EXACT, chosen.tolerance)]
         if achieved and postop:
-            reference, scan = Plan.read(achieved, case), PostopSkin.read(postop)
-            wish = SurfaceWish.of("face", patient, *scan.surface)
-            tasks[OUTCOME] = [wish], reference, tried, wish
+            reference = Plan.read(achieved, case)
+            scan = SurfaceWish.of("face", patient, *PostopSkin.read(postop).surface)
+            tasks.append((OUTCOME, [scan], reference, chosen.tolerance))
             if truth:
-                points, cells, displacement, _ = read_truth(truth, case)
-                moved = interpolate(marks.rest, points, cells, displacement)
-                skin = interpolate(patient.skin_points, points, cells, displacement)
-                tasks[LANDMARKS] = places_at(marks, moved), reference, tried, skin
-                forward = marks.moved(solved(face, reference)) - marks.rest - moved
-        for task, (wish, reference, charged, shown) in tasks.items():
-            values = enumerate(seen(patient, marks, shown))
-            features += [{"case": case, "task": task, "feature": number, "value": value} for number, value in values]
-            for tolerance in charged:
-                answer = sought(face, wish, operation, free, chosen, tolerance, case)
-                logging.info("%s at %g: %.3f mm", task, tolerance, answer.proposal.misfit)
-                key = {"case": case, "task": task, "tolerance": tolerance}
-                recovered += [key | row for row in recovered_rows(patient, answer, reference)]
-                wished = misfit(wish, np.zeros_like(patient.points))
-                faces.append(key | face_row(answer, operation, wished) | {"seed": seed, "code": code})
-                if task == LANDMARKS and tolerance == chosen.tolerance:
-                    errors = [item.error(answer.proposal.displacement) for item in wish]
-                    marked = marked_rows(case, marks, moved, errors, forward)
+                tasks.append((LANDMARKS, landmarks_after(patient, truth, case), reference, chosen.tolerance))
+        for task, wish, reference, tolerance in tasks:
+            proposal, _ = propose(face, wish, free, operation, case, replace(chosen, tolerance=tolerance))
+            logging.info("%s at %g: %.3f mm", task, tolerance, proposal.misfit)
+            row = {"case": case, "task": task, "tolerance": tolerance, "code": code}
+            row |= {"misfit": proposal.misfit, "seconds": proposal.seconds}
+            rows += [row | part for part in motion_errors(patient, proposal.plan, reference)]
     finally:
         face.close()
-    write_rows(recovered, out["recovered"], RECOVERED)
-    write_rows(faces, out["faces"], FACES)
-    write_rows(features, out["seen"], SEEN)
-    empty = {"case": case, "place": "-", "moved": np.nan, "error": np.nan, "forward_error": np.nan}
-    write_rows(marked or [empty], out["marked"], MARKED)
+    write_rows(rows, recovered, RECOVERED)
 
 
-def recovered_rows(patient: PatientModel, answer: Answer, reference: Plan) -> Iterator[dict]:
-    """Rows of RECOVERED without their key: errors of each segment's motion, and its true motion."""
-    for row in motion_rows(answer, reference):
-        index = patient.segments.index(row["segment"])
-        middle = patient.bone_points[patient.bone_segment == index].mean(axis=0)
-        true = as_vector(reference.motion(row["segment"]), middle)
-        yield row | {f"true_{name}": value for name, value in zip(QUANTITIES, true, strict=True)}
+def widest(model: PatientModel, bounds: Mapping) -> tuple[str, Freedom]:
+    """The operation that moves most of what the patient's segments allow, and its freedom."""
+    return max(freedoms(model, OPERATIONS, bounds).items(), key=lambda pair: len(pair[1].low))
 
 
-def face_row(answer: Answer, operation: str, wished: float) -> dict:
-    """A row of FACES without its key; wished: misfit (mm) of the face at rest."""
-    proposal = answer.proposal
-    return {
-        "operation": operation,
-        "asked": wished,
-        "misfit": proposal.misfit,
-        "elastic_gap": proposal.gap,
-        "untold": int(answer.combinations.hidden.sum()),
-        "parameters": len(proposal.x),
-        "bounded": len(proposal.at_bounds),
-        "solved": proposal.solved,
-        "corrections": proposal.corrections,
-        "seconds_elastic": proposal.seconds_elastic,
-        "seconds": proposal.seconds,
-    }
-
-
-def marked_rows(case: str, marks: Marks, moved: np.ndarray, errors: Sequence[float], forward: np.ndarray) -> list[dict]:
-    """Rows of MARKED: how far each mark moved, its error in mm, and that of the true motion's own face."""
+def landmarks_after(patient: PatientModel, truth: str, case: str) -> Wish:
+    """The landmarks of the face wished to where the true motion takes them."""
+    marks = Marks.of(patient)
+    targets = marks.rest + interpolate(marks.rest, *read_truth(truth, case)[:3])
     return [
-        {
-            "case": case,
-            "place": name,
-            "moved": float(np.linalg.norm(moved[number])),
-            "error": errors[number],
-            "forward_error": float(np.linalg.norm(forward[number])),
-        }
-        for number, name in enumerate(marks.names)
+        PlaceWish(name, marks.chosen([name]), target, 1.0) for name, target in zip(marks.names, targets, strict=True)
     ]
+
+
+def motion_errors(patient: PatientModel, plan: Plan, reference: Plan) -> list[dict]:
+    """By segment: mean motion of the reference, and how far the plan's is from it (mm of the bone, degrees)."""
+    rows = []
+    for name, bone in segment_points(patient).items():
+        true = reference.motion(name)
+        error, degrees = apart(plan.motion(name), true, bone)
+        moved = float(np.linalg.norm(true.displacement(bone), axis=1).mean())
+        rows.append({"segment": name, "moved": moved, "error": error, "degrees": degrees})
+    return rows
+
+
+def apart(one: RigidMotion, other: RigidMotion, bone: np.ndarray) -> tuple[float, float]:
+    """Mean distance (mm) of bone points (b, 3) under two motions, and the angle (degrees) between their rotations."""
+    return float(np.linalg.norm(one.apply(bone) - other.apply(bone), axis=1).mean()), one.angle_from(other)
 
 
 def solved(face: ElasticFace, plan: Plan) -> np.ndarray:
@@ -158,8 +116,6 @@ if __name__ == "__main__":
         truth=next(iter(snakemake.input.get("truth", [])), None),
         fem=FemSettings(**snakemake.params.fem),
         settings=snakemake.params.settings,
-        tolerances=snakemake.params.settings["tolerances"],
-        seed=snakemake.params.seed,
         code=snakemake.params.code,
-        out=dict(snakemake.output.items()),
+        recovered=snakemake.output.recovered,
     )

@@ -1,9 +1,5 @@
 """Makes a patient's table and figure of which move of which bone moves which place of the face."""
 
-import logging
-
-import numpy as np
-
 from pinnochio.columns import write_csv
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
@@ -13,21 +9,15 @@ from studies.inverse.sensitivity import sensitivity
 from studies.inverse.sensitivity_figure import sensitivity_figure
 from studies.inverse.wish_columns import SENSITIVITY
 
-SPOTS = ("forward", "pitch")  # of every segment, solved by finite elements too
-
 
 def measure_sensitivity(case: str, model: str, fem: FemSettings, code: str, table: str, picture: str) -> None:
     """Write the table (CSV) and the figure (PNG)."""
     patient = PatientModel.read(model)
     face = ElasticFace(patient, fem)
     try:
-        spots = [(segment, quantity) for segment in patient.segments for quantity in SPOTS]
-        frame = sensitivity(face, case, code, spots)
+        frame = sensitivity(face, case, code)
     finally:
         face.close()
-    known = frame["checked"].notna()
-    off = np.abs(frame["moved"] - frame["checked"])[known].max()
-    logging.info("%d rows; elastic map and finite elements differ by %.4f mm at most", len(frame), off)
     write_csv(frame, table, SENSITIVITY)
     sensitivity_figure(frame, picture)
 

@@ -45,10 +45,8 @@ class Proposal:
     """A plan that comes as near to a wish as its operation can.
 
     x (p,): its parameters; displacement (n, 3) mm: finite elements of it, or what is expected of them where `solved`
-    is false; gap, mm: root mean square distance on the judged face
-    between that and the elastic map; misfit, mm: weighted root mean square of the wishes' errors; at_bounds: block
-    and quantity of parameters that lie on a bound; corrections: finite-element solutions; seconds: of the elastic
-    proposal and of all.
+    is false; misfit, mm: weighted root mean square of the wishes' errors; at_bounds: block and quantity of parameters
+    that lie on a bound; corrections: finite-element solutions; seconds: of all.
     """
 
     operation: str
@@ -56,11 +54,9 @@ class Proposal:
     x: np.ndarray
     displacement: np.ndarray
     solved: bool
-    gap: float
     misfit: float
     at_bounds: Sequence[tuple[str, str]]
     corrections: int
-    seconds_elastic: float
     seconds: float
 
 
@@ -174,7 +170,6 @@ def propose(
     began = time.perf_counter()
     search = Search(face, wish, freedom, settings)
     x = search.elastic(np.clip(np.zeros(len(freedom.low)), freedom.low, freedom.high))
-    elastic = time.perf_counter() - began
     solved, made = [], 0
     while made < settings.corrections:
         result = face.solve(freedom.plan(case, x))
@@ -191,8 +186,6 @@ def propose(
     field = search.field(x)
     if solved:
         x, field = min(solved, key=lambda pair: search.cost(*pair))
-    model = face.model
-    gap = (model.moved_skin(field) - model.moved_skin(face.elastic(freedom.amplitudes(x))))[model.judged_points]
     at = (x - freedom.low < AT_BOUND) | (freedom.high - x < AT_BOUND)
     proposal = Proposal(
         operation=operation,
@@ -200,11 +193,9 @@ def propose(
         x=x,
         displacement=field,
         solved=bool(solved),
-        gap=float(np.sqrt((gap**2).sum(axis=1).mean())),
         misfit=misfit(wish, field),
         at_bounds=[name for name, bounded in zip(freedom.names, at, strict=True) if bounded],
         corrections=made,
-        seconds_elastic=elastic,
         seconds=time.perf_counter() - began,
     )
     return proposal, search

@@ -21,7 +21,7 @@ from studies.inverse.proposal import InverseSettings
 from studies.inverse.reading import read_wish
 from studies.inverse.wish import Wish, misfit, regions_of
 from studies.inverse.wish_columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED
-from studies.inverse.wish_page import WishTables, write_wish_page
+from studies.inverse.wish_page import write_wish_page
 
 
 def propose_plans(
@@ -74,7 +74,11 @@ def propose_plans(
         case=case,
         wish=wished,
         answers=made,
-        tables=WishTables(rows, reached, combined, against, certificates, inverse),
+        rows=rows,
+        reached=reached,
+        against=against,
+        certificates=certificates,
+        settings=inverse,
         path=out["page"],
     )
 
@@ -100,15 +104,12 @@ def row(
         "reached": all(item.error(proposal.displacement) <= inverse.met for item in wish),
         "wished": misfit(wish, np.zeros_like(patient.points)),
         "misfit": proposal.misfit,
-        "elastic_gap": proposal.gap,
         "motion_max": np.linalg.norm(patient.bone_displacement(proposal.plan), axis=1).max(),
         "at_bounds": ", ".join(f"{name} {quantity}" for name, quantity in proposal.at_bounds),
         "null_space": int(answer.combinations.hidden.sum()),
         "solved": certificate is not None,
-        "min_jacobian": certificate["measures"]["min_jacobian"] if certificate else np.nan,
         "grade": verdict(certificate).grade if certificate else "not usable",
         "corrections": proposal.corrections,
-        "seconds_elastic": proposal.seconds_elastic,
         "seconds": proposal.seconds,
         "code": code,
     }

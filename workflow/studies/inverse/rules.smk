@@ -11,19 +11,9 @@ OUTCOMES = [name for name in STUDY.cohort.registered if name in STUDY.cohort.sca
 add_table(
     "inverse",
     "studies.inverse.table",
-    caption="How well the motion of the bones is found that made a face, against an inverse regression, and which landmarks of an outcome are reached.",
-    files={
-        kind: expand(f"<results>/inverse/{{case}}/{kind}.csv", case=INVERTED)
-        for kind in ("recovered", "faces", "marked", "seen")
-    }
-    | {"models": expand("<results>/cases/{case}/model.h5", case=INVERTED)},
-    arguments=NAMED
-    | {
-        "cases": INVERTED,
-        "held_out": STUDY.folds.held_out,
-        "tolerance": config["invert"]["tolerance"],
-        "seed": SEED,
-    },
+    caption="How well the motion of the bones is found that made a face.",
+    files={"recovered": expand("<results>/inverse/{case}/recovered.csv", case=INVERTED)},
+    arguments=NAMED | {"seed": SEED},
 )
 
 
@@ -43,9 +33,6 @@ rule measure_inverse:
         ),
     output:
         recovered=ensure("<results>/inverse/{case}/recovered.csv", non_empty=True),
-        faces="<results>/inverse/{case}/faces.csv",
-        marked="<results>/inverse/{case}/marked.csv",
-        seen="<results>/inverse/{case}/seen.csv",
     log:
         "<logs>/measure_inverse/{case}.log",
     benchmark:
@@ -58,7 +45,6 @@ rule measure_inverse:
     params:
         fem=config["fem"],
         settings=config["invert"],
-        seed=SEED,
         code=code_of("studies.inverse.measure_inverse"),
     message:
         "Measure on {wildcards.case} how well the motion is found that made a face"

@@ -1,7 +1,5 @@
 """Which move matters where: millimetres of every place of the face per millimetre and degree of every bone."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import pandas as pd
 
@@ -18,11 +16,8 @@ from studies.inverse.wish import Marks
 from studies.inverse.wish_columns import SENSITIVITY
 
 
-def sensitivity(face: ElasticFace, case: str, code: str, spots: Sequence[tuple[str, str]] = ()) -> pd.DataFrame:
-    """Rows of SENSITIVITY: each segment moved alone by one unit of each quantity, about its middle or its condyle.
-
-    spots: pairs of segment and quantity that are solved by finite elements as well.
-    """
+def sensitivity(face: ElasticFace, case: str, code: str) -> pd.DataFrame:
+    """Rows of SENSITIVITY: each segment moved alone by one unit of each quantity, about its middle or its condyle."""
     model = face.model
     anatomy = JawAnatomy.from_points(model.bone_points, model.bone_segment, model.segments)
     places = Marks.of(model)
@@ -36,9 +31,6 @@ def sensitivity(face: ElasticFace, case: str, code: str, spots: Sequence[tuple[s
             unit[number] = 1
             plan = Plan(case, {segment: RigidMotion.from_degrees(unit[3:], LPS * unit[:3], pivot)})
             moved = face.elastic(motion_amplitudes(plan, model.segments, model.points.mean(axis=0)))
-            checked = None
-            if (segment, quantity) in spots and (result := face.solve(plan)).converged:
-                checked = mean_motions(model, places, codes, result.displacement)
             for place, (mean, size) in mean_motions(model, places, codes, moved).items():
                 rows.append(
                     {
@@ -48,7 +40,6 @@ def sensitivity(face: ElasticFace, case: str, code: str, spots: Sequence[tuple[s
                         "place": place,
                         **dict(zip(QUANTITIES[:3], LPS * mean, strict=True)),
                         "moved": size,
-                        "checked": np.nan if checked is None else checked[place][1],
                         "code": code,
                     }
                 )

@@ -19,15 +19,12 @@ PROPOSALS = (
     Column("reached", bool, "", "whether every wish is met within the limit of the configuration"),
     number("wished", "mm", "weighted root mean square of the wishes' errors before surgery", ".3f"),
     number("misfit", "mm", "the same of the face that finite elements give for the proposal", ".3f"),
-    number("elastic_gap", "mm", "root mean square distance of that face from the elastic map's", ".3f"),
     number("motion_max", "mm", "largest motion of any bone point", ".2f"),
     Column("at_bounds", str, "", "quantities that lie on a bound", optional=True),
     Column("null_space", int, "", "combinations of motions in the null space of the wish"),
     Column("solved", bool, "", "whether finite elements converged; otherwise the face is the elastic map's"),
-    number("min_jacobian", "", "smallest volume ratio of an element", ".3f"),
     Column("grade", str, "", "verdict of the certificate: usable, with care, not usable"),
     Column("corrections", int, "", "finite-element solutions"),
-    number("seconds_elastic", "s", "the elastic proposal", ".3f"),
     number("seconds", "s", "the proposal with its corrections", ".3f"),
     CODE,
 )
@@ -66,6 +63,5 @@ SENSITIVITY = (
     number("forward", "mm", "motion of the place forward", ".4f"),
     number("up", "mm", "motion of the place up", ".4f"),
     number("moved", "mm", "its distance; of a region the mean of its points", ".4f"),
-    number("checked", "mm", "the same by finite elements, where they were solved", ".4f"),
     CODE,
 )

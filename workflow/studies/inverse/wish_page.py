@@ -3,7 +3,6 @@
 import base64
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,27 +24,20 @@ SHOWN = 6  # combinations of motions that are named
 TEMPLATE = Path(__file__).with_name("wish_page.html")
 
 
-@dataclass(frozen=True)
-class WishTables:
-    """What the tables say: rows of PROPOSALS, REACHED and COMBINATIONS, contradicting pairs, certificates, settings."""
-
-    rows: Sequence[Mapping]
-    reached: Sequence[Mapping]
-    combinations: Sequence[Mapping]
-    against: Sequence[tuple[str, str, float]]
-    certificates: Mapping[str, Mapping | None]
-    settings: InverseSettings
-
-
 def write_wish_page(
     patient: PatientModel,
     case: str,
     wish: Wish,
     answers: Mapping[str, Answer],
-    tables: WishTables,
+    rows: Sequence[Mapping],
+    reached: Sequence[Mapping],
+    against: Sequence[tuple[str, str, float]],
+    certificates: Mapping[str, Mapping | None],
+    settings: InverseSettings,
     path: str | os.PathLike,
 ) -> None:
-    """Write the page."""
+    """Write the page. rows, reached: of PROPOSALS and REACHED; against: contradicting pairs; certificates: by
+    operation."""
     names = {name: operation_in_words(name) for name in answers}
     moves = {
         name: in_words(differences(answer.freedom, {}, answer.proposal.plan.motions))
@@ -53,19 +45,19 @@ def write_wish_page(
     }
     wishes = []
     for item in wish:
-        reached = [row for row in tables.reached if row["wish"] == item.name]
+        missed = [row for row in reached if row["wish"] == item.name]
         wishes.append(
             (
                 item.name.replace("_", " "),
                 item.unit,
-                reached[0]["wished"],
-                reached[0]["half_width"],
-                [(r["error"], r["reached"]) for r in reached],
+                missed[0]["wished"],
+                missed[0]["half_width"],
+                [(row["error"], row["reached"]) for row in missed],
             )
         )
     grades = {
         name: "did not converge" if said is None else ", ".join((verdict(said).grade, *verdict(said).reasons))
-        for name, said in tables.certificates.items()
+        for name, said in certificates.items()
     }
     null_space = {}
     for name, answer in answers.items():
@@ -83,11 +75,11 @@ def write_wish_page(
         TEMPLATE,
         case=case,
         research=RESEARCH,
-        met=f"{tables.settings.met:g}",
-        tolerance=f"{tables.settings.tolerance:g}",
+        met=f"{settings.met:g}",
+        tolerance=f"{settings.tolerance:g}",
         largest=f"{LARGEST:g}",
-        against=tables.against,
-        rows=tables.rows,
+        against=against,
+        rows=rows,
         names=names,
         moves=moves,
         wishes=wishes,

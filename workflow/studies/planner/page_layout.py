@@ -219,7 +219,7 @@ def _measures(page) -> None:
             for name in ("title", "forward", "up", "left", "half"):
                 html.Td(f"{{{{ row.{name} }}}}")
     html.P(
-        f"±: from the {level} intervals at the landmarks, taken as independent; not calibrated by itpage. "
+        f"±: from the {level} intervals at the landmarks, taken as independent; not calibrated by itself. "
         "E-line, N' vertical: + in front. –: cannot be read on this face.",
         classes="text-caption pa-2",
     )
