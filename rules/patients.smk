@@ -225,7 +225,6 @@ rule predict_plan:
         settings=INPUTS.prediction.of_ensemble("settings"),
         fem=INPUTS.patient.setting("fem"),
         corrections=lambda wildcards: STUDY.choice.corrections,
-        expected=lambda wildcards: STUDY.choice.expected,
         archive=lambda wildcards: {
             name: getattr(STUDY.choice, name)
             for name in ("folder", "calibration", "ranges")

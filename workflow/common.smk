@@ -89,12 +89,6 @@ with plainly():
             f"Models: {STUDY.choice.folder}, trained on {STUDY.choice.archive.patients} patients "
             f"({STUDY.choice.archive.cohort})."
         )
-    if workflow.is_main_process and STUDY.choice and STUDY.choice.expected:
-        logger.info(
-            "Chosen from the measured Pareto front: {setting}, {seconds:.3g} s per plan ({seconds_max:.3g} s on the "
-            "slowest of {patients} patients); to expect: {cd:.2f} mm from the outcome, {face_error:.2f} mm from the "
-            "reference solution in the mean.".format(**STUDY.choice.expected)
-        )
 
     if workflow.is_main_process:
         for odd in oddities(STUDY.new_patients.values()):

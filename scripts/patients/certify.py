@@ -32,7 +32,7 @@ def certify(
 ) -> None:
     """Write the certificate as JSON.
 
-    about: case, plan (its name), method, corrections, expected (of a choice from the Pareto front), code.
+    about: case, plan (its name), method, corrections, code.
     folder: the archive of a learned method, else None.
     """
     patient, planned = PatientModel.read(model), Plan.read(plan, about["case"])

@@ -65,8 +65,7 @@ if __name__ == "__main__":
     method = {"predictor": params.predictor, "settings": params.settings, "device": device}
     predict_plan(
         about=named
-        | {"plan": named["plan"].removeprefix("/"), "code": params.predicts}
-        | {name: params[name] for name in ("corrections", "expected")},
+        | {"plan": named["plan"].removeprefix("/"), "code": params.predicts, "corrections": params.corrections},
         planned={"model": files.model, "plan": files.plan},
         quality=files.quality,
         fem=FemSettings(**params.fem),

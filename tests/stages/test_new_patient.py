@@ -63,7 +63,7 @@ def result(patient, tmp_path_factory):
 
 
 def certified(patient, archive, result, folder, plan=None, learned=True):
-    about = {"case": patient.case, "plan": "first", "corrections": 1, "expected": None, "code": "def"}
+    about = {"case": patient.case, "plan": "first", "corrections": 1, "code": "def"}
     about["method"] = METHOD if learned else "fem_sliding"
     packed, path = str(archive[0]) if learned else None, folder / "certificate.json"
     certify(about, patient.model, plan or patient.plan, archive[1][0], result, patient.fem, packed, str(path))

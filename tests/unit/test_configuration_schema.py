@@ -62,7 +62,7 @@ def test_a_whole_study_as_text_is_the_one_of_the_file(overlay):
         ("tradeoff.budgets", "[0.1, 1e-3]", [0.1, 1e-3]),
         ("external", {"mine": "1"}, {"mine": "1"}),
         ("models", "007", "007"),
-        ("predict.pareto_front", "true", "true"),
+        ("models", "true", "true"),
         ("variants.pinnochio", {"network": {"heads": "2"}}, {"network": {"heads": 2}}),
     ],
 )

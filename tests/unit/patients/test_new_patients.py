@@ -5,18 +5,14 @@ import os
 import shutil
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
-from pinnochio.columns import write_csv
 from pinnochio.errors import InputError
 from pinnochio.files import fingerprint
 from pinnochio.patients.model_archive import Archive, configuration_hash
-from pinnochio.patients.pareto_front import TRADEOFF
 from pinnochio.plans.plan import Plan
 from pinnochio.study.choice import choose
 from pinnochio.study.patients import markups_in, oddities, read_patients
-from studies.tradeoff.table import summarise
 from tests.helpers.settings import CONFIG
 
 
@@ -153,27 +149,8 @@ def archive(folder, segments=CONFIG["segments"]):
     Archive("clinic", 12, list(segments), ["1", "2"], methods, settings, "abc", "def").write(folder)
 
 
-def measured(folder):
-    """A Pareto front: plus in 0.1 s (0.2 mm from the reference), sliding elements in 1 s (0.1 mm) and 0.3 s."""
-    settings = [
-        ("pinnochio_plus", 3000, {}, 2, 0.1, 0.5, 0.2),
-        ("fem_sliding", 5000, {}, None, 1.0, 0.6, 0.1),
-        ("fem_sliding", 2000, {"tolerance": 0.01}, None, 0.3, 0.7, 0.15),
-    ]
-    rows = []
-    for case in ("A", "B"):
-        for method, nodes, fem, corrections, seconds, cd, face in settings:
-            recipe = json.dumps({"method": method, "nodes": nodes, "fem": fem, "corrections": corrections})
-            row = {"case": case, "method": method, "parameter": "nodes", "value": str(nodes), "recipe": recipe}
-            row |= {"nodes": nodes, "seconds": seconds, "setup_seconds": 0, "threads": 1, "converged": True, "cd": cd}
-            row |= {"face_error": face, "face_error_max": 1, "volume_error": 1, "eqres_rel": 0.1}
-            rows.append(row | {"min_jacobian": 0.5, "inverted": 0})
-    folder.mkdir(parents=True, exist_ok=True)
-    write_csv(summarise(pd.DataFrame(rows)), folder / "tradeoff.csv", TRADEOFF)
-
-
 def chosen(folder, **predict):
-    return choose(CONFIG | {"predict": CONFIG["predict"] | predict}, folder, Path(folder) / "tradeoff.csv")
+    return choose(CONFIG | {"predict": CONFIG["predict"] | predict}, folder)
 
 
 def test_a_learned_method_is_used_as_it_was_trained(tmp_path, monkeypatch):
@@ -203,29 +180,6 @@ def test_other_segments_are_refused_unless_allowed(tmp_path):
     assert chosen(tmp_path, other_segments="predict").archive.segments == ["mandible"]
     archive(tmp_path, [*reversed(CONFIG["segments"]), "hyoid"])  # a patient may have fewer than the models know
     assert chosen(tmp_path).archive.segments[0] == CONFIG["segments"][-1]
-
-
-def test_a_budget_is_met_from_the_front_by_what_the_archive_has(tmp_path):
-    measured(tmp_path)
-    alone = chosen(tmp_path, budget_seconds=0.5)  # 1.5 times 0.3 s; no models, so no network
-    assert (alone.method, alone.settings["mesh"]["nodes"]) == ("fem_sliding", 2000)
-    assert alone.settings["fem"] == CONFIG["fem"] | {"tolerance": 0.01} and not alone.networks
-    archive(tmp_path)
-    choice = chosen(tmp_path, budget_seconds=0.5)  # two folds: 0.2 s
-    assert (choice.method, choice.corrections, choice.settings["mesh"]["nodes"]) == ("pinnochio_plus", 2, 3000)
-    assert choice.expected == {
-        "budget_seconds": 0.5, "setting": "pinnochio_plus, nodes 3000", "patients": 2,
-        "seconds": 0.2, "seconds_max": 0.2, "cd": 0.5, "face_error": 0.2,
-    }  # fmt: skip
-    assert chosen(tmp_path).expected is None
-
-
-def test_a_wish_that_nothing_keeps_and_a_front_that_is_not_there_are_said(tmp_path):
-    with pytest.raises(InputError, match="no measured Pareto front"):
-        chosen(tmp_path, budget_seconds=1)
-    measured(tmp_path)
-    with pytest.raises(InputError, match="ask for 0.45 s or more"):
-        chosen(tmp_path, budget_seconds=0.2)
 
 
 @pytest.mark.parametrize("method", ["fem_sliding", "fem_bonded", "elastic"])

@@ -52,8 +52,7 @@ class Study:
         """What predicts the new patients: read from the archive that the configuration names, for them alone."""
         if not self.new_patients:
             return None
-        front = self.config["predict"]["pareto_front"] or f"{self.results}/tables/tradeoff.csv"
-        return choose(self.config, self.models, front)
+        return choose(self.config, self.models)
 
     @property
     def models(self) -> str:

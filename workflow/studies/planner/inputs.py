@@ -20,7 +20,7 @@ class PlannerInputs:
                 "-",
                 "configuration",
                 f"the planner shows the interval of a trained method, and {self.study.choice.method} has none",
-                "leave predict.method and budget_seconds as they are, or name a method of the archive",
+                "leave predict.method as it is, or name a method of the archive",
             )
         return files
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 from pinnochio.columns import Column, number, read_tables
 from pinnochio.metrics.case_columns import BY_NAME
-from pinnochio.patients.pareto_front import SETTING
 from pinnochio.tables.document import Block, Table, views
+from studies.tradeoff.pareto_front import SETTING
 
 TRADEOFF_CASES = (
     Column("case", str, "", "patient"),

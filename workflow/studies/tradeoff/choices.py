@@ -7,9 +7,9 @@ import pandas as pd
 
 from pinnochio.columns import Column, check, number, read_table
 from pinnochio.errors import InputError
-from pinnochio.patients.pareto_front import LEVEL, SAFETY, choose_setting
 from pinnochio.tables.document import Block, Table, views
 from studies.tradeoff.cases import TRADEOFF_CASES
+from studies.tradeoff.pareto_front import LEVEL, SAFETY, choose_setting
 from studies.tradeoff.table import summarise
 
 NEAR = 0.25  # of the measured error

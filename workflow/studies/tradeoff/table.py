@@ -7,12 +7,12 @@ import pandas as pd
 
 from pinnochio.columns import check, read_table
 from pinnochio.methods.names import BASELINE
-from pinnochio.patients.pareto_front import LEVEL, SETTING, TRADEOFF
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.conformal import half_width
 from pinnochio.tables.comparison import against_baseline
 from pinnochio.tables.document import Block, Table, View, read_blocks, views
 from studies.tradeoff.cases import TRADEOFF_CASES
+from studies.tradeoff.pareto_front import LEVEL, SETTING, TRADEOFF
 from studies.tradeoff.settings import BASE
 
 FRONTS = {"cd": "front_outcome", "face_error": "front_reference"}
