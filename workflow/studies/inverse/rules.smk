@@ -12,7 +12,9 @@ add_table(
     "inverse",
     "studies.inverse.table",
     caption="How well the motion of the bones is found that made a face.",
-    files={"recovered": expand("<results>/inverse/{case}/recovered.csv", case=INVERTED)},
+    files={
+        "recovered": expand("<results>/inverse/{case}/recovered.csv", case=INVERTED)
+    },
     arguments=NAMED | {"seed": SEED},
 )
 
