@@ -16,7 +16,7 @@ from pinnochio.methods.registry import graph_networks
 from pinnochio.patients.model_archive import READ_BY_NETWORKS
 from pinnochio.report.parts import FOLDED, PARTS
 from pinnochio.study.configuration import check_config
-from pinnochio.study.console import JobProgress, expected_seconds, quieten
+from pinnochio.study.console import quieten
 from pinnochio.study.inputs.rules import RuleInputs
 from pinnochio.study.patients import oddities
 from pinnochio.study.provenance import changed_since, forgotten
@@ -154,30 +154,18 @@ PREDICTS = code_of(
 )
 
 
-def seconds_of(counts):
-    """Seconds that one job of each rule took before."""
-    measured = {rule.name: rule.benchmark is not None for rule in workflow.rules}
-    return expected_seconds(counts, measured, RESULTS)
-
-
 CONSOLE = None
 if workflow.is_main_process and not (
     workflow.output_settings.verbose or os.environ.get("VERBOSE")
 ):
-    CONSOLE = quieten(
-        logger,
-        begin=lambda counts: JobProgress(counts, seconds_of(counts), ALL_CORES),
-        runs=lambda: not workflow.dryrun,
-    )
+    CONSOLE = quieten(logger, runs=lambda: not workflow.dryrun)
 
 
 onstart:
     check_writable(RESULTS)
-    counts = workflow.dag.stats()[1]
     refuse_unfinished(
         targets=list(workflow.dag_settings.targets),
-        counts=counts,
-        expected=seconds_of(counts),
+        counts=workflow.dag.stats()[1],
         cores=ALL_CORES,
         results=RESULTS,
     )

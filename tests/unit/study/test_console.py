@@ -7,58 +7,10 @@ from types import SimpleNamespace
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.study.console import LONG, SHORT, Console, JobProgress, expected_seconds, in_words, quieten
+from pinnochio.study.console import Console, quieten
 from pinnochio.study.unfinished import refuse_unfinished
 
 COUNTS = {"mesh": 4, "train": 2}
-EXPECTED = {"mesh": 10.0, "train": 100.0}
-
-
-def progress(cores=2) -> JobProgress:
-    return JobProgress(COUNTS, EXPECTED, cores)
-
-
-def test_the_time_left_is_that_of_the_jobs_that_are_not_done():
-    made = progress()
-    assert made.left(0.0) == (4 * 10 + 2 * 100) / 2
-    made.start(1, "mesh", 0.0)
-    assert made.left(4.0) == pytest.approx(236 / 2)
-    made.end(1, 10.0)
-    assert made.done == 1 and made.left(10.0) == pytest.approx((3 * 10 + 2 * 100) / 2)
-
-
-def test_a_slower_machine_makes_all_that_is_left_longer():
-    made = progress(1)
-    for job in range(4):
-        made.start(job, "mesh", 0.0)
-        made.end(job, 1000.0)
-    # 4,000 s instead of 40: the table is trusted for no more than a minute of work.
-    assert made.left(1000.0) == pytest.approx(2 * 100 * (60 + 4000) / (60 + 40))
-
-
-def test_the_line_names_what_is_running():
-    made = progress()
-    for job in (1, 2):
-        made.start(job, "mesh", 0.0)
-    made.start(3, "train", 0.0)
-    assert made.line(0.0).startswith("0 of 6 jobs done; mesh x 2, train; about 2 min left")
-
-
-@pytest.mark.parametrize(("seconds", "said"), [(0, "10 s"), (44, "40 s"), (200, "3 min"), (7200, "2.0 h")])
-def test_times_are_said_in_words(seconds, said):
-    assert in_words(seconds) == said
-
-
-def test_a_rule_takes_what_the_reference_study_took():
-    expected = expected_seconds(
-        {"pretrain": 1, "list_folds": 1, "unheard_of": 1}, {"pretrain": True, "unheard_of": True}, "results"
-    )
-    assert expected["list_folds"] == SHORT and expected["pretrain"] > 10 > SHORT
-    assert 1 < expected["unheard_of"] < 4 * LONG
-    quick = expected_seconds(
-        {"pretrain": 1, "virtual_outcome": 1}, {"pretrain": True, "virtual_outcome": True}, "results/quick"
-    )
-    assert quick["pretrain"] < expected["pretrain"] / 10 and quick["virtual_outcome"] < LONG
 
 
 def record(level=logging.INFO, message="", path="scheduler.py", **event) -> logging.LogRecord:
@@ -78,7 +30,7 @@ def logger():
 
 
 def test_progress_and_errors_are_shown_and_nothing_else(logger):
-    quieten(logger.logger, lambda counts: JobProgress(counts, EXPECTED, 1), lambda: True)
+    quieten(logger.logger, lambda: True)
     logger.handle(record(event="run_info", stats=COUNTS | {"total": 6}, message="Job stats"))
     logger.handle(record(message="Select jobs to execute..."))
     logger.handle(
@@ -90,7 +42,7 @@ def test_progress_and_errors_are_shown_and_nothing_else(logger):
     logger.handle(record(logging.ERROR, "it broke", event="job_error"))
     logger.handle(record(message="Complete log(s): here"))
     said = logger.said()
-    assert "0 of 6 jobs done; mesh" in said
+    assert "0 of 6 jobs done; mesh\n" in said
     for shown in ("a warning", "said by the study", "it broke", "Complete log(s): here"):
         assert shown in said
     for hidden in ("Job stats", "Select jobs", "Reason", "Finished job"):
@@ -98,7 +50,7 @@ def test_progress_and_errors_are_shown_and_nothing_else(logger):
 
 
 def test_the_message_of_a_target_says_where_to_look(logger):
-    quieten(logger.logger, lambda counts: JobProgress(counts, {}, 1), lambda: True)
+    quieten(logger.logger, lambda: True)
     logger.handle(record(event="run_info", stats={"report": 1}))
     logger.handle(record(event="job_info", jobid=1, rule_name="report", rule_msg="see report.html", output=[]))
     assert logger.said() == "see report.html\n"
@@ -108,7 +60,7 @@ def test_what_stages_warned_of_is_shown_once_at_the_end(logger, tmp_path):
     line = "2026-01-01 10:00:00,000 {} {}: case 'P1': no muscle\n"
     log = tmp_path / "a.log"
     log.write_text(line.format("WARNING", "pinnochio.importing.x") * 2 + line.format("WARNING", "py.warnings"))
-    console = quieten(logger.logger, lambda counts: JobProgress(counts, EXPECTED, 1), lambda: True)
+    console = quieten(logger.logger, lambda: True)
     logger.handle(record(event="run_info", stats=COUNTS | {"total": 6}))
     for job in (1, 2):
         words = {"jobid": job, "rule_name": "mesh", "rule_msg": "", "output": ["a"], "log": [str(log)]}
@@ -120,7 +72,7 @@ def test_what_stages_warned_of_is_shown_once_at_the_end(logger, tmp_path):
 
 
 def test_a_list_of_jobs_is_left_as_it_is(logger):
-    quieten(logger.logger, lambda counts: JobProgress(counts, EXPECTED, 1), lambda: False)
+    quieten(logger.logger, lambda: False)
     logger.handle(record(event="run_info", stats=COUNTS, message="Job stats"))
     logger.handle(record(event="job_info", message="Reason: missing"))
     assert "Job stats" in logger.said() and "Reason" in logger.said() and "jobs done" not in logger.said()
@@ -134,27 +86,27 @@ def test_one_line_changes_on_a_terminal():
         def fileno(self):
             raise OSError
 
-    console = Console(lambda counts: progress(), lambda: True, Terminal())
+    console = Console(lambda: True, Terminal())
     assert console.changing
     console.drawn = True
     console.clear()
     assert console.stream.getvalue() == "\r\033[K" and not console.drawn
 
 
-def refuse(targets, counts, expected=EXPECTED):
-    refuse_unfinished(targets, counts | {"total": sum(counts.values())}, expected, 2, "results")
+def refuse(targets, counts):
+    refuse_unfinished(targets, counts | {"total": sum(counts.values())}, 2, "results")
 
 
 @pytest.mark.parametrize("target", ["report", "figures", "results/figures/V01.png"])
 def test_a_report_does_not_begin_a_study(target):
-    with pytest.raises(InputError, match="6 jobs are left, about 4 min on 2 cores.*all " + target):
-        refuse([target], COUNTS, EXPECTED | {"train": 200.0})
+    with pytest.raises(InputError, match="6 jobs are left.*--cores 2 all " + target):
+        refuse([target], {"evaluate": 2, "train": 4})
 
 
 @pytest.mark.parametrize("targets", [["all", "report"], ["tables"], ["results/cases/V01/model.h5"], []])
 def test_what_is_wished_is_begun(targets):
-    refuse(targets, {"train": 1000})
+    refuse(targets, {"evaluate": 1000})
 
 
-def test_what_is_soon_made_is_made():
-    refuse(["report"], {"mesh": 10})
+def test_what_is_measured_is_drawn():
+    refuse(["report"], {"render_case": 10})
