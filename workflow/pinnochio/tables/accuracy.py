@@ -23,7 +23,7 @@ from pinnochio.tables.comparison import (
     worst_point,
 )
 from pinnochio.tables.document import Block, Table, View, views
-from pinnochio.tables.published import ordering, published_block
+from pinnochio.tables.published import published_block
 
 
 def tabulate(
@@ -37,16 +37,13 @@ def tabulate(
 ) -> Table:
     """The patients of cases.csv that have a post-operative scan, method by method and bound by bound.
 
-    published: whether the paper's own values, and how the orderings agree, stand below in the twins.
+    published: whether the paper's own values stand below in the twins.
     """
-    rows = scanned(read_table(cases, CASES))
-    frame = summarise(rows, reference, methods, seed, bounds)
-    if not published:
-        return table(frame, cohort)
-    return table(frame, cohort, [published_block()], ordering(rows, frame, cohort, seed))
+    frame = summarise(scanned(read_table(cases, CASES)), reference, methods, seed, bounds)
+    return table(frame, cohort, [published_block()] if published else [])
 
 
-def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = (), paragraphs: Sequence[str] = ()) -> Table:
+def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = ()) -> Table:
     """The table in the form of the paper's Table 1; bold: best; *: Holm p < 0.05; then bounds and further blocks."""
     methods, bounds = frame[~frame["bound"]], frame[frame["bound"]]
     tested = attainable(int(methods["n"].max()), len(methods) - 1)
@@ -83,4 +80,4 @@ def table(frame: pd.DataFrame, cohort: str, further: Sequence[Block] = (), parag
         blocks.append(
             Block.of(bounds, [replace(column, sign=0) for column in view], bounds_caption(bounds["method"]), "Bounds")
         )
-    return Table(frame, COMPARISON, [*blocks, *further], paragraphs)
+    return Table(frame, COMPARISON, [*blocks, *further])

@@ -1,14 +1,7 @@
-"""The paper's own tables, and where the ordering of its methods agrees with ours."""
+"""The paper's own tables."""
 
-from collections.abc import Mapping, Sequence
-from itertools import combinations
-
-import numpy as np
 import pandas as pd
 
-from pinnochio.seeds import derive_seed
-from pinnochio.statistics.wilcoxon import holm
-from pinnochio.tables.comparison import paired, spread
 from pinnochio.tables.document import Block, View
 
 SOURCE = "clinical cohort, Lee et al. 2026 (arXiv 2606.01572)"
@@ -71,47 +64,3 @@ def published_ablation() -> Block:
 
 def _spread(name: str):
     return lambda row: f"{row[f'{name}_mean']:.2f} ± {row[f'{name}_sd']:.2f}"
-
-
-def ordering(
-    cases: pd.DataFrame,
-    summary: pd.DataFrame,
-    cohort: str,
-    seed: int = 0,
-    names: Mapping[str, str] = OURS,
-) -> Sequence[str]:
-    """Paragraphs on the ordering by CD: which pairs of methods stand here as in the paper, and which do not.
-
-    cases: rows of CASES that can be judged; summary: the COMPARISON of the same; names: the method here of each
-    of the paper's. A pair is tested here as methods are against their reference, Holm-corrected over the pairs.
-    """
-    summary, theirs = summary.set_index("method"), TABLE_1.set_index("method").sort_values("cd_mean")
-    common = [name for name in theirs.index if names[name] in summary.index and summary["n"][names[name]]]
-    absent = [name for name in names if name not in common]
-    end = f" Not in our table: {', '.join(absent)}." if absent else ""
-    title = f"Ordering by CD, {cohort} beside the paper's clinical cohort: "
-    pairs = list(combinations(common, 2))  # the paper's better one first
-    if not pairs:
-        return [f"{title}fewer than two methods are in both tables, so there is no pair to compare.{end}"]
-    tests = [
-        paired(cases, "cd", names[one], names[two], derive_seed(seed, "bootstrap", f"{names[one]}/{names[two]}"))
-        for one, two in pairs
-    ]
-    agreeing, discordant = [], []
-    for (one, two), test, p in zip(pairs, tests, holm([test.p for test in tests]), strict=True):
-        if summary["cd_mean"][names[one]] < summary["cd_mean"][names[two]]:
-            agreeing.append(f"{one} before {two}")
-            continue
-        tested = f"Holm's p = {p:.6g} ({test.statement}): {'significant' if p < 0.05 else 'not significant'}"
-        paper = " against ".join(f"{theirs['cd_mean'][name]:.2f} ± {theirs['cd_sd'][name]:.2f}" for name in (one, two))
-        ours = " against ".join(spread("cd")(summary.loc[names[name]]) for name in (one, two))
-        discordant.append(
-            f"{one} is better than {two} in the paper ({paper} mm) and not here ({names[one]} against {names[two]}: "
-            f"{ours} mm; mean difference {test.mean:+.4f} mm, n = {test.n:.0f}; "
-            f"{test.statement if np.isnan(p) else tested})."
-        )
-    first = (
-        f"{title}{len(agreeing)} of {len(pairs)} pairs of methods that both tables have stand in the same order"
-        f"{': ' if agreeing else ''}{', '.join(agreeing)}.{end}"
-    )
-    return [first, *discordant]
