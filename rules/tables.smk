@@ -127,7 +127,13 @@ rule tabulate:
         unpack(files_of_table),
     output:
         table=ensure("<results>/{folder}/{table}.csv", non_empty=True),
-        document="<results>/{folder}/{table}.json",
+        markdown="<results>/{folder}/{table}.md",
+        latex="<results>/{folder}/{table}.tex",
+        html=report(
+            "<results>/{folder}/{table}.html",
+            caption="../workflow/report/table.rst",
+            category=part_of,
+        ),
     log:
         "<logs>/tabulate/{folder}_{table}.log",
     wildcard_constraints:
@@ -141,41 +147,12 @@ rule tabulate:
     params:
         module=module_of,
         arguments=lambda wildcards: TABLES[wildcards.table][1],
+        caption=caption_of,
         code=lambda wildcards: code_of("scripts.tables.tabulate", module_of(wildcards)),
     message:
         "Make the table {wildcards.table}"
     script:
         "../scripts/tables/tabulate.py"
-
-
-rule format_table:
-    input:
-        document="<results>/{folder}/{table}.json",
-    output:
-        markdown="<results>/{folder}/{table}.md",
-        latex="<results>/{folder}/{table}.tex",
-        html=report(
-            "<results>/{folder}/{table}.html",
-            caption="../workflow/report/table.rst",
-            category=part_of,
-        ),
-    log:
-        "<logs>/format_table/{folder}_{table}.log",
-    wildcard_constraints:
-        folder="tables|virtual",
-        table="|".join(TABLES),
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=500,
-        runtime=5,
-    params:
-        caption=caption_of,
-        code=code_of("scripts.tables.format_table"),
-    message:
-        "Format the table {wildcards.table}"
-    script:
-        "../scripts/tables/format_table.py"
 
 
 rule render_table:

@@ -1,14 +1,15 @@
-"""Makes a table, as CSV and as the document of its readable twins, by the module of the library that knows it."""
+"""Makes a table, as CSV and its readable twins, by the module of the library that knows it."""
 
 from collections.abc import Mapping
 from importlib import import_module
 
 from pinnochio.logs import attach_log
+from pinnochio.tables.formats import write_table
 
 
-def tabulate(module: str, arguments: Mapping, table: str, document: str) -> None:
+def tabulate(module: str, arguments: Mapping, table: str) -> None:
     """Write what `tabulate` of the module makes of its arguments, the files that it reads among them."""
-    import_module(module).tabulate(**arguments).write(table=table, document=document)
+    write_table(import_module(module).tabulate(**arguments), table)
 
 
 if __name__ == "__main__":
@@ -17,5 +18,4 @@ if __name__ == "__main__":
         module=snakemake.params.module,
         arguments={**dict(snakemake.input.items()), **snakemake.params.arguments},
         table=snakemake.output.table,
-        document=snakemake.output.document,
     )

@@ -1,25 +1,21 @@
-"""Tables as the rules make them: CSV file, document and readable twins."""
+"""Tables as the rules make them: CSV file and readable twins."""
 
 import re
 from pathlib import Path
 
 from pinnochio.tables.document import Table
-from pinnochio.tables.formats import write_twins
+from pinnochio.tables.formats import write_table
 from scripts.tables.tabulate import tabulate
 
 
 def write(table: Table, path: Path) -> None:
     """Write a table and its twins beside the path of its CSV file."""
-    document = path.with_suffix(".json")
-    table.write(path, document)
-    write_twins(document)
+    write_table(table, path)
 
 
 def make(path: Path, module: str, **arguments) -> None:
     """The same of the table that a module makes of files and arguments."""
-    document = path.with_suffix(".json")
-    tabulate(module, arguments, str(path), str(document))
-    write_twins(document)
+    tabulate(module, arguments, str(path))
 
 
 def texts(drawing: Path) -> str:

@@ -53,7 +53,7 @@ def test_a_further_method_reruns_nothing_of_the_others(added):
     said = added.quick("--dry-run")
     made = jobs(said)
     assert {made.pop(rule) for rule in ("predict_cases", "evaluate")} == {4}  # of each fold, with either motion
-    assert made.keys() == {"tabulate", "format_table", "provenance", "all"}
+    assert made.keys() == {"tabulate", "provenance", "all"}
     assert set(re.findall(r"(?:Predict|Measure) .*", said)) == {
         *(f"Predict {arm}/{fold} by mean_motion" for arm in ("folds", "planned") for fold in "12"),
         *(f"Measure mean_motion on {arm}/{fold}" for arm in ("folds", "planned") for fold in "12"),

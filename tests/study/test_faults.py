@@ -27,7 +27,7 @@ STAGES = [
     "tetrahedralize",
 ]
 STAGES += ["label_interfaces", "simulate_fem", "make_lift", "pretrain", "finetune", "predict", "evaluate"]
-STAGES += ["tabulate", "format_table"]
+STAGES += ["tabulate"]
 
 
 def running(project, script: str) -> bool:

@@ -121,7 +121,7 @@ def test_a_method_that_is_added_is_trained_alone(studied):
     made = jobs(said)
     assert {made.pop(rule) for rule in ("pretrain", "finetune")} == {2}
     assert {made.pop(rule) for rule in ("predict_cases", "evaluate")} == {4}  # with either motion
-    assert made.keys() == {"tabulate", "format_table", "provenance", "all"}
+    assert made.keys() == {"tabulate", "provenance", "all"}
     compared = {"cases", "accuracy", "planned", "regions", "landmarks"}
     assert made_tables(said) == compared | {"training", "stages"}
 

@@ -7,8 +7,8 @@ import pytest
 from pinnochio.columns import Column, number, read_table
 from pinnochio.errors import InputError
 from pinnochio.json_text import read_stored_json
+from pinnochio.patients.in_distribution import Ranges
 from pinnochio.statistics.intervals import Calibration
-from pinnochio.tables.document import read_blocks
 from pinnochio.training.convergence import convergence
 from pinnochio.training.loop import COLUMNS as HISTORY
 
@@ -61,8 +61,8 @@ def test_damaged_json_is_refused(content, said, tmp_path):
 
 def test_a_key_that_is_missing_is_named_at_any_depth(tmp_path):
     path = tmp_path / "a.json"
-    path.write_text(json.dumps({"blocks": [{"headers": [], "rows": [], "title": ""}]}))
-    refused(read_blocks, path, "it holds no 'caption'")
+    path.write_text(json.dumps({"anatomy": {"low": {}, "high": {}, "threshold": 0.1, "patients": 9}}))
+    refused(Ranges.read, path, "it holds no 'false_alarm'")
     refused(Calibration.read, path, "it holds no 'method'")
 
 

@@ -1,10 +1,10 @@
 """What every method is, the settings that the configuration gives it, and how people write its name."""
 
-import json
-
+import pandas as pd
 import pytest
 
 from pinnochio.code import source_file
+from pinnochio.columns import Column
 from pinnochio.methods.names import spoken
 from pinnochio.methods.registry import (
     BUILT_IN,
@@ -14,7 +14,8 @@ from pinnochio.methods.registry import (
     registry,
     surface_networks,
 )
-from pinnochio.tables.formats import write_twins
+from pinnochio.tables.document import Block, Table
+from pinnochio.tables.formats import write_table
 from studies.design.switches import switched
 from tests.helpers.settings import CONFIG
 
@@ -90,13 +91,12 @@ def test_a_text_says_the_names_that_people_write(text, said):
 
 
 def test_the_twins_say_them_too_and_html_keeps_the_short_one(tmp_path):
-    block = {"headers": ["Method"], "rows": [[["fem_sliding", True]], [["own", False]]], "caption": "Of fem_sliding.",
-             "title": ""}  # fmt: skip
-    document = tmp_path / "a.json"
-    document.write_text(json.dumps({"blocks": [block], "paragraphs": ["Also fem_sliding."], "columns": []}))
-    write_twins(document)
+    block = Block(["Method"], [[("fem_sliding", True)], [("own", False)]], "Of fem_sliding.")
+    table = Table(pd.DataFrame({"n": [1]}), [Column("n", int, "", "number")], [block], ["Also fem_sliding."])
+    path = tmp_path / "a.csv"
+    write_table(table, path)
     for suffix in (".md", ".tex"):
-        text = document.with_suffix(suffix).read_text()
+        text = path.with_suffix(suffix).read_text()
         assert text.count("liding FEM") == 3 and "fem_sliding" not in text
-    assert '<td title="fem_sliding"><b>Sliding FEM</b></td>' in (page := document.with_suffix(".html").read_text())
+    assert '<td title="fem_sliding"><b>Sliding FEM</b></td>' in (page := path.with_suffix(".html").read_text())
     assert "<td>own</td>" in page

@@ -1,16 +1,12 @@
 """What the readable twins of a table show, before it is Markdown, LaTeX or HTML."""
 
-import json
-import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from pinnochio.columns import Column, write_csv
-from pinnochio.files import replacing
-from pinnochio.json_text import read_stored_json
+from pinnochio.columns import Column
 
 
 @dataclass(frozen=True)
@@ -78,19 +74,3 @@ class Table:
     columns: Sequence[Column]
     blocks: Sequence[Block]
     paragraphs: Sequence[str] = ()
-
-    def write(self, table: str | os.PathLike, document: str | os.PathLike) -> None:
-        """Write the rows as CSV, and as JSON the document that the twins are formatted from."""
-        write_csv(self.frame, table, self.columns)
-        shown = {
-            "blocks": [asdict(block) for block in self.blocks],
-            "paragraphs": list(self.paragraphs),
-            "columns": [{"name": c.name, "unit": c.unit, "description": c.description} for c in self.columns],
-        }
-        with replacing(document) as temporary:
-            temporary.write_text(json.dumps(shown, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-
-
-def read_blocks(document: str | os.PathLike) -> list[Block]:
-    """The blocks of a document, for another table's twins to show below its own."""
-    return [block.of(Block) for block in read_stored_json(document)["blocks"]]

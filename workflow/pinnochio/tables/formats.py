@@ -1,14 +1,14 @@
-"""The readable twins of a table: its document as Markdown, LaTeX or HTML."""
+"""A table as files: its rows as CSV, and its readable twins as Markdown, LaTeX and HTML."""
 
 import os
-from collections.abc import Mapping
 from pathlib import Path
 
 import jinja2
 
+from pinnochio.columns import write_csv
 from pinnochio.files import replacing
-from pinnochio.json_text import read_stored_json
 from pinnochio.methods.names import spoken
+from pinnochio.tables.document import Block, Table
 from pinnochio.web_pages import write_page
 
 HTML = "table.html"  # beside this module
@@ -83,22 +83,23 @@ def _latex() -> jinja2.Template:
 FORMATS = {".md": _markdown, ".tex": _latex}
 
 
-def write_twins(document: str | os.PathLike) -> None:
-    """Write Markdown, LaTeX and HTML beside the document of a :class:`~pinnochio.tables.document.Table`."""
-    content = read_stored_json(document)
+def write_table(table: Table, path: str | os.PathLike) -> None:
+    """Write the rows of a table as CSV, and beside them its twins: Markdown, LaTeX and HTML."""
+    write_csv(table.frame, path, table.columns)
     shown = {
-        "blocks": [_spoken(block) for block in content["blocks"]],
-        "paragraphs": [spoken(text) for text in content["paragraphs"]],
-        "columns": content["columns"],
+        "blocks": [_spoken(block) for block in table.blocks],
+        "paragraphs": [spoken(text) for text in table.paragraphs],
+        "columns": table.columns,
     }
     for suffix, template in FORMATS.items():
-        with replacing(Path(document).with_suffix(suffix)) as temporary:
+        with replacing(Path(path).with_suffix(suffix)) as temporary:
             temporary.write_text(template().render(shown), encoding="utf-8")
-    write_page(Path(document).with_suffix(".html"), Path(__file__).with_name(HTML), **shown)
+    write_page(Path(path).with_suffix(".html"), Path(__file__).with_name(HTML), **shown)
 
 
-def _spoken(block: Mapping) -> dict:
+def _spoken(block: Block) -> dict:
     """The block with methods by the names that people write; each cell is (text, whether it is bold, text of the CSV
     file)."""
-    rows = [[(spoken(text), bold, text) for text, bold in row] for row in block["rows"]]
-    return {**block, "title": spoken(block["title"]), "caption": spoken(block["caption"]), "rows": rows}
+    rows = [[(spoken(text), bold, text) for text, bold in row] for row in block.rows]
+    title, caption = spoken(block.title), spoken(block.caption)
+    return {"headers": block.headers, "rows": rows, "title": title, "caption": caption}

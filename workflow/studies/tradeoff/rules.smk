@@ -22,6 +22,7 @@ add_table(
 add_table(
     "choices",
     "studies.tradeoff.choices",
+    title="Budgets of seconds",
     caption="What a budget of seconds allows, tried on each patient with the Pareto front of all the others.",
     files=TRADED_CASES,
     arguments=NAMED
@@ -35,7 +36,7 @@ add_table(
     title="Seconds against accuracy",
     caption="What a second of computing buys: every method with one setting changed at a time, on held-out patients of the first fold.",
     figure="studies.tradeoff.figure",
-    files=TRADED_CASES | {"choices": "<results>/tables/choices.json"},
+    files=TRADED_CASES,
     arguments=NAMED,
 )
 
@@ -153,6 +154,7 @@ rule measure_study:
 rule tradeoff:
     input:
         recorded("tradeoff"),
+        table_and_twins("choices"),
         expand("<results>/figures/tradeoff.{kind}", kind=["png", "svg"]),
     message:
         "Seconds against accuracy: see {config[pathvars][results]}/tables/tradeoff.md"

@@ -10,7 +10,7 @@ from pinnochio.methods.names import BASELINE
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.conformal import half_width
 from pinnochio.tables.comparison import against_baseline
-from pinnochio.tables.document import Block, Table, View, read_blocks, views
+from pinnochio.tables.document import Block, Table, View, views
 from studies.tradeoff.cases import TRADEOFF_CASES
 from studies.tradeoff.pareto_front import LEVEL, SETTING, TRADEOFF
 from studies.tradeoff.settings import BASE
@@ -119,8 +119,8 @@ def _fronts(row) -> str:
     return " ".join(word for word, column in (("CD", "front_outcome"), ("face", "front_reference")) if row[column])
 
 
-def tabulate(cases: str | os.PathLike, choices: str | os.PathLike, cohort: str) -> Table:
-    """The rows of tradeoff_cases.csv by setting; choices: document of the table of choices, shown below."""
+def tabulate(cases: str | os.PathLike, cohort: str) -> Table:
+    """The rows of tradeoff_cases.csv by setting."""
     rows = read_table(cases, TRADEOFF_CASES)
     frame = summarise(rows)
     missing = sorted(rows["case"][rows.groupby("case")["face_error"].transform("count") == 0].unique())
@@ -150,4 +150,4 @@ def tabulate(cases: str | os.PathLike, choices: str | os.PathLike, cohort: str) 
     said = answers(frame, cohort)
     if missing:
         said.append(f"Without face and volume error, since the reference did not converge: {', '.join(missing)}.")
-    return Table(frame, TRADEOFF, [Block.of(frame, view, caption), *read_blocks(choices)], said)
+    return Table(frame, TRADEOFF, [Block.of(frame, view, caption)], said)
