@@ -1,4 +1,4 @@
-# One core each, so that their seconds compare; undisturbed ones are those of the trade-off.
+# Predicts and judges. One core each, so that their seconds compare; undisturbed ones are those of the trade-off.
 rule predict_cases:
     input:
         trained=INPUTS.prediction.of_batch("trained"),
@@ -7,8 +7,13 @@ rule predict_cases:
         covariates=INPUTS.prediction.of_batch("covariates"),
         plans=INPUTS.prediction.of_batch("plans"),
         truths=INPUTS.prediction.of_batch("truths"),
+        postops=INPUTS.prediction.of_batch("postops"),
+        judged=INPUTS.prediction.of_batch("judged"),
+        motions=INPUTS.prediction.of_batch("motions"),
     output:
-        predictions="<results>/{batch}/{method}/predictions.h5",
+        predictions=update("<results>/{batch}/{method}/predictions.h5"),
+        metrics=ensure(update("<results>/{batch}/{method}/metrics.csv"), non_empty=True),
+        skins=update("<results>/{batch}/{method}/skins.h5"),
     log:
         "<logs>/predict/{batch}_{method}.log",
     benchmark:
@@ -25,13 +30,16 @@ rule predict_cases:
         ),
     params:
         cases=INPUTS.prediction.of_batch("cases"),
+        scanned=INPUTS.prediction.of_batch("scanned"),
         predictor=INPUTS.prediction.predictor,
         settings=INPUTS.prediction.of_batch("settings"),
-        code=code_with_method("scripts.prediction.predict"),
+        fem=config["fem"],
+        seed=SEED,
+        code=code_with_method("scripts.prediction.predict_cases"),
     message:
-        "Predict {wildcards.batch} by {wildcards.method}"
+        "Predict {wildcards.batch} by {wildcards.method}, and judge it"
     script:
-        "../scripts/prediction/predict.py"
+        "../scripts/prediction/predict_cases.py"
 
 
 # Made by others with the files of `inputs`; the timings in the files are their authors'.

@@ -1,37 +1,44 @@
+# What others have predicted, and what is corrected afterwards.
 rule evaluate:
     input:
-        predictions="<results>/{arm}/{fold}/{method}{corrected}/predictions.h5",
-        models=INPUTS.tables.models,
-        plans=INPUTS.tables.motions,
-        postops=INPUTS.tables.of_judged("<results>/cases/{case}/postop.h5"),
-        judged=INPUTS.tables.of_judged("<results>/cases/{case}/judged.h5"),
-        truths=INPUTS.tables.truths,
+        predictions="<results>/{batch}/{method}{corrected}/predictions.h5",
+        models=INPUTS.prediction.of_batch("models"),
+        plans=INPUTS.prediction.of_batch("plans"),
+        postops=INPUTS.prediction.of_batch("postops"),
+        judged=INPUTS.prediction.of_batch("judged"),
+        motions=INPUTS.prediction.of_batch("motions"),
     output:
         metrics=ensure(
-            "<results>/{arm}/{fold}/{method}{corrected}/metrics.csv", non_empty=True
+            "<results>/{batch}/{method}{corrected}/metrics.csv", non_empty=True
         ),
-        skins="<results>/{arm}/{fold}/{method}{corrected}/skins.h5",
+        skins="<results>/{batch}/{method}{corrected}/skins.h5",
     log:
-        "<logs>/evaluate/{arm}/{fold}_{method}{corrected}.log",
+        "<logs>/evaluate/{batch}_{method}{corrected}.log",
     benchmark:
-        "<benchmarks>/evaluate/{arm}/{fold}_{method}{corrected}.tsv"
+        "<benchmarks>/evaluate/{batch}_{method}{corrected}.tsv"
     wildcard_constraints:
-        corrected=r"|/corrected_\d+",
+        corrected=r"/corrected_\d+",
     conda:
         "../envs/pinnochio.yaml"
     resources:
         mem_mb=4000,
         runtime=30,
     params:
-        cases=INPUTS.prediction.held_out,
-        scanned=INPUTS.tables.judged,
+        cases=INPUTS.prediction.of_batch("cases"),
+        scanned=INPUTS.prediction.of_batch("scanned"),
         fem=config["fem"],
         seed=SEED,
         code=code_of("scripts.tables.evaluate"),
     message:
-        "Measure {wildcards.method}{wildcards.corrected} on {wildcards.arm}/{wildcards.fold}"
+        "Measure {wildcards.method}{wildcards.corrected} on {wildcards.batch}"
     script:
         "../scripts/tables/evaluate.py"
+
+
+use rule evaluate as evaluate_external with:
+    wildcard_constraints:
+        corrected="",
+        method=any_of(config["external"]),
 
 
 rule provenance:

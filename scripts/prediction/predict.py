@@ -4,14 +4,12 @@ import logging
 from collections.abc import Mapping, Sequence
 
 from pinnochio.json_text import read_stored_json
-from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import Lift
 from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import write_predictions
 from pinnochio.plans.plan import Plan
 from pinnochio.references import resolve
-from pinnochio.training.device import device_of
 
 
 def predict(
@@ -50,21 +48,3 @@ def predict(
         made[case] = prediction = method(planned)
         logging.info("%s: %.4f s, and %.3f s for the patient", case, prediction.seconds, prediction.setup_seconds)
     write_predictions(predictions, made)
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    predict(
-        predictor=snakemake.params.predictor,
-        settings=snakemake.params.settings,
-        trained=snakemake.input.get("trained") or None,
-        cases=snakemake.params.cases,
-        models=snakemake.input.models,
-        lifts=snakemake.input.get("lifts", []),
-        plans=snakemake.input.plans,
-        truths=snakemake.input.get("truths", []),
-        covariates=snakemake.input.get("covariates", []),
-        device=device_of(snakemake.params.predictor, snakemake.resources.gpu, snakemake.threads),
-        threads=snakemake.threads,
-        predictions=snakemake.output.predictions,
-    )

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -26,7 +27,7 @@ def evaluate(
     plans: Sequence[str],
     postops: Mapping[str, str],
     judged: Mapping[str, str],
-    truths: Sequence[str],
+    motions: Sequence[str],
     fem: FemSettings,
     labels: dict,
     seed: int,
@@ -35,8 +36,8 @@ def evaluate(
 ) -> None:
     """Write one row per case, and where the judged skin goes (skins); labels are fold, method and code.
 
-    postops, judged: files by case of those that have a scan, the others get no accuracy; truths may be empty (no
-    virtual truth).
+    postops, judged: files by case of those that have a scan, the others get no accuracy; motions: true ones at the
+    points of the models, none without a virtual truth.
     """
     rows, moved = [], {}
     for number, case in enumerate(cases):
@@ -52,7 +53,7 @@ def evaluate(
                 seed=seed,
                 target=skin and skin.surface,
                 judged=samples,
-                truth=TrueMotion.read(truths[number], patient, case) if truths else None,
+                truth=TrueMotion.read(motions[number], patient, case) if motions else None,
                 labels=labels | (skin.columns if skin else {}),
             )
         )
@@ -64,19 +65,30 @@ def evaluate(
         write_skins(skins, moved)
 
 
+def judging(job) -> dict[str, dict]:
+    """What :func:`evaluate` reads and is set to in a job of Snakemake's, which names the batch, folds/N, and method."""
+    about = {"fold": Path(job.wildcards.batch).name, "method": job.wildcards.method, "code": job.params.code}
+    scans = {
+        name: dict(zip(job.params.scanned, job.input.get(name, []), strict=True)) for name in ("postops", "judged")
+    }
+    return {
+        "files": scans | {name: job.input.get(name, []) for name in ("models", "plans", "motions")},
+        "settings": {
+            "cases": job.params.cases,
+            "fem": FemSettings(**job.params.fem),
+            "labels": about,
+            "seed": job.params.seed,
+        },
+    }
+
+
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
+    judged = judging(job=snakemake)
     evaluate(
-        cases=snakemake.params.cases,
+        **judged["files"],
+        **judged["settings"],
         predictions=snakemake.input.predictions,
-        models=snakemake.input.models,
-        plans=snakemake.input.plans,
-        postops=dict(zip(snakemake.params.scanned, snakemake.input.get("postops", []), strict=True)),
-        judged=dict(zip(snakemake.params.scanned, snakemake.input.get("judged", []), strict=True)),
-        truths=snakemake.input.get("truths", []),
-        fem=FemSettings(**snakemake.params.fem),
-        labels={name: snakemake.wildcards[name] for name in ("fold", "method")} | {"code": snakemake.params.code},
-        seed=snakemake.params.seed,
         metrics=snakemake.output.metrics,
         skins=snakemake.output.skins,
     )

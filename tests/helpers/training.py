@@ -106,7 +106,7 @@ def measured(patient, predictions: str, metrics: str, method: str = "some", **ch
         "cases": [patient.case],
         "models": [patient.model],
         "plans": [patient.plan],
-        "truths": [patient.true_motion],
+        "motions": [patient.true_motion],
     }
     scans = {"postops": {patient.case: patient.postop}, "judged": {patient.case: patient.judged}}
     labels = {"fold": "1", "method": method, "code": "0" * 12}

@@ -21,7 +21,7 @@ TRUTH = ["volume_error_mean", "volume_error_p95", "skin_error_mean", "skin_error
 TRUTH += [f"landmark_{name}" for name in LANDMARKS]
 
 
-UNSCANNED = {"postops": {}, "judged": {}, "truths": []}
+UNSCANNED = {"postops": {}, "judged": {}, "motions": []}
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_without_a_scan_everything_but_accuracy_is_measured(patient, solved, tmp
 
 def test_patients_without_a_scan_do_not_count_as_failed(patient, solved, tmp_path):
     scanned, unscanned = str(tmp_path / "1.csv"), str(tmp_path / "2.csv")
-    measured(patient, solved, scanned, "fem_bonded", truths=[])
+    measured(patient, solved, scanned, "fem_bonded", motions=[])
     frame = measured(patient, solved, unscanned, "fem_bonded", **UNSCANNED)
     frame.assign(case="unscanned").to_csv(unscanned, index=False)
     cases, table = tmp_path / "cases.csv", tmp_path / "accuracy.csv"

@@ -43,7 +43,7 @@ def test_predictions_of_others_get_the_rows_they_deserve(finished):
     added = ("--config", "external={mine_npz: elsewhere/mine_npz, mine_vtu: elsewhere/mine_vtu}")
     said = finished.quick(*added)
     assert made_tables(said) == {"cases", "accuracy", "regions", "landmarks", "stages"}
-    made = {"predict_external": 4, "evaluate": 4, "tabulate": 5, "provenance": 1, "all": 1}
+    made = {"predict_external": 4, "evaluate_external": 4, "tabulate": 5, "provenance": 1, "all": 1}
     assert jobs(said) == made
     cases = pd.read_csv(results / "tables/cases.csv").set_index("case")
     rows = {method: part.drop(columns=PREDICTOR) for method, part in cases.groupby("method")}

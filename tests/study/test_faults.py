@@ -26,7 +26,7 @@ STAGES = [
     "check_cohort",
     "tetrahedralize",
 ]
-STAGES += ["label_interfaces", "simulate_fem", "make_lift", "pretrain", "finetune", "predict", "evaluate"]
+STAGES += ["label_interfaces", "simulate_fem", "make_lift", "pretrain", "finetune", "predict_cases"]
 STAGES += ["tabulate"]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from pinnochio.code import code_hash, source_file
 from pinnochio.stages import Stages
 
 
@@ -22,9 +23,9 @@ def run(tmp_path, caplog):
         (tmp_path / name).write_text(name)
     caplog.set_level(logging.INFO)
 
-    def run(between="-"):
+    def run(between="-", text="text"):
         caplog.clear()
-        words, output = [str(tmp_path / name) for name in ("one", "two")], {"text": str(tmp_path / "text")}
+        words, output = [str(tmp_path / name) for name in ("one", "two")], {"text": str(tmp_path / text)}
         inputs = {"words": words, "after": str(tmp_path / "end")}
         Stages(tmp_path / ".made.json")(join, inputs, output, {"between": between})
         return "joined" in caplog.text
@@ -47,6 +48,17 @@ def test_content_settings_and_lost_outputs_count_not_times(run, tmp_path):
     assert run("+")
     os.utime(tmp_path / "one", (1e9, 2e9))
     assert not run("+")
+
+
+def test_a_stage_that_makes_several_files_in_turn_keeps_each(run):
+    assert run() and run(text="other") and not run() and not run(text="other")
+
+
+def test_an_edit_of_what_the_settings_call_by_name_counts(run, monkeypatch):
+    method, module = "pinnochio.methods.elastic:ElasticPredictor", source_file("pinnochio.methods.elastic")
+    assert run(method) and run("-", "other")
+    monkeypatch.setattr("pinnochio.stages.code_hash", lambda *files: code_hash(*files) + "edited" * (module in files))
+    assert run(method) and not run("-", "other")
 
 
 def test_what_stays_counts_as_new(run, tmp_path):

@@ -56,16 +56,18 @@ def imported_by(file: Path) -> frozenset[Path]:
     """Files that the Python file names: modules of the project in an import or a call's string, data beside it."""
     if file.suffix != ".py":
         return frozenset()
-    source, modules, data = file.read_text(encoding="utf-8"), set(), set()
+    source = file.read_text(encoding="utf-8")
+    modules, data = set(), {file.parent / text for text in TEXT.findall(source) if DATA.fullmatch(text)}
     for module, names in IMPORT.findall(source):
         names = re.findall(r"[\w.]+", names)
         modules |= {module, *(f"{module}.{name}" for name in names)} if module else {*names}
-    for text in TEXT.findall(source):
-        if match := CALL.fullmatch(text):
-            modules.add(match[1])
-        elif DATA.fullmatch(text) and (file.parent / text).is_file():
-            data.add(file.parent / text)
-    return frozenset(data.union(path for module in modules for path in _files(module)))
+    return frozenset({*filter(Path.is_file, data), *called(source)}.union(*map(_files, modules)))
+
+
+def called(text: str) -> set[Path]:
+    """Files of the modules that quoted words of a text name for a call."""
+    names = filter(None, map(CALL.fullmatch, TEXT.findall(text)))
+    return {path for name in names for path in _files(name[1])}
 
 
 @cache

@@ -9,15 +9,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from pinnochio.code import code_hash
+from pinnochio.code import called, code_hash
 from pinnochio.files import replacing
 
 
 class Stages:
     """Runs stages unless their outputs are there and were made by the same code of the same inputs and settings.
 
-    record: a file of hashes per stage beside the outputs, which is no output of the job itself. Outputs are compared
-    too: after an error older ones may have been put back.
+    record: a file of hashes and seconds per stage beside the outputs, which is no output of the job itself. Outputs are
+    compared too: after an error older ones may have been put back.
     """
 
     def __init__(self, record: str | os.PathLike):
@@ -29,24 +29,29 @@ class Stages:
     ) -> None:
         """Call `stage` with inputs, outputs and settings by the names of its arguments.
 
-        inputs: files, folders, or several by name or in order; settings: values whose repr says all. Outputs that stay
-        count as new, as the job's.
+        inputs: files, folders, or several by name or in order; settings: values whose repr says all, modules that are
+        called by name too. Outputs that stay count as new, as the job's.
         """
-        name = stage.__name__
-        key = hashlib.sha256(
-            repr((code_hash(inspect.getfile(stage)), sorted(settings.items()), _contents(inputs))).encode()
-        ).hexdigest()
-        if all(os.path.exists(path) for path in outputs.values()) and self._made.get(name) == [key, _contents(outputs)]:
+        name, said = self.name(stage, outputs), repr(sorted(settings.items()))
+        code = code_hash(inspect.getfile(stage), *called(said))
+        key = hashlib.sha256(repr((code, said, _contents(inputs))).encode()).hexdigest()
+        there, made = all(map(os.path.exists, outputs.values())), self._made.get(name, [])
+        if there and made[:2] == [key, _contents(outputs)]:
             logging.info("%s: kept", name)
             for path in outputs.values():
                 os.utime(path)
             return
         began = time.perf_counter()
         stage(**inputs, **outputs, **settings)
-        logging.info("%s: %.1f s", name, time.perf_counter() - began)
-        self._made[name] = [key, _contents(outputs)]
+        seconds = round(time.perf_counter() - began, 3)
+        logging.info("%s: %.1f s", name, seconds)
+        self._made[name] = [key, _contents(outputs), seconds]
         with replacing(self._record) as temporary:
             temporary.write_text(json.dumps(self._made, indent=1) + "\n", "utf-8")
+
+    def name(self, stage: Callable, outputs: Mapping[str, str]) -> str:
+        """The stage's name with its outputs, which say which of several calls it is."""
+        return " ".join([stage.__name__, *(os.path.relpath(path, self._record.parent) for path in outputs.values())])
 
 
 def _contents(named: Mapping[str, object]) -> str:

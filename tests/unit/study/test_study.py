@@ -90,8 +90,6 @@ def test_training_and_prediction_take_the_achieved_motion_where_there_are_bones(
         predicted = RuleInputs(made).prediction.batch(f"{batch}/{fold}", "pinnochio")
         assert predicted.plans[predicted.cases.index("S0")] == f"<results>/cases/S0/{motion}.json"
         assert predicted.trained == f"<results>/folds/{fold}/pinnochio/network.pt"
-        judged = RuleInputs(made).tables.motions(job(arm=batch, fold=fold, method="pinnochio"))
-        assert judged == predicted.plans
     other = next(fold for fold in made.folds.held_out if fold != made.folds.by_case["S0"])
     assert "<results>/cases/S0/achieved.json" in RuleInputs(made).training.motions(job(fold=other, method="pinnochio"))
     assert made.cohort.registered == ["S0", "S1", "U0"] and made.both_motions == ["S0", "S1"]

@@ -126,7 +126,7 @@ class Study:
         `home` is the folder of imported patients below the results, cases of the study or patients that are new, and
         `case` the name; `mesh` is empty, /lips or /nodes_N; `plan` is empty for the study's own plan, /NAME for one of
         a new patient; `fold` may train on fewer patients, 1of8; `batch` is what is predicted in one job: folds/N
-        or planned/N (the same patients from their plans); `arm` is folds or planned.
+        or planned/N (the same patients from their plans).
         """
         plans = "|".join(sorted({plan for patient in self.new_patients.values() for plan in patient.plans})) or "none"
         folds = rf"(?:{'|'.join(self.folds.held_out)})(?:of\d+)?"
@@ -136,7 +136,6 @@ class Study:
             "mesh": r"|/lips|/nodes_\d+",
             "plan": f"|/(?:{plans})",
             "fold": folds,
-            "arm": "folds|planned",
             "batch": f"(?:folds|planned)/{folds}",
             "nodes": r"\d+",
             "method": "|".join([*self.methods.registry, self.config["predict"]["method"]]),

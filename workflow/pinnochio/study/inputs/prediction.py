@@ -7,26 +7,32 @@ from pathlib import Path
 
 from pinnochio.errors import InputError
 from pinnochio.methods.registry import GRAPH_NETWORK, registry
-from pinnochio.study.study import Study, filled
+from pinnochio.study.study import STUDY_FILES, Study, filled
 
 TRAINED = {"no": "", "at once": "fitted.h5", "by steps": "network.pt"}  # what training leaves
 
 
 @dataclass(frozen=True)
 class Batch:
-    """What is predicted in one job: cases with their files, the trained file, and what it reads of the settings.
+    """What is predicted and judged in one job: cases with their files, the trained file, and what it reads of the
+    settings.
 
-    truths are the files of the virtual truth: of a bound that is it, of nothing else.
+    truths are the files of the virtual truth, for a bound that is it; scanned: the cases that can be judged, postops
+    and judged their files; motions: true ones at the points of the models, where they are known.
     """
 
     cases: list[str]
     models: list[str]
     plans: list[str]
     settings: dict
-    truths: list[str] = field(default_factory=list)
-    lifts: list[str] = field(default_factory=list)
-    covariates: list[str] = field(default_factory=list)
-    trained: str | list = field(default_factory=list)
+    truths: list[str]
+    lifts: list[str]
+    covariates: list[str]
+    trained: str | list
+    scanned: list[str]
+    postops: list[str]
+    judged: list[str]
+    motions: list[str]
 
 
 @dataclass(frozen=True)
@@ -76,7 +82,8 @@ class PredictionInputs:
 
     def _held_out(self, batch: str, fold: str, name: str) -> Batch:
         study, method = self.study, self.study.methods[name]
-        cases, trained = study.folds.kept_from(fold), TRAINED[method.trains]
+        cases, trained, scanned = study.folds.kept_from(fold), TRAINED[method.trains], study.folds.judged(fold)
+        virtual = study.cohort.virtual
         return Batch(
             cases=cases,
             models=[study.model_of(case, name) for case in cases],
@@ -86,6 +93,10 @@ class PredictionInputs:
             lifts=study.lifts(name, cases),
             covariates=study.covariates(name, cases),
             trained=f"<results>/folds/{fold}/{name}/{trained}" if trained else [],
+            scanned=scanned,
+            postops=filled(f"{STUDY_FILES}/postop.h5", scanned),
+            judged=filled(f"{STUDY_FILES}/judged.h5", scanned),
+            motions=[study.model_of(case, name, "true_motion.h5") for case in cases] if virtual else [],
         )
 
     def of_ensemble(self, name: str) -> Callable:
