@@ -3,7 +3,6 @@
 import json
 from itertools import combinations
 
-import derive_faces
 import numpy as np
 import pytest
 import trimesh
@@ -84,14 +83,6 @@ def test_the_mirror_image_of_a_person_is_one_of_the_model():
     identity = np.random.default_rng(1).normal(size=len(odd))
     face, mirrored = make_face(identity), make_face(np.where(odd, -identity, identity))
     assert np.allclose(face.points[left], mirrored.points[right] * [-1, 1, 1], atol=0.3)
-
-
-def test_a_basis_keeps_the_variance_it_promises():
-    fields = np.random.default_rng(0).normal(size=(6, 40, 3)) * (0.5 ** np.arange(6))[:, None, None]
-    modes, share = derive_faces.basis(fields, np.ones(90), 30)
-    assert derive_faces.VARIANCE <= share.sum() <= 1 and (np.diff(share) < 0).all()
-    assert (modes[:, :30] ** 2).sum() == pytest.approx(share.sum() * (fields[:, :30] ** 2).sum())
-    assert len(modes) < len(fields)
 
 
 def test_a_solid_has_the_volume_of_its_skin():
