@@ -54,7 +54,7 @@ def ours(points, cells, kind: str, volumetric: str) -> dict:
     constrained[boundary.prescribed_nodes] = True
     assembler = Assembler(Elements.build(points, cells, law, volumetric), constrained, [])
     data, _ = assembler.tangent(result.displacement, np.zeros((0, 3, 3)))
-    linear, one = linear_solver(assembler.indptr, assembler.indices, 0, single=options.reuse), []
+    linear, one = linear_solver(assembler.indptr, assembler.indices, single=options.reuse), []
     for _ in range(4):  # the first one analyses the pattern
         began = time.perf_counter()
         linear.factorize(data)

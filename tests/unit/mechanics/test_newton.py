@@ -128,21 +128,19 @@ def test_scipy_gives_what_pardiso_gives(volumetric):
 
 
 @pytest.mark.parametrize("kind", ["pardiso", "scipy"])
-def test_linear_solver_knows_the_inertia(kind):
+def test_linear_solver_knows_what_is_definite(kind):
     rng = np.random.default_rng(0)
     matrix = rng.normal(size=(12, 12))
     matrix = matrix @ matrix.T + 12 * np.eye(12)
-    matrix[9:, 9:] *= -1
     upper = sparse.csr_matrix(np.triu(matrix))
-    for negative, expected in ((3, True), (2, False), (0, False)):
-        solver = linear_solver(upper.indptr, upper.indices, negative, kind)
-        assert solver.factorize(upper.data) is expected
-        if expected:
-            rhs = rng.normal(size=12)
-            full = np.triu(matrix) + np.triu(matrix, 1).T
-            np.testing.assert_allclose(solver.solve(rhs), np.linalg.solve(full, rhs), rtol=1e-10)
-        assert not solver.factorize(np.full(upper.nnz, np.nan))
-        solver.close()
+    solver = linear_solver(upper.indptr, upper.indices, kind)
+    assert solver.factorize(upper.data) is True
+    rhs = rng.normal(size=12)
+    np.testing.assert_allclose(solver.solve(rhs), np.linalg.solve(matrix, rhs), rtol=1e-10)
+    matrix[9:, 9:] *= -1
+    assert not solver.factorize(sparse.csr_matrix(np.triu(matrix)).data)
+    assert not solver.factorize(np.full(upper.nnz, np.nan))
+    solver.close()
 
 
 @pytest.mark.parametrize(("volumetric", "noise", "share"), [("patch", 8.0, 0.4), ("p1", 2.0, 0.05)])

@@ -27,7 +27,6 @@ from studies.stability.figure import draw
 from studies.stability.inputs import parts
 from studies.stability.judging import (
     Balance,
-    against_quadratic,
     entered,
     judge_correction,
     judge_elastic,
@@ -35,7 +34,6 @@ from studies.stability.judging import (
     judge_raw,
     judge_repair,
     judge_solution,
-    moved_most,
 )
 from studies.stability.measure_stability import stability
 from studies.stability.sweep import Sweep, attempt, slope_of
@@ -198,18 +196,6 @@ def test_what_is_no_patch_is_seen(block):
     assert "several tissues" in Balance(block.points, block.cells, law, patches).no_patches()[0]
 
 
-def test_ten_node_elements_confirm_a_field_and_refuse_a_false_one(block):
-    result = solved(block, "patch")
-    moved = np.linalg.norm(block.boundary.displacement(1.0), axis=1).max()
-    near, said = against_quadratic(block, result.displacement)
-    assert near < 0.06 * moved and not said
-    soft = result.displacement.copy()
-    soft[block.free] = 0
-    assert against_quadratic(block, soft)[0] > 0.15 * moved
-    lie = replace(result, displacement=soft)
-    assert "ten-node elements" in judge_solution(block, "patch", lie, 1.0, fem_settings(), quadratic=True).reason
-
-
 def test_tissue_that_has_left_its_bone_is_seen_and_marked(sliding):
     problem, result = sliding
     assert off_bone(PATIENT, problem.plan, result.displacement).max() < 0.5
@@ -226,12 +212,6 @@ def test_tissue_that_has_left_its_bone_is_seen_and_marked(sliding):
         replace(problem, plan=far), VOLUMETRIC[0], replace(result, displacement=moved), 1.0, fem_settings()
     )
     assert verdict.outcome == WRONG and not verdict.marked  # of the other fault nothing warns
-
-
-def test_bone_on_which_all_nodes_slide_moves_too(sliding):
-    problem, _ = sliding
-    bare = replace(problem.boundary, prescribed_nodes=np.zeros(0, int), prescribed=np.zeros((0, 3)))
-    assert moved_most(replace(problem, boundary=bare)) == pytest.approx(2.0, abs=1e-6)
 
 
 def test_lips_within_each_other_are_seen_and_marked(block, monkeypatch):
@@ -453,7 +433,6 @@ def test_every_method_moves_a_patient_and_is_confirmed():
     }
     assert set(rows["segment"]) == {"left"} and set(rows["case"]) == {"tiny"} and set(rows["way"]) == {"forward"}
     assert not (rows["outcome"] == WRONG).any()
-    assert np.isfinite(rows.loc[rows["method"] == "solver", "difference"]).sum() == 1
     turned = pd.DataFrame(sweep("rotation", 5.0, way="yaw").rows())
     assert len(turned) == len(rows) and not (turned["outcome"] == WRONG).any()
 

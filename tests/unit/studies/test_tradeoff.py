@@ -192,7 +192,7 @@ def test_an_unknown_network_is_refused_where_the_tradeoff_is_made():
 
 
 def test_the_settings_vary_one_parameter_at_a_time():
-    config = {"reference": 9000, "nodes": [500, 1000], "mixed": ["taylor_hood"], "increments": [4], "accuracies": [0.1]}
+    config = {"reference": 9000, "nodes": [500, 1000], "increments": [4], "accuracies": [0.1]}
     contacts = {name: registry(CONFIG)[name].options.get("contact", "") for name in VARIED}
     settings = fem_settings(1000, config, VARIED, contacts)
     assert (settings[0].method, settings[0].nodes) == ("fem_sliding", 9000)
@@ -200,7 +200,6 @@ def test_the_settings_vary_one_parameter_at_a_time():
     base = [s for s in settings if s.parameter == "nodes" and s.nodes == 1000]
     assert [s.method for s in base] == ["elastic", "fem_bonded", "fem_sliding"]
     assert [s.contact for s in base] == ["", "bonded", "mucosa"]
-    assert [s.method for s in settings if s.value == "taylor_hood"] == ["fem_bonded"]
     assert all(s.nodes == 1000 for s in settings if s.parameter != "nodes")
     assert json.loads(next(s for s in settings if s.parameter == "accuracy").recipe)["fem"] == {"accuracy": 0.1}
     newton = [s for s in settings if s.method == "fem_sliding" and s.parameter == "solver"]
@@ -258,16 +257,14 @@ def test_another_element_gives_nearly_the_same_field():
     patient = tiny_patient(3)
     plan = Plan("tiny", {name: RigidMotion(translation=np.array([0, -1.0, 0])) for name in patient.segments})
     fem = settings.fem_settings(poisson=0.45)
-    first, *others = (
+    first, other = (
         predict_fem(
             Setting("fem_bonded", "element", name, 0, "bonded", {"volumetric": name}), patient, plan, fem, 1
         ).displacement
-        for name in ("taylor_hood", "patch", "averaged", "p1")
+        for name in ("patch", "p1")
     )
     size = np.linalg.norm(first, axis=1).mean()
-    errors = [np.linalg.norm(other - first, axis=1).mean() / size for other in others]
-    assert 0 < max(errors[:2]) < 0.2  # of elements that do not lock, on a block of four layers
-    assert max(errors[:2]) < errors[2] < 0.4
+    assert 0.02 < np.linalg.norm(other - first, axis=1).mean() / size < 0.4
 
 
 def test_table_and_pictures_are_written(tmp_path):

@@ -172,7 +172,7 @@ class HarmonicSolver:
         inner = sparse.triu(full[~fixed][:, ~fixed], format="csr")
         inner.sort_indices()
         self._coupling, self._fixed = full[~fixed][:, fixed], fixed
-        self._linear = linear_solver(inner.indptr, inner.indices, 0)
+        self._linear = linear_solver(inner.indptr, inner.indices)
         if not self._linear.factorize(inner.data):
             raise RuntimeError("Laplace's equation is singular: a piece of the mesh holds no prescribed node")
 

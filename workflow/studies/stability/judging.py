@@ -1,9 +1,8 @@
 """Independent judges of one cell of the stability sweep: none takes a result's own word for it.
 
 Forces are added by this file's own assembly, in numpy, from edges and Piola-Kirchhoff stresses; the patches of
-elements are read as data, after a check that they are patches. Whether patches of elements stand for the tissue at all
-is asked of ten-node elements with pressure unknowns, which know no patches (:func:`against_quadratic`). Whether a
-sliding node is where its bone is, is asked of the bone's triangles: the solver knows a field of distances alone.
+elements are read as data, after a check that they are patches. Whether a sliding node is where its bone is, is asked of
+the bone's triangles: the solver knows a field of distances alone.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,13 +13,11 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.sliding import SlidingSurfaces
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.settings import SolverSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair
-from pinnochio.mechanics.solvers.mixed_newton import solve_mixed
 from pinnochio.mechanics.solvers.newton import SolveResult
 from pinnochio.mechanics.solvers.newton_corrections import Correction
 from pinnochio.metrics.validity import OFF_BONE, off_bone
@@ -31,9 +28,6 @@ from studies.stability.table import CLEAN, CONVERGED, WRONG
 # two equilibria differ by tenths of a millimetre. Elastic: forces on free unknowns over those on the others; of a map
 # in single precision the rounding of its fields alone leaves MAP, and puts nodes that far from where they belong.
 PRESCRIBED, SLIDING, AGREEMENT, ELASTIC, MAP, ROUNDED = 1e-9, 1e-5, 1e-3, 1e-8, 1e-2, 1e-5
-# Of ten-node elements: mean distance of the free nodes over the largest motion of bone. 0.01 to 0.05 in heads of
-# 1,500 nodes whose field is right, 0.09 on a block of 140 nodes [X]; a field that stays at rest has some 0.3.
-QUADRATIC = 0.1
 # Of lips in contact, mm: how much deeper than at rest a node lies in the triangles of the other lip; half of what the
 # contact's own surface rounds them by in heads of 1,500 nodes [I].
 PENETRATION = 0.5
@@ -51,15 +45,13 @@ TINY = np.finfo(float).tiny
 class Verdict:
     """outcome: one of OUTCOMES, and why; least J of the state; residual: what the judge measured, relative.
 
-    difference: mean distance from the field of ten-node elements, mm; marked: a wrong field that the certificate of
-    `predict` calls not usable, or of a method that `predict` refuses.
+    marked: a wrong field that the certificate of `predict` calls not usable, or of a method that `predict` refuses.
     """
 
     outcome: str
     reason: str
     min_jacobian: float = np.nan
     residual: float = np.nan
-    difference: float = np.nan
     marked: bool = False
 
 
@@ -166,7 +158,6 @@ def judged(
     complaints: list[str],
     note: str = "",
     marks: Sequence[str] = (),
-    difference: float = np.nan,
 ) -> Verdict:
     """Converged if the residual is below its limit and there is no complaint; else wrong, with all of them.
 
@@ -175,8 +166,8 @@ def judged(
     if not residual <= limit:
         complaints = [f"residual {residual:.1e}, at most {limit:.0e} allowed", *complaints]
     if complaints or marks:
-        return Verdict(WRONG, "; ".join([*complaints, *marks]), least, residual, difference, marked=not complaints)
-    return Verdict(CONVERGED, note or "confirmed", least, residual, difference)
+        return Verdict(WRONG, "; ".join([*complaints, *marks]), least, residual, marked=not complaints)
+    return Verdict(CONVERGED, note or "confirmed", least, residual)
 
 
 def judge_solution(
@@ -187,12 +178,10 @@ def judge_solution(
     options: SolverSettings,
     known: np.ndarray | None = None,
     unique: bool = True,
-    quadratic: bool = False,
 ) -> Verdict:
     """Verdict on what the solver claims in `seconds`; known (n, 3): the field in mm that another way has led to.
 
     unique: there is but one equilibrium, so that the field must be the known one; else the reason tells of another.
-    quadratic: ask ten-node elements too.
     """
     displacement = result.displacement
     if not np.isfinite(displacement).all():
@@ -214,22 +203,15 @@ def judge_solution(
     complaints += balance.no_patches() + unbalanced(problem, force, contact)
     other = differs(problem, displacement, known)
     complaints += other if unique else []
-    notes, marks, difference = [f"another equilibrium, {other[0]}"] if other else [], [], np.nan
+    note, marks = f"confirmed; another equilibrium, {other[0]}" if other else "", []
     away = hanging(problem, displacement)
     if away > OFF_BONE:
         marks.append(f"sliding tissue has left its bone by {away:.1f} mm")
     if (deeper := entered(problem, displacement)) > PENETRATION:
         marks.append(f"lips enter each other by {deeper:.2f} mm")  # `predict` knows no method whose lips touch
-    if quadratic:
-        difference, said = against_quadratic(problem, displacement)
-        motion = moved_most(problem)
-        if difference > max(QUADRATIC * motion, AGREEMENT):
-            complaints.append(f"{difference:.2f} mm from ten-node elements in the mean, with {motion:.0f} mm of motion")
-        notes += said
     # Three times the tolerance: of the points that make a sliding surface the solvers leave out others than each other
     # (weights below 1e-5 and 1e-10), which turns its normals by 2e-6, and forces with them [X].
-    note = "; ".join(["confirmed", *notes])
-    return judged(residual, 3 * options.tolerance, least, complaints, note, marks, difference)
+    return judged(residual, 3 * options.tolerance, least, complaints, note, marks)
 
 
 def judge_elastic(
@@ -395,27 +377,6 @@ def hanging(problem: Problem, displacement) -> float:
     if problem.patient is None or not problem.boundary.sliding:
         return 0.0
     return float(off_bone(problem.patient, problem.plan, displacement).max(initial=0.0))
-
-
-def moved_most(problem: Problem) -> float:
-    """Largest motion, mm, of the prescribed nodes, and of the sliding ones as their bone would carry them."""
-    motions = [problem.boundary.displacement(1.0)]
-    motions += [item.motion(1.0).displacement(problem.points[item.nodes]) for item in problem.boundary.sliding]
-    return float(np.linalg.norm(np.concatenate(motions), axis=1).max(initial=0.0) * problem.millimetres)
-
-
-def against_quadratic(problem: Problem, displacement) -> tuple[float, list[str]]:
-    """Mean distance in mm of the free nodes from the field of Taylor-Hood elements with all other nodes where they are
-    in `displacement` (n, 3); NaN and a word where these do not get there."""
-    others = np.setdiff1d(np.arange(len(problem.points)), problem.free)
-    scale = problem.millimetres
-    boundary = BoundaryConditions(others, scale * displacement[others])
-    points = scale * problem.points.astype(float)
-    # Some increments and no more: on a machine without load that is a few seconds, with 1,500 nodes.
-    best = solve_mixed(points, problem.cells, problem.material, boundary, "taylor_hood", 4, 1e-5, 10, 1 / 16)
-    if not best.converged:
-        return np.nan, [f"ten-node elements stop at {100 * best.fraction:.0f} % of the load"]
-    return float(np.linalg.norm(best.displacement - scale * displacement, axis=1)[problem.free].mean()), []
 
 
 def slopes(sliding: SlidingSurfaces, displacement, fraction: float) -> np.ndarray:

@@ -44,8 +44,6 @@ WHOLE = VOLUMETRIC[0]
 # Elements and precisions: of the block, of patients, and where a method has one form only.
 EVERY = tuple((element, precision) for element in VOLUMETRIC for precision in PRECISIONS)
 OF_MOVEMENTS = ((WHOLE, "float64"), (WHOLE, "float32"), ("p1", "float64"))
-# mm or degrees: ten-node elements are asked of motions of a patient up to here; beyond, they seldom get there [X].
-QUADRATIC_LIMIT = 15
 CORRECTIONS, CONTROLS = 5, 32  # Newton corrections of a field; control points of a map
 
 
@@ -259,9 +257,7 @@ class Sweep:
         start = None if start is None else start.astype(precision)
         # A long movement has several equilibria: sliding nodes can settle on either side of an edge of the bone.
         unique = self.family not in OF_PATIENTS
-        cold = (precision == "float64" and element == WHOLE) and self.family not in ("inverted", "field")
-        compared = value <= QUADRATIC_LIMIT if self.family in OF_PATIENTS else self.family != "size"
-        yield self.solution(problem, "solver", element, precision, known, unique, start, cold and compared)
+        yield self.solution(problem, "solver", element, precision, known, unique, start)
         if precision == "float64" and self.family not in ("inverted", "field"):
             yield self.kept(problem, element, known, unique)
         if self.family in ("inverted", "field"):
@@ -270,7 +266,7 @@ class Sweep:
         if self.family not in ("rough", "size"):
             yield self.sloped(problem, element, precision, state, rng)
 
-    def solution(self, problem, method, element, precision, known, unique, start=None, quadratic=False):
+    def solution(self, problem, method, element, precision, known, unique, start=None):
         """Newton's method, from a start or from rest."""
         options = self.options(element)
 
@@ -279,7 +275,7 @@ class Sweep:
 
         def judge(result, seconds):
             field = None if known is None else known.get("solver")
-            return judge_solution(problem, element, result, seconds, options, field, unique, quadratic)
+            return judge_solution(problem, element, result, seconds, options, field, unique)
 
         result, verdict, seconds = attempt(newton, judge)
         if known is not None and verdict.outcome == CONVERGED:

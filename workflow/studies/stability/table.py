@@ -39,7 +39,6 @@ STABILITY = (
     Column("reason", str, "", "why"),
     number("min_jacobian", "", "smallest det F of the state"),
     number("residual", "", "relative force on free unknowns; of the loss, its largest error", ".1e"),
-    number("difference", "mm", "mean distance from ten-node elements, where solved"),
     Column("marked", bool, "", "wrong, and `predict` calls such a field not usable or refuses the method"),
     Column("seconds", float, "s", "time of the method, without the check", ".3f"),
     Column("case", str, "", "patient, or block"),
@@ -89,7 +88,6 @@ def table(frame: pd.DataFrame) -> Table:
                 **{outcome: int((group["outcome"] == outcome).sum()) for outcome in OUTCOMES},
                 "Least J": form["min_jacobian"].text(done["min_jacobian"].min()),
                 "Largest residual or error": form["residual"].text(done["residual"].max()),
-                "From ten-node elements [mm]": form["difference"].text(done["difference"].max()),
                 "Failed cleanly at": ends(group[group["outcome"] == CLEAN]),
                 "Wrong at": ends(group[group["outcome"] == WRONG]),
             }
@@ -97,8 +95,8 @@ def table(frame: pd.DataFrame) -> Table:
     counts = frame["outcome"].value_counts()
     said = ", ".join(f"{counts.get(outcome, 0)} {outcome}" for outcome in OUTCOMES)
     caption = (
-        f"Stability sweep: {len(frame)} cells, each judged independently of what it judges: {said}. Least J, residual "
-        "and distance are those of the converged cells; elastic path and map are linear, and the loss is taken at a "
+        f"Stability sweep: {len(frame)} cells, each judged independently of what it judges: {said}. Least J and "
+        "residual are those of the converged cells; elastic path and map are linear, and the loss is taken at a "
         "raw network's state, so that their J may be negative."
     )
     reach = (

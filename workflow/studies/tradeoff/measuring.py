@@ -3,19 +3,15 @@
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
-from functools import partial
 
 import numpy as np
 import torch
 
 from pinnochio.geometry.interpolation import interpolate
-from pinnochio.mechanics.boundary.conditions import boundary_conditions
-from pinnochio.mechanics.elements.mixed import MIXED
 from pinnochio.mechanics.elements.tetrahedra import node_volumes
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import Simulator
-from pinnochio.mechanics.solvers.mixed_newton import solve_mixed
 from pinnochio.methods.elastic import linear_field
 from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.methods.pinnochio.predictor import GraphPredictor
@@ -99,20 +95,14 @@ def judge(
 
 def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSettings, threads: int) -> Prediction:
     """The plan by finite elements with the setting's parameter; warm, median of repeats unless a solve takes long."""
-    local, setup = replace(fem, **setting.fem), 0.0
+    local = replace(fem, **setting.fem)
     if not setting.contact:
         return Prediction(*linear_field(patient, plan, local), threads)
-    if local.volumetric in MIXED:
-        mesh = patient.points, patient.cells, fem.material(patient.tissue)
-        boundary = partial(boundary_conditions, patient, plan, setting.contact)
-        limits = fem.increments, fem.tolerance, fem.max_iterations
-        solved, seconds = repeated(lambda: solve_mixed(*mesh, boundary(), local.volumetric, *limits), PATIENCE)
-    else:
-        if setting.double:
-            local = replace(local, reuse=False, kept_factors=False)
-        with Simulator(patient, local, setting.contact) as simulator:
-            solved, seconds = repeated(lambda: simulator.solve([plan])[0], PATIENCE)
-            setup = simulator.preparation
+    if setting.double:
+        local = replace(local, reuse=False, kept_factors=False)
+    with Simulator(patient, local, setting.contact) as simulator:
+        solved, seconds = repeated(lambda: simulator.solve([plan])[0], PATIENCE)
+        setup = simulator.preparation
     return Prediction(solved.displacement, seconds, setup, threads, converged=solved.converged, reason=solved.reason)
 
 

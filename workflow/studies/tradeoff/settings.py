@@ -10,7 +10,7 @@ BASE = "as in the study"  # ends the value of a setting that changes nothing
 # What is varied of each method by finite elements.
 VARIED = {
     "elastic": ("nodes",),
-    "fem_bonded": ("nodes", "element", "mixed", "solver"),
+    "fem_bonded": ("nodes", "element", "solver"),
     "fem_sliding": ("nodes", "element", "solver", "accuracy"),
 }
 NEWTON = "Newton's method"
@@ -65,8 +65,6 @@ def fem_settings(
     settings.append(Setting("fem_lips", "arm", "mucosa+lip", nodes, "mucosa+lip", repeatable=False))
     for method in varied:
         settings += setting(method, "element", "p1", fem={"volumetric": "p1"})
-        for name in config["mixed"] if "mixed" in varied[method] else ():
-            settings += setting(method, "element", name, fem={"volumetric": name}, repeatable=False)
         for accuracy in config["accuracies"]:
             settings += setting(method, "accuracy", str(accuracy), fem={"accuracy": accuracy})
         settings += setting(method, "solver", NEWTON, fem=UNKEPT)

@@ -1,1 +1,1 @@
-"""The energy of the tissue: linear tetrahedra, their patches, tangents, and elements with a pressure."""
+"""The energy of the tissue: linear tetrahedra, their patches and tangents."""

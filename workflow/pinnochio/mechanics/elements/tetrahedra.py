@@ -122,9 +122,9 @@ class Elements:
         return energy, force, least, state
 
 
-def least_reaction(mesh, unknowns: int) -> float:
+def least_reaction(mesh: Elements, unknowns: int) -> float:
     """Force, mN, on so many constrained unknowns at a strain of 1e-4: what a residual is measured by where the load
-    needs no force, as in a rigid motion. mesh: with its mean shear modulus in kPa and its mean edge in mm."""
+    needs no force, as in a rigid motion."""
     return max(1e-4 * mesh.modulus * mesh.edge**2 * np.sqrt(unknowns), np.finfo(float).tiny)
 
 

@@ -33,10 +33,10 @@ MKL_CBWR_AUTO = 2  # of mkl_cbwr.h: the fastest code path that is reproducible o
 LINEAR_SOLVERS = ("auto", "pardiso", "scipy")
 
 
-def linear_solver(indptr, indices, negative: int, kind: str = "auto", single: bool = False):
-    """Solver for a symmetric matrix, upper triangle in CSR, with `negative` negative and else positive eigenvalues.
+def linear_solver(indptr, indices, kind: str = "auto", single: bool = False):
+    """Solver for a symmetric, positive definite matrix, upper triangle in CSR.
 
-    factorize(data) is false where the matrix has another inertia (then it is not the Hessian at a minimum);
+    factorize(data) is false where the matrix is not definite (then it is not the Hessian at a minimum);
     solve(rhs) uses the last factors, for one right-hand side (s,) or several (k, s); worth: how many solutions a
     factorisation costs; close() releases the factors.
     single: factors in single precision, where the library has them: as good for conjugate gradients, at half the cost.
@@ -46,8 +46,8 @@ def linear_solver(indptr, indices, negative: int, kind: str = "auto", single: bo
     if kind == "pardiso" and PyPardisoSolver is None:
         raise InputError("-", "options", "PARDISO is not installed", "pip install pypardiso, or choose 'auto'")
     if kind == "scipy" or PyPardisoSolver is None:
-        return Scipy(indptr, indices, negative)
-    return Pardiso(indptr, indices, negative, single)
+        return Scipy(indptr, indices)
+    return Pardiso(indptr, indices, single)
 
 
 @cache
@@ -61,10 +61,10 @@ def _library() -> "PyPardisoSolver":
 
 
 class Pardiso:
-    """MKL PARDISO: Cholesky without negative eigenvalues, else LDL'. The pattern is analysed once."""
+    """MKL PARDISO, Cholesky. The pattern is analysed once."""
 
-    def __init__(self, indptr, indices, negative: int, single: bool):
-        self._size, self._negative, self._type = len(indptr) - 1, negative, np.float32 if single else np.float64
+    def __init__(self, indptr, indices, single: bool):
+        self._size, self._type = len(indptr) - 1, np.float32 if single else np.float64
         self._indptr, self._indices = (np.asarray(x, np.int32) + np.int32(1) for x in (indptr, indices))
         self._data, self._ready = np.zeros(len(indices), self._type), False
         self._solver = copy.copy(_library())
@@ -72,7 +72,6 @@ class Pardiso:
         set_to = self._solver.set_iparm
         set_to(1, 1)  # the values below, not the defaults
         set_to(2, 2)  # METIS
-        set_to(10, 13)  # pivots below 1e-13 of the norm are perturbed; factorize() then says no
         set_to(18, -1)  # count the entries of the factors
         set_to(19, -1)  # and the operations
         set_to(28, int(single))
@@ -94,7 +93,7 @@ class Pardiso:
             "pt": pointer(solver.pt, solver._pt_type[0]),
             "maxfct": integer(1),
             "mnum": integer(1),
-            "mtype": integer(-2 if self._negative else 2),
+            "mtype": integer(2),
             "phase": integer(phase),
             "n": integer(self._size),
             "a": pointer(self._data, ctypes.c_double),
@@ -121,8 +120,7 @@ class Pardiso:
             return False
         if error:
             raise RuntimeError(f"PARDISO failed with error {error}; -2 means that the machine has too little memory")
-        iparm = self._solver.iparm
-        return not self._negative or bool(iparm[13] == 0 and iparm[22] == self._negative)
+        return True
 
     @property
     def worth(self) -> float:
@@ -139,13 +137,13 @@ class Pardiso:
 
 
 class Scipy:
-    """SuperLU without pivoting, so that the signs of its pivots are the inertia. Slow; for machines without MKL."""
+    """SuperLU without pivoting, so that its pivots are positive. Slow; for machines without MKL."""
 
     worth = 20.0
 
-    def __init__(self, indptr, indices, negative: int):
+    def __init__(self, indptr, indices):
         self._shape, self._indptr, self._indices = (len(indptr) - 1,) * 2, indptr, indices
-        self._negative, self._factors = negative, None
+        self._factors = None
 
     def factorize(self, data) -> bool:
         if not np.isfinite(data).all():
@@ -157,9 +155,8 @@ class Scipy:
         except RuntimeError:  # exactly singular
             return False
         pivots = self._factors.U.diagonal()
-        smallest = 1e-13 * np.abs(pivots).max()
         unpivoted = np.array_equal(self._factors.perm_r, self._factors.perm_c)
-        return bool(unpivoted and np.abs(pivots).min() > smallest and np.count_nonzero(pivots < 0) == self._negative)
+        return bool(unpivoted and pivots.min() > 1e-13 * np.abs(pivots).max())
 
     def solve(self, rhs) -> np.ndarray:
         return self._factors.solve(np.asarray(rhs, float).T).T

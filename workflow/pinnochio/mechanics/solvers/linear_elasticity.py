@@ -47,7 +47,7 @@ class ElasticSolver:
         inner = sparse.triu(full[~fixed][:, ~fixed], format="csr")
         inner.sort_indices()
         self._coupling, self._fixed, self._used = full[~fixed][:, fixed], fixed, whole.free
-        self._linear = linear_solver(inner.indptr, inner.indices, 0, linear_solver_kind, single)
+        self._linear = linear_solver(inner.indptr, inner.indices, linear_solver_kind, single)
         if not self._linear.factorize(inner.data):
             raise RuntimeError("the stiffness at rest is not positive definite to working precision")
 

@@ -96,7 +96,7 @@ class LocalEquilibrium:
         self._framed = np.searchsorted(self.nodes, sliding[self.slides])
         self._outer, self._fraction, self._barrier, self._kind = outer.part(self.nodes), 0.0, barrier, kind
         self._assembler = Assembler(self._elements, ~self.inside[self.nodes], self._framed, self._outer.pairs)
-        self._linear = linear_solver(self._assembler.indptr, self._assembler.indices, 0, kind, True)
+        self._linear = linear_solver(self._assembler.indptr, self._assembler.indices, kind, True)
         self._ready = False
 
     def settled(self, u, held: SlidingNodes, axes, goal: float, fraction: float) -> Settled:

@@ -234,7 +234,7 @@ class Newton:
         """The linear solver of the precision in use; its pattern is analysed once."""
         if self.single not in self.systems:
             self.systems[self.single] = linear_solver(
-                self.assembler.indptr, self.assembler.indices, 0, self.settings.linear_solver, self.single
+                self.assembler.indptr, self.assembler.indices, self.settings.linear_solver, self.single
             )
         return self.systems[self.single]
 
