@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 from pinnochio.errors import InputError
 from pinnochio.mechanics.boundary import conditions
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
-from pinnochio.mechanics.boundary.point_surface import PointSurface
 from pinnochio.mechanics.boundary.sliding import SlidingSet, SlidingSurfaces
 from pinnochio.mechanics.elements.materials import lame
 from pinnochio.mechanics.elements.tetrahedra import Elements
@@ -21,36 +20,40 @@ from tests.helpers.settings import fem_settings
 from tests.helpers.solids import both, plane, sphere
 
 
-def test_point_surface_is_exact_on_a_plane_and_close_on_a_sphere():
+def nodes_on(points, normals, rest):
+    """Nodes (s, 3) that slide on a surface at rest."""
+    return SlidingSurfaces(rest, [SlidingSet(np.arange(len(rest)), points, normals, RigidMotion().fraction)])
+
+
+def test_the_distance_is_exact_on_a_plane_and_close_on_a_sphere():
     rng = np.random.default_rng(0)
     points, normals = plane([1, 2, -0.5], [3.0, 1, 2])
     x = rng.uniform(-10, 10, (50, 3))
-    distance, gradient = PointSurface(points, normals).distance(x)
-    np.testing.assert_allclose(distance, (x - [3.0, 1, 2]) @ normals[0], atol=1e-12)
-    np.testing.assert_allclose(gradient, np.tile(normals[0], (50, 1)), atol=1e-12)
+    bones = nodes_on(points, normals, x).bones
+    np.testing.assert_allclose(bones.level, (x - [3.0, 1, 2]) @ normals[0], atol=1e-12)
+    np.testing.assert_allclose(bones.frames[:, 0], np.tile(normals[0], (50, 1)), atol=1e-12)
     points, normals = sphere(20.0, 2000)
     away = rng.normal(size=(200, 3))
     x = away / np.linalg.norm(away, axis=1, keepdims=True) * rng.uniform(19, 22, (200, 1))
-    distance, gradient = PointSurface(points, normals).distance(x)
-    np.testing.assert_allclose(distance, np.linalg.norm(x, axis=1) - 20, atol=5e-3)
-    cosine = (gradient * x).sum(axis=1) / np.linalg.norm(x, axis=1) / np.linalg.norm(gradient, axis=1)
-    assert cosine.min() > 0.99999
+    bones = nodes_on(points, normals, x).bones
+    np.testing.assert_allclose(bones.level, np.linalg.norm(x, axis=1) - 20, atol=5e-3)
+    assert ((bones.frames[:, 0] * x).sum(axis=1) / np.linalg.norm(x, axis=1)).min() > 0.99999
 
 
-def test_point_surface_gradient_and_projection():
-    points, normals = sphere(20.0, 500)
-    surface = PointSurface(points, normals)
+def test_the_normal_is_the_gradient_and_nodes_return_to_their_level():
     x = np.random.default_rng(1).normal(size=(100, 3))
-    x *= 21 / np.linalg.norm(x, axis=1, keepdims=True)
-    gradient = surface.distance(x)[1]
-    for axis in range(3):
-        step = 1e-6 * np.eye(3)[axis]
-        slope = (surface.distance(x + step)[0] - surface.distance(x - step)[0]) / 2e-6
-        np.testing.assert_allclose(gradient[:, axis], slope, atol=1e-6)
-    level = np.linspace(-1, 1.5, 100)
-    projected = surface.project(x, level)
-    np.testing.assert_allclose(surface.distance(projected)[0], level, atol=1e-8)
-    assert np.linalg.norm(projected - x, axis=1).max() < 2.2
+    x *= np.linspace(19, 21.5, 100)[:, None] / np.linalg.norm(x, axis=1, keepdims=True)
+    sliding = nodes_on(*sphere(20.0, 500), x)
+    held, steps = sliding.at(1.0), 1e-6 * np.eye(3)
+    slope = np.stack([held.violation(x * 0 + step) - held.violation(x * 0 - step) for step in steps], axis=1)
+    slope /= np.linalg.norm(slope, axis=1, keepdims=True)
+    np.testing.assert_allclose(sliding.bones.frames[:, 0], slope, atol=1e-6)
+    away = np.random.default_rng(2).normal(0, 0.7, x.shape)
+    back = away.copy()
+    held.project(back)
+    gap = np.abs(held.violation(away))
+    assert gap.max() > 1 and np.abs(held.violation(back)).max() < 1e-8
+    np.testing.assert_allclose(np.linalg.norm(back - away, axis=1), gap, rtol=0.05)  # the shortest way
 
 
 @both
@@ -119,10 +122,10 @@ def test_sliding_nodes_keep_their_distance_to_a_moved_sphere(volumetric):
     assert energy[0] < 0.8 * energy[1]
     # At the minimum nothing pulls along the sphere, while the sphere pushes along its normal.
     force = elements.evaluate(slid.displacement)[1][inner]
-    contact = SlidingSurfaces(points, [contact])
-    axes = np.einsum("sij,sj->si", contact.frames(slid.displacement, 1.0), force)
+    held = SlidingSurfaces(points, [contact]).at(1.0)
+    axes = np.einsum("sij,sj->si", held.frames(slid.displacement), force)
     assert np.abs(axes[:, 1:]).max() < 1e-2 * np.abs(axes[:, 0]).max()
-    assert np.abs(contact.violation(0 * points)).max() > 2  # and where nothing has moved, the gaps are reported
+    assert np.abs(held.violation(0 * points)).max() > 2  # and where nothing has moved, the gaps are reported
 
 
 def test_arms_of_a_plan(monkeypatch):
@@ -181,9 +184,9 @@ def test_bad_arms_plans_and_surfaces_are_refused():
     with pytest.raises(InputError, match="no segment"):
         boundary_conditions(model, Plan("P01", {"genioplasty": RigidMotion()}), "bonded")
     with pytest.raises(InputError, match="points"):
-        PointSurface(np.zeros((2, 3)), np.ones((2, 3)))
+        nodes_on(np.zeros((2, 3)), np.ones((2, 3)), np.zeros((1, 3)))
     with pytest.raises(InputError, match="finite"):
-        PointSurface(np.zeros((9, 3)), np.zeros((9, 3)))
+        nodes_on(np.zeros((9, 3)), np.zeros((9, 3)), np.zeros((1, 3)))
     points, cells = box((6, 6, 6), (2, 2, 2))
     ends = np.array([0, 1, 2])
     contact = SlidingSet(ends, *plane([0, 0, 1], np.zeros(3)), RigidMotion().fraction)
@@ -203,21 +206,19 @@ def plate(thickness=2.0, spacing=2.0):
 
 
 def test_the_surface_has_no_steps_where_points_lie_densely():
-    """Over steps of 1e-4 mm the distance changes by no more than its gradient says: no point drops out with weight."""
-    surface = PointSurface(*plate())
+    """Along steps of 1e-3 mm the distance bends no more than a smooth field may: no point drops out with weight."""
     walk = np.column_stack([np.arange(-12, 12, 1e-3), np.full(24000, 0.7), np.full(24000, 1.6)])
-    value, gradient = surface.distance(walk)
-    change = np.diff(value) - 0.5 * (gradient[1:, 0] + gradient[:-1, 0]) * 1e-3
-    assert np.abs(change).max() < 1e-6
+    assert np.abs(np.diff(nodes_on(*plate(), walk).bones.level, 2)).max() < 1e-6
 
 
-def test_projection_reaches_its_level_where_the_gradient_is_small():
+def test_nodes_reach_their_level_where_the_gradient_is_small():
     """Between two walls that face each other the gradient falls to nothing; the level is still met to 1e-9 mm."""
     points, normals = plate(thickness=4.0)
-    surface = PointSurface(points, -normals)  # outward is into the gap
     rng = np.random.default_rng(0)
     start = np.column_stack([rng.uniform(-6, 6, (200, 2)), rng.uniform(0.15, 1.5, 200)])
-    value, gradient = surface.distance(start)
-    assert np.linalg.norm(gradient, axis=1).min() < 0.35
-    projected = surface.project(start + rng.normal(0, 0.1, start.shape) * [1, 1, 0.5], value)
-    assert np.abs(surface.distance(projected)[0] - value).max() < 1e-9
+    held = nodes_on(points, -normals, start).at(1.0)  # outward is into the gap
+    rise = held.violation(0 * start + [0, 0, 1e-6]) - held.violation(0 * start - [0, 0, 1e-6])
+    assert np.abs(rise / 2e-6).min() < 0.35
+    u = rng.normal(0, 0.1, start.shape) * [1, 1, 0.5]
+    held.project(u)
+    assert np.abs(held.violation(u)).max() < 1e-9

@@ -36,7 +36,7 @@ def simulate(
 class Simulator:
     """Plans of one patient, for whom what is the same under every plan is made once; a context releases it.
 
-    arm: one of `conditions.ARMS`; unilateral: as in boundary_conditions; loads: forces beside those of the elements.
+    arm: one of `conditions.ARMS`; loads: forces beside those of the elements.
     The way to equilibrium follows from the rest:
 
     * linear: linear elasticity alone, milliseconds per plan; the field may hold inverted elements.
@@ -53,16 +53,14 @@ class Simulator:
         settings: FemSettings,
         arm: str = "mucosa",
         *,
-        unilateral: bool = False,
         loads: Loads | None = None,
         linear: bool = False,
     ):
         began = time.perf_counter()
         self._patient, self._settings, self._arm = patient, settings, arm
-        self._unilateral, self._loads, self._linear = unilateral, loads, linear
+        self._loads, self._linear = loads, linear
         self._law = settings.material(patient.tissue)
-        contact = unilateral or arm == "mucosa+lip"
-        self._keeps = settings.kept_factors and not (linear or contact)
+        self._keeps = settings.kept_factors and not (linear or arm == "mucosa+lip")
         self._elastic: ElasticSolver | None = None
         self._kept = self._keep() if self._keeps else None
         self.preparation = time.perf_counter() - began
@@ -94,7 +92,7 @@ class Simulator:
             self._elastic.close()
 
     def _boundary(self, plan: Plan) -> BoundaryConditions:
-        boundary = boundary_conditions(self._patient, plan, self._arm, self._unilateral)
+        boundary = boundary_conditions(self._patient, plan, self._arm)
         return replace(boundary, loads=self._loads)
 
     def _keep(self) -> KeptFactors | None:

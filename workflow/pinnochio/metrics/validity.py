@@ -84,7 +84,8 @@ def boundary_metrics(patient: PatientModel, plan: Plan, displacement) -> dict[st
     """
     cue, _ = patient.reference_cue(plan)
     moving = patient.node_type == MOVING
-    slid = SlidingSurfaces(patient.points, boundary_conditions(patient, plan, "mucosa").sliding).violation(displacement)
+    slides = SlidingSurfaces(patient.points, boundary_conditions(patient, plan, "mucosa").sliding)
+    slid = slides.at(1.0).violation(displacement)
     return {
         "moving_error": float(np.linalg.norm(displacement - cue, axis=1)[moving].mean()) if moving.any() else np.nan,
         "sliding_error": float(np.abs(slid).mean()) if len(slid) else np.nan,

@@ -39,7 +39,6 @@ EFFECTS = {
     "stiffness_spread": Effect("SD of the logarithm of each tissue's modulus over patients", "",
         "[S: hal-01092748] wide; size [I]", 0.0, MECHANICS, "all"),
     "sliding_band_factor": Effect("true sliding extent over the methods'", "", "[I]", 1.0, MECHANICS),
-    "contact": Effect("tissue may leave the teeth that it slides on (1), not enter them", "", "[I]", 0, MECHANICS),
     "pre_stress": Effect(
         "tension of the skin, times one that rises from 7 kPa at mouth and nose to 53 kPa in the cheek", "",
         "[S: 10.1007/978-3-319-59764-5_6]; skin of 1.2 mm [R]", 0.0, MECHANICS, "CV 25 %"),

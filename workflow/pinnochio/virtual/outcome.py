@@ -228,7 +228,7 @@ def _simulator(operation: Operation, effects: Mapping[str, Any], patient: Patien
     )
     tension = operation.draws("pre_stress") if random else None
     outer = loads(patient, operation.landmarks, effects["pre_stress"], tension)
-    return Simulator(patient, varied, unilateral=bool(effects["contact"]), loads=outer)
+    return Simulator(patient, varied, loads=outer)
 
 
 def _solved(

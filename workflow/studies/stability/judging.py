@@ -320,7 +320,7 @@ def conditions(
         left = displacement[sliding.nodes] - np.concatenate([np.zeros((0, 3)), *carried])
         opened = np.einsum("si,si->s", left, normals)
     else:
-        opened = sliding.violation(displacement, 1.0)
+        opened = sliding.at(1.0).violation(displacement)
     away = np.abs(opened).max(initial=0.0)
     if away * problem.millimetres > (ROUNDED * extent if rounded else SLIDING):
         complaints.append(f"sliding nodes are {away:.1e} off their surface")
@@ -383,11 +383,11 @@ def slopes(sliding: SlidingSurfaces, displacement, fraction: float) -> np.ndarra
     """Unit normals (s, 3) of the level sets that the sliding nodes keep to, by differences of their distances."""
     # The distance jumps by some 1e-7 mm where another point of the bone is the last that counts: the slope across such
     # a place is far off, the median of five slopes side by side is not.
-    step, columns = 1e-6, []
+    held, step, columns = sliding.at(fraction), 1e-6, []
     for axis in np.eye(3):
         shift = np.zeros_like(displacement)
         shift[sliding.nodes] = step * axis
-        distance = [sliding.violation(displacement + place * shift, fraction) for place in np.arange(6) - 2.5]
+        distance = [held.violation(displacement + place * shift) for place in np.arange(6) - 2.5]
         columns.append(np.median(np.diff(distance, axis=0), axis=0) / step)
     gradient = np.stack(columns, axis=1)
     return gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)

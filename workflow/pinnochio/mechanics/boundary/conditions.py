@@ -8,8 +8,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.mesh_topology import boundary_faces, edge_graph, edges_of
-from pinnochio.geometry.triangles import vertex_areas
-from pinnochio.mechanics.boundary.contact import ContactSet, unilateral_set
+from pinnochio.mechanics.boundary.contact import ContactSet
 from pinnochio.mechanics.boundary.lips import facing_sets
 from pinnochio.mechanics.boundary.loads import Loads
 from pinnochio.mechanics.boundary.sliding import SlidingSet, sliding_sets
@@ -43,11 +42,11 @@ class BoundaryConditions:
         return np.asarray(moved, float)
 
 
-def boundary_conditions(model: PatientModel, plan: Plan, arm: str, unilateral: bool = False) -> BoundaryConditions:
+def boundary_conditions(model: PatientModel, plan: Plan, arm: str) -> BoundaryConditions:
     """Boundary conditions of a plan. Fixed nodes stay, moving nodes follow their segment; sliding nodes follow it in
     the arm "bonded" (free where a mesh edge, or a way along edges shorter than APART, ties them to the other jaw,
     because the tissue between could not follow both) and slide along the moved bone, their distance to it kept, in the
-    arm "mucosa" [S: KIM16/17]; unilateral, they may leave it.
+    arm "mucosa" [S: KIM16/17].
     In the arm "mucosa+lip" the lips, too, touch without entering each other; without lips it is "mucosa"."""
     if arm not in ARMS:
         raise InputError(plan.case, "options", f"arm is {arm!r}", f"choose one of {ARMS}")
@@ -71,14 +70,10 @@ def boundary_conditions(model: PatientModel, plan: Plan, arm: str, unilateral: b
     sliding, contact = [], []
     if arm != "bonded":
         sliding = sliding_sets(model, plan)
-    if unilateral or arm == "mucosa+lip":
-        faces, _ = boundary_faces(model.cells)
-    if unilateral:
-        areas = vertex_areas(model.points, faces)
-        contact, sliding = [unilateral_set(item, areas) for item in sliding], []
     if arm == "mucosa+lip":
+        faces, _ = boundary_faces(model.cells)
         upper, lower = (np.flatnonzero(model.lip == lip) for lip in (UPPER_LIP, LOWER_LIP))
-        contact += facing_sets(model.points, faces, upper, lower, model.node_type != FREE)
+        contact = facing_sets(model.points, faces, upper, lower, model.node_type != FREE)
     return BoundaryConditions(nodes, prescribed, sliding, contact)
 
 

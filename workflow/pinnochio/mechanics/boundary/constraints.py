@@ -48,7 +48,8 @@ class Constraints:
 
     def met(self, displacement, fraction: float) -> np.ndarray:
         """The admissible displacement (n, 3) next to another one."""
-        target = self.sliding.project(displacement, fraction)
+        target = np.array(displacement, float)
+        self.sliding.at(fraction).project(target)
         target[self.prescribed] = self.boundary.displacement(fraction)
         return target
 
@@ -83,7 +84,7 @@ class Constraints:
         """Refuse a boundary condition that leaves a connected piece of the mesh a rigid motion, to first order."""
         piece = pieces(cells, len(self.points))
         axes = np.tile(np.eye(3), (len(self.points), 1, 1))
-        axes[self.sliding.nodes] = self.sliding.frames(np.zeros_like(self.points), 0.0)
+        axes[self.sliding.nodes] = self.sliding.bones.frames
         node, axis = np.nonzero(self.constrained)
         direction = axes[node, axis]
         for index in np.unique(piece[cells[:, 0]]):

@@ -1,14 +1,14 @@
-"""Frictionless contact that opens and closes: nodes against bones that move, or against the other lip.
+"""Frictionless contact that opens and closes: nodes of one lip against the other.
 
 A penalty: every contact node s with its area A adds the energy
 
-    E_s = share kappa A / 2 min(g, 0)^2,    g = f - min(f at rest, 0),
+    E_s = kappa A / 4 min(g, 0)^2,    g = f - min(f at rest, 0),
 
-f its signed distance to the opposing surface. A node that the mesh lays inside the surface starts on it, without
-stress; a gap at rest stays a gap, which may close, but for nodes known to be `touching`: g = f - f at rest. The
-pressure kappa |g| pushes along grad f alone: no friction.
+a half of what a spring of kappa per area has, because each of two surfaces has its nodes in a set against the other; f
+its signed distance to the opposing surface. A node that the mesh lays inside the surface starts on it, without
+stress; a gap at rest stays a gap, which may close. The pressure kappa |g| pushes along grad f alone: no friction.
 
-To a bone f is that of :class:`PointSurface`. To triangles c of the mesh it is a moving average,
+f is a moving average over the triangles c of the surface,
 
     f = sum_c w_c p_c + max(t - h, 0)^2 / 2 R,    w_c = exp(-d_c^2 / h^2) / sum of the same,
 
@@ -19,11 +19,10 @@ triangles of a node are fixed once, those within REACH of it at rest, so that f 
 it is a function of the displacement of the node and of the triangles, the gradient below is exact, and because only
 relative places matter, the forces on both sides balance, and their moments.
 
-The tangent is every node's own Hessian, share kappa A (grad f grad f' + g d2f), d2f by central differences. Where
+The tangent is every node's own Hessian, kappa A / 2 (grad f grad f' + g d2f), d2f by central differences. Where
 surfaces bend away under pressure it has negative eigenvalues; the definite tangent, sure to descend, is without them.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -31,10 +30,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
-from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.geometry.triangles import closest_on_triangles, face_normals
-from pinnochio.mechanics.boundary.point_surface import PointSurface
-from pinnochio.mechanics.boundary.sliding import SlidingSet
 
 # Triangles within it at rest can be touched, mm; what lips slide along each other stays below [I].
 REACH = 12.0
@@ -51,20 +47,12 @@ STIFFNESS = 200.0  # kappa over mu / edge: in heads of 1,500 to 5,000 nodes 1 kP
 class ContactSet:
     """Nodes (s,) with areas (s,) mm2 that may leave a surface but not enter it.
 
-    The surface: faces (f, 3), outward triangles of the same mesh that hold none of the nodes; or points, normals (b, 3)
-    of a bone at rest, normals outward, and motion(fraction), where it has moved to. share: of the stiffness, a half
-    where each of two surfaces has its nodes in a set against the other. touching: the nodes are known to lie on the
-    surface, and what the mesh lays between them is no gap.
+    The surface: faces (f, 3), outward triangles of the same mesh that hold none of the nodes.
     """
 
     nodes: np.ndarray
     areas: np.ndarray
-    faces: np.ndarray | None = None
-    points: np.ndarray | None = None
-    normals: np.ndarray | None = None
-    motion: Callable[[float], RigidMotion] = RigidMotion().fraction
-    share: float = 1.0
-    touching: bool = False
+    faces: np.ndarray
 
 
 def penalty(modulus: float, edge: float) -> float:
@@ -85,22 +73,18 @@ class UnilateralContact:
         self.sets = [item for item in sets if len(item.nodes)]
         for item in self.sets:
             _check(item, len(self.points))
-        self._sides = [_Bone(item) if item.faces is None else _Faces(item, self.points) for item in self.sets]
+        self._sides = [_Faces(item, self.points) for item in self.sets]
         self.nodes = np.concatenate([np.zeros(0, int)] + [np.asarray(item.nodes, int) for item in self.sets])
-        self._scale = [self.stiffness * item.share * np.asarray(item.areas, float) for item in self.sets]
-        rest = np.zeros_like(self.points)
-        self._levels = [
-            f if item.touching else np.minimum(f, 0)
-            for item, (f, _) in zip(self.sets, self._distances(rest, 0.0), strict=True)
-        ]
+        self._scale = [self.stiffness / 2 * np.asarray(item.areas, float) for item in self.sets]
+        self._levels = [np.minimum(f, 0) for f, _ in self._distances(np.zeros_like(self.points))]
         keys = [_couples(side.stencil, len(self.points))[2] for side in self._sides]
         self._keys = np.unique(np.concatenate([np.zeros(0, int), *map(np.ravel, keys)]))
         self.pairs = np.column_stack(np.divmod(self._keys, len(self.points)))
 
-    def evaluate(self, displacement, fraction: float) -> tuple[float, np.ndarray]:
-        """Energy in mN mm and its gradient (n, 3) in mN at a displacement (n, 3) mm and a fraction of the load."""
+    def evaluate(self, displacement) -> tuple[float, np.ndarray]:
+        """Energy in mN mm and its gradient (n, 3) in mN at a displacement (n, 3) mm."""
         energy, force = 0.0, np.zeros_like(self.points)
-        for side, scale, gap, slope in self._gaps(displacement, fraction):
+        for side, scale, gap, slope in self._gaps(displacement):
             closed = np.minimum(gap, 0)
             energy += 0.5 * float((scale * closed**2).sum())
             row = np.flatnonzero(closed)
@@ -108,17 +92,17 @@ class UnilateralContact:
             np.add.at(force, side.stencil[row].ravel(), pull.reshape(-1, 3))
         return energy, force
 
-    def tangent(self, displacement, fraction: float, definite: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    def tangent(self, displacement, definite: bool = True) -> tuple[np.ndarray, np.ndarray]:
         """Pairs (k, 2), among `pairs`, and blocks (k, 3, 3) in mN/mm: axis i of node a with axis j of node b.
 
         definite: every node's Hessian with its negative eigenvalues cut off; else as it is.
         """
         blocks, used = np.zeros((len(self.pairs), 3, 3)), np.zeros(len(self.pairs), bool)
         moved = self.points + displacement
-        for side, scale, gap, slope in self._gaps(displacement, fraction):
+        for side, scale, gap, slope in self._gaps(displacement):
             row = np.flatnonzero(gap < 0)
             if len(row):
-                column, hessian = _hessian(side, moved, fraction, row, gap[row], slope[row])
+                column, hessian = _hessian(side, moved, row, gap[row], slope[row])
                 if definite:
                     hessian = _definite(hessian)
                 one, two, key = _couples(np.take_along_axis(side.stencil[row], column, axis=1), len(self.points))
@@ -128,33 +112,33 @@ class UnilateralContact:
                 np.add.at(blocks, place, hessian)
         return self.pairs[used], blocks[used]
 
-    def gaps(self, displacement, fraction: float = 1.0) -> np.ndarray:
+    def gaps(self, displacement) -> np.ndarray:
         """Gap (s,) in mm at the contact nodes, in the order of `nodes`, negative where one has entered."""
-        return np.concatenate([np.zeros(0)] + [side.gap for side in self._gaps(displacement, fraction)])
+        return np.concatenate([np.zeros(0)] + [side.gap for side in self._gaps(displacement)])
 
-    def _gaps(self, displacement, fraction: float) -> list["_Gap"]:
+    def _gaps(self, displacement) -> list["_Gap"]:
         """The gaps of every side."""
-        distances = self._distances(displacement, fraction)
+        distances = self._distances(displacement)
         return [
             _Gap(side, scale, f - level, slope)
             for side, scale, (f, slope), level in zip(self._sides, self._scale, distances, self._levels, strict=True)
         ]
 
-    def _distances(self, displacement, fraction: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _distances(self, displacement) -> list[tuple[np.ndarray, np.ndarray]]:
         moved = self.points + displacement
-        return [side.local(moved[side.stencil], np.arange(len(side.stencil)), fraction) for side in self._sides]
+        return [side.local(moved[side.stencil], np.arange(len(side.stencil))) for side in self._sides]
 
 
 class _Gap(NamedTuple):
     """Stiffness (s,) mN/mm, gap (s,) mm and its derivative (s, k, 3) by the nodes of a side's stencil."""
 
-    side: "_Bone | _Faces"
+    side: "_Faces"
     scale: np.ndarray
     gap: np.ndarray
     slope: np.ndarray
 
 
-def _hessian(side, moved, fraction: float, row, gap, slope) -> tuple[np.ndarray, np.ndarray]:
+def _hessian(side, moved, row, gap, slope) -> tuple[np.ndarray, np.ndarray]:
     """Hessian (r, c, 3, c, 3) of g^2/2 of some rows (r,) of a side, and the columns (r, c) of the stencil that it is
     of: those that f depends on. gap (r,), slope (r, k, 3)."""
     size = np.abs(slope).max(axis=2)
@@ -167,8 +151,7 @@ def _hessian(side, moved, fraction: float, row, gap, slope) -> tuple[np.ndarray,
     one, at, axis, end = np.ogrid[: len(row), :count, :3, :2]
     shifted[one, at, axis, end, column[one, at], axis] += STEP * (1 - 2 * end)
     each = np.repeat(np.arange(len(row)), 6 * count)
-    among = None if weighty is None else weighty[each]
-    slopes = side.local(shifted.reshape(-1, *local.shape[1:]), row[each], fraction, among)[1]
+    slopes = side.local(shifted.reshape(-1, *local.shape[1:]), row[each], weighty[each])[1]
     slopes = slopes[np.arange(len(each))[:, None], column[each]].reshape(len(row), count, 3, 2, count, 3)
     curvature = (slopes[:, :, :, 0] - slopes[:, :, :, 1]) / (2 * STEP)
     curvature = (curvature + curvature.transpose(0, 3, 4, 1, 2)) / 2
@@ -182,23 +165,6 @@ def _definite(hessian) -> np.ndarray:
     values, vectors = np.linalg.eigh(hessian.reshape(-1, size, size))
     kept = (vectors * np.maximum(values, 0)[:, None]) @ vectors.transpose(0, 2, 1)
     return kept.reshape(hessian.shape)
-
-
-class _Bone:
-    """Nodes against a bone; a node depends on itself alone: stencil (s, 1)."""
-
-    def __init__(self, item: ContactSet):
-        self.stencil = np.asarray(item.nodes, int)[:, None]
-        self._surface, self._motion = PointSurface(item.points, item.normals), item.motion
-
-    def weighty(self, here, row) -> None:
-        """A bone has no triangles to choose from."""
-
-    def local(self, here, row, fraction: float, among=None) -> tuple[np.ndarray, np.ndarray]:
-        """Signed distance (r,) and its derivative (r, 1, 3) of some rows, moved points of their stencil (r, 1, 3)."""
-        motion = self._motion(fraction)
-        f, slope = self._surface.distance(motion.inverse(here[:, 0]))
-        return f, (slope @ motion.rotation.T)[:, None]
 
 
 class _Faces:
@@ -232,7 +198,7 @@ class _Faces:
         count = int((square < square.min(axis=1, keepdims=True) + NO_WEIGHT * self._width**2).sum(axis=1).max())
         return np.argsort(square, axis=1, kind="stable")[:, :count]
 
-    def local(self, here, row, fraction: float, among=None) -> tuple[np.ndarray, np.ndarray]:
+    def local(self, here, row, among=None) -> tuple[np.ndarray, np.ndarray]:
         """Signed distance (r,) and its derivative (r, k, 3) of some rows, moved points of their stencil (r, k, 3).
 
         among (r, w): the triangles of each row to look at; all without it.
@@ -290,16 +256,7 @@ def _check(item: ContactSet, count: int) -> None:
         raise InputError("-", "contact", "a contact node is named twice or does not exist", "mend the node list")
     if areas.shape != nodes.shape or not (np.isfinite(areas).all() and (areas > 0).all()):
         raise InputError("-", "contact", f"areas of shape {areas.shape}, or not positive", "give (s,) in mm2")
-    if item.faces is None:
-        if item.points is None or item.normals is None:
-            raise InputError("-", "contact", "a contact set has no surface", "give faces, or points and normals")
-    elif not len(item.faces) or np.min(item.faces) < 0 or np.max(item.faces) >= count:
+    if not len(item.faces) or np.min(item.faces) < 0 or np.max(item.faces) >= count:
         raise InputError("-", "contact", "a contact set has no faces, or one that does not exist", "mend the faces")
-    elif np.isin(item.faces, nodes).any():
+    if np.isin(item.faces, nodes).any():
         raise InputError("-", "contact", "a contact node is a corner of its own surface", "take it out of one")
-
-
-def unilateral_set(slid: SlidingSet, areas) -> ContactSet:
-    """The nodes of a sliding set, which may also leave the bone; areas (n,) mm2 of all nodes of the mesh."""
-    bone = {"points": slid.points, "normals": slid.normals, "motion": slid.motion}
-    return ContactSet(slid.nodes, areas[slid.nodes], **bone, touching=True)

@@ -33,5 +33,5 @@ def facing_sets(points, faces, one, two, constrained=None) -> list[ContactSet]:
         surface &= loose & (normals @ ahead > ACROSS) & ~np.isin(faces, side).any(axis=1)
         part = vertex_areas(points, faces[looking])[side]
         if surface.any() and part.any():
-            sets.append(ContactSet(side[part > 0], part[part > 0], faces[surface], share=0.5))
+            sets.append(ContactSet(side[part > 0], part[part > 0], faces[surface]))
     return sets

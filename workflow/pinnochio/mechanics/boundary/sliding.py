@@ -1,9 +1,11 @@
 """Sliding: nodes that keep their distance to a bone that moves, and are free along it.
 
-Newton's method and the linear solvers take it from :class:`SlidingSurfaces`, in numpy. Kept factors put the nodes of
-many plans back on their bones by :class:`SlidingNodes`, compiled: the same field, as many of the bone's points count,
-the nearest, sought among those that are nearest to the node at rest. They agree to rounding. The locked cohort is
-frozen to the last digit of Newton's fields, so both stay.
+The bone is an implicit surface of its oriented points: a signed distance, positive outside, by moving averages,
+Gaussian with the points' own spacing: of the distances to the points' tangent planes (IMLS), which a sphere of radius R
+misses by -spacing^2/2R, and of the distances to the points along the mean normal, which misses by as much on the other
+side. Half of each is exact on planes and right to third order on curved surfaces. The field is smooth, as Newton's
+method needs it: so many points are averaged, however densely they lie where thin bone has two sides, that those left
+out weigh less than 1e-5. They are sought among those that are nearest to the node at rest.
 """
 
 import copy
@@ -17,13 +19,13 @@ from scipy.spatial import cKDTree
 
 from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
-from pinnochio.mechanics.boundary.point_surface import PointSurface
 from pinnochio.model.labels import segment_name
 from pinnochio.model.patient import MOVING, SLIDING, PatientModel
 from pinnochio.plans.plan import Plan, RigidMotion
 
 # Bone further than this from every tissue node of its segment cannot be slid upon. Above the largest motion, mm [I].
 REACH = 25.0
+WIDTHS = 3.5  # spacings within which points count; exp(-3.5^2) < 1e-5
 NEAREST = 256  # points of the bone that are listed for a node; where they do not reach all points are looked through
 
 
@@ -66,16 +68,14 @@ def facing_bone(model: PatientModel, index: int) -> tuple[np.ndarray, np.ndarray
 
 
 class SlidingSurfaces:
-    """The sliding sets of one mesh: holds their nodes on the level sets of their surfaces where they started."""
+    """The sliding sets of one mesh, points (n, 3) mm: holds their nodes on the level sets of their surfaces where they
+    started."""
 
     def __init__(self, points, sets):
         self.points = np.asarray(points, float)
         self.sets = [item for item in sets if len(item.nodes)]
         self.nodes = np.concatenate([np.zeros(0, int)] + [np.asarray(item.nodes, int) for item in self.sets])
-        self.surfaces = [PointSurface(item.points, item.normals) for item in self.sets]
-        self._levels = [
-            surface.distance(self.points[item.nodes])[0] for surface, item in zip(self.surfaces, self.sets, strict=True)
-        ]
+        self.bones = _bones(self.points, self.nodes, self.sets)
 
     def under(self, sets) -> "SlidingSurfaces":
         """The same nodes on the same surfaces in another motion."""
@@ -83,65 +83,18 @@ class SlidingSurfaces:
         other.sets = [replace(item, motion=cache(item.motion)) for item in sets if len(item.nodes)]
         return other
 
+    def at(self, fraction: float) -> "SlidingNodes":
+        """The nodes on their bones as these lie at a fraction of the load."""
+        return SlidingNodes(self.bones, [item.motion(fraction) for item in self.sets])
+
     def carry(self, displacement, start: float, end: float) -> np.ndarray:
         """Displacement (n, 3) with the sliding nodes carried by their surfaces from fraction `start` to `end`."""
         moved = np.array(displacement, float)
         for item in self.sets:
-            rest, here = self.points[item.nodes], item.motion(start).inverse(self._place(item, moved))
+            rest = self.points[item.nodes]
+            here = item.motion(start).inverse(rest + moved[item.nodes])
             moved[item.nodes] = item.motion(end).apply(here) - rest
         return moved
-
-    def project(self, displacement, fraction: float) -> np.ndarray:
-        """Displacement (n, 3) with the sliding nodes put back on their level sets at `fraction`."""
-        moved = np.array(displacement, float)
-        for item, surface, level in zip(self.sets, self.surfaces, self._levels, strict=True):
-            motion = item.motion(fraction)
-            here = surface.project(motion.inverse(self._place(item, moved)), level)
-            moved[item.nodes] = motion.apply(here) - self.points[item.nodes]
-        return moved
-
-    def frames(self, displacement, fraction: float) -> np.ndarray:
-        """Local axes (s, 3, 3) of the sliding nodes, in rows: normal of the moved surface and two tangents."""
-        normals = [np.zeros((0, 3))]
-        for item, surface in zip(self.sets, self.surfaces, strict=True):
-            motion = item.motion(fraction)
-            _, gradient = surface.distance(motion.inverse(self._place(item, displacement)))
-            normals.append(gradient @ motion.rotation.T)
-        return _frames(np.vstack(normals))
-
-    def curvature(self, displacement, fraction: float, frames, force) -> np.ndarray:
-        """What the bend of the surfaces adds to the tangent, (s, 3, 3) in mN/mm in local axes, zero along the first.
-
-        The Hessian of the energy on a level set of g is K - (force . grad g / |grad g|^2) d2g along it; force (n, 3) in
-        mN is the gradient of the energy. d2g is taken by central differences of the gradient.
-        """
-        step, blocks, done = 1e-3, [np.zeros((0, 3, 3))], 0
-        for item, surface in zip(self.sets, self.surfaces, strict=True):
-            motion, axes = item.motion(fraction), frames[done : done + len(item.nodes)]
-            done += len(item.nodes)
-            here = motion.inverse(self._place(item, displacement))
-            pull, local = force[item.nodes] @ motion.rotation, axes @ motion.rotation
-            gradient = surface.distance(here)[1]
-            reaction = (pull * gradient).sum(axis=1) / np.maximum((gradient**2).sum(axis=1), 1e-12)
-            columns = []
-            for tangent in (local[:, 1], local[:, 2]):
-                change = surface.distance(here + step * tangent)[1] - surface.distance(here - step * tangent)[1]
-                columns.append(np.einsum("sij,sj->si", local[:, 1:], change / (2 * step)))
-            curvature = np.zeros((len(item.nodes), 3, 3))
-            curvature[:, 1:, 1:] = np.stack(columns, axis=2)
-            blocks.append(-reaction[:, None, None] * (curvature + curvature.transpose(0, 2, 1)) / 2)
-        return np.concatenate(blocks)
-
-    def violation(self, displacement, fraction: float = 1.0) -> np.ndarray:
-        """Signed gap (s,) in mm that opened (positive) or closed (penetration, negative) at the sliding nodes."""
-        gaps = [np.zeros(0)]
-        for item, surface, level in zip(self.sets, self.surfaces, self._levels, strict=True):
-            here = item.motion(fraction).inverse(self._place(item, displacement))
-            gaps.append(surface.distance(here)[0] - level)
-        return np.concatenate(gaps)
-
-    def _place(self, item: SlidingSet, displacement) -> np.ndarray:
-        return self.points[item.nodes] + displacement[item.nodes]
 
 
 def _frames(normals) -> np.ndarray:
@@ -177,43 +130,58 @@ class Bones(NamedTuple):
     away: np.ndarray
 
 
-def bones_of(sliding: SlidingSurfaces, frames: np.ndarray) -> Bones:
-    """The bones of the sliding sets; frames (s, 3, 3): axes of the nodes at rest."""
-    surfaces, nodes = sliding.surfaces, sliding.nodes
-    first = np.concatenate([[0], np.cumsum([len(surface.points) for surface in surfaces])]).astype(np.int64)
-    owner = np.repeat(np.arange(len(surfaces)), [len(item.nodes) for item in sliding.sets])
+def _bones(points: np.ndarray, nodes: np.ndarray, sets: list[SlidingSet]) -> Bones:
+    """The bones of sliding sets, whose nodes (s,) lie at points (n, 3) mm; InputError for a surface that is none."""
+    surfaces = [(np.asarray(item.points, float), _units(item)) for item in sets]
+    first = np.concatenate([[0], np.cumsum([len(places) for places, _ in surfaces])]).astype(np.int64)
+    owner = np.repeat(np.arange(len(sets)), [len(item.nodes) for item in sets])
     near, away = np.full((len(nodes), NEAREST), -1), np.full((len(nodes), NEAREST), np.inf)
-    rest = sliding.points[nodes]
-    for index, surface in enumerate(surfaces):
-        carried, count = owner == index, min(NEAREST, len(surface.points))
-        distance, place = cKDTree(surface.points).query(rest[carried], count)
+    width, used, rest = np.empty(len(sets)), np.empty(len(sets), np.int64), points[nodes]
+    for index, (places, _) in enumerate(surfaces):
+        tree = cKDTree(places)
+        width[index] = max(float(tree.query(places, 7)[0][:, 1:].mean()), 1e-6) ** 2
+        within = tree.query_ball_point(places, WIDTHS * np.sqrt(width[index]), return_length=True)
+        used[index] = min(int(within.max()) + 1, len(places))
+        carried, count = owner == index, min(NEAREST, len(places))
+        distance, place = tree.query(rest[carried], count)
         near[carried, :count], away[carried, :count] = first[index] + place, distance
     bones = Bones(
         nodes=nodes,
         rest=rest,
         owner=owner,
         level=np.zeros(len(nodes)),
-        frames=np.ascontiguousarray(frames, float),
-        points=np.concatenate([np.zeros((0, 3)), *(surface.points for surface in surfaces)]),
-        normals=np.concatenate([np.zeros((0, 3)), *(surface.normals for surface in surfaces)]),
+        frames=np.zeros((len(nodes), 3, 3)),
+        points=np.concatenate([np.zeros((0, 3)), *(places for places, _ in surfaces)]),
+        normals=np.concatenate([np.zeros((0, 3)), *(normals for _, normals in surfaces)]),
         first=first,
-        width=np.array([surface.width for surface in surfaces], float),
-        count=np.array([surface.count for surface in surfaces], np.int64),
+        width=width,
+        count=used,
         near=near,
         away=away,
     )
-    _levels(bones, bones.level)
-    return bones
+    normals = np.empty((len(nodes), 3))
+    _levels(bones, bones.level, normals)
+    return bones._replace(frames=_frames(normals))
+
+
+def _units(item: SlidingSet) -> np.ndarray:
+    """Unit normals (b, 3) of a set's surface; InputError where it is none."""
+    normals = np.asarray(item.normals, float)
+    if len(normals) < 8:
+        raise InputError("-", "sliding", f"a surface of {len(normals)} points", "give at least 8 points")
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    if not (np.isfinite(item.points).all() and np.isfinite(length).all() and (length > 0).all()):
+        raise InputError("-", "sliding", "a surface point or normal is not finite", "mend the surface")
+    return normals / length
 
 
 class SlidingNodes:
-    """The nodes on their bones at a fraction of one plan; sliding: the same sets in the plan's motion.
+    """The nodes on their bones, each of which lies where a motion takes it.
 
     turns (c, 3, 3), shifts (c, 3) mm: the rigid motion of each bone.
     """
 
-    def __init__(self, bones: Bones, sliding: SlidingSurfaces, fraction: float = 1.0):
-        motions = [item.motion(fraction) for item in sliding.sets]
+    def __init__(self, bones: Bones, motions: list[RigidMotion]):
         self._bones = bones
         self.turns = np.array([motion.rotation for motion in motions]).reshape(-1, 3, 3)
         self.shifts = np.array([motion.apply(np.zeros((1, 3)))[0] for motion in motions]).reshape(-1, 3)
@@ -225,29 +193,36 @@ class SlidingNodes:
         other._bones = bones._replace(nodes=nodes, **some)
         return other
 
-    def project(self, u: np.ndarray) -> np.ndarray:
+    def project(self, u: np.ndarray, tolerance: float = 1e-9) -> np.ndarray:
         """Local axes (s, 3, 3) of the nodes, in rows, the normal first; moves their displacement in u (n, 3) mm along
-        the normal to where their distance from the bone is that at rest, to 1e-9 mm if it can.
+        the normal to where their distance from the bone is that at rest, to the tolerance in mm if it can.
 
         The axes are those at rest, turned by their bone and no further than the normal of its surface asks, so that
         they change no faster than the surface bends.
         """
         axes = np.empty((len(self._bones.nodes), 3, 3))
-        _project(u, self._bones, self.turns, self.shifts, axes)
+        _project(u, self._bones, self.turns, self.shifts, axes, tolerance)
         return axes
 
+    def frames(self, u) -> np.ndarray:
+        """The axes of :meth:`project` where the nodes are, under u (n, 3) mm."""
+        return self.project(np.array(u, float, order="C"), np.inf)
+
     def curvature(self, u, axes, force) -> np.ndarray:
-        """What the bend of the surfaces adds to the tangent, (s, 3, 3) mN/mm in local axes, zero along the first; as
-        :meth:`SlidingSurfaces.curvature`; force (s, 3) mN on the nodes."""
+        """What the bend of the surfaces adds to the tangent, (s, 3, 3) mN/mm in local axes, zero along the first.
+
+        The Hessian of the energy on a level set of g is K - (force . grad g / |grad g|^2) d2g along it; force (s, 3) in
+        mN is the gradient of the energy. d2g is taken by central differences of the gradient.
+        """
         blocks = np.zeros((len(self._bones.nodes), 3, 3))
-        _curvature(u, self._bones, self.turns, self.shifts, axes, force, blocks)
+        _curvature(np.ascontiguousarray(u, float), self._bones, self.turns, self.shifts, axes, force, blocks)
         return blocks
 
-    def violation(self, u) -> float:
-        """Largest change of a node's distance from its bone, mm."""
-        if not len(self._bones.nodes):
-            return 0.0
-        return float(_violation(u, self._bones, self.turns, self.shifts))
+    def violation(self, u) -> np.ndarray:
+        """Gap (s,) in mm that opened (positive) or closed (penetration, negative) between the nodes and their bones."""
+        gaps = np.empty(len(self._bones.nodes))
+        _violation(np.ascontiguousarray(u, float), self._bones, self.turns, self.shifts, gaps)
+        return gaps
 
 
 @compiled
@@ -342,27 +317,25 @@ def _inside(u, s, bones: Bones, turn, shift, x):
 
 
 @compiled
-def _levels(bones: Bones, level):
+def _levels(bones: Bones, level, normals):
     size = len(bones.points)
     near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)
-    gradient = np.empty(3)
     for s in range(len(bones.nodes)):
-        level[s] = _field(bones.rest[s], s, bones, near, square, weight, plane, gradient)
+        level[s] = _field(bones.rest[s], s, bones, near, square, weight, plane, normals[s])
 
 
 @compiled
-def _violation(u, bones: Bones, turns, shifts):
-    size, worst = len(bones.points), 0.0
+def _violation(u, bones: Bones, turns, shifts, gaps):
+    size = len(bones.points)
     near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)
     x, gradient = np.empty(3), np.empty(3)
     for s in range(len(bones.nodes)):
         _inside(u, s, bones, turns[bones.owner[s]], shifts[bones.owner[s]], x)
-        worst = max(worst, abs(_field(x, s, bones, near, square, weight, plane, gradient) - bones.level[s]))
-    return worst
+        gaps[s] = _field(x, s, bones, near, square, weight, plane, gradient) - bones.level[s]
 
 
 @compiled
-def _project(u, bones: Bones, turns, shifts, axes):
+def _project(u, bones: Bones, turns, shifts, axes, tolerance):
     size = len(bones.points)
     near, square, weight, plane = np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty(size)
     x, gradient, normal, carried, axis = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
@@ -372,7 +345,7 @@ def _project(u, bones: Bones, turns, shifts, axes):
         moved = False
         for _ in range(200):
             gap = bones.level[s] - _field(x, s, bones, near, square, weight, plane, gradient)
-            if abs(gap) <= 1e-9:
+            if abs(gap) <= tolerance:
                 break
             slope = gradient[0] ** 2 + gradient[1] ** 2 + gradient[2] ** 2
             # A step is never longer than 2 mm: across a sharp edge the gradient says little about what lies beyond.

@@ -7,7 +7,6 @@ from scipy import sparse
 
 from pinnochio.compiled import compiled
 from pinnochio.mechanics.elements.tetrahedra import (
-    EPSILON,
     ElementArrays,
     Elements,
     deformation,
@@ -16,9 +15,6 @@ from pinnochio.mechanics.elements.tetrahedra import (
 )
 
 NONE = np.zeros(0)
-# For `definite`: as 1, every element's Hessian without its negative eigenvalues, by those of F, at a third of the cost
-# or less [X]. Newton's method keeps 1, so that its results stay the same to the last digit.
-CUT = 2.0
 
 
 class PatchBlocks(NamedTuple):
@@ -213,30 +209,6 @@ def _columns(indptr, indices, first, head, end):
 
 
 @compiled
-def _hessian(f, cof, shear, stretch, bulk, curve, h):
-    """d2Psi/dF2 (9, 9) = shear I + stretch F F' + bulk d2J + curve cof cof'."""
-    for i in range(3):
-        for p in range(3):
-            for j in range(3):
-                for q in range(3):
-                    value = stretch * f[i, p] * f[j, q] + curve * cof[i, p] * cof[j, q]
-                    if i == j and p == q:
-                        value += shear
-                    for k in range(3):
-                        for r in range(3):
-                            value += bulk * EPSILON[i, j, k] * EPSILON[p, q, r] * f[k, r]
-                    h[3 * i + p, 3 * j + q] = value
-
-
-@compiled
-def _cut(h):
-    """h with its negative eigenvalues set to zero."""
-    values, vectors = np.linalg.eigh(h)
-    scaled = vectors * np.sqrt(np.maximum(values, 0.0))
-    return scaled @ scaled.T
-
-
-@compiled
 def _eigen(a, vectors):
     """Eigenvalues of the symmetric matrix a (3, 3) on its diagonal, by Jacobi's rotations; their vectors in columns."""
     vectors[:] = 0.0
@@ -337,25 +309,12 @@ def _lift(f, g, v, shear, stretch, bulk, curve, k):
 
 
 @compiled
-def _element(f, cof, g, v, shear, stretch, bulk, curve, cutting, fg, cg, h, k):
+def _element(f, cof, g, v, shear, stretch, bulk, curve, fg, cg, k):
     """Blocks k (4, 4, 3, 3) of one element, of nodes a <= b; fg and cg (4, 3) are F and cof F times the gradients."""
     for a in range(4):
         for i in range(3):
             fg[a, i] = f[i, 0] * g[a, 0] + f[i, 1] * g[a, 1] + f[i, 2] * g[a, 2]
             cg[a, i] = cof[i, 0] * g[a, 0] + cof[i, 1] * g[a, 1] + cof[i, 2] * g[a, 2]
-    if cutting:
-        _hessian(f, cof, shear, stretch, bulk, curve, h)
-        cut = _cut(h)
-        for a in range(4):
-            for b in range(a, 4):
-                for i in range(3):
-                    for q in range(3):
-                        value = 0.0
-                        for p in range(3):
-                            for r in range(3):
-                                value += g[a, p] * cut[3 * i + p, 3 * q + r] * g[b, r]
-                        k[a, b, i, q] = v * value
-        return
     for a in range(4):
         for b in range(a, 4):
             alike = shear * (g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1] + g[a, 2] * g[b, 2])
@@ -397,7 +356,7 @@ def _tangent(
     u, mesh: ElementArrays, patches: PatchBlocks, pattern: Pattern, frames, definite, imposed, pressure, data, product
 ):
     """Adds to data and product; imposed (n, 3) and pressure (p,) are empty where there are none."""
-    f, cof, h = np.empty((3, 3)), np.empty((3, 3)), np.empty((9, 9))
+    f, cof = np.empty((3, 3)), np.empty((3, 3))
     k, fg, cg = np.empty((4, 4, 3, 3)), np.empty((4, 3)), np.empty((4, 3))
     dense, spread = np.empty((3 * patches.largest, 3 * patches.largest)), np.empty(3 * patches.largest)
     first, second = np.empty(len(mesh.patch_volumes)), np.empty(len(mesh.patch_volumes))
@@ -414,9 +373,8 @@ def _tangent(
             j, excess = deformation(u, mesh.cells[e], gradients, f, cof)
             _, d, dd = extended_log(j, mesh.extension)
             shear, bulk, curve = mu + 2 * stiffening * excess, first[p] - mu * d, -mu * dd
-            cutting = 0 < definite <= 1 and not definite < j < 1 / definite
-            _element(f, cof, gradients, v, shear, 4 * stiffening, bulk, curve, cutting, fg, cg, h, k)
-            if definite == CUT:
+            _element(f, cof, gradients, v, shear, 4 * stiffening, bulk, curve, fg, cg, k)
+            if definite > 0 and not definite < j < 1 / definite:
                 _lift(f, gradients, v, shear, 4 * stiffening, bulk, curve, k)
             for a in range(4):
                 row = 3 * patches.local[e, a]
@@ -431,7 +389,7 @@ def _tangent(
                             else:
                                 dense[column + q, row + i] += k[a, b, i, q]
         stiffness = second[p] / mesh.patch_volumes[p]
-        if definite >= 1:
+        if definite == 1:
             stiffness = max(stiffness, 0.0)
         for i in range(3 * count):
             for q in range(i - i % 3, 3 * count):

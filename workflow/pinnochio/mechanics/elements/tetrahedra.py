@@ -26,10 +26,6 @@ from pinnochio.mechanics.elements.patches import make_patches
 
 VOLUMETRIC = ("patch", "p1")
 RELATIVE_ROUND_OFF = 1e-13  # of an energy that is far from that at rest
-# Levi-Civita symbol.
-EPSILON = np.zeros((3, 3, 3))
-EPSILON[0, 1, 2] = EPSILON[1, 2, 0] = EPSILON[2, 0, 1] = 1
-EPSILON[0, 2, 1] = EPSILON[2, 1, 0] = EPSILON[1, 0, 2] = -1
 
 
 class ElementArrays(NamedTuple):

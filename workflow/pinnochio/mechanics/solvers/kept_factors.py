@@ -29,7 +29,7 @@ from pinnochio.geometry.mesh_topology import edges_of
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.constraints import Constraints
 from pinnochio.mechanics.boundary.loads import OuterForces
-from pinnochio.mechanics.boundary.sliding import SlidingNodes, bones_of
+from pinnochio.mechanics.boundary.sliding import SlidingNodes
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import Elements, least_reaction, lumped
 from pinnochio.mechanics.settings import SolverSettings
@@ -114,7 +114,6 @@ class KeptFactors:
             points, cells, material, boundary, settings.volumetric, settings.linear_solver, True
         )
         self._elements, self._constraints = self._rest.elements, self._rest.constraints
-        self._bones = bones_of(self._constraints.sliding, self._rest.frames)
         self._end = np.inf  # of the time that a call may take
         self._gradients = mean_gradients(self._elements)
         self._beside = beside(self._elements)
@@ -188,7 +187,7 @@ class KeptFactors:
             while done < 1:
                 trajectory.fraction, trajectory.reason = min(done + share, 1.0), ""
                 trajectory.target = trajectory.constraints.boundary.displacement(trajectory.fraction)
-                trajectory.held = SlidingNodes(self._bones, trajectory.constraints.sliding, trajectory.fraction)
+                trajectory.held = trajectory.constraints.sliding.at(trajectory.fraction)
                 yield from self._balance(trajectory, u + (trajectory.fraction - done) * linear, share > LEAST_INCREMENT)
                 if not trajectory.reason:
                     u, done = trajectory.iterate.u, trajectory.fraction
@@ -383,7 +382,7 @@ class KeptFactors:
             min_jacobian=iterate.least,
             fraction=1.0,
             residual=trajectory.residual,
-            violation=trajectory.held.violation(iterate.u),
+            violation=float(np.abs(trajectory.held.violation(iterate.u)).max(initial=0.0)),
             penetration=0.0,
             gap=0.0,
             increments=1,

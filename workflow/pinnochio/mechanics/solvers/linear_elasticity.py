@@ -37,7 +37,7 @@ class ElasticSolver:
         self.elements = elements = Elements.build(points, cells, material, volumetric)
         self.constraints = Constraints(points, elements.cells, boundary)
         rest = np.zeros((elements.nodes, 3))
-        self.frames = self.constraints.sliding.frames(rest, 0.0)
+        self.frames = self.constraints.sliding.bones.frames
         self.outer = outer = OuterForces(points, boundary.loads)
         whole = Assembler(elements, np.zeros(rest.shape, bool), self.constraints.sliding.nodes, outer.pairs)
         data = whole.tangent(rest, self.frames)[0]

@@ -9,7 +9,7 @@ import numpy as np
 from pinnochio.mechanics.boundary.constraints import turned
 from pinnochio.mechanics.boundary.loads import OuterForces
 from pinnochio.mechanics.boundary.sliding import SlidingNodes
-from pinnochio.mechanics.elements.assembly import CUT, Assembler
+from pinnochio.mechanics.elements.assembly import Assembler
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.solvers.linear_algebra import linear_solver
@@ -198,7 +198,7 @@ class LocalEquilibrium:
         """Factors of the present tangent, of the one without negative eigenvalues if need be."""
         slides = len(self._framed) > 0
         frames = state.axes if slides else np.zeros((0, 3, 3))
-        for definite in (0.0, CUT):
+        for definite in (0.0, 1.0):
             data, _ = self._assembler.tangent(state.u[self.nodes], frames, definite=definite, elements=elements)
             if slides and not definite:
                 curvature = held.curvature(state.u, state.axes, state.force[self._framed])

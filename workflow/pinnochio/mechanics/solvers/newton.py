@@ -137,10 +137,10 @@ class Newton:
     def measured(self, u, fraction: float) -> NewtonState:
         """The state `u` with its residual: forces on the free unknowns over the reactions on the constrained ones."""
         energy, force, least = self.elements.evaluate(u)
-        pressing, push = self.contact.evaluate(u, fraction)
+        pressing, push = self.contact.evaluate(u)
         loaded, pull = self.outer.evaluate(u, fraction)
         energy, force = energy + pressing + loaded, force + push + pull
-        frames = self.sliding.frames(u, fraction)
+        frames = self.sliding.at(fraction).frames(u)
         local = self.constraints.local(force, frames)
         free_force = self.assembler.gather(local)
         constrained = self.constraints.constrained
@@ -186,9 +186,10 @@ class Newton:
                 state.u, state.frames, step, definite=bound, pressure=pressure, elements=self.elements
             )
             if not definite:
-                curvature = self.sliding.curvature(state.u, state.fraction, state.frames, state.force)
-                self.assembler.add(data, np.repeat(self.sliding.nodes[:, None], 2, axis=1), curvature)
-            pairs, blocks = self.contact.tangent(state.u, state.fraction, definite)
+                held, nodes = self.sliding.at(state.fraction), self.sliding.nodes
+                curvature = held.curvature(state.u, state.frames, state.force[nodes])
+                self.assembler.add(data, np.repeat(nodes[:, None], 2, axis=1), curvature)
+            pairs, blocks = self.contact.tangent(state.u, definite)
             self.assembler.add(data, pairs, self.constraints.turned(blocks, pairs, state.frames))
             if len(self.outer.pairs):
                 tense = self.constraints.turned(self.outer.blocks, self.outer.pairs, state.frames)
@@ -371,8 +372,8 @@ class Newton:
                 raise Stop(f"load increment below {settings.min_increment:g}: {reason}")
 
     def result(self, state: NewtonState, reason: str) -> SolveResult:
-        violation = np.abs(self.sliding.violation(state.u, state.fraction))
-        gaps = self.contact.gaps(state.u, state.fraction)
+        violation = np.abs(self.sliding.at(state.fraction).violation(state.u))
+        gaps = self.contact.gaps(state.u)
         return SolveResult(
             displacement=state.u,
             converged=not reason,
