@@ -198,48 +198,10 @@ rule virtual_postop_bones:
         "../scripts/cohort/virtual_postop_bones.py"
 
 
-rule measure_outcome:
-    input:
-        unpack(lambda wildcards: MEASURED[wildcards.measured][0]),
-        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
-        plan="<results>/virtual/{case}/plan.json",
-        landmarks="<results>/virtual/{case}/landmarks.json",
-        anatomy="<results>/virtual/{case}/anatomy.json",
-        covariates="<results>/virtual/{case}/covariates.json",
-    output:
-        table=ensure("<results>/virtual/{case}/{measured}.csv", non_empty=True),
-    log:
-        "<logs>/measure_outcome/{measured}_{case}.log",
-    benchmark:
-        "<benchmarks>/measure_outcome/{measured}_{case}.tsv"
-    wildcard_constraints:
-        measured=any_of(MEASURED),
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=lambda wildcards: 12000 if wildcards.measured == "refinement" else 6000,
-        runtime=120,
-    params:
-        module=lambda wildcards: MODULES[wildcards.measured],
-        arguments=lambda wildcards: MEASURED[wildcards.measured][1],
-        outcome=config["virtual"]["outcome"],
-        segments=config["segments"],
-        labels=INPUTS.cohort.label_values,
-        seed=SEED,
-        code=lambda wildcards: code_of(
-            "scripts.cohort.measure_outcome", MODULES[wildcards.measured]
-        ),
-    message:
-        "Measure {wildcards.measured} of the outcome on {wildcards.case}"
-    script:
-        "../scripts/cohort/measure_outcome.py"
-
-
 # What stands beside the cohort for those who take it elsewhere.
 rule data_card:
     input:
         files=INPUTS.cohort.files("anatomy.json", "covariates.json", "plan.json"),
-        tables=expand("<results>/virtual/{table}.md", table=INPUTS.cohort.card_tables),
     output:
         card="<results>/virtual/README.md",
     log:
@@ -251,7 +213,6 @@ rule data_card:
         runtime=10,
     params:
         cases=list(STUDY.cohort.cases),
-        tables=INPUTS.cohort.card_tables,
         settings={
             "seed": SEED,
             "code": code_of(
@@ -301,9 +262,7 @@ rule cohort:
     input:
         rules.data_card.output if STUDY.cohort.virtual else [],
         "<results>/virtual/SHA256SUMS" if STUDY.cohort.virtual else [],
-        table_and_twins("anatomy", *INPUTS.cohort.card_tables, folder="virtual")
-        if STUDY.cohort.virtual
-        else [],
+        table_and_twins("anatomy", folder="virtual") if STUDY.cohort.virtual else [],
     message:
         "The virtual cohort is made"
 
@@ -311,6 +270,5 @@ rule cohort:
 rule reveal:
     input:
         "<results>/virtual/SHA256SUMS.outcomes" if STUDY.cohort.locked else [],
-        table_and_twins("ratios", folder="virtual") if STUDY.cohort.locked else [],
     message:
         "The outcomes of the locked cohort are made"

@@ -21,11 +21,7 @@ COMPARED = NAMED | {
 }
 MODULES = {
     "better": "pinnochio.tables.accuracy",
-    "thickness": "pinnochio.virtual.thickness",
     "anatomy": "pinnochio.virtual.description",
-    "effects": "pinnochio.virtual.effects",
-    "ratios": "pinnochio.virtual.ratios",
-    "nasolabial": "pinnochio.virtual.nasolabial",
 }
 # Files by argument, and the other arguments.
 TABLES = {
@@ -131,43 +127,8 @@ TABLES = {
         },
         NAMED | {"segments": config["segments"]},
     ),
-    "thickness": (ANATOMIES, NAMED),
     "anatomy": (ANATOMIES, NAMED),
-    "effects": (
-        {
-            "rows": expand(
-                "<results>/virtual/{case}/effects.csv",
-                case=list(STUDY.cohort.cases)[: config["virtual"]["effects"]],
-            )
-        },
-        NAMED
-        | {key: config["virtual"]["outcome"][key] for key in ("effects", "reality")},
-    ),
-    "ratios": (
-        {
-            "landmarks": expand(
-                "<results>/virtual/{case}/landmarks.json", case=STUDY.cohort.cases
-            ),
-            "truths": expand(
-                "<results>/virtual/{case}/truth.h5", case=STUDY.cohort.cases
-            ),
-        },
-        NAMED | {"cases": list(STUDY.cohort.cases)},
-    ),
-    "nasolabial": (
-        {
-            "rows": expand(
-                "<results>/virtual/{case}/nasolabial.csv",
-                case=list(STUDY.cohort.cases)[: config["virtual"]["effects"]],
-            )
-        },
-        NAMED,
-    ),
 }
-# What the library's modules about the outcome measure on one patient, each for the table of its name: further inputs
-# and further arguments.
-TRUTH = {"truth": "<results>/virtual/{case}/truth.h5"}
-MEASURED = {"effects": (TRUTH, {}), "nasolabial": ({}, {})}
 # What must be there before a table beside its files; the benchmark files differ from run to run and are no input.
 BEFORE = {
     "stages": [

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pinnochio.files import replacing
-from pinnochio.json_text import read_stored_json, read_stored_text
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.card import data_card
@@ -12,28 +12,24 @@ from pinnochio.virtual.card import data_card
 
 def describe_cohort(
     cases: Sequence[str],
-    tables: Mapping[str, str],
     settings: Mapping,
     card: str,
 ) -> None:
     """Write the card (Markdown) of the cases, whose files lie in `{folder of the card}/{case}/`.
 
-    tables: Markdown file by name; settings: seed, code, virtual and labels of
-    :func:`pinnochio.virtual.card.data_card`.
+    settings: seed, code, virtual and labels of :func:`pinnochio.virtual.card.data_card`.
     """
     folder = Path(card).parent
     anatomies = [read_stored_json(folder / case / "anatomy.json") for case in cases]
     plans = [Plan.read(folder / case / "plan.json", case) for case in cases]
-    shown = {name: read_stored_text(path) for name, path in tables.items()}
     with replacing(card) as temporary:
-        temporary.write_text(data_card(anatomies, plans, tables=shown, **settings), encoding="utf-8")
+        temporary.write_text(data_card(anatomies, plans, **settings), encoding="utf-8")
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     describe_cohort(
         cases=snakemake.params.cases,
-        tables=dict(zip(snakemake.params.tables, snakemake.input.tables, strict=True)),
         settings=snakemake.params.settings,
         card=snakemake.output.card,
     )

@@ -12,7 +12,7 @@ from pinnochio.model.surfaces import read_surface
 from pinnochio.model.truth import read_truth
 from pinnochio.plans.plan import Plan
 from pinnochio.virtual.aftermath import DECIDED, OPEN
-from pinnochio.virtual.ground_truth import Dials, alone
+from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, Dials, resolve
 from pinnochio.virtual.outcome import Operation, Outcome, admissible, after, change
 from scripts.cohort.carry_truth import carry_truth
 from scripts.cohort.virtual_outcome import virtual_outcome
@@ -20,6 +20,11 @@ from scripts.patient.choose_samples import choose_samples
 from scripts.patient.register_postop import register_postop
 from tests.helpers.settings import CONFIG, OUTCOME, SEED
 from tests.helpers.training import measured, predict_by
+
+
+def alone(effects, name):
+    """These effects with one on and all others nominal."""
+    return resolve(dict.fromkeys(EFFECTS, NOMINAL) | {name: effects[name]})
 
 
 def inputs_of(patient) -> dict[str, str]:

@@ -6,12 +6,10 @@ import pytest
 from pinnochio.columns import read_table
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.overlays import overlaid
-from pinnochio.virtual import effects, nasolabial
-from pinnochio.virtual.effects import EVERYTHING, NOTHING
-from pinnochio.virtual.ground_truth import CLINIC, EFFECTS, NOMINAL, REALITIES, SAME_MODALITY, resolve
+from pinnochio.virtual.ground_truth import CLINIC, NOMINAL, REALITIES, SAME_MODALITY, resolve
 from pinnochio.virtual.outcome import Operation, Outcome, meshed
-from scripts.cohort.measure_outcome import measure_outcome
 from studies.cohort_checks import reality, refinement, structure
+from studies.cohort_checks.measure_outcome import measure_outcome
 from tests.helpers.settings import CONFIG, OUTCOME, SEED, SEGMENTS
 
 
@@ -58,32 +56,6 @@ def test_the_deviation_is_that_of_the_outcome_from_sliding_finite_elements(job, 
     assert 0 < one["left"] <= one["square"] + 1e-6 < 0.64 and one["rms"] < 0.8
     assert other["left"] == pytest.approx(one["left"] * (0.2 / 0.8) ** 2, rel=0.05)
     assert one["fine_band"] < 0.12 and one["symmetric"] > 0.85  # of a shift, which is rigid
-
-
-def test_an_effect_of_each_kind_changes_the_face_or_its_scan(job, patient):
-    """Alone: of mechanics, motion, tissue and scan; that of the frame is taken out by the registration."""
-    on = ("posture", "execution_error", "gain", "noise", "holes", "frame")
-    off = {"effects": {name: "nominal" for name in EFFECTS if name not in on}}
-    arguments = {"truth": patient.truth}
-    rows = measured(effects, job, outcome=overlaid(OUTCOME, off), arguments=arguments).set_index("effect")
-    assert set(rows.index) == {NOTHING, *on, EVERYTHING}
-    nothing, far = rows.loc[NOTHING], rows["mean"]
-    assert nothing["mean"] < 0.1 and nothing["lost"] < 1
-    assert (far[["posture", "execution_error", "gain"]] > 0.005).all() and far["noise"] > nothing["mean"] + 0.05
-    assert rows.loc["holes", "lost"] > nothing["lost"] + 0.05 and abs(far["frame"] - nothing["mean"]) < 0.05
-    assert far[EVERYTHING] > 0.5 * far[["posture", "execution_error", "gain"]].max()
-
-
-def test_advance_and_setback_of_the_maxilla_turn_the_nasolabial_angle_apart(job, monkeypatch):
-    """Columella and lip go along about alike on this head, so that the angle hardly turns; on others by 10 degrees."""
-    rows = {}
-    for advance in (nasolabial.ADVANCE, 0.0, -nasolabial.ADVANCE):
-        monkeypatch.setattr(nasolabial, "ADVANCE", advance)
-        row = measured(nasolabial, job).iloc[0]
-        assert row["before"] == pytest.approx(119, abs=2)
-        rows[advance] = row["after"] - row["before"]
-    forward, still, back = rows.values()
-    assert still == pytest.approx(0, abs=1e-6) and abs(forward - back) > 0.3 and max(abs(forward), abs(back)) < 15
 
 
 @pytest.mark.parametrize("name", [CLINIC, pytest.param(SAME_MODALITY, marks=pytest.mark.full)])

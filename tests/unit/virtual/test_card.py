@@ -58,8 +58,7 @@ def plans():
 
 @pytest.fixture(scope="module")
 def card(anatomies, plans):
-    tables = {"ratios": "| Landmark |\n| --- |\n| Li |\n\nRatios.\n"}
-    return data_card(anatomies, plans, seed=3, code="0123abcd", virtual=VIRTUAL, labels=LABELS, tables=tables)
+    return data_card(anatomies, plans, seed=3, code="0123abcd", virtual=VIRTUAL, labels=LABELS)
 
 
 def cells(card, first):
@@ -118,8 +117,7 @@ def test_effects_stand_with_magnitude_and_source(card):
     assert all(rows[f"`{name}`"][4:] == [effect.noise, effect.source] for name, effect in EFFECTS.items())
 
 
-def test_the_card_shows_the_tables_and_says_who_may_read_what(card):
-    assert "## Soft-to-hard tissue ratios\n\n| Landmark |" in card and "## Soft-tissue thickness" not in card
+def test_the_card_says_who_may_read_what(card):
     for name in FILES:
         assert len(cells(card, f"`{name}`")) == 1
     assert cells(card, "`truth.h5`")[0][-1] == "**evaluation only**"
@@ -130,7 +128,7 @@ def test_the_card_shows_the_tables_and_says_who_may_read_what(card):
 
 def test_an_outcome_without_effects_says_so(anatomies, plans):
     plain = VIRTUAL | {"outcome": {"reality": "nominal", "learnable": 37, "effects": "nominal"}}
-    card = data_card(anatomies, plans, seed=3, code="", virtual=plain, labels=LABELS, tables={})
+    card = data_card(anatomies, plans, seed=3, code="", virtual=plain, labels=LABELS)
     sizes = {row[2] for name in EFFECTS for row in cells(card, f"`{name}`")}
     assert sizes == {"off"}
 
@@ -144,11 +142,9 @@ def test_the_checksums_are_those_of_sha256sum(anatomies, plans, tmp_path):
         plan.write(folder / "plan.json")
         (folder / "truth.h5").write_bytes(case.encode() * 1000)
         files += [str(path) for path in folder.iterdir()]
-    (tmp_path / "ratios.md").write_text("| Landmark |\n")
     settings = {"seed": 3, "code": "0", "virtual": VIRTUAL, "labels": LABELS}
     sums = tmp_path / "SHA256SUMS"
-    tables = {"ratios": str(tmp_path / "ratios.md")}
-    describe_cohort(CASES, tables, settings, str(tmp_path / "README.md"))
+    describe_cohort(CASES, settings, str(tmp_path / "README.md"))
     sum_up(files[::-1], str(sums))
     lines = sums.read_text().splitlines()
     assert [line.split("  ")[1] for line in lines] == sorted(f"{case}/{name}" for case in CASES for name in
@@ -159,7 +155,7 @@ def test_the_checksums_are_those_of_sha256sum(anatomies, plans, tmp_path):
     (tmp_path / "V03/truth.h5").write_bytes(b"other")
     assert subprocess.run(check, cwd=tmp_path, check=False, capture_output=True).returncode == 1
     card = (tmp_path / "README.md").read_text()
-    assert "10 simulated patients" in card and "| Landmark |" in card
+    assert "10 simulated patients" in card
 
 
 def test_operations_are_counted_by_deformity(card):
@@ -171,7 +167,7 @@ def test_operations_are_counted_by_deformity(card):
 
 def test_the_card_of_a_locked_cohort_tells_no_outcome_and_how_to_reveal_it(anatomies, plans):
     locked = VIRTUAL | {"role": LOCKED}
-    card = data_card(anatomies, plans, seed=2, code="", virtual=locked, labels=LABELS, tables={})
+    card = data_card(anatomies, plans, seed=2, code="", virtual=locked, labels=LABELS)
     assert not any(cells(card, f"`{name}`") for name in OUTCOMES) and all(cells(card, f"`{name}`") for name in INPUTS)
     assert "snakemake reveal" in card and OUTCOME_CHECKSUMS in card and "no setting is ever chosen on it" in card
 
@@ -199,6 +195,6 @@ def test_a_cohort_is_compared_with_its_frozen_checksums(tmp_path):
 def test_the_angle_of_a_motion_is_its_whole_rotation(anatomies):
     turned = Rotation.from_euler("xyz", [3, 4, 5], degrees=True)
     plans = [Plan(case, {"chin": RigidMotion(turned.as_matrix())}) for case in CASES]
-    card = data_card(anatomies, plans, seed=1, code="", virtual=VIRTUAL, labels=LABELS, tables={})
+    card = data_card(anatomies, plans, seed=1, code="", virtual=VIRTUAL, labels=LABELS)
     (row,) = [row for row in cells(card, DEFORMITIES[1]) if row[1] == "chin"]
     assert row[-1].startswith(f"{np.degrees(turned.magnitude()):.1f} ± 0.0")

@@ -1,12 +1,8 @@
-"""The switches of the simulated outcome, and the table of soft-to-hard tissue ratios."""
+"""The switches of the simulated outcome."""
 
-import numpy as np
-import pytest
 import yaml
 
-from pinnochio.plans.plan import Plan, RigidMotion
-from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, alone, in_reality, resolve
-from pinnochio.virtual.ratios import RATIOS, STILL, motions, summarise
+from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, in_reality, resolve
 from tests.helpers.settings import ROOT
 
 DEFAULT = yaml.safe_load((ROOT / "config/config.yaml").read_text())["virtual"]["outcome"]["effects"]
@@ -25,39 +21,10 @@ def test_a_reality_keeps_the_motion_and_the_noise_of_the_scan():
     assert plain == off | {name: all_on[name] for name in kept}
 
 
-def test_nominal_switches_all_or_one():
+def test_nominal_switches_all_or_some():
     off = {name: effect.nominal for name, effect in EFFECTS.items()}
     assert resolve(NOMINAL) == off
     assert resolve(DEFAULT | {"swelling": NOMINAL}) == DEFAULT | {"swelling": 0.0}
     for effect in EFFECTS:
-        changed = {name for name, value in alone(DEFAULT, effect).items() if value != off[name]}
-        assert changed == {effect}
-
-
-def field(shares):
-    """Tetrahedra round each landmark that carry a share of 10 mm forward."""
-    corners = np.array([[1.0, 1, 1], [-1, -1, 1], [-1, 1, -1], [1, -1, -1]])
-    names = [ratio.soft for ratio in RATIOS.values()] + [STILL]
-    marks = {name: np.array([0.0, 0, 20 * i]) for i, name in enumerate(names)}
-    points = np.concatenate([marks[name] + corners for name in names])
-    cells = np.arange(len(points)).reshape(-1, 4)
-    moved = np.repeat([[0.0, -10 * share, 0] for share in shares], 4, axis=0)
-    return marks | {ratio.hard: np.zeros(3) for ratio in RATIOS.values()}, points, cells, moved
-
-
-def test_ratio_is_the_slope_of_forward_motion():
-    shares = [0.92, 0.95, 0.65, 0.3, 0.5, 0.25, 0.0]
-    marks, *mesh = field(shares)
-    forward = RigidMotion(translation=np.array([3.0, -10, 2]))
-    plan = Plan("x", {"mandible_distal": forward, "lefort1": forward})
-    patient = motions(marks, plan, *mesh)
-    table = summarise([patient, {name: (2 * soft, 2 * hard) for name, (soft, hard) in patient.items()}])
-    assert table["ours"].to_numpy() == pytest.approx(shares) and table["inside"].all() and (table["n"] == 2).all()
-    high = summarise([{name: (1.2 * hard, hard) for name, (_, hard) in patient.items()} | {STILL: (0.3, 0.0)}])
-    assert not high["inside"].any()
-
-
-def test_a_bone_that_stays_says_nothing():
-    marks, *mesh = field([0.5] * 7)
-    still = summarise([motions(marks, Plan("x", {}), *mesh)])
-    assert (still["n"].to_numpy()[:-1] == 0).all()
+        alone = resolve(dict.fromkeys(EFFECTS, NOMINAL) | {effect: DEFAULT[effect]})
+        assert {name for name, value in alone.items() if value != off[name]} == {effect}

@@ -29,8 +29,9 @@ from pinnochio.virtual.parameters import FITTED, NORMAL, NORMAL_OVERJET, TABLE
 from pinnochio.virtual.procedures import DEFORMITIES, Procedure
 from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.skeleton import Skeleton
-from pinnochio.virtual.thickness import measure, summarise
+from pinnochio.virtual.thickness import measure
 from pinnochio.virtual.treatment import CONTACT, bite, jaw_overlap, treatment_plan
+from studies.cohort_checks.thickness import summarise
 from tests.helpers.patients import as_model
 
 SPACING = 1.5

@@ -1,12 +1,16 @@
 """Soft-tissue thickness measured on the labels: the measurement itself, the cohort against the literature, classes."""
 
+import json
+
 import numpy as np
 import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.virtual.head import Head
+from pinnochio.virtual.published_thickness import PUBLISHED
 from pinnochio.virtual.rays import Ray
-from pinnochio.virtual.thickness import PUBLISHED, TABLE, along_ray, summarise, table
+from pinnochio.virtual.thickness import along_ray
+from studies.cohort_checks.thickness import TABLE, tabulate
 from tests.helpers.tables import write
 
 
@@ -26,8 +30,10 @@ def test_a_slab_has_its_thickness(inward):
 
 def test_the_table_and_a_landmark_without_bone(tmp_path):
     values = [dict.fromkeys(PUBLISHED, 10.0), dict.fromkeys(PUBLISHED, 12.0) | {"menton": None}]
-    path = tmp_path / "thickness.csv"
-    write(table(summarise(values), "test cohort"), path)
+    path, patients = tmp_path / "thickness.csv", [tmp_path / "a.json", tmp_path / "b.json"]
+    for patient, thickness in zip(patients, values, strict=True):
+        patient.write_text(json.dumps({"thickness": thickness}))
+    write(tabulate(patients, "test cohort"), path)
     frame = read_table(path, TABLE).set_index("landmark")
     assert frame.loc["pogonion", "ours_mean"] == 11 and frame.loc["pogonion", "ours_sd"] == pytest.approx(1.41)
     assert frame.loc["subnasale", "difference_sd"] == pytest.approx(-4.6 / 2.4, abs=0.006)

@@ -13,13 +13,6 @@ from pinnochio.virtual.ground_truth import EFFECTS, NOMINAL, REALITIES, in_reali
 from pinnochio.virtual.parameters import FITTED, SHIFTS, TABLE
 from pinnochio.virtual.procedures import DEFORMITIES
 
-# Tables that the card shows where they have been made, with their headings.
-TABLES = {
-    "thickness": "Soft-tissue thickness",
-    "ratios": "Soft-to-hard tissue ratios",
-    "nasolabial": "Nasolabial angle after 5 mm of maxillary advance",
-    "effects": "What each effect does to the outer face",
-}
 ROLES = {
     "development": "development: settings are chosen on it",
     "calibration": "calibration: the dials of the outcome are found on it",
@@ -186,12 +179,11 @@ def data_card(
     code: str,
     virtual: Mapping[str, Any],
     labels: Mapping[str, int | str],
-    tables: Mapping[str, str],
 ) -> str:
     """The card as Markdown.
 
     anatomies: per patient `deformity`, `male` and the numbers of :data:`TABLE`; plans in the same order; virtual: that
-    section of the configuration; labels: voxel value of each structure; tables: Markdown of any of :data:`TABLES`.
+    section of the configuration; labels: voxel value of each structure.
     """
     count = len(anatomies)
     men = sum(bool(anatomy["male"]) for anatomy in anatomies)
@@ -209,7 +201,6 @@ def data_card(
         "The same configuration, seed and code give the same patients.",
         *_patients(anatomies, plans),
         *_outcome(virtual["outcome"]),
-        *(part for name, title in TABLES.items() if name in tables for part in (f"## {title}", tables[name].strip())),
         *_files(labels, virtual["role"] == LOCKED),
         "## Evaluate your own method",
         EVALUATION,

@@ -172,8 +172,3 @@ def in_reality(effects: str | Mapping[str, Any], reality: str) -> dict[str, Any]
         kept = {name for name, effect in EFFECTS.items() if effect.kind in (MOTION, SCAN)} - {"expression"}
         return {name: value if name in kept else EFFECTS[name].nominal for name, value in values.items()}
     return values if REALITIES[reality].upright else values | {"posture": EFFECTS["posture"].nominal}
-
-
-def alone(effects: Mapping[str, Any], effect: str) -> dict[str, Any]:
-    """These effects with one on and all others nominal."""
-    return resolve(dict.fromkeys(EFFECTS, NOMINAL) | {effect: effects[effect]})

@@ -287,13 +287,12 @@ def changed(patient: PatientModel, displacement: np.ndarray, field: np.ndarray) 
     return displacement + admissible(patient.points, patient.cells, displacement, field)
 
 
-def operate(operation: Operation, effects: Mapping[str, Any], patient: PatientModel | None = None) -> Outcome:
+def operate(operation: Operation, effects: Mapping[str, Any]) -> Outcome:
     """Carry out the plan with these effects (as :func:`pinnochio.virtual.ground_truth.resolve` gives them).
 
-    patient: the model of :func:`meshed` where the caller has it already. RuntimeError if the mechanics finds no
-    solution for a few draws of the executed plan.
+    RuntimeError if the mechanics finds no solution for a few draws of the executed plan.
     """
-    outcome = moved(operation, effects, patient or meshed(operation, effects))
+    outcome = moved(operation, effects, meshed(operation, effects))
     if not any(effects[name] for name in (*DECIDED, *OPEN)):
         return outcome
     return after(outcome, change(operation, effects, outcome), operation.settings.dials)

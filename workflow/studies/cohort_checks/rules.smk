@@ -1,7 +1,9 @@
 # What checks the virtual cohort beyond making it; not part of `all`.
 
+TRUTH = {"truth": "<results>/virtual/{case}/truth.h5"}
 FIRST = {"template": f"<results>/cases/{next(iter(STUDY.cohort.cases), '')}/model.h5"}
-MEASURED |= {
+# What the modules about the outcome measure on one patient, each for the table of its name: further inputs and arguments.
+MEASURED = {
     "structure": (TRUTH | FIRST, {}),
     "reality": (
         {},
@@ -47,6 +49,64 @@ add_table(
     },
     arguments=NAMED,
 )
+
+
+add_table(
+    "thickness",
+    "studies.cohort_checks.thickness",
+    caption="Thickness of the soft tissue over bone, beside the literature.",
+    files=ANATOMIES,
+    arguments=NAMED,
+)
+add_table(
+    "ratios",
+    "studies.cohort_checks.ratios",
+    caption="How far the outcomes' skin follows the bone, beside the literature.",
+    files={
+        "landmarks": expand(
+            "<results>/virtual/{case}/landmarks.json", case=STUDY.cohort.cases
+        ),
+        "truths": expand("<results>/virtual/{case}/truth.h5", case=STUDY.cohort.cases),
+    },
+    arguments=NAMED | {"cases": list(STUDY.cohort.cases)},
+)
+
+
+rule measure_outcome:
+    input:
+        unpack(lambda wildcards: MEASURED[wildcards.measured][0]),
+        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
+        plan="<results>/virtual/{case}/plan.json",
+        landmarks="<results>/virtual/{case}/landmarks.json",
+        anatomy="<results>/virtual/{case}/anatomy.json",
+        covariates="<results>/virtual/{case}/covariates.json",
+    output:
+        table=ensure("<results>/virtual/{case}/{measured}.csv", non_empty=True),
+    log:
+        "<logs>/measure_outcome/{measured}_{case}.log",
+    benchmark:
+        "<benchmarks>/measure_outcome/{measured}_{case}.tsv"
+    wildcard_constraints:
+        measured=any_of(MEASURED),
+    conda:
+        "../../../envs/pinnochio.yaml"
+    resources:
+        mem_mb=lambda wildcards: 12000 if wildcards.measured == "refinement" else 6000,
+        runtime=120,
+    params:
+        module=lambda wildcards: MODULES[wildcards.measured],
+        arguments=lambda wildcards: MEASURED[wildcards.measured][1],
+        outcome=config["virtual"]["outcome"],
+        segments=config["segments"],
+        labels=INPUTS.cohort.label_values,
+        seed=SEED,
+        code=lambda wildcards: code_of(
+            "studies.cohort_checks.measure_outcome", MODULES[wildcards.measured]
+        ),
+    message:
+        "Measure {wildcards.measured} of the outcome on {wildcards.case}"
+    script:
+        "measure_outcome.py"
 
 
 # Whether the cohort as it is made here is the one that was frozen; its outcomes too, once they are revealed.
@@ -98,3 +158,11 @@ rule refinement:
         recorded("refinement", "virtual"),
     message:
         "The discretisation error of the outcome is measured"
+
+
+rule soft_tissue:
+    input:
+        recorded("thickness", "virtual"),
+        recorded("ratios", "virtual"),
+    message:
+        "Thickness and ratios of the soft tissue are measured"

@@ -36,15 +36,6 @@ class CohortInputs:
         """These files of every virtual patient."""
         return [f"<results>/virtual/{case}/{name}" for case in self.study.cohort.cases for name in names]
 
-    @property
-    def card_tables(self) -> list[str]:
-        """Tables of the data card; the effects are measured on as many patients as the configuration says. A locked
-        cohort's say nothing of its outcomes."""
-        if self.study.cohort.locked:
-            return ["thickness"]
-        effects = self.study.config["virtual"]["effects"]
-        return ["thickness", "ratios", *(["nasolabial", "effects"] if effects else [])]
-
     def summed_up(self, wildcards) -> list[str]:
         """The files of the virtual cohort that a file of checksums holds: of a locked one its outcomes apart."""
         if not self.study.cohort.locked:
