@@ -329,13 +329,11 @@ rule make_lift:
     input:
         model="<results>/{home}/{case}{mesh}/model.h5",
     output:
-        lift="<results>/{home}/{case}{mesh}/lift_{kind}.h5",
+        lift="<results>/{home}/{case}{mesh}/lift_elastic.h5",
     log:
-        "<logs>/make_lift/{home}/{case}{mesh}_{kind}.log",
+        "<logs>/make_lift/{home}/{case}{mesh}.log",
     benchmark:
-        "<benchmarks>/make_lift/{home}/{case}{mesh}_{kind}.tsv"
-    wildcard_constraints:
-        kind="harmonic|elastic",
+        "<benchmarks>/make_lift/{home}/{case}{mesh}.tsv"
     conda:
         "../envs/pinnochio.yaml"
     resources:
@@ -346,7 +344,7 @@ rule make_lift:
         fem=INPUTS.patient.setting("fem"),
         code=code_of("scripts.patient.make_lift"),
     message:
-        "Make the {wildcards.kind} lift of {wildcards.case}{wildcards.mesh}"
+        "Make the lift of {wildcards.case}{wildcards.mesh}"
     script:
         "../scripts/patient/make_lift.py"
 

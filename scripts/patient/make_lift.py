@@ -8,12 +8,10 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 
 
-def write_lift(model: str, kind: str, controls: int, fem: FemSettings, lift: str) -> None:
-    """Write the lift of the patient model; kind: "harmonic" or "elastic"; controls: its control points."""
+def write_lift(model: str, controls: int, fem: FemSettings, lift: str) -> None:
+    """Write the lift of the patient model; controls: its control points."""
     patient = PatientModel.read(model)
-    made = make_lift(
-        model=patient, material=fem.material(patient.tissue), kind=kind, controls=controls, volumetric=fem.volumetric
-    )
+    made = make_lift(model=patient, material=fem.material(patient.tissue), controls=controls, volumetric=fem.volumetric)
     logging.info("%d motions, %d departures, %.1f s", len(made.motions), len(made.departures), made.seconds)
     made.write(lift)
 
@@ -22,7 +20,6 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     write_lift(
         model=snakemake.input.model,
-        kind=snakemake.wildcards.kind,
         controls=snakemake.params.controls,
         fem=FemSettings(**snakemake.params.fem),
         lift=snakemake.output.lift,

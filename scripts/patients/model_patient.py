@@ -23,14 +23,14 @@ def model_patient(
     """Run the stages one after another.
 
     imported: files labels, bone, skin, report; the settings are those of the stages; outputs: files mesh, model,
-    quality, and lift_KIND.h5, if a lift is wanted.
+    quality, and lift, if one is wanted.
     """
     mesh, model = outputs["mesh"], outputs["model"]
     stages = Stages(Path(model).with_name(".model_patient.json"))
     stages(mesh_case, {"labels": imported["labels"]}, {"mesh": mesh}, mesh_settings)
     stages(label_case, {"mesh": mesh, **imported}, {"model": model}, {"interfaces": interfaces})
     if "lift" in outputs:
-        settings = {"kind": Path(outputs["lift"]).stem.removeprefix("lift_"), "controls": controls, "fem": fem}
+        settings = {"controls": controls, "fem": fem}
         stages(write_lift, {"model": model}, {"lift": outputs["lift"]}, settings)
     files = {"model": model, "imported": imported["report"]}
     stages(report_quality, files, {"report": outputs["quality"]}, {})

@@ -110,7 +110,7 @@ def prepared(patients, training, tmp_path_factory):
     for number, fold in enumerate("12"):
         save_random(archive / network_file(METHOD, fold), SMALL, number, sources=sources)
     lift = str(folder / "lift.h5")
-    write_lift(patient.model, "elastic", 16, patient.fem, lift)
+    write_lift(patient.model, 16, patient.fem, lift)
     (folder / "set").mkdir()
     (folder / "set/plan.json").write_text(Path(patient.plan).read_text())
     settings = {"home": str(folder), "archive": str(archive), "method": METHOD, "corrections": 1}

@@ -54,7 +54,7 @@ def files(patients, tmp_path_factory) -> dict[str, dict[str, str]]:
         refine_lips(patient.mesh, patient.labels, patient.bone, 18.0, 5.0, outputs["lips.vtu"])
         imported = patient.labels, patient.bone, patient.skin, patient.report, CONFIG["interfaces"]
         label_case(outputs["lips.vtu"], *imported, outputs["lips.h5"])
-        write_lift(patient.model, "elastic", 32, patient.fem, outputs["lift.h5"])
+        write_lift(patient.model, 32, patient.fem, outputs["lift.h5"])
         made[patient.case] = outputs
     return made
 

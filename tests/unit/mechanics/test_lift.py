@@ -5,31 +5,29 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from pinnochio.geometry.mesh_topology import boundary_faces
 from pinnochio.geometry.scattered import farthest
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.elements.materials import neo_hookean
-from pinnochio.mechanics.lift import HarmonicSolver, Lift, blend_weights, control_weights, make_lift, motion_amplitudes
+from pinnochio.mechanics.lift import Lift, control_weights, make_lift, motion_amplitudes
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
-from pinnochio.model.patient import FIXED, FREE, MOVING, NO_INTERFACE, SLIDING
+from pinnochio.model.patient import FIXED, FREE, MOVING, NO_INTERFACE
 from tests.helpers.patients import tiny_patient, tiny_plan
 
 MODEL, PLAN = tiny_patient(), tiny_plan()
 MATERIAL = neo_hookean(MODEL.tissue, {MUSCLE: 6.0, SUPERFICIAL: 4.0}, 0.49, 0)
 
 
-@pytest.fixture(scope="module", params=["elastic", "harmonic"])
-def lift(request):
-    return make_lift(MODEL, MATERIAL, request.param, controls=12)
+@pytest.fixture(scope="module")
+def lift():
+    return make_lift(MODEL, MATERIAL, 12)
 
 
 def carried(lift, plan=PLAN):
     return np.tensordot(motion_amplitudes(plan, MODEL.segments, lift.centre), lift.motions, 1)
 
 
-def test_elastic_lift_is_the_elastic_solution_of_any_plan():
-    lift = make_lift(MODEL, MATERIAL, "elastic", controls=12)
+def test_the_lift_is_the_elastic_solution_of_any_plan(lift):
     for plan in (PLAN, tiny_plan(x=-4.0, z=0.0, pitch=8.0)):
         boundary = boundary_conditions(MODEL, plan, "mucosa")
         direct = ElasticSolver(MODEL.points, MODEL.cells, MATERIAL, boundary).solve(boundary)
@@ -56,8 +54,7 @@ def test_departure_of_the_contact_is_carried_inwards_and_not_into_cut_planes(lif
     assert field[free, 2].min() > -0.3 and 0.2 < field[free, 2].mean() < 1.1
 
 
-def test_elastic_departure_is_in_equilibrium():
-    lift = make_lift(MODEL, MATERIAL, "elastic", controls=12)
+def test_a_departure_is_in_equilibrium(lift):
     nodes = np.flatnonzero(MODEL.node_type != FREE)
     amplitudes = np.random.default_rng(0).normal(size=len(lift.departures)).astype(np.float32)
     field = np.tensordot(amplitudes, lift.departures, 1)
@@ -66,32 +63,12 @@ def test_elastic_departure_is_in_equilibrium():
     assert np.allclose(field, direct, atol=1e-4)
 
 
-def test_harmonic_solver_reproduces_a_linear_field():
-    nodes = np.unique(boundary_faces(MODEL.cells)[0])
-    assert len(nodes) < len(MODEL.points)
-    linear = MODEL.points @ np.array([[0.1, 0.2, 0.0], [0.0, -0.1, 0.3], [0.2, 0.0, 0.1]])
-    values = np.where(np.isin(np.arange(len(linear)), nodes)[:, None], linear, np.nan)
-    field = HarmonicSolver(MODEL.points, MODEL.cells, nodes).spread(values[None])[0]
-    assert np.allclose(field, linear, atol=1e-9)
-
-
 def test_lift_survives_the_file(lift, tmp_path):
     lift.write(tmp_path / "lift.h5")
     again = Lift.read(tmp_path / "lift.h5")
     for item in fields(Lift):
         assert np.array_equal(getattr(again, item.name), getattr(lift, item.name))
     assert lift.seconds > 0
-
-
-def test_blend_leans_to_the_nearer_bone():
-    nodes, weights = blend_weights(MODEL)
-    assert np.array_equal(nodes, np.flatnonzero(MODEL.node_type == SLIDING))
-    assert weights.min() >= 0 and weights.sum(1).max() <= 1
-    away = [
-        np.linalg.norm(MODEL.bone_points[MODEL.bone_segment == index] - MODEL.points[nodes, None], axis=2).min(1)
-        for index in (0, -1)
-    ]
-    assert np.allclose(weights[:, 0], away[0] ** -2 / (away[0] ** -2 + away[1] ** -2))
 
 
 def test_control_points_are_spread_and_add_up_to_one():

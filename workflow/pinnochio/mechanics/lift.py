@@ -5,15 +5,12 @@ import time
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy import sparse
-from scipy.spatial import cKDTree
 
 from pinnochio.geometry.scattered import farthest
 from pinnochio.hdf5 import reading, writing
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.elements.materials import Material
-from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, shape_gradients
-from pinnochio.mechanics.solvers.linear_algebra import linear_solver
+from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.model.patient import FREE, MOVING, NO_INTERFACE, SLIDING, PatientModel
 from pinnochio.plans.plan import Plan
@@ -55,14 +52,9 @@ class Lift:
             return cls(**arrays, seconds=float(file.attrs["seconds"]))
 
 
-def make_lift(
-    model: PatientModel, material: Material, kind: str, controls: int = 128, volumetric: str = VOLUMETRIC[0]
-) -> Lift:
-    """The lift of a patient.
-
-    "elastic": equilibrium of linear elasticity with the material at rest; sliding nodes keep their distance to the bone
-    and are free along it. "harmonic": every component solves Laplace's equation; a sliding node takes the
-    inverse-distance blend of the segments' motions. `controls`: number of control points spread over the contact.
+def make_lift(model: PatientModel, material: Material, controls: int, volumetric: str = VOLUMETRIC[0]) -> Lift:
+    """The lift of a patient: equilibrium of linear elasticity with the material at rest; sliding nodes keep their
+    distance to the bone and are free along it. controls: number of control points spread over the contact.
     """
     began = time.perf_counter()
     centre = model.points.mean(axis=0)
@@ -71,16 +63,12 @@ def make_lift(
     gram = weights.T @ weights
     smoothing = np.linalg.solve(gram + 1e-3 * np.trace(gram) / len(gram) * np.eye(len(gram)), weights.T)
     nodes = np.flatnonzero(model.node_type != FREE)
-    if kind == "elastic":
-        sliding = boundary_conditions(model, Plan("-", {}), "mucosa")
-        free_to_slide = ElasticSolver(model.points, model.cells, material, sliding, volumetric)
-        motions = free_to_slide.spread(segment_motions(model, centre, blend=False))
-        free_to_slide.close()
-        prescribed = BoundaryConditions(nodes, np.zeros((len(nodes), 3)))
-        solver = ElasticSolver(model.points, model.cells, material, prescribed, volumetric)
-    else:
-        solver = HarmonicSolver(model.points, model.cells, nodes)
-        motions = solver.spread(segment_motions(model, centre, blend=True))
+    sliding = boundary_conditions(model, Plan("-", {}), "mucosa")
+    free_to_slide = ElasticSolver(model.points, model.cells, material, sliding, volumetric)
+    motions = free_to_slide.spread(segment_motions(model, centre))
+    free_to_slide.close()
+    prescribed = BoundaryConditions(nodes, np.zeros((len(nodes), 3)))
+    solver = ElasticSolver(model.points, model.cells, material, prescribed, volumetric)
     departures = np.zeros((3 * weights.shape[1], *model.points.shape), np.float32)
     for first in range(0, len(departures), BATCH):
         rows = np.arange(first, min(first + BATCH, len(departures)))
@@ -106,9 +94,9 @@ def motion_amplitudes(plan: Plan, segments: tuple[str, ...], centre: np.ndarray)
     return np.concatenate([np.zeros(0), *(part for pair in parts for part in pair)])
 
 
-def segment_motions(model: PatientModel, centre: np.ndarray, blend: bool) -> np.ndarray:
+def segment_motions(model: PatientModel, centre: np.ndarray) -> np.ndarray:
     """Displacement (12 K, n, 3) mm of the constrained nodes under each unit motion of each segment."""
-    share = node_shares(model, blend, sliding=True)
+    share = node_shares(model, (MOVING, SLIDING))
     arm = np.column_stack([model.points - centre, np.ones(len(model.points))])
     motions = np.zeros((len(model.segments), 12, *model.points.shape))
     for row in range(3):
@@ -119,32 +107,11 @@ def segment_motions(model: PatientModel, centre: np.ndarray, blend: bool) -> np.
     return motions.reshape(-1, *model.points.shape)
 
 
-def node_shares(model: PatientModel, blend: bool, sliding: bool) -> np.ndarray:
-    """Share (n, K) of each segment in the motion of each node: one for moving nodes, zero for fixed and free ones.
-
-    Sliding nodes: with `blend` the weights of :func:`blend_weights`, else one if `sliding`, else zero.
-    """
+def node_shares(model: PatientModel, types: tuple[int, ...]) -> np.ndarray:
+    """Share (n, K) of each segment in the motion of each node: one for nodes of these types, else zero."""
     share = (np.arange(len(model.segments)) == model.node_segment[:, None]).astype(float)
-    share[~np.isin(model.node_type, (MOVING, SLIDING) if sliding else (MOVING,))] = 0
-    if blend:
-        nodes, weights = blend_weights(model)
-        share[nodes] = weights
+    share[~np.isin(model.node_type, types)] = 0
     return share
-
-
-def blend_weights(model: PatientModel) -> tuple[np.ndarray, np.ndarray]:
-    """Sliding nodes (s,) and the weight (s, K) of each segment there, by the inverse squared distance to its bone.
-
-    The cranium takes its share too, so the weights of the segments add up to one or less.
-    """
-    sliding = np.flatnonzero(model.node_type == SLIDING)
-    inverse = np.zeros((len(sliding), len(model.segments) + 1))
-    for index in range(-1, len(model.segments)):
-        bone = model.bone_points[model.bone_segment == index]
-        if len(bone) and len(sliding):
-            distance = cKDTree(bone).query(model.points[sliding])[0]
-            inverse[:, index] = 1 / np.maximum(distance, 0.1) ** 2
-    return sliding, (inverse / np.maximum(inverse.sum(axis=1, keepdims=True), 1e-12))[:, :-1]
 
 
 def control_weights(points: np.ndarray, controls: int) -> np.ndarray:
@@ -157,33 +124,3 @@ def control_weights(points: np.ndarray, controls: int) -> np.ndarray:
     nearest = np.sqrt(np.sort(squared[chosen], axis=1)[:, 1:2]) if len(chosen) > 1 else np.ones((1, 1))
     weights = np.exp(-squared / (2 * np.median(nearest) ** 2))
     return weights / weights.sum(axis=1, keepdims=True)
-
-
-class HarmonicSolver:
-    """Laplace's equation on a mesh with prescribed values on `nodes` (t,), by linear elements, factorised once."""
-
-    def __init__(self, points, cells, nodes):
-        gradients, volumes = shape_gradients(points, cells)
-        blocks = np.einsum("e,eai,ebi->eab", volumes, gradients, gradients)
-        rows, columns = np.repeat(cells, 4, axis=1), np.tile(cells, (1, 4))
-        full = sparse.coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(len(points),) * 2).tocsr()
-        fixed = np.zeros(len(points), bool)
-        fixed[nodes] = True
-        inner = sparse.triu(full[~fixed][:, ~fixed], format="csr")
-        inner.sort_indices()
-        self._coupling, self._fixed = full[~fixed][:, fixed], fixed
-        self._linear = linear_solver(inner.indptr, inner.indices)
-        if not self._linear.factorize(inner.data):
-            raise RuntimeError("Laplace's equation is singular: a piece of the mesh holds no prescribed node")
-
-    def spread(self, values: np.ndarray) -> np.ndarray:
-        """Fields (k, n, 3) that take the `values` (k, n, 3) on the prescribed nodes and are harmonic between them."""
-        fields = np.where(self._fixed[:, None], values, 0.0)
-        load = -np.stack([self._coupling @ field for field in fields[:, self._fixed]])  # (k, free, 3)
-        solved = self._linear.solve(load.transpose(0, 2, 1).reshape(-1, load.shape[1]))
-        fields[:, ~self._fixed] = solved.reshape(len(fields), 3, -1).transpose(0, 2, 1)
-        return fields
-
-    def close(self) -> None:
-        """Release the factors."""
-        self._linear.close()

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-LIFTS = ("none", "harmonic", "elastic")
+LIFTS = ("none", "elastic")
 
 
 @dataclass(frozen=True)
@@ -17,8 +17,8 @@ class NetworkSettings:
 
     decomposition: off gives the unified network, one graph network over the whole tissue fed the reference cue alone;
     match_parameters: widened until it has as many parameters as the networks of the decomposition.
-    lift: what the free nodes of the sparse boundary signal carry: "none" is zero, as in the paper; "harmonic" and
-    "elastic" a linear extension of the interface (:mod:`pinnochio.mechanics.lift`) that the networks correct. With a
+    lift: what the free nodes of the sparse boundary signal carry: "none" is zero, as in the paper; "elastic"
+    a linear extension of the interface (:mod:`pinnochio.mechanics.lift`) that the networks correct. With a
     lift, no volume layers mean no volume network.
     REMOVED: switches that trained networks in files still name, with the only value that is left of each.
     """

@@ -24,7 +24,7 @@ class ElasticFace:
         rest = boundary_conditions(model, Plan("-", {}), "mucosa")
         law = fem.material(model.tissue)
         elastic = ElasticSolver(model.points, model.cells, law, rest, fem.volumetric, fem.linear_solver)
-        fields = elastic.spread(segment_motions(model, model.points.mean(axis=0), blend=False))
+        fields = elastic.spread(segment_motions(model, model.points.mean(axis=0)))
         elastic.close()
         self.response = fields.reshape(len(fields), -1)
         self._simulator = Simulator(model, fem)

@@ -179,7 +179,7 @@ class Sweep:
         """The elastic map of the model, made once."""
         if "lift" not in self._kept:
             law = self.fem.material(model.tissue)
-            self._kept["lift"] = make_lift(model, law, "elastic", CONTROLS, WHOLE)
+            self._kept["lift"] = make_lift(model, law, CONTROLS, WHOLE)
         return self._kept["lift"]
 
     def predicted(self, problem: Problem, plan: Plan, value: float, segment: str):

@@ -128,7 +128,7 @@ class PatientTensors:
             free,
             settings,
             Followers.build(bone_points, np.arange(len(model.segments)) == model.bone_segment[:, None], device),
-            Followers.build(points, node_shares(model, blend=False, sliding=False), device),
+            Followers.build(points, node_shares(model, (MOVING,)), device),
             tensor(np.isin(model.node_type, (FIXED, MOVING)), torch.float32)[:, None],
             lift,
             motions,
