@@ -27,39 +27,6 @@ rule virtual_patient:
         "../scripts/cohort/virtual_patient.py"
 
 
-# The first patients of the cohort, as many as a page shows.
-rule render_cohort:
-    input:
-        segmentations=expand(
-            "<results>/virtual/{case}/segmentation.nii.gz",
-            case=list(STUDY.cohort.cases)[:12],
-        ),
-        anatomies=expand(
-            "<results>/virtual/{case}/anatomy.json", case=list(STUDY.cohort.cases)[:12]
-        ),
-    output:
-        cohort="<results>/figures/cohort.png",
-        heads="<results>/figures/heads.png",
-    log:
-        "<logs>/render_cohort.log",
-    benchmark:
-        "<benchmarks>/render_cohort.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=4000,
-        runtime=10,
-    params:
-        cases=list(STUDY.cohort.cases)[:12],
-        labels=INPUTS.cohort.label_values,
-        segments=config["segments"],
-        code=code_of("scripts.cohort.render_cohort"),
-    message:
-        "Render the first virtual patients"
-    script:
-        "../scripts/cohort/render_cohort.py"
-
-
 rule sample_covariates:
     input:
         anatomy="<results>/virtual/{case}/anatomy.json",

@@ -1,4 +1,4 @@
-"""Portraits of virtual heads from their labels: face, skull and outcome, and half a face over the skull."""
+"""Pictures of virtual heads from their labels: face, skull and outcome."""
 
 import os
 from collections.abc import Sequence
@@ -9,19 +9,16 @@ import pyvista as pv
 from PIL import Image
 from scipy import ndimage
 
-from pinnochio.figures.patient import save
 from pinnochio.files import replacing
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.importing.segmentation import Segmentation
-from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
+from pinnochio.model.labels import AIR, CRANIUM, segment_code
 
-SKIN, TISSUE, FLESH, BONE = "#eac3ab", "#e6c58c", "#a8483f", "#efe9d9"
+SKIN, BONE = "#eac3ab", "#efe9d9"
 SEGMENTS = ("#e39b63", "#9a96c8", "#62b394", "#62b394", "#e58fbc")
-VIEW = (0.5, -1, 0.12)  # LPS: from the front, the patient's left and a little above
 SKIN_SMOOTHING, BONE_SMOOTHING = 0.65, 0.5  # mm, Gaussian over the labels
-FINE = 3  # pixels of the section per voxel edge
 HALF_HEIGHT = 106.0  # mm of a panel
-FRONT, SIDE, BELOW, OBLIQUE = (0, -1, 0.03), (1, -0.02, 0.03), (0, -0.62, -0.78), (0.6, -1, 0.1)
+FRONT, SIDE, BELOW, OBLIQUE = (0, -1, 0.03), (1, -0.02, 0.03), (0, -0.62, -0.78), (0.6, -1, 0.1)  # LPS
 SHEET_PANEL, SHEET_PATIENTS = (210, 236), 2  # pixels of a panel of the contact sheet; patients side by side
 
 
@@ -48,40 +45,10 @@ def surface(inside: np.ndarray, head: Segmentation, smoothing: float, pass_band:
     return mesh.compute_normals(split_vertices=False, auto_orient_normals=False)
 
 
-def section(head: Segmentation) -> pv.PolyData:
-    """Midsagittal section, coloured by tissue, a little smoother than the voxels."""
-    middle = int(np.round(-head.origin[0] / head.spacing[0]))
-    plane = head.labels[middle]
-    kinds = [(AIR, "#ffffff"), (SUPERFICIAL, TISSUE), (MUSCLE, FLESH), (CRANIUM, BONE)]
-    shares = []
-    for code, _ in kinds:
-        inside = plane >= CRANIUM if code == CRANIUM else plane == code
-        shares.append(ndimage.gaussian_filter(ndimage.zoom(inside.astype(np.float32), FINE, order=1), 0.6 * FINE))
-    kind = np.argmax(shares, 0)
-    step = head.spacing[1:] * (np.array(plane.shape) - 1) / (np.array(kind.shape) - 1)
-    image = pv.ImageData(dimensions=(1, *kind.shape), spacing=(1, *step), origin=(0, *head.origin[1:]))
-    colours = np.array([pv.Color(colour).int_rgb for _, colour in kinds], np.uint8)
-    image["colour"] = colours[kind].reshape(-1, 3, order="F")
-    image["kind"] = kind.ravel(order="F").astype(float)
-    return image.threshold(0.5, scalars="kind").extract_surface(algorithm="dataset_surface")
-
-
-def portrait(plotter: pv.Plotter, sitter: Sitter) -> None:
-    """Draw a head into the current panel: its right half with skin, the bones of the left half."""
-    head = sitter.head
-    left = head.origin[0] + head.spacing[0] * np.arange(head.labels.shape[0]) >= 0
-    skin = surface(head.labels != AIR, head, SKIN_SMOOTHING, 0.035, "edge").clip("x", origin=(0, 0, 0), invert=True)
-    plotter.add_mesh(skin, color=SKIN, smooth_shading=True, ambient=0.2)
-    plotter.add_mesh(section(head), scalars="colour", rgb=True, lighting=False)
-    add_bones(plotter, sitter, left)
-    plotter.add_text(sitter.caption, position="lower_edge", font_size=11, color="black")
-    look(plotter, head, VIEW)
-
-
-def add_bones(plotter: pv.Plotter, sitter: Sitter, where: np.ndarray) -> None:
-    """Draw the bones, each in its colour, of the slices (nx,) bool of the volume."""
+def add_bones(plotter: pv.Plotter, sitter: Sitter) -> None:
+    """Draw the bones, each in its colour."""
     for index in range(-1, len(sitter.segments)):
-        inside = (sitter.head.labels == (CRANIUM if index < 0 else segment_code(index))) & where[:, None, None]
+        inside = sitter.head.labels == (CRANIUM if index < 0 else segment_code(index))
         if inside.any():
             bone = surface(inside, sitter.head, BONE_SMOOTHING, 0.08, "constant")
             colour = BONE if index < 0 else SEGMENTS[index % len(SEGMENTS)]
@@ -123,7 +90,7 @@ def _strip(sitter: Sitter, field) -> np.ndarray:
         plotter = pv.Plotter(off_screen=True, window_size=SHEET_PANEL)
         plotter.enable_anti_aliasing("ssaa")
         if mesh is None:
-            add_bones(plotter, sitter, np.ones(sitter.head.labels.shape[0], bool))
+            add_bones(plotter, sitter)
         else:
             plotter.add_mesh(mesh, color=SKIN, smooth_shading=True, ambient=0.15, specular=0.1)
         if number == 0:
@@ -134,15 +101,3 @@ def _strip(sitter: Sitter, field) -> np.ndarray:
         panels.append(plotter.screenshot(return_img=True))
         plotter.close()
     return np.hstack(panels)
-
-
-def gallery(sitters: Sequence[Sitter], columns: int, panel: tuple[int, int], path: str | os.PathLike) -> None:
-    """Portraits in a grid of `columns`, each of `panel` (width, height) pixels."""
-    rows = -(-len(sitters) // columns)
-    size = columns * panel[0], rows * panel[1]
-    plotter = pv.Plotter(off_screen=True, shape=(rows, columns), window_size=size, border=False)
-    plotter.enable_anti_aliasing("ssaa")
-    for number, sitter in enumerate(sitters):
-        plotter.subplot(*divmod(number, columns))
-        portrait(plotter, sitter)
-    save(plotter, path)
