@@ -72,7 +72,7 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     figure.legend(handles=legend, loc="outside lower center", ncols=3, frameon=False, fontsize=11)
     axes.set_xlabel(
         "Text: how many of the cells converged, and their least J. Elastic path and map are linear\n"
-        "and may turn elements inside out; the loss is taken at a raw state."
+        "and may turn elements inside out."
     )
     save_figure(figure, *paths)
 

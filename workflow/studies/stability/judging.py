@@ -5,8 +5,8 @@ elements are read as data, after a check that they are patches. Whether a slidin
 the bone's triangles: the solver knows a field of distances alone.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
@@ -31,12 +31,6 @@ PRESCRIBED, SLIDING, AGREEMENT, ELASTIC, MAP, ROUNDED = 1e-9, 1e-5, 1e-3, 1e-8, 
 # Of lips in contact, mm: how much deeper than at rest a node lies in the triangles of the other lip; half of what the
 # contact's own surface rounds them by in heads of 1,500 nodes [I].
 PENETRATION = 0.5
-# What is asked of the loss, whose root is the force on a free node in units of mu h^2. In float64: of its value against
-# the judge's forces, of its gradient along random directions against differences of these. In float32: of both
-# against float64; the largest error at any setting was 5e-6 [X].
-VALUE, DIFFERENCE, SINGLE = 1e-10, 1e-6, 1e-4
-# Of a raw network, in single precision: largest change of its field over the largest displacement, the patient moved.
-PLACE = 1e-3
 HONEST = 0.01  # relative: of a figure that a method reports of itself against the judge's
 TINY = np.finfo(float).tiny
 
@@ -72,9 +66,9 @@ class Balance:
         self.modulus = float(np.average(material.mu, weights=self.volumes))
 
     @classmethod
-    def of(cls, problem: Problem, element: str, material: Material | None = None) -> "Balance":
+    def of(cls, problem: Problem, element: str) -> "Balance":
         """The forces of a problem's element."""
-        law, patches = material or problem.material, None
+        law, patches = problem.material, None
         if element == "patch":
             patches = Elements.build(problem.points, problem.cells, law, element).patch
         return cls(problem.points, problem.cells, law, patches)
@@ -229,19 +223,6 @@ def judge_elastic(
     complaints += differs(problem, displacement, known, 0.01 if rounded else AGREEMENT)
     note = f"confirmed; linear, hence {inverted} elements inside out" if inverted else ""
     return judged(residual, MAP if rounded else ELASTIC, float(ratio.min()), complaints, note)
-
-
-def judge_raw(problem: Problem, raw: np.ndarray, elsewhere: np.ndarray) -> Verdict:
-    """Verdict on the field (n, 3) that a network gives, and on that which it gives of the patient lying elsewhere:
-    they must be the same. Elements inside out are told, not judged: repair and corrections come after it."""
-    if not np.isfinite(raw).all():
-        return Verdict(WRONG, "the displacement is not finite")
-    ratios = Balance(problem.points, problem.cells, problem.material).ratios(raw)
-    least, inverted = float(ratios.min()), int((ratios <= 0).sum())
-    apart = float(np.abs(elsewhere - raw).max() / max(np.abs(raw).max(), TINY))
-    if not apart <= PLACE:
-        return Verdict(WRONG, f"the patient lying elsewhere, the field is another by {100 * apart:.2g} %", least, apart)
-    return Verdict(CONVERGED, f"the same elsewhere; {inverted} of {len(ratios)} elements inside out", least, apart)
 
 
 def judge_repair(problem: Problem, raw: np.ndarray, field: np.ndarray, repair: Repair) -> Verdict:
@@ -399,54 +380,3 @@ def differs(problem: Problem, displacement, known, limit: float = AGREEMENT) -> 
         return []
     error = np.abs(displacement * problem.millimetres - known).max()
     return [f"{error:.1e} mm from the known field"] if not error <= limit else []
-
-
-def judge_loss(
-    problem: Problem,
-    element: str,
-    precision: str,
-    state: np.ndarray,
-    slope: tuple[float, np.ndarray],
-    exact: tuple[float, np.ndarray],
-    extension: float,
-    rng: np.random.Generator,
-) -> Verdict:
-    """Verdict on the value and gradient `slope` at a state (n, 3), which float32 represents; exact: those in float64.
-
-    extension: volume ratio below which the energy of the loss is extended. residual: the largest relative error.
-    """
-    balance = Balance.of(problem, element, replace(problem.material, extension=extension))
-    scale = balance.modulus * balance.edge**2
-
-    def energy(displacement) -> float:
-        return float(((balance.force(displacement)[problem.free] / scale) ** 2).sum(axis=1).mean())
-
-    least, (value, gradient) = float(balance.ratios(state).min()), slope
-    if not (np.isfinite(value) and np.isfinite(gradient).all()):
-        return Verdict(WRONG, "the loss or its gradient is not finite", least)
-    if precision == "float64":
-        truth, size, gap = energy(state), np.linalg.norm(gradient), 0.0
-        errors = {"value": (abs(value - truth) / max(truth, TINY), VALUE)}
-        for _ in range(3):
-            way = rng.normal(size=state.shape)
-            # Where an element passes the extension of its energy on the way, the gradient has a kink, and the longer
-            # step is off.
-            differences = [difference(energy, state, way, step * balance.edge) for step in (1e-6, 1e-7)]
-            gap = max(gap, min(abs((gradient * way).sum() - value) for value in differences))
-        errors["gradient"] = (gap / max(size, TINY), DIFFERENCE)
-    else:
-        force, truth = np.sqrt(value), np.sqrt(exact[0])
-        gap, size = np.linalg.norm(gradient - exact[1]), np.linalg.norm(exact[1])
-        errors = {"value": (abs(force - truth) / max(truth, 1.0), SINGLE), "gradient": (gap / max(size, TINY), SINGLE)}
-    complaints = [
-        f"{name} off by {error:.1e}, at most {limit:.0e} allowed"
-        for name, (error, limit) in errors.items()
-        if not error <= limit
-    ]
-    return judged(max(error for error, _ in errors.values()), np.inf, least, complaints)
-
-
-def difference(function: Callable, place: np.ndarray, way: np.ndarray, step: float) -> float:
-    """Derivative of a function along `way` by central differences of fourth order."""
-    near, far = (function(place + k * step * way) - function(place - k * step * way) for k in (1, 2))
-    return (8 * near - far) / (12 * step)

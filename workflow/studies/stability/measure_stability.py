@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 
-import torch
 from tqdm import tqdm
 
 from pinnochio.columns import write_rows
@@ -20,14 +19,13 @@ def stability(
     model: str | None,
     config: Mapping,
     fem: FemSettings,
-    networks: Mapping[str, Mapping],
     seed: int,
     code: str,
     table: str,
 ) -> None:
     """Write one row per cell, wrong ones too; config: section `stability` of the configuration.
 
-    model: None for the block; way: direction or axis of the motion, "-" without one; networks: settings by name.
+    model: None for the block; way: direction or axis of the motion, "-" without one.
     """
     sweep = Sweep(
         family=family,
@@ -36,7 +34,6 @@ def stability(
         model=PatientModel.read(model) if model else None,
         config=config,
         fem=fem,
-        networks=networks,
         seed=seed,
     )
     labels = {"seed": seed, "device": "cpu", "code": code}
@@ -45,7 +42,6 @@ def stability(
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    torch.set_num_threads(snakemake.threads)
     stability(
         family=snakemake.params.family,
         case=snakemake.params.case,
@@ -53,7 +49,6 @@ if __name__ == "__main__":
         model=next(iter(snakemake.input.model), None),
         config=snakemake.params.stability,
         fem=FemSettings(**snakemake.params.fem),
-        networks=snakemake.params.networks,
         seed=snakemake.params.seed,
         code=snakemake.params.code,
         table=snakemake.output.table,

@@ -27,7 +27,6 @@ DIRECTIONS = {
     "up": (0.0, 0.0, 1.0),
     "down": (0.0, 0.0, -1.0),
 }
-AWAY = (700.0, -400.0, 1300.0)  # mm; origins of scanners lie so far from the head
 AXES = {"pitch": (1.0, 0.0, 0.0), "roll": (0.0, 1.0, 0.0), "yaw": (0.0, 0.0, 1.0)}
 
 
@@ -78,12 +77,6 @@ def moved(model: PatientModel, segment: str, way: str, amount: float) -> Plan:
 def advance(model: PatientModel, amount: float) -> Plan:
     """Every segment forward by `amount` mm."""
     return Plan("-", {name: moved(model, name, "forward", amount).motions[name] for name in model.segments})
-
-
-def elsewhere(model: PatientModel) -> PatientModel:
-    """The patient in a scanner's frame of another origin."""
-    names = ("points", "bone_points", "skin_points")
-    return replace(model, **{name: getattr(model, name) + AWAY for name in names})
 
 
 def roughened(model: PatientModel, amplitude: float, rng: np.random.Generator) -> PatientModel:

@@ -2,7 +2,6 @@
 
 from studies.stability.inputs import parts
 
-check_networks("stability.networks", config["stability"]["networks"])
 EXTREMES = parts(config["stability"], list(STUDY.cohort.cases))
 add_table(
     "stability",
@@ -41,9 +40,6 @@ rule measure_stability:
         way=lambda wildcards: EXTREMES[wildcards.part]["way"],
         stability=config["stability"],
         fem=config["fem"],
-        networks={
-            name: NETWORKS[name]["network"] for name in config["stability"]["networks"]
-        },
         seed=SEED,
         code=code_of("studies.stability.measure_stability"),
     message:

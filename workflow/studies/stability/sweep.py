@@ -1,4 +1,4 @@
-"""The stability sweep: what the solvers, maps, repairs and networks do at the extremes, cell by cell."""
+"""The stability sweep: what the solvers, maps, repairs and corrections do at the extremes, cell by cell."""
 
 import logging
 import time
@@ -6,10 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import torch
 
 from pinnochio.errors import InputError
-from pinnochio.mechanics.elements.residual import Operator
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
 from pinnochio.mechanics.lift import Lift, make_lift, motion_amplitudes
 from pinnochio.mechanics.settings import FemSettings
@@ -18,12 +16,7 @@ from pinnochio.mechanics.solvers.kept_factors import KeptFactors
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.mechanics.solvers.newton_corrections import Corrector
-from pinnochio.methods.pinnochio.losses import physics_loss
-from pinnochio.methods.pinnochio.patient import LOSS_EXTENSION, PatientTensors
-from pinnochio.methods.pinnochio.predictor import PatientGraphNetwork
 from pinnochio.model.patient import PatientModel
-from pinnochio.networks.building import build
-from pinnochio.networks.settings import NetworkSettings
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
 from studies.stability import problems
@@ -31,8 +24,6 @@ from studies.stability.judging import (
     Verdict,
     judge_correction,
     judge_elastic,
-    judge_loss,
-    judge_raw,
     judge_repair,
     judge_solution,
 )
@@ -44,6 +35,7 @@ WHOLE = VOLUMETRIC[0]
 # Elements and precisions: of the block, of patients, and where a method has one form only.
 EVERY = tuple((element, precision) for element in VOLUMETRIC for precision in PRECISIONS)
 OF_MOVEMENTS = ((WHOLE, "float64"), (WHOLE, "float32"), ("p1", "float64"))
+REFUSALS = (InputError, RuntimeError)
 CORRECTIONS, CONTROLS = 5, 32  # Newton corrections of a field; control points of a map
 
 
@@ -53,8 +45,7 @@ class Sweep:
 
     model: the patient, None for the block; way: of the motion, where the family moves segments in one (DIRECTIONS or
     AXES of the problems); config: the configuration's section `stability`; fem: solver settings and the patient's
-    tissues; networks: settings of graph networks by name, whose weights are drawn here; loss(operator, free): gives the
-    physics loss as a function of the displacement.
+    tissues.
     """
 
     family: str
@@ -63,9 +54,7 @@ class Sweep:
     model: PatientModel | None
     config: Mapping
     fem: FemSettings
-    networks: Mapping[str, Mapping]
     seed: int
-    loss: Callable = field(default=lambda operator, free: lambda u: physics_loss(operator, free, u))
     _kept: dict = field(default_factory=dict)
 
     def rows(self) -> Iterator[dict]:
@@ -159,8 +148,6 @@ class Sweep:
             held = problems.movement(model, plan, self.fem, "float64", arm)
             if held.boundary.contact or arm == "bonded":
                 yield self.solution(held, method, WHOLE, "float64", None, unique=False)
-        if self.family != "rough":
-            yield from self.predicted(problem, plan, value, segment)
 
     def mapped(self, problem: Problem, model: PatientModel, plan: Plan, known: Mapping):
         """The elastic map of a patient."""
@@ -181,46 +168,6 @@ class Sweep:
             law = self.fem.material(model.tissue)
             self._kept["lift"] = make_lift(model, law, CONTROLS, WHOLE)
         return self._kept["lift"]
-
-    def predicted(self, problem: Problem, plan: Plan, value: float, segment: str):
-        """Networks of random weights: their fields as they are, repaired, then corrected."""
-        elsewhere = self.elsewhere()
-        same = problems.moved(elsewhere.model, segment, self.way, value)
-        for number, name in enumerate(self.networks):
-
-            def predict(sweep=self, local=plan, name=name, number=number):
-                return sweep.network(name, number)(local)
-
-            def judge(field, _, predict=predict):
-                return judge_raw(problem, field.displacement, predict(elsewhere, same).displacement)
-
-            field, verdict, seconds = attempt(predict, judge, refusals=(InputError, FloatingPointError))
-            yield f"random {name}, raw", WHOLE, "float32", verdict, seconds
-            if field is not None:
-                raw, boundary = field.displacement, field.boundary
-                yield from self.finished(problem, WHOLE, "float32", raw, boundary, f"random {name}, ")
-
-    def elsewhere(self) -> "Sweep":
-        """The same sweep on the same patient who lies elsewhere."""
-        if "elsewhere" not in self._kept:
-            self._kept["elsewhere"] = replace(self, model=problems.elsewhere(self.model), _kept={})
-        return self._kept["elsewhere"]
-
-    def network(self, name: str, number: int) -> PatientGraphNetwork:
-        """A network of random weights on the patient: those that torch begins with, and noise on all of them."""
-        if name not in self._kept:
-            settings = NetworkSettings(**self.networks[name])
-            with torch.random.fork_rng():
-                torch.manual_seed(self.seed + number)
-                network = build(settings).eval()
-                with torch.no_grad():
-                    for parameter in network.parameters():
-                        parameter.add_(self.config["spread"] * torch.randn_like(parameter))
-            lift = self.lift(self.model) if settings.lift != "none" else None
-            law = self.fem.material(self.model.tissue)
-            tensors = PatientTensors.build(self.model, law, WHOLE, settings, lift)
-            self._kept[name] = PatientGraphNetwork(network, tensors)
-        return self._kept[name]
 
     # ---- methods
 
@@ -244,27 +191,24 @@ class Sweep:
             known.setdefault("elastic", elastic * problem.millimetres)
         rng = self.rng(f"{value:g}", segment)
         rest = np.zeros(problem.points.shape) if elastic is None else elastic
+        wrong_start = self.family in ("inverted", "field")
         if self.family == "inverted":
             # Linear theory has no start.
-            state = start = problems.tangled(problem, known["solver"], value / 100, rng)
+            start = problems.tangled(problem, known["solver"], value / 100, rng)
         elif self.family == "field":
-            state = start = wild(problem, rest, value, rng)
+            start = wild(problem, rest, value, rng)
         else:
             yield "elastic", element, precision, verdict, seconds
             # What a user hands over in single precision is a network's field; in double precision the solver gets none.
-            state = rest + rng.normal(0, self.config["noise"] / problem.millimetres, rest.shape)
             start = rest if precision == "float32" else None
-        start = None if start is None else start.astype(precision)
+        boundary, start = start, None if start is None else start.astype(precision)
         # A long movement has several equilibria: sliding nodes can settle on either side of an edge of the bone.
         unique = self.family not in OF_PATIENTS
         yield self.solution(problem, "solver", element, precision, known, unique, start)
-        if precision == "float64" and self.family not in ("inverted", "field"):
+        if precision == "float64" and not wrong_start:
             yield self.kept(problem, element, known, unique)
-        if self.family in ("inverted", "field"):
-            boundary = state.astype(float)
-            yield from self.finished(problem, element, precision, state.astype(precision).astype(float), boundary)
-        if self.family not in ("rough", "size"):
-            yield self.sloped(problem, element, precision, state, rng)
+        if wrong_start:
+            yield from self.finished(problem, element, precision, start.astype(float), boundary.astype(float))
 
     def solution(self, problem, method, element, precision, known, unique, start=None):
         """Newton's method, from a start or from rest."""
@@ -301,7 +245,7 @@ class Sweep:
             verdict = replace(verdict, reason=f"by Newton's method: {verdict.reason}")
         return "kept", element, "float64", verdict, seconds
 
-    def finished(self, problem, element, precision, raw, boundary, name=""):
+    def finished(self, problem, element, precision, raw, boundary):
         """What ends every network's prediction: the inversion repair, then Newton corrections."""
         nodes = np.setdiff1d(np.arange(len(raw)), problem.free)
         interface = np.zeros(len(raw), bool)
@@ -311,7 +255,7 @@ class Sweep:
             return repair_inversions(problem.points, problem.cells, problem.material, raw, interface, element)
 
         made, verdict, seconds = attempt(mend, lambda result, _: judge_repair(problem, raw, *result))
-        yield f"{name}repair", element, precision, verdict, seconds
+        yield "repair", element, precision, verdict, seconds
         if made is None:
             return
 
@@ -328,33 +272,7 @@ class Sweep:
             return judge_correction(problem, element, result, nodes, boundary[nodes], made[1], self.fem.tolerance)
 
         _, verdict, seconds = attempt(correct, judge)
-        yield f"{name}corrections", element, precision, verdict, seconds
-
-    def sloped(self, problem, element, precision, state, rng):
-        """The physics loss and its gradient."""
-        single = state.astype(np.float32).astype(float)
-
-        def loss(kind):
-            return slope_of(problem, element, kind, single, self.loss)
-
-        def judge(slope, _):
-            exact = slope if precision == "float64" else loss("float64")
-            return judge_loss(problem, element, precision, single, slope, exact, LOSS_EXTENSION, rng)
-
-        _, verdict, seconds = attempt(lambda: loss(precision), judge, refusals=(InputError,))
-        return "loss", element, precision, verdict, seconds
-
-
-def slope_of(
-    problem: Problem, element: str, precision: str, state: np.ndarray, loss: Callable
-) -> tuple[float, np.ndarray]:
-    """The physics loss and its gradient (n, 3) at a state (n, 3), in a precision."""
-    law, dtype = replace(problem.material, extension=LOSS_EXTENSION), getattr(torch, precision)
-    operator = Operator.build(problem.points, problem.cells, law, element, dtype)
-    field = torch.as_tensor(state, dtype=dtype).requires_grad_()
-    value = loss(operator, torch.as_tensor(problem.free))(field)
-    (gradient,) = torch.autograd.grad(value, field)
-    return float(value.detach()), gradient.numpy().astype(float)
+        yield "corrections", element, precision, verdict, seconds
 
 
 def wild(problem: Problem, field: np.ndarray, noise: float, rng: np.random.Generator) -> np.ndarray:
@@ -364,12 +282,10 @@ def wild(problem: Problem, field: np.ndarray, noise: float, rng: np.random.Gener
     return other
 
 
-def attempt(
-    compute: Callable, judge: Callable, refusals: tuple[type[Exception], ...] = (InputError, RuntimeError)
-) -> tuple[object, Verdict, float]:
+def attempt(compute: Callable, judge: Callable) -> tuple[object, Verdict, float]:
     """Result (None if there is none), verdict and seconds; judge(result, seconds) gives the verdict.
 
-    refusals: errors that say what is the matter. Any other is wrong, and so is one of a subclass or without a word.
+    REFUSALS say what is the matter. Any other error is wrong, and so is one of a subclass or without a word.
     """
     began = time.perf_counter()
     try:
@@ -377,6 +293,6 @@ def attempt(
         seconds = time.perf_counter() - began
         return result, judge(result, seconds), seconds
     except Exception as error:
-        outcome = CLEAN if type(error) in refusals and str(error) else WRONG
+        outcome = CLEAN if type(error) in REFUSALS and str(error) else WRONG
         reason = str(error) if outcome == CLEAN else f"{type(error).__name__}: {error}"
         return None, Verdict(outcome, reason), time.perf_counter() - began

@@ -34,11 +34,11 @@ STABILITY = (
     Column("segment", str, "", "what moves, - of the block or if all do"),
     Column("method", str, "", "what is swept: see docs/lab/stability.md"),
     Column("element", str, "", "volume term"),
-    Column("precision", str, "", "of the arrays handed over; loss, map and networks compute in it, solvers in float64"),
+    Column("precision", str, "", "of the arrays handed over; the map computes in it, solvers in float64"),
     Column("outcome", str, "", "converged and confirmed, failed cleanly, or wrong by an independent assembly"),
     Column("reason", str, "", "why"),
     number("min_jacobian", "", "smallest det F of the state"),
-    number("residual", "", "relative force on free unknowns; of the loss, its largest error", ".1e"),
+    number("residual", "", "relative force on free unknowns", ".1e"),
     Column("marked", bool, "", "wrong, and `predict` calls such a field not usable or refuses the method"),
     Column("seconds", float, "s", "time of the method, without the check", ".3f"),
     Column("case", str, "", "patient, or block"),
@@ -87,7 +87,7 @@ def table(frame: pd.DataFrame) -> Table:
                 "Method": method,
                 **{outcome: int((group["outcome"] == outcome).sum()) for outcome in OUTCOMES},
                 "Least J": form["min_jacobian"].text(done["min_jacobian"].min()),
-                "Largest residual or error": form["residual"].text(done["residual"].max()),
+                "Largest residual": form["residual"].text(done["residual"].max()),
                 "Failed cleanly at": ends(group[group["outcome"] == CLEAN]),
                 "Wrong at": ends(group[group["outcome"] == WRONG]),
             }
@@ -96,8 +96,7 @@ def table(frame: pd.DataFrame) -> Table:
     said = ", ".join(f"{counts.get(outcome, 0)} {outcome}" for outcome in OUTCOMES)
     caption = (
         f"Stability sweep: {len(frame)} cells, each judged independently of what it judges: {said}. Least J and "
-        "residual are those of the converged cells; elastic path and map are linear, and the loss is taken at a "
-        "raw network's state, so that their J may be negative."
+        "residual are those of the converged cells; elastic path and map are linear, so that their J may be negative."
     )
     reach = (
         "How far every cell of every patient, segment and direction converged, was confirmed and has no element inside "
@@ -125,7 +124,7 @@ def envelope(frame: pd.DataFrame) -> list[dict]:
     """Of each method that makes a field and each family that moves segments: the largest setting up to which every
     cell converged to a field that tissue could have."""
     reach_rows = []
-    moved = frame[frame["family"].isin(["translation", "rotation", "rough"]) & (frame["method"] != "loss")]
+    moved = frame[frame["family"].isin(["translation", "rotation", "rough"])]
     moved = moved.assign(good=(moved["outcome"] == CONVERGED) & ~(moved["min_jacobian"] <= 0))
     for (method, family), group in moved.groupby(["method", "family"], sort=False):
         shares = group.groupby("setting")["good"]

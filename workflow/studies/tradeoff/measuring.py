@@ -1,19 +1,15 @@
 """One setting on one patient: seconds, and how far the field is from the outcome and from the reference."""
 
 import os
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-import torch
 
 from pinnochio.geometry.interpolation import interpolate
 from pinnochio.mechanics.elements.tetrahedra import node_volumes
-from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import Simulator
 from pinnochio.methods.elastic import linear_field
-from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.methods.pinnochio.predictor import GraphPredictor
 from pinnochio.methods.protocol import Planned
 from pinnochio.metrics.chamfer import surface_metrics
@@ -98,8 +94,6 @@ def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSet
     local = replace(fem, **setting.fem)
     if not setting.contact:
         return Prediction(*linear_field(patient, plan, local), threads)
-    if setting.double:
-        local = replace(local, reuse=False, kept_factors=False)
     with Simulator(patient, local, setting.contact) as simulator:
         solved, seconds = repeated(lambda: simulator.solve([plan])[0], PATIENCE)
         setup = simulator.preparation
@@ -116,26 +110,4 @@ def predict_network(
 ) -> Prediction:
     """The plan by the trained network in `file`, repaired and corrected, timed as the study times it."""
     settings = {"fem": asdict(fem), "newton_corrections": setting.corrections}
-    kind = DoublePredictor if setting.double else GraphPredictor
-    return kind(settings, file, device, threads)(planned)
-
-
-class DoublePredictor(GraphPredictor):
-    """A graph network in double precision."""
-
-    def __init__(self, settings: Mapping, trained: str | os.PathLike, device: str, threads: int):
-        super().__init__(settings, trained, device, threads)
-        self.network.double()
-
-    def tensors(self, planned: Planned) -> PatientTensors:
-        """In double precision too."""
-        return _in_double(super().tensors(planned))
-
-
-def _in_double(value):
-    """The value with every float32 tensor in it, however deep in dataclasses, in float64."""
-    if isinstance(value, torch.Tensor):
-        return value.double() if value.is_floating_point() else value
-    if is_dataclass(value) and not isinstance(value, PatientModel | Lift):
-        return replace(value, **{item.name: _in_double(getattr(value, item.name)) for item in fields(value)})
-    return value
+    return GraphPredictor(settings, file, device, threads)(planned)

@@ -14,14 +14,14 @@ VARIED = {
     "fem_sliding": ("nodes", "element", "solver", "accuracy"),
 }
 NEWTON = "Newton's method"
-UNKEPT = {"kept_factors": False}  # Newton's method, which knows increments and precision of factors
+UNKEPT = {"kept_factors": False}  # Newton's method, which knows increments
 
 
 @dataclass(frozen=True)
 class Setting:
     """method and the parameter that is set to `value`; what differs from the study: nodes of the mesh, `fem` settings,
-    corrections after a network, double precision. contact: which interfaces slide, of finite elements; empty of linear
-    elasticity. A recipe holds what a prediction needs to repeat it; settings that serve the comparison alone have none.
+    corrections after a network. contact: which interfaces slide, of finite elements; empty of linear elasticity. A
+    recipe holds what a prediction needs to repeat it; settings that serve the comparison alone have none.
     """
 
     method: str
@@ -31,7 +31,6 @@ class Setting:
     contact: str = ""
     fem: Mapping[str, object] = field(default_factory=dict)
     corrections: int | None = None
-    double: bool = False
     repeatable: bool = True
 
     @property
@@ -70,12 +69,11 @@ def fem_settings(
         settings += setting(method, "solver", NEWTON, fem=UNKEPT)
         for count in config["increments"]:
             settings += setting(method, "solver", f"{NEWTON}, {count} increments", fem=UNKEPT | {"increments": count})
-        settings += setting(method, "solver", f"{NEWTON}, double factors", fem=UNKEPT, double=True, repeatable=False)
     return settings
 
 
 def network_settings(nodes: int, config: Mapping, variants: Mapping[str, Mapping]) -> list[Setting]:
-    """Networks along their parameters: those of `networks` by mesh, corrections and precision, those of `further`
+    """Networks along their parameters: those of `networks` by mesh and corrections, those of `further`
     (other widths, depths, lifts) as they are. variants: settings by method, see methods.registry.graph_networks.
     """
     settings = []
@@ -89,7 +87,6 @@ def network_settings(nodes: int, config: Mapping, variants: Mapping[str, Mapping
             for size in config["nodes"]
             if size != nodes and size <= config["largest_network"]
         ]
-        settings.append(Setting(method, "precision", "double", nodes, corrections=usual, double=True, repeatable=False))
     for method in config["further"]:
         base = nearest(variants[method], {name: variants[name] for name in config["networks"]})
         differences = " and ".join(

@@ -42,7 +42,8 @@ class GraphPredictor:
 
         def prepare():
             sources = self._learned and PatientSources(self._learned, planned.patient, self._fem, planned.covariates)
-            network = PatientGraphNetwork(self.network, self.tensors(planned), sources)
+            patient = tensors(planned.patient, self._fem, self._settings, self._device, planned.lift)
+            network = PatientGraphNetwork(self.network, patient, sources)
 
             def predict():
                 raw = network(planned.plan)
@@ -66,10 +67,6 @@ class GraphPredictor:
             repaired=repair.elements,
             damping=repair.damping,
         )
-
-    def tensors(self, planned: Planned) -> PatientTensors:
-        """The patient as the network reads it."""
-        return tensors(planned.patient, self._fem, self._settings, self._device, planned.lift)
 
 
 class RawField(NamedTuple):
