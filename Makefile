@@ -16,7 +16,7 @@ FINISHED := $(if $(wildcard results/provenance.json),,$(if $(wildcard results/qu
 OF := $(addprefix --configfile ,$(or $(CONFIG),$(FINISHED)))
 
 .PHONY: env quick study unlock report figures predict planner docs lint check check-house check-0 check-1 \
-	test test-study test-unit test-stages test-workflow test-full
+	test test-mechanics test-meshing test-study test-unit test-stages test-workflow test-full
 
 env: .venv/installed
 
@@ -77,15 +77,25 @@ check-house:
 check-0 check-1: check-%:
 	@files=$$($(BIN)/python tests/changed.py $* 2); test -z "$$files" || $(BIN)/pytest $$files
 
-# All that protects a behaviour; half of it runs beside the quick study that the others share.
+# All that protects a behaviour. What compiles loops comes first: two suites that began at once would compile them twice.
 test: env
-	$(MAKE) --jobs 2 --keep-going --output-sync=target $(TESTS)
+	@$(MAKE) --jobs 2 --keep-going --output-sync=target $(FIRST); first=$$?; \
+	$(MAKE) --jobs 2 --keep-going --output-sync=target $(TESTS) && exit $$first
 
+FIRST := test-mechanics test-meshing
 # The longest first: the others fill what is left of two cores.
 TESTS := test-study test-unit test-stages test-workflow lint
 
+COMPILING := tests/unit/mechanics tests/unit/networks tests/unit/meshing
+
+test-mechanics:
+	$(BIN)/pytest tests/unit/mechanics tests/unit/networks
+
+test-meshing:
+	$(BIN)/pytest tests/unit/meshing
+
 test-unit:
-	$(BIN)/pytest tests/unit
+	$(BIN)/pytest tests/unit $(addprefix --ignore ,$(COMPILING))
 
 # Tests that share the finished quick study.
 test-study:

@@ -17,7 +17,7 @@ from tests.helpers.rules import RULE_FILES
 from tests.helpers.settings import ROOT
 from tests.helpers.study import Project, jobs
 
-PATIENTS, FOLDS = 6, 2  # the plan of a study grows with them, and so does the time that it takes
+PATIENTS, FOLDS = 4, 2  # the plan of a study grows with them, and so does the time that it takes
 RULE = r"^(?:use rule \w+ as|rule) (\w+)"
 ARCHIVED = {"take_network", "take_pretraining"}  # by `networks: archive`, in tests/unit/training/test_archive.py
 SCANLESS = {"predict_interval"}  # of a cohort with patients without a scan, in tests/study/test_job_lists.py

@@ -279,6 +279,7 @@ def test_the_sensitivity_is_that_of_finite_elements(patient, model, face, tmp_pa
     assert (tmp_path / "sensitivity.png").stat().st_size > 10_000
 
 
+@pytest.mark.full
 def test_the_motion_of_an_outcome_is_sought(patient, tmp_path):
     truth, out = (patient.executed, patient.postop, patient.truth), tmp_path / "recovered.csv"
     measure_inverse(patient.case, patient.model, patient.plan, *truth, patient.fem, INVERT, "code", str(out))

@@ -26,10 +26,10 @@ def bones(patient, tmp_path_factory) -> str:
     return file
 
 
-def register(patient, bones, folder, limit=0.45, share=70.0) -> list[Path]:
+def register(patient, bones, folder, limit=0.45) -> list[Path]:
     files = [folder / name for name in ("achieved.json", "segments.csv")]
     before = patient.labels, patient.bone, patient.plan
-    register_segments(patient.case, bones, *before, limit, share, *map(str, files))
+    register_segments(patient.case, bones, *before, limit, 70.0, *map(str, files))
     return files
 
 
@@ -60,8 +60,6 @@ def test_the_same_seed_scans_the_same_bones(patient, bones, tmp_path):
 def test_bones_that_do_not_fit_are_refused_and_leave_no_file(patient, bones, tmp_path):
     with pytest.raises(InputError, match=rf"'{patient.case}'.*T0.nii.gz.*median distance of .*limit 0.01 mm.*Remedy"):
         register(patient, bones, tmp_path, limit=0.01)
-    with pytest.raises(InputError, match="'cranium' registered .*at least 100 % is asked"):
-        register(patient, bones, tmp_path, share=100.0)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -58,7 +58,8 @@ def test_the_deviation_is_that_of_the_outcome_from_sliding_finite_elements(job, 
     assert one["fine_band"] < 0.12 and one["symmetric"] > 0.85  # of a shift, which is rigid
 
 
-@pytest.mark.parametrize("name", [CLINIC, pytest.param(SAME_MODALITY, marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("name", [CLINIC, SAME_MODALITY])
 def test_dials_make_finite_elements_err_more_and_a_perfect_learner_nearer(job, monkeypatch, name):
     monkeypatch.setattr(reality, "REALITIES", {name: REALITIES[name]})
     monkeypatch.setattr(reality, "DECIDED", (0.0, 2.0))
@@ -73,6 +74,7 @@ def test_dials_make_finite_elements_err_more_and_a_perfect_learner_nearer(job, m
     assert (rows["cd_floor"] <= rows["cd_learner"] + 0.05).all()
 
 
+@pytest.mark.full
 def test_a_finer_mesh_has_the_smaller_error(job):
     """Both far below the motion of 5 mm, and neither zero, which the same mesh twice would give."""
     rows = measured(refinement, job, outcome=overlaid(OUTCOME, {"effects": {"nodes": 1500}})).set_index("mesh")

@@ -30,7 +30,10 @@ def file(folder, name):
     return str(folder / name)
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(
+    scope="module",
+    params=["mandible_only", pytest.param("maxilla_only", marks=pytest.mark.full), "segmental"],
+)
 def case(request, tmp_path_factory):
     """Folder, procedure and model of a patient that went through import, mesher and interfaces."""
     (number, procedure), folder = KINDS[request.param], tmp_path_factory.mktemp(request.param)

@@ -65,7 +65,7 @@ def test_a_method_added_as_the_page_says_is_a_row_of_the_table(project):
     add_method(project)
     row = write_case(project.folder).replace("P1.ply", "")
     (project.folder / "cases.tsv").write_text("case\tsegmentation\tplan\tpostop\n" + row)
-    config = ["cohort=cases.tsv", "methods=[no_change, mean_motion]", "reference=no_change"]
+    config = ["cohort=cases.tsv", "methods=[no_change, mean_motion]", "reference=no_change", "mesh={nodes: 800}"]
     done = project.snakemake("--config", *config, "mean_motion={share: 0.5}", "--", "results/tables/cases.csv")
     assert done.returncode == 0, done.stdout[-3000:]
     rows = pd.read_csv(project.folder / "results/tables/cases.csv").set_index("method")

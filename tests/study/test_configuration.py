@@ -5,7 +5,7 @@ import shutil
 
 
 def test_a_wrong_key_is_refused_in_a_few_lines(project):
-    done = project.snakemake("-n", "--config", "fem={poison: 0.45}", "mesh={nodes: 3}")
+    done = project.dry_run("--config", "fem={poison: 0.45}", "mesh={nodes: 3}")
     lines = [line for line in done.stdout.splitlines() if "configuration" in line or "mesh.nodes" in line]
     assert done.returncode != 0 and len(done.stdout.splitlines()) < 6 and len(lines) == 2
     assert "  File " not in done.stdout  # no lines of code
@@ -34,6 +34,6 @@ def test_a_changed_configuration_is_noticed_without_snakemakes_metadata(project)
         snakefile.write(f"\n\n{recorded}\n\nrule nothing:\n    shell: 'true'\n")
     said = project.quick("--", "nothing")
     record.write_text(json.dumps({"config": json.loads(config.read_text())}))
-    assert "made with another configuration" not in said + project.quick("-n", "--", "nothing")
-    said = project.quick("-n", "--config", "fem={poisson: 0.45}", "folds=3", "--", "nothing")
+    assert "made with another configuration" not in said + project.planned("--", "nothing")
+    said = project.planned("--config", "fem={poisson: 0.45}", "folds=3", "--", "nothing")
     assert "results/quick, which was made with another configuration: fem.poisson, folds. " in said

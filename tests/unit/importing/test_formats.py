@@ -206,7 +206,7 @@ def check_head(folder, frame, reference):
     check_surfaces(head, place, reference)
 
 
-@settings(max_examples=12, **COMMON)
+@settings(max_examples=8, **COMMON)
 @given(frame=frames)
 def test_a_frame_and_format_gives_the_same_head(tmp_path, reference, frame):
     check_head(tmp_path, frame, reference)
@@ -219,7 +219,7 @@ def test_any_frame_and_format_gives_the_same_head(tmp_path, reference, frame):
     check_head(tmp_path, frame, reference)
 
 
-@settings(max_examples=6, **COMMON)
+@settings(max_examples=4, **COMMON)
 @given(frame=frames)
 def test_any_frame_and_format_gives_the_same_mesh(tmp_path, reference_mesh, frame):
     head, place = imported(tmp_path, frame)

@@ -146,7 +146,7 @@ def test_the_back_of_a_head_is_refused_for_the_nose_that_it_lacks(from_in_place)
         check_scan(back, faces, points, faces, PLANE, fit, **NAMES)
 
 
-@pytest.mark.parametrize("scale", [0.9, 0.97, 1.03])
+@pytest.mark.parametrize("scale", [0.9, 1.03])
 def test_a_face_of_another_size_is_refused_with_its_scale(scale, from_in_place):
     points, faces = face(noise=0.1)
     points = scale * points
@@ -191,20 +191,18 @@ def test_a_limit_that_is_no_number_registers_no_scan(from_in_place):
         register(*face(noise=0.1), *face(), PLANE, **NAMES, limit=np.nan)
 
 
-@pytest.mark.parametrize(
-    ("bound", "words"),
-    [
-        ("THE_SAME", "it is this skin itself"),
-        ("DEPTH", "its upper face is flat"),
-        ("COVERED", "it shows 9. % of the upper face"),
-        ("OFF", r"half of the upper face lies 0\.\d mm or more off it"),
-        ("BRIDGE", "of the bridge of the nose"),
-        ("MIRROR_BETTER", "its mirror image fits the upper face better"),
-    ],
-)
-def test_a_bound_that_is_no_number_lets_no_scan_through(bound, words, monkeypatch):
+def test_a_bound_that_is_no_number_lets_no_scan_through(monkeypatch):
     scan = face(noise=0.1)
     check_scan(*scan, *face(), PLANE, IN_PLACE, **NAMES)
-    monkeypatch.setattr(scan_checks, bound, np.nan)
-    with pytest.raises(InputError, match=words):
-        check_scan(*scan, *face(), PLANE, IN_PLACE, **NAMES)
+    for bound, words in {
+        "THE_SAME": "it is this skin itself",
+        "DEPTH": "its upper face is flat",
+        "COVERED": "it shows 9. % of the upper face",
+        "OFF": r"half of the upper face lies 0\.\d mm or more off it",
+        "BRIDGE": "of the bridge of the nose",
+        "MIRROR_BETTER": "its mirror image fits the upper face better",
+    }.items():
+        with monkeypatch.context() as patch:
+            patch.setattr(scan_checks, bound, np.nan)
+            with pytest.raises(InputError, match=words):
+                check_scan(*scan, *face(), PLANE, IN_PLACE, **NAMES)

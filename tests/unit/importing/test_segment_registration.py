@@ -92,12 +92,16 @@ def test_clean_bones_give_the_motions_back(head, bone, clean, from_in_place):
     assert largest(off) < 0.25 and largest(off, "error_degrees") < 0.5
     assert all(fit.median < 0.15 and fit.matched > 90 for fit in fits)
     check_fits(fits, **LIMITS)
+    with pytest.raises(InputError, match="'cranium' registered .*at least 100 % is asked"):
+        check_fits(fits, **LIMITS | {"share": 100.0})
 
 
 @pytest.mark.parametrize(
     ("turn", "planned"),
-    [((165, -30, 20), PLANNED), ((80, 80, -100), Plan("P1", {}))],
-    ids=["upside down", "on its side, without a plan"],
+    [
+        pytest.param((165, -30, 20), PLANNED, id="upside down"),
+        pytest.param((80, 80, -100), Plan("P1", {}), id="on its side, without a plan", marks=pytest.mark.full),
+    ],
 )
 def test_noise_plates_callus_and_streaks_in_any_frame(head, bone, noisy, turn, planned):
     points, faces = noisy
@@ -122,11 +126,11 @@ def test_a_third_out_of_view_costs_little_and_what_is_not_seen_is_refused(head, 
         check_fits([fit for fit in fits if fit.segment == "proximal_left"], **LIMITS)
 
 
-def test_a_segment_that_the_case_does_not_have_has_no_motion(head, tmp_path, from_in_place):
+def test_a_segment_that_the_case_does_not_have_has_no_motion(head, clean, from_in_place):
     labels = np.where(head.labels == segment_code(0), CRANIUM, head.labels)
     still = Plan("P1", {name: motion for name, motion in TRUE.motions.items() if name != "lefort1"})
     changed = Segmentation(labels, head.spacing, head.origin)
-    _, fits = register_bones(changed, SEGMENTS, still, *surface(changed, tmp_path, 0.0, still), case="P1", file="bones")
+    _, fits = register_bones(changed, SEGMENTS, still, *clean, case="P1", file="bones")
     assert [fit.segment for fit in fits] == list(SEGMENTS[1:])
 
 
@@ -140,6 +144,7 @@ def test_a_mirrored_patient_is_refused(head, bone, noisy):
     assert_refused(errors(head, bone, points * [-1, 1, 1], faces[:, ::-1])[1])
 
 
+@pytest.mark.full
 def test_another_patient_is_refused(head, bone, tmp_path, from_in_place):
     assert_refused(errors(head, bone, *surface(head_of("class_ii"), tmp_path, 1.0))[1])
 

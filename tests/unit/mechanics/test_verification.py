@@ -103,7 +103,10 @@ def test_the_shell_equation_tends_to_the_incompressible_closed_form():
     assert radius(OUTSIDE) == pytest.approx(np.cbrt(OUTSIDE**3 + INFLATED**3 - INSIDE**3), rel=2e-4)
 
 
-@pytest.mark.parametrize("poisson", [0.3, 0.45, 0.49, 0.4999])
+BETWEEN = [pytest.param(poisson, marks=pytest.mark.full) for poisson in (0.45, 0.49)]
+
+
+@pytest.mark.parametrize("poisson", [0.3, *BETWEEN, 0.4999])
 def test_inflated_sphere(poisson):
     pressure, rest, reached = inflated(poisson, DEFAULT)
     radius, expected = shell_solution(poisson)

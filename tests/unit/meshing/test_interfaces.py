@@ -183,7 +183,7 @@ def test_bone_of_unknown_segments_is_refused(face):
 
 
 def test_virtual_head_has_every_kind_of_node():
-    head = virtual_head("class_ii", 1.0)
+    head = virtual_head("class_ii", 1.5)
     mesh = tetrahedralize(head.labels, head.spacing, head.origin, 3000)
     bone = bone_surface(head.labels, head.spacing, head.origin, head.segments)
     model = label_interfaces(mesh, head.labels, head.spacing, head.origin, head.segments, bone)

@@ -267,6 +267,7 @@ def test_bad_input(change, words):
         tetrahedralize(**(arguments | change))
 
 
+@pytest.mark.full  # headsq, in tests/study, stands in every run
 def test_real_head():
     if not ARTISYNTH.exists():
         pytest.skip(f"the ArtiSynth face is not at {ARTISYNTH}")
@@ -282,7 +283,7 @@ def test_real_head():
         assert tissue_volume(mesh, code) == pytest.approx((labels == code).sum(), rel=0.1)
 
 
-@pytest.mark.parametrize("deformity", ["class_iii", "open_bite"])
+@pytest.mark.parametrize("deformity", ["class_iii", pytest.param("open_bite", marks=pytest.mark.full)])
 def test_virtual_head(deformity):
     head = virtual_head(deformity, 1.0)
     mesh = tetrahedralize(head.labels, head.spacing, head.origin, 3000)

@@ -56,7 +56,7 @@ def test_gradients_and_terms_are_those_of_a_plain_step(cases, phase):
             assert torch.allclose(one, other, rtol=1e-4, atol=1e-6 * expected[0].abs().max())
 
 
-@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize("phase", ["pretrain", pytest.param("finetune", marks=pytest.mark.full)])
 def test_training_by_recorded_steps_ends_where_plain_steps_do(cases, phase, tmp_path, monkeypatch):
     weights = []
     for recorded in (False, True):

@@ -58,7 +58,7 @@ class CarriedFace:
             (jaw if stroke.jaw else upper).brush([stroke.place], stroke.amount, stroke.width)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def anatomy(parameters: HeadParameters) -> CarriedFace:
     """The face of a patient, carried from the normal person's by the motion of the jaws."""
     normal = parameters.scanned.normal
