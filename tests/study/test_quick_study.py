@@ -87,16 +87,14 @@ def test_what_is_too_small_to_mean_anything_is_not_shown(studied):
 
 
 def test_rules_that_the_quick_study_leaves_out(studied):
-    """What is fitted at once, what needs a mesh of the lips, what has a network of the skin: one fold of each."""
-    small = {"pretraining": {"steps": 2}, "finetuning": {"steps": 2}}
+    """What is fitted at once, what needs a mesh of the lips, what has the outcome's motion: one fold of each."""
     overlay = studied.folder / "further.yaml"
-    further = ["pca_linear", "fem_rlse_mucosa", "acmt_pretrained", "oracle"]
-    surface = {"networks": {"acmt": small}}
-    overlay.write_text(json.dumps({"methods": [*METHODS, *further], "surface": surface}))
+    further = ["pca_linear", "fem_rlse_mucosa", "oracle"]
+    overlay.write_text(json.dumps({"methods": [*METHODS, *further]}))
     metrics = [f"results/quick/folds/1/{method}/metrics.csv" for method in further]
     made = jobs(studied.quick("further.yaml", "--", *metrics))
-    expected = {"fit": 1, "pretrain": 1, "finetune": 1, "refine_lips": 2, "label_interfaces": 2, "carry_truth": 2}
-    assert made == expected | {"predict_cases": 4}
+    expected = {"fit": 1, "refine_lips": 2, "label_interfaces": 2, "carry_truth": 2}
+    assert made == expected | {"predict_cases": 3}
     rows = [pd.read_csv(studied.folder / path) for path in metrics]
     assert all(len(table) == PATIENTS / 2 and table["converged"].all() and (table["cd"] > 0).all() for table in rows)
     sliding = pd.read_csv(studied.folder / "results/quick/folds/1/fem_sliding/metrics.csv")
@@ -151,8 +149,8 @@ def test_rerunning_one_fold_changes_that_fold_and_the_aggregates_alone(studied):
     results = studied.folder / "results/quick"
     before, times = contents(results), {p: p.stat().st_mtime_ns for p in results.rglob("*") if p.is_file()}
     old = tables(results)
-    wanted = [f"results/quick/{name}" for name in ("planned/1/pinnochio_plus/metrics.csv", "tables/accuracy.csv")]
-    studied.quick("--forcerun", "results/quick/folds/1/pinnochio_plus/pretrained.pt", "--", *wanted)
+    wanted = "results/quick/tables/accuracy.csv"
+    studied.quick("--forcerun", "results/quick/folds/1/pinnochio_plus/pretrained.pt", "--", wanted)
     after = contents(results)
     written = {
         path.relative_to(results).as_posix()
@@ -162,8 +160,7 @@ def test_rerunning_one_fold_changes_that_fold_and_the_aggregates_alone(studied):
     assert before.keys() == after.keys()
     assert {name for name in before if before[name] != after[name]} <= written
     assert {"folds/1/pinnochio_plus/network.pt", "tables/accuracy.csv"} <= written
-    remade = ("folds/1/pinnochio_plus/", "planned/1/pinnochio_plus/")
-    assert all(name.startswith((*remade, "tables/", "provenance")) for name in written), written
+    assert all(name.startswith(("folds/1/pinnochio_plus/", "tables/", "provenance")) for name in written), written
     assert before["folds/1/pinnochio_plus/network.pt"] == after["folds/1/pinnochio_plus/network.pt"]
     for one, two in zip(old, tables(results), strict=True):
         pd.testing.assert_frame_equal(without_timings(one), without_timings(two))

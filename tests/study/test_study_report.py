@@ -6,22 +6,23 @@ import shutil
 import subprocess
 import sys
 
+import pytest
+
 from pinnochio.report.study_page import rounded
 from tests.helpers.study import VERBOSE, jobs
 
 FURTHER = ["--config", "report={further: [stability]}"]
 
 
-def made(studied, *arguments) -> str:
-    """What Snakemake says that makes the report."""
-    done = studied.snakemake("report", *arguments, "--configfile", "config/quick.yaml")
-    assert done.returncode == 0, done.stdout[-4000:]
-    return done.stdout
+@pytest.fixture(scope="module")
+def reported(studied):
+    """The quick study with its report."""
+    studied.quick("--", "report")
+    return studied
 
 
-def test_the_report_shows_what_has_been_measured(studied):
-    tables = studied.folder / "results/quick/tables"
-    made(studied)
+def test_the_report_shows_what_has_been_measured(reported):
+    studied, tables = reported, reported.folder / "results/quick/tables"
     page = (studied.folder / "results/quick/report.html").read_text(encoding="utf-8")
     sections = re.findall(r'<section id="(\w+)">', page)
     parts = ["accuracy", "planned", "regions", "landmarks", "segments", "quality", "stages", "training"]
@@ -43,10 +44,9 @@ def test_the_report_shows_what_has_been_measured(studied):
     assert further == {"measure_stability": 11} | dict.fromkeys(once, 1)
 
 
-def test_the_report_of_snakemake_has_the_captions(studied):
-    made(studied)
-    made(studied, "--report", "own.html")
-    page = (studied.folder / "own.html").read_text(encoding="utf-8")
+def test_the_report_of_snakemake_has_the_captions(reported):
+    reported.quick("--report", "own.html", "--", "report")
+    page = (reported.folder / "own.html").read_text(encoding="utf-8")
     for said in (
         "each patient predicted by models that",
         "in the form of the paper",
@@ -56,31 +56,19 @@ def test_the_report_of_snakemake_has_the_captions(studied):
         assert said in page
 
 
-def test_the_report_is_made_where_the_workflow_is_a_module_of_another(studied, tmp_path):
+def test_the_report_is_made_where_the_workflow_is_a_module_of_another(reported, tmp_path):
     """In a folder of its own, where none of the project's files lie; the study's results come along."""
-    made(studied)
-    shutil.copytree(studied.folder / "results/quick", tmp_path / "results/quick")
-    configuration = [f"configfile: {str(studied.folder / f'config/{name}.yaml')!r}" for name in ("config", "quick")]
-    module = f"module face:\n    snakefile: {str(studied.folder / 'Snakefile')!r}\n    config: config\n"
+    shutil.copytree(reported.folder / "results/quick", tmp_path / "results/quick")
+    configuration = [f"configfile: {str(reported.folder / f'config/{name}.yaml')!r}" for name in ("config", "quick")]
+    module = f"module face:\n    snakefile: {str(reported.folder / 'Snakefile')!r}\n    config: config\n"
     (tmp_path / "Snakefile").write_text("\n".join([*configuration, module, "use rule * from face as face_*\n"]))
 
-    def run(*options):
-        command = [sys.executable, "-m", "snakemake", "--cores", "2", "--rerun-triggers", "mtime", *options]
-        done = subprocess.run(
-            [*command, "--", "face_report"],
-            cwd=tmp_path,
-            env=os.environ | VERBOSE,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr[-3000:]
-        return done.stderr
-
-    run("--touch")  # what other tests have touched is up to date
     (tmp_path / "results/quick/report.html").unlink()
-    assert jobs(run()) == {"face_write_report": 1, "face_report": 1}
-    ours, theirs = ((folder / "results/quick/report.html").read_text() for folder in (studied.folder, tmp_path))
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", "--rerun-triggers", "mtime", "--", "face_report"]
+    done = subprocess.run(command, cwd=tmp_path, env=os.environ | VERBOSE, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert jobs(done.stderr) == {"face_write_report": 1, "face_report": 1}
+    ours, theirs = ((folder / "results/quick/report.html").read_text() for folder in (reported.folder, tmp_path))
     assert re.findall(r"<section id=.*", ours) == re.findall(r"<section id=.*", theirs) != []
 
 
