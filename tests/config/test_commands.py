@@ -21,6 +21,8 @@ PATIENTS, FOLDS = 4, 2  # the plan of a study grows with them, and so does the t
 RULE = r"^(?:use rule \w+ as|rule) (\w+)"
 ARCHIVED = {"take_network", "take_pretraining"}  # by `networks: archive`, in tests/unit/training/test_archive.py
 SCANLESS = {"predict_interval"}  # of a cohort with patients without a scan, in tests/study/test_job_lists.py
+# What else stands in a command without a target changes no job: there the first targets tell that it is understood.
+DECIDES = re.compile(r"--configfile$|(cohort|external|models|pathvars|patient|predict|tradeoff|uncertainty)=")
 WRITTEN = sorted(set().union(*map(commands, PAGES)))
 
 
@@ -108,7 +110,10 @@ def planned(project):
 
     @functools.cache
     def plan(options: tuple[str, ...]) -> set[str]:
-        done = project.dry_run("--quiet=rules", *options, "--", *sorted(targets[options]))
+        wanted = targets[options]
+        if options and not any(map(DECIDES.match, options)):
+            wanted = wanted - {"all"} or {"check_cohort"}
+        done = project.dry_run("--quiet=rules", *options, "--", *sorted(wanted))
         assert done.returncode == 0, done.stdout[-3000:]
         return set(jobs(done.stdout)) if "Job stats:" in done.stdout else set()
 

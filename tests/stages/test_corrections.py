@@ -29,7 +29,7 @@ def wild_network(tmp_path_factory):
     return save_random(path, NETWORK, size=0.2, training={}, seed=SEED)
 
 
-@pytest.mark.parametrize("corrections", [0, 2])
+@pytest.mark.parametrize("corrections", [0, pytest.param(2, marks=pytest.mark.full)])
 def test_no_prediction_leaves_with_an_inverted_element(patient, wild_network, corrections, tmp_path):
     path = tmp_path / "predictions.h5"
     settings = {"fem": CONFIG["fem"], "newton_corrections": corrections}

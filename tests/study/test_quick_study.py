@@ -150,7 +150,7 @@ def test_rerunning_one_fold_changes_that_fold_and_the_aggregates_alone(studied):
     before, times = contents(results), {p: p.stat().st_mtime_ns for p in results.rglob("*") if p.is_file()}
     old = tables(results)
     wanted = "results/quick/tables/accuracy.csv"
-    studied.quick("--forcerun", "results/quick/folds/1/pinnochio_plus/pretrained.pt", "--", wanted)
+    studied.quick("--forcerun", "results/quick/folds/1/pinnochio_plus/network.pt", "--", wanted)
     after = contents(results)
     written = {
         path.relative_to(results).as_posix()

@@ -62,6 +62,7 @@ def test_a_noisy_partial_scan_with_moved_jaws_gives_the_motion_back(angles, shif
     assert registration.count > 500
 
 
+@pytest.mark.full
 def test_moved_jaws_would_spoil_a_registration_of_the_whole_face(from_in_place):
     """The plane is what makes the result right: without it the jaws pull the scan away."""
     skin, faces = head()

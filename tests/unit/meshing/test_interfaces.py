@@ -202,6 +202,7 @@ def test_virtual_head_has_every_kind_of_node():
         assert distance < 6 and model.face_roi[nearest]
 
 
+@pytest.mark.full
 def test_agreement_with_an_expert():
     """Node sets of the ArtiSynth face: jaw attachments move, lips and cheeks slide over the teeth."""
     if not ARTISYNTH.exists():
