@@ -225,10 +225,7 @@ rule predict_plan:
         settings=INPUTS.prediction.of_ensemble("settings"),
         fem=INPUTS.patient.setting("fem"),
         corrections=lambda wildcards: STUDY.choice.corrections,
-        archive=lambda wildcards: {
-            name: getattr(STUDY.choice, name)
-            for name in ("folder", "calibration", "ranges")
-        },
+        archive=lambda wildcards: STUDY.choice.folder,
         predicts=PREDICTS,
         code=code_with_method("scripts.patients.predict_plan"),
     message:

@@ -114,19 +114,19 @@ rule inputs:
         "Everything is there that a method may read"
 
 
-# How far off a prediction may be: calibrated on held-out patients, shown for those without a scan; not part of `all`.
+# How far off a prediction may be, calibrated on held-out patients; not part of `all`.
 
 
-# Of a patient of the cohort all but one network have seen the outcome; of one without a scan none has.
+# How much the networks differ; all but one have seen the patient's outcome.
 rule predict_ensemble:
     input:
-        model="<results>/{home}/{case}/model.h5",
-        plan=INPUTS.patient.motion,
+        models=["<results>/{home}/{case}/model.h5"],
+        plans=lambda wildcards: [INPUTS.patient.motion(wildcards)],
         lifts=INPUTS.prediction.of_ensemble("lifts"),
         covariates=INPUTS.prediction.of_ensemble("covariates"),
-        networks=INPUTS.prediction.of_ensemble("networks"),
+        trained=INPUTS.prediction.of_ensemble("networks"),
     output:
-        ensemble="<results>/{home}/{case}{plan}/{method}/ensemble.h5",
+        predictions="<results>/{home}/{case}{plan}/{method}/ensemble.h5",
     log:
         "<logs>/predict_ensemble/{home}/{case}{plan}_{method}.log",
     benchmark:
@@ -141,14 +141,15 @@ rule predict_ensemble:
         runtime=20,
         gpu=GPU,
     params:
-        folds=INPUTS.prediction.of_ensemble("folds"),
+        names=INPUTS.prediction.of_ensemble("folds"),
+        cases=lambda wildcards: [wildcards.case],
         predictor=INPUTS.prediction.predictor,
         settings=INPUTS.prediction.of_ensemble("settings"),
-        code=code_with_method("scripts.prediction.predict_ensemble"),
+        code=code_with_method("scripts.prediction.predict"),
     message:
         "Predict {wildcards.case}{wildcards.plan} by every fold's {wildcards.method}"
     script:
-        "../scripts/prediction/predict_ensemble.py"
+        "../scripts/prediction/predict.py"
 
 
 rule calibrate:
@@ -194,50 +195,8 @@ rule calibrate:
         "../scripts/prediction/calibrate.py"
 
 
-# Of a patient with a scan there is none: all but one network have seen the outcome.
-rule predict_interval:
-    input:
-        model="<results>/{home}/{case}/model.h5",
-        plan="<results>/{home}/{case}{plan}/plan.json",
-        quality="<results>/{home}/{case}/quality.json",
-        ensemble="<results>/{home}/{case}{plan}/{method}/ensemble.h5",
-        calibration=INPUTS.prediction.of_ensemble("calibration"),
-        ranges=INPUTS.prediction.of_ensemble("ranges"),
-    output:
-        interval="<results>/{home}/{case}{plan}/{method}/interval.h5",
-        picture="<results>/{home}/{case}{plan}/{method}/interval.png",
-    log:
-        "<logs>/predict_interval/{home}/{case}{plan}_{method}.log",
-    benchmark:
-        "<benchmarks>/predict_interval/{home}/{case}{plan}_{method}.tsv"
-    wildcard_constraints:
-        home="cases",
-        case=any_of(STUDY.cohort.unscanned),
-        method=any_of(NETWORKS),
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=2000,
-        runtime=10,
-    params:
-        fem=INPUTS.patient.setting("fem"),
-        code=code_of("scripts.prediction.predict_interval"),
-    message:
-        "Predict {wildcards.case}{wildcards.plan} by {wildcards.method}, with its interval"
-    script:
-        "../scripts/prediction/predict_interval.py"
-
-
 rule uncertainty:
     input:
         recorded("coverage") if STUDY.methods.calibrated else [],
-        expand(
-            "<results>/cases/{case}/{method}/interval.{kind}",
-            case=STUDY.cohort.unscanned,
-            method=[
-                method for method in STUDY.methods.calibrated if method in NETWORKS
-            ],
-            kind=["h5", "png"],
-        ),
     message:
         "The intervals are calibrated"

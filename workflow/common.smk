@@ -150,7 +150,7 @@ def code_with_method(script, reference=INPUTS.prediction.predictor):
 PREDICTS = code_of(
     "scripts.patient.import_segmentation",
     "scripts.patient.label_interfaces",
-    "scripts.prediction.predict_ensemble",
+    "scripts.prediction.predict",
 )
 
 

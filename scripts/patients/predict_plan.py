@@ -5,13 +5,13 @@ from pathlib import Path
 
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.patients.model_archive import RANGES, calibration_file
 from pinnochio.stages import Stages
 from pinnochio.training.device import device_of
 from scripts.patients.certify import certify
 from scripts.patients.export_prediction import export_prediction
 from scripts.patients.show_prediction import show_prediction
 from scripts.prediction.predict import predict
-from scripts.prediction.predict_ensemble import predict_ensemble
 from scripts.prediction.predict_interval import predict_interval, show_interval
 
 
@@ -24,37 +24,35 @@ def predict_plan(
     networks: Mapping[str, str],
     lifts: Sequence[str],
     covariates: Sequence[str],
-    archive: Mapping[str, str],
+    archive: str | None,
     outputs: Mapping[str, str],
 ) -> None:
     """Run the stages one after another: prediction (with its interval, of networks), certificate, page, files.
 
     about: as :func:`~scripts.patients.certify.certify` takes it; planned: files model and plan; method: predictor, its
-    settings, device and threads; networks: file by fold, none of a method that learns nothing; archive: of networks
-    folder and the files calibration and ranges in it; outputs: files result, certificate, measures, page, mesh, and of
+    settings, device and threads; networks: file by fold, none of a method that learns nothing; archive: folder of
+    the networks' archive; outputs: files result, certificate, measures, page, mesh, and of
     networks ensemble and picture.
     """
     case, result = about["case"], outputs["result"]
     stages, named = Stages(Path(result).with_name(".predict_plan.json")), {"case": case}
+    read = {"models": [planned["model"]], "plans": [planned["plan"]], "trained": list(networks.values())}
+    read |= {"lifts": lifts, "truths": [], "covariates": covariates}
+    made = {"predictions": outputs["ensemble"] if networks else result}
+    stages(predict, read, made, {"names": list(networks) or [case], "cases": [case], **method})
     if networks:
-        known = {"lift": next(iter(lifts), None), "covariates": next(iter(covariates), None)}
-        ensemble = {"ensemble": outputs["ensemble"]}
-        stages(predict_ensemble, {**planned, **known, "networks": networks}, ensemble, {**named, **method})
-        read = {**planned, **ensemble, "quality": quality}
-        read |= {name: archive[name] for name in ("calibration", "ranges")}
+        read = {**planned, "ensemble": outputs["ensemble"], "quality": quality}
+        calibration = str(Path(archive) / calibration_file(about["method"]))
+        read |= {"calibration": calibration, "ranges": str(Path(archive) / RANGES)}
         stages(predict_interval, read, {"result": result}, {**named, "fem": fem})
-    else:
-        read = {"models": [planned["model"]], "plans": [planned["plan"]]}
-        nothing = {"trained": None, "lifts": [], "truths": [], "covariates": []}
-        stages(predict, read, {"predictions": result}, {"cases": [case], **nothing, **method})
-    read = {**planned, "quality": quality, "result": result, "folder": archive.get("folder")}
+    read = {**planned, "quality": quality, "result": result, "folder": archive}
     certificate = {"certificate": outputs["certificate"]}
     stages(certify, read, certificate, {"about": about, "fem": fem})
     shown = {name: outputs[name] for name in ("measures", "page")}
     stages(show_prediction, {**planned, **certificate, "result": result}, shown, named)
     export_prediction(case=case, **planned, result=result, folder=str(Path(outputs["mesh"]).parent))
     if networks:
-        read = {"model": planned["model"], "result": result, "calibration": archive["calibration"]}
+        read = {"model": planned["model"], "result": result, "calibration": calibration}
         stages(show_interval, read, {"picture": outputs["picture"]}, named)
 
 
@@ -73,6 +71,6 @@ if __name__ == "__main__":
         networks=dict(zip(params.folds, files.networks, strict=True)),
         lifts=files.lifts,
         covariates=files.covariates,
-        archive={name: value for name, value in dict(params.archive).items() if value},
+        archive=params.archive,
         outputs=dict(snakemake.output.items()),
     )

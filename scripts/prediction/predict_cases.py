@@ -29,11 +29,11 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     files, params = snakemake.input, snakemake.params
     device = device_of(params.predictor, snakemake.resources.gpu, snakemake.threads)
-    method = {"predictor": params.predictor, "settings": params.settings, "cases": params.cases, "device": device}
+    method = {"predictor": params.predictor, "settings": params.settings, "device": device}
+    named = {"names": params.cases, "cases": params.cases}
     predict_cases(
-        read={"trained": files.get("trained") or None}
-        | {name: files.get(name, []) for name in ("models", "lifts", "plans", "truths", "covariates")},
-        method=method | {"threads": snakemake.threads},
+        read={name: files.get(name, []) for name in ("models", "plans", "trained", "lifts", "truths", "covariates")},
+        method=method | named | {"threads": snakemake.threads},
         judged=judging(job=snakemake),
         outputs=dict(snakemake.output.items()),
     )

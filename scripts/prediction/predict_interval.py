@@ -7,7 +7,6 @@ import numpy as np
 
 from pinnochio.figures.interval import interval_picture
 from pinnochio.json_text import read_stored_json
-from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import in_distribution
@@ -53,26 +52,4 @@ def show_interval(case: str, model: str, result: str, calibration: str, picture:
         calibration=Calibration.read(calibration),
         case=case,
         path=picture,
-    )
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    predict_interval(
-        case=snakemake.wildcards.case,
-        model=snakemake.input.model,
-        plan=snakemake.input.plan,
-        quality=snakemake.input.quality,
-        ensemble=snakemake.input.ensemble,
-        calibration=snakemake.input.calibration,
-        ranges=snakemake.input.ranges,
-        fem=FemSettings(**snakemake.params.fem),
-        result=snakemake.output.interval,
-    )
-    show_interval(
-        case=snakemake.wildcards.case,
-        model=snakemake.input.model,
-        result=snakemake.output.interval,
-        calibration=snakemake.input.calibration,
-        picture=snakemake.output.picture,
     )

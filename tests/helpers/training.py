@@ -18,7 +18,6 @@ from pinnochio.training.checkpoint import save_network
 from pinnochio.training.fold import train_fold
 from pinnochio.training.settings import TrainingSettings
 from scripts.prediction.predict import predict
-from scripts.prediction.predict_ensemble import predict_ensemble
 from scripts.tables.evaluate import evaluate
 from scripts.training.fit import fit
 from tests.helpers.patients import tiny_patient, tiny_plan
@@ -117,18 +116,20 @@ def measured(patient, predictions: str, metrics: str, method: str = "some", **ch
 
 def predict_all(networks: dict[str, str], patient, ensemble: str, corrections: int = 0, plan=None, lift=None) -> None:
     """Write what the network of each fold predicts of a patient."""
-    predict_ensemble(
+    predict(
         predictor="pinnochio.methods.pinnochio.predictor:GraphPredictor",
         settings={"fem": CONFIG["fem"], "newton_corrections": corrections},
-        networks=networks,
-        case=patient.case,
-        model=patient.model,
-        plan=plan or patient.plan,
-        lift=lift,
-        covariates=patient.covariates if lift else None,
+        names=list(networks),
+        cases=[patient.case],
+        models=[patient.model],
+        plans=[plan or patient.plan],
+        trained=list(networks.values()),
+        lifts=[lift] if lift else [],
+        truths=[],
+        covariates=[patient.covariates] if lift else [],
         device="cpu",
         threads=1,
-        ensemble=ensemble,
+        predictions=ensemble,
     )
 
 
@@ -139,7 +140,8 @@ def predict_by(
     predict(
         predictor=f"pinnochio.methods.{predictor}",
         settings=settings,
-        trained=trained,
+        trained=[trained] if trained else [],
+        names=[patient.case],
         cases=[patient.case],
         models=[model or patient.model],
         lifts=[],

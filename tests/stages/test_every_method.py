@@ -114,7 +114,8 @@ class Fold:
         predict(
             predictor=entry.predictor,
             settings=batch.settings,
-            trained=trained,
+            trained=[trained] if trained else [],
+            names=[one.case],
             cases=[one.case],
             models=[self.model(method)],
             lifts=self.lift(one, method),

@@ -124,14 +124,6 @@ def test_the_picture_of_an_unscanned_patient_is_refused_by_name(project):
     assert done.returncode != 0 and "'U1'" in done.stdout and "no post-operative scan" in done.stdout
 
 
-def test_an_interval_is_made_of_unscanned_patients_alone(project):
-    write_cohort(project, SCANNED, UNSCANNED)
-    for name, made in (("U1", True), ("S1", False)):
-        target = f"results/cases/{name}/pinnochio/interval.h5"
-        done = project.dry_run("--config", "cohort=cases.tsv", "folds=3", "--", target)
-        assert (done.returncode == 0) == made, done.stdout[-2000:]
-
-
 def test_an_external_method_reads_its_held_out_cases_and_a_missing_file_is_named(project):
     write_cohort(project, SCANNED, UNSCANNED)
     folder = project.folder / "elsewhere"

@@ -62,7 +62,7 @@ def test_no_method_but_the_bounds_reads_the_truth():
         if method.learner:
             assert truth not in closure(source_file(method.learner)), name
     training = [f"training.{name}" for name in ("fit", "pretrain", "finetune")]
-    for stage in (*training, "prediction.predict", "prediction.predict_ensemble", "fem.simulate_fem"):
+    for stage in (*training, "prediction.predict", "fem.simulate_fem"):
         assert truth not in closure(source_file(f"scripts.{stage}")), stage
 
 

@@ -161,7 +161,7 @@ def test_a_learned_method_is_used_as_it_was_trained(tmp_path, monkeypatch):
     assert choice.settings["mesh"]["nodes"] == 1234 and choice.archive.cohort == "clinic"
     # Absolute, so that no rule of the study makes them.
     assert choice.networks == [str(tmp_path / f"models/pinnochio_plus/{fold}.pt") for fold in "12"]
-    assert all(Path(file).is_absolute() for file in [*choice.files, choice.calibration])
+    assert all(Path(file).is_absolute() for file in choice.files)
 
 
 def test_missing_models_are_said_with_both_remedies(tmp_path):

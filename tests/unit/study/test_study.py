@@ -71,7 +71,7 @@ def test_a_fold_trains_on_no_patient_that_it_holds_out():
         files = RuleInputs(made).training.of_cases("<results>/cases/{case}/x")(job(fold=fold))
         assert files == [f"<results>/cases/{case}/x" for case in made.folds.training(fold)]
         batch = RuleInputs(made).prediction.batch(f"folds/{fold}", "pinnochio_plus")
-        assert batch.cases == held_out and batch.trained == f"<results>/folds/{fold}/pinnochio_plus/network.pt"
+        assert batch.cases == held_out and batch.trained == [f"<results>/folds/{fold}/pinnochio_plus/network.pt"]
         assert batch.lifts == [f"<results>/cases/{case}/lift_elastic.h5" for case in held_out]
 
 
@@ -89,7 +89,7 @@ def test_training_and_prediction_take_the_achieved_motion_where_there_are_bones(
     for batch, motion in (("folds", "achieved"), ("planned", "plan")):
         predicted = RuleInputs(made).prediction.batch(f"{batch}/{fold}", "pinnochio")
         assert predicted.plans[predicted.cases.index("S0")] == f"<results>/cases/S0/{motion}.json"
-        assert predicted.trained == f"<results>/folds/{fold}/pinnochio/network.pt"
+        assert predicted.trained == [f"<results>/folds/{fold}/pinnochio/network.pt"]
     other = next(fold for fold in made.folds.held_out if fold != made.folds.by_case["S0"])
     assert "<results>/cases/S0/achieved.json" in RuleInputs(made).training.motions(job(fold=other, method="pinnochio"))
     assert made.cohort.registered == ["S0", "S1", "U0"] and made.both_motions == ["S0", "S1"]
@@ -149,7 +149,7 @@ def test_new_patients_by_finite_elements_need_no_archive(tmp_path):
     assert inputs.patient.plan(wildcards) == str(folder / "plan.json")
     assert inputs.patients.plans(wildcards) == ["<results>/patients/anna/plan/plan.json"]
     assert inputs.patient.motion(wildcards) == "<results>/patients/anna/plan/plan.json"
-    assert inputs.patients.result(wildcards) == "<results>/patients/anna/plan/fem_sliding/predictions.h5"
+    assert inputs.patients.results(wildcards) == ["<results>/patients/anna/plan/fem_sliding/predictions.h5"]
     alone = inputs.prediction.ensemble(wildcards)
     assert not alone.networks and alone.settings["contact"] == "mucosa"
 

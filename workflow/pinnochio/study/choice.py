@@ -19,7 +19,7 @@ class Choice:
     """method and the Newton corrections of its network's fields; settings: the sections READ_BY_NETWORKS.
 
     Of a learned method also lift, the kind that its network wants; the archive and its folder; networks, one of each
-    fold in the order of archive.folds; calibration and ranges. These are plain files: no rule makes them.
+    fold in the order of archive.folds. These are plain files: no rule makes them.
     """
 
     method: str
@@ -29,8 +29,6 @@ class Choice:
     archive: Archive | None = None
     folder: str | None = None
     networks: Sequence[str] = ()
-    calibration: str | None = None
-    ranges: str | None = None
 
     @property
     def files(self) -> list[str]:
@@ -76,6 +74,4 @@ def choose(config: Mapping, models: str | os.PathLike) -> Choice:
         archive=archive,
         folder=str(folder),
         networks=[str(folder / network_file(method, fold)) for fold in archive.folds],
-        calibration=str(folder / calibration_file(method)),
-        ranges=str(folder / RANGES),
     )

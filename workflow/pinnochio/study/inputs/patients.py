@@ -56,11 +56,6 @@ class NewPatientInputs:
         return [f"{patient.folder}/{plan}/plan.json" for plan in patient.plans]
 
     @property
-    def result_name(self) -> str:
-        """What the file of a new patient's prediction is called: it holds the interval of a learned method."""
-        return "interval.h5" if self.study.choice.archive else "predictions.h5"
-
-    @property
     def lift(self) -> dict[str, str]:
         """The lift that the networks of new patients want, if any."""
         kind = self.study.choice.lift if self.study.choice else "none"
@@ -74,14 +69,9 @@ class NewPatientInputs:
             names = {"result": "interval.h5", "ensemble": "ensemble.h5", "picture": "interval.png"}
         return {key: f"<results>/{{home}}/{{case}}{{plan}}/{{method}}/{name}" for key, name in names.items()}
 
-    def result(self, wildcards) -> str:
-        """The file that holds a new patient's displacement, and the interval of a learned method."""
-        folder = self.study.new_patients[wildcards.case].folder
-        return f"{folder}{wildcards.plan}/{wildcards.method}/{self.result_name}"
-
     def results(self, wildcards) -> list[str]:
-        """These files of every plan of a new patient."""
-        return self.of_plans(self.result_name)(wildcards)
+        """The files that hold a new patient's displacement by plan, with the interval of a learned method."""
+        return self.of_plans("interval.h5" if self.study.choice.archive else "predictions.h5")(wildcards)
 
     def of_plans(self, name: str) -> Callable:
         """Input function: a file of every plan of a new patient."""

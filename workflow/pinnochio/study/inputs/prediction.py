@@ -28,7 +28,7 @@ class Batch:
     truths: list[str]
     lifts: list[str]
     covariates: list[str]
-    trained: str | list
+    trained: list[str]
     scanned: list[str]
     postops: list[str]
     judged: list[str]
@@ -37,15 +37,13 @@ class Batch:
 
 @dataclass(frozen=True)
 class Ensemble:
-    """The networks that predict a patient together, and what they and the interval around them read."""
+    """The networks that predict a patient together, and what they read."""
 
     folds: list[str]
     networks: list[str]
     lifts: list[str]
     covariates: list[str]
     settings: dict
-    calibration: str
-    ranges: str
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,7 @@ class PredictionInputs:
             truths=filled("<results>/virtual/{case}/truth.h5", cases) if method.truth == "field" else [],
             lifts=study.lifts(name, cases),
             covariates=study.covariates(name, cases),
-            trained=f"<results>/folds/{fold}/{name}/{trained}" if trained else [],
+            trained=[f"<results>/folds/{fold}/{name}/{trained}"] if trained else [],
             scanned=scanned,
             postops=filled(f"{STUDY_FILES}/postop.h5", scanned),
             judged=filled(f"{STUDY_FILES}/judged.h5", scanned),
@@ -108,9 +106,7 @@ class PredictionInputs:
         patient = self.study.patient(wildcards)
         if (choice := patient.choice) and not choice.archive:
             settings = predicting(registry(patient.config)[choice.method].settings)
-            return Ensemble(
-                folds=[], networks=[], lifts=[], covariates=[], settings=settings, calibration="", ranges=""
-            )
+            return Ensemble(folds=[], networks=[], lifts=[], covariates=[], settings=settings)
         if choice:
             return Ensemble(
                 folds=choice.archive.folds,
@@ -118,8 +114,6 @@ class PredictionInputs:
                 lifts=[] if choice.lift == "none" else [f"{patient.folder}/lift_{choice.lift}.h5"],
                 covariates=[f"{patient.folder}/covariates.json"],
                 settings={"fem": choice.settings["fem"], "newton_corrections": choice.corrections},
-                calibration=choice.calibration,
-                ranges=choice.ranges,
             )
         study, method, folds = self.study, wildcards.method, list(self.study.folds.held_out)
         return Ensemble(
@@ -128,8 +122,6 @@ class PredictionInputs:
             lifts=study.lifts(method, [patient.name]),
             covariates=study.covariates(method, [patient.name]),
             settings=predicting(study.methods[method].settings),
-            calibration=f"<results>/methods/{method}/calibration.json",
-            ranges="<results>/methods/ranges.json",
         )
 
 
