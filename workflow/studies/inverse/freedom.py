@@ -26,15 +26,6 @@ OPERATIONS = {
     "maxilla": {"maxilla"},
     "chin": {"chin"},
 }
-# Names of the bounds in the configuration.
-MAXILLA, PIECE, MANDIBLE, PROXIMAL, AUTOROTATION, CHIN = (
-    "maxilla",
-    "piece",
-    "mandible",
-    "proximal",
-    "autorotation",
-    "chin",
-)
 
 
 def operation_in_words(operation: str) -> str:
@@ -196,33 +187,33 @@ def freedom(model: PatientModel, operation: str, bounds: Mapping, occlusion: Pla
         related = {name: _after(first.back, occlusion.motion(name)) for name in [*pieces, *lower]}
         related |= {name: related[lower[0]] for name in with_chin}
         if "mandible" in jaws:
-            add("jaws", MAXILLA, upper_pivot, related)
+            add("jaws", "maxilla", upper_pivot, related)
             carrier = "jaws"
         elif hinges:
-            add("jaws", AUTOROTATION, np.mean(hinges, axis=0), related | dict.fromkeys(rami, rest))
+            add("jaws", "autorotation", np.mean(hinges, axis=0), related | dict.fromkeys(rami, rest))
             carrier = "jaws"
     else:
         for number, name in enumerate(pieces if "maxilla" in jaws else []):
-            kind, on = (PIECE, pieces[0]) if number else (MAXILLA, "")
+            kind, on = ("piece", pieces[0]) if number else ("maxilla", "")
             add(name, kind, anatomy.centre[name] if number else upper_pivot, {name: rest}, on)
         if "mandible" in jaws and occlusion is not None:
             fixed = occlusion.motion(lower[0])  # against a maxilla that stays
             if pieces:
                 fixed = _after(occlusion.motion(pieces[0]).back, fixed)
-            add(lower[0], MANDIBLE, anatomy.centre[lower[0]], dict.fromkeys([*lower, *with_chin], fixed), still=True)
+            add(lower[0], "mandible", anatomy.centre[lower[0]], dict.fromkeys([*lower, *with_chin], fixed), still=True)
             carrier = lower[0]
         elif "mandible" in jaws:
-            add(lower[0], MANDIBLE, anatomy.centre[lower[0]], dict.fromkeys([*lower, *with_chin], rest))
+            add(lower[0], "mandible", anatomy.centre[lower[0]], dict.fromkeys([*lower, *with_chin], rest))
             carrier = lower[0]
         elif "maxilla" in jaws and lower and hinges:
-            add("mandible_turning", AUTOROTATION, np.mean(hinges, axis=0), turning)
+            add("mandible_turning", "autorotation", np.mean(hinges, axis=0), turning)
             carrier = "mandible_turning"
     if "mandible" in jaws:
         for name in rami:
-            add(name, PROXIMAL, anatomy.hinge[name], {name: rest})
+            add(name, "proximal", anatomy.hinge[name], {name: rest})
     if "chin" in jaws:
         jaw = next((block.relations[lower[0]] for block in blocks if block.name == carrier), rest) if lower else rest
-        add(chin[0], CHIN, anatomy.centre[chin[0]], dict.fromkeys(chin, rest), carrier)
+        add(chin[0], "chin", anatomy.centre[chin[0]], dict.fromkeys(chin, rest), carrier)
         if not np.allclose(jaw.rotation, np.eye(3)) or jaw.translation.any():
             # The chin stands on the teeth of its jaw, which the occlusion has moved before the block moves.
             pivot = jaw.apply(anatomy.centre[chin[0]][None])[0]

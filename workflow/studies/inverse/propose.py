@@ -8,15 +8,15 @@ import numpy as np
 from pinnochio.columns import write_rows
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import measures, plain, verdict
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.transforms import write_transforms
 from pinnochio.statistics.intervals import Calibration
 from studies.inverse.alternatives import Answer, answers, contradictions
-from studies.inverse.combinations import LARGEST, as_motions, differences
+from studies.inverse.combinations import LARGEST, as_motions, quantities
 from studies.inverse.elastic_face import ElasticFace
-from studies.inverse.freedom import QUANTITIES
 from studies.inverse.proposal import InverseSettings
 from studies.inverse.reading import read_wish
 from studies.inverse.wish import Wish, misfit, regions_of
@@ -154,12 +154,11 @@ def reached_rows(
 
 def motion_rows(case: str, answer: Answer) -> list[dict]:
     """Rows of MOTIONS: every segment of the operation."""
-    plan = answer.proposal.plan
-    moves = differences(answer.freedom, {}, plan.motions)
+    plan, bones = answer.proposal.plan, segment_points(answer.freedom.model)
     return [
         {"case": case, "operation": answer.proposal.operation, "segment": name}
-        | dict(zip(QUANTITIES, moves.get(name, np.zeros(6)), strict=True))
-        for name in plan.motions
+        | quantities(motion.about(bones[name].mean(axis=0)))
+        for name, motion in plan.motions.items()
     ]
 
 
@@ -168,7 +167,7 @@ def combination_rows(case: str, answer: Answer) -> list[dict]:
     rows, known = [], answer.combinations
     for number, (direction, bone, hidden) in enumerate(zip(known.directions, known.bone, known.hidden, strict=True), 1):
         moves = as_motions(answer.freedom, answer.proposal.x, min(bone, LARGEST) * direction)
-        for name, values in moves.items():
+        for name, motion in moves.items():
             rows.append(
                 {
                     "case": case,
@@ -177,7 +176,7 @@ def combination_rows(case: str, answer: Answer) -> list[dict]:
                     "bone": min(bone, LARGEST),
                     "null_space": bool(hidden),
                     "segment": name,
-                    **dict(zip(QUANTITIES, values, strict=True)),
+                    **quantities(motion),
                 }
             )
     return rows

@@ -7,17 +7,16 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.importing.cohort import filled
 from pinnochio.importing.markups import ENDING, read_markups
 from pinnochio.importing.segmentation import read_postop
-from pinnochio.json_text import Refuse, read_text
+from pinnochio.json_text import Refuse, meant, read_text
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from studies.inverse.wish import Marks, MeasureWish, PlaceWish, SurfaceWish, Wish
@@ -85,10 +84,7 @@ def read_wish(
 
 def _places(path, model: PatientModel, marks: Marks, weight: float, case: str) -> list[PlaceWish]:
     """One wish per point of a markups file."""
-
-    def refuse(problem: str, remedy: str):
-        raise InputError(case, path, problem, remedy)
-
+    refuse = refusal(case, path)
     wished = read_markups([path], case).points
     if not wished:
         refuse("it holds no point", "place a point where each landmark shall be")
@@ -97,11 +93,9 @@ def _places(path, model: PatientModel, marks: Marks, weight: float, case: str) -
     for label, target in wished.items():
         name = signs.get(label.strip().lower().replace(" ", "_"))
         if name is None:
-            near = get_close_matches(label.lower(), signs, n=1, cutoff=0.5)
-            meant = f"; did you mean {near[0]!r}?" if near else ""
             known = ", ".join(f"{name} ({sign})" for name, sign in SIGNS.items() if name in marks.names)
             refuse(
-                f"{label!r} is no landmark of the face{meant}",
+                f"{label!r} is no landmark of the face{meant(label.lower(), [*signs])}",
                 f"name one of {known}, or mark {label!r} as it is now in another markups file of the patient",
             )
         if name not in marks.names:
@@ -122,10 +116,7 @@ def _places(path, model: PatientModel, marks: Marks, weight: float, case: str) -
 
 def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str) -> list[MeasureWish]:
     """One wish per row of a table with the columns measure, and value or change, and weight if wanted."""
-
-    def refuse(problem: str, remedy: str):
-        raise InputError(case, path, problem, remedy)
-
+    refuse = refusal(case, path)
     text = read_text(path, refuse)
     try:
         text = re.sub(r"\Asep=.\r?\n", "", text)  # as Excel writes it
@@ -143,9 +134,10 @@ def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str)
         row = dict(zip(columns, row, strict=True))
         name = known.get(row["measure"].lower())
         if name is None:
-            near = get_close_matches(row["measure"].lower(), known, n=1, cutoff=0.4)
-            meant = f"; did you mean {known[near[0]]!r}?" if near else ""
-            refuse(f"{row['measure']!r} is no measure{meant}", f"name one of {', '.join(MEASURES)}")
+            refuse(
+                f"{row['measure']!r} is no measure{meant(row['measure'].lower(), known, 0.4)}",
+                f"name one of {', '.join(MEASURES)}",
+            )
         numbers = {}
         for key in COLUMNS[1:]:
             if row.get(key):
@@ -195,9 +187,7 @@ def measure_wish(
 
 
 def _surface(path, model: PatientModel, weight: float, case: str) -> SurfaceWish:
-    def refuse(problem: str, remedy: str):
-        raise InputError(case, path, problem, remedy)
-
+    refuse = refusal(case, path)
     skin = model.skin_points[model.judged_points]
     points, faces = read_postop(path, case, model.skin_points)
 

@@ -9,12 +9,14 @@ import numpy as np
 import pyvista as pv
 
 from pinnochio.figures.patient import FRONT, SIDE, SKIN, UNKNOWN, add_bone, finish, skin_of
+from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import RESEARCH, verdict
 from pinnochio.patients.prediction_page import _png
+from pinnochio.plans.surgery import in_words, segment_in_words
 from pinnochio.web_pages import write_page
 from studies.inverse.alternatives import Answer
-from studies.inverse.combinations import LARGEST, as_motions, differences, in_words
+from studies.inverse.combinations import LARGEST, as_motions
 from studies.inverse.freedom import operation_in_words
 from studies.inverse.proposal import InverseSettings
 from studies.inverse.wish import PlaceWish, SurfaceWish, Wish
@@ -39,10 +41,7 @@ def write_wish_page(
     """Write the page. rows, reached: of PROPOSALS and REACHED; against: contradicting pairs; certificates: by
     operation."""
     names = {name: operation_in_words(name) for name in answers}
-    moves = {
-        name: in_words(differences(answer.freedom, {}, answer.proposal.plan.motions))
-        for name, answer in answers.items()
-    }
+    moves = {name: _said(answer.proposal.plan.motions) for name, answer in answers.items()}
     wishes = []
     for item in wish:
         missed = [row for row in reached if row["wish"] == item.name]
@@ -64,7 +63,7 @@ def write_wish_page(
         known = answer.combinations
         null_space[names[name]] = [
             f"± {min(bone, LARGEST):.1f} mm: "
-            + in_words(as_motions(answer.freedom, answer.proposal.x, min(bone, LARGEST) * direction), 0.2)
+            + _said(as_motions(answer.freedom, answer.proposal.x, min(bone, LARGEST) * direction))
             for direction, bone in zip(
                 known.directions[known.hidden][:SHOWN], known.bone[known.hidden][:SHOWN], strict=True
             )
@@ -93,6 +92,11 @@ def write_wish_page(
         if surface
         else "Lines: from where a landmark comes to rest (blue) to where it is wished (red).",
     )
+
+
+def _said(motions: Mapping[str, RigidMotion]) -> str:
+    """Motions of segments in words."""
+    return "; ".join(f"{segment_in_words(name)}: {in_words(motion, name)}" for name, motion in motions.items())
 
 
 def _picture(patient: PatientModel, wish: Wish, answer: Answer) -> bytes:
