@@ -1,5 +1,7 @@
 """The report of a study: what its page holds and, in a headless Chromium, what it does."""
 
+import base64
+import gzip
 import io
 import json
 from html.parser import HTMLParser
@@ -18,7 +20,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.report.parts import PARTS
-from pinnochio.report.skin_view import decode, encode
+from pinnochio.report.skin_view import encode
 from pinnochio.report.study_page import read_body, rounded
 from pinnochio.tables.document import Block, Table, views
 from scripts.report.render_volume import render_volume
@@ -34,6 +36,13 @@ from tests.helpers.tables import write
 FORWARD = "pinnochio_plus"  # carries every node 2 mm forward
 CAPTIONS = ROOT / "workflow/report"
 SCHEMA = (Column("method", str, "", "method"), *(number(f"column_{n}", "mm", f"column {n}") for n in range(12)))
+
+
+def decode(text: str, kind: str, columns: int = 1) -> np.ndarray:
+    """The numbers (n, columns) again, as view.js reads them."""
+    planes = np.frombuffer(gzip.decompress(base64.b64decode(text)), np.uint8).reshape(np.dtype(kind).itemsize, -1)
+    steps = np.ascontiguousarray(planes.T).view(kind).reshape(columns, -1).T
+    return np.cumsum(steps, axis=0, dtype=kind)
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,23 @@ from types import SimpleNamespace
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.study.console import Console, quieten
+from pinnochio.study.console import Console, in_words, quieten
 from pinnochio.study.unfinished import refuse_unfinished
 
 COUNTS = {"mesh": 4, "train": 2}
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(0, "10 s"), (44, "40 s"), (200, "3 min"), (7200, "2.0 h")])
+def test_times_are_said_in_words(seconds, said):
+    assert in_words(seconds) == said
+
+
+def test_the_time_left_is_that_of_as_many_jobs_as_are_not_done():
+    console = Console(lambda: True, io.StringIO())
+    console.jobs, console.done, console.running = 30, 3, {1: ("mesh", []), 2: ("mesh", []), 3: ("train", [])}
+    assert console.line(100.0) == "3 of 30 jobs done; mesh x 2, train"  # too few to tell
+    console.done = 10
+    assert console.line(300.0) == "10 of 30 jobs done; mesh x 2, train; about 10 min left"
 
 
 def record(level=logging.INFO, message="", path="scheduler.py", **event) -> logging.LogRecord:
@@ -100,12 +113,12 @@ def refuse(targets, counts):
 @pytest.mark.parametrize("target", ["report", "figures", "results/figures/V01.png"])
 def test_a_report_does_not_begin_a_study(target):
     with pytest.raises(InputError, match="6 jobs are left.*--cores 2 all " + target):
-        refuse([target], {"evaluate": 2, "train": 4})
+        refuse([target], {"predict_cases": 2, "train": 4})
 
 
 @pytest.mark.parametrize("targets", [["all", "report"], ["tables"], ["results/cases/V01/model.h5"], []])
 def test_what_is_wished_is_begun(targets):
-    refuse(targets, {"evaluate": 1000})
+    refuse(targets, {"predict_cases": 1000})
 
 
 def test_what_is_measured_is_drawn():

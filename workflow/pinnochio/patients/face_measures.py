@@ -109,3 +109,19 @@ def written(value: float, digits: int, sign: str = "") -> str:
         return "–"
     text = format(value, f"{sign}.{digits}f")
     return text.lstrip("+-") if not float(text) else text.replace("-", "−")
+
+
+def in_numbers(rows: list[MeasureRow]) -> tuple[list[dict], list[dict]]:
+    """Measures, and how far each landmark goes forward, up and left, as pages write them; half: the half-width."""
+    measures, moved = [], {}
+    for row in rows:
+        half = {"half": written(row.half_width, 1)}
+        if row.name in MEASURES:
+            digits, unit = (0, "°") if row.unit == "degree" else (1, "mm")
+            numbers = {"before": written(row.before, digits), "after": written(row.after, digits)}
+            title = {"name": row.name, "title": f"{row.title}, {unit}"}
+            measures.append(title | numbers | {"change": written(row.change, 1, "+")} | half)
+        else:
+            place = moved.setdefault(row.title, {"title": row.title} | half)
+            place[row.positive.split()[-1]] = written(row.change, 1, "+")
+    return measures, list(moved.values())

@@ -13,11 +13,10 @@ from pinnochio import web_pages
 from pinnochio.figures.patient import FRONT, OBLIQUE, SIDE, SKIN, UNKNOWN, add_bone, finish, save, skin_of
 from pinnochio.methods.names import spoken
 from pinnochio.model.bones import segment_points
-from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import in_words
 from pinnochio.patients.exports import SPACE
-from pinnochio.patients.face_measures import MeasureRow, written
+from pinnochio.patients.face_measures import MeasureRow, in_numbers
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import in_words as motion_in_words
 from pinnochio.plans.surgery import near_bone, segment_in_words
@@ -57,7 +56,7 @@ def write_page(
         words = f"Half-width of the {level} interval: {level} of a region's points should lie this near to the "
         words += "outcome. Grey: not judged."
         pictures.append((f"{level} interval", _map(after, half_width), words))
-    measures, landmarks = in_numbers(rows, bool(level))
+    measures, landmarks = in_numbers(rows)
     fine = "No check failed: the elements are valid"
     fine += ", and patient and plan are like those of the training." if certificate["in_distribution"] else "."
     web_pages.write_page(
@@ -84,20 +83,6 @@ def motions_in_words(patient: PatientModel, plan: Plan) -> dict[str, str]:
     for name, bone in segment_points(patient).items():
         words[segment_in_words(name)] = motion_in_words(near_bone(plan.motion(name), bone.mean(axis=0)), name)
     return words
-
-
-def in_numbers(rows: Sequence[MeasureRow], level: bool) -> tuple[list[dict], dict[str, list[str]]]:
-    """Measures, and the ways of landmarks by title, as a page writes them; with half-widths if there is a level."""
-    measures, landmarks = [], {}
-    for row in rows:
-        width = [written(row.half_width, 1)] if level else []
-        if row.name in MEASURES:
-            digits = 0 if row.unit == "degree" else 1
-            texts = [written(row.before, digits), written(row.after, digits), written(row.change, 1, "+")]
-            measures.append({"title": row.title, "unit": row.unit.replace("degree", "°"), "numbers": texts + width})
-        else:
-            landmarks.setdefault(row.title, []).append((written(row.change, 1, "+"), width))
-    return measures, {title: [text for text, _ in ways] + ways[0][1] for title, ways in landmarks.items()}
 
 
 def _faces(before: pv.PolyData, after: pv.PolyData) -> bytes:

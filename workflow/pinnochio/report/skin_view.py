@@ -78,10 +78,3 @@ def encode(values: np.ndarray, kind: str) -> str:
     steps = rows - np.vstack([np.zeros_like(rows[:1]), rows[:-1]])  # wraps around, and back
     planes = np.ascontiguousarray(steps.T).view(np.uint8).reshape(-1, rows.dtype.itemsize).T
     return base64.b64encode(gzip.compress(planes.tobytes(), 9, mtime=0)).decode()
-
-
-def decode(text: str, kind: str, columns: int = 1) -> np.ndarray:
-    """The numbers (n, columns) again, as view.js reads them."""
-    planes = np.frombuffer(gzip.decompress(base64.b64decode(text)), np.uint8).reshape(np.dtype(kind).itemsize, -1)
-    steps = np.ascontiguousarray(planes.T).view(kind).reshape(columns, -1).T
-    return np.cumsum(steps, axis=0, dtype=kind)

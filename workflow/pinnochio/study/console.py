@@ -1,4 +1,4 @@
-"""What a run says on the console: how many jobs are done, which stage is running; warnings and errors.
+"""What a run says on the console: how many jobs are done, which stage is running, how long it may take; and errors.
 
 Everything that Snakemake says goes to its own log in `.snakemake/log` as ever.
 """
@@ -14,6 +14,14 @@ from pinnochio.logs import warnings_in
 
 EVERY = 20.0  # s between two lines where the console keeps every line
 MOST = 20  # warnings of stages that are shown at the end
+KNOWN = 0.1  # of the jobs, which tell how long the others may take
+
+
+def in_words(seconds: float) -> str:
+    """A time as people say it."""
+    if seconds < 90:
+        return f"{max(1, round(seconds / 10)) * 10} s"
+    return f"{round(seconds / 60)} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 class Console(logging.Handler):
@@ -23,7 +31,7 @@ class Console(logging.Handler):
         """runs: whether jobs are run, not only listed."""
         super().__init__()
         self.runs, self.stream = runs, stream
-        self.jobs, self.done = 0, 0
+        self.jobs, self.done, self.began = 0, 0, 0.0
         self.running: dict[int, tuple[str, list[str]]] = {}  # rule and logs by job
         self.changing = stream.isatty() and os.environ.get("TERM") != "dumb"
         self.said, self.drawn = -EVERY, False
@@ -36,6 +44,7 @@ class Console(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         now = time.monotonic()
         if record.event == "run_info":
+            self.began = now
             self.jobs = sum(count for rule, count in record.stats.items() if rule != "total")
         elif record.event == "job_info":
             self.running[record.jobid] = record.rule_name, list(getattr(record, "log", ()))
@@ -49,12 +58,13 @@ class Console(logging.Handler):
                 self.warnings = list(dict.fromkeys([*self.warnings, *warnings_in(log)]))
         self.show(now)
 
-    @property
-    def line(self) -> str:
-        """The line that says how far the run is."""
+    def line(self, now: float) -> str:
+        """The line that says how far the run is and, once some jobs have told, how long the others may take."""
         stages = Counter(rule for rule, _ in self.running.values())
         names = ", ".join(f"{rule} x {count}" if count > 1 else rule for rule, count in stages.items())
-        return f"{self.done} of {self.jobs} jobs done; {names or 'starting'}"
+        left = (now - self.began) * (self.jobs - self.done) / max(self.done, 1)
+        time_left = f"; about {in_words(left)} left" if self.done > KNOWN * self.jobs else ""
+        return f"{self.done} of {self.jobs} jobs done; {names or 'starting'}{time_left}"
 
     def summary(self) -> None:
         """Show once what stages have warned of."""
@@ -72,10 +82,10 @@ class Console(logging.Handler):
             self.clear()
             if not finished:
                 width = os.get_terminal_size(self.stream.fileno()).columns
-                self.stream.write(self.line[: width - 1])
+                self.stream.write(self.line(now)[: width - 1])
                 self.drawn = True
         elif now - self.said > EVERY and not finished and self.running:
-            self.stream.write(self.line + "\n")
+            self.stream.write(self.line(now) + "\n")
             self.said = now
         self.stream.flush()
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from pinnochio.errors import InputError
 
-JUDGES = "evaluate"  # the rule without whose jobs there is nothing to show
+JUDGES = {"predict_cases", "evaluate_external"}  # rules without whose jobs there is nothing to show
 
 
 def refuse_unfinished(targets: Sequence[str], counts: Mapping[str, int], cores: int, results: str) -> None:
@@ -13,7 +13,7 @@ def refuse_unfinished(targets: Sequence[str], counts: Mapping[str, int], cores: 
     counts: jobs by rule that are to be run, with their `total`.
     """
     shows = [name for name in targets if name in ("report", "figures") or name.startswith(f"{results}/figures/")]
-    if shows and len(shows) == len(targets) and counts.get(JUDGES):
+    if shows and len(shows) == len(targets) and JUDGES & counts.keys():
         raise InputError(
             "-",
             results,

@@ -7,7 +7,7 @@ import numpy as np
 from pinnochio.metrics.validity import OFF_BONE
 from pinnochio.model.measures import MEASURES
 from pinnochio.patients.certificate import FAR
-from pinnochio.patients.face_measures import FaceMeasures, written
+from pinnochio.patients.face_measures import FaceMeasures, in_numbers
 from pinnochio.plans.surgery import amount, segment_in_words
 from studies.planner.forecast import Forecast
 from studies.planner.jaws import Jaws, named
@@ -46,18 +46,8 @@ def about(forecast: Forecast, deep: Mapping[tuple[str, str], float], jaws: Jaws,
 def rows(forecast: Forecast, face: FaceMeasures) -> dict[str, list[dict]]:
     """The measures of a forecast, and the displacements of landmarks, as the tables show them."""
     half_width = None if forecast.plan.still else forecast.interval.half_width
-    measures, moved = [], {}
-    for row in face.rows(forecast.interval.displacement, half_width):
-        if row.name in MEASURES:
-            digits = 0 if row.unit == "degree" else 1
-            numbers = {"before": written(row.before, digits), "after": written(row.after, digits)}
-            numbers |= {"change": written(row.change, 1, "+"), "half": written(row.half_width, 1)}
-            unit = "°" if row.unit == "degree" else "mm"
-            measures.append({"name": row.name, "title": f"{row.title}, {unit}"} | numbers)
-        else:
-            place = moved.setdefault(row.title, {"title": row.title, "half": written(row.half_width, 1)})
-            place[row.positive.split()[-1]] = written(row.change, 1, "+")
-    return {"measures": measures, "landmarks": list(moved.values())}
+    measures, landmarks = in_numbers(face.rows(forecast.interval.displacement, half_width))
+    return {"measures": measures, "landmarks": landmarks}
 
 
 def fitted(fit: Fit) -> str:
