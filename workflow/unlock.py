@@ -6,27 +6,20 @@ that nobody has killed works there.
 
 import os
 import shutil
-import signal
 import sys
-import time
+from contextlib import suppress
 from pathlib import Path
+
+import psutil
 
 SCRIPTS = ".snakemake/scripts/"  # what Snakemake makes of the `script:` of a job
 PATIENCE = 10.0  # seconds until a job that does not end is killed
 
 
-def processes(folder: Path) -> dict[int, list[str]]:
-    """Words of the command of each process of this user that works in the folder, by its number."""
-    running = {}
-    for entry in Path("/proc").glob("[0-9]*"):
-        try:
-            if entry.stat().st_uid == os.getuid() and Path(os.readlink(entry / "cwd")) == folder:
-                words = (entry / "cmdline").read_bytes().decode("utf-8", "replace").split("\0")
-                if words != [""]:  # of one that has ended there is none
-                    running[int(entry.name)] = words
-        except OSError:
-            continue  # it has ended, or is another user's
-    return running
+def processes(folder: Path) -> dict[psutil.Process, list[str]]:
+    """Words of the command of each process that works in the folder, as far as this user may know."""
+    running = {process: process.info for process in psutil.process_iter(["cwd", "cmdline"])}
+    return {process: info["cmdline"] for process, info in running.items() if info["cwd"] == str(folder)}
 
 
 def of_study(words: list[str]) -> bool:
@@ -43,19 +36,18 @@ def of_job(words: list[str]) -> bool:
 def unlock(folder: Path) -> list[int]:
     """End the jobs of the folder that no study is waiting for, and remove its locks; the numbers of these processes."""
     folder = folder.resolve()
-    there = {number: words for number, words in processes(folder).items() if number != os.getpid()}
-    if living := [number for number, words in there.items() if of_study(words)]:
+    there = {process: words for process, words in processes(folder).items() if words and process.pid != os.getpid()}
+    if living := [process.pid for process, words in there.items() if of_study(words)]:
         raise SystemExit(f"{folder}: a study is running there (process {living[0]}). Wait for it, or end it (Ctrl-C).")
-    orphans = [number for number, words in there.items() if of_job(words)]
-    for sign in (signal.SIGTERM, signal.SIGKILL):
-        for number in orphans:
-            if number in processes(folder):
-                os.kill(number, sign)
-        end = time.monotonic() + PATIENCE
-        while time.monotonic() < end and set(orphans) & processes(folder).keys():
-            time.sleep(0.05)
+    orphans = [process for process, words in there.items() if of_job(words)]
+    left = orphans
+    for end in (psutil.Process.terminate, psutil.Process.kill):
+        for process in left:
+            with suppress(psutil.NoSuchProcess):
+                end(process)
+        left = psutil.wait_procs(left, PATIENCE)[1]
     shutil.rmtree(folder / ".snakemake/locks", ignore_errors=True)
-    return orphans
+    return [process.pid for process in orphans]
 
 
 if __name__ == "__main__":

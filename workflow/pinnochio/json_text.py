@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
 from pathlib import Path
@@ -110,9 +110,13 @@ def check_keys(entry: Mapping, known: tuple[str, ...], place: str, refuse: Refus
     """Refuse a key that is not known; the message names the nearest one."""
     for key in entry:
         if key not in known:
-            near = get_close_matches(key, known, n=1, cutoff=0.5)
-            meant = f"; did you mean {near[0]!r}?" if near else ""
-            refuse(f"{place}{key!r} is unknown{meant}", f"use {', '.join(known)} only")
+            refuse(f"{place}{key!r} is unknown{meant(key, known)}", f"use {', '.join(known)} only")
+
+
+def meant(word: str, known: Mapping[str, str] | Sequence[str], cutoff: float = 0.5) -> str:
+    """What a word that is not known may stand for, as the end of a sentence; of a mapping its value for that word."""
+    near = get_close_matches(word, known, n=1, cutoff=cutoff)
+    return f"; did you mean {(known[near[0]] if isinstance(known, Mapping) else near[0])!r}?" if near else ""
 
 
 def numbers(value, *shape: int) -> bool:

@@ -5,12 +5,11 @@ import io
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from pathlib import Path
 
 from pinnochio.errors import InputError, refusal
 from pinnochio.files import check_name
-from pinnochio.json_text import Refuse, read_text
+from pinnochio.json_text import Refuse, meant, read_text
 
 COLUMNS = ("case", "segmentation", "plan", "postop")
 FILES = ("segmentation", "plan", "postop", "postop_bones", "volume", "markups")
@@ -60,7 +59,7 @@ class Case:
 
     name: str
     segmentation: str
-    plan: str
+    plan: str = ""
     postop: str = ""
     postop_bones: str = ""
     covariates: Mapping[str, str | float | bool] = field(default_factory=dict)
@@ -133,9 +132,7 @@ def _check_columns(columns: list[str], table: Path) -> None:
     remedy = f"use tab-separated columns {', '.join(COLUMNS)}, and any of {', '.join(known[len(COLUMNS) :])}"
     for name in columns:
         if name not in known:
-            near = get_close_matches(name, known, n=1, cutoff=0.5)
-            meant = f"; did you mean {near[0]!r}?" if near else ""
-            refuse(f"its column {name!r} is unknown{meant}", remedy)
+            refuse(f"its column {name!r} is unknown{meant(name, known)}", remedy)
         if columns.count(name) > 1:
             refuse(f"its column {name!r} is there twice", remedy)
     if missing := [name for name in COLUMNS if name not in columns]:

@@ -1,4 +1,4 @@
-"""A scan as DICOM: a folder with the slices of one series, or one file of many frames."""
+"""A scan as DICOM: a folder with the slices of one series."""
 
 import logging
 import os
@@ -15,11 +15,11 @@ UNEVEN = 0.03  # of the distance of two slices by which another may differ
 TILTED = 0.2  # degrees between the way of the slices and their normal from which they are resampled
 AGAIN = "copy the whole series again from where it comes from"
 WORDS = ("SeriesInstanceUID", "SeriesDescription", "ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing")
-WORDS += ("Rows", "Columns", "BitsAllocated", "SamplesPerPixel", "NumberOfFrames", "ImageType", "SOPInstanceUID")
+WORDS += ("Rows", "Columns", "BitsAllocated", "SamplesPerPixel", "ImageType", "SOPInstanceUID")
 
 
 def read_series(path: str | os.PathLike, refuse: Refuse) -> sitk.Image:
-    """The volume (float32, rescaled) of a folder of slices, whatever their names, or of one file of many frames.
+    """The volume (float32, rescaled) of a folder of slices, whatever their names.
 
     Refused are several series, another grid within one, slices that are missing, there twice, cut off or at uneven
     distances. Of a tilted gantry the slices are resampled on an upright grid, and that is said.
@@ -36,9 +36,7 @@ def read_series(path: str | os.PathLike, refuse: Refuse) -> sitk.Image:
             continue
         if "ImagePositionPatient" in head and "LOCALIZER" not in head.get("ImageType", ()):
             series.setdefault(str(head.SeriesInstanceUID), []).append((file, head))
-        elif int(head.get("NumberOfFrames") or 1) >= FEWEST:
-            series.setdefault(str(file), []).append((file, head))
-    whole = [slices for slices in series.values() if len(slices) >= FEWEST or "NumberOfFrames" in slices[0][1]]
+    whole = [slices for slices in series.values() if len(slices) >= FEWEST]
     if len(whole) != 1:
         listed = [f"{slices[0][1].get('SeriesDescription') or 'no name'} ({len(slices)})" for slices in whole]
         held = ", ".join(listed[:8]) or "none of " + f"{FEWEST} slices or more"
@@ -46,27 +44,7 @@ def read_series(path: str | os.PathLike, refuse: Refuse) -> sitk.Image:
             f"it holds {len(whole)} series of a scan: {held}",
             "keep all slices of the one that was segmented, in a folder",
         )
-    (slices,) = whole
-    if len(slices) == 1:
-        return _of_frames(slices[0][0], refuse)
-    return _of_slices(slices, refuse)
-
-
-def _of_frames(file: Path, refuse: Refuse) -> sitk.Image:
-    """The volume of a file of many frames."""
-    import highdicom
-
-    try:
-        volume = highdicom.imread(file).get_volume()
-    except Exception as error:  # pydicom and highdicom raise what they like
-        refuse(f"its frames are no volume ({error})", "export the scan as a series of slices, or as NIfTI")
-    image = sitk.GetImageFromArray(np.ascontiguousarray(volume.array, np.float32))
-    steps = volume.affine[:3, 2::-1]
-    lengths = np.linalg.norm(steps, axis=0)
-    image.SetSpacing(lengths.tolist())
-    image.SetDirection((steps / lengths).ravel().tolist())
-    image.SetOrigin(volume.affine[:3, 3].tolist())
-    return image
+    return _of_slices(whole[0], refuse)
 
 
 def _of_slices(slices: list, refuse: Refuse) -> sitk.Image:

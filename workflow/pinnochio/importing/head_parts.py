@@ -4,6 +4,7 @@ import logging
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ from pinnochio.importing.presets import (
     Preset,
 )
 from pinnochio.importing.segment_files import Segment, read_segments
-from pinnochio.importing.segmentation import HEADER, axes_of, check_extent
+from pinnochio.importing.segmentation import HEADER, axes_of, check_extent, labelled_extent
 from pinnochio.importing.soft_tissue import (
     air_threshold,
     between,
@@ -163,7 +164,7 @@ def _read_parts(path, preset: str, orientation: str, regions, refuse):
     grid, values, weight, centre = None, None, None, {}
     axes, boxes = "LPS", set()
     for file, image, pieces in _structures(path, tool, refuse):
-        face(image, direction, lambda *words, file=file: refuse(*words, file=file))
+        face(image, direction, partial(refuse, file=file))
         if grid is None:
             axes = sitk.DICOMOrientImageFilter.GetOrientationFromDirectionCosines(image.GetDirection())
         grid, values, weight = _grown(grid, values, weight, image, regions, refuse)
@@ -181,7 +182,7 @@ def _read_parts(path, preset: str, orientation: str, regions, refuse):
             values[better], weight[better] = part, (share * _rank(part))[better]
     if grid is None:
         refuse("every voxel of it is 0", "save the label maps with the values that the tool writes")
-    check_extent(_extent(values, grid.GetSpacing()[0]), refuse)
+    check_extent(labelled_extent(values > 0, grid.GetSpacing()), refuse)
     for part, name in NOUN.items():
         if not (values == part).any():
             refuse(
@@ -228,10 +229,7 @@ def _structures(path, tool: Preset, refuse) -> Iterator[tuple[Path, sitk.Image, 
             refuse("the folder holds no image", "put the label maps of the tool there")
     sources: dict[str, Path] = {}
     for file in files:
-
-        def refuse_file(problem: str, remedy: str, file=file):
-            refuse(problem, remedy, file=file)
-
+        refuse_file = partial(refuse, file=file)
         stem = file.name.split(".")[0]
         kinds = [kind for kind in tool.maps if kind in stem]
         image, segments = read_segments(file, refuse_file, may_be_empty=path.is_dir())
@@ -351,17 +349,9 @@ def _resampled(image: sitk.Image, grid: sitk.Image, outside: float = 0.0) -> np.
     return sitk.GetArrayFromImage(made).transpose(2, 1, 0)
 
 
-def _extent(values, edge: float) -> float | None:
-    index = np.argwhere(values > 0)
-    return None if not len(index) else float((np.ptp(index, axis=0).max() + 1) * edge)
-
-
 def _read_scan(volume, orientation: str, case: str, refuse) -> sitk.Image:
     """The scan, with air where it shows nothing."""
-
-    def refuse_scan(problem: str, remedy: str):
-        refuse(problem, remedy, file=volume)
-
+    refuse_scan = partial(refuse, file=volume)
     image = read_volume(volume, refuse_scan, sitk.sitkFloat32)
     face(image, None if orientation == HEADER else axes_of(orientation), refuse_scan)
     if not np.isfinite(sitk.GetArrayViewFromImage(image)).all():
@@ -383,7 +373,7 @@ def _head(values, bone, scan, volume, grid, case: str, refuse) -> tuple[np.ndarr
             )
         return labelled | bone | (values == MUSCLE), "labelled"
     grey = _resampled(scan, grid, float(sitk.GetArrayViewFromImage(scan).min()))
-    check_belongs(grey, bone, spacing, lambda problem, remedy: refuse(problem, remedy, file=volume))
+    check_belongs(grey, bone, spacing, partial(refuse, file=volume))
     threshold = air_threshold(grey, bone)
     LOG.info("case %r: air and tissue part at the grey value %.0f of %s", case, threshold, volume)
     tissue = bulk((grey > threshold) | bone, OPENING / spacing) | bone

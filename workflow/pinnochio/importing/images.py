@@ -54,7 +54,7 @@ META_BYTES = {"CHAR": 1, "SHORT": 2, "INT": 4, "LONG_LONG": 8, "FLOAT": 4, "DOUB
 
 def read_volume(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUnknown, layers: bool = False):
     """:func:`read_image` of one volume of one channel (layers: or of several, one for each layer of segments); a series
-    of DICOM, by its folder or by one file of many frames, too."""
+    of DICOM, by its folder, too."""
     if not os.path.exists(path):
         refuse("the file does not exist", "correct its path")
     if os.path.isdir(path) or str(path).lower().endswith(".dcm"):

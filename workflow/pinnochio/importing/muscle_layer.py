@@ -6,6 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from pinnochio.errors import refusal
+from pinnochio.importing.soft_tissue import larger
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
 
 LOG = logging.getLogger(__name__)
@@ -69,10 +70,7 @@ def derive_muscle(labels, spacing, origin, top: float) -> np.ndarray:
     height = origin[2] + spacing[2] * np.arange(labels.shape[2])
     muscle = soft & (to_bone < to_skin) & (to_skin > BELOW_SKIN)
     muscle &= (distance(lining) > OFF_MUCOSA) & (height < top)
-    piece, _ = ndimage.label(muscle)
-    size = np.bincount(piece.ravel()) * np.prod(spacing)
-    size[0] = 0
-    return (size >= SMALLEST)[piece]
+    return larger(muscle, SMALLEST / np.prod(spacing))
 
 
 def _outside(air, spacing, distance) -> np.ndarray:

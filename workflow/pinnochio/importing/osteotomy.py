@@ -198,6 +198,11 @@ def _points(head: HeadParts, *codes: int) -> np.ndarray:
     return np.argwhere(np.isin(head.parts, codes)) * head.spacing + head.origin
 
 
+def _at(index, places) -> np.ndarray:
+    """Places (k, 3) mm of voxels (k, 3)."""
+    return np.column_stack([np.ravel(coordinate)[index[:, axis]] for axis, coordinate in enumerate(places)])
+
+
 def _height(plane: Plane, places) -> np.ndarray:
     """Signed distance (nx, ny, nz) of every voxel from the plane."""
     return (
@@ -225,7 +230,7 @@ def _lefort(parts, upper, places, landmarks, plane, spacing, refuse):
         plane = Plane(plane.point + ABOVE_FLOOR * plane.normal, plane.normal)
         why = f"{ABOVE_FLOOR:g} mm above ANS and PNS, which were given"
     elif len(index):
-        at = np.column_stack([np.ravel(coordinate)[index[:, axis]] for axis, coordinate in enumerate(places)])
+        at = _at(index, places)
         normal = _occlusal(at)
         roots = np.percentile(at @ normal, 98)
         plane = Plane(normal * (roots + ABOVE_ROOTS), normal)
@@ -237,7 +242,7 @@ def _lefort(parts, upper, places, landmarks, plane, spacing, refuse):
         )
     below = upper & (_height(plane, places) < 0)
     if len(index):
-        at = np.column_stack([np.ravel(coordinate)[index[:, axis]] for axis, coordinate in enumerate(places)])
+        at = _at(index, places)
         rear, centre = np.percentile(at[:, 1], 99) + BEHIND_MOLARS, (at[:, 0].min() + at[:, 0].max()) / 2
         below &= (y < rear) & (np.abs(x - centre) < (at[:, 0].max() - at[:, 0].min()) / 2 + BESIDE_MOLARS)
     elif "PNS" in landmarks:
@@ -271,7 +276,7 @@ def _split(parts, lower, places, landmarks, sign: float, plane):
         return half & ~teeth & (_height(plane, places) > 0), "the plane that was given"
     index = np.argwhere(teeth)
     if len(index):
-        at = np.column_stack([np.ravel(value)[index[:, axis]] for axis, value in enumerate(places)])
+        at = _at(index, places)
         molar = np.percentile(at[:, 1], 98)
         edge = np.percentile(at[at[:, 1] > molar - FRONT, 2], 98)
         why = f"the last lower molar{GUESS}"
@@ -331,7 +336,7 @@ def _chin(parts, body, places, landmarks, plane):
     why += "" if how == "given" else GUESS
     index = np.argwhere(parts == LOWER_TEETH)
     if len(index):
-        at = np.column_stack([np.ravel(coordinate)[index[:, axis]] for axis, coordinate in enumerate(places)])
+        at = _at(index, places)
         roots = np.percentile(at[at[:, 1] < at[:, 1].min() + FRONT, 2], 2)
         if roots - BELOW_ROOTS < top:
             top, why = roots - BELOW_ROOTS, f"{BELOW_ROOTS:g} mm below the roots of the lower front teeth{GUESS}"

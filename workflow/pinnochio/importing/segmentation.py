@@ -109,7 +109,7 @@ def read_segmentation(
     for part in others:
         if _left_out(part, label_values):
             values[part.voxels() & (values < CRANIUM)] = AIR
-    check_extent(_labelled_extent(values != AIR, image.GetSpacing()), refuse)
+    check_extent(labelled_extent(values != AIR, image.GetSpacing()[::-1]), refuse)
     unnamed = [part for part in others if not _left_out(part, label_values)]
     voxel = float(np.prod(image.GetSpacing()))
     _check_unnamed(values, unnamed, label_values, codes, unnamed_percent, voxel, refuse)
@@ -361,15 +361,10 @@ def _axis_aligned(image: sitk.Image) -> sitk.Image:
     )
 
 
-def _labelled_extent(inside, spacing) -> float | None:
-    """Longest side in mm of the box round the voxels inside [iz, iy, ix]; None if there are none."""
-    sides = []
-    for axis, step in zip((2, 1, 0), spacing, strict=True):
-        filled = np.flatnonzero(inside.any(axis=tuple({0, 1, 2} - {axis})))
-        if not len(filled):
-            return None
-        sides.append((filled[-1] - filled[0] + 1) * step)
-    return float(max(sides))
+def labelled_extent(inside, spacing) -> float | None:
+    """Longest side in mm of the box round the voxels inside [i, j, k]; None if there are none."""
+    box = ndimage.find_objects(inside.astype(np.uint8))
+    return max((side.stop - side.start) * step for side, step in zip(box[0], spacing, strict=True)) if box else None
 
 
 def _diagonal(points) -> float:

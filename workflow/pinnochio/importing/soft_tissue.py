@@ -128,6 +128,14 @@ def largest(mask, structure=None) -> np.ndarray:
     return pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:]) if count else mask
 
 
+def larger(mask, voxels: float, structure=None) -> np.ndarray:
+    """The connected pieces of a mask of so many voxels at least; structure as of :func:`largest`."""
+    pieces, _ = ndimage.label(mask, structure)
+    kept = np.bincount(pieces.ravel()) >= voxels
+    kept[0] = False
+    return kept[pieces]
+
+
 def between(bone) -> np.ndarray:
     """Voxels with bone on their right and on their left."""
     right = np.maximum.accumulate(bone, axis=0)

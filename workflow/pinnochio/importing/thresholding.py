@@ -11,9 +11,9 @@ from scipy import ndimage
 from pinnochio.errors import InputError, refusal
 from pinnochio.importing.images import face, read_volume
 from pinnochio.importing.segmentation import HEADER, Segmentation, axes_of
-from pinnochio.importing.soft_tissue import between, bulk, closed, largest, near_skin
+from pinnochio.importing.soft_tissue import between, bulk, closed, larger, largest, near_skin
 from pinnochio.json_text import read_json
-from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, segment_code
+from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, TOUCHING, segment_code
 
 SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right")
 LOOSE_CM3 = 5.0  # pieces of bone that hang on nothing and are smaller count as soft: hyoid, larynx, tubes
@@ -191,7 +191,7 @@ def _bones(density, head, places, cuts: Cuts, thresholds: Thresholds) -> tuple[n
             raise InputError("-", "cuts", f"there is no bone {side} the occlusal plane", "correct the planes or 'bone'")
     markers[bony & (cuts.joint.height(places) > 0)] = UPPER
     lower = bulk(bony & (_watershed(-density, markers) == LOWER), 1)
-    upper = _without_loose(bony & ~lower, LOOSE_CM3 * 1000 / thresholds.spacing**3)
+    upper = larger(bony & ~lower, LOOSE_CM3 * 1000 / thresholds.spacing**3, TOUCHING)
     upper = closed(upper, thresholds.closing / thresholds.spacing) & ~lower
     return upper, closed(lower, thresholds.closing / thresholds.spacing) & ~upper
 
@@ -207,13 +207,6 @@ def _isotropic(ct: sitk.Image, spacing: float) -> sitk.Image:
         outputSpacing=[spacing] * 3,
         outputDirection=ct.GetDirection(),
     )
-
-
-def _without_loose(mask, voxels: float) -> np.ndarray:
-    pieces, _ = ndimage.label(mask, np.ones((3, 3, 3)))
-    large = np.bincount(pieces.ravel()) >= voxels
-    large[0] = False
-    return large[pieces]
 
 
 def _watershed(height, markers) -> np.ndarray:

@@ -9,7 +9,6 @@ there moves the bone 5 mm forward and stands in the file as (0, 5, 0) in LPS, wh
 import logging
 import os
 import re
-import struct
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,6 +16,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import SimpleITK as sitk
+from scipy.io import loadmat, whosmat
 
 from pinnochio.errors import InputError, refusal
 from pinnochio.files import replacing
@@ -185,9 +185,8 @@ def _parameters(file: Path) -> list[tuple[str, Sequence[float], Sequence[float]]
                 for entry in content["TransformGroup"].values()
             ]
     if suffix == ".mat":
-        matrices = _of_matlab(file.read_bytes())
-        fixed = dict(matrices).get("fixed", ())
-        return [(name, values, fixed) for name, values in matrices if name != "fixed"]
+        matrices, names = loadmat(file), [name for name, *_ in whosmat(file) if name != "fixed"]
+        return [(name, np.ravel(matrices[name]), np.ravel(matrices.get("fixed", ()))) for name in names]
     transforms = []
     for line in _lines(file):
         key, _, rest = line.partition(":")
@@ -196,20 +195,6 @@ def _parameters(file: Path) -> list[tuple[str, Sequence[float], Sequence[float]]
         elif transforms:
             transforms[-1][1][key] = [float(word) for word in rest.split()]
     return [(name, values.get("Parameters", ()), values.get("FixedParameters", ())) for name, values in transforms]
-
-
-def _of_matlab(content: bytes) -> list[tuple[str, np.ndarray]]:
-    """Name and numbers of each matrix in a file of MATLAB 4, as ITK writes it; ValueError where it is cut off."""
-    matrices, place = [], 0
-    while place < len(content):
-        kind, rows, columns, imaginary, length = struct.unpack_from("<5i", content, place)
-        if kind not in (0, 10) or min(rows, columns) < 0 or not 1 < length < 200 or imaginary:
-            raise ValueError("it is no file of MATLAB 4 with numbers")
-        name = content[place + 20 : place + 20 + length].rstrip(b"\0").decode("ascii")
-        place += 20 + length
-        matrices.append((name, np.frombuffer(content, "<f4" if kind else "<f8", rows * columns, place)))
-        place += matrices[-1][1].nbytes
-    return matrices
 
 
 def _lines(file: Path) -> list[str]:

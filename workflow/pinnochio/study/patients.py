@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, refusal
 from pinnochio.files import check_name
 from pinnochio.importing.cohort import COVARIATES, Case, covariates_of, read_cases
 from pinnochio.json_text import read_json
@@ -25,33 +25,21 @@ BESIDE_SCAN = (".raw", ".zraw", ".json", ".txt")  # endings of what lies beside 
 OTHERS = ("postop", "transforms", "readme")  # what the planner reads and writes beside the patient, before its ending
 
 
-@dataclass(frozen=True)
-class Patient:
-    """A patient of a study or a new one: what the user, or the virtual cohort, brings, and where its files go.
+@dataclass(frozen=True, kw_only=True)
+class Patient(Case):
+    """A patient of a study or a new one: the case that the user, or the virtual cohort, brings, and where its files go.
 
-    folder: of its files, below the results; segmentation: a file or a folder of surfaces; plans: files or folders by
-    the plan's name, which is empty for the one plan of a patient of a study; source: the folder that what is planned
-    for a new patient is saved in; checked: the table that says that all of it has been read and checked.
-    volume: the scan; markups: a file or folder of them; postop, postop_bones: skin and bones after surgery; all empty
-    where there is none; postop_frame: "bones" where both are of one scan. covariates: what else is known, by name;
-    covariates_file: JSON that holds it instead; wishes: files that say how the face shall be; unused: names of files of
-    the folder that nothing reads. config: the configuration
-    that the patient's files are made with; choice: what predicts it, where that is chosen: of a new one.
+    folder: of its files, below the results; plans: files or folders by the plan's name, which is empty for the one plan
+    of a patient of a study; source: the folder that what is planned for a new patient is saved in; checked: the table
+    that says that all of it has been read and checked; wishes: files that say how the face shall be; unused: names of
+    files of the folder that nothing reads. config: the configuration that the patient's files are made with; choice:
+    what predicts it, where that is chosen: of a new one.
     """
 
-    name: str
     folder: str
-    segmentation: str
     plans: Mapping[str, str]
     checked: str
     source: str = ""
-    volume: str = ""
-    markups: str = ""
-    postop: str = ""
-    postop_bones: str = ""
-    postop_frame: str = ""
-    covariates: Mapping[str, str | float | bool] = field(default_factory=dict)
-    covariates_file: str = ""
     wishes: Sequence[str] = ()
     unused: Sequence[str] = ()
     config: Mapping = field(default_factory=dict)
@@ -60,13 +48,8 @@ class Patient:
 
 def of_study(case: Case, config: Mapping) -> Patient:
     """The patient of a cohort."""
-    return Patient(
-        folder=f"<results>/cases/{case.name}",
-        plans={"": case.plan},
-        checked="<results>/cohort.csv",
-        config=config,
-        **{key: value for key, value in vars(case).items() if key != "plan"},
-    )
+    folder, plans = f"<results>/cases/{case.name}", {"": case.plan}
+    return Patient(**vars(case), folder=folder, plans=plans, checked="<results>/cohort.csv", config=config)
 
 
 def markups_in(folder: str | os.PathLike) -> list[str]:
@@ -143,7 +126,7 @@ def oddities(patients: Iterable[Patient]) -> list[str]:
 
 def _new(name: str, **files) -> Patient:
     folder = f"<results>/patients/{name}"
-    return Patient(name, folder, checked=f"{folder}/imported.csv", **files)
+    return Patient(name=name, folder=folder, checked=f"{folder}/imported.csv", **files)
 
 
 def _of_folder(folder: Path) -> Patient:
@@ -198,10 +181,7 @@ def _covariates(case: str, path: Path) -> dict[str, str | float | bool]:
     """What the file says, in the words of a cohort table; nothing without the file."""
     if not path.exists():
         return {}
-
-    def refuse(problem: str, remedy: str):
-        raise InputError(case, path, problem, remedy)
-
+    refuse = refusal(case, path)
     content = read_json(path, refuse)
     if not isinstance(content, dict) or (unknown := [name for name in content if name not in COVARIATES]):
         problem = repr(unknown[0]) if isinstance(content, dict) else "no object"

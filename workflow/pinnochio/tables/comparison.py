@@ -13,6 +13,7 @@ from pinnochio.metrics.worst_point import FLAGGED
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.shares import explained, of_means
 from pinnochio.statistics.wilcoxon import Comparison, compare, holm
+from pinnochio.tables.document import with_interval
 
 # What bounds the methods, beside its name.
 BOUNDS = {
@@ -84,6 +85,8 @@ COMPARISON = (
     Column("test", str, "", "how p was made, or why there is none"),
 )
 _COMPARISON = {column.name: column for column in COMPARISON}
+# Text of a row of COMPARISON: the explained share with its interval.
+share = with_interval(COMPARISON, "explained", "explained_low", "explained_high")
 # The paired difference to BASELINE that the pictures of settings and corrections show.
 AGAINST_BASELINE = (
     number("sliding_difference", "mm", f"mean of cd minus that of {BASELINE} on the same patients"),
@@ -195,12 +198,6 @@ def worst_point(row) -> str:
 def starred(text: Callable) -> Callable:
     """The text of a row with a star where Holm's p is below 0.05."""
     return lambda row: text(row) + ("*" if row["p_holm"] < 0.05 else "")
-
-
-def share(row) -> str:
-    """Text of a row of COMPARISON: the explained share with its interval; empty where there is none."""
-    middle, low, high = (_COMPARISON[f"explained{end}"].text(row[f"explained{end}"]) for end in ("", "_low", "_high"))
-    return f"{middle} [{low}, {high}]" if low else middle
 
 
 def significance(row) -> str:

@@ -41,6 +41,17 @@ def views(
     return [View(header, text(name), (signs or {}).get(name, 0)) for name, header in headers.items()]
 
 
+def with_interval(columns: Sequence[Column], middle: str, low: str, high: str) -> Callable:
+    """Text of a row: a value and, in brackets, the ends of its interval where it has one."""
+    by_name = {column.name: column for column in columns}
+
+    def text(row) -> str:
+        shown, *ends = (by_name[name].text(row[name]) for name in (middle, low, high))
+        return f"{shown} [{ends[0]}, {ends[1]}]" if ends[0] else shown
+
+    return text
+
+
 @dataclass(frozen=True)
 class Block:
     """A table of the readable twins: headers, rows of cells (text, whether it is bold) and a caption.

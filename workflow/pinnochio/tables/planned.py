@@ -10,8 +10,8 @@ from pinnochio.columns import Column, check, number, read_tables
 from pinnochio.metrics.case_columns import BY_NAME, CASES
 from pinnochio.seeds import derive_seed
 from pinnochio.statistics.wilcoxon import compare, holm
-from pinnochio.tables.comparison import count, spread
-from pinnochio.tables.document import Block, Table, View, views
+from pinnochio.tables.comparison import count, spread, starred
+from pinnochio.tables.document import Block, Table, View, views, with_interval
 
 COMPARED = ("cd", "hd95", "pwr1", "pwr2")
 PLANNED = (
@@ -72,17 +72,11 @@ def summarise(arms: dict[str, pd.DataFrame], methods: Sequence[str], seed: int) 
 def table(frame: pd.DataFrame, cohort: str) -> Table:
     """Both arms side by side; bold: best of its column."""
     columns = {column.name: column for column in PLANNED}
-
-    def cost(row):
-        mean, low, high = (columns[name].text(row[name]) for name in ("cost", "cost_low", "cost_high"))
-        star = "*" if row["p_holm"] < 0.05 else ""
-        return f"{mean}{star} [{low}, {high}]" if low else mean + star
-
     view = [
         *views(PLANNED, {"method": "Method"}),
         View("CD mm, achieved", spread("cd_achieved", columns), -1),
         View("CD mm, planned", spread("cd_planned", columns), -1),
-        View("Cost mm", cost),
+        View("Cost mm", starred(with_interval(PLANNED, "cost", "cost_low", "cost_high"))),
         View("HD95 mm, planned", spread("hd95_planned", columns), -1),
         View("PWR@2 %, achieved", spread("pwr2_achieved", columns), 1),
         View("PWR@2 %, planned", spread("pwr2_planned", columns), 1),
