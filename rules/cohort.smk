@@ -18,7 +18,6 @@ rule virtual_patient:
         spacing=config["virtual"]["spacing"],
         labels=INPUTS.cohort.label_values,
         procedure=lambda wildcards: INPUTS.cohort.drawn[wildcards.case]["procedure"],
-        muscles=config["virtual"]["muscles"],
         seed=SEED,
         code=code_of("scripts.cohort.virtual_patient"),
     message:

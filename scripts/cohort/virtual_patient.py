@@ -1,7 +1,6 @@
 """Makes a virtual patient of its seed: segmentation, the plan that treats its deformity, landmarks, anatomy."""
 
 import json
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -25,19 +24,18 @@ def virtual_patient(
     spacing: float,
     label_values: dict[str, int],
     procedure: Procedure,
-    muscles: Sequence[str],
     outputs: dict[str, str],
 ) -> None:
     """Sample the anatomy and the plan, and write them as a clinic would deliver them.
 
-    number picks the deformity class in turn; procedure is the operation; spacing
-    is the voxel edge (mm); label_values maps each structure to its voxel value; muscles are those that are labelled.
-    The landmarks (mm, LPS) and the anatomy serve the simulated outcome and the tables alone. outputs: segmentation,
-    plan, landmarks, anatomy. Raises InputError for label values that it cannot write.
+    number picks the deformity class in turn; procedure is the operation; spacing is the voxel edge (mm); label_values
+    maps each structure to its voxel value. The landmarks (mm, LPS) and the anatomy serve the simulated outcome and the
+    tables alone. outputs: segmentation, plan, landmarks, anatomy. Raises InputError for label values that it cannot
+    write.
     """
     rng = generator(seed, "virtual_patient", case)
     parameters = sample_patient(rng, DEFORMITIES[number % len(DEFORMITIES)])
-    head = build_head(parameters=parameters, spacing=spacing, procedure=procedure, muscles=muscles)
+    head = build_head(parameters=parameters, spacing=spacing, procedure=procedure)
     try:
         values = np.full(256, AIR, np.uint16)
         for name, code in internal_codes(head.segments).items():
@@ -65,6 +63,5 @@ if __name__ == "__main__":
         spacing=snakemake.params.spacing,
         label_values=snakemake.params.labels,
         procedure=Procedure(**snakemake.params.procedure),
-        muscles=snakemake.params.muscles,
         outputs=dict(snakemake.output.items()),
     )

@@ -28,9 +28,8 @@ def modelled(case: str, number: int, folder: Path, procedure: Procedure, nodes: 
     sources = {"segmentation": "segmentation.nii.gz", "plan": "input_plan.json", "landmarks": "landmarks.json"}
     names = sources | {"anatomy": "anatomy.json", "imported_plan": "plan.json", "mesh": "mesh.vtu", "model": "model.h5"}
     files = {name: str(folder / file) for name, file in (names | IMPORTED).items()}
-    muscles = CONFIG["virtual"]["muscles"]
     made = {name: files[name] for name in (*sources, "anatomy")}
-    make_head(case, number, SEED, 2.0, CONFIG["labels"], procedure, muscles, made)
+    make_head(case, number, SEED, 2.0, CONFIG["labels"], procedure, made)
     values, vocabulary = CONFIG["labels"], tuple(CONFIG["segments"])
     outputs = {name: files[name] for name in IMPORTED}
     import_segmentation(case, files["segmentation"], values, vocabulary, "header", 2.0, "derived", 6.0, outputs)

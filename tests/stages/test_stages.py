@@ -44,7 +44,7 @@ def test_virtual_patient_is_its_seed(patient, tmp_path):
     names = {"segmentation": "segmentation.nii.gz", "plan": "input_plan.json"}
     names |= {"landmarks": "landmarks.json", "anatomy": "anatomy.json"}
     again = {key: str(tmp_path / name) for key, name in names.items()}
-    rest = CONFIG["labels"], USUAL, CONFIG["virtual"]["muscles"], again
+    rest = CONFIG["labels"], USUAL, again
     make_head(patient.case, 0, SEED, 2.0, *rest)
     for name in names.values():
         assert (tmp_path / name).read_bytes() == (patient.folder / name).read_bytes()

@@ -124,7 +124,6 @@ def test_seed_depends_on_base_stage_and_key():
         (("external",), {"pinnochio": "elsewhere"}, "'external' and in 'variants'"),
         (("external",), {"dgcfp_pretrained": "elsewhere"}, "'external' and in 'surface.networks'"),
         (("variants", "acmt"), {}, "'variants' and in 'surface.networks'"),
-        (("surface", "networks", "dgcfp", "distance_guided"), 5, "'dgcfp' cannot be built"),
         (("ablation",), ["pinnochio", "other"], "ablation names 'other'"),
         (("planned", "without"), ["fem_rsle"], "planned.without names 'fem_rsle'"),
         (("better",), "other", "better names 'other'"),

@@ -75,7 +75,7 @@ def history(path, done, late, held_back):
 
 def test_the_budget_of_methods_with_and_without_a_batch(benchmarks, tmp_path):
     files = [network(tmp_path / f"{fold}.pt") for fold in (1, 2)]
-    phase = {"steps": 200, "validation": 1, "patience": 3, "learning_rate": 1e-3}
+    phase = {"steps": 200, "validation": 1, "learning_rate": 1e-3}
     settings = {
         "net": {"pretraining": phase, "finetuning": phase | {"batch": 4}},
         "once": {"pretraining": phase, "finetuning": None},
@@ -90,7 +90,7 @@ def test_the_budget_of_methods_with_and_without_a_batch(benchmarks, tmp_path):
     net, once = frame.to_dict("records")
     assert (net["method"], net["parameters"], net["folds"]) == ("net", 24, 2)
     assert (net["pretraining_samples"], net["finetuning_steps"], net["finetuning_samples"]) == (200, 200, 800)
-    assert (net["pretraining_seconds"], net["finetuning_seconds"], net["finetuning_patience"]) == (20, 5, 3)
+    assert (net["pretraining_seconds"], net["finetuning_seconds"], net["finetuning_validation"]) == (20, 5, 1)
     assert np.isnan([once["finetuning_steps"], once["finetuning_samples"], once["pretraining_seconds"]]).all()
     assert (net["pretraining_done"], net["pretraining_flat"], net["pretraining_curve"]) == (160, 2, "trained on")
     assert (net["finetuning_flat"], net["finetuning_fall"]) == (0, 50) and once["finetuning_curve"] == ""
@@ -101,5 +101,5 @@ def test_the_budget_of_methods_with_and_without_a_batch(benchmarks, tmp_path):
     cells = [cell.strip().replace("\\", "") for cell in net.split("|")[2:-1]]
     steps = "160 of 200 + 160 of 200"
     flat = "2 (0.00 %)* + 0 (50.00 %)*"
-    assert cells == ["24", steps, "200 + 800", "20.0 + 5.0", "1 + 1", "3 + 3", flat]
+    assert cells == ["24", steps, "200 + 800", "20.0 + 5.0", "1 + 1", flat]
     assert "| once | 24 | 160 of 200 + none | 200 + none | none + none |" in once

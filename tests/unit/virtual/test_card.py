@@ -32,7 +32,6 @@ VIRTUAL = {
     "role": "development",
     "patients": 10,
     "spacing": 1.5,
-    "muscles": ["masseter", "mentalis"],
     "outcome": OUTCOME,
 }
 LABELS = {"superficial": 1, "muscle": 2, "cranium": 10}

@@ -1,6 +1,7 @@
 """Picture of an imported patient's bones: segments, landmarks, what decided about the cuts and what was repaired."""
 
 import os
+import textwrap
 from collections.abc import Mapping
 
 import numpy as np
@@ -12,7 +13,7 @@ from pinnochio.model.labels import segment_name
 from pinnochio.model.surfaces import BoneSurface
 
 BELOW, OTHER_SIDE = (0.0, -0.45, -1.0), (-1, -0.05, 0.05)
-ROWS = 14  # lines of repairs that are listed
+ROWS, WIDTH = 14, 54  # lines of repairs that are listed; characters of a line
 
 
 def segments_picture(
@@ -62,13 +63,4 @@ def _lines(report: Mapping) -> list[str]:
     repairs = sorted((row for row in report["repairs"] if row["what"] != KEPT), key=lambda row: -row["voxels"])
     lines += ["", f"repairs: {sum(repair['voxels'] for repair in repairs)} voxels"]
     lines += [f"  {repair['structure']}: {repair['what']}, {repair['voxels']}" for repair in repairs[:ROWS]]
-    return [piece for line in lines for piece in (_wrapped(line))]
-
-
-def _wrapped(line: str, width: int = 54) -> list[str]:
-    words, lines = line.split(" "), [""]
-    for word in words:
-        if len(lines[-1]) + len(word) > width:
-            lines.append("   ")
-        lines[-1] += (" " if lines[-1].strip() else "") + word
-    return lines
+    return [piece for line in lines for piece in textwrap.wrap(line, WIDTH, subsequent_indent="   ") or [""]]

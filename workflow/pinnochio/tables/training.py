@@ -29,10 +29,9 @@ TRAINING = (
         column
         for phase in PHASES
         for column in (
-            _number(f"{phase}_steps", "", f"optimisation steps of {phase}, at most"),
+            _number(f"{phase}_steps", "", f"optimisation steps of {phase}"),
             _number(f"{phase}_samples", "", f"samples in {phase}: steps by batch"),
             _number(f"{phase}_validation", "", f"patients held back in {phase} to choose the weights"),
-            _number(f"{phase}_patience", "", f"validations without improvement that end {phase}; 0: never"),
             _number(f"{phase}_seconds", "s", f"mean time of {phase} per fold since its last start", form=".1f"),
             _number(f"{phase}_done", "", f"steps of {phase} done, least of the folds"),
             _number(f"{phase}_fall", "%", f"last fall of the least error in {phase}, median of the folds", form=".2f"),
@@ -76,7 +75,7 @@ def budget(
             section = phases.get(phase) or {}
             row[f"{phase}_steps"] = section.get("steps", np.nan)
             row[f"{phase}_samples"] = section.get("steps", np.nan) * section.get("batch", 1)
-            row |= {f"{phase}_{key}": section.get(key, np.nan) for key in ("validation", "patience")}
+            row[f"{phase}_validation"] = section.get("validation", np.nan)
             row[f"{phase}_seconds"] = _mean_seconds([Path(benchmarks, job, f"{fold}_{method}.tsv") for fold in folds])
             ended = [convergence(path, rule["part"]) for path in histories.get((method, phase), [])]
             row |= {f"{phase}_{key}": value for key, value in _ended(ended, rule["fall"]).items()}
@@ -143,7 +142,6 @@ def table(frame: pd.DataFrame, cohort: str, rule: Mapping[str, float]) -> Table:
         View("Samples", value("samples")),
         View("Seconds per fold", value("seconds")),
         View("Validation patients", value("validation")),
-        View("Patience", value("patience")),
         View("Flat in folds (fall)", both(flat)),
     ]
     caption = (

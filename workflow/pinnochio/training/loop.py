@@ -98,7 +98,7 @@ def train(
         measured = math.nan
         if validate and (step % settings.validate_every == 0 or step == settings.steps):
             measured = best.check(step, network, validate, counts=rising == 1)
-        if step == settings.steps or best.exhausted(settings.patience):
+        if step == settings.steps:
             if validate:
                 rows.append([step] + [math.nan] * (len(COLUMNS) - 3) + [measured])
             break
@@ -197,11 +197,10 @@ def _write_history(path: str | os.PathLike, rows: Iterable[list[float]], kept: i
 
 @dataclass
 class Best:
-    """Least validation error, the step and weights that gave it, and the checks since."""
+    """Least validation error, the step and weights that gave it, and the last error."""
 
     error: float = math.inf
     step: int = 0
-    since: int = 0
     last: float = math.nan
     weights: dict[str, Tensor] | None = None
 
@@ -211,16 +210,10 @@ class Best:
         with torch.no_grad():
             self.last = validate()
         network.train()
-        if counts:
-            self.since += 1
-            if self.last < self.error:
-                self.error, self.step, self.since = self.last, step, 0
-                self.weights = {name: value.clone() for name, value in network.state_dict().items()}
+        if counts and self.last < self.error:
+            self.error, self.step = self.last, step
+            self.weights = {name: value.clone() for name, value in network.state_dict().items()}
         return self.last
-
-    def exhausted(self, patience: int) -> bool:
-        """Whether the last `patience` checks that counted brought nothing better; never for 0."""
-        return 0 < patience <= self.since
 
     @property
     def note(self) -> str:

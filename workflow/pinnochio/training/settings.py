@@ -27,8 +27,8 @@ class TrainingSettings:
     validation: patients of the fold that are not trained on (never more than a quarter of them), by whose data
     term the weights are chosen; 0 takes the last weights. The paper says nothing of it. One is enough to tell
     the states of one run apart, since all are compared on the same patient, and costs 3 % of 32 [I].
-    validate_every: steps between two looks at it. patience: looks in a row without improvement after which
-    training stops; 0, the default, never stops, because with a cosine schedule much of the gain comes last.
+    validate_every: steps between two looks at it. No look ends a training, because with a cosine schedule much of the
+    gain comes last.
     checkpoint_every (steps), checkpoint_seconds: after either, what a killed run resumes from is written.
     """
 
@@ -47,7 +47,6 @@ class TrainingSettings:
     mirror: bool
     validation: int
     validate_every: int
-    patience: int
     physics_ramp: float = 0.0
     sources: bool = False
     surface_samples: int = 0

@@ -222,7 +222,6 @@ def origin_table(count: int, seed: int, code: str, virtual: Mapping[str, Any]) -
         ("code", f"`{code}` (content hash of the modules that made it, whatever the commit)"),
         ("patients", count),
         ("voxel edge", f"{virtual['spacing']:g} mm"),
-        ("muscles labelled", ", ".join(virtual["muscles"])),
     ]
     return markdown_table(("what", "value"), rows)
 

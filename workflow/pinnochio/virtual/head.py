@@ -1,6 +1,5 @@
 """A virtual head as a label volume: bone segments, muscle, superficial tissue and the landmarks of the patient."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ from pinnochio.virtual.carry import anatomy
 from pinnochio.virtual.cavities import MUCOSA, WALL, air_in, airway, behind_lips, oral, slit
 from pinnochio.virtual.cuts import cut
 from pinnochio.virtual.morphable_model import ModelFace, face_solid
-from pinnochio.virtual.muscles import MUSCLES, muscle_region
+from pinnochio.virtual.muscles import muscle_region
 from pinnochio.virtual.parameters import HeadParameters
 from pinnochio.virtual.procedures import Procedure
 from pinnochio.virtual.skeleton import Skeleton, mandible, upper_skull
@@ -42,16 +41,10 @@ class Head:
         return self.procedure.segments
 
 
-def build_head(
-    parameters: HeadParameters,
-    spacing: float = 1.0,
-    procedure: Procedure = USUAL,
-    muscles: Iterable[str] = MUSCLES,
-) -> Head:
+def build_head(parameters: HeadParameters, spacing: float = 1.0, procedure: Procedure = USUAL) -> Head:
     """Label volume of one virtual patient on cubes of `spacing` mm.
 
-    procedure: the cuts, whose segments the head has; muscles: what is labelled as muscle, any of :data:`MUSCLES`, the
-    rest is superficial tissue. Raises ValueError for other names.
+    procedure: the cuts, whose segments the head has.
     """
     s = Skeleton(parameters)
     soft = _soft(s, spacing)
@@ -64,7 +57,7 @@ def build_head(
     labels = np.where(bone > 0, bone, np.where(inside, SUPERFICIAL, AIR)).astype(np.uint8)
     _clean(labels)
     deep = (labels == SUPERFICIAL) & _deep(soft.depth, labels, spacing)
-    labels[deep & muscle_region(s, soft.points, soft.line, axes, muscles)] = MUSCLE
+    labels[deep & muscle_region(s, soft.points, soft.line, axes)] = MUSCLE
     _absorb(labels, SUPERFICIAL, MUSCLE)
     _absorb(labels, MUSCLE, SUPERFICIAL, CRUMB / spacing**3)
     origin = np.array([axis[0] for axis in axes])

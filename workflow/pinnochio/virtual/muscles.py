@@ -1,7 +1,5 @@
 """Muscles of a virtual head: where they run, as strands between bones, mouth corner and skin."""
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from pinnochio.virtual.implicit import Field, Shape, ellipsoid, tube
@@ -74,18 +72,9 @@ def _one_side(s: Skeleton, line: np.ndarray, side: float) -> dict[str, list[Shap
     }
 
 
-def muscle_region(
-    s: Skeleton, points: dict[str, np.ndarray], line: np.ndarray, axes, names: Iterable[str]
-) -> np.ndarray:
-    """Where the named muscles may be, bool on the grid; skin, bone and air are for the caller to keep.
-
-    names: any of :data:`MUSCLES`; ValueError for others.
-    """
-    names = set(names)
-    if unknown := sorted(names - set(MUSCLES)):
-        raise ValueError(f"unknown muscle {unknown[0]!r}; choose from {', '.join(MUSCLES)}")
+def muscle_region(s: Skeleton, points: dict[str, np.ndarray], line: np.ndarray, axes) -> np.ndarray:
+    """Where muscle may be, bool on the grid; skin, bone and air are for the caller to keep."""
     field = Field(axes, reach=4.0)
-    for name, shapes in muscle_shapes(s, points, line).items():
-        if name in names:
-            field.union(*shapes, k=3)
+    for shapes in muscle_shapes(s, points, line).values():
+        field.union(*shapes, k=3)
     return field.values < 0

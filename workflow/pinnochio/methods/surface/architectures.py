@@ -46,16 +46,14 @@ class AcmtArchitecture:
         counts = [max(round(share * self.settings.points), 4) for share in shares]
         return PointCloud.build(points, counts, radii, self.settings.neighbours, rng)
 
-    def loss(
-        self, stages: Sequence[SurfaceStage], pairs: Tensor, seen: Tensor, target: Tensor, weight: Tensor
-    ) -> Tensor:
+    def loss(self, stages: Sequence[SurfaceStage], pairs: Tensor, seen: Tensor, target: Tensor) -> Tensor:
         """The published loss of a patient: shape, density and local terms.
 
-        pairs (p, 2), seen (n,): see Draw and Target; target (t, 3) in units with weight (t,).
+        pairs (p, 2), seen (n,): see Draw and SurfaceTarget; target (t, 3) in units.
         """
         (stage,) = stages
         moved = stage.rest + stage.displacement
-        shape = chamfer(moved, target, seen, weight) + 0.05 * density(moved, target)
+        shape = chamfer(moved, target, seen) + 0.05 * density(moved, target)
         return shape + 5 * local_change(stage.rest, moved, pairs)
 
     def set_momentum(self, network: nn.Module, share: float) -> None:
@@ -90,14 +88,14 @@ class DgcfpArchitecture(AcmtArchitecture):
         counts = [max(round(self.settings.points * dgcfp.FACE_SHARE**n), 4) for n in range(dgcfp.FACE_LEVELS)]
         return FaceGraph.build(points, normals, faces, counts, dgcfp.FACE_RADII, self.settings.neighbours, rng)
 
-    def loss(self, stages, pairs, seen, target, weight):
+    def loss(self, stages, pairs, seen, target):
         """Shape, density and Laplacian terms at both stages."""
         total = 0.0
         for stage in stages:
             moved = stage.rest + stage.displacement
             if stage.corners is not None:
                 seen = torch.cat([seen, seen[stage.corners].amin(1)])
-            total += chamfer(moved, target, seen, weight, squared=True) + 0.3 * density(moved, target, squared=True)
+            total += chamfer(moved, target, seen, squared=True) + 0.3 * density(moved, target, squared=True)
             total += 0.05 * laplacian_change(stage.displacement, stage.edges)
         return total
 

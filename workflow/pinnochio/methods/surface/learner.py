@@ -43,20 +43,19 @@ class FieldDraw:
 
 @dataclass(frozen=True)
 class SkinDraw:
-    """A draw of a patient: pairs (p, 2) of points, weights seen (n,); the SurfaceTarget's points and weight."""
+    """A draw of a patient: pairs (p, 2) of points, weights seen (n,); the SurfaceTarget's points."""
 
     inputs: SurfaceInputs
     pairs: Tensor
     seen: Tensor
     points: Tensor
-    weight: Tensor
     architecture: AcmtArchitecture
 
     def loss(self, stages: Sequence[SurfaceStage], flip: Tensor, step: Step) -> Tensor:
         """Of fine-tuning: the published loss against points drawn from the target."""
         drawn = step.rng.permutation(len(self.points))[: self.architecture.settings.points]
         chosen = torch.as_tensor(drawn, device=self.points.device)
-        return self.architecture.loss(stages, self.pairs, self.seen, self.points[chosen] * flip, self.weight[chosen])
+        return self.architecture.loss(stages, self.pairs, self.seen, self.points[chosen] * flip)
 
 
 class SurfaceLearner:
@@ -110,7 +109,7 @@ class SurfaceLearner:
         except ValueError as error:
             raise InputError(files.case, files.postop, str(error), "check registration and face region") from error
         draws = [
-            SkinDraw(patient.inputs(draw, plan), draw.pairs, seen, target.points, target.weight, self._architecture)
+            SkinDraw(patient.inputs(draw, plan), draw.pairs, seen, target.points, self._architecture)
             for draw, seen in zip(patient.draws, target.seen, strict=True)
         ]
         return [[to_device(draw, self.device) for draw in draws]]

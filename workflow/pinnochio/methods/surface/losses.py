@@ -7,16 +7,16 @@ from torch_geometric.utils import scatter
 DENSITY_NEIGHBOURS = 8
 
 
-def chamfer(points: Tensor, target: Tensor, here: Tensor, there: Tensor, squared: bool = False) -> Tensor:
+def chamfer(points: Tensor, target: Tensor, seen: Tensor, squared: bool = False) -> Tensor:
     """Mean distance from points (n, 3) to their nearest target and from targets (t, 3) to their nearest point, added.
 
-    here (n,), there (t,): weight of each in its mean. squared: of the distances.
+    seen (n,): weight of the points in their mean. squared: of the distances.
     """
     with torch.no_grad():
         apart = torch.cdist(points, target)
         ahead, back = apart.argmin(1), apart.argmin(0)
-    ways = ((points - target[ahead], here), (target - points[back], there))
-    return sum((_length(offset, squared) * weight).sum() / weight.sum() for offset, weight in ways)
+    there = (_length(points - target[ahead], squared) * seen).sum() / seen.sum()
+    return there + _length(target - points[back], squared).mean()
 
 
 def density(points: Tensor, target: Tensor, squared: bool = False) -> Tensor:

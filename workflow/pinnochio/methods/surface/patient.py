@@ -82,11 +82,10 @@ class SurfacePatient:
 class SurfaceTarget:
     """Points (t, 3) in units on the part of the post-operative skin that the judged face can be compared with.
 
-    weight (t,) of each; seen: for each draw, the weight (n,) of its face points, 0 where the scan has ended before.
+    seen: for each draw, the weight (n,) of its face points, 0 where the scan has ended before, else 1.
     """
 
     points: Tensor
-    weight: Tensor
     seen: tuple[Tensor, ...]
 
     @classmethod
@@ -103,15 +102,6 @@ class SurfaceTarget:
         many = many[model.face_roi[closest.face] & ~closest.border][: TARGETS * settings.points]
         if not len(many):
             raise ValueError("the post-operative skin covers nothing of the face: is it registered?")
-
-        def weight(places):
-            if not settings.distance_guided:
-                return np.ones(len(places))
-            moving = cKDTree(model.bone_points[model.bone_segment >= 0])
-            return np.exp(-moving.query(places)[0] / settings.distance_guided)
-
-        seen = []
-        for draw in patient.draws:
-            rest = spread(model.skin_points, draw.near, draw.weights)
-            seen.append(real(weight(rest) * ~closest_points(rest, points, faces).border))
-        return cls(real((many - patient.centre) / patient.unit), real(weight(many)), tuple(seen))
+        rests = (spread(model.skin_points, draw.near, draw.weights) for draw in patient.draws)
+        seen = tuple(real(~closest_points(rest, points, faces).border) for rest in rests)
+        return cls(real((many - patient.centre) / patient.unit), seen)

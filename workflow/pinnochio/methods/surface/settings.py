@@ -1,6 +1,8 @@
 """Sizes and switches of the surface networks."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 ARCHITECTURES = ("acmt", "fscnet", "dgcfp")
 
@@ -11,17 +13,16 @@ class SurfaceSettings:
 
     The layer widths are the published code's and are not settings. points: drawn from the skin and from the bone, 4096
     in the published code; every level of an encoder holds the same share of them as there. neighbours: at most so many
-    points in a ball, 64 there. repeats: draws of each patient, shown in turn.
-
-    distance_guided (fscnet): mm over which the weight of a skin point falls with its distance from the moving bone, 0
-    for equal weights. mixed_precision: matrix products in bfloat16, as DGCFP is trained in half precision.
+    points in a ball, 64 there. repeats: draws of each patient, shown in turn. mixed_precision: matrix products in
+    bfloat16, as DGCFP is trained in half precision. REMOVED: as of NetworkSettings.
     """
+
+    REMOVED: ClassVar[Mapping[str, object]] = {"distance_guided": 0}
 
     architecture: str
     points: int
     neighbours: int
     repeats: int
-    distance_guided: float = 0.0
     mixed_precision: bool = False
 
     def __post_init__(self):
@@ -29,5 +30,3 @@ class SurfaceSettings:
             raise ValueError(f"architecture {self.architecture!r} is not one of {ARCHITECTURES}")
         if self.points < 64:
             raise ValueError(f"{self.points} points are too few: 64 at least")
-        if self.distance_guided and self.architecture != "fscnet":
-            raise ValueError(f"'distance_guided' belongs to 'fscnet', not to {self.architecture!r}")
