@@ -35,9 +35,10 @@ rule evaluate:
         "../scripts/tables/evaluate.py"
 
 
+# Without an ending; Snakemake takes an empty pattern for none.
 use rule evaluate as evaluate_external with:
     wildcard_constraints:
-        corrected="",
+        corrected="()",
         method=any_of(config["external"]),
 
 
