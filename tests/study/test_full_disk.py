@@ -7,7 +7,7 @@ import pytest
 from pinnochio.files import ROOM
 from tests.helpers.study import write_case
 
-CONFIG = ("--config", "cohort=cases.tsv", "folds=2", "mesh={nodes: 2000}")
+CONFIG = ("--config", "cohort=cases.tsv", "folds=2")
 MODEL = "results/cases/P1/model.h5"
 
 

@@ -34,6 +34,7 @@ def package(tmp_path):
     return package
 
 
+@pytest.mark.full
 def test_kept_code_that_names_a_class_which_is_gone_is_compiled_anew(package, tmp_path):
     for name, hits in (("Pair", 0), ("Pair", 1), ("Two", 0), ("Two", 1)):
         (package / "inner.py").write_text(

@@ -160,7 +160,7 @@ def test_a_face_of_another_size_is_refused_with_its_scale(scale, from_in_place):
 
 def test_half_a_face_and_a_coarse_scan_have_the_right_size(from_in_place):
     points, faces = face(noise=0.4)
-    for scan in ((points, faces), part(points, faces, points[:, 0] > -10), part(points, faces, points[:, 0] < 10)):
+    for scan in ((points, faces), part(points, faces, points[:, 0] > -10)):
         fit = register(*scan, *face(), PLANE, **NAMES, limit=LIMIT)
         check_scan(*scan, *face(), PLANE, fit, **NAMES)
 

@@ -26,7 +26,7 @@ ABOVE = 20.0
 TRUE = Plan("P1", {"lefort1": RigidMotion.from_degrees((2, -1, 1.5), (1.0, -5.0, 2.0), (0, -80, -40))})
 
 
-@pytest.fixture(scope="module", params=["class_ii", "class_iii"])
+@pytest.fixture(scope="module", params=["class_ii", pytest.param("class_iii", marks=pytest.mark.full)])
 def face(request):
     """Head, model, bone, nasion plane, skin after surgery, and the points that are judged.
 

@@ -16,6 +16,7 @@ from tests.helpers.patients import tiny_patient
 from tests.helpers.settings import ROOT
 from tests.helpers.training import FEM, PHASES, SMALL, TRAINING, make_cases, run
 
+pytestmark = pytest.mark.full
 SHORT = replace(TRAINING, steps=2)
 MODEL = tiny_patient(5, (9, 8, 7))
 ABSENT = (
