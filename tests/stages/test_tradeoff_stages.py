@@ -1,6 +1,5 @@
 """The trade-off's stages on one patient."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -66,7 +65,6 @@ def test_every_setting_has_a_row_beside_the_reference(patient, rows):
     assert study["cd"].iloc[1] == pytest.approx(fem["cd"].iloc[0], abs=1e-6)
     # Corrections take a network's field to equilibrium, near to the reference's.
     assert networks["eqres_rel"].iloc[1] < 0.1 * networks["eqres_rel"].iloc[0]
-    assert [json.loads(text)["corrections"] for text in networks["recipe"]] == [0, 2]
 
 
 def test_a_reference_that_does_not_converge_leaves_its_distances_out(patient, tmp_path):

@@ -59,7 +59,7 @@ def test_a_whole_study_as_text_is_the_one_of_the_file(overlay):
         ("labels.muscle", "Muscle 7", "Muscle 7"),
         ("virtual.outcome.effects.swelling", "nominal", "nominal"),
         ("virtual.outcome.effects.swelling", "0", 0),
-        ("tradeoff.budgets", "[0.1, 1e-3]", [0.1, 1e-3]),
+        ("stability.unit", "[0.1, 1e-3]", [0.1, 1e-3]),
         ("external", {"mine": "1"}, {"mine": "1"}),
         ("models", "007", "007"),
         ("models", "true", "true"),
@@ -106,7 +106,7 @@ def test_an_absent_key_with_a_default_is_filled_in():
             ["effects.nose (1) is unknown", "mean virtual.outcome.effects.noise", "swelling is -1; allowed"],
         ),
         ({"fem": {"time_limit": ".inf"}}, ["fem.time_limit is inf, which is not finite"]),
-        ({"tradeoff": {"budgets": [0.1, math.nan]}}, ["tradeoff.budgets[1] is nan, which is not finite"]),
+        ({"stability": {"unit": [0.1, math.nan]}}, ["stability.unit[1] is nan, which is not finite"]),
         ({"fem": {"accuracy": 0}}, ["fem.accuracy is 0; allowed: `exact` or number, >= 0.001, <= 2"]),
     ],
 )

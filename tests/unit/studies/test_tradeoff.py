@@ -1,5 +1,3 @@
-import json
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,7 +11,6 @@ from pinnochio.model.predictions import Prediction, read_prediction, write_predi
 from pinnochio.plans.plan import Plan
 from pinnochio.study.study import Study
 from studies.tradeoff.cases import TRADEOFF_CASES
-from studies.tradeoff.choices import SAFETY, check_choices, choose_setting
 from studies.tradeoff.figure import draw
 from studies.tradeoff.inputs import Tradeoff
 from studies.tradeoff.measuring import Reference, judge, predict_fem
@@ -39,8 +36,7 @@ def rows(factors=None) -> pd.DataFrame:
     cells = []
     for case, (time, error) in (factors or {"A": (1, 1), "B": (1.1, 0.9), "C": (0.9, 1.1)}).items():
         for method, value, seconds, cd, face in SETTINGS:
-            recipe = "" if method == "bad" else json.dumps({"method": method})
-            row = {"case": case, "method": method, "parameter": "turn", "value": value, "recipe": recipe, "nodes": 100}
+            row = {"case": case, "method": method, "parameter": "turn", "value": value, "nodes": 100}
             row |= {"seconds": seconds * time, "setup_seconds": 0, "threads": 1, "converged": True, "cd": cd * error}
             row |= {"face_error": face * error, "face_error_max": 3 * face, "volume_error": face, "eqres_rel": 0.1}
             cells.append(row | {"min_jacobian": 0.5, "inverted": 0})
@@ -88,49 +84,6 @@ def test_the_three_questions_are_answered_from_the_rows():
     assert failed.endswith("nothing.")
 
 
-def test_a_choice_keeps_the_budget_with_a_margin_on_every_patient():
-    frame = summarise(rows())
-    assert choose_setting(frame, budget_seconds=SAFETY * 0.56)["value"] == "2"  # 0.5 s took 0.55 on patient B
-    assert choose_setting(frame, budget_seconds=SAFETY * 0.54)["value"] == "1"
-    assert choose_setting(frame, budget_seconds=100)["method"] == "slow"
-
-
-def test_no_setting_is_chosen_that_turns_an_element_inside_out():
-    data = rows()
-    data.loc[(data["case"] == "C") & (data["method"] == "middle") & (data["value"] == "1"), "inverted"] = 1
-    assert choose_setting(summarise(data), budget_seconds=SAFETY * 0.54)["method"] == "fast"
-
-
-def test_an_impossible_wish_shows_what_is_possible():
-    with pytest.raises(InputError, match="budget_seconds 0.001.*ask for 0.017 s or more"):
-        choose_setting(summarise(rows()), budget_seconds=1e-3)
-
-
-def test_choices_are_tried_on_patients_that_the_front_does_not_know():
-    measured = rows({"A": (1, 1), "B": (1, 1), "C": (10, 2)})
-    tried = check_choices(measured, [1.0]).set_index("asked")
-    budget = tried.loc["budget_seconds 1"]
-    # A and B see C's 5 s and take the setting of 0.2 s, 2 s on C, not; C takes what the others need 0.5 s for: 5 s.
-    assert (budget["n"], budget["kept"]) == (3, 2)
-    assert budget["seconds_max"] == pytest.approx(5)
-    assert budget["cd_expected"] == pytest.approx((1.35 + 1.35 + 0.65) / 3)
-    assert budget["cd"] == pytest.approx((0.9 + 0.9 + 1.3) / 3)
-    assert budget["cd_near"] == 0
-
-
-def test_the_error_that_is_foretold_has_an_interval_from_nine_patients_on():
-    """Ten patients, whose errors are 0.7 mm times 1 to 1.9."""
-    factors = {f"P{number}": (1, 1 + number / 10) for number in range(10)}
-    few, many = (summarise(rows(dict(list(factors.items())[:count]))) for count in (8, 10))
-    assert few["cd_within"].isna().all()
-    # 90 % of ten patients: the tenth of eleven ranks, the largest error; 1 is 5 / 9 from the mean of the others.
-    assert many.set_index(["method", "value"]).loc[("middle", "1"), "cd_within"] == pytest.approx(0.7 * 0.5)
-    tried = check_choices(rows(factors), [1.0]).iloc[0]
-    # Without an extreme patient the others' largest error is 0.45 of 0.65 mm, and the extreme one is 0.5 away.
-    assert 0.65 * 0.45 < tried["cd_within"] < 0.65 * 0.55 and tried["cd_inside"] == 0.8
-    assert np.isnan(check_choices(rows(), [1.0]).iloc[0]["cd_inside"])
-
-
 def test_a_patient_whose_reference_does_not_converge_stays_but_for_its_distances(tmp_path):
     measured = rows()
     measured.loc[measured["case"] == "B", ["face_error", "face_error_max", "volume_error"]] = np.nan
@@ -159,11 +112,6 @@ def test_a_reference_that_is_none_is_known_from_its_file(tmp_path):
     )
     assert row["cd"] < 1e-9 and row["inverted"] == 0
     assert all(np.isnan(row[name]) for name in ("face_error", "face_error_max", "volume_error"))
-
-
-def test_a_budget_that_nothing_keeps_is_said_so():
-    row = check_choices(rows(), [1e-4]).iloc[0]
-    assert (row["n"], row["kept"], row["setting"]) == (0, 0, "none") and np.isnan(row["cd"])
 
 
 def traded(**changes) -> Tradeoff:
@@ -201,7 +149,7 @@ def test_the_settings_vary_one_parameter_at_a_time():
     assert [s.method for s in base] == ["elastic", "fem_bonded", "fem_sliding"]
     assert [s.contact for s in base] == ["", "bonded", "mucosa"]
     assert all(s.nodes == 1000 for s in settings if s.parameter != "nodes")
-    assert json.loads(next(s for s in settings if s.parameter == "accuracy").recipe)["fem"] == {"accuracy": 0.1}
+    assert next(s for s in settings if s.parameter == "accuracy").fem == {"accuracy": 0.1}
     newton = [s for s in settings if s.method == "fem_sliding" and s.parameter == "solver"]
     assert [s.value for s in newton] == [
         "Newton's method",
@@ -235,7 +183,7 @@ def test_judging_the_reference_itself_finds_no_error():
     judged = choose(patient, plan, *target, 500, 1)
     row = judge(as_in_the_study("x", 0), "tiny", patient, solved, target, judged, reference, fem)
     assert row["face_error"] == 0 and row["volume_error"] < 1e-9 and row["cd"] < 1e-9
-    assert row["eqres_rel"] < fem.tolerance and row["recipe"] == ""
+    assert row["eqres_rel"] < fem.tolerance
     off = patient.moved_skin(solved.displacement) + [0.3, 0, 0.4]
     assert reference.face_errors(patient, off) == pytest.approx(0.5)
 
@@ -267,15 +215,12 @@ def test_another_element_gives_nearly_the_same_field():
 
 def test_table_and_pictures_are_written(tmp_path):
     write_csv(rows(), tmp_path / "rows.csv", TRADEOFF_CASES)
-    paths = {name: tmp_path / f"{name}.csv" for name in ("tradeoff_cases", "choices", "tradeoff")}
+    paths = {name: tmp_path / f"{name}.csv" for name in ("tradeoff_cases", "tradeoff")}
     cohort = {"cohort": "virtual cohort"}
     make(paths["tradeoff_cases"], "studies.tradeoff.cases", rows=[tmp_path / "rows.csv"], **cohort)
-    options = {"cases": paths["tradeoff_cases"]} | cohort
-    make(paths["choices"], "studies.tradeoff.choices", budgets=[1.0], **options)
-    make(paths["tradeoff"], "studies.tradeoff.table", **options)
+    make(paths["tradeoff"], "studies.tradeoff.table", cases=paths["tradeoff_cases"], **cohort)
     text = (tmp_path / "tradeoff.md").read_text()
     assert "virtual cohort, n = 3 held-out patients" in text and "What the last 0.1 mm cost" in text
-    assert "**Budgets**" in (tmp_path / "choices.md").read_text()
     draw(summarise(rows()), [tmp_path / "a.png", tmp_path / "a.svg"])
     assert (tmp_path / "a.png").stat().st_size > 20_000
     assert "A demonstration: 3 patients do not tell methods apart" in texts(tmp_path / "a.svg")

@@ -68,7 +68,7 @@ def judge(
     reported. Without a reference there is no distance from it.
     """
     row = {"case": case, "method": setting.method, "parameter": setting.parameter, "value": setting.value}
-    row |= {"recipe": setting.recipe, "nodes": len(patient.points), "converged": prediction.converged}
+    row |= {"nodes": len(patient.points), "converged": prediction.converged}
     row |= {"seconds": prediction.seconds, "setup_seconds": prediction.setup_seconds, "threads": prediction.threads}
     u, moved = prediction.displacement, prediction.moved_skin(patient)
     row |= dict.fromkeys(("cd", "face_error", "face_error_max"), np.nan)

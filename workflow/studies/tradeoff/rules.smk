@@ -20,17 +20,6 @@ add_table(
     arguments=NAMED,
 )
 add_table(
-    "choices",
-    "studies.tradeoff.choices",
-    title="Budgets of seconds",
-    caption="What a budget of seconds allows, tried on each patient with the Pareto front of all the others.",
-    files=TRADED_CASES,
-    arguments=NAMED
-    | {
-        "budgets": config["tradeoff"]["budgets"],
-    },
-)
-add_table(
     "tradeoff",
     "studies.tradeoff.table",
     title="Seconds against accuracy",
@@ -154,7 +143,6 @@ rule measure_study:
 rule tradeoff:
     input:
         recorded("tradeoff"),
-        table_and_twins("choices"),
         expand("<results>/figures/tradeoff.{kind}", kind=["png", "svg"]),
     message:
         "Seconds against accuracy: see {config[pathvars][results]}/tables/tradeoff.md"

@@ -1,6 +1,5 @@
 """The settings that are measured: each method at its own in the study, then one parameter varied at a time."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -20,8 +19,7 @@ UNKEPT = {"kept_factors": False}  # Newton's method, which knows increments
 @dataclass(frozen=True)
 class Setting:
     """method and the parameter that is set to `value`; what differs from the study: nodes of the mesh, `fem` settings,
-    corrections after a network. contact: which interfaces slide, of finite elements; empty of linear elasticity. A
-    recipe holds what a prediction needs to repeat it; settings that serve the comparison alone have none.
+    corrections after a network. contact: which interfaces slide, of finite elements; empty of linear elasticity.
     """
 
     method: str
@@ -31,16 +29,6 @@ class Setting:
     contact: str = ""
     fem: Mapping[str, object] = field(default_factory=dict)
     corrections: int | None = None
-    repeatable: bool = True
-
-    @property
-    def recipe(self) -> str:
-        """JSON: method, nodes, fem, corrections; empty where nothing can repeat it."""
-        if not self.repeatable:
-            return ""
-        return json.dumps(
-            {"method": self.method, "nodes": self.nodes, "fem": dict(self.fem), "corrections": self.corrections}
-        )
 
 
 def fem_settings(
@@ -61,7 +49,7 @@ def fem_settings(
         settings += setting(method, "nodes", f"{nodes}, {BASE}")
         for size in config["nodes"]:
             settings += setting(method, "nodes", str(size), size) if size != nodes else []
-    settings.append(Setting("fem_lips", "arm", "mucosa+lip", nodes, "mucosa+lip", repeatable=False))
+    settings.append(Setting("fem_lips", "arm", "mucosa+lip", nodes, "mucosa+lip"))
     for method in varied:
         settings += setting(method, "element", "p1", fem={"volumetric": "p1"})
         for accuracy in config["accuracies"]:
@@ -105,4 +93,4 @@ def nearest(settings: Mapping, bases: Mapping[str, Mapping]) -> str:
 
 def as_in_the_study(method: str, nodes: int) -> Setting:
     """A method as the study predicts by it."""
-    return Setting(method, "none", BASE, nodes, repeatable=False)
+    return Setting(method, "none", BASE, nodes)

@@ -8,11 +8,10 @@ import pandas as pd
 from pinnochio.columns import check, read_table
 from pinnochio.methods.names import BASELINE
 from pinnochio.seeds import derive_seed
-from pinnochio.statistics.conformal import half_width
 from pinnochio.tables.comparison import against_baseline
 from pinnochio.tables.document import Block, Table, View, views
 from studies.tradeoff.cases import TRADEOFF_CASES
-from studies.tradeoff.pareto_front import LEVEL, SETTING, TRADEOFF
+from studies.tradeoff.pareto_front import SETTING, TRADEOFF
 from studies.tradeoff.settings import BASE
 
 FRONTS = {"cd": "front_outcome", "face_error": "front_reference"}
@@ -31,7 +30,6 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
         names = ("nodes", "seconds", "setup_seconds", "cd", "face_error", "volume_error", "eqres_rel")
         row |= {name: group[name].mean() for name in names}
         row |= {"seconds_max": group["seconds"].max(), "cd_sd": group["cd"].std(), "inverted": group["inverted"].sum()}
-        row |= {"cd_within": _within(group["cd"].dropna())}
         row |= against_baseline(group[group["seconds"].notna()], baseline, derive_seed(0, "bootstrap", "/".join(key)))
         row |= {"face_error_max": group["face_error_max"].max(), "min_jacobian": group["min_jacobian"].min()}
         summaries.append(row)
@@ -40,13 +38,6 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     for error, column in FRONTS.items():
         frame[column] = pareto(frame["seconds"], frame[error].where((frame["failed"] == 0) & frame["seconds"].notna()))
     return check(frame, TRADEOFF)
-
-
-def _within(values: pd.Series) -> float:
-    """Conformal half-width in mm about the mean of patients' values, each judged by the mean of the others."""
-    others = (values.sum() - values) / max(len(values) - 1, 1)
-    width = half_width((values - others).abs().to_numpy()[:, None], LEVEL)
-    return width if np.isfinite(width) else np.nan
 
 
 def pareto(seconds, errors) -> np.ndarray:
