@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
+from pinnochio.errors import InputError
 from pinnochio.importing.images import AGAIN, check_places, read_volume
 
 Refuse = Callable[..., None]  # refuse(problem, remedy) raises InputError
+SEG_AGAIN = "export the segmentation as one DICOM-SEG file"
 
 
 @dataclass(frozen=True)
@@ -75,54 +77,53 @@ def _read_dicom(path: str | os.PathLike, refuse: Refuse) -> tuple[sitk.Image, li
     """Grid and segments of a DICOM-SEG; fractional segments count from one half."""
     import highdicom  # half a second, which most stages are spared
 
-    def read(part: Callable):
+    try:
+        stored = highdicom.seg.segread(path)
+        _check_frames(stored, refuse)
+        geometry = stored.get_volume_geometry()
+        if geometry is None:
+            refuse("its frames are no evenly spaced stack", "export it on the grid of an axial scan without gaps")
+        names = {number: stored.get_segment_description(number).segment_label for number in stored.segment_numbers}
+        # highdicom counts slice, row, column; ITK counts column, row, slice.
+        steps, origin = geometry.affine[:3, 2::-1], geometry.affine[:3, 3]
+        lengths = np.linalg.norm(steps, axis=0)
+        check_places([*lengths, *origin, *(steps / lengths).ravel()], lengths, refuse)
+        image = sitk.Image([int(n) for n in geometry.spatial_shape[::-1]], sitk.sitkUInt8)
+        image.SetSpacing(lengths.tolist())
+        image.SetDirection((steps / lengths).ravel().tolist())
+        image.SetOrigin(origin.tolist())
+        return image, [Segment(name, number, _voxels(stored, number, refuse)) for number, name in names.items()]
+    except InputError:
+        raise
+    except Exception as error:  # pydicom and highdicom raise what they like
+        refuse(f"it cannot be read as DICOM-SEG ({error})", SEG_AGAIN)
+
+
+def _voxels(stored, number: int, refuse: Refuse) -> Callable[[], np.ndarray]:
+    """Reader of the voxels of a segment, of which a file may hold many."""
+
+    def read() -> np.ndarray:
         try:
-            return part()
-        except Exception as error:  # pydicom and highdicom raise what they like
-            refuse(f"it cannot be read as DICOM-SEG ({error})", "export the segmentation as one DICOM-SEG file")
+            return stored.get_volume(segment_numbers=[number]).array[..., 0] >= 0.5
+        except Exception as error:
+            refuse(f"it cannot be read as DICOM-SEG ({error})", SEG_AGAIN)
 
-    stored = read(lambda: highdicom.seg.segread(path))
-    _check_frames(stored, read, refuse)
-    geometry = read(stored.get_volume_geometry)
-    if geometry is None:
-        refuse("its frames are no evenly spaced stack", "export it on the grid of an axial scan without gaps")
-
-    def voxels(number: int) -> np.ndarray:
-        return read(lambda: stored.get_volume(segment_numbers=[number]).array[..., 0]) >= 0.5
-
-    # highdicom counts slice, row, column; ITK counts column, row, slice.
-    affine, shape = geometry.affine, geometry.spatial_shape
-    image = sitk.Image([int(n) for n in shape[::-1]], sitk.sitkUInt8)
-    steps = affine[:3, 2::-1]
-    lengths = np.linalg.norm(steps, axis=0)
-    check_places([*lengths, *affine[:3, 3], *(steps / lengths).ravel()], lengths, refuse)
-    image.SetSpacing(lengths.tolist())
-    image.SetDirection((steps / lengths).ravel().tolist())
-    image.SetOrigin(affine[:3, 3].tolist())
-    numbers = stored.segment_numbers
-    names = [read(lambda number=number: stored.get_segment_description(number).segment_label) for number in numbers]
-    return image, [
-        Segment(name, number, lambda number=number: voxels(number)) for name, number in zip(names, numbers, strict=True)
-    ]
+    return read
 
 
-def _check_frames(stored, read: Callable, refuse: Refuse) -> None:
+def _check_frames(stored, refuse: Refuse) -> None:
     """Refuse a DICOM-SEG whose frames are not as many as its header says, or show a segment that it does not list."""
-    frames = int(read(lambda: stored.NumberOfFrames))
-    listed = read(lambda: stored.PerFrameFunctionalGroupsSequence)
-    bits = frames * int(read(lambda: stored.Rows * stored.Columns * stored.BitsAllocated))
-    there, wanted = len(read(lambda: stored.PixelData)), (bits + 7) // 8
-    encapsulated = read(lambda: stored.file_meta.TransferSyntaxUID.is_encapsulated)
+    frames, listed = int(stored.NumberOfFrames), stored.PerFrameFunctionalGroupsSequence
+    there, wanted = len(stored.PixelData), (frames * stored.Rows * stored.Columns * stored.BitsAllocated + 7) // 8
     # An odd length is filled up; frames that are compressed have lengths of their own.
-    if len(listed) != frames or not (encapsulated or wanted <= there <= wanted + 1):
+    whole = stored.file_meta.TransferSyntaxUID.is_encapsulated or wanted <= there <= wanted + 1
+    if len(listed) != frames or not whole:
         refuse(
             f"its header asks for {frames} frames in {wanted} bytes; {len(listed)} frames in {there} bytes are there",
             AGAIN,
         )
     if stored.SegmentationType == "LABELMAP":
         return
-    shown = {
-        read(lambda frame=frame: frame.SegmentIdentificationSequence[0].ReferencedSegmentNumber) for frame in listed
-    }
+    shown = {frame.SegmentIdentificationSequence[0].ReferencedSegmentNumber for frame in listed}
     if lost := sorted(shown - set(stored.segment_numbers)):
         refuse(f"it shows segment {lost[0]}, which it does not list", AGAIN)

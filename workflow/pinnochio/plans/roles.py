@@ -18,22 +18,18 @@ PLACES = {"upper": ("maxilla",), "lower": ("distal", UNCUT), "chin": ("chin", "d
 
 def role(segment: str) -> str:
     """maxilla | distal | mandible (uncut) | proximal | chin, by the segment's name."""
-    if segment == UNCUT:
-        return UNCUT
-    for start, what in ROLES.items():
-        if segment.startswith(start):
-            return what
-    raise InputError(
-        "?", "segments", f"segment {segment!r} has no known role", f"start its name with {', '.join(ROLES)}"
-    )
+    known = known_role(segment)
+    if known is None:
+        remedy = f"start its name with {', '.join(ROLES)}"
+        raise InputError("?", "segments", f"segment {segment!r} has no known role", remedy)
+    return known
 
 
 def known_role(segment: str) -> str | None:
     """The role, None for a name that tells none."""
-    try:
-        return role(segment)
-    except InputError:
-        return None
+    if segment == UNCUT:
+        return UNCUT
+    return next((what for start, what in ROLES.items() if segment.startswith(start)), None)
 
 
 def of_role(segments: Sequence[str], *roles: str) -> list[str]:
