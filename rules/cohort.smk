@@ -115,27 +115,6 @@ rule virtual_outcome:
         "../scripts/cohort/virtual_outcome.py"
 
 
-rule carry_truth:
-    input:
-        truth="<results>/virtual/{case}/truth.h5",
-        model="<results>/cases/{case}{mesh}/model.h5",
-    output:
-        motion="<results>/cases/{case}{mesh}/true_motion.h5",
-    log:
-        "<logs>/carry_truth/{case}{mesh}.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=2000,
-        runtime=5,
-    params:
-        code=code_of("scripts.cohort.carry_truth"),
-    message:
-        "Read the true motion of {wildcards.case}{wildcards.mesh} at the points of its model"
-    script:
-        "../scripts/cohort/carry_truth.py"
-
-
 # Segmented bones of a scan after surgery; the truth of the motion stays with the outcome.
 rule virtual_postop_bones:
     input:

@@ -210,85 +210,112 @@ rule check_cohort:
         "../scripts/patient/check_cohort.py"
 
 
-rule tetrahedralize:
+# What no plan decides, in one job; a killed one goes on at its stage.
+rule model_patient:
     input:
-        labels="<results>/{home}/{case}/labels.nii.gz",
-        checked=ancient(INPUTS.patient.file("checked")),
-    output:
-        mesh="<results>/{home}/{case}{mesh}/mesh.vtu",
-    log:
-        "<logs>/tetrahedralize/{home}/{case}{mesh}.log",
-    benchmark:
-        "<benchmarks>/tetrahedralize/{home}/{case}{mesh}.tsv"
-    wildcard_constraints:
-        mesh=r"|/nodes_\d+",
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=4000,
-        runtime=20,
-    params:
-        nodes=INPUTS.patient.nodes,
-        minimum_dihedral=INPUTS.patient.setting("mesh", "minimum_dihedral"),
-        code=code_of("scripts.patient.tetrahedralize"),
-    message:
-        "Mesh muscle and superficial tissue of {wildcards.case} with {params.nodes} nodes"
-    script:
-        "../scripts/patient/tetrahedralize.py"
-
-
-# The mesh of the methods that resolve the lips.
-rule refine_lips:
-    input:
-        mesh="<results>/cases/{case}/mesh.vtu",
-        labels="<results>/cases/{case}/labels.nii.gz",
-        bone="<results>/cases/{case}/bone.vtp",
-    output:
-        mesh="<results>/cases/{case}/lips/mesh.vtu",
-    log:
-        "<logs>/refine_lips/{case}.log",
-    benchmark:
-        "<benchmarks>/refine_lips/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=2000,
-        runtime=10,
-    params:
-        sliding_band=config["interfaces"]["sliding_band"],
-        lip_edge=config["fem_rlse"]["lip_edge"],
-        code=code_of("scripts.patient.refine_lips"),
-    message:
-        "Refine the mesh of {wildcards.case} around the mouth"
-    script:
-        "../scripts/patient/refine_lips.py"
-
-
-rule label_interfaces:
-    input:
-        mesh="<results>/{home}/{case}{mesh}/mesh.vtu",
         labels="<results>/{home}/{case}/labels.nii.gz",
         bone="<results>/{home}/{case}/bone.vtp",
         skin="<results>/{home}/{case}/skin.vtp",
         report="<results>/{home}/{case}/import.json",
+        checked=ancient(INPUTS.patient.file("checked")),
     output:
-        model="<results>/{home}/{case}{mesh}/model.h5",
+        **{name: update(file) for name, file in INPUTS.patient.lift.items()},
+        mesh=update("<results>/{home}/{case}/mesh.vtu"),
+        model=update("<results>/{home}/{case}/model.h5"),
+        quality=update("<results>/{home}/{case}/quality.json"),
     log:
-        "<logs>/label_interfaces/{home}/{case}{mesh}.log",
+        "<logs>/model_patient/{home}/{case}.log",
     benchmark:
-        "<benchmarks>/label_interfaces/{home}/{case}{mesh}.tsv"
+        "<benchmarks>/model_patient/{home}/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    resources:
+        mem_mb=lambda wildcards, input: 4000 + 60 * millions(input.labels),
+        runtime=60,
+    params:
+        nodes=INPUTS.patient.nodes,
+        minimum_dihedral=INPUTS.patient.setting("mesh", "minimum_dihedral"),
+        interfaces=INPUTS.patient.setting("interfaces"),
+        controls=INPUTS.patient.setting("lift", "controls"),
+        fem=INPUTS.patient.setting("fem"),
+        code=code_of("scripts.patient.model_patient"),
+    message:
+        "Mesh and label {wildcards.case}"
+    script:
+        "../scripts/patient/model_patient.py"
+
+
+# On another mesh than the study's.
+use rule model_patient as model_sized with:
+    output:
+        mesh=update("<results>/{home}/{case}/nodes_{nodes}/mesh.vtu"),
+        model=update("<results>/{home}/{case}/nodes_{nodes}/model.h5"),
+    log:
+        "<logs>/model_sized/{home}/{case}_{nodes}.log",
+    benchmark:
+        "<benchmarks>/model_sized/{home}/{case}_{nodes}.tsv"
+    message:
+        "Mesh and label {wildcards.case} with {wildcards.nodes} nodes"
+
+
+# The lift where it does not come with the model: no network of the study wants one, or the mesh is another.
+rule make_lift:
+    input:
+        model="<results>/{home}/{case}{mesh}/model.h5",
+    output:
+        lift="<results>/{home}/{case}{mesh}/lift_elastic.h5",
+    log:
+        "<logs>/make_lift/{home}/{case}{mesh}.log",
+    benchmark:
+        "<benchmarks>/make_lift/{home}/{case}{mesh}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        controls=INPUTS.patient.setting("lift", "controls"),
+        fem=INPUTS.patient.setting("fem"),
+        code=code_of("scripts.patient.make_lift"),
+    message:
+        "Make the lift of {wildcards.case}{wildcards.mesh}"
+    script:
+        "../scripts/patient/make_lift.py"
+
+
+ruleorder: model_patient > make_lift
+
+
+# For the methods that resolve the lips: their mesh, its model, and the true motion there where it is known.
+rule model_lips:
+    input:
+        mesh="<results>/cases/{case}/mesh.vtu",
+        labels="<results>/cases/{case}/labels.nii.gz",
+        bone="<results>/cases/{case}/bone.vtp",
+        skin="<results>/cases/{case}/skin.vtp",
+        report="<results>/cases/{case}/import.json",
+        truth=INPUTS.patient.truth,
+    output:
+        **INPUTS.patient.true_motion("/lips"),
+        mesh="<results>/cases/{case}/lips/mesh.vtu",
+        model="<results>/cases/{case}/lips/model.h5",
+    log:
+        "<logs>/model_lips/{case}.log",
+    benchmark:
+        "<benchmarks>/model_lips/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
     resources:
         mem_mb=2000,
         runtime=10,
     params:
-        interfaces=INPUTS.patient.setting("interfaces"),
-        code=code_of("scripts.patient.label_interfaces"),
+        interfaces=config["interfaces"],
+        lip_edge=config["fem_rlse"]["lip_edge"],
+        code=code_of("scripts.patient.model_lips"),
     message:
-        "Label the interfaces of {wildcards.case}{wildcards.mesh}"
+        "Refine the mesh of {wildcards.case} around the mouth, and label it"
     script:
-        "../scripts/patient/label_interfaces.py"
+        "../scripts/patient/model_lips.py"
 
 
 # Before any method predicts, and by none of them.
@@ -297,7 +324,9 @@ rule choose_samples:
         model="<results>/cases/{case}/model.h5",
         plan=INPUTS.patient.motion,
         postop="<results>/cases/{case}/postop.h5",
+        truth=INPUTS.patient.truth,
     output:
+        **INPUTS.patient.true_motion(),
         judged="<results>/cases/{case}/judged.h5",
     log:
         "<logs>/choose_samples/{case}.log",
@@ -325,52 +354,24 @@ rule meshes:
         "All patients are meshed and labelled"
 
 
-rule make_lift:
-    input:
-        model="<results>/{home}/{case}{mesh}/model.h5",
-    output:
-        lift="<results>/{home}/{case}{mesh}/lift_elastic.h5",
-    log:
-        "<logs>/make_lift/{home}/{case}{mesh}.log",
-    benchmark:
-        "<benchmarks>/make_lift/{home}/{case}{mesh}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=4000,
-        runtime=30,
-    params:
-        controls=INPUTS.patient.setting("lift", "controls"),
-        fem=INPUTS.patient.setting("fem"),
-        code=code_of("scripts.patient.make_lift"),
-    message:
-        "Make the lift of {wildcards.case}{wildcards.mesh}"
-    script:
-        "../scripts/patient/make_lift.py"
-
-
-rule report_quality:
+rule show_quality:
     input:
         model="<results>/{home}/{case}/model.h5",
-        imported="<results>/{home}/{case}/import.json",
     output:
-        report="<results>/{home}/{case}/quality.json",
         picture="<results>/{home}/{case}/quality.png",
     log:
-        "<logs>/report_quality/{home}/{case}.log",
-    benchmark:
-        "<benchmarks>/report_quality/{home}/{case}.tsv"
+        "<logs>/show_quality/{home}/{case}.log",
     conda:
         "../envs/pinnochio.yaml"
     resources:
         mem_mb=2000,
-        runtime=10,
+        runtime=5,
     params:
-        code=code_of("scripts.patient.report_quality"),
+        code=code_of("scripts.patient.show_quality"),
     message:
-        "Report the quality of the model of {wildcards.case}"
+        "Draw the model of {wildcards.case}"
     script:
-        "../scripts/patient/report_quality.py"
+        "../scripts/patient/show_quality.py"
 
 
 rule quality:

@@ -1,6 +1,5 @@
 """Makes the true motion of a virtual patient at the points of its model, which every method is judged by."""
 
-from pinnochio.logs import attach_log
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.truth import TrueMotion, read_truth
 
@@ -8,13 +7,3 @@ from pinnochio.model.truth import TrueMotion, read_truth
 def carry_truth(case: str, truth: str, model: str, motion: str) -> None:
     """Write the truth, which is on the outcome's own mesh, as it is at the nodes and at the skin points."""
     TrueMotion.of(PatientModel.read(model), *read_truth(truth, case)[:3]).write(motion)
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    carry_truth(
-        case=snakemake.wildcards.case,
-        truth=snakemake.input.truth,
-        model=snakemake.input.model,
-        motion=snakemake.output.motion,
-    )

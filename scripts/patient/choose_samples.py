@@ -1,4 +1,4 @@
-"""Makes the samples that every method of a case is judged by, with their regions, of its model and registered scan."""
+"""Makes what every method of a case is judged by: samples of model and registered scan, with regions; true motion."""
 
 import logging
 
@@ -8,6 +8,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import derive_seed
+from scripts.cohort.carry_truth import carry_truth
 
 
 def choose_samples(case: str, model: str, plan: str, postop: str, samples: int, seed: int, judged: str) -> None:
@@ -31,3 +32,6 @@ if __name__ == "__main__":
         seed=snakemake.params.seed,
         judged=snakemake.output.judged,
     )
+    if truth := snakemake.input.truth:
+        motion = snakemake.output.motion
+        carry_truth(case=snakemake.wildcards.case, truth=truth, model=snakemake.input.model, motion=motion)

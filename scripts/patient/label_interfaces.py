@@ -7,7 +7,6 @@ import numpy as np
 
 from pinnochio.importing.segmentation import read_labels
 from pinnochio.json_text import read_stored_json
-from pinnochio.logs import attach_log
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.model.patient import FIXED, MOVING, SLIDING
@@ -41,16 +40,3 @@ def label_case(
     kinds = np.bincount(patient.node_type, minlength=4)
     logging.info("%d nodes: %d fixed, %d moving, %d sliding", kinds.sum(), *kinds[[FIXED, MOVING, SLIDING]])
     replace(patient, muscle=read_stored_json(report)["muscle"]).write(model)
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    label_case(
-        mesh=snakemake.input.mesh,
-        labels=snakemake.input.labels,
-        bone=snakemake.input.bone,
-        skin=snakemake.input.skin,
-        report=snakemake.input.report,
-        interfaces=snakemake.params.interfaces,
-        model=snakemake.output.model,
-    )

@@ -3,7 +3,6 @@
 import logging
 
 from pinnochio.importing.segmentation import read_labels
-from pinnochio.logs import attach_log
 from pinnochio.meshing.tetrahedralize import tetrahedralize
 
 
@@ -19,13 +18,3 @@ def mesh_case(labels: str, nodes: int, minimum_dihedral: float, mesh: str) -> No
     )
     logging.info("%d nodes, %d tetrahedra", len(result.points), len(result.cells))
     result.write(mesh)
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    mesh_case(
-        labels=snakemake.input.labels,
-        nodes=snakemake.params.nodes,
-        minimum_dihedral=snakemake.params.minimum_dihedral,
-        mesh=snakemake.output.mesh,
-    )

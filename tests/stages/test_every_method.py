@@ -17,7 +17,7 @@ from pinnochio.tables.comparison import summarise
 from scripts.cohort.carry_truth import carry_truth
 from scripts.patient.label_interfaces import label_case
 from scripts.patient.make_lift import write_lift
-from scripts.patient.refine_lips import refine_lips
+from scripts.patient.model_lips import refine_lips
 from scripts.prediction.predict import predict
 from scripts.tables.evaluate import evaluate
 from scripts.training.finetune import finetune

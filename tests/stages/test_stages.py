@@ -27,7 +27,7 @@ from scripts.cohort.render_faces import render_faces
 from scripts.fem.solve_plan import solve_plan
 from scripts.patient.check_cohort import check_cohort
 from scripts.patient.label_interfaces import label_case
-from scripts.patient.refine_lips import refine_lips
+from scripts.patient.model_lips import refine_lips
 from scripts.tables.provenance import provenance
 from scripts.tables.render_case import render_case
 from scripts.training.finetune import finetune

@@ -61,7 +61,7 @@ def following(first: list[Job]) -> list[Job]:
         job = waiting.pop()
         if id(job) not in reached:
             reached[id(job)] = job
-            waiting += [other for other in job.read_by if (job.rule, other.rule) != ("check_cohort", "tetrahedralize")]
+            waiting += [other for other in job.read_by if (job.rule, other.rule) != ("check_cohort", "model_patient")]
     return list(reached.values())
 
 

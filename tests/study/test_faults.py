@@ -24,9 +24,9 @@ STAGES = [
     "virtual_outcome",
     "register_postop",
     "check_cohort",
-    "tetrahedralize",
+    "model_patient",
 ]
-STAGES += ["label_interfaces", "simulate_fem", "make_lift", "pretrain", "finetune", "predict_cases"]
+STAGES += ["simulate_fem", "pretrain", "finetune", "predict_cases"]
 STAGES += ["tabulate"]
 
 

@@ -54,6 +54,12 @@ class Stages:
         return " ".join([stage.__name__, *(os.path.relpath(path, self._record.parent) for path in outputs.values())])
 
 
+def seconds_of(record: str | os.PathLike) -> dict[str, float]:
+    """What each stage of a record took, when it was made."""
+    made = json.loads(Path(record).read_text("utf-8"))
+    return {name.split()[0]: seconds for name, (*_, seconds) in made.items()}
+
+
 def _contents(named: Mapping[str, object]) -> str:
     """Hash of files by the names of arguments."""
     digest = hashlib.sha256()

@@ -124,7 +124,7 @@ class Study:
         """What each wildcard of the rules may be; where there is nothing, a name that nothing bears.
 
         `home` is the folder of imported patients below the results, cases of the study or patients that are new, and
-        `case` the name; `mesh` is empty, /lips or /nodes_N; `plan` is empty for the study's own plan, /NAME for one of
+        `case` the name; `mesh` is empty or /nodes_N; `plan` is empty for the study's own plan, /NAME for one of
         a new patient; `fold` may train on fewer patients, 1of8; `batch` is what is predicted in one job: folds/N
         or planned/N (the same patients from their plans).
         """
@@ -133,7 +133,7 @@ class Study:
         return {
             "home": "cases|patients",
             "case": "|".join([*self.cohort.cases, *self.new_patients]),
-            "mesh": r"|/lips|/nodes_\d+",
+            "mesh": r"|/nodes_\d+",
             "plan": f"|/(?:{plans})",
             "fold": folds,
             "batch": f"(?:folds|planned)/{folds}",

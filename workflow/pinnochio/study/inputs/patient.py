@@ -68,8 +68,24 @@ class PatientInputs:
 
     def nodes(self, wildcards) -> int:
         """Nodes of the mesh."""
-        nodes = getattr(wildcards, "mesh", "").removeprefix("/nodes_")
-        return int(nodes) if nodes else self.study.patient(wildcards).config["mesh"]["nodes"]
+        return int(getattr(wildcards, "nodes", 0)) or self.study.patient(wildcards).config["mesh"]["nodes"]
+
+    @property
+    def lift(self) -> dict[str, str]:
+        """The lift that comes with every model: where new patients' networks want one, or the study trains any
+        network: one that is added later makes no model again."""
+        choice = self.study.choice
+        wanted = choice.lift != "none" if choice else self.study.methods.learned
+        return {"lift": "<results>/{home}/{case}/lift_elastic.h5"} if wanted else {}
+
+    @property
+    def truth(self) -> str | list:
+        """The file of the virtual truth."""
+        return "<results>/virtual/{case}/truth.h5" if self.study.cohort.virtual else []
+
+    def true_motion(self, mesh: str = "") -> dict[str, str]:
+        """The file of the true motion at the points of a model, where it is known."""
+        return {"motion": f"<results>/cases/{{case}}{mesh}/true_motion.h5"} if self.truth else {}
 
     def motion(self, wildcards) -> str:
         """The motion that predictions of a patient take: of the study's as everywhere, of a new one the plan."""

@@ -56,12 +56,6 @@ class NewPatientInputs:
         return [f"{patient.folder}/{plan}/plan.json" for plan in patient.plans]
 
     @property
-    def lift(self) -> dict[str, str]:
-        """The lift that the networks of new patients want, if any."""
-        kind = self.study.choice.lift if self.study.choice else "none"
-        return {} if kind == "none" else {"lift": f"<results>/{{home}}/{{case}}/lift_{kind}.h5"}
-
-    @property
     def fields(self) -> dict[str, str]:
         """What holds the prediction of a new patient: one result, or that of networks with what it is made of."""
         names = {"result": "predictions.h5"}

@@ -1,4 +1,4 @@
-"""Makes of a new patient's labels all that no plan decides: mesh, model, lift, quality."""
+"""Makes of a patient's labels all that no plan decides: mesh, model, lift, quality."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +11,8 @@ from scripts.patient.make_lift import write_lift
 from scripts.patient.report_quality import report_quality
 from scripts.patient.tetrahedralize import mesh_case
 
+RECORD = ".model_patient.json"  # of the stages, beside the model
+
 
 def model_patient(
     imported: Mapping[str, str],
@@ -22,18 +24,19 @@ def model_patient(
 ) -> None:
     """Run the stages one after another.
 
-    imported: files labels, bone, skin, report; the settings are those of the stages; outputs: files mesh, model,
-    quality, and lift, if one is wanted.
+    imported: files labels, bone, skin, report; the settings are those of the stages; outputs: files mesh, model, and
+    where they are wanted lift and quality.
     """
     mesh, model = outputs["mesh"], outputs["model"]
-    stages = Stages(Path(model).with_name(".model_patient.json"))
+    stages = Stages(Path(model).with_name(RECORD))
     stages(mesh_case, {"labels": imported["labels"]}, {"mesh": mesh}, mesh_settings)
     stages(label_case, {"mesh": mesh, **imported}, {"model": model}, {"interfaces": interfaces})
     if "lift" in outputs:
         settings = {"controls": controls, "fem": fem}
         stages(write_lift, {"model": model}, {"lift": outputs["lift"]}, settings)
-    files = {"model": model, "imported": imported["report"]}
-    stages(report_quality, files, {"report": outputs["quality"]}, {})
+    if "quality" in outputs:
+        files = {"model": model, "imported": imported["report"]}
+        stages(report_quality, files, {"report": outputs["quality"]}, {})
 
 
 if __name__ == "__main__":

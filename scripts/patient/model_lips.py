@@ -1,4 +1,4 @@
-"""Makes the mesh that resolves the lips of a mesh, by bisection around the mouth."""
+"""Makes the mesh that resolves the lips of a mesh, by bisection around the mouth, with its model."""
 
 import logging
 
@@ -9,6 +9,8 @@ from pinnochio.meshing.lips import bite
 from pinnochio.meshing.mesh import TetMesh
 from pinnochio.meshing.refinement import refine_mouth
 from pinnochio.model.surfaces import BoneSurface
+from scripts.cohort.carry_truth import carry_truth
+from scripts.patient.label_interfaces import label_case
 
 
 def refine_lips(mesh: str, labels: str, bone: str, sliding_band: float, lip_edge: float, lips: str) -> None:
@@ -33,11 +35,16 @@ def refine_lips(mesh: str, labels: str, bone: str, sliding_band: float, lip_edge
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
+    files, outputs, interfaces = snakemake.input, snakemake.output, snakemake.params.interfaces
+    imported = {name: files[name] for name in ("labels", "bone", "skin", "report")}
     refine_lips(
-        mesh=snakemake.input.mesh,
-        labels=snakemake.input.labels,
-        bone=snakemake.input.bone,
-        sliding_band=snakemake.params.sliding_band,
+        mesh=files.mesh,
+        labels=files.labels,
+        bone=files.bone,
+        sliding_band=interfaces["sliding_band"],
         lip_edge=snakemake.params.lip_edge,
-        lips=snakemake.output.mesh,
+        lips=outputs.mesh,
     )
+    label_case(**imported, mesh=outputs.mesh, interfaces=interfaces, model=outputs.model)
+    if files.truth:
+        carry_truth(case=snakemake.wildcards.case, truth=files.truth, model=outputs.model, motion=outputs.motion)
