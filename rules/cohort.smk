@@ -4,6 +4,7 @@ rule virtual_patient:
         plan="<results>/virtual/{case}/plan.json",
         landmarks="<results>/virtual/{case}/landmarks.json",
         anatomy="<results>/virtual/{case}/anatomy.json",
+        covariates="<results>/virtual/{case}/covariates.json",
     log:
         "<logs>/virtual_patient/{case}.log",
     benchmark:
@@ -18,34 +19,13 @@ rule virtual_patient:
         spacing=config["virtual"]["spacing"],
         labels=INPUTS.cohort.label_values,
         procedure=lambda wildcards: INPUTS.cohort.drawn[wildcards.case]["procedure"],
+        reality=config["virtual"]["outcome"]["reality"],
         seed=SEED,
         code=code_of("scripts.cohort.virtual_patient"),
     message:
         "Sample virtual patient {wildcards.case}"
     script:
         "../scripts/cohort/virtual_patient.py"
-
-
-rule sample_covariates:
-    input:
-        anatomy="<results>/virtual/{case}/anatomy.json",
-    output:
-        covariates="<results>/virtual/{case}/covariates.json",
-    log:
-        "<logs>/sample_covariates/{case}.log",
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        reality=config["virtual"]["outcome"]["reality"],
-        seed=SEED,
-        code=code_of("scripts.cohort.sample_covariates"),
-    message:
-        "Draw sex, age, body mass, months and sutures of {wildcards.case}"
-    script:
-        "../scripts/cohort/sample_covariates.py"
 
 
 # Contact sheet of the first patients, to be looked at: face, skull and outcome.
@@ -83,6 +63,7 @@ rule render_faces:
         "../scripts/cohort/render_faces.py"
 
 
+# The face after surgery, then the segmented bones of a second scan; the truth of the motion stays with the outcome.
 rule virtual_outcome:
     input:
         segmentation="<results>/virtual/{case}/segmentation.nii.gz",
@@ -91,9 +72,10 @@ rule virtual_outcome:
         anatomy="<results>/virtual/{case}/anatomy.json",
         covariates="<results>/virtual/{case}/covariates.json",
     output:
-        postop="<results>/virtual/{case}/postop.ply",
-        truth="<results>/virtual/{case}/truth.h5",
-        executed="<results>/virtual/{case}/executed.json",
+        postop=update("<results>/virtual/{case}/postop.ply"),
+        truth=update("<results>/virtual/{case}/truth.h5"),
+        executed=update("<results>/virtual/{case}/executed.json"),
+        bones=update("<results>/virtual/{case}/postop_bones.nii.gz"),
     log:
         "<logs>/virtual_outcome/{case}.log",
     benchmark:
@@ -105,42 +87,15 @@ rule virtual_outcome:
         runtime=30,
     params:
         outcome=config["virtual"]["outcome"],
+        artefacts=config["virtual"]["bone_scan"],
         segments=config["segments"],
         labels=INPUTS.cohort.label_values,
         seed=SEED,
         code=code_of("scripts.cohort.virtual_outcome"),
     message:
-        "Operate on virtual patient {wildcards.case} and scan the face"
+        "Operate on virtual patient {wildcards.case}, and scan face and bones"
     script:
         "../scripts/cohort/virtual_outcome.py"
-
-
-# Segmented bones of a scan after surgery; the truth of the motion stays with the outcome.
-rule virtual_postop_bones:
-    input:
-        segmentation="<results>/virtual/{case}/segmentation.nii.gz",
-        executed="<results>/virtual/{case}/executed.json",
-    output:
-        bones="<results>/virtual/{case}/postop_bones.nii.gz",
-    log:
-        "<logs>/virtual_postop_bones/{case}.log",
-    benchmark:
-        "<benchmarks>/virtual_postop_bones/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=4000,
-        runtime=10,
-    params:
-        labels=INPUTS.cohort.label_values,
-        segments=config["segments"],
-        artefacts=config["virtual"]["bone_scan"],
-        seed=SEED,
-        code=code_of("scripts.cohort.virtual_postop_bones"),
-    message:
-        "Scan the bones of virtual patient {wildcards.case} after surgery"
-    script:
-        "../scripts/cohort/virtual_postop_bones.py"
 
 
 # What stands beside the cohort for those who take it elsewhere.
@@ -162,9 +117,7 @@ rule data_card:
             "seed": SEED,
             "code": code_of(
                 "scripts.cohort.virtual_patient",
-                "scripts.cohort.sample_covariates",
                 "scripts.cohort.virtual_outcome",
-                "scripts.cohort.virtual_postop_bones",
             ),
             "virtual": config["virtual"],
             "labels": {

@@ -1,7 +1,6 @@
 """Draws what a clinic would know of a virtual patient beside plan and images."""
 
 from pinnochio.json_text import read_stored_json
-from pinnochio.logs import attach_log
 from pinnochio.seeds import generator
 from pinnochio.virtual.covariates import sample_covariates
 
@@ -10,14 +9,3 @@ def draw_covariates(case: str, anatomy: str, reality: str, seed: int, covariates
     """anatomy: JSON file of the patient; reality: `virtual.outcome.reality`; covariates: JSON file to write."""
     rng = generator(seed, "sample_covariates", case)
     sample_covariates(read_stored_json(anatomy), reality, rng).write(covariates)
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    draw_covariates(
-        case=snakemake.wildcards.case,
-        anatomy=snakemake.input.anatomy,
-        reality=snakemake.params.reality,
-        seed=snakemake.params.seed,
-        covariates=snakemake.output.covariates,
-    )

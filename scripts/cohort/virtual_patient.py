@@ -1,4 +1,4 @@
-"""Makes a virtual patient of its seed: segmentation, the plan that treats its deformity, landmarks, anatomy."""
+"""Makes a virtual patient of its seed: segmentation, the plan that treats its deformity, and what is known of it."""
 
 import json
 
@@ -15,6 +15,7 @@ from pinnochio.virtual.head import build_head
 from pinnochio.virtual.procedures import DEFORMITIES, Procedure
 from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.treatment import treatment_plan
+from scripts.cohort.sample_covariates import draw_covariates
 
 
 def virtual_patient(
@@ -64,4 +65,11 @@ if __name__ == "__main__":
         label_values=snakemake.params.labels,
         procedure=Procedure(**snakemake.params.procedure),
         outputs=dict(snakemake.output.items()),
+    )
+    draw_covariates(
+        case=snakemake.wildcards.case,
+        anatomy=snakemake.output.anatomy,
+        reality=snakemake.params.reality,
+        seed=snakemake.params.seed,
+        covariates=snakemake.output.covariates,
     )

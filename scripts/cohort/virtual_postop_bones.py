@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from pinnochio.importing.segmentation import read_segmentation, write_segmentation
-from pinnochio.logs import attach_log
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
 from pinnochio.virtual.bone_scan import scan_bones
@@ -30,17 +29,3 @@ def virtual_postop_bones(
         artefacts=artefacts,
     )
     write_segmentation(labels=scan.labels, spacing=scan.spacing, origin=scan.origin, path=bones)
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    virtual_postop_bones(
-        case=snakemake.wildcards.case,
-        segmentation=snakemake.input.segmentation,
-        executed=snakemake.input.executed,
-        label_values=snakemake.params.labels,
-        segments=snakemake.params.segments,
-        artefacts=snakemake.params.artefacts,
-        seed=snakemake.params.seed,
-        bones=snakemake.output.bones,
-    )

@@ -57,7 +57,7 @@ def make_patient(case: str, number: int, folder: Path, procedure=USUAL) -> Patie
     draw_covariates(case, sources["anatomy"], OUTCOME["reality"], SEED, covariates)
     made = {"postop": file("scan.ply"), "truth": file("truth.h5"), "executed": file("executed.json")}
     covered = sources | {"covariates": covariates}
-    virtual_outcome(case, covered, OUTCOME, CONFIG["labels"], tuple(CONFIG["segments"]), SEED, made)
+    virtual_outcome(case, covered, OUTCOME, CONFIG["labels"], tuple(CONFIG["segments"]), SEED, **made)
     register_postop(case, made["postop"], files["skin"], files["bone"], 20.0, 1.5, file("postop.h5"))
     choose_samples(case, model, plan, file("postop.h5"), 3000, SEED, file("judged.h5"))
     carry_truth(case, file("truth.h5"), model, file("true_motion.h5"))

@@ -39,7 +39,7 @@ def nominal(patient, tmp_path_factory):
     made = {"postop": str(folder / "scan.ply"), "truth": str(folder / "truth.h5"),
             "executed": str(folder / "executed.json")}  # fmt: skip
     outcome = OUTCOME | {"effects": "nominal"}
-    virtual_outcome(patient.case, inputs_of(patient), outcome, CONFIG["labels"], CONFIG["segments"], SEED, made)
+    virtual_outcome(patient.case, inputs_of(patient), outcome, CONFIG["labels"], CONFIG["segments"], SEED, **made)
     return made
 
 

@@ -107,7 +107,9 @@ class Study:
 
     def covariates(self, method: str, cases: Iterable[str]) -> list[str]:
         """What else is known of the study's patients, for a method that reads it."""
-        return filled(f"{STUDY_FILES}/covariates.json", cases) if self.methods[method].covariates else []
+        if not self.methods[method].covariates:
+            return []
+        return [self.cohort.cases[case].covariates_file or f"<results>/cases/{case}/covariates.json" for case in cases]
 
     def lifts(self, method: str, cases: Iterable[str]) -> list[str]:
         """The lifts that the method's network wants."""
