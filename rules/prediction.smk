@@ -1,15 +1,7 @@
 # Predicts and judges. One core each, so that their seconds compare; undisturbed ones are those of the trade-off.
 rule predict_cases:
     input:
-        trained=INPUTS.prediction.of_batch("trained"),
-        models=INPUTS.prediction.of_batch("models"),
-        lifts=INPUTS.prediction.of_batch("lifts"),
-        covariates=INPUTS.prediction.of_batch("covariates"),
-        plans=INPUTS.prediction.of_batch("plans"),
-        truths=INPUTS.prediction.of_batch("truths"),
-        postops=INPUTS.prediction.of_batch("postops"),
-        judged=INPUTS.prediction.of_batch("judged"),
-        motions=INPUTS.prediction.of_batch("motions"),
+        unpack(INPUTS.prediction.of_one),
     output:
         predictions=update("<results>/{batch}/{method}/predictions.h5"),
         metrics=ensure(update("<results>/{batch}/{method}/metrics.csv"), non_empty=True),
@@ -40,6 +32,32 @@ rule predict_cases:
         "Predict {wildcards.batch} by {wildcards.method}, and judge it"
     script:
         "../scripts/prediction/predict_cases.py"
+
+
+# The same patients from their plans too, in one job.
+use rule predict_cases as predict_both_motions with:
+    input:
+        unpack(INPUTS.prediction.of_both),
+    output:
+        **{
+            f"{arm}_{name.partition('.')[0]}": update(
+                f"<results>/{arm}/{{fold}}/{{method}}/{name}"
+            )
+            for arm in ("folds", "planned")
+            for name in ("predictions.h5", "metrics.csv", "skins.h5")
+        },
+    log:
+        "<logs>/predict/both/{fold}_{method}.log",
+    benchmark:
+        "<benchmarks>/predict/both/{fold}_{method}.tsv"
+    wildcard_constraints:
+        fold=any_of(STUDY.folds.held_out),
+        method=any_of(STUDY.planned),
+    message:
+        "Predict fold {wildcards.fold} by {wildcards.method} from both motions, and judge it"
+
+
+ruleorder: predict_both_motions > predict_cases
 
 
 # Made by others with the files of `inputs`; the timings in the files are their authors'.

@@ -1,6 +1,6 @@
 """Makes a method's predictions of a fold's held-out patients, and their metrics."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pinnochio.logs import attach_log
@@ -9,31 +9,39 @@ from pinnochio.training.device import device_of
 from scripts.prediction.predict import predict
 from scripts.tables.evaluate import evaluate, judging
 
+OUTPUTS = ("predictions", "metrics", "skins")
+
 
 def predict_cases(
-    read: Mapping[str, object], method: Mapping[str, object], judged: Mapping[str, dict], outputs: Mapping[str, str]
+    read: Mapping[str, object],
+    method: Mapping[str, object],
+    judged: Mapping[str, dict],
+    motions: Sequence[tuple[Sequence[str], Mapping[str, str]]],
 ) -> None:
     """Predict, then judge; other metrics predict nothing anew.
 
     read, method: inputs and settings of :func:`~scripts.prediction.predict.predict`; judged: files and settings of
-    :func:`~scripts.tables.evaluate.evaluate`; outputs: files predictions, metrics, skins.
+    :func:`~scripts.tables.evaluate.evaluate`; motions: one after another, plans with the files of OUTPUTS.
     """
-    predictions = {"predictions": outputs["predictions"]}
-    stages = Stages(Path(outputs["predictions"]).with_name(".predict_cases.json"))
-    stages(predict, read, predictions, method)
-    measured = {name: outputs[name] for name in ("metrics", "skins")}
-    stages(evaluate, judged["files"] | predictions, measured, judged["settings"])
+    stages = Stages(Path(motions[0][1]["predictions"]).with_name(".predict_cases.json"))
+    for plans, outputs in motions:
+        predictions, measured = {"predictions": outputs["predictions"]}, {name: outputs[name] for name in OUTPUTS[1:]}
+        stages(predict, {**read, "plans": plans}, predictions, method)
+        stages(evaluate, {**judged["files"], "plans": plans, **predictions}, measured, judged["settings"])
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    files, params = snakemake.input, snakemake.params
+    files, made, params = snakemake.input, snakemake.output, snakemake.params
     device = device_of(params.predictor, snakemake.resources.gpu, snakemake.threads)
     method = {"predictor": params.predictor, "settings": params.settings, "device": device}
     named = {"names": params.cases, "cases": params.cases}
+    motions = [(files.plans, {name: made.get(name) or made[f"folds_{name}"] for name in OUTPUTS})]
+    if planned := files.get("planned"):
+        motions.append((planned, {name: made[f"planned_{name}"] for name in OUTPUTS}))
     predict_cases(
-        read={name: files.get(name, []) for name in ("models", "plans", "trained", "lifts", "truths", "covariates")},
+        read={name: files.get(name, []) for name in ("models", "trained", "lifts", "truths", "covariates")},
         method=method | named | {"threads": snakemake.threads},
         judged=judging(job=snakemake),
-        outputs=dict(snakemake.output.items()),
+        motions=motions,
     )

@@ -66,8 +66,9 @@ def evaluate(
 
 
 def judging(job) -> dict[str, dict]:
-    """What :func:`evaluate` reads and is set to in a job of Snakemake's, which names the batch, folds/N, and method."""
-    about = {"fold": Path(job.wildcards.batch).name, "method": job.wildcards.method, "code": job.params.code}
+    """What :func:`evaluate` reads and is set to in a job of Snakemake's, which names method and fold, or the batch."""
+    fold = job.wildcards.get("fold") or Path(job.wildcards.batch).name
+    about = {"fold": fold, "method": job.wildcards.method, "code": job.params.code}
     scans = {
         name: dict(zip(job.params.scanned, job.input.get(name, []), strict=True)) for name in ("postops", "judged")
     }

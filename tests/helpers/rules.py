@@ -23,6 +23,8 @@ def scripts_of_rules() -> dict[str, str]:
         for rule, body in bodies(file).items():
             if script := re.search(r'^    script:\n        "(.+)"', body, re.M):
                 scripts[rule] = dotted(file.parent / script[1])
+        for rule, other in re.findall(r"^use rule (\w+) as (\w+)", file.read_text(encoding="utf-8"), re.M):
+            scripts[other] = scripts[rule]
     return scripts
 
 

@@ -23,6 +23,7 @@ BY_NAME = {
     "finetune": ("method", lambda method: METHODS[method].learner),
     "fit": ("method", lambda method: METHODS[method].learner),
     "predict_cases": ("method", lambda method: METHODS[method].predictor),
+    "predict_both_motions": ("method", lambda method: METHODS[method].predictor),
     "tabulate": ("table", lambda table: f"pinnochio.tables.{'accuracy' if table == 'better' else table}"),
 }
 

@@ -68,8 +68,23 @@ class PredictionInputs:
         return [external_file(folder, case) for case in self.held_out(wildcards)]
 
     def of_batch(self, name: str) -> Callable:
-        """Input or params function: one entry of :meth:`batch`."""
-        return lambda wildcards: getattr(self.batch(wildcards.batch, wildcards.method), name)
+        """Input or params function: one entry of the job's batch."""
+        return lambda wildcards: getattr(self._batch_of(wildcards), name)
+
+    def _batch_of(self, wildcards) -> Batch:
+        """A job that names a fold alone predicts from both motions, first from that of `folds`."""
+        batch = wildcards.batch if hasattr(wildcards, "batch") else f"folds/{wildcards.fold}"
+        return self.batch(batch, wildcards.method)
+
+    def of_one(self, wildcards) -> dict[str, str | list[str]]:
+        """Input function: the files of the job's batch."""
+        batch = vars(self._batch_of(wildcards))
+        return {name: files for name, files in batch.items() if name not in ("cases", "scanned", "settings")}
+
+    def of_both(self, wildcards) -> dict[str, str | list[str]]:
+        """Input function: the same with the plans that the fold is predicted from besides."""
+        planned = self.batch(f"planned/{wildcards.fold}", wildcards.method)
+        return self.of_one(wildcards) | {"planned": planned.plans}
 
     def batch(self, batch: str, method: str) -> Batch:
         """A batch, folds/N or planned/N, as the method predicts it."""
