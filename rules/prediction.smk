@@ -57,7 +57,8 @@ use rule predict_cases as predict_both_motions with:
         "Predict fold {wildcards.fold} by {wildcards.method} from both motions, and judge it"
 
 
-ruleorder: predict_both_motions > predict_cases
+# What is predicted here is judged at once.
+ruleorder: predict_both_motions > predict_cases > evaluate
 
 
 # Made by others with the files of `inputs`; the timings in the files are their authors'.

@@ -17,7 +17,7 @@ rule evaluate:
     benchmark:
         "<benchmarks>/evaluate/{batch}_{method}{corrected}.tsv"
     wildcard_constraints:
-        corrected=r"/corrected_\d+",
+        corrected=r"|/corrected_\d+",
     conda:
         "../envs/pinnochio.yaml"
     resources:
@@ -33,13 +33,6 @@ rule evaluate:
         "Measure {wildcards.method}{wildcards.corrected} on {wildcards.batch}"
     script:
         "../scripts/tables/evaluate.py"
-
-
-# Without an ending; Snakemake takes an empty pattern for none.
-use rule evaluate as evaluate_external with:
-    wildcard_constraints:
-        corrected="()",
-        method=any_of(config["external"]),
 
 
 rule provenance:

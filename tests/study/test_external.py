@@ -45,7 +45,7 @@ def test_predictions_of_others_get_the_rows_they_deserve(finished):
     added = ("--config", "external={mine: elsewhere}")
     said = finished.quick(*added)
     assert made_tables(said) == {"cases", "accuracy", "regions", "landmarks", "stages"}
-    made = {"predict_external": 2, "evaluate_external": 2, "tabulate": 5, "provenance": 1, "all": 1}
+    made = {"predict_external": 2, "evaluate": 2, "tabulate": 5, "provenance": 1, "all": 1}
     assert jobs(said) == made
     cases = pd.read_csv(results / "tables/cases.csv").set_index("case")
     rows = {method: part.drop(columns=PREDICTOR) for method, part in cases.groupby("method")}

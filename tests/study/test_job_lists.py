@@ -51,23 +51,22 @@ def test_bones_after_surgery_decide_what_motion_a_case_is_trained_and_predicted_
     assert cases_read(jobs["cohort.csv"], "achieved.json") == with_bones
     assert {f"cases/{name}/covariates.json" for name in [*SCANNED, *UNSCANNED]} <= set(jobs)
     for fold in "123":
-        held_out = cases_read(jobs[f"folds/{fold}/pinnochio/predictions.h5"], "model.h5")
+        held_out = cases_read(jobs[f"folds/{fold}/pinnochio/metrics.csv"], "model.h5")
         training = set(SCANNED) - held_out
         files = jobs[f"folds/{fold}/pinnochio/network.pt"]
         assert cases_read(files, "achieved.json") == training & with_bones
         assert cases_read(files, "plan.json") == training - with_bones
         for arm in ("folds", "planned"):  # in one job
-            for name in ("predictions.h5", "metrics.csv"):
-                files = jobs[f"{arm}/{fold}/pinnochio/{name}"]
-                assert cases_read(files, "achieved.json") == held_out & with_bones
-                assert cases_read(files, "plan.json") == held_out
-                assert f"folds/{fold}/pinnochio/network.pt" in files
+            files = jobs[f"{arm}/{fold}/pinnochio/metrics.csv"]
+            assert cases_read(files, "achieved.json") == held_out & with_bones
+            assert cases_read(files, "plan.json") == held_out
+            assert f"folds/{fold}/pinnochio/network.pt" in files
         assert f"planned/{fold}/pinnochio/network.pt" not in jobs
     assert {"tables/planned.csv", "tables/segments.md"} <= set(jobs)
     assert cases_read(jobs["tables/segments.csv"], "segments.csv") == with_bones
     planned, _ = plan_jobs(project, "motion=planned")
     assert "tables/planned.csv" not in planned and not any(path.startswith("planned/") for path in planned)
-    assert not cases_read(planned["folds/1/pinnochio/predictions.h5"], "achieved.json")
+    assert not cases_read(planned["folds/1/pinnochio/metrics.csv"], "achieved.json")
 
 
 ON_LIPS = {"fem_rlse_bonded", "fem_rlse_mucosa", "fem_rlse"}
@@ -80,11 +79,9 @@ def test_patients_without_a_scan_are_predicted_and_measured_but_never_trained_on
     held_out = {}
     for fold in "123":
         for method in ("no_change", "fem_bonded", "fem_sliding", "pinnochio"):
-            files = jobs[f"folds/{fold}/{method}/predictions.h5"]
+            files = jobs[f"folds/{fold}/{method}/metrics.csv"]
             held_out.setdefault(fold, cases_read(files, "model.h5"))
             assert cases_read(files, "model.h5") == held_out[fold], (method, fold)
-            files = jobs[f"folds/{fold}/{method}/metrics.csv"]
-            assert cases_read(files, "model.h5") == held_out[fold]
             assert cases_read(files, "postop.h5") == held_out[fold] & set(SCANNED) == cases_read(files, "judged.h5")
         training = set(SCANNED) - held_out[fold]
         files = jobs[f"folds/{fold}/pinnochio/network.pt"]
@@ -100,7 +97,7 @@ def test_patients_without_a_scan_are_predicted_and_measured_but_never_trained_on
         if path.endswith(".pt"):
             assert jobs[path] == files
     for fold, cases in held_out.items():
-        assert cases_read(alone[f"folds/{fold}/no_change/predictions.h5"], "model.h5") == cases & set(SCANNED)
+        assert cases_read(alone[f"folds/{fold}/no_change/metrics.csv"], "model.h5") == cases & set(SCANNED)
 
 
 @pytest.mark.parametrize(("scanned", "judged"), [([], False), (["S0", "S1"], True)])
@@ -136,7 +133,7 @@ def test_an_external_method_reads_its_held_out_cases_and_a_missing_file_is_named
     jobs, said = plan_jobs(project, *mine)
     read = [name for fold in "123" for name in cases_read(jobs[f"folds/{fold}/mine/predictions.h5"], "mesh.vtu")]
     assert sorted(read) == sorted([*SCANNED, *UNSCANNED])
-    assert "Left out" not in said and "folds/1/fem_sliding/predictions.h5" not in jobs
+    assert "Left out" not in said and "folds/1/fem_sliding/metrics.csv" not in jobs
     (folder / "S3.vtu").unlink()
     done = project.dry_run("--config", "cohort=cases.tsv", *mine)
     assert done.returncode != 0
@@ -218,7 +215,7 @@ def test_the_learning_curve_trains_on_fewer_and_holds_out_the_same(project):
     meshes = {f"cases/S0/{size}model.h5" for size in ("nodes_500/", "nodes_900/", "")}
     lifts = {path.replace("model.h5", "lift_elastic.h5") for path in meshes}
     assert jobs["tables/scaling.csv"] == meshes | lifts and "tables/scaling.md" in jobs
-    held_out = cases_read(jobs["folds/1/pinnochio_plus/predictions.h5"], "model.h5")
+    held_out = cases_read(jobs["folds/1/pinnochio_plus/metrics.csv"], "model.h5")
     training = cases_read(jobs["folds/1/pinnochio_plus/pretrained.pt"], "fem_samples.h5")
     before = set()
     for patients in (2, 3):
@@ -226,8 +223,8 @@ def test_the_learning_curve_trains_on_fewer_and_holds_out_the_same(project):
         some = cases_read(jobs[f"{fold}/pinnochio_plus/pretrained.pt"], "fem_samples.h5")
         assert before < some < training and len(some) == patients
         assert cases_read(jobs[f"{fold}/pca_linear/fitted.h5"], "postop.h5") == some
-        assert cases_read(jobs[f"{fold}/pinnochio_plus/predictions.h5"], "model.h5") == held_out
-        assert f"{fold}/pinnochio_plus/network.pt" in jobs[f"{fold}/pinnochio_plus/predictions.h5"]
+        assert cases_read(jobs[f"{fold}/pinnochio_plus/metrics.csv"], "model.h5") == held_out
+        assert f"{fold}/pinnochio_plus/network.pt" in jobs[f"{fold}/pinnochio_plus/metrics.csv"]
         before = some
     read = {file.rsplit("/", 1)[0] for file in jobs["tables/learning.csv"]}
     assert read == {"folds/1/fem_sliding", "folds/2/fem_sliding"} | {

@@ -110,8 +110,8 @@ def test_the_arm_of_the_plan_is_there_where_motions_differ():
 
 def test_the_mesh_has_the_nodes_that_its_name_says():
     made = study()
-    assert RuleInputs(made).patient.nodes(job(home="cases", case="S0", mesh="/nodes_900")) == 900
-    assert RuleInputs(made).patient.nodes(job(home="cases", case="S0", mesh="")) == CONFIG["mesh"]["nodes"]
+    assert RuleInputs(made).patient.nodes(job(home="cases", case="S0", nodes="900")) == 900
+    assert RuleInputs(made).patient.nodes(job(home="cases", case="S0")) == CONFIG["mesh"]["nodes"]
     assert made.sized(CONFIG["mesh"]["nodes"], "model.h5") == "<results>/cases/{case}/model.h5"
     assert made.sized(900, "model.h5") == "<results>/cases/{case}/nodes_900/model.h5"
 
