@@ -34,6 +34,7 @@ def measured(module, job, **changes):
     return read_table(job["table"], module.CASE)
 
 
+@pytest.mark.full
 def test_the_deviation_is_that_of_the_outcome_from_sliding_finite_elements(job, patient, tmp_path):
     """An outcome that is their field, shifted, of which a part is expected."""
     outcome = overlaid(OUTCOME, {"effects": {"expression": 0}})

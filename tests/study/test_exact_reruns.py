@@ -13,9 +13,10 @@ from tests.helpers.rules import scripts_of_rules
 from tests.helpers.settings import CONFIG
 from tests.helpers.study import jobs
 
-# What is imported by other modules, by name, by nothing that the quick study runs, and by a name of the job's own.
-ROOMS = ["geometry", "methods/pinnochio", "methods/surface", "tables"]
-ROOMS += [pytest.param(room, marks=pytest.mark.full) for room in (".", "mechanics", "report", "virtual")]
+# What is imported by other modules, by name, and by a name of the job's own; methods/surface by nothing that is run.
+ROOMS = ["geometry", "methods/pinnochio", "tables"]
+FURTHER = (".", "mechanics", "methods/surface", "report", "virtual")
+ROOMS += [pytest.param(room, marks=pytest.mark.full) for room in FURTHER]
 METHODS = registry(CONFIG)
 # What the scripts of these rules import by name, by the job's wildcard.
 BY_NAME = {

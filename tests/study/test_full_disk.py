@@ -54,6 +54,7 @@ def test_a_read_only_folder_is_refused_before_anything_is_made(project, disk):
     assert not made(project)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("case")
 def test_a_disk_that_fills_up_stops_the_study_which_goes_on_where_there_is_room(project, disk):
     """The room is enough for what is read in, not for the mesh."""

@@ -56,6 +56,7 @@ def test_the_report_of_snakemake_has_the_captions(reported):
         assert said in page
 
 
+@pytest.mark.full
 def test_the_report_is_made_where_the_workflow_is_a_module_of_another(reported, tmp_path):
     """In a folder of its own, where none of the project's files lie; the study's results come along."""
     shutil.copytree(reported.folder / "results/quick", tmp_path / "results/quick")

@@ -136,7 +136,7 @@ def single_layer() -> PatientModel:
     return replace(model, tissue=tissue, interface_kind=kind.astype(np.int8), muscle="single")
 
 
-@pytest.mark.parametrize("decomposition", [True, False])
+@pytest.mark.parametrize("decomposition", [True, pytest.param(False, marks=pytest.mark.full)])
 def test_networks_learn_on_a_single_layer(decomposition):
     model, plan = single_layer(), tiny_plan()
     patient = PatientTensors.build(model, FEM.material(model.tissue), "patch", network_settings())

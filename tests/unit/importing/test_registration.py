@@ -76,8 +76,8 @@ def test_moved_jaws_would_spoil_a_registration_of_the_whole_face(from_in_place):
 @pytest.mark.parametrize(
     "defect",
     [
-        *("left half", "hair over the forehead", "holes", "swollen eyelids"),
-        pytest.param("a shoulder in the picture", marks=pytest.mark.full),
+        *("left half", "hair over the forehead", "holes"),
+        *(pytest.param(defect, marks=pytest.mark.full) for defect in ("swollen eyelids", "a shoulder in the picture")),
     ],
 )
 def test_partial_overlap_and_outliers_do_not_pull_the_scan_away(defect, request):

@@ -139,6 +139,7 @@ def assert_refused(fits):
         check_fits(fits, **LIMITS)
 
 
+@pytest.mark.full
 def test_a_mirrored_patient_is_refused(head, bone, noisy):
     points, faces = noisy
     assert_refused(errors(head, bone, points * [-1, 1, 1], faces[:, ::-1])[1])
