@@ -17,6 +17,7 @@ from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.mechanics.solvers.newton_corrections import Corrector
 from pinnochio.methods.registry import BUILT_IN
 from pinnochio.metrics.validity import off_bone
+from pinnochio.tables.formats import write_table
 from studies.stability import judging as stability_judge
 from studies.stability import problems
 from studies.stability.check_stability import check_stability
@@ -410,7 +411,7 @@ def test_a_wrong_cell_stands_in_the_table_and_fails_the_check(tmp_path):
     def check(frame):
         write_csv(frame, part, STABILITY)
         made = tabulate([part])
-        made.write(path, path.with_suffix(".json"))
+        write_table(made, path)
         check_stability(str(path), str(verdict))
         return made
 
@@ -423,7 +424,7 @@ def test_a_wrong_cell_stands_in_the_table_and_fails_the_check(tmp_path):
     with pytest.raises(RuntimeError, match="1 of 10 cells are wrong.*\n.*poisson 0.3.*the sign of everything"):
         check(lie)
     assert (read_table(path, STABILITY)["outcome"] == WRONG).sum() == 1
-    assert "the sign of everything" in path.with_suffix(".json").read_text()
+    assert "the sign of everything" in path.with_suffix(".md").read_text()
     # What no user is given stands in the table and passes.
     lie.loc[3, "marked"] = True
     assert "1 of them no user" in check(lie).paragraphs[0]
