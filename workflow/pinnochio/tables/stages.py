@@ -18,7 +18,7 @@ _number = partial(number, form=".1f")
 
 
 STAGES = (
-    Column("rule", str, "", f"rule; {TOTAL}: the study"),
+    Column("rule", str, "", f"rule, whose job may run several stages, each timed in its log; {TOTAL}: the study"),
     Column("jobs", int, "", "jobs with a benchmark file"),
     _number("seconds", "s", "time of all jobs added up, also of parallel ones"),
     _number("mean", "s", "mean time of a job"),
@@ -69,10 +69,10 @@ def stages(folder: str | os.PathLike) -> pd.DataFrame:
 def tabulate(benchmarks: str | os.PathLike, cohort: str) -> Table:
     """The files {rule}/*.tsv below the folder `benchmarks`, added up by rule."""
     frame = stages(benchmarks)
-    headers = ("Stage", "Jobs", "Seconds", "Mean", "Longest", "CPU seconds", "Largest memory MB")
+    headers = ("Rule", "Jobs", "Seconds", "Mean", "Longest", "CPU seconds", "Largest memory MB")
     view = views(STAGES, dict(zip((column.name for column in STAGES), headers, strict=True)))
     caption = (
-        f"Time per stage of the study; {cohort}. Sums are over jobs, each at its last run: jobs that run side by side "
+        f"Time per rule of the study; {cohort}. Sums are over jobs, each at its last run: jobs that run side by side "
         "count in full, and rules whose jobs take about a second or less are not measured."
     )
     return Table(frame, STAGES, [Block.of(frame, view, caption)])
