@@ -1,12 +1,14 @@
-"""Methods made elsewhere and patients without a scan, on the files of one coarse virtual patient."""
+"""Methods made elsewhere, patients without a scan, and what is judged anew, on the files of one coarse patient."""
 
 import csv
+import logging
 
 import pandas as pd
 import pytest
 
 from pinnochio.metrics.region_errors import LANDMARKS, SHOWN
 from scripts.prediction.list_folds import list_folds
+from scripts.prediction.predict_cases import OUTPUTS, predict_cases
 from tests.helpers.settings import CONFIG, SEED
 from tests.helpers.tables import make
 from tests.helpers.training import measured, predict_by
@@ -57,3 +59,24 @@ def test_folds_are_listed_by_case(tmp_path):
     with open(tmp_path / "folds.csv") as file:
         rows = list(csv.reader(file))
     assert rows == [["case", "fold", "scanned"], ["A", "1", "True"], ["B", "2", "True"], ["C", "1", "False"]]
+
+
+def test_other_metrics_judge_anew_what_has_been_predicted(patient, tmp_path, caplog):
+    """From both motions in one job, each with files of its own."""
+    caplog.set_level(logging.INFO)
+    motions = [([plan], {name: str(tmp_path / f"{name}_{n}") for name in OUTPUTS}) for n, plan in
+               enumerate((patient.executed, patient.plan))]  # fmt: skip
+    method = {"predictor": "pinnochio.methods.no_change:NoChangePredictor", "settings": {}, "device": "cpu"}
+    method |= {"names": [patient.case], "cases": [patient.case], "threads": 1}
+    files = {"models": [patient.model], "motions": [patient.true_motion]}
+    files |= {"postops": {patient.case: patient.postop}, "judged": {patient.case: patient.judged}}
+    settings = {"cases": [patient.case], "fem": patient.fem, "seed": SEED}
+    unread = dict.fromkeys(("trained", "lifts", "truths", "covariates"), [])
+    for code in ("one", "other"):
+        caplog.clear()
+        labels = {"fold": "1", "method": "no_change", "code": code}
+        judged = {"files": files, "settings": settings | {"labels": labels}}
+        predict_cases({"models": [patient.model], **unread}, method, judged, motions)
+        assert [pd.read_csv(made["metrics"])["code"].item() for _, made in motions] == [code, code]
+    kept = [record.getMessage() for record in caplog.records if record.getMessage().endswith("kept")]
+    assert kept == ["predict predictions_0: kept", "predict predictions_1: kept"]
