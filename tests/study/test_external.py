@@ -12,7 +12,7 @@ import pyvista as pv
 from pinnochio.model.predictions import read_prediction
 from tests.helpers.study import jobs, made_tables
 
-PREDICTOR = ["method", "device", "seconds", "setup_seconds", "threads", "reason"]  # columns that say who predicted
+PREDICTOR = ["method", "device", "seconds", "setup_seconds", "threads", "reason", "code"]  # columns of who predicted
 
 
 @pytest.fixture
