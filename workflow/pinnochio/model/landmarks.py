@@ -46,9 +46,9 @@ def face_landmarks(patient: PatientModel) -> FaceLandmarks:
     there it runs to the middle of the chin's bone. Stomion lies between the nodes of the lips, else at the edge of
     the upper incisors; menton is the skin in front of the bone's lower end. All else lies farthest from a chord of
     the profile: pronasale in front of that from stomion to the top; subnasale behind that from stomion to pronasale;
-    sellion behind that from pronasale to the top; labrale superius in front of that from stomion to subnasale;
-    pogonion in front of that from menton to stomion; sublabiale behind that from pogonion to the lower lip; labrale
-    inferius in front of that from sublabiale to stomion.
+    sellion behind that from pronasale to the top; pogonion in front of that from menton to stomion; sublabiale
+    behind that from pogonion to the lower lip; labrale superius in front of that from the notch between the lips to
+    subnasale; labrale inferius in front of that from sublabiale to the notch.
 
     Across the nose (the foremost of sections between subnasale and pronasale) the wings lie farthest behind the chords
     from the ridge to the cheeks; the mean of both sides counts. The mouth ends where its lip nodes end, but no nearer
@@ -82,11 +82,13 @@ def face_landmarks(patient: PatientModel) -> FaceLandmarks:
     pronasale = _farthest(line, stomion, top, True)
     subnasale = _farthest(line, stomion, pronasale, False)
     sellion = _farthest(line, pronasale, top, False, min(pronasale + int(BRIDGE / STEP), top), top)
-    superius = _farthest(line, stomion, subnasale, True)
+    reach = int(SLIT / STEP)
+    notch = _farthest(line, stomion - reach, stomion + reach, False)  # where a lip overhangs, not at the mouth's height
+    superius = _farthest(line, notch, subnasale, True)
     pogonion = _farthest(line, 0, stomion, True, 0, low)
     lower = _farthest(line, 0, stomion, True, fold, stomion)
     sublabiale = _farthest(line, pogonion, lower, False, low, fold)
-    inferius = _farthest(line, sublabiale, stomion, True)
+    inferius = _farthest(line, sublabiale, notch, True)
 
     out = np.arange(-CHEEK, CHEEK + STEP, STEP)
     levels = np.linspace(z[subnasale], z[pronasale], 6)[1:]
