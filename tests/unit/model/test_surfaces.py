@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from pinnochio.geometry.triangles import enclosed_volume, face_normals
+from pinnochio.geometry.triangles import enclosed_volume, face_normals, vertex_normals
 from pinnochio.model.surfaces import BoneSurface, bone_surface, contour, skin_surface
 
 SEGMENTS = ("ball", "box", "absent")
@@ -97,6 +97,19 @@ def test_the_same_labels_give_the_same_surface_and_a_file_holds_it(labels, bone,
         assert getattr(stored, name).dtype == getattr(bone, name).dtype
 
 
+def test_skin_is_a_ball_where_the_head_is_one():
+    """Neither steps of voxels nor shrinkage: the radius is right to a twentieth of a millimetre, the normals to 2
+    degrees."""
+    away = np.stack(np.meshgrid(*[np.arange(-30, 31.0)] * 3, indexing="ij"), -1)
+    for radius in (12.4, 26.3):
+        points, faces = skin_surface(np.linalg.norm(away, axis=-1) < radius, (1, 1, 1), (-30, -30, -30))
+        distance = np.linalg.norm(points, axis=1)
+        assert distance.mean() == pytest.approx(radius, abs=0.08) and distance.std() < 0.08
+        leaning = np.einsum("ij,ij->i", vertex_normals(points, faces), points) / distance
+        assert np.degrees(np.arccos(np.clip(leaning, -1, 1))).mean() < 2
+        assert enclosed_volume(points, faces) == pytest.approx(4 / 3 * np.pi * radius**3, rel=0.03)
+
+
 def test_skin_is_open_where_the_head_is_cut_and_without_loose_pieces():
     where = grid()
     volume = (np.linalg.norm(where[..., :2] - CENTRE[:2], axis=-1) < 20).astype(np.uint8)
@@ -105,6 +118,8 @@ def test_skin_is_open_where_the_head_is_cut_and_without_loose_pieces():
     radius = np.linalg.norm(points[:, :2] - CENTRE[:2], axis=1)
     assert np.abs(radius - 20).max() < 0.9
     height = SPACING[2] * volume.shape[2]
+    for border in (ORIGIN[2] - SPACING[2] / 2, ORIGIN[2] + height - SPACING[2] / 2):
+        assert (np.abs(points[:, 2] - border) < 1e-5).sum() > 20  # a clean line
     assert face_normals(points, faces)[1].sum() == pytest.approx(2 * np.pi * 20 * height, rel=0.1)
     assert len(np.unique(faces)) == len(points)
     outward = np.einsum("ij,ij->i", face_normals(points, faces)[0], points[faces].mean(1) - [*CENTRE[:2], 0])

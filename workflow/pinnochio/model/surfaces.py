@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyvista as pv
-from scipy import ndimage
-from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkQuadricDecimation
+from scipy import ndimage, sparse
+from vtkmodules.vtkFiltersCore import vtkConstrainedSmoothingFilter, vtkFlyingEdges3D, vtkQuadricDecimation
 
 from pinnochio.errors import InputError
 from pinnochio.files import check_seal, replacing, seal
@@ -20,6 +20,8 @@ from pinnochio.model.labels import AIR, CRANIUM, segment_code
 LOG = logging.getLogger(__name__)
 # Gaussian in voxels: 0.7 still keeps a plate of one voxel (0.52 at its centre).
 SMOOTHING_VOXELS = (0.7, 0.85, 1.0)
+SMOOTHING_STEPS, SHRINKAGE_STEPS = 20, 10
+SLIVER = 0.02  # mm between points that are the same where a surface is cut
 FINEST = 1.0  # mm; finer voxels are taken together, as many as are no larger: half of the thinnest plate that is kept
 
 
@@ -101,21 +103,55 @@ def bone_surface(labels, spacing, origin, segments: tuple[str, ...], edge_mm: fl
 def skin_surface(labels, spacing, origin, edge_mm: float = 2.5) -> tuple[np.ndarray, np.ndarray]:
     """Outer skin, the border of the largest piece of the head: points (p, 3) mm, outward faces (f, 3) int32.
 
-    Open where the head is cut by the border of the volume, because the cut is not skin.
+    The voxels' steps are smoothed away: the volume stays, and no point moves farther than to the corner of its voxel.
+    Open where the head is cut by the border of the volume, along a clean line, because the cut is not skin. The same
+    labels give the same bytes.
     """
     pieces, count = ndimage.label(np.asarray(labels) != AIR)
     if count == 0:
         return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
     largest = 1 + int(np.argmax(np.bincount(pieces.ravel())[1:]))
-    # The head goes on beyond the cut, so that the contour does not round the rim off.
+    # The head goes on beyond the cut, so that smoothing does not round the rim off.
     head = np.pad(ndimage.binary_fill_holes(pieces == largest), 4, mode="edge")
     spacing, low = np.asarray(spacing, float), np.asarray(origin, float)
-    points, faces = contour(*_pooled(head, spacing, low - 4 * spacing), edge_mm, smoothing=(1.0,))
+    share, voxel, start = _pooled(head, spacing, low - 4 * spacing)
+    share = ndimage.gaussian_filter(np.pad(share, 4).astype(np.float32), 1.0)
+    skin = _reduced(_without_steps(_border(_image(share, voxel, start - 4 * voxel)), voxel), edge_mm)
     high = low + spacing * (np.array(np.shape(labels)) - 1)
-    beyond = ((points < low - spacing / 2) | (points > high + spacing / 2)).any(axis=1)
-    faces = faces[~beyond[faces].any(axis=1)]
+    for axis in range(3):
+        for side, border in ((-1, low - spacing / 2), (1, high + spacing / 2)):
+            skin = skin.clip(side * np.eye(3)[axis], origin=border)
+    # Triangles that are hardly any, along the cut, become none.
+    skin = skin.triangulate().clean(tolerance=SLIVER, absolute=True)
+    faces = skin.regular_faces.astype(np.int32)
     used, faces = np.unique(faces, return_inverse=True)
-    return points[used], faces.reshape(-1, 3).astype(np.int32)
+    return np.asarray(skin.points, float)[used], faces.reshape(-1, 3).astype(np.int32)
+
+
+def _without_steps(surface: pv.PolyData, spacing) -> pv.PolyData:
+    """A contour of voxels without their steps: smoothed, but for the shrinkage that comes with it."""
+    farthest = float(np.linalg.norm(spacing)) / 2  # to the corner of a voxel
+    smoothing = vtkConstrainedSmoothingFilter()
+    smoothing.SetInputData(surface)
+    smoothing.SetNumberOfIterations(SMOOTHING_STEPS)
+    smoothing.SetRelaxationFactor(0.5)
+    smoothing.SetConstraintStrategyToConstraintDistance()
+    smoothing.SetConstraintDistance(farthest)
+    smoothing.Update()
+    shift = np.asarray(pv.wrap(smoothing.GetOutput()).points, float) - surface.points
+    # What neighbours share of the shift is shrinkage, what they do not are the steps.
+    faces, count = surface.regular_faces, surface.n_points
+    edges = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
+    near = sparse.eye(count) + sparse.csr_matrix((np.ones(faces.size), edges), (count, count))
+    near += near.T
+    shrinkage, neighbours = shift, near.sum(axis=1)
+    for _ in range(SHRINKAGE_STEPS):
+        shrinkage = np.asarray(near @ shrinkage / neighbours)
+    shift -= shrinkage
+    size = np.linalg.norm(shift, axis=1, keepdims=True)
+    smooth = surface.copy()
+    smooth.points = surface.points + shift * np.minimum(1, farthest / np.maximum(size, 1e-9))
+    return smooth
 
 
 def _pooled(inside, spacing, origin) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -164,19 +200,28 @@ def contour(
 def _isosurface(inside, spacing, origin, sigma: float) -> pv.PolyData:
     pad = 4
     field = ndimage.gaussian_filter(np.pad(np.asarray(inside), pad).astype(np.float32), sigma)
-    start = np.asarray(origin, float) - pad * np.asarray(spacing, float)
-    image = pv.ImageData(dimensions=field.shape, spacing=spacing, origin=start)
-    image["share"] = field.ravel(order="F")
-    image.set_active_scalars("share")
+    surface = _border(_image(field, spacing, np.asarray(origin, float) - pad * np.asarray(spacing, float)))
+    # Taubin: takes the voxel steps off without shrinking.
+    return surface.smooth_taubin(n_iter=20, pass_band=0.1) if surface.n_cells else surface
+
+
+def _border(image: pv.ImageData) -> pv.PolyData:
+    """Contour of the share of voxels inside, at a half."""
     edges = vtkFlyingEdges3D()
     edges.SetInputData(image)
     edges.SetValue(0, 0.5)
     edges.ComputeNormalsOff()
     edges.ComputeScalarsOff()
     edges.Update()
-    surface = pv.wrap(edges.GetOutput())
-    # Taubin: takes the voxel steps off without shrinking.
-    return surface.smooth_taubin(n_iter=20, pass_band=0.1) if surface.n_cells else surface
+    return pv.wrap(edges.GetOutput())
+
+
+def _image(values, spacing, origin) -> pv.ImageData:
+    """Values (nx, ny, nz) at the centres of voxels."""
+    image = pv.ImageData(dimensions=values.shape, spacing=spacing, origin=origin)
+    image["values"] = values.ravel(order="F")
+    image.set_active_scalars("values")
+    return image
 
 
 def _reduced(surface: pv.PolyData, edge_mm: float | None) -> pv.PolyData:
