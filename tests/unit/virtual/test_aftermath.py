@@ -85,10 +85,10 @@ def test_normals_point_out_of_the_skin(site):
         ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=5.0), -0.9 / 0.72),
         ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=5.0, gap=4.0), -1.26 / 0.72),
         ("lower_lip", MARKS["labrale_inferius"], replace(STILL, mandible=-5.0), 0.4 / 0.72),
-        ("chin_pad", MARKS["pogonion_soft"], replace(STILL, chin=10.0), -0.7 / 0.72),
-        ("chin_pad", MARKS["mentolabial"], replace(STILL, chin=10.0), 0.4 / 0.72),
-        ("upper_lip", MARKS["labrale_superius"], replace(STILL, maxilla=5.0), -2.75 / 0.72),
-        ("upper_lip", MARKS["subnasale"], replace(STILL, maxilla=5.0), -2.1 / 0.72),
+        ("chin_pad", MARKS["pogonion_soft"], replace(STILL, chin=10.0), -0.25 / 0.72),
+        ("chin_pad", MARKS["mentolabial"], replace(STILL, chin=10.0), 1.0 / 0.72),
+        ("upper_lip", MARKS["labrale_superius"], replace(STILL, maxilla=5.0), -3.5 / 0.72),
+        ("upper_lip", MARKS["subnasale"], replace(STILL, maxilla=5.0), -3.1 / 0.72),
         ("paranasal", on(25, 16), replace(STILL, maxilla=10.0), 0.8 / 0.72),
     ],
 )
@@ -119,7 +119,7 @@ def test_sutures_and_thickness_decide(site):
     def out(name, c):
         return decided(name, site, c)[lip] @ site.points[lip] / 80
 
-    assert out("upper_lip", sutured) - out("upper_lip", moved) == pytest.approx(1.25 / 0.72, rel=0.15)
+    assert out("upper_lip", sutured) - out("upper_lip", moved) == pytest.approx(1.75 / 0.72, rel=0.15)
     assert abs(out("upper_lip", replace(moved, thickness=thick)) - out("upper_lip", STILL)) < abs(
         out("upper_lip", moved) - out("upper_lip", STILL)
     )

@@ -141,9 +141,9 @@ class Site:
         wide = 0.4 * width  # of a lip
         regions = {
             "nasal_base": (subnasale, [10, 9, 5]),
-            "dorsum": (0.35 * nasion + 0.65 * marks["pronasale"], [9, 14, 10]),
+            "dorsum": (0.45 * nasion + 0.55 * marks["pronasale"], [9, 14, 9]),
             "upper_lip": (0.65 * upper + 0.35 * subnasale, [wide, 15, 7]),
-            "lower_lip": (0.75 * lower + 0.25 * marks["mentolabial"], [wide, 15, 7]),
+            "lower_lip": (0.75 * lower + 0.25 * marks["mentolabial"], [wide, 15, 6]),
             "mentolabial": (marks["mentolabial"], [wide, 15, 6]),
             "chin": (marks["pogonion_soft"], [wide, 18, 9]),
             "mouth": ((upper + lower) / 2, [wide, 15, 8]),
@@ -188,7 +188,7 @@ def both(amounts: Mapping[str, float]) -> dict[str, float]:
 def habitual(c: Circumstances) -> dict[str, float]:
     """What finite elements miss of every patient alike: nose, cheeks and jaw where they did of three real ones [X],
     lips and fold where studies have a mean [S: PMID 34670968, n = 62]; sizes [I]."""
-    midline = {"dorsum": -0.9, "upper_lip": 0.5, "lower_lip": -0.6, "mentolabial": 0.4}
+    midline = {"dorsum": -1.3, "upper_lip": 0.5, "lower_lip": -0.6, "mentolabial": 0.4}
     return midline | both({"paranasal": 1.6, "cheek": -1.3, "jaw": 1.4})
 
 
@@ -211,12 +211,12 @@ def lower_lip(c: Circumstances) -> dict[str, float]:
 
 
 def chin_pad(c: Circumstances) -> dict[str, float]:
-    amount = -0.07 * max(c.chin, 0) + 0.08 * max(-c.chin, 0)
-    return {"chin": amount, "mentolabial": -amount}
+    advance, setback = max(c.chin, 0), max(-c.chin, 0)
+    return {"chin": -0.04 * advance + 0.08 * setback, "mentolabial": 0.12 * advance - 0.08 * setback}
 
 
 def upper_lip(c: Circumstances) -> dict[str, float]:
-    share = -0.30 if c.covariates.closure == "vy" else -0.55
+    share = -0.35 if c.covariates.closure == "vy" else -0.70
     thick = 1 - 0.2 * c.thickness["labrale_superius"]
     return {"upper_lip": c.maxilla * thick * share, "nasal_base": -0.15 * c.maxilla}
 
