@@ -24,13 +24,18 @@ def test_ratio_is_the_slope_of_forward_motion():
     forward = RigidMotion(translation=np.array([3.0, -10, 2]))
     plan = Plan("x", {"mandible_distal": forward, "lefort1": forward})
     patient = motions(marks, plan, *mesh)
-    table = summarise([patient, {name: (2 * soft, 2 * hard) for name, (soft, hard) in patient.items()}])
+    twice = {name: (2 * soft, 2 * hard) for name, (soft, hard) in patient.items()}
+    more = {name: (1.5 * soft, hard) for name, (soft, hard) in patient.items()}
+    table = summarise([patient, twice], [more, twice])
+    assert table["whole"].to_numpy()[:-1] == pytest.approx([1.1 * share for share in shares[:-1]])
     assert table["ours"].to_numpy() == pytest.approx(shares) and table["inside"].all() and (table["n"] == 2).all()
-    high = summarise([{name: (1.2 * hard, hard) for name, (_, hard) in patient.items()} | {STILL: (0.3, 0.0)}])
+    far = [{name: (1.2 * hard, hard) for name, (_, hard) in patient.items()} | {STILL: (0.3, 0.0)}]
+    high = summarise(far, far)
     assert not high["inside"].any()
 
 
 def test_a_bone_that_stays_says_nothing():
     marks, *mesh = field([0.5] * 7)
-    still = summarise([motions(marks, Plan("x", {}), *mesh)])
+    patients = [motions(marks, Plan("x", {}), *mesh)]
+    still = summarise(patients, patients)
     assert (still["n"].to_numpy()[:-1] == 0).all()
