@@ -91,11 +91,11 @@ rule virtual_outcome:
         segments=config["segments"],
         labels=INPUTS.cohort.label_values,
         seed=SEED,
-        code=code_of("scripts.cohort.virtual_outcome"),
+        code=code_of("scripts.cohort.operate_and_scan"),
     message:
         "Operate on virtual patient {wildcards.case}, and scan face and bones"
     script:
-        "../scripts/cohort/virtual_outcome.py"
+        "../scripts/cohort/operate_and_scan.py"
 
 
 # What stands beside the cohort for those who take it elsewhere.
@@ -117,7 +117,7 @@ rule data_card:
             "seed": SEED,
             "code": code_of(
                 "scripts.cohort.virtual_patient",
-                "scripts.cohort.virtual_outcome",
+                "scripts.cohort.operate_and_scan",
             ),
             "virtual": config["virtual"],
             "labels": {

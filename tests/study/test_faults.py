@@ -21,7 +21,7 @@ UNTRAINED = "methods: [no_change, fem_bonded]\nreference: fem_bonded\nvirtual: {
 STAGES = [
     "virtual_patient",
     "import_segmentation",
-    "virtual_outcome",
+    "operate_and_scan",
     "register_postop",
     "check_cohort",
     "model_patient",
