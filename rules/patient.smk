@@ -296,7 +296,7 @@ rule model_lips:
         report="<results>/cases/{case}/import.json",
         truth=INPUTS.patient.truth,
     output:
-        **INPUTS.patient.true_motion("/lips"),
+        **INPUTS.patient.true_motion("lips/"),
         mesh="<results>/cases/{case}/lips/mesh.vtu",
         model="<results>/cases/{case}/lips/model.h5",
     log:

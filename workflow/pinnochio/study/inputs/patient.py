@@ -83,9 +83,9 @@ class PatientInputs:
         """The file of the virtual truth."""
         return "<results>/virtual/{case}/truth.h5" if self.study.cohort.virtual else []
 
-    def true_motion(self, mesh: str = "") -> dict[str, str]:
+    def true_motion(self, folder: str = "") -> dict[str, str]:
         """The file of the true motion at the points of a model, where it is known."""
-        return {"motion": f"<results>/cases/{{case}}{mesh}/true_motion.h5"} if self.truth else {}
+        return {"motion": f"<results>/cases/{{case}}/{folder}true_motion.h5"} if self.truth else {}
 
     def motion(self, wildcards) -> str:
         """The motion that predictions of a patient take: of the study's as everywhere, of a new one the plan."""
