@@ -98,7 +98,7 @@ def test_skin_is_trusted_near_the_bone_and_the_forehead(face):
     points = foremost - [[0, 3, 0], [0, 6, 0], [0, 12, 0]]
     near, further, far = unstable(points, plane, bone)
     assert near < further < far <= MOST
-    assert (np.diff([unstable(points[:1], plane + lower, bone)[0] for lower in (-10, -5, 0)]) > 0).all()
+    assert (np.diff([unstable(points[:1], plane + lower, bone)[0] for lower in (-20, -15, -10)]) > 0).all()
     assert (unstable(points, plane, None) == 0).all()
 
 

@@ -19,7 +19,7 @@ SMOOTH, PATCH = 0.83, 8.0  # share of the noise's SD that is smooth, and over wh
 LEAST = 0.1  # mm of noise that every scan has
 # SD in mm by which skin is elsewhere over THIN mm of tissue, FOREHEAD mm above the nasion plane; the length in mm in
 # which that grows e-fold downward; the length in mm over which skin moves together; and its largest [X: virtual heads].
-MOVES, FOREHEAD, GROWS, TOGETHER, MOST = 0.3, 25.0, 7.0, 45.0, 5.0
+MOVES, FOREHEAD, GROWS, TOGETHER, MOST = 0.3, 25.0, 5.0, 45.0, 5.0
 THIN = 5.0
 DRAWS = 200  # motions from which percentiles are taken
 BOUND = 1.96  # standard deviations: 95 %

@@ -123,10 +123,10 @@ class Reality(NamedTuple):
 CLINIC, SAME_MODALITY = "clinic", "same_modality"
 REALITIES = {
     CLINIC: Reality(
-        {10: Dials(0.37, 2.12), 37: Dials(1.86, 1.52), 56: Dials(2.44, 1.14)}, (6.0, 1.5), True,
+        {10: Dials(0.60, 2.19), 37: Dials(2.03, 1.61), 56: Dials(2.50, 1.20)}, (6.0, 1.5), True,
         1.30, "[S: arXiv 2606.01572] CT to 3dMD, 1.30 ± 0.29"),
     SAME_MODALITY: Reality(
-        {10: Dials(0.01, 1.33), 37: Dials(1.12, 0.99), 56: Dials(1.46, 0.76)}, (12.0, 2.0), False,
+        {10: Dials(0.12, 1.37), 37: Dials(1.21, 1.01), 56: Dials(1.51, 0.76)}, (12.0, 2.0), False,
         0.95, "[S: Liebregts 2015] CBCT to CBCT, 0.9 ± 0.3"),
 }  # fmt: skip
 
