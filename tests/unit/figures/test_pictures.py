@@ -88,7 +88,11 @@ def test_the_picture_says_what_was_guessed_repaired_and_cannot_be_known():
     said = " ".join(" ".join(lines).split())
     assert "frame, sides: unknown: nothing labelled tells left from right" in said
     assert "above the grey value -480 (Otsu)" in said and "a guess: look at the picture" in said
-    assert lines[-3:] == ["repairs: 108 voxels", "  air: stray voxels to mandible_distal, 105", "  air: hole to cranium, 3"]
+    assert lines[-3:] == [
+        "repairs: 108 voxels",
+        "  air: stray voxels to mandible_distal, 105",
+        "  air: hole to cranium, 3",
+    ]
     assert KEPT not in said
 
 
