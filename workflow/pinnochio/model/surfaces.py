@@ -103,9 +103,9 @@ def bone_surface(labels, spacing, origin, segments: tuple[str, ...], edge_mm: fl
 def skin_surface(labels, spacing, origin, edge_mm: float = 2.5) -> tuple[np.ndarray, np.ndarray]:
     """Outer skin, the border of the largest piece of the head: points (p, 3) mm, outward faces (f, 3) int32.
 
-    The voxels' steps are smoothed away: the volume stays, and no point moves farther than to the corner of its voxel.
-    Open where the head is cut by the border of the volume, along a clean line, because the cut is not skin. The same
-    labels give the same bytes.
+    After a Gaussian of one voxel, which closes sealed lips, the voxels' steps are smoothed away without shrinkage, no
+    point farther than to the corner of its voxel. Open where the head is cut by the border of the volume, along a clean
+    line, because the cut is not skin. The same labels give the same bytes.
     """
     pieces, count = ndimage.label(np.asarray(labels) != AIR)
     if count == 0:
@@ -170,17 +170,15 @@ def _pooled(inside, spacing, origin) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return blocks / np.float32(np.prod(count)), spacing * count, origin + (count - 1) / 2 * spacing
 
 
-def contour(
-    inside, spacing, origin, edge_mm: float | None = None, smoothing=SMOOTHING_VOXELS
-) -> tuple[np.ndarray, np.ndarray]:
+def contour(inside, spacing, origin, edge_mm: float | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Closed surface of a voxel set: points (p, 3) mm, outward faces (f, 3) int32.
 
     Contoured at the resolution of the volume, so that plates of one voxel survive; quadric decimation then
     brings the edges to about `edge_mm` (None: no decimation). Decimation can tear ragged plates; then the next
-    Gaussian of `smoothing` (in voxels) is tried, and the attempt with the fewest open edges is kept.
+    Gaussian is tried, and the attempt with the fewest open edges is kept.
     """
     attempts = []
-    for sigma in smoothing:
+    for sigma in SMOOTHING_VOXELS:
         surface = _reduced(_isosurface(inside, spacing, origin, sigma), edge_mm)
         if surface.n_cells:
             attempts.append(surface)
@@ -189,7 +187,7 @@ def contour(
     if not attempts:
         return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
     best = min(attempts, key=lambda surface: surface.n_open_edges)
-    if best.n_open_edges and len(attempts) > 1:
+    if best.n_open_edges:
         LOG.warning("surface of a ragged label keeps %d open edges", best.n_open_edges)
     points, faces = np.asarray(best.points, float), best.regular_faces.astype(np.int32)
     if enclosed_volume(points, faces) < 0:
