@@ -50,7 +50,7 @@ TABLES = {
     "ablation": ("pinnochio.tables.ablation", "ABLATION", "one row per variant"),
     "training": ("pinnochio.tables.training", "TRAINING", "one row per learned method"),
     "stages": ("pinnochio.tables.stages", "STAGES", "one row per stage"),
-    "tradeoff": ("studies.tradeoff.pareto_front", "TRADEOFF", "one row per setting"),
+    "tradeoff": ("studies.tradeoff.setting_columns", "TRADEOFF", "one row per setting"),
     "learning": ("studies.learning.table", "LEARNING", "one row per method and number of training patients"),
     "corrections": ("studies.corrections.table", "CORRECTIONS", "one row per method and number of corrections"),
     "coverage": ("pinnochio.tables.coverage", "COVERAGE", "one row per method and region"),

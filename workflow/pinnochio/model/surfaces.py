@@ -115,8 +115,7 @@ def skin_surface(labels, spacing, origin, edge_mm: float = 2.5) -> tuple[np.ndar
     head = np.pad(ndimage.binary_fill_holes(pieces == largest), 4, mode="edge")
     spacing, low = np.asarray(spacing, float), np.asarray(origin, float)
     share, voxel, start = _pooled(head, spacing, low - 4 * spacing)
-    share = ndimage.gaussian_filter(np.pad(share, 4).astype(np.float32), 1.0)
-    skin = _reduced(_without_steps(_border(_image(share, voxel, start - 4 * voxel)), voxel), edge_mm)
+    skin = _reduced(_without_steps(_isosurface(share, voxel, start, 1.0), voxel), edge_mm)
     high = low + spacing * (np.array(np.shape(labels)) - 1)
     for axis in range(3):
         for side, border in ((-1, low - spacing / 2), (1, high + spacing / 2)):
@@ -179,8 +178,10 @@ def contour(inside, spacing, origin, edge_mm: float | None = None) -> tuple[np.n
     """
     attempts = []
     for sigma in SMOOTHING_VOXELS:
-        surface = _reduced(_isosurface(inside, spacing, origin, sigma), edge_mm)
+        surface = _isosurface(inside, spacing, origin, sigma)
         if surface.n_cells:
+            # Taubin: takes the voxel steps off without shrinking.
+            surface = _reduced(surface.smooth_taubin(n_iter=20, pass_band=0.1), edge_mm)
             attempts.append(surface)
             if surface.n_open_edges == 0:
                 break
@@ -196,15 +197,13 @@ def contour(inside, spacing, origin, edge_mm: float | None = None) -> tuple[np.n
 
 
 def _isosurface(inside, spacing, origin, sigma: float) -> pv.PolyData:
+    """Contour, at a half, of the share of voxels inside after a Gaussian of `sigma` voxels."""
     pad = 4
     field = ndimage.gaussian_filter(np.pad(np.asarray(inside), pad).astype(np.float32), sigma)
-    surface = _border(_image(field, spacing, np.asarray(origin, float) - pad * np.asarray(spacing, float)))
-    # Taubin: takes the voxel steps off without shrinking.
-    return surface.smooth_taubin(n_iter=20, pass_band=0.1) if surface.n_cells else surface
-
-
-def _border(image: pv.ImageData) -> pv.PolyData:
-    """Contour of the share of voxels inside, at a half."""
+    start = np.asarray(origin, float) - pad * np.asarray(spacing, float)
+    image = pv.ImageData(dimensions=field.shape, spacing=spacing, origin=start)
+    image["share"] = field.ravel(order="F")
+    image.set_active_scalars("share")
     edges = vtkFlyingEdges3D()
     edges.SetInputData(image)
     edges.SetValue(0, 0.5)
@@ -212,14 +211,6 @@ def _border(image: pv.ImageData) -> pv.PolyData:
     edges.ComputeScalarsOff()
     edges.Update()
     return pv.wrap(edges.GetOutput())
-
-
-def _image(values, spacing, origin) -> pv.ImageData:
-    """Values (nx, ny, nz) at the centres of voxels."""
-    image = pv.ImageData(dimensions=values.shape, spacing=spacing, origin=origin)
-    image["values"] = values.ravel(order="F")
-    image.set_active_scalars("values")
-    return image
 
 
 def _reduced(surface: pv.PolyData, edge_mm: float | None) -> pv.PolyData:

@@ -43,15 +43,8 @@ RATIOS = {
 STILL, STILL_LIMIT = "glabella", 0.2  # the skin above the orbits stays where it is, mm, but for its weight
 TABLE = (
     Column("ratio", str, "", "soft-tissue landmark"),
-    Column(
-        "ours",
-        float,
-        "1",
-        "slope through the origin of its forward motion over that of the bone, of what plan, "
-        "anatomy and covariates decide",
-        ".3f",
-    ),
-    Column("whole", float, "1", "the same with what they leave open, which averages out over many patients", ".3f"),
+    Column("ours", float, "1", "slope through the origin of its forward motion, as decided, over the bone's", ".3f"),
+    Column("whole", float, "1", "the same with what is open, which averages out over many patients", ".3f"),
     Column("low", float, "1", "lower end of the band of clinical ratios", ".2f"),
     Column("high", float, "1", "upper end of it", ".2f"),
     Column("inside", bool, "", "whether ours lies inside"),
@@ -111,8 +104,9 @@ def tabulate(
     decided, whole = [], []
     for case, marks, truth in zip(cases, landmarks, truths, strict=True):
         *mesh, displacement, executed = read_truth(truth, case)
+        places = read_landmarks(marks)
         for patients, field in ((decided, read_expected(truth, case)), (whole, displacement)):
-            patients.append(motions(read_landmarks(marks), executed, *mesh, field))
+            patients.append(motions(places, executed, *mesh, field))
     frame = summarise(decided, whole)
     view = [
         *views(TABLE, {"ratio": "Landmark", "ours": "Ours", "whole": "With what is open"}),

@@ -124,7 +124,7 @@ def measure(operation: Operation, truth: str, template: str) -> list[dict]:
         interpolate(skin, *reached[:2], field) for field in (reached[2], read_expected(truth, operation.case))
     )
     whole, numbers = deviations(patient, fem, outcome, expected, operation.landmarks)
-    numbers |= lain_down(operation, executed, patient)
+    numbers |= posture_and_rami(operation, executed, patient)
     first = PatientModel.read(template)
     named = first.skin_points[_named(regions(first))]
     there = corresponding(named[farthest(named, PLACES)], marks(first), patient)
@@ -134,7 +134,7 @@ def measure(operation: Operation, truth: str, template: str) -> list[dict]:
     ]
 
 
-def lain_down(operation: Operation, executed: Plan, patient: PatientModel) -> dict[str, float]:
+def posture_and_rami(operation: Operation, executed: Plan, patient: PatientModel) -> dict[str, float]:
     """What posture alone does in the regions of :data:`LYING`, mm along the normal, and the turning of the rami."""
     site = Site(patient.skin_points, (patient.skin_points, patient.skin_faces), operation.landmarks)
     field = operation.settings.effects["posture"] * site.field(posture(operation.circumstances(executed)))

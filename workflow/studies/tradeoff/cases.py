@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pinnochio.columns import Column, number, read_tables
 from pinnochio.metrics.case_columns import BY_NAME
 from pinnochio.tables.document import Block, Table, views
-from studies.tradeoff.pareto_front import SETTING
+from studies.tradeoff.setting_columns import SETTING
 
 TRADEOFF_CASES = (
     Column("case", str, "", "patient"),

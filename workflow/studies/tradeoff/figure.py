@@ -10,7 +10,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 from pinnochio.figures.style import BAND, MEAN, PATIENT, add_grid, label_apart, name_line, save_figure, say
 from pinnochio.methods.names import BASELINE, FLOOR, in_sentence, written
 from pinnochio.statistics.attainable import SMALLEST_N
-from studies.tradeoff.pareto_front import TRADEOFF
+from studies.tradeoff.setting_columns import TRADEOFF
 from studies.tradeoff.table import as_studied
 
 COLUMNS = TRADEOFF

@@ -11,7 +11,7 @@ from pinnochio.seeds import derive_seed
 from pinnochio.tables.comparison import against_baseline
 from pinnochio.tables.document import Block, Table, View, views
 from studies.tradeoff.cases import TRADEOFF_CASES
-from studies.tradeoff.pareto_front import SETTING, TRADEOFF
+from studies.tradeoff.setting_columns import SETTING, TRADEOFF
 from studies.tradeoff.settings import BASE
 
 FRONTS = {"cd": "front_outcome", "face_error": "front_reference"}
