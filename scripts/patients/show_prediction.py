@@ -4,7 +4,7 @@ import numpy as np
 
 from pinnochio.json_text import read_stored_json
 from pinnochio.model.patient import PatientModel
-from pinnochio.patients.face_measures import face_rows, write_face
+from pinnochio.patients.face_measures import read_face, unknown_rows, write_face
 from pinnochio.patients.prediction_page import write_page
 from pinnochio.patients.result import read_result
 from pinnochio.plans.plan import Plan
@@ -15,14 +15,19 @@ def show_prediction(case: str, model: str, plan: str, result: str, certificate: 
     patient = PatientModel.read(model)
     prediction = read_result(result, case, patient)
     half_width = prediction.half_width if np.isfinite(prediction.half_width).any() else None
-    rows = face_rows(patient, prediction.displacement, half_width)
+    planned, face = Plan.read(plan, case), read_face(patient)
+    rows, tracing = unknown_rows(), ""
+    if face:
+        rows = face.rows(prediction.displacement, half_width) + face.bone_rows(planned)
+        tracing = face.tracing(planned, prediction.displacement)
     write_face(rows, measures)
     write_page(
         patient=patient,
-        plan=Plan.read(plan, case),
+        plan=planned,
         displacement=prediction.displacement,
         half_width=prediction.half_width,
         certificate=read_stored_json(certificate),
         rows=rows,
+        tracing=tracing,
         path=page,
     )

@@ -186,6 +186,22 @@ def test_collisions_and_motions_beyond_practice_are_marked(page):
     assert "far" not in page.locator("#label_up").get_attribute("class")
 
 
+def test_the_tracing_takes_the_place_of_the_picture_and_follows_the_plan(page):
+    page.keyboard.press("t")
+    tracing = page.locator("#tracings svg")
+    tracing.wait_for()
+    assert "bones after the plan" in tracing.text_content() and tracing.bounding_box()["height"] > 300
+    rest = tracing.inner_html()
+    put(page, "lefort1", "advance", 5)
+    cells = page.locator("#bone tr", has_text="Overjet").locator("td").all_inner_texts()
+    assert tracing.inner_html() != rest and cells[3] == "+5.0"
+    page.locator("#both").click()
+    settled(page)
+    assert tracing.count() == 2
+    page.click("#tracing")
+    tracing.first.wait_for(state="detached")
+
+
 def test_ghost_and_scan_can_be_shown(page):
     put(page, JAW, "advance", 8)
     plain = picture(page)
@@ -258,7 +274,17 @@ def test_two_plans_are_measured_side_by_side(page):
 
 def test_it_fits_a_small_laptop_and_a_phone_gets_a_sentence(browser, address, page):
     assert page.evaluate("document.documentElement.scrollWidth") <= 1280
-    for place in ("#undo", "#reset", "#map_interval", "#look_right", "#numbers", "#occlude", "#name", "#save"):
+    for place in (
+        "#undo",
+        "#reset",
+        "#tracing",
+        "#map_interval",
+        "#look_right",
+        "#numbers",
+        "#occlude",
+        "#name",
+        "#save",
+    ):
         box = page.locator(place).bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= 1280 and box["y"] + box["height"] <= 720, place
     assert not page.locator("#phone").is_visible()

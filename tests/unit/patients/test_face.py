@@ -7,7 +7,7 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.model.measures import LANDMARKS, MEASURES, derivatives
-from pinnochio.patients.face_measures import SHOWN, TABLE, FaceMeasures, face_rows, write_face, written
+from pinnochio.patients.face_measures import SHOWN, TABLE, FaceMeasures, read_face, unknown_rows, write_face, written
 from tests.helpers.virtual_heads import face_alone
 
 
@@ -57,7 +57,8 @@ def test_a_half_width_is_the_root_of_the_squares_of_what_each_landmark_adds(pati
 
 def test_a_face_that_cannot_be_read_has_no_numbers_and_the_table_stays(patient, tmp_path):
     bare = replace(patient, bone_segment=np.full(len(patient.bone_points), -1), segments=())
-    rows = face_rows(bare, np.zeros_like(bare.points))
+    assert read_face(bare) is None
+    rows = unknown_rows()
     write_face(rows, tmp_path / "measures.csv")
     table = read_table(tmp_path / "measures.csv", TABLE)
     assert len(table) == len(rows) == len(MEASURES) + 3 * len(SHOWN) and table["after"].isna().all()

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from pinnochio.columns import read_table
-from pinnochio.patients.face_measures import TABLE, face_rows, write_face
+from pinnochio.patients.face_measures import TABLE, FaceMeasures, write_face
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS, motion_of
 from pinnochio.report.plans import ComparedPlan, write_plans
@@ -32,7 +32,7 @@ def page(tmp_path_factory):
     plans = []
     for name, advance in (("rest", 0.0), ("advance", 5.0), ("setback", -5.0)):
         field = np.where(below[:, None], [0, -advance, 0], 0.0)
-        write_face(face_rows(patient, field, width), folder / f"{name}.csv")
+        write_face(FaceMeasures(patient).rows(field, width), folder / f"{name}.csv")
         motion = motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"advance": advance}, np.zeros(3))
         measures = read_table(folder / f"{name}.csv", TABLE)
         plans.append(ComparedPlan(name, Plan("V", {JAW: motion}), f"{name}/m/index.html", "with care", field, measures))

@@ -42,7 +42,7 @@ class FaceLandmarks:
 def face_landmarks(patient: PatientModel) -> FaceLandmarks:
     """Landmarks of an upright face (+z up, looking to -y; some degrees of pitch do little).
 
-    The midline is the middle of the upper jaw (:func:`_upper_jaw`) down to the mouth; from
+    The midline is the middle of the upper jaw (:func:`upper_jaw`) down to the mouth; from
     there it runs to the middle of the chin's bone. Stomion lies between the nodes of the lips, else at the edge of
     the upper incisors; menton is the skin in front of the bone's lower end. All else lies farthest from a chord of
     the profile: pronasale in front of that from stomion to the top; subnasale behind that from stomion to pronasale;
@@ -57,7 +57,7 @@ def face_landmarks(patient: PatientModel) -> FaceLandmarks:
     Raises InputError where skin or bone is missing.
     """
     points, faces = patient.skin_points, patient.skin_faces
-    upper = _upper_jaw(patient)
+    upper = patient.bone_points[upper_jaw(patient)]
     if not len(faces) or not len(upper):
         raise _refused("it has no skin or no bone segment")
     middle = 0.5 * (upper[:, 0].min() + upper[:, 0].max())
@@ -73,34 +73,34 @@ def face_landmarks(patient: PatientModel) -> FaceLandmarks:
 
     z = np.arange(chin_z, min(points[:, 2].max(), mouth + FOREHEAD), STEP)
     x = np.interp(z, [chin_z, mouth], [chin_x, middle])
-    depth = _section(points, faces, points[:, 0] - np.interp(points[:, 2], z, x), points[:, 2], z)
+    depth = section(points, faces, points[:, 0] - np.interp(points[:, 2], z, x), points[:, 2], z)
     line = np.column_stack([depth, z])
     top, stomion = len(z) - 1, int(np.searchsorted(z, mouth))
     if min(stomion, top - stomion) * STEP < SLIT:
         raise _refused("skin or bone ends at the mouth")
     low, fold = (round(stomion * (1 - share)) for share in (FOLD, LIP))
-    pronasale = _farthest(line, stomion, top, True)
-    subnasale = _farthest(line, stomion, pronasale, False)
-    sellion = _farthest(line, pronasale, top, False, min(pronasale + int(BRIDGE / STEP), top), top)
+    pronasale = farthest(line, stomion, top, True)
+    subnasale = farthest(line, stomion, pronasale, False)
+    sellion = farthest(line, pronasale, top, False, min(pronasale + int(BRIDGE / STEP), top), top)
     reach = int(SLIT / STEP)
-    notch = _farthest(line, stomion - reach, stomion + reach, False)  # where a lip overhangs, not at the mouth's height
-    superius = _farthest(line, notch, subnasale, True)
-    pogonion = _farthest(line, 0, stomion, True, 0, low)
-    lower = _farthest(line, 0, stomion, True, fold, stomion)
-    sublabiale = _farthest(line, pogonion, lower, False, low, fold)
-    inferius = _farthest(line, sublabiale, notch, True)
+    notch = farthest(line, stomion - reach, stomion + reach, False)  # where a lip overhangs, not at the mouth's height
+    superius = farthest(line, notch, subnasale, True)
+    pogonion = farthest(line, 0, stomion, True, 0, low)
+    lower = farthest(line, 0, stomion, True, fold, stomion)
+    sublabiale = farthest(line, pogonion, lower, False, low, fold)
+    inferius = farthest(line, sublabiale, notch, True)
 
     out = np.arange(-CHEEK, CHEEK + STEP, STEP)
     levels = np.linspace(z[subnasale], z[pronasale], 6)[1:]
-    sections = [_section(points, faces, points[:, 2] - level, points[:, 0] - middle, out) for level in levels]
+    sections = [section(points, faces, points[:, 2] - level, points[:, 0] - middle, out) for level in levels]
     across = np.min(sections, axis=0)
     ridge = len(out) // 2
-    wings = [_farthest(np.column_stack([across, out]), *ends, False) for ends in ((0, ridge), (ridge, len(out) - 1))]
+    wings = [farthest(np.column_stack([across, out]), *ends, False) for ends in ((0, ridge), (ridge, len(out) - 1))]
     wing = float(np.clip(np.abs(out[wings]).mean(), *WING))
     canon = min(MOUTH * wing, WIDEST)
     reach = np.vstack(lips)[:, 0] - middle
     corners = np.clip([reach.min(initial=0), reach.max(initial=0)], [-WIDEST, canon], [-canon, WIDEST])
-    beside = _section(points, faces, points[:, 2] - mouth, points[:, 0] - middle, out)
+    beside = section(points, faces, points[:, 2] - mouth, points[:, 0] - middle, out)
     profile = np.column_stack([x, depth, z])
     return FaceLandmarks(
         *profile[[sellion, pronasale, subnasale, superius, stomion, inferius, sublabiale, pogonion, 0]],
@@ -113,8 +113,8 @@ def subspinale(patient: PatientModel, marks: FaceLandmarks) -> np.ndarray:
     """Soft-tissue A' (3,) mm: the profile's deepest point behind the chord from labrale superius to subnasale."""
     points, x = patient.skin_points, marks.subnasale[0]
     z = np.arange(marks.labrale_superius[2], marks.subnasale[2] + STEP / 2, STEP)
-    depth = _section(points, patient.skin_faces, points[:, 0] - x, points[:, 2], z)
-    deepest = _farthest(np.column_stack([depth, z]), 0, len(z) - 1, False)
+    depth = section(points, patient.skin_faces, points[:, 0] - x, points[:, 2], z)
+    deepest = farthest(np.column_stack([depth, z]), 0, len(z) - 1, False)
     return np.array([x, depth[deepest], z[deepest]])
 
 
@@ -122,14 +122,14 @@ def _refused(problem: str) -> InputError:
     return InputError("-", "model", f"its face cannot be read: {problem}", "check the segmentation and its orientation")
 
 
-def _upper_jaw(patient: PatientModel) -> np.ndarray:
-    """Points (k, 3) mm of the upper jaw's bone: of its segments; where it is not cut, of the cranium above the lower
+def upper_jaw(patient: PatientModel) -> np.ndarray:
+    """Which bone points (b,) are the upper jaw's: of its segments; where it is not cut, of the cranium above the lower
     jaw's teeth; without either, of every segment."""
     upper = of_segments(patient.bone_segment, patient.segments, "maxilla")
     lower = of_segments(patient.bone_segment, patient.segments, "distal", UNCUT)
     if not upper.any() and lower.any():
         upper = above_teeth(patient.bone_points, patient.bone_segment, lower)
-    return patient.bone_points[upper if upper.any() else patient.bone_segment >= 0]
+    return upper if upper.any() else patient.bone_segment >= 0
 
 
 def _chin(bone, middle: float, mouth: float) -> tuple[float, float]:
@@ -142,7 +142,7 @@ def _chin(bone, middle: float, mouth: float) -> tuple[float, float]:
     return 0.5 * (low.min() + low.max()), below[:, 2].min()
 
 
-def _section(points, faces, height, along, wanted) -> np.ndarray:
+def section(points, faces, height, along, wanted) -> np.ndarray:
     """Foremost y (k,) mm of a surface where a plane cuts it, at each wanted place; interpolated where it has a gap.
 
     height (s,): of every point above the plane; along (s,): its place in the plane.
@@ -168,7 +168,7 @@ def _section(points, faces, height, along, wanted) -> np.ndarray:
     return np.interp(wanted, wanted[known], foremost[known])
 
 
-def _farthest(line, start: int, end: int, ahead: bool, first: int | None = None, last: int | None = None) -> int:
+def farthest(line, start: int, end: int, ahead: bool, first: int | None = None, last: int | None = None) -> int:
     """Index of the point farthest in front of (or behind) the chord from `start` to `end` of a line (k, 2).
 
     line: depth (to the back) and place (rising); sought from `first` to `last`, by default between the ends.

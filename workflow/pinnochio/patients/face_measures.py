@@ -3,15 +3,19 @@
 import logging
 import os
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.columns import Column, number, write_rows
 from pinnochio.errors import InputError
+from pinnochio.figures.cephalogram import Cephalogram
+from pinnochio.model.bone_landmarks import BONE_MEASURES, bone_measures
 from pinnochio.model.carried import CarriedLandmarks, carried_landmarks
 from pinnochio.model.measures import LANDMARKS, MEASURES, derivatives, measure
 from pinnochio.model.patient import PatientModel
+from pinnochio.plans.plan import Plan
 
 # The landmarks whose displacement is shown, as surgeons write them.
 SHOWN = {"pronasale": "Nasal tip", "subnasale": "Subnasale", "subspinale": "A'", "labrale_superius": "Upper lip",
@@ -55,6 +59,22 @@ class FaceMeasures:
         places = np.where(known[:, None], self.landmarks.positions, 0)
         self._nearest = judged[cKDTree(patient.skin_points[judged]).query(places)[1]]
 
+    def tracing(self, plan: Plan, displacement: np.ndarray) -> str:
+        """The lateral cephalogram under a plan and a field (n, 3) mm, as SVG."""
+        return self._cephalogram.svg(plan, displacement)
+
+    def bone_rows(self, plan: Plan) -> list[MeasureRow]:
+        """What surgeons read off the bone's landmarks before and after a plan."""
+        before, after = (bone_measures(self._cephalogram.bone.under(one)) for one in (Plan(plan.case, {}), plan))
+        return [
+            MeasureRow(name, *words, old, new, new - old, np.nan)
+            for (name, words), old, new in zip(BONE_MEASURES.items(), before, after, strict=True)
+        ]
+
+    @cached_property
+    def _cephalogram(self) -> Cephalogram:
+        return Cephalogram(self._patient, self.landmarks)
+
     def rows(self, displacement: np.ndarray, half_width: np.ndarray | None = None) -> list[MeasureRow]:
         """The measures, then how far forward, up and to the left the SHOWN landmarks go, under a field (n, 3) mm.
 
@@ -84,14 +104,17 @@ class FaceMeasures:
         return rows
 
 
-def face_rows(
-    patient: PatientModel, displacement: np.ndarray, half_width: np.ndarray | None = None
-) -> list[MeasureRow]:
-    """:meth:`FaceMeasures.rows` of one plan; all numbers unknown where the face cannot be read, which the log says."""
+def read_face(patient: PatientModel) -> FaceMeasures | None:
+    """The measures of a face; None where it cannot be read, which the log says."""
     try:
-        return FaceMeasures(patient).rows(displacement, half_width)
+        return FaceMeasures(patient)
     except InputError as error:
         logging.warning("no measures: %s", error)
+    return None
+
+
+def unknown_rows() -> list[MeasureRow]:
+    """The rows of a face that cannot be read."""
     unknown = dict.fromkeys(("before", "after", "change", "half_width"), np.nan)
     rows = [MeasureRow(name, one.title, one.unit, one.positive, **unknown) for name, one in MEASURES.items()]
     ways = [(name, title, way) for name, title in SHOWN.items() for way in WAYS]
@@ -111,17 +134,19 @@ def written(value: float, digits: int, sign: str = "") -> str:
     return text.lstrip("+-") if not float(text) else text.replace("-", "−")
 
 
-def in_numbers(rows: list[MeasureRow]) -> tuple[list[dict], list[dict]]:
-    """Measures, and how far each landmark goes forward, up and left, as pages write them; half: the half-width."""
-    measures, moved = [], {}
+def in_numbers(rows: list[MeasureRow]) -> tuple[list[dict], list[dict], list[dict]]:
+    """Measures, how far each landmark goes forward, up and left, and measures of bone, as pages write them; half: the
+    half-width."""
+    measures, moved, bone = [], {}, []
     for row in rows:
         half = {"half": written(row.half_width, 1)}
-        if row.name in MEASURES:
-            digits, unit = (0, "°") if row.unit == "degree" else (1, "mm")
+        if row.name in MEASURES or row.name in BONE_MEASURES:
+            digits, unit = (int(row.name in BONE_MEASURES), "°") if row.unit == "degree" else (1, "mm")
             numbers = {"before": written(row.before, digits), "after": written(row.after, digits)}
             title = {"name": row.name, "title": f"{row.title}, {unit}"}
-            measures.append(title | numbers | {"change": written(row.change, 1, "+")} | half)
+            table = measures if row.name in MEASURES else bone
+            table.append(title | numbers | {"change": written(row.change, 1, "+")} | half)
         else:
             place = moved.setdefault(row.title, {"title": row.title} | half)
             place[row.positive.split()[-1]] = written(row.change, 1, "+")
-    return measures, list(moved.values())
+    return measures, list(moved.values()), bone

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pyvista as pv
+from markupsafe import Markup
 
 from pinnochio import web_pages
 from pinnochio.figures.patient import FRONT, OBLIQUE, SIDE, SKIN, UNKNOWN, add_bone, finish, save, skin_of
@@ -41,9 +42,11 @@ def write_page(
     half_width: np.ndarray,
     certificate: Mapping,
     rows: Sequence[MeasureRow],
+    tracing: str,
     path: str | os.PathLike,
 ) -> None:
-    """Write the page of a field (n, 3) mm with half-widths (s,) mm of its skin, its certificate and its measures."""
+    """Write the page of a field (n, 3) mm with half-widths (s,) mm of its skin, its certificate, its
+    measures and its cephalogram as SVG, empty where the face cannot be read."""
     level = f"{100 * certificate['interval']['level']:g} %" if certificate["interval"] else ""
     before, after = skin_of(patient, np.zeros_like(displacement)), skin_of(patient, displacement)
     moved = np.linalg.norm(after.points - before.points, axis=1)
@@ -56,7 +59,7 @@ def write_page(
         words = f"Half-width of the {level} interval: {level} of a region's points should lie this near to the "
         words += "outcome. Grey: not judged."
         pictures.append((f"{level} interval", _map(after, half_width), words))
-    measures, landmarks = in_numbers(rows)
+    measures, landmarks, bone = in_numbers(rows)
     fine = "No check failed: the elements are valid"
     fine += ", and patient and plan are like those of the training." if certificate["in_distribution"] else "."
     web_pages.write_page(
@@ -68,6 +71,8 @@ def write_page(
         motions=motions_in_words(patient, plan),
         measures=measures,
         landmarks=landmarks,
+        bone=bone,
+        tracing=Markup(tracing),
         level=level,
         fine=fine,
         files=FILES,

@@ -37,6 +37,9 @@ STYLE = f"""
 .v-slider.v-input--horizontal {{ margin-top: -8px; margin-bottom: -8px }}
 .v-navigation-drawer .v-switch .v-label {{ font-size: .78rem }}
 .v-navigation-drawer .v-switch .v-selection-control {{ min-height: 28px }}
+.tracing {{ flex: 1; min-height: 0; background: white }}
+.tracing > div {{ flex: 1; min-width: 0; padding: .5rem }}
+.tracing svg {{ width: 100%; height: 100% }}
 .far {{ color: #b26a00; font-weight: bold }}
 """
 # Keys of the whole page; those of a field that is being typed in stay its own, but for undo and redo of numbers.
@@ -55,7 +58,8 @@ document.addEventListener('keydown', (event) => {
     return;
   }
   if (event.altKey || inside('#name, .v-select, input[type=number]')) return;
-  const ids = { a: 'side_A', b: 'side_B', r: 'reset', f: 'look_front', o: 'look_oblique', p: 'look_left' };
+  const ids = { a: 'side_A', b: 'side_B', r: 'reset', f: 'look_front', o: 'look_oblique', p: 'look_left',
+    t: 'tracing' };
   if (ids[key]) click(ids[key]);
   else if (/^[1-9]$/.test(key)) {
     const chips = document.querySelectorAll('[id^=segment_]');
@@ -63,7 +67,8 @@ document.addEventListener('keydown', (event) => {
   }
 });
 """
-HELP = "Keys: 1-9 bone, arrows on a slider, Ctrl+Z / Ctrl+Y, R reset, A / B plan, F front, O oblique, P profile"
+HELP = "Keys: 1-9 bone, arrows on a slider, Ctrl+Z / Ctrl+Y, R reset, A / B plan, F front, O oblique, P profile, "
+HELP += "T tracing"
 
 
 def build(page) -> vtk_widgets.VtkRemoteView:
@@ -84,8 +89,11 @@ def build(page) -> vtk_widgets.VtkRemoteView:
             _captions(page)
             remote = vtk_widgets.VtkRemoteView(
                 page.view.plotter.render_window, interactive_ratio=1, interactive_quality=70,
-                style="flex: 1; min-height: 0",
+                style="flex: 1; min-height: 0", v_show=("!traced",),
             )  # fmt: skip
+            with html.Div(v_if=("traced",), classes="d-flex tracing", id="tracings"):
+                for side in SIDES:
+                    html.Div(v_if=(f"both || side == '{side}'",), v_html=(f"rows.{side}.tracing",))
             _legend(page)
     return remote
 
@@ -110,7 +118,11 @@ def _bar(page) -> None:
         v3.VSelect(
             v_model=("shown",), items=("seen", [{"title": words, "value": name} for name, words in
                                                 page.seen.items()]),
-            multiple=True, label="show", id="shown", style="max-width: 13rem", **FIELD,
+            multiple=True, label="show", id="shown", style="max-width: 8.5rem", **FIELD,
+        )  # fmt: skip
+        v3.VBtn(
+            "tracing", id="tracing", size="small", min_width=0, classes="px-2", click="traced = !traced",
+            variant=("traced ? 'flat' : 'text'",), color="primary", title="lateral cephalogram (T)",
         )  # fmt: skip
         with v3.VBtnToggle(v_model=("map",), classes="ml-2", **toggle):
             for name in MAPS:
@@ -211,6 +223,13 @@ def _measures(page) -> None:
             "Fit the plan", id="fit", color="primary", click=page.fit, loading=("seeking",),
             disabled=("!Object.keys(wishes).length",), title="seeks the least motion that meets the wished values",
         )  # fmt: skip
+    with html.Table(id="bone", classes="numbers mt-2"):
+        with html.Tr():
+            for title in ("{{ side }}: bone", "before", "after", "change"):
+                html.Th(title)
+        with html.Tr(v_for="row in rows[side].bone", key="row.name"):
+            for name in ("title", "before", "after", "change"):
+                html.Td(f"{{{{ row.{name} }}}}")
     with html.Table(id="landmarks", classes="numbers mt-2"):
         with html.Tr():
             for title in ("{{ side }}: moves by, mm", "forward", "up", "left", f"± {level}"):

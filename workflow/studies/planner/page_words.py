@@ -43,11 +43,14 @@ def about(forecast: Forecast, deep: Mapping[tuple[str, str], float], jaws: Jaws,
     }
 
 
-def rows(forecast: Forecast, face: FaceMeasures) -> dict[str, list[dict]]:
-    """The measures of a forecast, and the displacements of landmarks, as the tables show them."""
+def rows(forecast: Forecast, face: FaceMeasures) -> dict[str, list[dict] | str]:
+    """The measures of a forecast, the displacements of landmarks and the measures of bone, as the tables show them; the
+    tracing as SVG."""
     half_width = None if forecast.plan.still else forecast.interval.half_width
-    measures, landmarks = in_numbers(face.rows(forecast.interval.displacement, half_width))
-    return {"measures": measures, "landmarks": landmarks}
+    moved = forecast.interval.displacement
+    measures, landmarks, bone = in_numbers(face.rows(moved, half_width) + face.bone_rows(forecast.plan))
+    tracing = face.tracing(forecast.plan, moved)
+    return {"measures": measures, "landmarks": landmarks, "bone": bone, "tracing": tracing}
 
 
 def fitted(fit: Fit) -> str:

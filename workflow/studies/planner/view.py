@@ -7,6 +7,7 @@ import pyvista as pv
 from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
 
 from pinnochio.figures.patient import BONE, OBLIQUE, SEGMENTS, SKIN
+from pinnochio.figures.profile import MidlineProfile
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.model.patient import PatientModel
 from studies.planner.forecast import Forecast
@@ -150,26 +151,6 @@ class Side:
         moved = self._patient.bone_points + self._patient.bone_displacement(forecast.plan)
         for index, mesh in self._bone_meshes.items():
             mesh.points = moved[self._patient.bone_segment == index]
-
-
-class MidlineProfile:
-    """Where the plane of the midline cuts the skin, as lines that go with its points (s, 3) mm."""
-
-    def __init__(self, points: np.ndarray, faces: np.ndarray, middle: float):
-        side = points[:, 0] - middle
-        front = points[faces][:, :, 1].max(axis=1) < np.median(points[:, 1])  # not the back of the head
-        shown = faces[front]
-        edges = shown[:, [[0, 1], [1, 2], [2, 0]]]
-        cut = (side[edges[:, :, 0]] < 0) != (side[edges[:, :, 1]] < 0)
-        self._edges = edges[cut.sum(axis=1) == 2][cut[cut.sum(axis=1) == 2]]
-        ends = side[self._edges]
-        self._share = (ends[:, 0] / (ends[:, 0] - ends[:, 1]))[:, None]
-        self.lines = np.column_stack([np.full(len(self._edges) // 2, 2), np.arange(len(self._edges)).reshape(-1, 2)])
-
-    def of(self, points: np.ndarray) -> np.ndarray:
-        """Ends (2 l, 3) mm of the lines on a moved skin."""
-        start, end = points[self._edges[:, 0]], points[self._edges[:, 1]]
-        return start + self._share * (end - start)
 
 
 class SideMarks:

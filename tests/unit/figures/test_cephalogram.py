@@ -1,0 +1,85 @@
+"""The cephalogram: what is read off the bone, and that its drawing goes with plan and field."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+
+from pinnochio.figures.cephalogram import BEFORE, PLANNED, PREDICTED, SKIN_MARKS
+from pinnochio.model.bone_landmarks import BONE_MEASURES, bone_landmarks, bone_measures
+from pinnochio.patients.face_measures import FaceMeasures, in_numbers
+from pinnochio.plans.plan import Plan, RigidMotion
+from tests.helpers.virtual_heads import face_alone
+
+REST = Plan("V", {})
+FORWARD = Plan("V", {"lefort1": RigidMotion(translation=np.array([0.0, -4, 0]))})
+
+
+@pytest.fixture(scope="module", params=["class_ii", "class_iii"])
+def face(request):
+    return FaceMeasures(face_alone(request.param))
+
+
+def test_measures_of_bone_are_those_of_a_drawn_film():
+    """N above the origin; A 2 mm and Pog 6 mm behind its vertical, 60 and 100 mm below."""
+    places = {"N": (0, 0, 0), "A": (0, 2, -60), "B": (0, 5, -90), "Pog": (0, 6, -100), "Me": (0, 16, -110),
+              "Go": (9, 76, -75), "U1": (0, -4, -80), "L1": (0, -1, -78)}  # fmt: skip
+    values = dict(
+        zip(BONE_MEASURES, bone_measures({name: np.array(at, float) for name, at in places.items()}), strict=True)
+    )
+    assert values["bone_anb"] == pytest.approx(np.degrees(np.arctan(5 / 90) - np.arctan(2 / 60)))
+    assert values["bone_convexity"] == pytest.approx(np.degrees(np.arctan(4 / 40) - np.arctan(2 / 60)))
+    assert [values[f"bone_{name}"] for name in ("a", "b", "pog", "overjet", "overbite")] == [-2, -5, -6, 3, 2]
+    assert values["bone_mandibular_plane"] == pytest.approx(np.degrees(np.arctan(35 / 60)))
+    assert np.isnan(bone_measures({"N": np.zeros(3)})).all()
+
+
+def test_landmarks_of_bone_lie_where_anatomy_has_them_and_go_with_their_segment(face):
+    rest = face._cephalogram.bone.under(REST)
+    assert {"N", "ANS", "U1", "L1", "Pog", "Me", "Go"} <= rest.keys()
+    heights = [rest[name][2] for name in ("N", "ANS", "U1", "Pog", "Me")]
+    assert heights == sorted(heights, reverse=True) and rest["Go"][1] > rest["Me"][1] + 40
+    skin = face.landmarks.positions
+    assert all(place[1] > np.nanmin(skin[:, 1]) for place in rest.values())  # none in front of the nose
+    moved = face._cephalogram.bone.under(FORWARD)
+    for name, place in rest.items():
+        expected = [0, -4, 0] if name in ("ANS", "A", "U1") else [0, 0, 0]
+        np.testing.assert_allclose(moved[name] - place, expected, atol=1e-9)
+    rows = {row.name: row for row in face.bone_rows(FORWARD)}
+    assert rows["bone_overjet"].change == pytest.approx(4) and rows["bone_pog"].change == 0
+    assert [row["title"] for row in in_numbers(list(rows.values()))[2]][5] == "Overjet, mm"
+
+
+def test_overjet_tells_class_ii_from_class_iii():
+    two, three = (FaceMeasures(face_alone(kind)).bone_rows(REST) for kind in ("class_ii", "class_iii"))
+    overjet = [next(row.before for row in rows if row.name == "bone_overjet") for rows in (two, three)]
+    assert overjet[0] > 2 > 0 > overjet[1]
+
+
+def test_bone_that_the_scan_does_not_show_is_left_out(face):
+    patient = face._patient
+    high = float(patient.bone_points[:, 2].max()) + 100
+    assert "N" not in bone_landmarks(patient, 0.0, np.array([0, -80.0, high])).points
+
+
+def test_the_drawing_goes_with_plan_and_field(face):
+    patient = face._patient
+    still, moved = np.zeros_like(patient.points), np.tile([0.0, -3, 0], (len(patient.points), 1))
+    before, after = face.tracing(REST, still), face.tracing(FORWARD, moved)
+    for text in (before, after):
+        ElementTree.fromstring(text)
+        for title in (*SKIN_MARKS.values(), "Pog", "Go"):
+            assert f">{title}</text>" in text
+    lines = re.compile(f'd="M([^"]+)" fill="none" stroke="{PLANNED}" stroke-width="0.55"/>')
+    assert not lines.findall(before)
+    planned = lines.findall(after)
+    assert len(planned) == 1  # the maxilla alone
+    outlines = re.findall(f'd="M([^"]+)" fill="none" stroke="{BEFORE}" stroke-width="0.55"/>', after)
+    places = [np.array([pair.split() for pair in line.split("L")], float) for line in (outlines[0], planned[0])]
+    np.testing.assert_allclose(places[1] - places[0], np.tile([4.0, 0], (len(places[0]), 1)), atol=0.11)
+    skins = [re.search(f'd="M([^"]+)" fill="none" stroke="{colour}" stroke-width="0.7"/>', after)[1]
+             for colour in (BEFORE, PREDICTED)]  # fmt: skip
+    first, second = (np.array([pair.split() for pair in re.split("[LM]", skin)], float) for skin in skins)
+    np.testing.assert_allclose(second - first, np.tile([3.0, 0], (len(first), 1)), atol=0.11)
+    assert len(first) > 100
