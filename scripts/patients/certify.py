@@ -6,13 +6,20 @@ from dataclasses import asdict
 from pathlib import Path
 
 from pinnochio.files import replacing
-from pinnochio.importing.osteotomy import GUESS
 from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.elastic import linear_field
 from pinnochio.metrics.worst_point import apart
 from pinnochio.model.patient import PatientModel
-from pinnochio.patients.certificate import RESEARCH, in_distribution, interval_measures, measures, plain, verdict
+from pinnochio.patients.certificate import (
+    RESEARCH,
+    in_distribution,
+    interval_measures,
+    measures,
+    of_import,
+    plain,
+    verdict,
+)
 from pinnochio.patients.in_distribution import Ranges, widening
 from pinnochio.patients.model_archive import RANGES, Archive, calibration_file
 from pinnochio.patients.result import read_result, read_solution
@@ -50,21 +57,14 @@ def certify(
         | {"apart_mm": from_elasticity(patient, planned, prediction.displacement, fem)},
         "interval": None,
         "in_distribution": None,
-        "import": {
-            "warnings": [*imported["warnings"], *planned.warnings],
-            "care": imported["care"],
-            "guessed": [name for name, why in dict(imported["cuts"]).items() if why.endswith(GUESS)],
-        },
+        "import": of_import(imported, planned.warnings),
     }
     if folder:
         archive, calibration = Archive.read(folder), Calibration.read(Path(folder) / calibration_file(about["method"]))
         content["models"] = {key: getattr(archive, key) for key in ("cohort", "patients", "configuration", "code")}
         content["models"] |= {"folds": len(archive.folds), "usual": archive.methods[about["method"]]["usual"]}
         content["in_distribution"] = in_distribution(
-            patient=patient,
-            plan=planned,
-            quality=imported,
-            ranges=Ranges.read(Path(folder) / RANGES),
+            patient=patient, plan=planned, quality=imported, ranges=Ranges.read(Path(folder) / RANGES)
         )
         content["interval"] = interval_measures(prediction, calibration, widening(content["in_distribution"]))
     content = plain(content)

@@ -4,7 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from studies.planner.page_words import warning
+from pinnochio.importing.osteotomy import GUESS
+from pinnochio.patients.certificate import of_import
+from studies.planner.page_words import import_in_words, warning
 
 
 @pytest.mark.parametrize(
@@ -22,3 +24,9 @@ def test_what_speaks_against_a_forecast_is_said(changes, words):
     none = {"damping": 1.0, "repaired": 0, "off_bone": 0.4, "beyond": 0.0, "out_of_distribution": ()}
     forecast = SimpleNamespace(**none | changes)
     assert warning(forecast).startswith(words) and bool(warning(forecast)) == bool(words)
+
+
+def test_a_guess_of_the_cuts_is_named_to_whoever_plans():
+    quality = {"warnings": [], "care": [], "cuts": {"lefort1": f"the roots{GUESS}", "chin": "the plane that was given"}}
+    assert import_in_words(of_import(quality)).startswith("Cuts by rule: lefort1. Nobody has said")
+    assert import_in_words(of_import(quality | {"cuts": {}})) == ""

@@ -1,11 +1,12 @@
 """What a user must know of one prediction before believing it, as JSON holds it and in plain words."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from pinnochio.importing.osteotomy import GUESS
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.model_quality import DETAIL, off_mesh
 from pinnochio.metrics.validity import (
@@ -120,11 +121,7 @@ def in_distribution(patient: PatientModel, plan: Plan, quality: Mapping, ranges:
             "trained": list(ranges.segments),
             "within": set(patient.segments) <= set(ranges.segments),
         },
-        "muscle": {
-            "value": patient.muscle,
-            "trained": list(ranges.muscle),
-            "within": patient.muscle in ranges.muscle,
-        },
+        "muscle": {"value": patient.muscle, "trained": list(ranges.muscle), "within": patient.muscle in ranges.muscle},
         "anatomy": ranges.anatomy.compare(anatomy_quantities(patient, quality)),
         "plan": ranges.plan.compare(plan_quantities(patient, plan)),
     }
@@ -145,7 +142,7 @@ def plain(value):
 def in_words(certificate: Mapping) -> list[Finding]:
     """The certificate as a table that needs no other explanation."""
     rows = [
-        *_import_rows(certificate.get("import", {})),
+        *import_rows(certificate.get("import", {})),
         *_solution_rows(certificate["solution"], certificate["measures"]),
         *_field_rows(certificate["measures"], certificate["models"]),
     ]
@@ -168,7 +165,18 @@ def verdict(certificate: Mapping) -> CertificateGrade:
     return CertificateGrade(USABLE, ())
 
 
-def _import_rows(imported: Mapping) -> list[Finding]:
+def of_import(quality: Mapping, warnings: Sequence[str] = ()) -> dict[str, list[str]]:
+    """What a patient's quality report says of the import: warnings (and those of a plan), what needs care, and the cuts
+    that nobody has placed."""
+    return {
+        "warnings": [*quality["warnings"], *warnings],
+        "care": list(quality["care"]),
+        "guessed": [name for name, why in dict(quality["cuts"]).items() if why.endswith(GUESS)],
+    }
+
+
+def import_rows(imported: Mapping) -> list[Finding]:
+    """What an import says, as lines of the certificate."""
     rows = []
     if guessed := imported.get("guessed"):
         meaning = "Nobody has said where the surgeon cuts: it was guessed from the bone. Look at segments.png."

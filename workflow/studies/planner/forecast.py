@@ -19,7 +19,7 @@ from pinnochio.methods.sources import PatientSources, SourceModel
 from pinnochio.metrics.validity import off_bone
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
-from pinnochio.patients.certificate import PARTS, in_distribution
+from pinnochio.patients.certificate import PARTS, in_distribution, of_import
 from pinnochio.patients.in_distribution import Ranges, beyond, widening
 from pinnochio.patients.model_archive import RANGES, Archive, calibration_file, network_file
 from pinnochio.plans.plan import Plan, RigidMotion
@@ -64,6 +64,7 @@ class Forecaster:
         self.calibration = Calibration.read(folder / calibration_file(prepared.method))
         self._ranges = Ranges.read(folder / RANGES)
         self._quality = read_stored_json(prepared.quality)
+        self.imported = of_import(self._quality)
         self._region = regions(self.patient)
         self._judged = self.patient.judged_points
         files = [folder / network_file(prepared.method, fold) for fold in self._archive.folds]

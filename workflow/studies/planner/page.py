@@ -15,7 +15,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS
 from studies.planner.forecast import Forecast, Forecaster
 from studies.planner.page_layout import build
-from studies.planner.page_words import about, fitted, label, rows
+from studies.planner.page_words import about, fitted, import_in_words, label, rows
 from studies.planner.serving import serve
 from studies.planner.session import SIDES, Session
 from studies.planner.view import MAPS, FaceView
@@ -73,6 +73,7 @@ class Page(TrameApp):
                 "shown": AT_FIRST,
                 "numbers": True,
                 "traced": False,
+                "imported": import_in_words(forecaster.imported),
                 "carry": session.carry,
                 "locked": session.locked,
                 "segment": session.patient.segments[0],

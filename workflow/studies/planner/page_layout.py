@@ -21,6 +21,7 @@ NUMBER = (
 WISHED = NUMBER.replace("4rem", "3.2rem").replace(".8rem", ".72rem")
 SWITCH = {"hide_details": True, "density": "compact", "color": "primary"}
 FIELD = {"hide_details": True, "density": "compact", "variant": "outlined"}
+CARE = "color: #b26a00"
 SMALL = {"size": "small", "variant": "tonal"}
 NARROWEST = 900  # pixels of a window; below it the page says a sentence
 PHONE = "The planner needs a window at least {} pixels wide, such as that of a laptop. Open it there."
@@ -40,7 +41,7 @@ STYLE = f"""
 .tracing {{ flex: 1; min-height: 0; background: white }}
 .tracing > div {{ flex: 1; min-width: 0; padding: .5rem }}
 .tracing svg {{ width: 100%; height: 100% }}
-.far {{ color: #b26a00; font-weight: bold }}
+.far {{ {CARE}; font-weight: bold }}
 """
 # Keys of the whole page; those of a field that is being typed in stay its own, but for undo and redo of numbers.
 KEYS = """
@@ -250,13 +251,14 @@ def _captions(page) -> None:
         "{{ said }}", v_if=("said",), id="said", type=("failed ? 'error' : 'success'",), density="compact",
         style="flex: none; overflow-wrap: anywhere; font-size: .8rem",
     )  # fmt: skip
+    html.Div("{{ imported }}", v_if=("imported",), id="imported", classes="px-2", style=f"font-size: .8rem; {CARE}")
     with html.Div(classes="d-flex", style="font-size: .8rem"):
         for side in SIDES:
             with html.Div(v_if=(f"both || side == '{side}'",), id=f"about_{side}", classes="pa-2", style="flex: 1"):
                 html.B(f"Plan {side}: {{{{ about.{side}.moved }}}}")
                 html.Div(f"{{{{ about.{side}.more }}}}")
                 html.Div(f"{{{{ about.{side}.outside }}}}", style="color: #a40000")
-                html.Div(f"{{{{ about.{side}.marks }}}}", style="color: #b26a00")
+                html.Div(f"{{{{ about.{side}.marks }}}}", style=CARE)
 
 
 def _legend(page) -> None:

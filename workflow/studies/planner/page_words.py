@@ -6,7 +6,7 @@ import numpy as np
 
 from pinnochio.metrics.validity import OFF_BONE
 from pinnochio.model.measures import MEASURES
-from pinnochio.patients.certificate import FAR
+from pinnochio.patients.certificate import FAR, import_rows
 from pinnochio.patients.face_measures import FaceMeasures, in_numbers
 from pinnochio.plans.surgery import amount, segment_in_words
 from studies.planner.forecast import Forecast
@@ -41,6 +41,11 @@ def about(forecast: Forecast, deep: Mapping[tuple[str, str], float], jaws: Jaws,
         "outside": warning(forecast),
         "marks": " ".join(marks),
     }
+
+
+def import_in_words(imported: Mapping) -> str:
+    """What the import says that whoever plans must know: guessed cuts, bones unlike people's; empty for nothing."""
+    return " ".join(f"{row.what}: {row.value}. {row.meaning}" for row in import_rows(imported))
 
 
 def rows(forecast: Forecast, face: FaceMeasures) -> dict[str, list[dict] | str]:
