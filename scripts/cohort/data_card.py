@@ -10,11 +10,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.virtual.card import data_card
 
 
-def describe_cohort(
-    cases: Sequence[str],
-    settings: Mapping,
-    card: str,
-) -> None:
+def describe_cohort(cases: Sequence[str], settings: Mapping, card: str) -> None:
     """Write the card (Markdown) of the cases, whose files lie in `{folder of the card}/{case}/`.
 
     settings: seed, code, virtual and labels of :func:`pinnochio.virtual.card.data_card`.
@@ -28,8 +24,4 @@ def describe_cohort(
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    describe_cohort(
-        cases=snakemake.params.cases,
-        settings=snakemake.params.settings,
-        card=snakemake.output.card,
-    )
+    describe_cohort(cases=snakemake.params.cases, settings=snakemake.params.settings, card=snakemake.output.card)

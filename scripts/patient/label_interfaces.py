@@ -14,13 +14,7 @@ from pinnochio.model.surfaces import BoneSurface, read_surface
 
 
 def label_case(
-    mesh: str,
-    labels: str,
-    bone: str,
-    skin: str,
-    report: str,
-    interfaces: dict[str, float],
-    model: str,
+    mesh: str, labels: str, bone: str, skin: str, report: str, interfaces: dict[str, float], model: str
 ) -> None:
     """Write the patient model; `interfaces` holds the thresholds in mm (config section of the same name).
 

@@ -22,10 +22,7 @@ def attach_log(path: str) -> None:
     terminal = os.fdopen(os.dup(2), "w", buffering=1)  # noqa: SIM115
     os.dup2(stream.fileno(), 2)  # what compiled libraries say, of a display that is not there
     logging.basicConfig(
-        stream=stream,
-        level=logging.INFO,
-        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
-        force=True,
+        stream=stream, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s", force=True
     )
     logging.captureWarnings(True)
     warnings.simplefilter("default")

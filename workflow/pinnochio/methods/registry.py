@@ -65,11 +65,7 @@ BUILT_IN = (
         trains="at once",
     ),
     Method(
-        "elastic",
-        "finite elements",
-        "pinnochio.methods.elastic:ElasticPredictor",
-        sections=("fem",),
-        new_patients=True,
+        "elastic", "finite elements", "pinnochio.methods.elastic:ElasticPredictor", sections=("fem",), new_patients=True
     ),
     _finite_elements("fem_bonded", "bonded", new_patients=True),
     _finite_elements("fem_sliding", "mucosa", new_patients=True),

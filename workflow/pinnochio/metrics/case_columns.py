@@ -49,11 +49,7 @@ CASES = (
     number("eqres_disp", "mm", "mean displacement of free nodes towards equilibrium", ".4g"),
     Column("eqres_element", str, "", "element type of the residual", optional=True),
     number("moving_error", "mm", "mean error of moving nodes against the plan"),
-    number(
-        "sliding_error",
-        "mm",
-        "mean change of the sliding nodes' distance from the moved bone",
-    ),
+    number("sliding_error", "mm", "mean change of the sliding nodes' distance from the moved bone"),
     number("interface_error", "mm", "mean distance of the bone contact from the interface network's"),
     *(
         column

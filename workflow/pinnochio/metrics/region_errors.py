@@ -10,15 +10,7 @@ from pinnochio.model.regions import NAMES
 NECK = "neck"
 REGIONS = tuple(name for name in NAMES if name not in ("other", NECK))
 SHOWN = (*REGIONS, NECK)  # the neck counts in no measure of the whole face
-MIDLINE = (
-    "pronasale",
-    "subnasale",
-    "labrale_superius",
-    "labrale_inferius",
-    "sublabiale",
-    "pogonion",
-    "menton",
-)
+MIDLINE = ("pronasale", "subnasale", "labrale_superius", "labrale_inferius", "sublabiale", "pogonion", "menton")
 LANDMARKS = (*MIDLINE, "cheilion_right", "cheilion_left")
 
 

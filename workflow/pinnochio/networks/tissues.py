@@ -29,12 +29,7 @@ class Boundary:
     known: Tensor
 
     def filled(
-        self,
-        network: BoundaryNetwork,
-        interface: Interface,
-        source: InterfaceSource,
-        cue: Tensor,
-        reliable: Tensor,
+        self, network: BoundaryNetwork, interface: Interface, source: InterfaceSource, cue: Tensor, reliable: Tensor
     ) -> "Boundary":
         """With the nodes of the interface as the network puts them."""
         nodes = interface.nodes

@@ -54,10 +54,7 @@ def tabulate(cases: str | os.PathLike, cohort: str, seed: int) -> Table:
 
 def table(cases: pd.DataFrame, cohort: str, seed: int) -> Table:
     """The same of rows of CASES."""
-    rows = [
-        *_compared(cases, TABLE_1, OURS, seed),
-        *_compared(cases, TABLE_2, VARIANTS, seed),
-    ]
+    rows = [*_compared(cases, TABLE_1, OURS, seed), *_compared(cases, TABLE_2, VARIANTS, seed)]
     frame = pd.DataFrame(rows)
     frame["p_holm"] = frame.groupby("measure")["p"].transform(holm)
     frame["verdict"] = [_verdict(row) for row in frame.to_dict("records")]

@@ -18,12 +18,7 @@ PLANNED = (
     Column("method", str, "", "method"),
     Column("n", int, "", "patients predicted with both motions"),
     *(
-        number(
-            f"{name}_{arm}_{part}",
-            BY_NAME[name].unit,
-            f"{word} of {name}, {arm} motion",
-            BY_NAME[name].summary,
-        )
+        number(f"{name}_{arm}_{part}", BY_NAME[name].unit, f"{word} of {name}, {arm} motion", BY_NAME[name].summary)
         for name in COMPARED
         for arm in ("achieved", "planned")
         for part, word in (("mean", "mean"), ("sd", "standard deviation"))

@@ -168,9 +168,7 @@ def _carried(face, before, after, axes, upper, jaw, motion) -> np.ndarray:
     keep = np.linalg.norm(normals, axis=1) > 1e-3
     slides, normals = slides[keep], normals[keep]
     boundary = BoundaryConditions(
-        held,
-        wanted[held],
-        [SlidingSet(slides, mesh.points[slides], normals, lambda fraction: RigidMotion())],
+        held, wanted[held], [SlidingSet(slides, mesh.points[slides], normals, lambda fraction: RigidMotion())]
     )
     material = neo_hookean(mesh.tissue, {SUPERFICIAL: 4.0}, POISSON)
     solver = ElasticSolver(mesh.points, mesh.cells, material, boundary)

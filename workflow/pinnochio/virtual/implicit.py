@@ -119,9 +119,7 @@ def plate(polygon: np.ndarray, centre: Callable, thickness: float, rounding: flo
     at_corners = centre(corners[:, 0], corners[:, 1])
     low, high = corners.min(0), corners.max(0)
     return Shape(
-        np.array([at_corners.min() - thickness, *low]),
-        np.array([at_corners.max() + thickness, *high]),
-        distance,
+        np.array([at_corners.min() - thickness, *low]), np.array([at_corners.max() + thickness, *high]), distance
     )
 
 

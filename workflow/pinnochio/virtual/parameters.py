@@ -52,14 +52,7 @@ TABLE = {
     "glabella": Distribution(5.8, 1.1, 3.2, 9, 0.3, "mm", "[R]", "skin over the glabella"),
     "nasion": Distribution(6.9, 1.4, 4.0, 10.5, 0.3, "mm", "[R]", "skin over nasion"),
     "subnasale": Distribution(
-        13.3,
-        2.0,
-        8.5,
-        19,
-        1.0,
-        "mm",
-        "[S: 10.1016/j.forsciint.2018.10.021], less the spine [I]",
-        "subnasale over bone",
+        13.3, 2.0, 8.5, 19, 1.0, "mm", "[S: 10.1016/j.forsciint.2018.10.021], less the spine [I]", "subnasale over bone"
     ),
     "mid_philtrum": Distribution(12.0, 2.2, 7.5, 18, 0.9, "mm", "[R]", "middle of the philtrum over the alveolus"),
     "labrale_superius": Distribution(11.4, 2.0, 7.5, 17, 1.0, "mm", "[R]", "upper lip over the incisors"),
@@ -74,11 +67,7 @@ TABLE = {
 
 # What a deformity changes: new means (and spreads), or a shift of the mean marked by "+".
 SHIFTS: dict[str, dict[str, tuple]] = {
-    "class_ii": {
-        "overjet": (7.5, 1.6, 5.0, 12.0),
-        "mandible_length": ("+", -5.0),
-        "maxilla_position": ("+", 1.0),
-    },
+    "class_ii": {"overjet": (7.5, 1.6, 5.0, 12.0), "mandible_length": ("+", -5.0), "maxilla_position": ("+", 1.0)},
     "class_iii": {
         "overjet": (-4.5, 1.8, -9.0, -1.5),
         "mandible_length": ("+", 4.0),

@@ -7,14 +7,7 @@ from scipy.stats import norm
 
 from pinnochio.plans.sampling import quantile, truncated
 from pinnochio.virtual.morphable_model import ModelFace, first_hit, make_face, sample_identity
-from pinnochio.virtual.parameters import (
-    NORMAL,
-    TABLE,
-    Anchors,
-    HeadParameters,
-    Scanned,
-    distribution,
-)
+from pinnochio.virtual.parameters import NORMAL, TABLE, Anchors, HeadParameters, Scanned, distribution
 from pinnochio.virtual.procedures import DEFORMITIES
 from pinnochio.virtual.published_thickness import PUBLISHED
 from pinnochio.virtual.rays import REACH, sites

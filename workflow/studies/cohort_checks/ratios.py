@@ -55,11 +55,7 @@ TABLE = (
 
 
 def motions(
-    landmarks: Mapping[str, np.ndarray],
-    executed: Plan,
-    points: np.ndarray,
-    cells: np.ndarray,
-    displacement: np.ndarray,
+    landmarks: Mapping[str, np.ndarray], executed: Plan, points: np.ndarray, cells: np.ndarray, displacement: np.ndarray
 ) -> dict[str, tuple[float, float]]:
     """Forward motion (soft, hard) in mm of each landmark pair, and of the still skin (its whole motion, 0).
 

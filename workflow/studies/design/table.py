@@ -11,11 +11,7 @@ from pinnochio.metrics.case_columns import CASES, scanned
 from pinnochio.tables.comparison import COMPARISON, significance, spread, starred, summarise
 from pinnochio.tables.document import Block, Table, View
 
-DESIGN = (
-    *COMPARISON[:1],
-    Column("change", str, "", "what differs from the base", optional=True),
-    *COMPARISON[1:],
-)
+DESIGN = (*COMPARISON[:1], Column("change", str, "", "what differs from the base", optional=True), *COMPARISON[1:])
 
 
 def tabulate(metrics: Sequence[str | os.PathLike], variants: Mapping[str, Mapping], cohort: str, seed: int) -> Table:

@@ -57,9 +57,6 @@ class WishInputs:
         wished = [patient.folder for patient in self.patients.named if patient.wishes]
         if not wished:
             raise InputError(
-                "-",
-                self.study.config["patient"],
-                "nobody's face is wished otherwise",
-                "add wish.mrk.json or wish.ply",
+                "-", self.study.config["patient"], "nobody's face is wished otherwise", "add wish.mrk.json or wish.ply"
             )
         return [f"{folder}/{file}" for folder in wished for file in ("invert/index.html", "sensitivity.png")]

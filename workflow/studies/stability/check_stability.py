@@ -19,7 +19,4 @@ def check_stability(table: str, verdict: str) -> None:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    check_stability(
-        table=snakemake.input.table,
-        verdict=snakemake.output.verdict,
-    )
+    check_stability(table=snakemake.input.table, verdict=snakemake.output.verdict)

@@ -146,12 +146,7 @@ class Balance:
 
 
 def judged(
-    residual: float,
-    limit: float,
-    least: float,
-    complaints: list[str],
-    note: str = "",
-    marks: Sequence[str] = (),
+    residual: float, limit: float, least: float, complaints: list[str], note: str = "", marks: Sequence[str] = ()
 ) -> Verdict:
     """Converged if the residual is below its limit and there is no complaint; else wrong, with all of them.
 

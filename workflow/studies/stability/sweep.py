@@ -20,13 +20,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
 from studies.stability import problems
-from studies.stability.judging import (
-    Verdict,
-    judge_correction,
-    judge_elastic,
-    judge_repair,
-    judge_solution,
-)
+from studies.stability.judging import Verdict, judge_correction, judge_elastic, judge_repair, judge_solution
 from studies.stability.problems import PRECISIONS, Problem
 from studies.stability.table import CLEAN, CONVERGED, FAMILIES, OF_PATIENTS, WRONG
 

@@ -32,10 +32,7 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     lines = base["cd"].reindex(LINES).dropna()
     timed = sound[sound["seconds"].notna() & (sound["method"] != STILL)]
     base = base.loc[base["seconds"].notna() & (base.index != STILL)]
-    order = [
-        *(name for name in WANTED if name in base.index),
-        *(name for name in base.index if name not in WANTED),
-    ]
+    order = [*(name for name in WANTED if name in base.index), *(name for name in base.index if name not in WANTED)]
     shown = base.loc[order[:NAMED]]
     ends = shown[["sliding_low", "sliding_high"]].sub(shown["sliding_difference"], axis=0).fillna(0)
     ends = ends.add(shown["cd"], axis=0).assign(seconds=shown["seconds"].clip(lower=FASTEST))

@@ -101,12 +101,7 @@ def predict_fem(setting: Setting, patient: PatientModel, plan: Plan, fem: FemSet
 
 
 def predict_network(
-    setting: Setting,
-    file: str | os.PathLike,
-    planned: Planned,
-    fem: FemSettings,
-    device: str,
-    threads: int,
+    setting: Setting, file: str | os.PathLike, planned: Planned, fem: FemSettings, device: str, threads: int
 ) -> Prediction:
     """The plan by the trained network in `file`, repaired and corrected, timed as the study times it."""
     settings = {"fem": asdict(fem), "newton_corrections": setting.corrections}

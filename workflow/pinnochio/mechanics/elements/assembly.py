@@ -6,13 +6,7 @@ import numpy as np
 from scipy import sparse
 
 from pinnochio.compiled import compiled
-from pinnochio.mechanics.elements.tetrahedra import (
-    ElementArrays,
-    Elements,
-    deformation,
-    extended_log,
-    patch_bulk,
-)
+from pinnochio.mechanics.elements.tetrahedra import ElementArrays, Elements, deformation, extended_log, patch_bulk
 
 NONE = np.zeros(0)
 

@@ -91,12 +91,7 @@ class SurfaceLoss:
     """
 
     def __init__(
-        self,
-        patient: PatientTensors,
-        points: np.ndarray,
-        faces: np.ndarray,
-        samples: int = 4096,
-        cutoff: float = 15.0,
+        self, patient: PatientTensors, points: np.ndarray, faces: np.ndarray, samples: int = 4096, cutoff: float = 15.0
     ):
         """Target mesh: points (k, 3) mm and faces (l, 3) of the registered post-operative skin."""
         model, real = patient.model, patient.points
