@@ -671,9 +671,7 @@ def transforms(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         yield Tried(f"transform: {name}", partial(_read_bytes, read, "a.tfm", data))
     right = once(partial(_read_bytes, read, "a.tfm", text.encode()))
     yield Tried(
-        "transform: carriage returns",
-        partial(_read_bytes, read, "a.tfm", text.replace("\n", "\r\n").encode()),
-        right,
+        "transform: carriage returns", partial(_read_bytes, read, "a.tfm", text.replace("\n", "\r\n").encode()), right
     )
 
 

@@ -31,8 +31,7 @@ def file(folder, name):
 
 
 @pytest.fixture(
-    scope="module",
-    params=["mandible_only", pytest.param("maxilla_only", marks=pytest.mark.full), "segmental"],
+    scope="module", params=["mandible_only", pytest.param("maxilla_only", marks=pytest.mark.full), "segmental"]
 )
 def case(request, tmp_path_factory):
     """Folder, procedure and model of a patient that went through import, mesher and interfaces."""

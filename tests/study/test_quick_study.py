@@ -64,16 +64,7 @@ def test_tables_have_one_row_per_case_and_method(studied):
     assert sorted(planned["method"]) == PLANNED and (planned["n"] == PATIENTS).all()
     stages = pd.read_csv(results / "tables/stages.csv").set_index("rule")
     assert stages.loc["pretrain", "jobs"] == 2 and stages.index[-1] == "all"
-    for name in (
-        "cases",
-        "accuracy",
-        "planned",
-        "regions",
-        "landmarks",
-        "segments",
-        "training",
-        "stages",
-    ):
+    for name in ("cases", "accuracy", "planned", "regions", "landmarks", "segments", "training", "stages"):
         for suffix in ("md", "tex", "html"):
             assert (results / f"tables/{name}.{suffix}").stat().st_size > 100
 

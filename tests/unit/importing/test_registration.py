@@ -41,10 +41,7 @@ def scan(resolution=240, noise=0.3):
 
 @pytest.mark.parametrize(
     ("angles", "shift"),
-    [
-        pytest.param((90, 0, 0), (300, -50, 900), marks=pytest.mark.full),
-        ((20, 165, -70), (-400, 100, 20)),
-    ],
+    [pytest.param((90, 0, 0), (300, -50, 900), marks=pytest.mark.full), ((20, 165, -70), (-400, 100, 20))],
 )
 def test_a_noisy_partial_scan_with_moved_jaws_gives_the_motion_back(angles, shift):
     skin, faces = head()

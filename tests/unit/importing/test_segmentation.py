@@ -6,12 +6,7 @@ import pyvista as pv
 import SimpleITK as sitk
 
 from pinnochio.errors import InputError
-from pinnochio.importing.segmentation import (
-    read_labels,
-    read_postop,
-    read_segmentation,
-    write_segmentation,
-)
+from pinnochio.importing.segmentation import read_labels, read_postop, read_segmentation, write_segmentation
 
 SEGMENTS = ("lefort1", "chin")
 VALUES = {"superficial": 3, "muscle": 7, "cranium": 20, "lefort1": 21, "chin": 22}

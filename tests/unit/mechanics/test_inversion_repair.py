@@ -144,8 +144,7 @@ def test_a_repair_that_makes_it_worse_is_not_taken(bent, monkeypatch):
     points, cells, law, field, constrained = bent
     broken = through(points, cells, field, constrained_corners(cells, constrained, 0)[7])
     monkeypatch.setattr(
-        "pinnochio.mechanics.solvers.inversion_repair._relaxed",
-        lambda *args: RNG(0).normal(size=args[4].shape),
+        "pinnochio.mechanics.solvers.inversion_repair._relaxed", lambda *args: RNG(0).normal(size=args[4].shape)
     )
     kept, repair = repair_inversions(points, cells, law, broken, constrained)
     assert repair.elements == 0 and repair.damping < 1

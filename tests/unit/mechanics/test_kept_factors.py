@@ -220,11 +220,7 @@ def test_without_the_setting_newton_solves():
     model, plan, settings = tiny_patient(), tiny_plan(), fem_settings(kept_factors=False)
     (result,) = simulate(model, [plan], settings, arm="bonded")
     exact = solve(
-        model.points,
-        model.cells,
-        settings.material(model.tissue),
-        boundary_conditions(model, plan, "bonded"),
-        settings,
+        model.points, model.cells, settings.material(model.tissue), boundary_conditions(model, plan, "bonded"), settings
     )
     np.testing.assert_array_equal(result.displacement, exact.displacement)
 

@@ -107,9 +107,7 @@ def test_a_tube_slips_on_a_cylinder_without_trace(spin, carry):
     points = points @ TILT.T
     outer, inner = np.flatnonzero(radius > OUTSIDE - 1e-9), np.flatnonzero(radius < INSIDE + 1e-9)
     boundary = BoundaryConditions(
-        outer,
-        lambda t: carry.fraction(t).displacement(points[outer]),
-        [SlidingSet(inner, *cylinder(), spin.fraction)],
+        outer, lambda t: carry.fraction(t).displacement(points[outer]), [SlidingSet(inner, *cylinder(), spin.fraction)]
     )
     result, force = solved(points, cells, boundary)
     np.testing.assert_allclose(result.displacement, carry.displacement(points), rtol=0, atol=1e-6)

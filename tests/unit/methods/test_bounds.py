@@ -53,11 +53,9 @@ def test_no_method_but_the_bounds_reads_the_truth():
         batch = PredictionInputs(made).batch("folds/1", name)
         files = [file for listed in (batch.models, batch.plans, batch.lifts, batch.truths) for file in listed]
         secret = {file.split("/")[-1] for file in files if "virtual/" in file}
-        assert secret == {
-            "floor_scan": {"truth.h5"},
-            "oracle_learner": {"truth.h5"},
-            "oracle": {"executed.json"},
-        }.get(name, set()), name
+        assert secret == {"floor_scan": {"truth.h5"}, "oracle_learner": {"truth.h5"}, "oracle": {"executed.json"}}.get(
+            name, set()
+        ), name
         assert (truth in closure(source_file(method.predictor))) == (name in ("floor_scan", "oracle_learner")), name
         if method.learner:
             assert truth not in closure(source_file(method.learner)), name

@@ -24,16 +24,7 @@ from pinnochio.metrics.validity import (
     volume_metrics,
 )
 from pinnochio.metrics.volume import mean_and_p95
-from pinnochio.model.patient import (
-    BONE_MUSCLE,
-    CUT_PLANE,
-    FIXED,
-    FREE,
-    INTERIOR,
-    MOVING,
-    SLIDING,
-    PatientModel,
-)
+from pinnochio.model.patient import BONE_MUSCLE, CUT_PLANE, FIXED, FREE, INTERIOR, MOVING, SLIDING, PatientModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.model.truth import TrueMotion
 from pinnochio.plans.plan import Plan, RigidMotion
@@ -223,13 +214,7 @@ def test_one_case_gives_one_complete_row(patient):
     options = {"fem": fem, "seed": 1, "labels": LABELS}
     truth = TrueMotion.of(patient, patient.points, patient.cells, np.full_like(patient.points, 2.0))
     row = evaluate_case(
-        patient,
-        plan,
-        Prediction(np.zeros_like(patient.points)),
-        target=target,
-        judged=judged,
-        truth=truth,
-        **options,
+        patient, plan, Prediction(np.zeros_like(patient.points)), target=target, judged=judged, truth=truth, **options
     )
     assert (row["target_samples"], row["skin_samples"]) == (len(judged.target), len(judged.skin))
     assert row["cd"] == pytest.approx(1.5) and row["pwr1"] == 0 and row["pwr2"] == 100

@@ -23,25 +23,10 @@ from studies.stability import problems
 from studies.stability.check_stability import check_stability
 from studies.stability.figure import draw
 from studies.stability.inputs import parts
-from studies.stability.judging import (
-    Balance,
-    entered,
-    judge_correction,
-    judge_elastic,
-    judge_repair,
-    judge_solution,
-)
+from studies.stability.judging import Balance, entered, judge_correction, judge_elastic, judge_repair, judge_solution
 from studies.stability.measure_stability import stability
 from studies.stability.sweep import Sweep, attempt
-from studies.stability.table import (
-    CLEAN,
-    CONVERGED,
-    OUTCOMES,
-    STABILITY,
-    WRONG,
-    table,
-    tabulate,
-)
+from studies.stability.table import CLEAN, CONVERGED, OUTCOMES, STABILITY, WRONG, table, tabulate
 from tests.helpers.patients import tiny_patient
 from tests.helpers.settings import CONFIG, fem_settings
 

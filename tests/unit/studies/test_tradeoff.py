@@ -151,10 +151,7 @@ def test_the_settings_vary_one_parameter_at_a_time():
     assert all(s.nodes == 1000 for s in settings if s.parameter != "nodes")
     assert next(s for s in settings if s.parameter == "accuracy").fem == {"accuracy": 0.1}
     newton = [s for s in settings if s.method == "fem_sliding" and s.parameter == "solver"]
-    assert [s.value for s in newton] == [
-        "Newton's method",
-        "Newton's method, 4 increments",
-    ]
+    assert [s.value for s in newton] == ["Newton's method", "Newton's method, 4 increments"]
     assert not any(s.fem["kept_factors"] for s in newton)
     variants = {
         "a": {"newton_corrections": 1, "network": {"channels": 64}},

@@ -28,12 +28,7 @@ CASES = [f"V{number:02d}" for number in range(1, 11)]
 CHANGED = {"nodes": 9000, "noise": 0.3, "poisson": "nominal", "coverage": 0.15, "swelling": "nominal"}
 ALL = {name: effect.nominal for name, effect in EFFECTS.items()} | CHANGED
 OUTCOME = {"reality": "clinic", "learnable": 37, "effects": ALL}
-VIRTUAL = {
-    "role": "development",
-    "patients": 10,
-    "spacing": 1.5,
-    "outcome": OUTCOME,
-}
+VIRTUAL = {"role": "development", "patients": 10, "spacing": 1.5, "outcome": OUTCOME}
 LABELS = {"superficial": 1, "muscle": 2, "cranium": 10}
 
 
@@ -106,13 +101,7 @@ def test_effects_stand_with_magnitude_and_source(card):
     rows = {row[0]: row for name in EFFECTS for row in cells(card, f"`{name}`")}
     assert len(rows) == len(EFFECTS)
     sizes = {name: rows[f"`{name}`"][2] for name in ("nodes", "noise", "poisson", "swelling", "coverage")}
-    assert sizes == {
-        "nodes": "9000",
-        "noise": "0.3",
-        "poisson": "off",
-        "swelling": "off",
-        "coverage": "0.15",
-    }
+    assert sizes == {"nodes": "9000", "noise": "0.3", "poisson": "off", "swelling": "off", "coverage": "0.15"}
     assert all(rows[f"`{name}`"][4:] == [effect.noise, effect.source] for name, effect in EFFECTS.items())
 
 

@@ -15,15 +15,7 @@ from pinnochio.virtual.head import build_head
 from pinnochio.virtual.parameters import NORMAL_OVERJET, TABLE
 from pinnochio.virtual.procedures import DEFORMITIES, MANDIBLE, MAXILLA, Procedure
 from pinnochio.virtual.skeleton import Skeleton
-from pinnochio.virtual.treatment import (
-    CONTACT,
-    bite,
-    jaw_overlap,
-    overlap,
-    split_overlaps,
-    treatment_plan,
-    turn_to,
-)
+from pinnochio.virtual.treatment import CONTACT, bite, jaw_overlap, overlap, split_overlaps, treatment_plan, turn_to
 from tests.helpers.tables import make
 from tests.helpers.virtual_heads import PERSONS, person, virtual_head
 
